@@ -26,29 +26,22 @@ COMPARED = {name: field for name, (field, _) in SCORES.items()} | {
 }
 """Quantities by which two runs are compared, with their names among the scores."""
 
+Run = tuple[CaseTerms, MethodSettings]
 
-def paired_differences(
-    base: CaseTerms,
-    new: CaseTerms,
-    base_method: MethodSettings,
-    new_method: MethodSettings,
-    *,
-    replicates: int,
-    seed: int,
-) -> dict[str, FloatArray]:
+
+def paired_differences(base: Run, new: Run, replicates: int, seed: int) -> dict[str, FloatArray]:
     """New minus base of every quantity that both have, one value a replicate in which both
     exist.
     """
-    runs = ((base, base_method), (new, new_method))
-    tables = [_terms(*run, seed) for run in runs]
+    runs = (base, new)
+    tables = [_terms(run, seed) for run in runs]
     sums = [np.zeros((replicates, table.shape[1])) for table in tables]
     for part in resamples(one_list(len(tables[0])), replicates, seed, ("comparison",)):
         for total, table in zip(sums, tables, strict=True):
             total += part.counts @ table[part.places]
 
     before, after = (
-        _scores(*run, slice(0, 0), KnownSums(total.T))
-        for total, run in zip(sums, runs, strict=True)
+        _scores(run, slice(0, 0), KnownSums(total.T)) for total, run in zip(sums, runs, strict=True)
     )
     known = [point_values(*run) for run in runs]
     moved = {
@@ -59,20 +52,17 @@ def paired_differences(
     return {name: values[np.isfinite(values)] for name, values in moved.items()}
 
 
-def _terms(terms: CaseTerms, method: MethodSettings, seed: int) -> FloatArray:
+def _terms(run: Run, seed: int) -> FloatArray:
     """Terms that the scores sum, of each case or block, (n, k)."""
-    asked, n = AskedTerms(), len(terms.collided)
-    _scores(terms, method, slice(0, n), asked)
+    asked, n = AskedTerms(), len(run[0].collided)
+    _scores(run, slice(0, n), asked)
     if n <= MOST_DRAWN:
         return np.column_stack(asked.terms)
-    order, starts = (
-        random_stream(seed, "blocks of scenarios").permutation(n),
-        np.arange(BLOCKS) * n // BLOCKS,
-    )
+    order = random_stream(seed, "blocks of scenarios").permutation(n)
+    starts = np.arange(BLOCKS) * n // BLOCKS
     return np.column_stack([np.add.reduceat(one[order], starts) for one in asked.terms])
 
 
-def _scores(
-    terms: CaseTerms, method: MethodSettings, rows: slice, counts: Counts
-) -> dict[str, FloatArray]:
+def _scores(run: Run, rows: slice, counts: Counts) -> dict[str, FloatArray]:
+    terms, method = run
     return scores_of(terms.part(rows), counts, method, exposed=bool(terms.exposure.any()))

@@ -7,10 +7,11 @@ reads columns; a row is made only where it is shown.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Final, Literal, overload
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from sumo_eval.cases import CaseResult, CaseTable, counts, point_numbers
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.method.score_terms import excess
 from sumo_eval.record.run_folder import FACTS
-from sumo_eval.record.store import Store, open_store
+from sumo_eval.record.store import open_store
 from sumo_eval.report.bootstrap import COMPARED, paired_differences
 from sumo_eval.report.comparability import Difference, differences, refuse_unless_comparable
 from sumo_eval.report.gate_settings import TIMED, GateSettings
@@ -39,12 +40,8 @@ WORSE: Final[tuple[Change, ...]] = (
     "new collision", "left the road", "not evaluated any more", "harsher", "less human",
 )  # fmt: skip
 BETTER: Final[tuple[Change, ...]] = (
-    "collision gone",
-    "back on the road",
-    "evaluated again",
-    "softer",
-    "more human",
-)
+    "collision gone", "back on the road", "evaluated again", "softer", "more human",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +103,7 @@ class Unpaired:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Changes(Sequence[ChangedCase]):
+class Changes:
     """Changed cases, the worst first, each read where it is asked for.
 
     kinds: places in `WORSE` and `BETTER` together, (c,), ascending.
@@ -123,48 +120,38 @@ class Changes(Sequence[ChangedCase]):
 
     def of(self, change: Change) -> Changes:
         """Those of one kind."""
-        kind = _ORDER.index(change)
-        return self[
-            int(np.searchsorted(self.kinds, kind)) : int(
-                np.searchsorted(self.kinds, kind, side="right")
-            )
-        ]
+        return self._those(self.kinds == _ORDER.index(change))
 
     @property
     def worse(self) -> Changes:
         """Those in which the new run did worse."""
-        return self[: int(np.searchsorted(self.kinds, len(WORSE)))]
+        return self._those(self.kinds < len(WORSE))
 
     @property
     def better(self) -> Changes:
         """Those in which the new run did better."""
-        return self[int(np.searchsorted(self.kinds, len(WORSE))) :]
+        return self._those(self.kinds >= len(WORSE))
+
+    def _those(self, flags: BoolArray) -> Changes:
+        moved = {name: values[flags] for name, values in self.moved.items()}
+        return Changes(self.paired, self.kinds[flags], self.which[flags], self.by[flags], moved)
 
     def __len__(self) -> int:
         return len(self.kinds)
 
-    @overload
-    def __getitem__(self, place: int) -> ChangedCase: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> Changes: ...
-
-    def __getitem__(self, place: int | slice) -> ChangedCase | Changes:
-        if isinstance(place, slice):
-            moved = {name: values[place] for name, values in self.moved.items()}
-            return Changes(self.paired, self.kinds[place], self.which[place], self.by[place], moved)
+    def __getitem__(self, place: int) -> ChangedCase:
         pair, by = int(self.which[place]), float(self.by[place])
+        moved = {name: float(values[place]) for name, values in self.moved.items()}
         return ChangedCase(
             _ORDER[int(self.kinds[place])],
             self.paired.base[pair],
             self.paired.new[pair],
-            None if np.isnan(by) else by,
-            {
-                name: float(values[place])
-                for name, values in self.moved.items()
-                if np.isfinite(values[place])
-            },
+            None if math.isnan(by) else by,
+            {name: value for name, value in moved.items() if math.isfinite(value)},
         )
+
+    def __iter__(self) -> Iterator[ChangedCase]:
+        return map(self.__getitem__, range(len(self)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,9 +170,7 @@ class QuantityChange:
     @property
     def certain(self) -> bool:
         """Whether the interval of the difference leaves out 0."""
-        return (
-            self.low is not None and self.high is not None and (self.low > 0.0 or self.high < 0.0)
-        )
+        return (self.low or 0.0) > 0.0 or (self.high or 0.0) < 0.0
 
     @property
     def unchanged(self) -> bool:
@@ -197,29 +182,24 @@ class QuantityChange:
 class AdsComparison:
     """One ADS of the new run in one logical scenario beside what it is compared with.
 
-    pairs: cases that both runs have.
+    identical: pairs that are equal to the last bit in everything but times.
     changed: the worst first.
     quantities: those of `bootstrap.COMPARED` over the pairs.
-    unpaired: cases that only one of the runs has.
-    identical: pairs that are equal to the last bit in everything but times.
     counts: how many pairs are collisions and the like, in the base and in the new run.
-    moved_zone: pairs that lie in another zone than in the base.
     """
 
     ads: str
     base_ads: str
     scenario: str
-    pairs: int
-    unpaired: int
     identical: int
     changed: Changes
     quantities: Mapping[str, QuantityChange]
     counts: Mapping[str, tuple[int, int]]
-    moved_zone: int
 
-    def count(self, change: Change) -> int:
-        """Number of cases with a change."""
-        return len(self.changed.of(change))
+    @property
+    def pairs(self) -> int:
+        """Cases that both runs have."""
+        return len(self.changed.paired.new_rows)
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,33 +283,32 @@ def side_by_side(
     not refused.
     """
     partners, notes = _partners(base, new, pairs or {})
-    compared = tuple(
-        one
-        for score in new.scores
-        if score.ads in partners
-        and (
-            one := _compare_ads(base, new, partners[score.ads], score.ads, score.scenario, settings)
-        )
-        is not None
-    )
-    unpaired = sum(one.unpaired for one in compared)
-    if unpaired:
+    compared = []
+    for score in new.scores:
+        old = partners.get(score.ads)
+        if old is not None:
+            tables = [base.cases_of(old, score.scenario), new.cases_of(score.ads, score.scenario)]
+            paired = _paired(*tables)
+            if len(paired.new_rows):
+                one = _compare_ads(base, new, paired, settings)
+                compared.append(AdsComparison(score.ads, old, score.scenario, *one))
+    every = [one.changed.paired for one in compared]
+    if unpaired := sum(len(one.lost) + len(one.added) for one in every):
         notes.append(
             f"{count(unpaired, 'case')} exist in one run only and are left out; every value is "
             "over the rest."
         )
-    moved = sum(one.moved_zone for one in compared)
-    if moved:
+    if moved := sum(int(np.sum(one.base.safe != one.new.safe)) for one in every):
         notes.append(f"{count(moved, 'case')} lie in another zone than in the base.")
     return Comparison(
-        base_folder=str(base.folder),
-        base_created=str(base.manifest.get("created", "")),
-        new_folder=str(new.folder),
-        confidence=settings.confidence,
-        differences=differences(base, new),
-        ads=compared,
-        notes=tuple(notes),
-        unpaired=tuple(_unpaired(base, new, compared)),
+        str(base.folder),
+        str(base.manifest.get("created", "")),
+        str(new.folder),
+        settings.confidence,
+        differences(base, new),
+        tuple(compared),
+        tuple(notes),
+        tuple(_unpaired(base, new, compared)),
     )
 
 
@@ -382,32 +361,20 @@ def _partners(
 
 
 def _compare_ads(
-    base: Evaluation,
-    new: Evaluation,
-    base_ads: str,
-    ads: str,
-    scenario: str,
-    settings: GateSettings,
-) -> AdsComparison | None:
-    paired = _paired(base.cases_of(base_ads, scenario), new.cases_of(ads, scenario))
-    if not len(paired.new_rows):
-        return None
-    terms = (
-        case_terms(paired.base, base.settings.method),
-        case_terms(paired.new, new.settings.method),
+    base: Evaluation, new: Evaluation, paired: Paired, settings: GateSettings
+) -> tuple[int, Changes, dict[str, QuantityChange], dict[str, tuple[int, int]]]:
+    """What `AdsComparison` has beside its names."""
+    tables = paired.base, paired.new
+    terms = [case_terms(tables[k], run.settings.method) for k, run in enumerate((base, new))]
+    then, now = (
+        counts(it) | {"requirements_missed": int(np.sum(it.requirements_missed != ""))}
+        for it in tables
     )
-    then, now = _counts(paired.base), _counts(paired.new)
-    return AdsComparison(
-        ads=ads,
-        base_ads=base_ads,
-        scenario=scenario,
-        pairs=len(paired.new_rows),
-        unpaired=len(paired.lost) + len(paired.added),
-        identical=identical_pairs(paired, base.folder, new.folder),
-        changed=_changes(paired, terms, settings),
-        quantities=_quantity_changes(*terms, base, new, settings),
-        counts={name: (then[name], now[name]) for name in then},
-        moved_zone=int(np.sum(paired.base.safe != paired.new.safe)),
+    return (
+        identical_pairs(paired, base.folder, new.folder),
+        _changes(paired, terms, settings),
+        _quantity_changes(terms[0], terms[1], base, new, settings),
+        {name: (then[name], now[name]) for name in then},
     )
 
 
@@ -417,9 +384,9 @@ def _paired(base: CaseTable, new: CaseTable) -> Paired:
 
     Of several cases at one point the last one counts.
     """
-    nobody = np.empty(0, dtype=np.intp)
+    none = np.empty(0, dtype=np.intp)
     if not (len(base) and len(new)) or base[0].values.keys() != new[0].values.keys():
-        return Paired(base[nobody], new[nobody], nobody, base, new)
+        return Paired(base[none], new[none], none, base, new)
     old, now = point_numbers([base, new])
     places = int(max(old.max(), now.max())) + 1
     last_old, last_now, first_now = (np.full(places, -1, dtype=np.intp) for _ in range(3))
@@ -428,11 +395,10 @@ def _paired(base: CaseTable, new: CaseTable) -> Paired:
     first_now[now[::-1]] = np.arange(len(now))[::-1]
     both = np.flatnonzero((last_old >= 0) & (last_now >= 0))
     both = both[np.argsort(first_now[both], kind="stable")]
-    lost, added = (
-        last_old[(last_old >= 0) & (last_now < 0)],
-        last_now[(last_now >= 0) & (last_old < 0)],
-    )
-    return Paired(base[last_old[both]], new[last_now[both]], last_now[both], base[lost], new[added])
+    rows = last_now[both]
+    lost, added = last_old[last_now < 0], last_now[last_old < 0]
+    alone = base[lost[lost >= 0]], new[added[added >= 0]]
+    return Paired(base[last_old[both]], new[rows], rows, *alone)
 
 
 _NOT_DRIVEN: Final = frozenset((
@@ -453,35 +419,23 @@ def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
         before, after = getattr(paired.base, name), getattr(paired.new, name)
         same &= (before == after) | ((before != before) & (after != after))  # nan is alike
 
-    if (
-        not same.all()
-        or base == new
-        or not all((folder / FACTS).is_file() for folder in (base, new))
-    ):
+    files = base / FACTS, new / FACTS
+    if not same.all() or base == new or not all(file.is_file() for file in files):
         return int(same.sum())
-    keys = zip(paired.base.case.tolist(), paired.new.case.tolist(), strict=True)
-    with open_store(base / FACTS) as old, open_store(new / FACTS) as now:
-        return sum(_drove_alike(old, one, now, other) for one, other in keys)
+    alike = 0
+    with open_store(files[0]) as old, open_store(files[1]) as now:
+        for before, after in zip(paired.base.case.tolist(), paired.new.case.tolist(), strict=True):
+            whole = not (old.is_discarded(before) or now.is_discarded(after))
+            alike += old.drive(before, whole=whole) == now.drive(after, whole=whole)
+    return alike
 
 
-def _drove_alike(old: Store, before: str, now: Store, after: str) -> bool:
-    whole = not (old.is_discarded(before) or now.is_discarded(after))
-    return old.drive(before, whole=whole) == now.drive(after, whole=whole)
-
-
-def _counts(cases: CaseTable) -> dict[str, int]:
-    """How many cases are what, and miss a requirement."""
-    return counts(cases) | {
-        "requirements_missed": int(np.count_nonzero(cases.requirements_missed != ""))
-    }
-
-
-def _changes(paired: Paired, terms: tuple[CaseTerms, CaseTerms], settings: GateSettings) -> Changes:
+def _changes(paired: Paired, terms: Sequence[CaseTerms], settings: GateSettings) -> Changes:
     """The change of each concrete scenario: the first of those below that applies."""
     old, now = paired.base, paired.new
     kind, by = np.full(len(old), -1, dtype=np.intp), np.full(len(old), np.nan)
 
-    def found(flags: BoolArray, change: Change, size: FloatArray | None = None) -> None:
+    def mark(flags: BoolArray, change: Change, size: FloatArray | None = None) -> None:
         fresh = flags & (kind < 0)
         kind[fresh] = _ORDER.index(change)
         if size is not None:
@@ -493,46 +447,38 @@ def _changes(paired: Paired, terms: tuple[CaseTerms, CaseTerms], settings: GateS
         (old.off_road, now.off_road, "left the road", "back on the road"),
     )
     for before, after, worse, better in flips:
-        found(after & ~before, worse)
-        found(before & ~after, better)
+        mark(after & ~before, worse)
+        mark(before & ~after, better)
     harsher = now.severity - old.severity
-    found(harsher > settings.harsher_by, "harsher", harsher)
-    found(harsher < -settings.harsher_by, "softer", harsher)
     liked, index = now.human_likeness - old.human_likeness, now.index - old.index
+    least, less = settings.harsher_by, settings.less_human_by
+    mark(harsher > least, "harsher", harsher)
+    mark(harsher < -least, "softer", harsher)
     for more in (liked, index):
-        found(more < -settings.less_human_by, "less human", more)
-        found(more > settings.less_human_by, "more human", more)
-    regret = excess(terms[1].severity, terms[1].ideal) - excess(terms[0].severity, terms[0].ideal)
+        mark(more < -less, "less human", more)
+        mark(more > less, "more human", more)
+    regrets = [excess(one.severity, one.ideal) for one in terms]
     which = np.flatnonzero(kind >= 0)
     order = np.lexsort((now.case[which], -np.abs(np.nan_to_num(by[which])), kind[which]))
-    moved = {
-        name: np.where(values != 0.0, values, np.nan)[which][order]
-        for name, values in (("regret", regret), ("H_i", liked), ("D_i", index))
-    }
-    return Changes(paired, kind[which][order], which[order], by[which][order], moved)
+    which = which[order]
+    moves = {"regret": regrets[1] - regrets[0], "H_i": liked, "D_i": index}
+    moved = {name: np.where(it != 0.0, it, np.nan)[which] for name, it in moves.items()}
+    return Changes(paired, kind[which], which, by[which], moved)
 
 
 def _quantity_changes(
     before: CaseTerms, after: CaseTerms, base: Evaluation, new: Evaluation, settings: GateSettings
 ) -> dict[str, QuantityChange]:
-    values = point_values(before, base.settings.method), point_values(after, new.settings.method)
-    drawn = paired_differences(
-        before,
-        after,
-        base.settings.method,
-        new.settings.method,
-        replicates=settings.resamples,
-        seed=settings.seed,
-    )
+    methods = base.settings.method, new.settings.method
+    old, now = point_values(before, methods[0]), point_values(after, methods[1])
+    resampling = settings.resamples, settings.seed
+    drawn = paired_differences((before, methods[0]), (after, methods[1]), *resampling)
     tail = (1.0 - settings.confidence) / 2.0
     changes = {}
     for name, score in COMPARED.items():
-        then, here = (one[score] for one in values)
-        spread = drawn.get(name)
-        low = high = None
-        if spread is not None and spread.size:
-            low, high = (float(value) for value in np.quantile(spread, (tail, 1.0 - tail)))
-        changes[name] = QuantityChange(
-            then, here, None if then is None or here is None else here - then, low, high
-        )
+        then, here = old[score], now[score]
+        moved = None if then is None or here is None else here - then
+        spread = drawn.get(name, np.empty(0))
+        ends = np.quantile(spread, (tail, 1.0 - tail)).tolist() if spread.size else [None, None]
+        changes[name] = QuantityChange(then, here, moved, *ends)
     return changes

@@ -26,14 +26,14 @@ from sumo_eval.report.words import (
     end_reason,
     explain_s,
     explain_s_plus,
-    index_note_sentence,
     index_note_words,
     not_computed,
+    notes_sentence,
     number,
     placed,
     point,
     ratio_of,
-    reason_without_d,
+    reason_without,
     severity_unit,
 )
 from sumo_eval.results import Evaluation
@@ -91,8 +91,8 @@ def explain_case(
             *(f"  {line}" for line in _avoided(case, found)),
             *(f"  {line}" for line in _human(case, found)),
             *(f"  {line}" for line in _measures(case)),
-            f"  {explain_s_plus(found.score, found.settings)}",
-            f"  Eq. 18: {explain_s(found.score, found.settings)}",
+            f"  {explain_s_plus(found)}",
+            f"  Eq. 18: {explain_s(found)}",
         ]
 
 
@@ -193,7 +193,7 @@ def _likeness(
         return
     if case.index is None:
         why = (
-            not_computed(reason_without_d(found.score))
+            not_computed(reason_without("D", found.score))
             or index_note_words(case)
             or case.error
             or "fewer than two drivers to compare with"
@@ -229,7 +229,7 @@ def _likeness(
         f"{whole.d * share * (1.0 - case.index):z.2f} points of S"
     )
     for note in index.notes:
-        yield f"note: {index_note_sentence(note)}"
+        yield f"note: {notes_sentence([note])}"
 
 
 def _factors(index: AnthropomorphicIndex) -> Iterator[str]:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sumo_eval.cases import CaseResult
+from sumo_eval.report.words import point
+
 MOST_NAMED = 5  # cases of a failed limit that are shown with their values
 MOST_KEYS = 1_000  # cases that a failed limit names by key
 
@@ -20,6 +23,11 @@ class CaseChange:
     point: str
     before: float | str | None
     after: float | str | None
+
+    @classmethod
+    def of(cls, case: CaseResult, before: float | str | None, after: float | str) -> CaseChange:
+        """That of a row of the new run."""
+        return cls(case.case, point(case.values), before, after)
 
     @property
     def words(self) -> str:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
+from itertools import islice, product
 
-from sumo_eval.report.case_limits import judge_cases
-from sumo_eval.report.comparison import (
-    AdsComparison,
-    Change,
-    ChangedCase,
-    Comparison,
-    QuantityChange,
-)
+import numpy as np
+
+from sumo_eval.cases import CaseTable
+from sumo_eval.report.comparison import AdsComparison, Change, Comparison, QuantityChange
 from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange
 from sumo_eval.report.gate_result import GateResult as GateResult
 from sumo_eval.report.gate_settings import (
+    HIGHER_COLUMNS,
     HIGHER_IS_BETTER,
     OF_THE_COMPARISON,
     QUANTITIES,
@@ -23,17 +22,10 @@ from sumo_eval.report.gate_settings import (
 )
 from sumo_eval.report.rule import QUIET, Noise
 from sumo_eval.report.rule_limits import end_words, judge_rule
-from sumo_eval.report.words import (
-    REASON_WITHOUT_T,
-    count,
-    not_computed,
-    number,
-    point,
-    reason_without_d,
-    reason_without_h,
-)
+from sumo_eval.report.words import REASON_WITHOUT_T, count, not_computed, number, reason_without
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import SCORES
+from sumo_eval.trajectory import FloatArray
 
 _CHANGES: dict[str, Change] = {
     "new_collisions": "new collision",
@@ -57,20 +49,17 @@ def judge(
     compared = {(one.ads, one.scenario): one for one in comparison.ads} if comparison else {}
     requiring = {score.scenario for score in new.scores if score.requirements_missed is not None}
     results = judge_rule(comparison, settings, noise) if comparison else []
-    for score in new.scores:
-        for limit in settings.limit:
-            everywhere = (
-                limit.scenario is None and limit.quantity == "requirements_missed" and requiring
-            )
-            scenarios = requiring if everywhere else {limit.scenario or score.scenario}
-            if limit.ads in (None, score.ads) and score.scenario in scenarios:
-                beside = compared.get((score.ads, score.scenario))
-                if limit.quantity in QUANTITIES:
-                    results += _judge(limit, score, beside, settings.confidence)
-                else:
-                    results += judge_cases(
-                        limit, new.cases_of(score.ads, score.scenario), score, beside
-                    )
+    for score, limit in product(new.scores, settings.limit):
+        required = limit.scenario is None and limit.quantity == "requirements_missed" and requiring
+        scenarios = requiring if required else {limit.scenario or score.scenario}
+        if limit.ads not in (None, score.ads) or score.scenario not in scenarios:
+            continue
+        beside = compared.get((score.ads, score.scenario))
+        if limit.quantity in QUANTITIES:
+            results += _judge(limit, score, beside, settings.confidence)
+        else:
+            cases = new.cases_of(score.ads, score.scenario)
+            results += _judge_cases(limit, score, cases, beside)
     return tuple(results)
 
 
@@ -79,177 +68,163 @@ def failed(results: Sequence[GateResult]) -> tuple[GateResult, ...]:
     return tuple(result for result in results if result.passed is False)
 
 
+# --- numbers of an ADS ----------------------------------------------------------------------------
+
+
 def _judge(
     limit: LimitSettings, score: ScenarioResult, compared: AdsComparison | None, confidence: float
 ) -> Iterator[GateResult]:
-    quantity, where = limit.quantity, (limit.quantity, score.ads, score.scenario)
-    if quantity in OF_THE_COMPARISON and compared is None:
-        yield GateResult(
-            *where, None, f"{quantity}: there is no base to compare with", None, limit.at_most
-        )
+    """Every bound of a limit on a number of an ADS in a scenario."""
+    quantity = limit.quantity
+    result = partial(GateResult, quantity, score.ads, score.scenario)
+    baseless = f"{quantity}: there is no base to compare with"
+    own = quantity not in OF_THE_COMPARISON
+    if not own and compared is None:
+        yield result(None, baseless, None, limit.at_most)
         return
-    value = _value(quantity, score, compared)
-    changed, own = _cases(quantity, compared), quantity not in OF_THE_COMPARISON
+    if own:
+        value = getattr(score, SCORES[quantity][0] if quantity in SCORES else quantity)
+    else:
+        value = float(len(compared.changed.of(_CHANGES[quantity]))) if compared else None
     for bound, sign, words in ((limit.at_least, 1.0, "at least"), (limit.at_most, -1.0, "at most")):
         if bound is None:
             continue
-        if value is None:
-            yield GateResult(
-                *where,
-                False,
-                f"{quantity} is not computed; it must be {words} {bound:g}",
-                None,
-                bound,
-                own=own,
-            )
-            continue
-        ok = sign * (value - bound) >= -limit.tolerance * max(1.0, abs(bound))
-        sentence = f"{quantity} is {_number(quantity, value)}; it must be {words} {bound:g}"
-        keys = () if ok else tuple(item.new.case for item in changed[:MOST_KEYS])
-        named = () if ok else _worst(quantity, compared)
-        sentence += "" if ok else _named(changed)
-        yield GateResult(*where, ok, sentence, value, bound, keys, named, own=own)
-    for bound, percent in ((limit.worse_by, False), (limit.worse_by_percent, True)):
-        if bound is not None:
-            yield _judge_change(limit, score, compared, bound, percent, confidence)
+        known = "not computed" if value is None else _number(quantity, value)
+        sentence = f"{quantity} is {known}; it must be {words} {bound:g}"
+        slack = limit.tolerance * max(1.0, abs(bound))
+        ok = value is not None and sign * (value - bound) >= -slack
+        keys, worst = ((), ()) if ok or value is None else _worst(quantity, compared)
+        if keys:
+            more = len(keys) - MOST_NAMED
+            named = ", ".join(f"{one.case} ({one.point})" for one in worst)
+            sentence += f": {named} and {count(more, 'other')}" if more > 0 else f": {named}"
+        yield result(ok, sentence, value, bound, keys[:MOST_KEYS], worst, own=own)
+    for bound, unit in ((limit.worse_by, ""), (limit.worse_by_percent, " %")):
+        if bound is not None and compared is None:
+            yield result(None, baseless, value, None)
+        elif bound is not None and compared is not None:
+            yield _judge_change(limit, score, compared, (bound, unit), confidence)
 
 
 def _judge_change(
     limit: LimitSettings,
     score: ScenarioResult,
-    compared: AdsComparison | None,
-    bound: float,
-    percent: bool,
+    compared: AdsComparison,
+    bound: tuple[float, str],
     confidence: float,
 ) -> GateResult:
-    quantity, where = limit.quantity, (limit.quantity, score.ads, score.scenario)
-    if compared is None:
-        return GateResult(
-            *where,
-            None,
-            f"{quantity}: there is no base to compare with",
-            _value(quantity, score, None),
-            None,
-        )
-    change = _quantity_change(quantity, compared)
-    higher = quantity in HIGHER_IS_BETTER
+    """A bound on how much worse a number may become, and its unit, ` %` of the base's value."""
+    quantity, (most, unit) = limit.quantity, bound
+    result = partial(GateResult, quantity, score.ads, score.scenario)
+    if quantity in compared.quantities:
+        change = compared.quantities[quantity]
+    else:
+        old, now = map(float, compared.counts[quantity])
+        change = QuantityChange(old, now, now - old)
     if change.base is None:
-        return GateResult(
-            *where,
-            True,
-            f"{quantity} was not computed in the base, so it cannot have become worse",
-            change.new,
-            None,
-        )
+        never = f"{quantity} was not computed in the base, so it cannot have become worse"
+        return result(True, never, change.new)
+    before = _number(quantity, change.base)
     if change.new is None:
-        return GateResult(
-            *where, False, f"{quantity} was {_number(quantity, change.base)} and is not computed "
-                           f"any more: {_why_missing(quantity, score)}",
-        )  # fmt: skip
-    allowed = abs(change.base) * bound / 100.0 if percent else bound
-    loss = change.base - change.new if higher else change.new - change.base
-    threshold = change.base - allowed if higher else change.base + allowed
+        why = _why_missing(quantity, score)
+        return result(False, f"{quantity} was {before} and is not computed any more: {why}")
+
+    sign = 1.0 if quantity in HIGHER_IS_BETTER else -1.0
+    allowed = abs(change.base) * most / 100.0 if unit else most
+    slack = limit.tolerance * max(1.0, abs(change.base))
     excused = limit.only_if_certain and not change.certain
-    ok = loss <= allowed + limit.tolerance * max(1.0, abs(change.base)) or excused
-    spread = (
-        f", difference within {change.low:+z.4g} to {change.high:+z.4g} ({confidence:z.0%})"
-        if change.low is not None and change.high is not None
-        else ""
-    )
-    moved = (
-        f"is {_number(quantity, change.new)} as in the base"
-        if change.base == change.new and not change.low and not change.high
-        else f"went from {_number(quantity, change.base)} to "
-        f"{_number(quantity, change.new)}{spread}"
-    )
-    worst = () if ok else _worst(quantity, compared)
+    ok = sign * (change.base - change.new) <= allowed + slack or excused
+    moved = f"went from {before} to {_number(quantity, change.new)}"
+    if change.low is not None and change.high is not None:
+        moved += (
+            f", difference within {change.low:+z.4g} to {change.high:+z.4g} ({confidence:z.0%})"
+        )
+    if change.base == change.new and not change.low and not change.high:
+        moved = f"is {before} as in the base"
+
+    way = "fall" if sign > 0.0 else "rise"
+    asked = f"it may {way} by at most {most:g}{unit}" if most else f"it must not {way}"
+    if limit.only_if_certain:
+        larger = "a larger" if most else "a"
+        asked += f"; {larger} {way} counts only where the interval leaves out 0"
+    worst = () if ok else _worst(quantity, compared)[1]
     keys = tuple(one.case for one in worst)
-    return GateResult(
-        *where,
-        ok,
-        f"{quantity} {moved}; {_may(limit, bound, percent)}",
-        change.new,
-        threshold,
-        keys,
-        worst,
-    )
-
-
-def _may(limit: LimitSettings, bound: float, percent: bool) -> str:
-    """The bound of a limit on a change, in words."""
-    way = "fall" if limit.quantity in HIGHER_IS_BETTER else "rise"
-    asked = (
-        f"it may {way} by at most {bound:g}{' %' if percent else ''}"
-        if bound
-        else f"it must not {way}"
-    )
-    if not limit.only_if_certain:
-        return asked
-    return (
-        f"{asked}; {'a larger' if bound else 'a'} {way} counts only where the interval leaves out 0"
-    )
-
-
-def _value(quantity: str, score: ScenarioResult, compared: AdsComparison | None) -> float | None:
-    if quantity in _CHANGES:
-        return None if compared is None else float(compared.count(_CHANGES[quantity]))
-    value: float | None = getattr(score, SCORES[quantity][0] if quantity in SCORES else quantity)
-    return value
+    sentence = f"{quantity} {moved}; {asked}"
+    return result(ok, sentence, change.new, change.base - sign * allowed, keys, worst)
 
 
 def _why_missing(quantity: str, score: ScenarioResult) -> str:
-    reason = ""
-    if quantity in ("D", "S"):
-        reason = reason_without_d(score)
-    elif quantity == "H":
-        reason = reason_without_h(score)
-    elif quantity == "T" or (quantity == "S+" and score.task_share is None):
+    if quantity == "T" or (quantity == "S+" and score.task_share is None):
         return not_computed(REASON_WITHOUT_T)
-    elif quantity == "requirements_missed":
+    if quantity == "requirements_missed":
         return "the scenario requires nothing"
+    name = {"S": "D"}.get(quantity, quantity)
+    reason = reason_without(name, score) if name in ("D", "H") else ""
     return not_computed(reason) or "no case could be evaluated"
 
 
-def _quantity_change(quantity: str, compared: AdsComparison) -> QuantityChange:
-    """A quantity in both runs; counts have no interval."""
-    if quantity in compared.quantities:
-        return compared.quantities[quantity]
-    base, new = map(float, compared.counts[quantity])
-    return QuantityChange(base, new, new - base)
-
-
-def _cases(quantity: str, compared: AdsComparison | None) -> Sequence[ChangedCase]:
-    """The cases that a limit on a change is about."""
-    if compared is None or quantity not in _CHANGES:
-        return ()
-    return compared.changed.of(_CHANGES[quantity])
-
-
-def _worst(quantity: str, compared: AdsComparison | None) -> tuple[CaseChange, ...]:
-    """The worst cases that a failed limit is about, or else of all that got worse."""
+def _worst(
+    quantity: str, compared: AdsComparison | None
+) -> tuple[tuple[str, ...], tuple[CaseChange, ...]]:
+    """Keys of the cases that a limit on a change is about; the worst of them, else of all that got
+    worse.
+    """
     if compared is None:
-        return ()
-    changed = _cases(quantity, compared) or compared.changed.worse
-    return tuple(
-        CaseChange(item.new.case, point(item.new.values), end_words(item.base), end_words(item.new))
-        for item in changed[:MOST_NAMED]
-    )
-
-
-def _named(cases: Sequence[ChangedCase]) -> str:
-    if not len(cases):
-        return ""
-    more = len(cases) - MOST_NAMED
-    named = ", ".join(f"{item.new.case} ({point(item.new.values)})" for item in cases[:MOST_NAMED])
-    return f": {named} and {count(more, 'other')}" if more > 0 else f": {named}"
+        return (), ()
+    about = compared.changed.of(_CHANGES[quantity]) if quantity in _CHANGES else ()
+    worst = list(islice(about or compared.changed.worse, MOST_NAMED))
+    changes = (CaseChange.of(it.new, end_words(it.base), end_words(it.new)) for it in worst)
+    return tuple(item.new.case for item in about), tuple(changes)
 
 
 def _number(quantity: str, value: float) -> str:
-    digits = (
-        SCORES[quantity][1] + 1
-        if quantity in SCORES
-        else 6
-        if quantity == "collision_probability"
-        else 0
-    )
-    return number(value, digits)
+    digits = {"collision_probability": 6} | {name: 1 + many for name, (_, many) in SCORES.items()}
+    return number(value, digits.get(quantity, 0))
+
+
+# --- columns of cases.csv -------------------------------------------------------------------------
+
+
+def _judge_cases(
+    limit: LimitSettings, score: ScenarioResult, cases: CaseTable, compared: AdsComparison | None
+) -> Iterator[GateResult]:
+    """Every bound of a limit on a column of cases.csv, in every case of the new run by itself."""
+    result = partial(GateResult, limit.quantity, score.ads, score.scenario)
+    after = _column(cases, limit.quantity)
+    before = np.full(len(cases), np.nan)
+    if compared is not None:
+        paired = compared.changed.paired
+        before[paired.new_rows] = _column(paired.base, limit.quantity)
+    worse = before - after if limit.quantity in HIGHER_COLUMNS else after - before
+    share = worse - np.abs(before) * (limit.worse_by_percent or 0.0) / 100.0
+    scale = np.maximum(1.0, np.abs(np.where(np.isfinite(before), before, after)))
+
+    for bound, beyond, words in (
+        (limit.at_least, (limit.at_least or 0.0) - after, "below {:g}"),
+        (limit.at_most, after - (limit.at_most or 0.0), "above {:g}"),
+        (limit.worse_by, worse - (limit.worse_by or 0.0), "worse by more than {:g}"),
+        (limit.worse_by_percent, share, "worse by more than {:g} %"),
+    ):
+        own, known = not words.startswith("worse"), int(np.isfinite(beyond).sum())
+        if bound is None:
+            continue
+        if not known:
+            yield result(None, f"{limit.quantity}: no case has a value to compare", own=own)
+            continue
+        bad = np.flatnonzero(beyond > limit.tolerance * scale)
+        worst = bad[np.argsort(-beyond[bad], kind="stable")].tolist()
+        where = f"{words.format(bound)} in {len(bad)} of {count(known, 'case')}"
+        changes = [
+            CaseChange.of(
+                cases[k], None if np.isnan(before[k]) else float(before[k]), float(after[k])
+            )
+            for k in worst[:MOST_NAMED]
+        ]
+        keys = tuple(cases[k].case for k in worst[:MOST_KEYS])
+        sentence, ok = f"{limit.quantity} is {where}", not len(bad)
+        yield result(ok, sentence, float(len(bad)), None, keys, tuple(changes), own=own)
+
+
+def _column(cases: CaseTable, name: str) -> FloatArray:
+    """A column of cases.csv as numbers, (n,); nan where it is empty."""
+    return np.asarray(getattr(cases, "index" if name == "d_i" else name), dtype=np.float64)

@@ -89,14 +89,14 @@ def _suite_of(score: ScenarioResult) -> tuple[str, str]:
 def score_parts(evaluation: Evaluation) -> Properties:
     """The scores of each ADS in each scenario, with how S+ is made of its parts."""
     return {
-        _suite_of(score): {
+        _suite_of(one.score): {
             **{
-                name: number(getattr(score, SCORES[name][0]), 4)
+                name: number(getattr(one.score, SCORES[name][0]), 4)
                 for name in ("T", "A'", "H", "S+", "S")
             },
-            "S+ of its parts": explain_s_plus(score, evaluation.settings),
+            "S+ of its parts": explain_s_plus(one),
         }
-        for score in evaluation.scores
+        for one in findings(evaluation)
     }
 
 

@@ -22,8 +22,7 @@ from sumo_eval.method.score_terms import mean_shares, product_losses, worth
 from sumo_eval.report.words import (
     REASON_WITHOUT_T,
     count,
-    reason_without_d,
-    reason_without_h,
+    reason_without,
 )
 from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, NOTICEABLE, Findings
 from sumo_eval.trajectory import BoolArray, FloatArray
@@ -224,7 +223,7 @@ def _avoided_lines(found: Findings) -> _Lines:
 def _human_lines(found: Findings) -> _Lines:
     score, cases = found.score, found.cases
     if score.human_likeness is None:
-        yield "", f"H not computed: {reason_without_h(score)}", -1.0, _NONE
+        yield "", f"H not computed: {reason_without('H', score)}", -1.0, _NONE
         return
     counted = found.likened
     weights, incident = _shares(cases, counted), cases.incident
@@ -258,7 +257,7 @@ def _likeness_lines(found: Findings) -> _Lines:
     if score.d is None:
         hits = np.flatnonzero(cases.voids_index)
         each = np.full(len(hits), 1.0 / max(len(hits), 1))
-        yield "18", f"D not computed: {reason_without_d(score)}", -1.0, _parts(hits, each)
+        yield "18", f"D not computed: {reason_without('D', score)}", -1.0, _parts(hits, each)
         return
     indexed = cases.counts_for_index & np.isfinite(cases.index)
     yield from _factor_lines(cases, np.flatnonzero(indexed), _shares(cases, indexed), "index")

@@ -12,7 +12,7 @@ import numpy as np
 from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError, said
 from sumo_eval.input_file import read_input_text
-from sumo_eval.report.words import count, number, percent
+from sumo_eval.report.words import TWO_GROUPS, count, number, percent
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.findings import findings, mean_of
 from sumo_eval.text import capitalised
@@ -144,11 +144,7 @@ def _warnings(cases: CaseTable) -> tuple[str, ...]:
     if outside:
         told.append(f"{count(outside, 'case')} outside the support of the recorded exposure.")
     if bimodal:
-        told.append(
-            f"In {count(bimodal, 'case')} some drivers overtook and others followed. D compares "
-            "the ADS "
-            "with all of them at once there, so nearly any path between the two counts as human."
-        )
+        told.append(f"In {count(bimodal, 'case')} {TWO_GROUPS}")
     if unusual:
         told.append(f"In {count(unusual, 'case')} no driver made the ADS's manoeuvre.")
     return tuple(told)

@@ -20,7 +20,6 @@ from sumo_eval.report.gate_settings import (
     GateSettings,
     MeasureSettings,
     NoiseSettings,
-    ShiftSettings,
 )
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -44,9 +43,6 @@ class Repeats:
         return self.alike < self.cases
 
 
-ALIKE = Repeats(0, 0)
-
-
 @dataclass(frozen=True, slots=True)
 class Noise:
     """Random variation in a night, by ADS.
@@ -62,7 +58,7 @@ class Noise:
 
     def of(self, ads: str) -> Repeats:
         """Of one ADS; of one that was not driven twice, that it repeats."""
-        return self.repeats.get(ads, ALIKE)
+        return self.repeats.get(ads, Repeats(0, 0))
 
 
 QUIET = Noise()
@@ -158,8 +154,7 @@ class Ends:
 
 ENDS = {
     "collided": "collided", "departed": "left the road", "gave_up": "gave up",
-    "not_evaluated": "not evaluated",
-    "missed": "missed a requirement",
+    "not_evaluated": "not evaluated", "missed": "missed a requirement",
 }  # fmt: skip
 
 
@@ -176,6 +171,18 @@ class Worse:
     before: Column
     after: Column
 
+    @classmethod
+    def of(
+        cls, one: AdsComparison, flags: BoolArray, by: FloatArray, values: tuple[Column, Column]
+    ) -> Worse:
+        """Those with a flag.
+
+        by: how much worse each pair is, (n,).
+        values: before and after.
+        """
+        which = np.flatnonzero(flags)
+        return cls(one, which[np.argsort(-by[which], kind="stable")].tolist(), *values)
+
 
 def worse_ends(base: Ends, new: Ends, severity_by: float) -> dict[str, BoolArray]:
     """Part one: cases that ended in a way in which they did not end before, and those with a higher
@@ -186,13 +193,12 @@ def worse_ends(base: Ends, new: Ends, severity_by: float) -> dict[str, BoolArray
     severity_by: rise of U that counts, m/s.
     """
     fresh = np.zeros(len(base.collided), dtype=np.bool_)
-    found = {}
+    ends = {}
     for name in ENDS:
-        found[name] = getattr(new, name) & ~getattr(base, name) & ~fresh
-        fresh |= found[name]
-    return found | {
-        "severity": (new.severity - base.severity > severity_by * (1.0 + LAST_DIGIT)) & ~fresh
-    }
+        ends[name] = getattr(new, name) & ~getattr(base, name) & ~fresh
+        fresh |= ends[name]
+    harder = new.severity - base.severity > severity_by * (1.0 + LAST_DIGIT)
+    return ends | {"severity": harder & ~fresh}
 
 
 def severity_floor(once: Ends, twice: Ends, settings: NoiseSettings) -> float:
@@ -206,17 +212,16 @@ def severity_floor(once: Ends, twice: Ends, settings: NoiseSettings) -> float:
 
 def severity_limit(settings: GateSettings, repeats: Repeats) -> float:
     """max(0.5 m/s, 2 floors of U)."""
-    return max(
-        settings.outcome.severity_by, settings.outcome.floors * repeats.floors.get("severity", 0.0)
-    )
+    rule = settings.outcome
+    return max(rule.severity_by, rule.floors * repeats.floors.get("severity", 0.0))
 
 
 def newly_bad(one: AdsComparison, settings: GateSettings, repeats: Repeats) -> dict[str, Worse]:
     """The pairs of part one, by quantity."""
     base, new = (Ends.of(cases) for cases in (one.changed.paired.base, one.changed.paired.new))
-    found = worse_ends(base, new, severity_limit(settings, repeats))
-    return {name: _worst(one, flags, new.severity - base.severity, base.severity, new.severity)
-            for name, flags in found.items()}  # fmt: skip
+    ends = worse_ends(base, new, severity_limit(settings, repeats))
+    harm = base.severity, new.severity
+    return {name: Worse.of(one, flags, harm[1] - harm[0], harm) for name, flags in ends.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -224,12 +229,14 @@ class Tally:
     """Cases of one ADS in all scenarios, by one measure: worse ones by scenario, numbers, and what
     the sign test says.
 
+    near: part two, near misses; else part three, shifts.
     cases: looked at.
     least_kept: the least share of its margin that a worse case kept.
     """
 
     ads: str
     measure: MeasureSettings
+    near: bool
     worse: tuple[Worse, ...]
     better: int
     cases: int
@@ -252,46 +259,27 @@ class Tally:
 
 
 def tally(
-    ads: str,
-    compared: Sequence[AdsComparison],
-    measure: MeasureSettings,
-    repeats: Repeats,
-    *,
-    zone: bool,
+    ads: str, compared: Sequence[AdsComparison], measure: MeasureSettings, floor: float, near: bool
 ) -> Tally:
     """Worse and better cases of an ADS.
 
-    zone: a value that is missing counts as one at the zone's limit.
+    floor: of the tolerance.
+    near: a value that is missing counts as one at the zone's limit.
     """
-    floor = repeats.floors.get(measure.quantity, 0.0)
-    found = [_tally(ads, one, measure, floor, zone=zone) for one in compared]
-    return Tally(
-        ads,
-        measure,
-        tuple(worse for one in found for worse in one.worse),
-        better=sum(one.better for one in found),
-        cases=sum(one.cases for one in found),
-        least_kept=min((one.least_kept for one in found), default=1.0),
-    )
-
-
-def _tally(
-    ads: str, one: AdsComparison, measure: MeasureSettings, floor: float, *, zone: bool
-) -> Tally:
-    """Worse and better cases in one scenario."""
-    before, after, there = values_of(one.changed.paired, measure, fill=zone)
-    by = worsening(before, after, measure)
-    limit = tolerance(before, measure, floor) * (1.0 + LAST_DIGIT)
-    if zone and measure.zone is not None:
-        if measure.higher_is_better:
-            there &= np.fmin(before, after) < measure.zone
-        else:
-            there &= np.fmax(before, after) > measure.zone
-    flags = there & (by > limit)
-
-    kept = float(kept_margin(before, after, measure)[flags].min(initial=1.0))
-    better, worse = int(np.sum(there & (by < -limit))), _worst(one, flags, by, before, after)
-    return Tally(ads, measure, (worse,), better, int(np.sum(there)), kept)
+    worse, better, cases, kept = [], 0, 0, 1.0
+    for one in compared:
+        before, after, there = values_of(one.changed.paired, measure, fill=near)
+        by = worsening(before, after, measure)
+        limit = tolerance(before, measure, floor) * (1.0 + LAST_DIGIT)
+        if near and measure.zone is not None:
+            sign = 1.0 if measure.higher_is_better else -1.0
+            there &= np.fmin(sign * before, sign * after) < sign * measure.zone
+        flags = there & (by > limit)
+        kept = float(kept_margin(before, after, measure)[flags].min(initial=kept))
+        better += int(np.sum(there & (by < -limit)))
+        cases += int(np.sum(there))
+        worse.append(Worse.of(one, flags, by, (before, after)))
+    return Tally(ads, measure, near, tuple(worse), better, cases, kept)
 
 
 def values_of(
@@ -300,89 +288,60 @@ def values_of(
     """A quantity of all pairs, before and after, and which pairs have it and ended without contact
     in both runs.
     """
-    there = (paired.base.status == "ok") & (paired.new.status == "ok")
-    before, after = (
-        getattr(cases, measure.quantity).astype(np.float64) for cases in (paired.base, paired.new)
-    )
+    tables = paired.base, paired.new
+    before, after = (getattr(cases, measure.quantity).astype(np.float64) for cases in tables)
     if fill and measure.zone is not None:
-        before, after = (
-            np.where(np.isnan(values), measure.zone, values) for values in (before, after)
-        )
+        before, after = (np.where(np.isnan(it), measure.zone, it) for it in (before, after))
+    there = (paired.base.status == "ok") & (paired.new.status == "ok")
     return before, after, there & np.isfinite(before) & np.isfinite(after)
-
-
-def _worst(
-    one: AdsComparison, flags: BoolArray, by: FloatArray, before: Column, after: Column
-) -> Worse:
-    which = np.flatnonzero(flags)
-    return Worse(one, which[np.argsort(-by[which], kind="stable")].tolist(), before, after)
 
 
 # --- the parts ------------------------------------------------------------------------------------
 
 
-def came_nearer(found: Tally, settings: GateSettings) -> bool:
-    """Part two, of an ADS that repeats: W > B and (P < 0.1, or B = 0, or a case kept at most 60 %
-    of its margin).
+def got_worse(found: Tally, settings: GateSettings) -> bool:
+    """Whether a tally of an ADS that repeats fails.
+
+    Part two: W > B and (P < 0.1, or B = 0, or a case kept at most 60 % of its margin). Part three:
+    W >= max(3, 5 %) and P < 0.02, or B = 0 and W >= max(3, 15 %).
     """
-    rule = settings.near_miss
-    if not found.number > found.better:
-        return False
-    return found.chance < rule.chance or not found.better or found.least_kept <= rule.kept_margin
+    if found.near:
+        rule = settings.near_miss
+        certain = found.chance < rule.chance or not found.better
+        return found.number > found.better and (certain or found.least_kept <= rule.kept_margin)
+    shift = settings.shift
+    alone = not found.better and many(found, settings, shift.share_alone)
+    return alone or (many(found, settings, shift.share) and found.chance < shift.chance)
 
 
-def shifted(found: Tally, settings: GateSettings, *, noisy: bool = False) -> bool:
-    """Part three: w >= max(3, 5 %) and P < 0.02, or, where the ADS repeats, B = 0 and w >= max(3,
-    15 %).
-    """
-    rule = settings.shift
-    enough = found.number >= _least(found, rule, rule.share)
-    if noisy:
-        return enough
-    alone = not found.better and found.number >= _least(found, rule, rule.share_alone)
-    return alone or (enough and found.chance < rule.chance)
+def many(found: Tally, settings: GateSettings, share: float) -> bool:
+    """Whether at least 3 cases, and at least a share of all, are worse."""
+    return found.number >= max(settings.shift.cases, share * found.cases)
 
 
-def _least(found: Tally, rule: ShiftSettings, share: float) -> float:
-    return max(rule.cases, share * found.cases)
-
-
-def can_fail(found: Tally, settings: GateSettings, *, near: bool, noisy: bool) -> bool:
+def can_fail(found: Tally, settings: GateSettings, *, noisy: bool) -> bool:
     """Whether a part could fail at all if all of its cases were worse."""
-    least = 1 if near else settings.shift.cases
-    chance = 0.5**found.cases <= settings.noise.chance if noisy else True
-    return found.cases >= least and chance
+    least = 1 if found.near else settings.shift.cases
+    return found.cases >= least and (not noisy or 0.5**found.cases <= settings.noise.chance)
 
 
-def tallies(
-    comparison: Comparison, settings: GateSettings, noise: Noise
-) -> tuple[list[Tally], list[Tally]]:
-    """Tallies of parts two and three of every ADS: near misses, and shifts."""
-    near, shift = [], []
-    for ads in dict.fromkeys(one.ads for one in comparison.ads):
-        compared = [one for one in comparison.ads if one.ads == ads]
-        repeats = noise.of(ads)
-        if settings.near_miss.on:
-            near += [
-                tally(ads, compared, item, repeats, zone=True)
-                for item in settings.near_miss.measure
-            ]
-        if settings.shift.on:
-            shift += [
-                tally(ads, compared, item, repeats, zone=False) for item in settings.shift.measure
-            ]
-    return near, shift
+def tallies(comparison: Comparison, settings: GateSettings, noise: Noise) -> list[Tally]:
+    """Tallies of parts two and three of every ADS: near misses, then shifts."""
+    return [
+        tally(ads, [one for one in comparison.ads if one.ads == ads], item,
+              noise.of(ads).floors.get(item.quantity, 0.0), near)
+        for near, part in ((True, settings.near_miss), (False, settings.shift))
+        for ads in dict.fromkeys(one.ads for one in comparison.ads)
+        for item in (part.measure if part.on else ())
+    ]  # fmt: skip
 
 
 def only_improved(comparison: Comparison, settings: GateSettings) -> bool:
     """Whether no paired case is worse in anything, not even below a tolerance, and one is better
     beyond one.
     """
-    measures = [
-        one
-        for one in (*settings.near_miss.measure, *settings.shift.measure)
-        if one.quantity not in TIMED
-    ]
+    watched = (*settings.near_miss.measure, *settings.shift.measure)
+    measures = [one for one in watched if one.quantity not in TIMED]
     better = False
     for one in comparison.ads:
         base, new = (Ends.of(cases) for cases in (one.changed.paired.base, one.changed.paired.new))

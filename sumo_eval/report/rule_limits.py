@@ -5,6 +5,7 @@ cases.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.comparison import Comparison
@@ -14,15 +15,14 @@ from sumo_eval.report.rule import (
     ENDS,
     Noise,
     Tally,
-    Worse,
-    came_nearer,
     can_fail,
+    got_worse,
     holm,
+    many,
     newly_bad,
-    shifted,
     tallies,
 )
-from sumo_eval.report.words import count, number, point
+from sumo_eval.report.words import count, number
 
 WORDS = {
     "min_gap": ("smallest gap", "m"), "min_ttc": ("smallest TTC", "s"), "pet": ("PET", "s"),
@@ -41,19 +41,17 @@ CANNOT_SEE = "cannot see a change"
 def judge_rule(comparison: Comparison, settings: GateSettings, noise: Noise) -> list[GateResult]:
     """Every part of the rule that is on."""
     results = list(_outcomes(comparison, settings, noise)) if settings.outcome.on else []
-    near, shift = tallies(comparison, settings, noise)
-    noisy = [found for found in (*near, *shift) if noise.of(found.ads).noisy]
+    tallied = tallies(comparison, settings, noise)
+    noisy = [found for found in tallied if noise.of(found.ads).noisy]
     rejected = holm([(found.chance, found.least_chance) for found in noisy], settings.noise.chance)
     certain = {id(found) for found, one in zip(noisy, rejected, strict=True) if one}
-
-    for found in near:
-        bad = id(found) in certain if noise.of(found.ads).noisy else came_nearer(found, settings)
-        results.append(_result(found, comparison, settings, noise, near=True, bad=bad))
-    for found in shift:
-        unlikely = id(found) in certain
-        noisy_ads = noise.of(found.ads).noisy
-        bad = shifted(found, settings, noisy=noisy_ads) and (unlikely or not noisy_ads)
-        results.append(_result(found, comparison, settings, noise, near=False, bad=bad))
+    for found in tallied:
+        share = settings.shift.share
+        if noise.of(found.ads).noisy:
+            bad = id(found) in certain and (found.near or many(found, settings, share))
+        else:
+            bad = got_worse(found, settings)
+        results.append(_result(found, comparison, settings, noise, bad=bad))
     return results
 
 
@@ -66,7 +64,7 @@ def judge_pairs(comparison: Comparison, settings: GateSettings, accept: str) -> 
     lost = sum(one.lost for one in comparison.unpaired)
     of = comparison.pairs + lost
     examples = [key for one in comparison.unpaired for key in one.examples][:MOST_NAMED]
-    missing = [*_gone(comparison)]
+    missing = list(_gone(comparison))
     if not comparison.pairs:
         missing.append("no case has a partner in the base, so nothing was compared")
     elif lost > settings.lost_share * of:
@@ -74,18 +72,8 @@ def judge_pairs(comparison: Comparison, settings: GateSettings, accept: str) -> 
     if not missing:
         return []
     sentence = f"{'; '.join(missing)}. If this is meant: {accept}"
-    return [
-        GateResult(
-            "pairs",
-            "every ADS",
-            EVERYWHERE,
-            False,
-            sentence,
-            float(of - lost),
-            None,
-            tuple(examples),
-        )
-    ]
+    where = "pairs", "every ADS", EVERYWHERE
+    return [GateResult(*where, False, sentence, float(of - lost), None, tuple(examples))]
 
 
 def _gone(comparison: Comparison) -> Iterator[str]:
@@ -115,18 +103,17 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
     for one in comparison.ads:
         repeats = noise.of(one.ads)
         for quantity, worse in newly_bad(one, settings, repeats).items():
-            changes = [_ending(worse, pair) for pair in worse.which[:MOST_KEYS]]
-            shaky = [
-                change.case
-                for change in changes
-                if repeats.noisy and is_shaky(change.case, settings, noise)
-            ]
-            bad = [change for change in changes if change.case not in shaky]
+            paired = one.changed.paired
+            rows = [(paired.base[pair], paired.new[pair]) for pair in worse.which[:MOST_KEYS]]
+            changes = [CaseChange.of(now, end_words(old), end_words(now)) for old, now in rows]
+            keys = [change.case for change in changes]
+            shaky = [key for key in keys if repeats.noisy and is_shaky(key, settings, noise)]
+            bad = tuple(change for change in changes if change.case not in shaky)
             number = len(worse.which) - len(shaky)
             sentence = _outcome_words(quantity, number, settings) + _shaky_words(shaky, noise)
             yield GateResult(
                 quantity, one.ads, one.scenario, not number, sentence, float(number), 0.0,
-                tuple(change.case for change in bad), tuple(bad[:MOST_NAMED]),
+                tuple(change.case for change in bad), bad[:MOST_NAMED],
             )  # fmt: skip
 
 
@@ -160,12 +147,6 @@ def _shaky_words(shaky: Sequence[str], noise: Noise) -> str:
     )
 
 
-def _ending(worse: Worse, pair: int) -> CaseChange:
-    """How a case ended in both runs."""
-    before, after = worse.one.changed.paired.base[pair], _row(worse, pair)
-    return CaseChange(after.case, point(after.values), end_words(before), end_words(after))
-
-
 def end_words(case: CaseResult) -> str:
     """`contact with U 5.0 m/s`, `left the road`, `ads_error`, `misses: gap`, `ok`."""
     ends = [f"contact with U {number(case.severity, 1)} m/s"] if case.collided else []
@@ -179,70 +160,41 @@ def end_words(case: CaseResult) -> str:
 
 
 def _result(
-    found: Tally,
-    comparison: Comparison,
-    settings: GateSettings,
-    noise: Noise,
-    *,
-    near: bool,
-    bad: bool,
+    found: Tally, comparison: Comparison, settings: GateSettings, noise: Noise, *, bad: bool
 ) -> GateResult:
-    quantity = found.measure.quantity
+    quantity, zone = found.measure.quantity, found.measure.zone
     words, unit = WORDS.get(quantity, (quantity, ""))
-    where = _where(found, comparison) if bad else _scenario(comparison, found.ads)
-    inside = (
-        f" inside {found.measure.zone:g} {unit}" if near and found.measure.zone is not None else ""
-    )
-    if not can_fail(found, settings, near=near, noisy=noise.of(found.ads).noisy):
-        sentence = f"{words}: {CANNOT_SEE} with {count(found.cases, 'case')}{inside}"
-        return GateResult(quantity, found.ads, where, None, sentence)
+    where = list(dict.fromkeys(one.scenario for one in comparison.ads if one.ads == found.ads))
+    # the scenario that all worse cases are in, or all
+    hit = [one.one.scenario for one in found.worse if one.which] if bad else where
+    where = hit if len(hit) == 1 else where
+    result = partial(GateResult, quantity, found.ads, where[0] if len(where) == 1 else EVERYWHERE)
+    of = count(found.cases, "case")
+    of += f" inside {zone:g} {unit}" if found.near and zone is not None else ""
+    if not can_fail(found, settings, noisy=noise.of(found.ads).noisy):
+        return result(None, f"{words}: {CANNOT_SEE} with {of}")
 
-    sentence = (
-        f"{words}: {found.number} worse, {found.better} better of "
-        f"{count(found.cases, 'case')}{inside}"
-    )
+    sentence = f"{words}: {found.number} worse, {found.better} better of {of}"
     if not bad:
-        return GateResult(quantity, found.ads, where, True, sentence, float(found.number), None)
+        return result(True, sentence, float(found.number), None)
     sentence += f" (P = {found.chance:z.2g})"
-    if near and found.least_kept <= settings.near_miss.kept_margin:
+    if found.near and found.least_kept <= settings.near_miss.kept_margin:
         sentence += f"; one kept {found.least_kept:z.0%} of its margin"
-    worst = worst_of(found)
-    keys = tuple(_key(one, pair) for one in found.worse for pair in one.which)[:MOST_KEYS]
-    return GateResult(
-        quantity, found.ads, where, False, sentence, float(found.number), None, keys, worst
+    keys = tuple(one.one.changed.paired.new[pair].case for one in found.worse for pair in one.which)
+    return result(
+        False, sentence, float(found.number), None, keys[:MOST_KEYS], tuple(_worst(found))
     )
 
 
-def worst_of(found: Tally) -> tuple[CaseChange, ...]:
+def _worst(found: Tally) -> Iterator[CaseChange]:
     """The worst cases of all scenarios, with the values before and after."""
     sign = 1.0 if found.measure.higher_is_better else -1.0
-    first = [(sign * float(one.after[pair] - one.before[pair]), place, pair)
-             for place,
-             one in enumerate(found.worse) for pair in one.which[:MOST_NAMED]]  # fmt: skip
-    return tuple(_change(found.worse[place], pair) for _, place, pair in sorted(first)[:MOST_NAMED])
-
-
-def _change(worse: Worse, pair: int) -> CaseChange:
-    case = _row(worse, pair)
-    return CaseChange(
-        case.case, point(case.values), float(worse.before[pair]), float(worse.after[pair])
-    )
-
-
-def _row(worse: Worse, pair: int) -> CaseResult:
-    return worse.one.changed.paired.new[pair]
-
-
-def _key(worse: Worse, pair: int) -> str:
-    return _row(worse, pair).case
-
-
-def _where(found: Tally, comparison: Comparison) -> str:
-    """The scenario that all worse cases are in, or all."""
-    scenarios = [one.one.scenario for one in found.worse if len(one.which)]
-    return scenarios[0] if len(scenarios) == 1 else _scenario(comparison, found.ads)
-
-
-def _scenario(comparison: Comparison, ads: str) -> str:
-    scenarios = [one.scenario for one in comparison.ads if one.ads == ads]
-    return scenarios[0] if len(scenarios) == 1 else EVERYWHERE
+    first = [
+        (sign * float(one.after[pair] - one.before[pair]), place, pair)
+        for place, one in enumerate(found.worse)
+        for pair in one.which[:MOST_NAMED]
+    ]
+    for _, place, pair in sorted(first)[:MOST_NAMED]:
+        worse = found.worse[place]
+        case = worse.one.changed.paired.new[pair]
+        yield CaseChange.of(case, float(worse.before[pair]), float(worse.after[pair]))

@@ -123,7 +123,7 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
 
 def _counts(one: AdsComparison, confidence: float) -> tuple[Any, ...]:
     """One ADS in one scenario: itself, its changes by kind, moved and unchanged quantities."""
-    kinds = [(kind, one.count(kind), kind in WORSE) for kind in (*WORSE, *BETTER)]
+    kinds = [(kind, len(one.changed.of(kind)), kind in WORSE) for kind in (*WORSE, *BETTER)]
     values = one.quantities
     moved = [
         (name, quantity_words(name, it, confidence).replace("->", "→"), _standing(name, it))

@@ -18,8 +18,7 @@ from sumo_eval.report.words import (
     exposure_note_words,
     index_note_words,
     not_computed,
-    reason_without_d,
-    reason_without_h,
+    reason_without,
     reference_note_words,
     score_note,
 )
@@ -140,8 +139,8 @@ def scores_json(evaluation: Evaluation) -> dict[str, Any]:
 def _score_json(score: ScenarioResult) -> dict[str, Any]:
     """A score's fields, notes and reasons as sentences."""
     return asdict(score) | {
-        "d_reason": not_computed(reason_without_d(score)),
-        "h_reason": not_computed(reason_without_h(score)),
+        "d_reason": not_computed(reason_without("D", score)),
+        "h_reason": not_computed(reason_without("H", score)),
         "notes": [score_note(note) for note in score.notes],
     }
 

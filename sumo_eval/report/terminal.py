@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from urllib.parse import quote
 
@@ -28,8 +29,7 @@ from sumo_eval.report.words import (
     parts_of_total,
     people_sentence,
     point,
-    reason_without_d,
-    reason_without_h,
+    reason_without,
     score_note,
     why_missing,
 )
@@ -71,9 +71,11 @@ def _not_computed_lines(scores: Sequence[ScenarioResult]) -> Iterator[str]:
     compared = [score for score in scores if not score.nobody_compared]
     alone = [score for score in scores if score.nobody_compared]
     without = [("C", score, REASON_WITHOUT_C, "") for score in scores if score.c is None]
-    without += [("D", score, reason_without_d(score), "") for score in compared if score.d is None]
     without += [
-        ("H", score, reason_without_h(score), " of S+")
+        ("D", score, reason_without("D", score), "") for score in compared if score.d is None
+    ]
+    without += [
+        ("H", score, reason_without("H", score), " of S+")
         for score in compared
         if score.human_likeness is None and score.h_reason is not None
     ]
@@ -84,7 +86,7 @@ def _not_computed_lines(scores: Sequence[ScenarioResult]) -> Iterator[str]:
         )
     if alone:
         names = ", ".join(dict.fromkeys(score.scenario for score in alone))
-        reason = reason_without_h(alone[0])
+        reason = reason_without("H", alone[0])
         yield f"D and H are not computed in {names}: {reason}. They count 0 points."
     taskless = dict.fromkeys(score.scenario for score in scores if score.task_share is None)
     if taskless:
@@ -251,7 +253,7 @@ def comparison_lines(
             if not len(found):
                 continue
             lines.append(f"  {kind}: {len(found)}")
-            for item in found[:MOST_CHANGES]:
+            for item in islice(found, MOST_CHANGES):
                 by = "".join(f", {words}" for words in moved_words(item))
                 lines.append(
                     f"    {one_line(item.new.case)}: {one_line(point(item.new.values))}{by}"

@@ -8,6 +8,8 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +27,6 @@ from sumo_eval.results import (
     DrivenInBlocks,
     DrivesLeftOut,
     Evaluation,
-    NotComputed,
     PlausibleTo,
     Ranking,
     ReferenceMissing,
@@ -218,16 +219,13 @@ def number(value: float | None, digits: int) -> str:
     return "–" if value is None or not math.isfinite(value) else f"{value:z.{digits}f}"
 
 
-def interval_words(interval: tuple[float, float] | None, digits: int) -> str:
+def interval_words(interval: tuple[float, float] | None, digits: int, to: str = "..") -> str:
     """`0.912..1.000`; nothing where there is no interval."""
-    return (
-        "" if interval is None else f"{number(interval[0], digits)}..{number(interval[1], digits)}"
-    )
+    return "" if interval is None else to.join(number(end, digits) for end in interval)
 
 
-def span(interval: tuple[float, float] | None, digits: int) -> str:
-    """`0.912 to 1.000`; nothing where there is no interval."""
-    return interval_words(interval, digits).replace("..", " to ")
+span = partial(interval_words, to=" to ")
+"""`0.912 to 1.000`; nothing where there is no interval."""
 
 
 def percent(share: float | None) -> str:
@@ -235,11 +233,8 @@ def percent(share: float | None) -> str:
     if share is None or not math.isfinite(share):
         return "not known"
     value = 100.0 * share
-    if value == 0.0:
-        return "0 %"
-    digits = min(6, max(0, 2 - math.floor(math.log10(abs(value)))))
-    text = f"{value:z.{digits}f}"
-    return f"{text.rstrip('0').rstrip('.') if '.' in text else text} %"
+    digits = min(6, max(0, 2 - math.floor(math.log10(abs(value) or 1.0))))
+    return f"{float(f'{value:z.{digits}f}'):z.15g} %"
 
 
 def count(n: int, noun: str, nouns: str | None = None) -> str:
@@ -267,15 +262,13 @@ def one_line(text: str) -> str:
 
 def end_reason(case: CaseResult) -> str:
     """Why a case ended, in words."""
-    return "not known" if case.end_reason is None else _END.get(case.end_reason, case.end_reason)
+    return _END.get(case.end_reason or "", case.end_reason or "not known")
 
 
 def nobody_recorded(evaluation: Evaluation) -> bool:
-    """Whether recorded people were asked for, and none stands behind any D_i."""
-    behind = people_behind(evaluation)
-    return evaluation.settings.drivers.source == "recorded" and not any(
-        one.drives for one in behind
-    )
+    """Whether recorded drivers were asked for, and none stands behind any D_i."""
+    recorded = evaluation.settings.drivers.source == "recorded"
+    return recorded and not any(one.drives for one in people_behind(evaluation))
 
 
 def nobody_drove(evaluation: Evaluation) -> bool:
@@ -285,28 +278,33 @@ def nobody_drove(evaluation: Evaluation) -> bool:
 
 def people_sentence(evaluation: Evaluation) -> str:
     """The drivers that D and H compare with, and how many of them are recorded people."""
-    settings = evaluation.settings
+    drivers = evaluation.settings.drivers
     if nobody_drove(evaluation):
         return (
             "D and H have no drivers to compare with: synthetic drivers do not cover these scenes, "
             "and no recorded driver matches them."
         )
-    if settings.drivers.source != "recorded":
-        alone = ", ".join(
-            dict.fromkeys(score.scenario for score in evaluation.scores if score.nobody_compared)
+    if drivers.source != "recorded":
+        without = [score.scenario for score in evaluation.scores if score.nobody_compared]
+        alone = ", ".join(dict.fromkeys(without))
+        origin = (
+            f"The {drivers.count} human drivers of each concrete scenario are synthetic: "
+            "drawn from distributions fitted to recorded traffic. They are not recorded people."
+            if drivers.source == "synthetic"
+            else f"The human drivers come from `{drivers.source}`, which this evaluation names as "
+            "its reference."
         )
-        return drivers_sentence(settings) + (f" There are none in {alone}." if alone else "")
+        return origin + (f" There are none in {alone}." if alone else "")
     behind = people_behind(evaluation)
-    source = ", ".join(settings.drivers.recordings) or settings.drivers.cases
-    fills = settings.drivers.too_thin == "fill"
-    points = sum(one.points for one in behind)
+    source = ", ".join(drivers.recordings) or drivers.cases
+    fills = drivers.too_thin == "fill"
     if nobody_recorded(evaluation):
         instead = "D and H compare with synthetic drivers alone" if fills else "there is no D_i"
-        who = "no driver" if fills else f"fewer than {settings.drivers.least} drivers"
+        who = "no driver" if fills else f"fewer than {drivers.least} drivers"
+        points = count(sum(one.points for one in behind), "safe concrete scenario")
         return (
             f"D and H use no recorded driver: {source} has {who} in a situation like any of these "
-            f"{count(points, 'safe concrete scenario')}; {instead}. `recorded_drivers` in "
-            "cases.csv counts them."
+            f"{points}; {instead}. `recorded_drivers` in cases.csv counts them."
         )
     rest = "synthetic drivers fill up" if fills else "the point is left out"
     each = "; ".join(
@@ -314,28 +312,9 @@ def people_sentence(evaluation: Evaluation) -> str:
         f"{count(one.drives, 'recorded drive')}"
         for one in behind
     )
-    least = settings.drivers.least
     return (
         f"Recorded people ({source}) stand behind D and H in {each}. Where they are fewer than "
-        f"{least}, {rest}."
-    )
-
-
-def drivers_are_synthetic(settings: EvaluationSettings) -> bool:
-    """Whether the human drivers are this package's own population."""
-    return settings.drivers.source == "synthetic"
-
-
-def drivers_sentence(settings: EvaluationSettings) -> str:
-    """Origin of the human drivers, so that synthetic ones are not mistaken for recorded people."""
-    if drivers_are_synthetic(settings):
-        return (
-            f"The {settings.drivers.count} human drivers of each concrete scenario are synthetic: "
-            "drawn from distributions fitted to recorded traffic. They are not recorded people."
-        )
-    return (
-        f"The human drivers come from `{settings.drivers.source}`, which this evaluation names as "
-        "its reference."
+        f"{drivers.least}, {rest}."
     )
 
 
@@ -346,20 +325,15 @@ def why_missing(case: CaseResult) -> str:
     """Why a case is missing from a mean, of one that is."""
     if not case.evaluated:
         return case.error or _STATUS.get(case.status, f"Its status is {case.status}.")
-    if case.ideal_severity is None:
-        return (
-            "The ideal vehicle's case here could not be evaluated, so Ug is not "
-            f"known.{because(case.ideal_error)}"
-        )
-    if case.no_reaction_severity is None:
-        why = because(case.no_reaction_error)
-        return f"The case of `no_reaction` here could not be evaluated, so U0 is not known.{why}"
-    why = (
-        index_note_words(case)
-        or reference_note_words(case)
-        or "Fewer than two human drivers could be compared with here."
-    )
-    return f"There is no D_i: {why}"
+    for severity, whose, symbol, error in (
+        (case.ideal_severity, "The ideal vehicle's case", "Ug", case.ideal_error),
+        (case.no_reaction_severity, "The case of `no_reaction`", "U0", case.no_reaction_error),
+    ):
+        if severity is None:
+            unknown = f"could not be evaluated, so {symbol} is not known."
+            return f"{whose} here {unknown}{because(error)}"
+    few = "Fewer than two human drivers could be compared with here."
+    return f"There is no D_i: {index_note_words(case) or reference_note_words(case) or few}"
 
 
 def because(error: str) -> str:
@@ -389,180 +363,157 @@ def collisions_sentence(score: ScenarioResult) -> str:
     """`5 collisions: 3 avoidable (1 of them caused by the ADS), 2 unavoidable.`"""
     if score.collisions == 0:
         return f"{score.ads} did not collide."
-    caused = (
-        f" ({score.caused_collisions} of them caused by the ADS)" if score.caused_collisions else ""
-    )
-    parts = [
-        f"{score.avoidable_collisions} avoidable{caused}",
-        f"{score.unavoidable_collisions} unavoidable",
-    ]
-    unknown = score.collisions - score.avoidable_collisions - score.unavoidable_collisions
-    if unknown:
-        parts.append(f"{unknown} where the ideal vehicle could not be evaluated")
-    return f"{score.ads} had {count(score.collisions, 'collision')}: {', '.join(parts)}."
+    avoidable, unavoidable = score.avoidable_collisions, score.unavoidable_collisions
+    unknown = score.collisions - avoidable - unavoidable
+    caused = score.caused_collisions
+    parts = f"{avoidable} avoidable"
+    parts += f" ({caused} of them caused by the ADS)" if caused else ""
+    parts += f", {unavoidable} unavoidable"
+    parts += f", {unknown} where the ideal vehicle could not be evaluated" if unknown else ""
+    return f"{score.ads} had {count(score.collisions, 'collision')}: {parts}."
 
 
-def explain_a(found: Findings) -> list[str]:
+def missing_term(name: str, reason: str) -> str:
+    """`D is not computed: no case lies in the safe zone. Its term counts 0 points.`"""
+    return f"{name} is not computed: {reason}. Its term counts 0 points."
+
+
+def explain_a(found: Findings) -> str:
     """Why A is what it is."""
     score = found.score
-    said = [collisions_sentence(score)]
+    said = collisions_sentence(score)
     if score.avoided_share is None:
-        return [*said, "A is not computed: no case could be evaluated. Its term counts 0 points."]
+        return f"{said} {missing_term('A', 'no case could be evaluated')}"
     unit = severity_unit(found.settings)
     regret = "" if score.regret is None else f"; the regret is {number(score.regret, 3)}{unit}"
     if score.avoided_share == 1.0:
-        return [*said, f"A = A' = 1: no incident is harder than the ideal vehicle's{regret}."]
+        return f"{said} A = A' = 1: no incident is harder than the ideal vehicle's{regret}."
     below = ": worse than doing nothing, and S+ takes 0" if score.avoided_share < 0.0 else ""
     grade = number(score.avoidance_grade, 3)
-    said.append(f"A = {number(score.avoided_share, 3)}, A' = {grade}{below}{regret}.")
-    losses, of = np.nan_to_num(found.share_lost), 1.0 - score.avoided_share
+    losses = np.nan_to_num(found.share_lost)
     worst = int(np.argmax(losses))
-    return said + _most_from("A", found.cases[worst], float(losses[worst]), of)
+    return (
+        f"{said} A = {number(score.avoided_share, 3)}, A' = {grade}{below}{regret}."
+        + _most_from("A", found.cases[worst], float(losses[worst]), 1.0 - score.avoided_share)
+    )
 
 
-def _most_from(name: str, case: CaseResult, lost: float, of: float) -> list[str]:
+def _most_from(name: str, case: CaseResult, lost: float, of: float) -> str:
     """Which case took most from a score, if it is worth naming."""
     if not (lost and lost >= SHARE_WORTH_NAMING * of):
-        return []
-    return [f"{point(case.values)} took the most from {name}: {lost:z.3f} of {of:z.3f}."]
+        return ""
+    return f" {point(case.values)} took the most from {name}: {lost:z.3f} of {of:z.3f}."
 
 
-def explain_h(found: Findings) -> list[str]:
+def explain_h(found: Findings) -> str:
     """Why H is what it is."""
     score, likened = found.score, found.likened
     if score.human_likeness is None:
-        return [f"H is not computed: {reason_without_h(score)}. Its term counts 0 points."]
-    counted, hits = (
-        int(np.count_nonzero(flags)) for flags in (likened, likened & found.cases.incident)
-    )
+        return missing_term("H", reason_without("H", score))
+    hits = int(np.count_nonzero(likened & found.cases.incident))
     means = found.likeness_means
     limit = f", {_limit(means, '{}')}" if means else ""
-    said = f"H = {number(score.human_likeness, 3)}: mean over {count(counted, 'safe case')}{limit}"
-    lost = (
-        f"{count(hits, 'case')} with an avoidable incident {'counts' if hits == 1 else 'count'} 0."
-    )
-    return [f"{said}.", *([lost] if hits else [])]
+    counted = count(int(np.count_nonzero(likened)), "safe case")
+    said = f"H = {number(score.human_likeness, 3)}: mean over {counted}{limit}."
+    counts = "counts" if hits == 1 else "count"
+    return said + (f" {count(hits, 'case')} with an avoidable incident {counts} 0." if hits else "")
 
 
-def explain_s_plus(score: ScenarioResult, settings: EvaluationSettings) -> str:
+def explain_s_plus(found: Findings) -> str:
     """How S+ is made of T, A' and H."""
+    score, points = found.score, found.settings.method.score
     if score.s_plus is None:
-        return (
-            "S+ is not computed: "
-            f"{REASON_WITHOUT_T if score.task_share is None else REASON_WITHOUT_C}."
-        )
-    points = settings.method.score
+        reason = REASON_WITHOUT_T if score.task_share is None else REASON_WITHOUT_C
+        return f"S+ is not computed: {reason}."
     done = f"{score.task_share:z.3f} x {max(score.avoidance_grade or 0.0, 0.0):z.3f}"
-    human = 0.0 if score.human_likeness is None else score.human_likeness
     missing = "" if score.human_likeness is not None else ", H not computed"
-    manner = f"({points.a:g} + {points.b:g} x {human:z.3f}{missing})"
+    manner = f"({points.a:g} + {points.b:g} x {score.human_likeness or 0.0:z.3f}{missing})"
     return f"S+ = T A' (a + b H) = {done} x {manner} = {score.s_plus:z.1f} points."
 
 
-def explain_t(score: ScenarioResult) -> list[str]:
+def explain_t(found: Findings) -> str:
     """Why T is what it is."""
+    score, beside = found.score, "the drivers alone: the run has no reference car"
     if score.task_share is None:
-        return [f"T is not computed: {REASON_WITHOUT_T}."]
-    beside = (
-        f"`{score.task_reference}`"
-        if score.task_reference
-        else "the drivers alone: the run has no reference car"
-    )
-    lost = [
-        f"{count(number, 'case')} {words}"
-        for number, words in ((score.departures, "left the road"), (score.gave_up, "given up"))
-        if number
-    ]
-    return [
-        f"T = {number(score.task_share, 3)} beside {beside}{'; ' if lost else ''}{', '.join(lost)}."
-    ]
-
-
-def reason_without_h(score: ScenarioResult) -> str:
-    """Why there is no H, without the words `not computed`."""
-    return _reason(score.h_reason, "human-likeness")
+        return f"T is not computed: {REASON_WITHOUT_T}."
+    if score.task_reference:
+        beside = f"`{score.task_reference}`"
+    groups = (score.departures, "left the road"), (score.gave_up, "given up")
+    lost = ", ".join(f"{count(cases, 'case')} {words}" for cases, words in groups if cases)
+    return f"T = {number(score.task_share, 3)} beside {beside}{'; ' if lost else ''}{lost}."
 
 
 def reference_sentence(settings: EvaluationSettings) -> str:
     """The reference, and why it is used."""
     ads = reference_ads(settings)
-    if ads is not None:
+    if ads is None:
         return (
-            f"The reference is “{ads}”, driven through the same concrete scenarios as every other "
-            "ADS of this run."
+            f"No ADS of this run is “{settings.report.reference}”, so the reference is the ideal "
+            "vehicle, which brakes at once at the limit, driven through the same concrete "
+            "scenarios."
         )
     return (
-        f"No ADS of this run is “{settings.report.reference}”, so the reference is the ideal "
-        "vehicle, which brakes at once at the limit, driven through the same concrete scenarios."
+        f"The reference is “{ads}”, driven through the same concrete scenarios as every other "
+        "ADS of this run."
     )
 
 
 # --- why C, D and S are what they are -------------------------------------------------------------
 
 
-def ratio_of(case: CaseResult, loss: str) -> float | None:
-    """Severity (or loss) of the ideal vehicle over that of the ADS, at most 1."""
-    if case.severity is None or case.ideal_severity is None:
-        return None
-    hit, best = case.severity, case.ideal_severity
-    if loss == "class":
-        hit, best = float(collision_loss(hit)), float(collision_loss(best))
+def ratio_of(case: CaseResult, loss: str) -> float:
+    """Severity (or loss) of the ideal vehicle over that of the ADS, at most 1, of a collision."""
+    both = case.severity or 0.0, case.ideal_severity or 0.0
+    hit, best = both if loss == "severity" else map(collision_loss, both)
     return float(ideal_ratio(hit, best))
 
 
-def explain_c(found: Findings) -> list[str]:
+def explain_c(found: Findings) -> str:
     """Why C is what it is."""
     score, loss = found.score, found.settings.method.collision.loss
     if score.c is None:
-        return [f"C is not computed: {REASON_WITHOUT_C}. Its term counts 0 points."]
+        return missing_term("C", REASON_WITHOUT_C)
     if score.collisions == 0:
-        judged = int(np.count_nonzero(found.cases.evaluated))
-        return [
-            f"{score.ads} did not collide in any of {count(judged, 'evaluated case')}, so C = 1."
-        ]
-    risky = score.collisions - score.safe_collisions
+        evaluated = count(int(np.count_nonzero(found.cases.evaluated)), "evaluated case")
+        return f"{score.ads} did not collide in any of {evaluated}, so C = 1."
     zones = (
-        (risky, score.hazardous_cases, "hazardous case"),
+        (score.collisions - score.safe_collisions, score.hazardous_cases, "hazardous case"),
         (score.safe_collisions, score.safe_cases, "safe case"),
     )
     where = " and in ".join(f"{hits} of {count(of, noun)}" for hits, of, noun in zones if hits)
-    ratio = "Ug/U" if loss == "severity" else "Lg/L"
+    ratio, avoiding = (
+        ("Ug/U", "has Ug/U = 0") if loss == "severity" else ("Lg/L", "still has Lg = 0.1")
+    )
     shares = found.collisions
-    return [
+    return (
         f"{score.ads} collided in {where}; the ideal vehicle avoids {score.avoidable_collisions} "
-        "of these.",
-        f"C = {score.c:z.3f}: the mean of {ratio} over the collisions, weighted by r. "
-        + (
-            f"A collision that the ideal vehicle avoids has {ratio} = 0."
-            if loss == "severity"
-            else "A collision that the ideal vehicle avoids still has Lg = 0.1."
-        ),
-        *_most_from("C", found.cases[shares.places[0]], float(shares.lost[0]), 1.0 - score.c),
-    ]
+        f"of these. C = {score.c:z.3f}: the mean of {ratio} over the collisions, weighted by r. "
+        f"A collision that the ideal vehicle avoids {avoiding}."
+        + _most_from("C", found.cases[shares.places[0]], float(shares.lost[0]), 1.0 - score.c)
+    )
 
 
-def explain_d(found: Findings) -> list[str]:
+def explain_d(found: Findings) -> str:
     """Why D is what it is."""
     score, cases, counted = found.score, found.cases, found.indexed
     if score.d is None:
-        return [f"D is not computed: {reason_without_d(score)}. Its term counts 0 points."]
-    means, indexed = found.factor_means, int(np.count_nonzero(counted))
-    sentences = [
-        f"D = {score.d:z.3f}: mean over {count(indexed, 'safe case')}, "
-        f"{_limit(means, 'the {} factor')}."
-    ]
+        return missing_term("D", reason_without("D", score))
+    indexed = int(np.count_nonzero(counted))
+    limit = _limit(found.factor_means, "the {} factor")
+    said = f"D = {score.d:z.3f}: mean over {count(indexed, 'safe case')}, {limit}."
     low = int(np.count_nonzero(counted & (cases.index < 0.1)))
     if 0 < low < indexed:
-        sentences.append(f"{low} of them {'scores' if low == 1 else 'score'} below 0.1.")
-    split = sum(
-        any(one.kind == "two_groups" for one in notes) for notes in cases.index_note[cases.safe]
-    )
-    if split:
-        sentences.append(
-            f"In {split} of them some drivers overtook and others followed. D compares the ADS "
-            "with all of them at once there, so nearly any path between the two counts as human."
-        )
-    return sentences
+        said += f" {low} of them {'scores' if low == 1 else 'score'} below 0.1."
+    notes = cases.index_note[cases.safe]
+    if split := sum(any(note.kind == "two_groups" for note in some) for some in notes):
+        said += f" In {split} of them {TWO_GROUPS}"
+    return said
+
+
+TWO_GROUPS = (
+    "some drivers overtook and others followed. D compares the ADS with all of them at once "
+    "there, so nearly any path between the two counts as human."
+)
 
 
 def _limit(means: Mapping[str, float], words: str) -> str:
@@ -573,13 +524,8 @@ def _limit(means: Mapping[str, float], words: str) -> str:
     name = min(means, key=lambda factor: means[factor])
     if means[name] >= NEGLIGIBLE_LIMIT:
         return "no factor limits it"
-    others = ", ".join(f"{factor} {mean:z.2f}" for factor, mean in means.items() if factor != name)
-    return f"limited most by {words.format(name)} (mean {means[name]:z.2f}; {others})"
-
-
-def reason_without_d(score: ScenarioResult) -> str:
-    """Why there is no D, without the words `not computed`."""
-    return _reason(score.d_reason, "D_i")
+    rest = ", ".join(f"{factor} {mean:z.2f}" for factor, mean in means.items() if factor != name)
+    return f"limited most by {words.format(name)} (mean {means[name]:z.2f}; {rest})"
 
 
 def parts_of_total(ranking: Ranking) -> str:
@@ -591,21 +537,23 @@ def parts_of_total(ranking: Ranking) -> str:
             (ranking.without_people, "H counts 0, without people,"),
         )
         if names
-    ]  # fmt: skip
-    return f": {'; '.join(parts)}" if parts else ""
+    ]
+    return ": " * bool(parts) + "; ".join(parts)
 
 
-def _reason(found: NotComputed | None, what: str) -> str:
-    if found is None:
+def reason_without(name: str, score: ScenarioResult) -> str:
+    """Why there is no D, or no H, without the words `not computed`."""
+    note, what = {"D": (score.d_reason, "D_i"), "H": (score.h_reason, "human-likeness")}[name]
+    if note is None:
         return ""
     return {
-        "collisions": f"{count(found.collisions, 'collision')} in the safe zone",
+        "collisions": f"{count(note.collisions, 'collision')} in the safe zone",
         "no_safe_case": "no case lies in the safe zone",
         "no_drivers": "no drivers for it: the synthetic ones do not know this scene, and none are "
         "recorded in it",
         "nothing_compared": "no safe case could be evaluated and compared with drivers",
         "no_exposure": f"every safe case with a {what} has exposure 0",
-    }[found.why]
+    }[note.why]
 
 
 def not_computed(reason: str) -> str:
@@ -641,12 +589,7 @@ _INDEX_NOTES: dict[NoteKind, str] = {
 }
 
 
-def index_note_sentence(note: IndexNote) -> str:
-    """One note on a D_i as a sentence."""
-    return _notes_sentence([note])
-
-
-def _notes_sentence(notes: Sequence[IndexNote]) -> str:
+def notes_sentence(notes: Sequence[IndexNote]) -> str:
     """Sentence for all notes of one kind and manoeuvre, with the ranges of their numbers."""
     first = notes[0]
     counts, totals = _range([note.count for note in notes]), _range([note.of for note in notes])
@@ -656,7 +599,7 @@ def _notes_sentence(notes: Sequence[IndexNote]) -> str:
 
 def index_note_words(case: CaseResult) -> str:
     """Notes on the D_i of a case; empty without any."""
-    return " ".join(map(index_note_sentence, case.index_note))
+    return " ".join(notes_sentence([note]) for note in case.index_note)
 
 
 def reference_note_words(case: CaseResult) -> str:
@@ -674,12 +617,8 @@ def reference_note_words(case: CaseResult) -> str:
 
 def exposure_note_words(case: CaseResult) -> str:
     """A note where no recorded event is like the case; else empty."""
-    known = {
-        "": "",
-        "outside_support": "Outside the data's support: no recorded event is like this concrete "
-        "scenario.",
-    }
-    return known[case.exposure_note]
+    outside = "Outside the data's support: no recorded event is like this concrete scenario."
+    return outside if case.exposure_note == "outside_support" else ""
 
 
 _COUNTED = {
@@ -708,11 +647,11 @@ def score_note(note: ScoreNote) -> str:
             return f"The reference leaves out {left_out} of the drivers' {drives} drives: {how}."
         case DrivenAlone(alone):
             why = " ".join(f"{number} x: {reason}" for reason, number in alone)
-            drives = sum(number for _, number in alone)
-            ran = (
-                f"{count(drives, 'drive')} could not share one simulation with others and ran alone"
+            drives = sum(times for _, times in alone)
+            return (
+                f"{count(drives, 'drive')} could not share one simulation with others and ran "
+                f"alone, which changes results of policies over arrays only. {why}"
             )
-            return f"{ran}, which changes results of policies over arrays only. {why}"
         case DrivenInBlocks(drives, sizes):
             return (
                 "Its policy over arrays received cases in fixed batches of "
@@ -757,10 +696,9 @@ def score_note(note: ScoreNote) -> str:
                 f"{unknown} is not known.{because(reason)}"
             )
         case WorstAndBest(c, d, s):
+            scores = ("C", c, 3), ("D", d, 3), ("S", s, 1)
             parts = [
-                f"{name} within {interval_words(interval, digits)}"
-                for name, interval, digits in (("C", c, 3), ("D", d, 3), ("S", s, 1))
-                if interval is not None
+                f"{name} within {interval_words(it, digits)}" for name, it, digits in scores if it
             ]
             return f"With the missing cases counted as worst and as best: {', '.join(parts)}."
         case RequirementMissed(name, text, cases, of):
@@ -768,8 +706,7 @@ def score_note(note: ScoreNote) -> str:
             return f"{cases} of {count(of, 'case')} miss the requirement {said}."
 
 
-@dataclass(frozen=True, slots=True)
-class GatheredNote:
+class GatheredNote(NamedTuple):
     """A note that D_i left in several cases of one ADS and scenario; numbers that differ stand as a
     range.
     """
@@ -784,16 +721,14 @@ def index_notes(evaluation: Evaluation) -> list[GatheredNote]:
     """The notes on D_i, gathered by kind and manoeuvre, the most frequent first."""
     gathered = []
     for one in findings(evaluation):
-        found = Counter(note for notes in one.cases.index_note for note in notes)
+        often = Counter(note for notes in one.cases.index_note for note in notes)
         alike: dict[tuple[NoteKind, Manoeuvre], list[IndexNote]] = {}
-        for note in found:
+        for note in often:
             alike.setdefault((note.kind, note.manoeuvre), []).append(note)
-        cases = {kind: sum(found[note] for note in notes) for kind, notes in alike.items()}
+        cases = {kind: sum(often[note] for note in notes) for kind, notes in alike.items()}
         gathered += [
-            GatheredNote(
-                one.score.ads, one.score.scenario, cases[kind], _notes_sentence(alike[kind])
-            )
-            for kind in sorted(alike, key=lambda kind: (-cases[kind], kind))
+            GatheredNote(one.score.ads, one.score.scenario, cases[kind], notes_sentence(notes))
+            for kind, notes in sorted(alike.items(), key=lambda it: (-cases[it[0]], it[0]))
         ]
     return gathered
 
@@ -803,14 +738,19 @@ def _range(numbers: Sequence[int]) -> str:
     return f"{low}" if low == high else f"{low} to {high}"
 
 
-def explain_s(score: ScenarioResult, settings: EvaluationSettings) -> str:
+def explain_s(found: Findings) -> str:
     """How S adds up."""
+    score, terms = found.score, found.settings.method.score
     if score.s is None:
         return "S is not computed: nothing could be evaluated."
-    terms = settings.method.score
     d_term = f"D gives {score.d_points:z.1f}" if score.d is not None else "D, not computed, gives 0"
-    scales = (
+    scaled = (
         "" if terms.k5 == terms.k6 == 1.0 else f" (scaled by k5 = {terms.k5:g}, k6 = {terms.k6:g})"
     )
     c_term = f"C gives {score.c_points:z.1f} of {terms.a:g} points"
-    return f"S = {score.s:z.1f}: {c_term}, {d_term} of {terms.b:g} points{scales}."
+    return f"S = {score.s:z.1f}: {c_term}, {d_term} of {terms.b:g} points{scaled}."
+
+
+EXPLAIN = (explain_t, explain_a, explain_h, explain_s_plus)
+EXPLAIN_PAPER = (explain_c, explain_d, explain_s)
+"""Sentences on one ADS in one scenario, the paper's scores apart."""

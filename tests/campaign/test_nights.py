@@ -139,8 +139,8 @@ def worse_beyond(comparison: Comparison) -> bool:
 
     near, shift = SETTINGS.near_miss.measure, SETTINGS.shift.measure
     ads = comparison.ads[0].ads
-    tallies = [tally(ads, comparison.ads, one, Repeats(0, 0), zone=True) for one in near]
-    tallies += [tally(ads, comparison.ads, one, Repeats(0, 0), zone=False) for one in shift]
+    tallies = [tally(ads, comparison.ads, one, 0.0, near=True) for one in near]
+    tallies += [tally(ads, comparison.ads, one, 0.0, near=False) for one in shift]
     ends = [
         worse
         for one in comparison.ads

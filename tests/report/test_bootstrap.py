@@ -54,7 +54,7 @@ def test_each_resample_is_what_the_method_makes_of_the_drawn_cases(evaluation: E
         replace(case, severity=2.0 * case.severity) if case.collided else case for case in cases
     ]
     found = paired_differences(
-        case_terms(cases, METHOD), case_terms(worse, METHOD), METHOD, METHOD, replicates=40, seed=5
+        (case_terms(cases, METHOD), METHOD), (case_terms(worse, METHOD), METHOD), 40, 5
     )
     (part,) = resamples(one_list(len(cases)), 40, 5, ("comparison",))
     times = np.rint(part.counts * (len(cases) - 1) / len(cases)).astype(int)
@@ -77,7 +77,7 @@ def test_what_both_runs_have_in_common_cancels(evaluation: Evaluation) -> None:
         replace(case, index=None if case.index is None else case.index - 0.1) for case in cases
     ]
     drawn = paired_differences(
-        case_terms(cases, METHOD), case_terms(lower, METHOD), METHOD, METHOD, replicates=300, seed=1
+        (case_terms(cases, METHOD), METHOD), (case_terms(lower, METHOD), METHOD), 300, 1
     )
     np.testing.assert_allclose(drawn["D"], -0.1, atol=1e-12)
     assert np.ptp(drawn["C"]) == 0.0
@@ -90,12 +90,7 @@ def test_a_change_in_one_case_of_many_is_not_certain(evaluation: Evaluation) -> 
     place = next(k for k, case in enumerate(cases) if case.index is not None)
     other = [*cases[:place], replace(cases[place], index=0.0), *cases[place + 1 :]]
     drawn = paired_differences(
-        case_terms(cases, METHOD),
-        case_terms(other, METHOD),
-        METHOD,
-        METHOD,
-        replicates=4000,
-        seed=1,
+        (case_terms(cases, METHOD), METHOD), (case_terms(other, METHOD), METHOD), 4000, 1
     )["D"]
     n = len(cases)
     assert np.mean(drawn == 0.0) == pytest.approx((1.0 - 1.0 / n) ** (n - 1), abs=0.03)
@@ -106,8 +101,7 @@ def test_the_same_seed_draws_the_same_resamples(evaluation: Evaluation) -> None:
     cases = case_terms(cut_out(evaluation), METHOD)
     other = replace(cases, index=cases.index * 0.9)
     first, again, third = (
-        paired_differences(cases, other, METHOD, METHOD, replicates=150, seed=seed)["D"]
-        for seed in (3, 3, 4)
+        paired_differences((cases, METHOD), (other, METHOD), 150, seed)["D"] for seed in (3, 3, 4)
     )
     assert np.array_equal(first, again)
     assert not np.array_equal(first, third)
@@ -127,6 +121,6 @@ def test_blocks_drawn_in_place_of_single_scenarios_have_the_variance_of_a_mean()
     )  # fmt: skip
     lost = np.random.default_rng(5).random(n) < 0.3
     worse = replace(terms, severity=np.where(lost, 10.0, 0.0))
-    drawn = paired_differences(terms, worse, METHOD, METHOD, replicates=400, seed=1)["A"]
+    drawn = paired_differences((terms, METHOD), (worse, METHOD), 400, 1)["A"]
     assert drawn.mean() == pytest.approx(-lost.mean(), abs=1e-3)
     assert drawn.std() == pytest.approx(lost.std() / np.sqrt(n), rel=0.1)

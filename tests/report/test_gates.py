@@ -292,4 +292,4 @@ def test_a_column_is_evaluated_case_by_case(evaluation: Evaluation) -> None:
     (blind,) = judged(
         base, new, LimitSettings("pet", ads=case.ads, scenario=case.scenario, at_least=1.0)
     )
-    assert (blind.passed, blind.sentence) == (None, "pet: no case has a value to judge")
+    assert (blind.passed, blind.sentence) == (None, "pet: no case has a value to compare")

@@ -21,8 +21,8 @@ from sumo_eval.report.words import (
     explain_c,
     explain_d,
     explain_s,
-    index_note_sentence,
     index_notes,
+    notes_sentence,
     number,
     percent,
 )
@@ -89,7 +89,7 @@ def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(
 
 def test_c_is_explained_by_counts_of_each_zone(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.HOSTILE, CUT_OUT)
-    text = " ".join(explain_c(Findings.of(evaluation, score)))
+    text = explain_c(Findings.of(evaluation, score))
     assert (
         f"{score.collisions - score.safe_collisions} of {score.hazardous_cases} hazardous cases"
         in text
@@ -102,7 +102,7 @@ def test_c_is_explained_by_counts_of_each_zone(evaluation: Evaluation) -> None:
 def test_no_collision_is_said_as_such(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.CALM, builders.SCENARIOS[0])
     rows = Findings.of(evaluation, score).cases
-    (sentence,) = explain_c(Findings.of(evaluation, score))
+    sentence = explain_c(Findings.of(evaluation, score))
     assert (
         sentence
         == f"calm did not collide in any of {sum(row.evaluated for row in rows)} evaluated cases, "
@@ -114,7 +114,7 @@ def test_d_names_the_factor_that_limits_it(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.CALM, CUT_OUT)
     means = Findings.of(evaluation, score).factor_means
     assert means["operations"] == pytest.approx(0.5)
-    text = " ".join(explain_d(Findings.of(evaluation, score)))
+    text = explain_d(Findings.of(evaluation, score))
     assert "limited most by the operations factor (mean 0.50; length 1.00" in text
     assert f"mean over {score.safe_cases} safe cases" in text
 
@@ -128,20 +128,21 @@ def test_a_perfect_d_is_limited_by_nothing(evaluation: Evaluation) -> None:
         for row in Findings.of(evaluation, score).cases
         if row.index is not None
     ]
-    assert explain_d(Findings(replace(score, d=1.0), CaseTable.of(rows), evaluation.settings)) == [
-        f"D = 1.000: mean over {len(rows)} safe cases, no factor limits it."
-    ]
+    perfect = Findings(replace(score, d=1.0), CaseTable.of(rows), evaluation.settings)
+    assert (
+        explain_d(perfect) == f"D = 1.000: mean over {len(rows)} safe cases, no factor limits it."
+    )
 
 
 def test_no_d_is_a_value_with_a_reason(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.HOSTILE, CUT_OUT)
-    (sentence,) = explain_d(Findings.of(evaluation, score))
+    sentence = explain_d(Findings.of(evaluation, score))
     assert (
         sentence
         == f"D is not computed: {count(score.safe_collisions, 'collision')} in the safe zone. "
         "Its term counts 0 points."
     )
-    assert "D, not computed, gives 0" in explain_s(score, evaluation.settings)
+    assert "D, not computed, gives 0" in explain_s(Findings.of(evaluation, score))
 
 
 def test_the_same_note_with_other_numbers_is_gathered(evaluation: Evaluation) -> None:
@@ -163,7 +164,7 @@ def test_the_same_note_with_other_numbers_is_gathered(evaluation: Evaluation) ->
 
 @pytest.mark.parametrize("kind", get_args(NoteKind))
 def test_every_kind_of_note_has_a_sentence_with_its_numbers(kind: NoteKind) -> None:
-    sentence = index_note_sentence(IndexNote(kind, 3, 7, (0, 1)))
+    sentence = notes_sentence([IndexNote(kind, 3, 7, (0, 1))])
     assert sentence.endswith(".")
     assert "{" not in sentence
     if "3" in sentence:
