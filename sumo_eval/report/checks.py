@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from heapq import nsmallest
 from typing import Any
 
+from sumo_eval.report.verdict import Beside
 from sumo_eval.report.words import count, point
 from sumo_eval.results import Evaluation, ScenarioResult
 
@@ -78,7 +79,7 @@ def check_lines(evaluation: Evaluation) -> Iterator[str]:
         yield f"  and {number - MOST_LINES} more, all in checks.csv."
 
 
-def checks_content(evaluation: Evaluation) -> Mapping[str, Any] | None:
+def checks_content(evaluation: Evaluation, _: Beside) -> Mapping[str, Any] | None:
     """For each scenario with requirements: their texts, how often each ADS misses them, and each
     row's verdict.
     """

@@ -11,6 +11,7 @@ from typing import Any
 
 from sumo_eval.errors import InputError
 from sumo_eval.report.page import CONFIDENCE
+from sumo_eval.report.verdict import Beside
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.confidence.assessment import Assessment, Confidence
@@ -42,8 +43,11 @@ def confidence_json(confidence: Confidence) -> dict[str, Any]:
     }
 
 
-def confidence_content(evaluation: Evaluation, confidence: Confidence) -> dict[str, Any]:
-    """Content of templates/sections/confidence.html.j2."""
+def confidence_content(evaluation: Evaluation, beside: Beside) -> dict[str, Any] | None:
+    """Content of templates/sections/confidence.html.j2; None where it was not assessed."""
+    confidence = beside.confidence
+    if confidence is None:
+        return None
     return {
         "rows": confidence.assessments,
         "digits": SCORES,

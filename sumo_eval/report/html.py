@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from itertools import chain, islice
 from pathlib import Path
@@ -20,7 +20,6 @@ from sumo_eval.report.citation import citation
 from sumo_eval.report.packing import packed_json
 from sumo_eval.report.page import REPORT, template, write_page
 from sumo_eval.report.page_data import View, choose_view, page_data, told_cases
-from sumo_eval.report.readings import readings, setting_rows
 from sumo_eval.report.sections import SECTIONS, Beside, change_content
 from sumo_eval.report.sent_drives import sent_drives
 from sumo_eval.report.shown_cases import Shown, density_maps, shown_cases
@@ -36,7 +35,6 @@ from sumo_eval.report.words import (
     index_notes,
     nobody_drove,
     nobody_recorded,
-    number,
     people_sentence,
     percent,
     reason_without,
@@ -45,11 +43,11 @@ from sumo_eval.report.words import (
     severity_unit,
     why_missing,
 )
-from sumo_eval.results import Evaluation, ZoneResult
+from sumo_eval.results import Evaluation
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.findings import Findings, unevaluated
-from sumo_eval.scoring.preventability import preventability, reference_ads, verdicts
+from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.settings import SamplingSettings
 
 NOTHING_BESIDE = Beside()
@@ -81,26 +79,25 @@ def _context(
 
     A thread reads and deflates the recorded drives meanwhile.
     """
-    missing = unevaluated(evaluation)
     in_page = shown_cases(evaluation, [one.case for gate in beside.gates for one in gate.worst])
     told = told_cases(evaluation, in_page)
     cases_of_page = {name: [case for case, _ in cases] for name, cases in told.items()}
     with ThreadPoolExecutor(1) as thread:
         sent = thread.submit(sent_drives, evaluation.folder / FACTS, cases_of_page)
-        found = [(section, section.content(evaluation, beside)) for section in SECTIONS]
-        shared = _shared(evaluation, partitions, beside, in_page, missing)
+        contents = {section.name: section.content(evaluation, beside) for section in SECTIONS}
+        shared = _shared(evaluation, partitions, beside, in_page)
         data = page_data(evaluation, partitions, told, sent.result)
-    shown = [(section, content) for section, content in found if content is not None]
+    points = sum(zone.sampled for zone in evaluation.zones)
     return {
         **shared,
         "embedded": {
             "points": data["embedded"],
             "drivers": data["embeddedDrivers"],
-            "of": sum(zone.sampled for zone in evaluation.zones),
+            "of": points,
         },
         "data": packed_json(data),
-        "sections": [section for section, _ in shown],
-        "content": {section.name: content for section, content in shown},
+        "sections": [section for section in SECTIONS if contents[section.name] is not None],
+        "content": contents,
     }
 
 
@@ -109,38 +106,30 @@ def _shared(
     partitions: Mapping[str, ZonePartition],
     beside: Beside,
     in_page: Mapping[str, Shown],
-    missing: Sequence[CaseTable],
 ) -> dict[str, Any]:
     """Values that the sections of the page share."""
-    settings = evaluation.settings
+    settings, known = evaluation.settings, evaluation.exposure_known()
+    synthetic = settings.drivers.source == "synthetic" or nobody_recorded(evaluation)
+    missing = unevaluated(evaluation)
+    number_missing = sum(map(len, missing))
+    avoidable = sum(score.avoidable_collisions for score in evaluation.scores)
+    failed = sum(gate.passed is False for gate in beside.gates)
     return {
         "case_page": "",
         "name": evaluation.name,
-        "ads_count": len({score.ads for score in evaluation.scores}),
-        "cases": len(evaluation.cases),
+        "evaluation": evaluation,
         "collisions": sum(score.collisions for score in evaluation.scores),
-        "avoidable": sum(score.avoidable_collisions for score in evaluation.scores),
+        "avoidable": avoidable,
         "departures": sum(score.departures for score in evaluation.scores),
         "term": term,
         "digits": SCORES,
         "glossary": GLOSSARY,
         "unit": severity_unit(settings),
         "groups": [
-            _group(
-                index,
-                zone,
-                entry.sampling,
-                evaluation,
-                partitions[zone.scenario],
-                in_page[zone.scenario],
-            )
-            for index, (zone, entry) in enumerate(
-                zip(evaluation.zones, settings.scenario, strict=True)
-            )
+            _group(index, evaluation, partitions[zone.scenario], in_page[zone.scenario])
+            for index, zone in enumerate(evaluation.zones)
         ],
         "looks": LOOKS,
-        "prevented": preventability(evaluation),
-        "reference": reference_ads(settings),
         "reference_sentence": reference_sentence(settings),
         "factors": FACTORS,
         "likeness_factors": LIKENESS_FACTORS,
@@ -148,109 +137,77 @@ def _shared(
         "missing": [
             (case, why_missing(case)) for case in islice(chain.from_iterable(missing), MOST_LISTED)
         ],
-        "all_missing": sum(map(len, missing)),
+        "all_missing": number_missing,
         "index_notes": index_notes(evaluation),
-        "synthetic": (settings.drivers.source == "synthetic" or nobody_recorded(evaluation))
-        and not nobody_drove(evaluation),
-        "exposure_known": evaluation.exposure_known(),
-        "collision_words": collision_words(evaluation.exposure_known()),
+        "synthetic": synthetic and not nobody_drove(evaluation),
+        "exposure_known": known,
+        "collision_words": collision_words(known),
         "drivers_sentence": people_sentence(evaluation),
-        "score_settings": settings.method.score,
-        "field": settings.method.anthropomorphic.field,
         "settings": settings,
-        "readings": readings(settings),
-        "setting_groups": setting_rows(settings),
-        "origin": _origin(evaluation),
+        # a few words on a folded section that a reader should not miss
+        "badges": {
+            "missing": count(number_missing, "case") if number_missing else "",
+            "collisions": f"{avoidable} avoidable" if avoidable else "",
+            "change": f"{count(failed, 'gate')} failed" if failed else "",
+        },
         "citation": citation(evaluation),
-        "folder": evaluation.folder,
-        "badges": _badges(evaluation, beside, sum(map(len, missing))),
     }
 
 
 def write_comparison(evaluation: Evaluation, beside: Beside, path: Path) -> Path:
     """Write a page of the comparison alone; its cases lead into the report of the newer run."""
-    content = change_content(evaluation, beside)
-    report = evaluation.folder / REPORT
-    base = Path(beside.comparison.base_folder).name if beside.comparison else ""
-    title = f"{base} and {evaluation.folder.name}: {evaluation.name}" if base else evaluation.name
+    folder, title, change_title = evaluation.folder, evaluation.name, ""
+    if beside.comparison:
+        base = Path(beside.comparison.base_folder).name
+        title = f"{base} and {folder.name}: {evaluation.name}"
+        change_title = f"Change from {base} to {folder.name}"
+    report, way = folder / REPORT, ""
+    if report.is_file():
+        try:  # relative, so that both can be moved together, where one disk holds both
+            way = quote(Path(os.path.relpath(report, path.parent)).as_posix())
+        except ValueError:
+            way = report.resolve().as_uri()
     page = template("compare.html.j2").render(
-        name=title, content={"change": content},
-        case_page=_way(path, report) if report.is_file() else "",
-        change_title=f"Change from {base} to {evaluation.folder.name}" if base else "",
+        name=title, content={"change": change_content(evaluation, beside)}, case_page=way,
+        change_title=change_title,
     )  # fmt: skip
     return write_page(path, page, "The page")
 
 
-def _way(page: Path, file: Path) -> str:
-    """The address of a file in a page: relative, so that both can be moved together, where one disk
-    holds both.
-    """
-    try:
-        return quote(Path(os.path.relpath(file, page.parent)).as_posix())
-    except ValueError:
-        return file.resolve().as_uri()
-
-
-def _badges(evaluation: Evaluation, beside: Beside, missing: int) -> dict[str, str]:
-    """A few words on a folded section that a reader should not miss, by the section's name."""
-    avoidable = sum(score.avoidable_collisions for score in evaluation.scores)
-    failed = sum(gate.passed is False for gate in beside.gates)
-    told = {
-        "missing": count(missing, "case") if missing else "",
-        "collisions": f"{avoidable} avoidable" if avoidable else "",
-        "change": f"{count(failed, 'gate')} failed" if failed else "",
-    }
-    return {name: words for name, words in told.items() if words}
-
-
 def _group(
-    index: int,
-    zone: ZoneResult,
-    sampling: SamplingSettings,
-    evaluation: Evaluation,
-    zones: ZonePartition,
-    shown: Shown,
+    index: int, evaluation: Evaluation, zones: ZonePartition, shown: Shown
 ) -> dict[str, Any]:
-    """Everything the page says of one logical scenario."""
+    """Everything the page says of one logical scenario, the `index`-th."""
     logical = zones.logical
     cases = evaluation.cases_in(logical.name)
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     scores = [score for score in evaluation.scores if score.scenario == logical.name]
-    found = {
-        verdict for score in scores for verdict in np.unique(verdicts(evaluation, score)).tolist()
-    }
+    judged = {str(one) for score in scores for one in np.unique(verdicts(evaluation, score))}
     # Chunk by chunk: words of a million cases would be 50 MB.
     outcomes = {one for chunk in cases.chunks for one in CaseTable([chunk]).outcome.tolist()}
-    behind = {item.name: item.behind for item in logical.parameters}
+    known = evaluation.exposure_known(logical.name)
     return {
         "index": index,
         "name": logical.name,
-        "about": logical.about,
-        "exposure": logical.exposure_about,
-        "probability": collision_words(evaluation.exposure_known(logical.name)),
-        "mean": "exposure-weighted mean"
-        if evaluation.exposure_known(logical.name)
-        else "mean over the points",
+        "logical": logical,
+        "probability": collision_words(known),
+        "mean": "exposure-weighted mean" if known else "mean over the points",
         "rows": [_row(Findings.of(evaluation, score)) for score in scores],
-        "zone": zone,
+        "zone": evaluation.zones[index],
         "map_words": view.words,
-        "looks": [verdict for verdict in LOOKS if verdict in found],
+        "looks": [verdict for verdict in LOOKS if verdict in judged],
         "map_note": "" if view.projected or view.fixed else view.note,
-        "constraints": [constraint.about for constraint in logical.constraints],
         "outcomes": [outcome for outcome in OUTCOMES if outcome in outcomes],
-        "has_collisions": "collision" in outcomes,
         "has_index": bool(np.isfinite(cases.index).any()),
         **_left_out(logical, evaluation, shown, view),
         "share_of_space": percent(sum(zones.zone_shares)),
         "dangerous": [
-            ", ".join(f"{name} = {value:g}{behind[name]}" for name, value in values.items())
-            for values in zone.most_dangerous
+            ", ".join(
+                f"{item.name} = {values[item.name]:g}{item.behind}" for item in logical.parameters
+            )
+            for values in zones.most_dangerous
         ],
-        "parameters": [
-            f"{item.name}: {item.low:g} to {item.high:g}{item.behind}, {item.about}"
-            for item in logical.parameters
-        ],
-        "sampling": _sampling(sampling, logical),
+        "sampling": _sampling(evaluation.settings.scenario[index].sampling, logical),
     }
 
 
@@ -259,16 +216,24 @@ def _left_out(
 ) -> dict[str, Any]:
     """Words and drawings for a scenario of which the page does not hold all cases."""
     if shown.places is None:
-        return {"left_out": 0, "densities": []}
-    everybody = [one.ads for one in evaluation.scores if one.scenario == logical.name]
-    there = sum(shown.number(evaluation.cases_of(ads, logical.name)) for ads in everybody)
-    densities = [] if view.y is None else [
-        (ads,
-            density_maps(logical, evaluation.cases_of(ads, logical.name), view.x,
-                view.y)) for ads in everybody
-    ]  # fmt: skip
+        return {"left_out": 0}
+    tables = {
+        one.ads: evaluation.cases_of(one.ads, one.scenario)
+        for one in evaluation.scores
+        if one.scenario == logical.name
+    }
+    there = sum(shown.number(cases) for cases in tables.values())
     find = " ".join(f"{item.name}={(item.low + item.high) / 2.0:g}" for item in logical.parameters)
-    return {"find": find, "left_out": shown.of - there, "there": there, "densities": densities}
+    return {
+        "find": find,
+        "left_out": shown.of - there,
+        "there": there,
+        "densities": [
+            (ads, density_maps(logical, cases, view.x, view.y))
+            for ads, cases in tables.items()
+            if view.y is not None
+        ],
+    }
 
 
 def _sampling(sampling: SamplingSettings, logical: LogicalScenario) -> str:
@@ -276,72 +241,50 @@ def _sampling(sampling: SamplingSettings, logical: LogicalScenario) -> str:
     `sumo_eval.scenario.sampling.samples.sample`.
     """
     behind = {item.name: item.behind for item in logical.parameters}
-    given = sampling.levels is not None or bool(sampling.steps)
-    method = sampling.method or ("grid" if given else logical.default_sample)
-    if method in {item.name for item in logical.samples}:
-        return f"{method}, {next(item.about for item in logical.samples if item.name == method)}"
+    grid = sampling.levels is not None or sampling.steps
+    method = sampling.method or ("grid" if grid else logical.default_sample)
+    own = [item.about for item in logical.samples if item.name == method]
+    if own:
+        return f"{method}, {own[0]}"
     if sampling.count is not None:
         return f"{method}, {sampling.count} points asked for"
     if sampling.file is not None:
         return f"{method}, {sampling.file}"
     if isinstance(sampling.levels, int):
-        how = f"{sampling.levels} points on each axis"
-    else:
-        parts = [f"{name}: {levels} points" for name, levels in (sampling.levels or {}).items()]
-        parts += [
-            f"{name}: steps of {step:g}{behind.get(name, '')}"
-            for name, step in (sampling.steps or {}).items()
-        ]
-        how = ", ".join(
-            [*parts, "the space's own steps" if not parts else "elsewhere the space's own steps"]
-        )
-    return f"{method}, {how}"
+        return f"{method}, {sampling.levels} points on each axis"
+    parts = [f"{name}: {levels} points" for name, levels in (sampling.levels or {}).items()]
+    parts += [
+        f"{name}: steps of {step:g}{behind.get(name, '')}"
+        for name, step in (sampling.steps or {}).items()
+    ]
+    own_steps = f"{'elsewhere ' if parts else ''}the space's own steps"
+    return ", ".join([method, *parts, own_steps])
 
 
 def _row(found: Findings) -> dict[str, Any]:
     """One ADS in one logical scenario, in the words and digits of the page."""
-    score, cases = found.score, found.cases
-    likened, indexed = found.likened, found.indexed
-    means, likeness = found.factor_means, found.likeness_means
+    score, cases, likened = found.score, found.cases, found.likened
     hits, losses = found.collisions, found.share_lost
+    task = min(score.a_points, 100.0)
+    means, likeness = found.factor_means, found.likeness_means
+    shares = zip(hits.places[:MOST_LISTED], hits.avoided, hits.lost, strict=False)
     return {
         "notes": [score_note(note) for note in score.notes],
         "score": score,
         "no_d": reason_without("D", score),
         "no_h": reason_without("H", score),
-        "a_width": f"{min(score.a_points, 100.0):z.2f}",
-        "h_width": f"{min(score.h_points, 100.0 - min(score.a_points, 100.0)):z.2f}",
+        "a_width": f"{task:z.2f}",
+        "h_width": f"{min(score.h_points, 100.0 - task):z.2f}",
         "explained": [explain(found) for explain in EXPLAIN],
         "explained_paper": [explain(found) for explain in EXPLAIN_PAPER],
-        "factor_means": [number(means.get(name), 3) for name in FACTORS],
-        "likeness_means": [number(likeness.get(name), 3) for name in LIKENESS_FACTORS],
+        "factor_means": [means.get(name) for name in FACTORS],
+        "likeness_means": [likeness.get(name) for name in LIKENESS_FACTORS],
         "likened": int(np.count_nonzero(likened)),
         "likened_hits": int(np.count_nonzero(likened & cases.incident)),
-        "has_index": bool(indexed.any()),
-        "indexed": int(np.count_nonzero(indexed)),
+        "indexed": int(np.count_nonzero(found.indexed)),
         "collisions": [
             (cases[place], float(avoided), float(lost), float(losses[place]))
-            for place, avoided, lost in zip(
-                hits.places[:MOST_LISTED], hits.avoided, hits.lost, strict=False
-            )
+            for place, avoided, lost in shares
         ],
         "more_collisions": max(len(hits.places) - MOST_LISTED, 0),
     }
-
-
-def _origin(evaluation: Evaluation) -> list[tuple[str, str]]:
-    """Where the numbers come from: versions, machine, time, seed."""
-    manifest = evaluation.manifest
-    rows = [("seed", str(evaluation.settings.seed))]
-    rows += [
-        (label, str(manifest[key]))
-        for label, key in (
-            ("recorded", "created"),
-            ("format version", "format_version"),
-            ("paths start in", "source_folder"),
-        )
-        if key in manifest
-    ]
-    rows += [(name, str(value)) for name, value in manifest.get("versions", {}).items()]
-    rows += [(name, str(value)) for name, value in manifest.get("machine", {}).items()]
-    return rows

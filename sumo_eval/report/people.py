@@ -12,6 +12,7 @@ import numpy as np
 from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError, said
 from sumo_eval.input_file import read_input_text
+from sumo_eval.report.verdict import Beside
 from sumo_eval.report.words import TWO_GROUPS, count, number, percent
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.findings import findings, mean_of
@@ -39,7 +40,7 @@ class PeopleRow:
     warnings: tuple[str, ...]
 
 
-def people_context(evaluation: Evaluation) -> dict[str, Any]:
+def people_context(evaluation: Evaluation, _: Beside) -> dict[str, Any]:
     """Content of templates/sections/people.html.j2."""
     return {
         "mode": evaluation.settings.method.anthropomorphic.mode,

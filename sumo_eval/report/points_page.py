@@ -24,33 +24,25 @@ def write_points(
 ) -> tuple[Path, Path]:
     """Write `points.csv` and `points.html` into a folder and return their paths."""
     table, page = folder / "points.csv", folder / "points.html"
-    rows = zip(points.points.tolist(), points.exposure.tolist(), strict=True)
-    write_csv(table, [*logical.names, "exposure"], ([*row, exposure] for row, exposure in rows))
+    rows = np.column_stack([points.points, points.exposure]).tolist()
+    write_csv(table, [*logical.names, "exposure"], rows)
+    chosen, refused = (count(len(some), "point") for some in (points.points, points.refused))
     write_study(
         page,
         kicker=f"Points of the logical scenario {logical.name}",
         title=title,
-        sentences=_sentences(points),
+        sentences=[
+            f"{chosen} chosen; {refused} refused, because a constraint of the scenario rules them "
+            "out. A larger mark occurs more often."
+        ],
         figures={title: picture(logical, points)},
         rows=[
             [*(item.title for item in logical.parameters), "exposure"],
-            *(
-                [f"{value:g}" for value in (*row, p)]
-                for row, p in zip(points.points.tolist(), points.exposure.tolist(), strict=True)
-            ),
+            *([f"{value:g}" for value in row] for row in rows),
         ],
         least_width=330 * max(1, len(logical.parameters) - 1),
     )
     return table, page
-
-
-def _sentences(points: Sample) -> list[str]:
-    """The text above the chart."""
-    chosen = (
-        f"{count(len(points.points), 'point')} chosen; {count(len(points.refused), 'point')} "
-        "refused, because a"
-    )
-    return [f"{chosen} constraint of the scenario rules them out. A larger mark occurs more often."]
 
 
 def picture(logical: LogicalScenario, points: Sample) -> go.Figure:
@@ -58,35 +50,28 @@ def picture(logical: LogicalScenario, points: Sample) -> go.Figure:
     constraints refuse.
     """
     k = len(logical.parameters)
-    pairs = [(x, y) for y in range(1, k) for x in range(y)] or [(0, 0)]
     side = max(1, k - 1)
     figure = make_subplots(rows=side, cols=side, horizontal_spacing=0.08, vertical_spacing=0.1)
-    largest = float(points.exposure.max()) if len(points.exposure) else 1.0
-    size = 4.0 + 6.0 * np.sqrt(
-        points.exposure / largest if largest > 0.0 else np.ones(len(points.points))
-    )
-    for place, (x, y) in enumerate(pairs):
-        row, column = (1, 1) if k == 1 else (y, x + 1)
+    size = 4.0 + 6.0 * np.sqrt(points.exposure / (points.exposure.max(initial=0.0) or 1.0))
+    pairs = [(i, j) for j in range(1, k) for i in range(j)] or [(0, 0)]
+    for x, y in pairs:
+        place = {"row": max(y, 1), "col": x + 1}
         for name, rows, colour, symbol, sizes in (
-            (f"refused: {len(points.refused)}", points.refused, REFUSED, "x-thin-open", 5),
-            (f"chosen: {len(points.points)}", points.points, CHOSEN, "circle", size),
+            ("refused", points.refused, REFUSED, "x-thin-open", 5),
+            ("chosen", points.points, CHOSEN, "circle", size),
         ):
-            figure.add_trace(
-                go.Scatter(
-                    x=rows[:, x],
-                    y=rows[:, y] if k > 1 else np.zeros(len(rows)),
-                    mode="markers",
-                    name=name,
-                    legendgroup=name,
-                    showlegend=place == 0,
-                    marker={"color": colour, "symbol": symbol, "size": sizes, "opacity": 0.75},
-                ),
-                row=row,
-                col=column,
+            figure.add_scatter(
+                x=rows[:, x],
+                y=rows[:, y] if k > 1 else np.zeros(len(rows)),
+                mode="markers",
+                name=f"{name}: {len(rows)}",
+                legendgroup=name,
+                showlegend=y < 2 and x == 0,
+                marker={"color": colour, "symbol": symbol, "size": sizes, "opacity": 0.75},
+                **place,
             )
-        for axis, item, update in ((x, "x", figure.update_xaxes), (y, "y", figure.update_yaxes)):
-            parameter = logical.parameters[axis]
-            if k > 1 or item == "x":
-                update(title_text=parameter.title, row=row, col=column)
+        figure.update_xaxes(title_text=logical.parameters[x].title, **place)
+        if k > 1:
+            figure.update_yaxes(title_text=logical.parameters[y].title, **place)
     figure.update_layout(height=300 * side + 120)
     return figure

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
+from sumo_eval.report.verdict import Beside
+from sumo_eval.results import Evaluation
 from sumo_eval.settings import About, EvaluationSettings, about
 
 
@@ -24,6 +26,20 @@ class SettingRow:
     default: str
     changed: bool
     about: About
+
+
+def settings_content(evaluation: Evaluation, _: Beside) -> dict[str, Any]:
+    """Content of templates/sections/settings.html.j2.
+
+    origin: where the numbers come from: versions, machine, time, seed.
+    """
+    settings, manifest = evaluation.settings, evaluation.manifest
+    origin = {"seed": settings.seed}
+    names = {"recorded": "created", "format version": "format_version",
+             "paths start in": "source_folder"}  # fmt: skip
+    origin |= {label: manifest[key] for label, key in names.items() if key in manifest}
+    origin |= manifest.get("versions", {}) | manifest.get("machine", {})
+    return {"readings": readings(settings), "groups": setting_rows(settings), "origin": origin}
 
 
 def setting_rows(settings: EvaluationSettings) -> dict[str, list[SettingRow]]:

@@ -10,7 +10,7 @@ section only where it exists.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,6 @@ from sumo_eval.report.comparison import (
     BETTER,
     WORSE,
     AdsComparison,
-    ChangedCase,
     Comparison,
     QuantityChange,
 )
@@ -32,36 +31,26 @@ from sumo_eval.report.ledger import Ledger, ledger, ledger_plus, sentences
 from sumo_eval.report.opinion_section import opinion_content
 from sumo_eval.report.people import people_context
 from sumo_eval.report.qualification import qualification_content
+from sumo_eval.report.readings import settings_content
 from sumo_eval.report.summary import summary_content
 from sumo_eval.report.terminal import moved_words, quantity_words, ways_to
+from sumo_eval.report.verdict import Beside as Beside
 from sumo_eval.report.verdict import verdict
 from sumo_eval.report.words import number, parts_of_total
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.confidence.assessment import Confidence
 from sumo_eval.scoring.findings import findings
+from sumo_eval.scoring.preventability import preventability, reference_ads
 
 MOST_LEDGER_CASES = 5  # of one line of the ledger
 MOST_CHANGED = 200  # cases in the table of changes
 
 
-@dataclass(frozen=True, slots=True)
-class Beside:
-    """Content of a report in addition to the evaluation; without its part, a section is left out.
-
-    comparison, gates: the change since an earlier run.
-    since: when failed limits began to fail, in words, by their names.
-    notes: whole sentences about it.
-    confidence: how far the scores can be trusted.
-    """
-
-    comparison: Comparison | None = None
-    gates: tuple[GateResult, ...] = ()
-    since: Mapping[tuple[str, str, str], str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    confidence: Confidence | None = None
-
-
 Content = Callable[[Evaluation, Beside], Mapping[str, Any] | None]
+
+
+def always(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
+    """Content of a section that is there in every report and needs nothing of its own."""
+    return {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,19 +64,9 @@ class Section:
 
     name: str
     title: str
-    content: Content
     about: str = ""
+    content: Content = always
     folded: bool = True
-
-
-def always(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
-    """A section that is there in every report and needs nothing of its own."""
-    return {}
-
-
-def summary_section(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
-    """The first screen."""
-    return summary_content(evaluation, beside.comparison, beside.gates, beside.since)
 
 
 def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
@@ -97,13 +76,12 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
     comparison = beside.comparison
     if comparison is None and not beside.gates and not beside.notes:
         return None
-    ads, confidence = (comparison.ads, comparison.confidence) if comparison else ((), 0.0)
-    found = [one.changed for one in ads]
+    ads = comparison.ads if comparison else ()
     changed = [
-        *islice((case for one in found for case in one.worse), MOST_CHANGED),
-        *islice((case for one in found for case in one.better), MOST_CHANGED),
+        *islice((case for one in ads for case in one.changed.worse), MOST_CHANGED),
+        *islice((case for one in ads for case in one.changed.better), MOST_CHANGED),
     ]
-    of = sum(map(len, found))
+    order = {False: 0, True: 1, None: 2}
     return {
         "verdict": verdict(comparison, beside.gates, evaluation).sentence,
         "failed": any(gate.passed is False for gate in beside.gates),
@@ -111,13 +89,19 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
         "notes": (*beside.notes, *(comparison.notes if comparison else ())),
         "gates": [
             (gate, beside.since.get(gate.name, ""), _alone(gate, comparison))
-            for gate in sorted(
-                beside.gates, key=lambda gate: (gate.passed is not False, gate.passed is None)
-            )
+            for gate in sorted(beside.gates, key=lambda gate: order[gate.passed])
         ],
-        "counts": [_counts(one, confidence) for one in ads],
-        "cases": [_changed(item) for item in changed[:MOST_CHANGED]],
-        "more": max(0, of - MOST_CHANGED),
+        "counts": [_counts(one, comparison.confidence if comparison else 0.0) for one in ads],
+        "cases": [
+            {
+                "it": item,
+                "by": ", ".join(moved_words(item)),
+                "base": _outcome(item.base),
+                "new": _outcome(item.new),
+            }
+            for item in changed[:MOST_CHANGED]
+        ],
+        "more": max(0, sum(len(one.changed) for one in ads) - MOST_CHANGED),
     }
 
 
@@ -148,15 +132,6 @@ def _standing(name: str, value: QuantityChange) -> str:
     return "good" if (value.difference > 0.0) == (name in HIGHER_IS_BETTER) else "bad"
 
 
-def _changed(item: ChangedCase) -> dict[str, Any]:
-    return {
-        "it": item,
-        "by": ", ".join(moved_words(item)),
-        "base": _outcome(item.base),
-        "new": _outcome(item.new),
-    }
-
-
 def _outcome(case: CaseResult) -> str:
     if case.severity is not None:
         return f"U {number(case.severity, 1)} m/s"
@@ -169,7 +144,7 @@ def _outcome(case: CaseResult) -> str:
 
 
 def ledger_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
-    """The ledgers of every S+ and S."""
+    """The ledgers of every S+ and S, each with its sentences and the cases that cost most."""
     return {
         "ledgers": [
             (_ledger(ledger_plus(one)), _ledger(ledger(one))) for one in findings(evaluation)
@@ -178,101 +153,82 @@ def ledger_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
 
 
 def _ledger(found: Ledger) -> dict[str, Any]:
-    return {
-        "name": found.name,
-        "ads": found.ads,
-        "scenario": found.scenario,
-        "total": found.total,
-        "sentences": sentences(found),
-        "lines": [
-            {
-                "term": line.term,
-                "equation": line.equation,
-                "words": line.words,
-                "index": line.index,
-                "points": line.points,
-                "number": line.cases if line.entries else "",
-                "cases": list(line.worst(MOST_LEDGER_CASES)),
-            }
-            for line in found.lines
-        ],
-    }
+    lines = [(line, list(line.worst(MOST_LEDGER_CASES))) for line in found.lines]
+    return {"of": found, "sentences": sentences(found), "lines": lines}
 
 
-def confidence_section(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
-    """Intervals, risk, coverage and the most telling further cases, where they were assessed."""
-    return None if beside.confidence is None else confidence_content(evaluation, beside.confidence)
+def preventability_content(evaluation: Evaluation, _: Beside) -> Mapping[str, Any]:
+    """Cases of every ADS beside those of the reference."""
+    reference = reference_ads(evaluation.settings)
+    return {"rows": preventability(evaluation), "reference": reference}
 
 
 def ranking_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
     """The ADSs in order of S+ over all scenarios; nothing where they were not ranked."""
-    found = evaluation.ranking
-    if found is None:
+    ranking = evaluation.ranking
+    if ranking is None:
         return None
-    weights = {name: f"{weight:g}" for name, weight in found.weights.items()}
+    weights = {name: f"{weight:g}" for name, weight in ranking.weights.items()}
     return {
         "weights": weights if len(set(weights.values())) > 1 else {},
-        "level": f"{100.0 * found.level:g} %",
-        "parts": parts_of_total(found),
-        "found": found,
+        "level": f"{100.0 * ranking.level:g} %",
+        "parts": parts_of_total(ranking),
+        "found": ranking,
     }
 
 
 SECTIONS = (
-    Section("summary", "In short", summary_section, folded=False),
-    Section("change", "Change", change_content, folded=False),
-    Section("verdict", "Scores", always, "every score with its interval, and why it is what it is"),
+    Section("summary", "In short", content=summary_content, folded=False),
+    Section("change", "Change", content=change_content, folded=False),
+    Section("verdict", "Scores", "every score with its interval, and why it is what it is"),
     Section(
         "ranking",
         "Ranking",
-        ranking_content,
         "the order of the ADSs, and which differences may be chance",
+        ranking_content,
     ),
-    Section("ledger", "Ledger", ledger_content, "where the points of each score went"),
+    Section("ledger", "Ledger", "where the points of each score went", ledger_content),
     Section(
         "maps",
         "Maps and cases",
-        always,
         "every case in its place; choose axes and slices, filter, groups of failures",
     ),
-    Section("case", "One case", always, "replay, paths, speed, fields and measures of a case"),
-    Section("likeness", "Human-likeness", always, "H, D and their factors, case by case"),
-    Section(
-        "people",
-        "The drivers",
-        lambda evaluation, _: people_context(evaluation),
-        "how human the humans are",
-    ),
+    Section("case", "One case", "replay, paths, speed, fields and measures of a case"),
+    Section("likeness", "Human-likeness", "H, D and their factors, case by case"),
+    Section("people", "The drivers", "how human the humans are", people_context),
     Section(
         "opinion",
         "Opinion",
-        lambda evaluation, _: opinion_content(evaluation.folder),
         "what people gave the ADSs",
+        lambda run, _: opinion_content(run.folder),
     ),
+    Section("checks", "Checks", "what must hold in every drive, row by row", checks_content),
+    Section("collisions", "Collisions", "every collision and what it cost"),
     Section(
-        "checks",
-        "Checks",
-        lambda evaluation, _: checks_content(evaluation),
-        "what must hold in every drive, row by row",
+        "preventability",
+        "Preventability",
+        "which collisions the reference avoids",
+        preventability_content,
     ),
-    Section("collisions", "Collisions", always, "every collision and what it cost"),
-    Section("preventability", "Preventability", always, "which collisions the reference avoids"),
-    Section("missing", "Not evaluated", always, "cases that left the means, and why"),
+    Section("missing", "Not evaluated", "cases that left the means, and why"),
     Section(
         "confidence",
         "Confidence",
-        confidence_section,
         "where the intervals come from, what the cases cover",
+        confidence_content,
     ),
     Section(
         "qualification",
         "Qualification",
-        lambda evaluation, _: qualification_content(evaluation),
         "whether the tool found known answers again on this machine",
+        qualification_content,
     ),
-    Section("zones", "Zones", always, "safe and hazardous parts of each space"),
-    Section("glossary", "Glossary", always, "every term in plain words"),
+    Section("zones", "Zones", "safe and hazardous parts of each space"),
+    Section("glossary", "Glossary", "every term in plain words"),
     Section(
-        "settings", "Settings", always, "readings of the method, every setting, how to reproduce"
+        "settings",
+        "Settings",
+        "readings of the method, every setting, how to reproduce",
+        settings_content,
     ),
 )

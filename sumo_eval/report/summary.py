@@ -4,23 +4,17 @@ their order.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from sumo_eval.cases import CaseResult
-from sumo_eval.report.comparison import Comparison, builds_besides
-from sumo_eval.report.gates import GateResult
+from sumo_eval.report.comparison import builds_besides
 from sumo_eval.report.headline import headline, ranked
 from sumo_eval.report.page import case_key
-from sumo_eval.report.verdict import verdict
-from sumo_eval.report.words import (
-    cause_words,
-    count,
-    number,
-    span,
-)
+from sumo_eval.report.verdict import Beside, verdict
+from sumo_eval.report.words import cause_words, count, number, span
 from sumo_eval.results import Evaluation, RankedAds
 from sumo_eval.scoring.findings import findings, unevaluated
 
@@ -28,129 +22,101 @@ MOST_CHANGES = 4  # failed limits whose worst case is named
 WIDE = 20.0  # points of S+: an interval wider than this tells little
 
 
-def summary_content(
-    evaluation: Evaluation,
-    comparison: Comparison | None,
-    gates: Sequence[GateResult],
-    since: Mapping[tuple[str, str, str], str],
-) -> Mapping[str, Any]:
-    """Content of templates/sections/summary.html.j2.
-
-    since: when failed limits began to fail, in words.
-    """
-    order = ranked(evaluation)
-    said = headline(evaluation)
+def summary_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
+    """Content of templates/sections/summary.html.j2."""
+    order, said, comparison = ranked(evaluation), headline(evaluation), beside.comparison
     scenarios = [zone.scenario for zone in evaluation.zones]
-    digits = (
-        0
-        if any(one.interval is None or one.interval[1] - one.interval[0] > WIDE for one in order)
-        else 1
+    ends = [one.interval or (0.0, np.inf) for one in order]
+    digits = 0 if any(high - low > WIDE for low, high in ends) else 1
+    failed = [gate for gate in beside.gates if gate.passed is False]
+    failing = [(gate, gate.worst[0]) for gate in failed if gate.worst]
+    worst = worst_case(evaluation, [one.ads for one in order])
+    changes = [
+        (f"{gate.quantity} of {gate.ads}: {one.point}: {one.words}", f"#case:{case_key(one.case)}")
+        for gate, one in failing[:MOST_CHANGES]
+    ]
+    notes = (
+        builds_besides(evaluation.manifest.get("builds", {}), comparison)
+        + [one.words for one in comparison.differences]
+        if comparison
+        else []
     )
-    compared = comparison is not None or bool(gates)
-    failing = [(gate, gate.worst[0]) for gate in gates if gate.passed is False and gate.worst]
-    changes = [(f"{gate.quantity} of {gate.ads}: {one.point}: "
-                f"{one.words}", f"#case:{case_key(one.case)}")
-               for gate, one in failing[:MOST_CHANGES]]  # fmt: skip
-    builds = builds_besides(evaluation.manifest.get("builds", {}), comparison)
-
+    shown = failing[0][1].case if failing else worst.case if worst else ""
+    compared = comparison is not None or bool(beside.gates)
     return {
-        "verdict": verdict(comparison, gates, evaluation).sentence if compared else "",
-        "failed": any(gate.passed is False for gate in gates),
-        "failures": [(since.get(gate.name, ""), gate) for gate in gates if gate.passed is False]
-        if compared
-        else [],
-        "beside": [*builds, *(one.words for one in comparison.differences)] if comparison else [],
+        "verdict": verdict(comparison, beside.gates, evaluation).sentence if compared else "",
+        "failed": bool(failed),
+        "failures": [(beside.since.get(gate.name, ""), gate) for gate in failed],
+        "beside": notes,
         "answers": said.answers,
         "alarms": said.alarms,
-        "worst": failing[0][1].case
-        if failing
-        else worst_case(evaluation, [one.ads for one in order]),
-        "looks": [*changes, *_cause(evaluation, order), *_looks(evaluation, order[0].ads)],
+        "worst": shown,
+        "looks": [*changes, *_looks(evaluation, worst, order[0].ads)],
         "rows": [_row(evaluation, one, scenarios, digits) for one in order],
         "scenarios": scenarios,
     }
 
 
-def worst_case(evaluation: Evaluation, order: Sequence[str]) -> str:
-    """The case that takes most from A, of the first ADS that loses any; else the least human-like
-    one of the first.
+def worst_case(evaluation: Evaluation, order: Sequence[str]) -> CaseResult | None:
+    """The case that takes most from A, of the first ADS that loses any: a collision, a departure or
+    a case given up; else the least human-like one of the first.
     """
-    hit = next((case for ads in order if (case := _costliest(evaluation, ads)) is not None), None)
-    worst = hit or _least_human(evaluation, order[0])
-    return "" if worst is None else worst.case
+    for ads in order:
+        worst: list[tuple[float, str, CaseResult]] = []
+        for one in findings(evaluation):
+            losses = np.nan_to_num(one.share_lost) if one.score.ads == ads else np.zeros(1)
+            if (most := float(losses.max(initial=0.0))) > 0.0:
+                worst += [(most, case.case, case) for case in one.cases[losses == most]]
+        if worst:
+            return max(worst)[2]
+    return _least_human(evaluation, order[0])
 
 
-def _cause(evaluation: Evaluation, order: Sequence[RankedAds]) -> list[tuple[str, str]]:
-    """The costliest contact and its cause, as in `_looks`."""
-    case = evaluation.case(worst_case(evaluation, [one.ads for one in order]))
-    if case is None or not (words := cause_words(case)):
-        return []
-    return [(f"the worst collision, of {case.ads}: {words}", f"#case:{case_key(case.case)}")]
-
-
-def _looks(evaluation: Evaluation, best: str) -> list[tuple[str, str]]:
+def _looks(
+    evaluation: Evaluation, worst: CaseResult | None, best: str
+) -> Iterator[tuple[str, str]]:
     """Links to look at next: (words, key of a case or an anchor)."""
-    looks = []
+    if worst is not None and (words := cause_words(worst)):
+        yield f"the worst collision, of {worst.ads}: {words}", f"#case:{case_key(worst.case)}"
     if missing := sum(map(len, unevaluated(evaluation))):
-        looks.append((f"{count(missing, 'case')} that could not be evaluated", "#missing"))
+        yield f"{count(missing, 'case')} that could not be evaluated", "#missing"
     least = _least_human(evaluation, best)
     if least is not None:
-        looks.append(
-            (f"the least human-like case of {best}: {_at(least)}", f"#case:{case_key(least.case)}")
-        )
+        at = ", ".join(f"{name} {value:z.4g}" for name, value in least.values.items())
+        yield f"the least human-like case of {best}: {at}", f"#case:{case_key(least.case)}"
     if (evaluation.cases.collided | ~evaluation.cases.evaluated).any():
-        looks.append(("failures that are alike, in the maps", "#maps"))
-    return looks
-
-
-def _costliest(evaluation: Evaluation, ads: str) -> CaseResult | None:
-    """The case of an ADS that takes most from A: a collision, a departure or a case given up."""
-    worst: list[tuple[float, CaseResult]] = []
-    for one in findings(evaluation):
-        if one.score.ads == ads:
-            losses = np.nan_to_num(one.share_lost)
-            most = float(losses.max(initial=0.0))
-            if most > 0.0:
-                worst.append((most, max(one.cases[losses == most], key=lambda case: case.case)))
-    return max(worst, key=lambda pair: (pair[0], pair[1].case))[1] if worst else None
+        yield "failures that are alike, in the maps", "#maps"
 
 
 def _least_human(evaluation: Evaluation, ads: str) -> CaseResult | None:
     """The case without a collision in which an ADS is least human-like."""
-    found: list[CaseResult] = []
+    least: list[tuple[float, str, CaseResult]] = []
     for one in findings(evaluation):
-        if one.score.ads == ads:
-            cases = one.cases
-            likeness = np.where(cases.collided, np.nan, cases.human_likeness)
-            if np.isfinite(likeness).any():
-                found.append(
-                    min(cases[likeness == np.nanmin(likeness)], key=lambda case: case.case)
-                )
-    return min(found, key=lambda case: (case.human_likeness or 0.0, case.case), default=None)
-
-
-def _at(case: CaseResult) -> str:
-    """A point in few digits."""
-    return ", ".join(f"{name} {value:z.4g}" for name, value in case.values.items())
+        likeness = np.where(one.cases.collided, np.inf, one.cases.human_likeness)
+        lowest = float(np.fmin.reduce(likeness, initial=np.inf))
+        if one.score.ads == ads and lowest < np.inf:
+            least += [(lowest, case.case, case) for case in one.cases[likeness == lowest]]
+    return min(least)[2] if least else None
 
 
 def _row(
     evaluation: Evaluation, one: RankedAds, scenarios: Sequence[str], digits: int
 ) -> dict[str, Any]:
-    scores = [score for score in evaluation.scores if score.ads == one.ads]
-    own = {score.scenario: score.s_plus for score in scores}
-    return {
+    scores = {score.scenario: score for score in evaluation.scores if score.ads == one.ads}
+    points = {name: score.s_plus for name, score in scores.items()}
+    names = {"collisions": "collisions", "avoidable": "avoidable_collisions", "cases": "cases",
+             "departures": "departures", "missing": "not_evaluated"}  # fmt: skip
+    sums = {
+        name: sum(getattr(score, field) for score in scores.values())
+        for name, field in names.items()
+    }
+    return sums | {
         "ads": one.ads,
         "place": "–" if one.place is None else str(one.place),
         "s_plus": number(one.s_plus, digits),
         "interval": span(one.interval, 0),
         "whisker": _whisker(one.s_plus, one.interval),
-        "collisions": sum(score.collisions for score in scores),
-        "avoidable": sum(score.avoidable_collisions for score in scores),
-        "departures": sum(score.departures for score in scores),
-        "cases": sum(score.cases for score in scores),
-        "missing": sum(score.not_evaluated for score in scores),
-        "scenarios": [number(own.get(name), 0) for name in scenarios] if len(scenarios) > 1 else [],
+        "scenarios": [number(points.get(name), 0) for name in scenarios if len(scenarios) > 1],
     }
 
 
@@ -158,9 +124,5 @@ def _whisker(value: float | None, interval: tuple[float, float] | None) -> dict[
     """Places of a score and its interval on a rail of 100 units."""
     if value is None:
         return None
-    low, high = (value, value) if interval is None else interval
-    return {
-        "low": f"{max(0.0, low):z.1f}",
-        "width": f"{max(0.6, min(100.0, high) - max(0.0, low)):z.1f}",
-        "at": f"{min(max(value, 0.0), 100.0):z.1f}",
-    }
+    low, high, at = np.clip([*(interval or (value, value)), value], 0.0, 100.0).tolist()
+    return {"low": f"{low:z.1f}", "width": f"{max(0.6, high - low):z.1f}", "at": f"{at:z.1f}"}

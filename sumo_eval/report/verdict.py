@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -11,6 +11,7 @@ from sumo_eval.report.comparison import Comparison
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.confidence.assessment import Confidence
 
 Word = Literal["first", "same", "no_limit_failed", "worse", "incomplete"]
 
@@ -25,6 +26,23 @@ class Verdict:
     sentence: str
 
 
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """Content of a report in addition to the evaluation; without its part, a section is left out.
+
+    comparison, gates: the change since an earlier run.
+    since: when failed limits began to fail, in words, by their names.
+    notes: whole sentences about it.
+    confidence: how far the scores can be trusted.
+    """
+
+    comparison: Comparison | None = None
+    gates: tuple[GateResult, ...] = ()
+    since: Mapping[tuple[str, str, str], str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    confidence: Confidence | None = None
+
+
 def verdict(
     comparison: Comparison | None, gates: Sequence[GateResult], evaluation: Evaluation
 ) -> Verdict:
@@ -37,46 +55,26 @@ def verdict(
 
 def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tuple[Word, str]:
     bad = [gate for gate in gates if gate.passed is False]
+    limits = f"{count(len(bad), 'limit')} failed"
     if comparison is None:
         alone = "there is no earlier good run to compare with"
-        return (
-            "first",
-            f"NOT GOOD: {count(len(bad), 'limit')} failed; {alone}" if bad else f"FIRST: {alone}",
-        )
+        return "first", f"NOT GOOD: {limits}; {alone}" if bad else f"FIRST: {alone}"
 
     base = Path(comparison.base_folder).name
     if bad and all(gate.quantity == "pairs" for gate in bad):
         return "incomplete", f"INCOMPLETE beside {base}: {bad[0].sentence}"
+    worse, better, pairs = comparison.worse, comparison.better, comparison.pairs
+    moved = f"outcome or likeness worse in {count(worse, 'case')}, better in {better}"
     if bad:
-        failed = count(len(bad), "limit")
-        return "worse", f"WORSE than {base}: {failed} failed; {_moved(comparison)}"
+        return "worse", f"WORSE than {base}: {limits}; {moved}"
+    equal = "equal to the last bit"
     if comparison.identical:
-        return (
-            "same",
-            f"THE SAME as {base}: {count(comparison.pairs, 'case')} equal to the last bit",
-        )
-    return "no_limit_failed", f"NO LIMIT FAILED beside {base}: {_changes(comparison)}"
-
-
-def _moved(comparison: Comparison) -> str:
-    """`outcome or likeness worse in 2 cases, better in 1`."""
-    return (
-        f"outcome or likeness worse in {count(comparison.worse, 'case')}, better in "
-        f"{comparison.better}"
-    )
-
-
-def _changes(comparison: Comparison) -> str:
-    """`outcome or likeness worse in 2 cases, better in 1, 5 cases changed by less than the
-    tolerances`, or how many are equal to the last bit.
-    """
-    worse, better = comparison.worse, comparison.better
-    equal = sum(one.identical for one in comparison.ads)
-    less, lost = (
-        comparison.pairs - equal - worse - better,
-        sum(one.lost for one in comparison.unpaired),
-    )
-    words = [_moved(comparison)] if worse or better else []
+        return "same", f"THE SAME as {base}: {count(pairs, 'case')} {equal}"
+    alike = sum(one.identical for one in comparison.ads)
+    less = pairs - alike - worse - better
+    words = [moved] if worse or better else []
     words += [f"{count(less, 'case')} changed by less than the tolerances"] if less > 0 else []
-    words = words or [f"{count(equal, 'case')} equal to the last bit"]
-    return ", ".join([*words, f"{lost} of the base have no partner"] if lost else words)
+    words = words or [f"{count(alike, 'case')} {equal}"]
+    if lost := sum(one.lost for one in comparison.unpaired):
+        words.append(f"{lost} of the base have no partner")
+    return "no_limit_failed", f"NO LIMIT FAILED beside {base}: {', '.join(words)}"

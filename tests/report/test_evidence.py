@@ -19,6 +19,7 @@ from sumo_eval.record.qualification import read_qualification
 from sumo_eval.report.evidence import evidence_of, write_evidence
 from sumo_eval.report.qualification import qualification_content, qualification_sentence
 from sumo_eval.report.terminal import closing_lines
+from sumo_eval.report.verdict import Beside
 
 SCENE = """name = "approach"
 [[parameter]]
@@ -142,7 +143,7 @@ def test_the_report_carries_the_qualification_that_the_run_names(run: Path) -> N
         "the versions and on "
         "the machine of this run."
     )
-    content = qualification_content(evaluation)
+    content = qualification_content(evaluation, Beside())
     assert content is not None
     assert content["holds"]
 

@@ -12,6 +12,7 @@ from sumo_eval.cases import CaseTable
 from sumo_eval.report.failure_groups import failure_groups
 from sumo_eval.report.headline import headline
 from sumo_eval.report.summary import summary_content, worst_case
+from sumo_eval.report.verdict import Beside
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario import catalogue
 
@@ -19,13 +20,13 @@ from sumo_eval.scenario import catalogue
 def test_worst_case_of_the_best_ads_comes_first(evaluation: Evaluation) -> None:
     """The case that takes most from A; without any the least human-like one."""
     for ads in (builders.CALM, builders.HOSTILE):
-        worst = evaluation.case(worst_case(evaluation, [ads]))
+        worst = worst_case(evaluation, [ads])
         assert worst is not None
         assert worst.ads == ads
         assert (worst.incident_severity or 0.0) > (worst.ideal_severity or 0.0)
     calm = [case for case in evaluation.cases if case.ads == builders.CALM and not case.incident]
     safe = replace(evaluation, cases=tuple(calm))
-    least = evaluation.case(worst_case(safe, [builders.CALM]))
+    least = worst_case(safe, [builders.CALM])
     assert least is not None
     assert least.human_likeness == min(
         case.human_likeness for case in calm if case.human_likeness is not None
@@ -33,7 +34,7 @@ def test_worst_case_of_the_best_ads_comes_first(evaluation: Evaluation) -> None:
 
 
 def test_first_screen_says_what_the_terminal_says(evaluation: Evaluation) -> None:
-    shown, said = summary_content(evaluation, None, (), {}), headline(evaluation)
+    shown, said = summary_content(evaluation, Beside()), headline(evaluation)
     assert (shown["answers"], shown["alarms"]) == (said.answers, said.alarms)
     assert shown["alarms"]
 
@@ -42,12 +43,12 @@ def test_departures_stand_beside_collisions(evaluation: Evaluation) -> None:
     left = replace(
         evaluation, scores=tuple(replace(score, departures=2) for score in evaluation.scores)
     )
-    for row in summary_content(left, None, (), {})["rows"]:
+    for row in summary_content(left, Beside())["rows"]:
         assert row["departures"] == 2 * sum(score.ads == row["ads"] for score in left.scores) > 0
 
 
 def test_what_to_look_at_leads_to_cases_of_the_run(evaluation: Evaluation) -> None:
-    looks = summary_content(evaluation, None, (), {})["looks"]
+    looks = summary_content(evaluation, Beside())["looks"]
     keys = {case.case for case in evaluation.cases}
     targets = [
         unquote(address.removeprefix("#case:"))
