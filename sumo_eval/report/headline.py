@@ -69,16 +69,15 @@ class Headline:
 def headline(evaluation: Evaluation) -> Headline:
     """Three answers, and an alarm for each ADS that needs one."""
     order = ranked(evaluation)
-    findings = [finding(evaluation, one.ads) for one in order]
-    questions = (
-        ("Safest", "Most human", "Best by S+")
-        if len(order) > 1
-        else ("Safety", "Human-likeness", "S+")
+    known = [finding(evaluation, one.ads) for one in order]
+    many = len(order) > 1
+    answers = (
+        ("Safest" if many else "Safety", _safest(evaluation, known)),
+        ("Most human" if many else "Human-likeness", _most_human(known)),
+        ("Best by S+" if many else "S+", _best(evaluation, order)),
     )
-    said = _safest(evaluation, findings), _most_human(findings), _best(evaluation, order)
-    answers = tuple(zip(questions, said, strict=True))
     return Headline(
-        answers, tuple((one.ads, words) for one in findings if (words := "; ".join(alarms(one))))
+        answers, tuple((one.ads, words) for one in known if (words := "; ".join(alarms(one))))
     )
 
 
@@ -91,9 +90,8 @@ def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
     order = []
     for ads in dict.fromkeys(score.ads for score in evaluation.scores):
         scores = [score for score in evaluation.scores if score.ads == ads]
-        alone = scores[0] if len(scores) == 1 else None
-        mean = _mean([(score.s_plus, 1.0) for score in scores])
-        order.append(RankedAds(ads, None, mean, alone.s_plus_interval if alone else None))
+        interval = scores[0].s_plus_interval if len(scores) == 1 else None
+        order.append(RankedAds(ads, None, _mean((it.s_plus, 1.0) for it in scores), interval))
     return tuple(sorted(order, key=lambda one: -1.0 if one.s_plus is None else -one.s_plus))
 
 
@@ -106,22 +104,30 @@ def finding(evaluation: Evaluation, ads: str) -> Behaviour:
     scores = [one.score for one in parts]
     by_scenario = {} if evaluation.ranking is None else evaluation.ranking.weights
     weights = [by_scenario.get(score.scenario, 1.0) for score in scores]
-    human = zip((score.human_likeness for score in scores), weights, strict=True)
     stands = sum(int(one.stands.sum()) for one in parts)
+
+    def total(field: str) -> int:
+        return sum(getattr(score, field) for score in scores)
+
+    def mean(values: Iterable[float | None], *, known: bool = False) -> float | None:
+        pairs = zip(values, weights, strict=True)
+        return _mean(pair for pair in pairs if not known or pair[0] is not None)
 
     return Behaviour(
         ads,
-        cases=sum(score.cases for score in scores),
-        avoidable=sum(score.avoidable_collisions for score in scores),
-        departures=sum(score.departures for score in scores),
+        cases=total("cases"),
+        avoidable=total("avoidable_collisions"),
+        departures=total("departures"),
         stands=stands,
         slower=sum(int(one.slow.sum()) for one in parts) - stands,
-        gave_up=sum(score.gave_up for score in scores),
-        not_evaluated=sum(score.not_evaluated for score in scores),
-        worst=max(map(_hardest, parts)),
-        excess=_mean(zip(map(_excess, parts), weights, strict=True)) or 0.0,
-        grade=_mean(zip((score.avoidance_grade for score in scores), weights, strict=True)),
-        human=_mean(pair for pair in human if pair[0] is not None),
+        gave_up=total("gave_up"),
+        not_evaluated=total("not_evaluated"),
+        worst=max(
+            float(one.cases.impact_speed[one.cases.avoidable].max(initial=0.0)) for one in parts
+        ),
+        excess=mean(map(_excess, parts)) or 0.0,
+        grade=mean(score.avoidance_grade for score in scores),
+        human=mean((score.human_likeness for score in scores), known=True),
     )
 
 
@@ -132,11 +138,6 @@ def _mean(values: Iterable[tuple[float | None, float]]) -> float | None:
     if not whole or any(value is None for value, weight in pairs if weight):
         return None
     return sum((value or 0.0) * weight for value, weight in pairs) / whole
-
-
-def _hardest(found: Findings) -> float:
-    """Impact speed of the hardest avoidable collision, m/s; 0 without one."""
-    return float(found.cases.impact_speed[found.cases.avoidable].max(initial=0.0))
 
 
 def _excess(found: Findings) -> float:
@@ -167,39 +168,42 @@ def safety_words(evaluation: Evaluation, found: Behaviour) -> str:
     """`3 avoidable collisions in 192 cases, worst 43 km/h`, and how much excess impact speed that
     is.
     """
-    hits = (
-        count(found.avoidable, "avoidable collision")
-        if found.avoidable
-        else "no avoidable collision"
-    )
+    hit = found.avoidable > 0
+    hits = count(found.avoidable, "avoidable collision") if hit else "no avoidable collision"
     hits += f" in {count(found.cases, 'case')}"
-    worst = f", worst {3.6 * found.worst:z.0f} km/h" if found.worst else ""
+    hits += f", worst {3.6 * found.worst:z.0f} km/h" if found.worst else ""
     if not found.excess > 0.0 or not severity_unit(evaluation.settings):
-        return hits + worst
-    grids = (
-        "this grid" if len({score.scenario for score in evaluation.scores}) == 1 else "these grids"
-    )
+        return hits
+    spaces = {score.scenario for score in evaluation.scores}
+    grids = "this grid" if len(spaces) == 1 else "these grids"
     every = max(CONTACT / found.excess, 1.0)
-    speed = "excess impact speed" if found.avoidable else "impact speed above the ideal vehicle's"
-    joined = ";" if found.avoidable else ", yet"
-    return (
-        f"{hits}{worst}{joined} as much {speed} as one 50 km/h contact every {every:z.0f} cases "
-        f"of {grids}"
+    speed = (
+        "; as much excess impact speed"
+        if hit
+        else ", yet as much impact speed above the ideal vehicle's"
     )
+    return f"{hits}{speed} as one 50 km/h contact every {every:z.0f} cases of {grids}"
 
 
-def _safest(evaluation: Evaluation, findings: Sequence[Behaviour]) -> str:
+def _safest(evaluation: Evaluation, every: Sequence[Behaviour]) -> str:
     known = sorted(
-        (one for one in findings if one.grade is not None), key=lambda one: -(one.grade or 0.0)
+        (one for one in every if one.grade is not None), key=lambda one: -(one.grade or 0.0)
     )
     if not known:
         return "not known: no case could be evaluated."
-    first = known[0]
-    words = f"{first.ads} with {safety_words(evaluation, first)}"
+    words = f"{known[0].ads} with {safety_words(evaluation, known[0])}."
     if len(known) == 1:
-        return f"{words}."
-    less, more = harm_beside(evaluation, first.ads, known[1].ads)
-    return f"{words}. {_told_apart(known[1].ads, less, more)}"
+        return words
+    other = known[1].ads
+    less, more = harm_beside(evaluation, known[0].ads, other)
+    if less == more == 0:
+        return f"{words} {other} does the same harm in every case."
+    chance = min(1.0, 2.0 * float(bdtr(min(less, more), less + more, 0.5)))
+    apart = "Told apart" if chance < BY_CHANCE and less > more else "Not told apart"
+    return (
+        f"{words} {apart} from {other}: less harm in {count(less, 'case')}, more in {more} (sign "
+        f"test, p = {chance:z.2g})."
+    )
 
 
 def harm_beside(evaluation: Evaluation, first: str, second: str) -> tuple[int, int]:
@@ -220,25 +224,12 @@ def harm_beside(evaluation: Evaluation, first: str, second: str) -> tuple[int, i
     return less, more
 
 
-def _told_apart(other: str, less: int, more: int) -> str:
-    if less == more == 0:
-        return f"{other} does the same harm in every case."
-    chance = min(1.0, 2.0 * float(bdtr(min(less, more), less + more, 0.5)))
-    told = "Told apart" if chance < BY_CHANCE and less > more else "Not told apart"
-    return (
-        f"{told} from {other}: less harm in {count(less, 'case')}, more in {more} (sign test, p = "
-        f"{chance:z.2g})."
-    )
-
-
-def _most_human(findings: Sequence[Behaviour]) -> str:
-    known = sorted(
-        (one for one in findings if one.human is not None), key=lambda one: -(one.human or 0.0)
-    )
+def _most_human(every: Sequence[Behaviour]) -> str:
+    known = sorted((-one.human, one.ads) for one in every if one.human is not None)
     if not known:
         return "not known: no safe case could be compared with drivers."
-    beside = f"; next {known[1].ads}, {number(known[1].human, 2)}" if len(known) > 1 else ""
-    return f"{known[0].ads} with H {number(known[0].human, 2)} of 1{beside}."
+    beside = f"; next {known[1][1]}, {number(-known[1][0], 2)}" if len(known) > 1 else ""
+    return f"{known[0][1]} with H {number(-known[0][0], 2)} of 1{beside}."
 
 
 def _best(evaluation: Evaluation, order: Sequence[RankedAds]) -> str:
@@ -246,11 +237,8 @@ def _best(evaluation: Evaluation, order: Sequence[RankedAds]) -> str:
     parts = "" if ranking is None else parts_of_total(ranking)
     if best.s_plus is None:
         return f"none: {REASON_WITHOUT_T}{parts}. Read A' instead."
-    interval = span(best.interval, 1)
-    points = (
-        f"{best.ads} with {number(best.s_plus, 1)} of 100 "
-        f"points{f' ({interval})' if interval else ''}{parts}."
-    )
+    interval = f" ({span(best.interval, 1)})" if best.interval else ""
+    points = f"{best.ads} with {number(best.s_plus, 1)} of 100 points{interval}{parts}."
     if ranking is None or len(order) == 1 or order[1].s_plus is None:
         return points
     pair = ranking.pair(best.ads, order[1].ads)

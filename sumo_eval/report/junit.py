@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 import re
 from array import array
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import ExitStack
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryFile
+from shutil import copyfileobj
+from tempfile import SpooledTemporaryFile
 from typing import IO, Literal
 
 import numpy as np
@@ -132,39 +134,36 @@ def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]
 
 def _change_tests(one: AdsComparison) -> Iterator[Test]:
     """A test for each pair, in the order of the new run."""
-    place = dict(zip(one.changed.which.tolist(), range(len(one.changed)), strict=True))
+    places = {pair: place for place, pair in enumerate(one.changed.which.tolist())}
     for pair, case in enumerate(one.changed.paired.new):
-        yield _change_test(case, one.changed[place[pair]] if pair in place else None)
+        yield _change_test(case, one.changed[places[pair]] if pair in places else None)
 
 
 def write_junit(suites: Suites, path: Path, properties: Properties | None = None) -> Path:
     """Write the suites with their properties to a file and return its path.
 
     No more than one test of a case is in memory at a time. How many tests there are stands before
-    them, so they wait in a temporary file: to make each twice costs more.
+    them, so each suite waits in a temporary file: to make its tests twice costs more.
     """
     try:
-        with TemporaryFile() as body, path.open("wb") as out:
-            suited = {key: _written(tests, key[1], body) for key, tests in suites.items()}
-            totals = sum((one.counts for one in suited.values()), Counter[str]())
-            body.seek(0)
+        with ExitStack() as bodies, path.open("wb") as out:
+            written = {
+                key: _written(tests, key[1], bodies.enter_context(SpooledTemporaryFile(_HELD)))
+                for key, tests in suites.items()
+            }
+            totals = sum((counts for _, counts, _ in written.values()), Counter[str]())
             with etree.xmlfile(out, encoding="UTF-8") as file:
                 file.write_declaration()
-                attributes = {key: str(totals[key]) for key in _COUNTED}
-                with file.element("testsuites", name="sumo_eval", **attributes):
-                    for key, one in suited.items():
-                        name, attributes = (
-                            key[0],
-                            {kind: str(one.counts[kind]) for kind in _COUNTED},
-                        )
+                with file.element("testsuites", name="sumo_eval", **_counted(totals)):
+                    for key, (body, counts, seconds) in written.items():
+                        named = {"name": _clean(key[0])} | _counted(counts)
                         file.write("\n  ")
-                        with file.element(
-                            "testsuite", name=_clean(name), **attributes, time=f"{one.seconds:z.3f}"
-                        ):
+                        with file.element("testsuite", **named, time=f"{seconds:z.3f}"):
                             if properties and key in properties:
                                 file.write("\n    ", _properties(properties[key]))
                             file.flush()
-                            _copy(body, out, one.size)
+                            body.seek(0)
+                            copyfileobj(body, out)
                             file.write("\n  ")
                     file.write("\n")
             out.write(b"\n")
@@ -173,52 +172,33 @@ def write_junit(suites: Suites, path: Path, properties: Properties | None = None
     return path
 
 
-_COUNTED = ("tests", "failures", "errors", "skipped")
-_COPIED = 1 << 20  # bytes at once
+_HELD = 1 << 18  # bytes of a suite that wait in memory
 
 
-@dataclass(frozen=True, slots=True)
-class _Suite:
-    """A suite that waits: its tests by what JUnit calls them, how long they took, s, and how many
-    bytes they are.
-    """
-
-    counts: Counter[str]
-    seconds: float
-    size: int
+def _counted(counts: Counter[str]) -> dict[str, str]:
+    names = {"tests": "tests", "failures": "failure", "errors": "error", "skipped": "skipped"}
+    return {name: str(counts[verdict]) for name, verdict in names.items()}
 
 
-def _written(tests: Iterable[Test], classname: str, body: IO[bytes]) -> _Suite:
-    """Write a suite's tests behind what is there."""
-    found: Counter[str] = Counter()
-    seconds, size = array("d"), 0
-    names = {"failure": "failures", "error": "errors", "skipped": "skipped"}
+def _written(
+    tests: Iterable[Test], classname: str, body: IO[bytes]
+) -> tuple[IO[bytes], Counter[str], float]:
+    """A file with a suite's tests, how many there are by verdict, and how long they took, s."""
+    counts, seconds = Counter[str](), array("d")
     for test in tests:
-        found["tests"] += 1
-        if test.verdict in names:
-            found[names[test.verdict]] += 1
+        counts.update(("tests", test.verdict))
         seconds.append(test.seconds)
-        size += body.write(
-            b"\n    "
-            + etree.tostring(_element(test, classname), encoding="UTF-8", xml_declaration=False)
-        )
-    return _Suite(found, math.fsum(seconds), size)
+        element = etree.tostring(_element(test, classname), encoding="UTF-8", xml_declaration=False)
+        body.write(b"\n    " + element)
+    return body, counts, math.fsum(seconds)
 
 
 def _properties(values: Mapping[str, str]) -> etree._Element:
-    found = etree.Element("properties")
+    listed = etree.Element("properties")
     for name, value in values.items():
-        etree.SubElement(found, "property", name=_clean(name), value=_clean(value))
-    etree.indent(found, level=2)
-    return found
-
-
-def _copy(body: IO[bytes], out: IO[bytes], size: int) -> None:
-    """Copy `size` bytes from one file to another."""
-    while size:
-        part = body.read(min(size, _COPIED))
-        out.write(part)
-        size -= len(part)
+        etree.SubElement(listed, "property", name=_clean(name), value=_clean(value))
+    etree.indent(listed, level=2)
+    return listed
 
 
 def _element(test: Test, classname: str) -> etree._Element:
@@ -235,34 +215,33 @@ def _element(test: Test, classname: str) -> etree._Element:
 
 
 def _case_test(case: CaseResult, missing: bool, report: ReportSettings) -> Test:
-    reason = placed(why_missing(case), case) if missing else None
-    name, seconds = f"{point(case.values)}", case.wall_time or 0.0
+    reason = placed(why_missing(case), case) if missing else ""
+    result = partial(Test, point(case.values), seconds=case.wall_time or 0.0)
     if not case.evaluated:
         text = "\n".join(filter(None, (reason, *_task_and_harm(case))))
-        return Test(name, "error", case.status, _first_line(reason or case.status), text, seconds)
+        return result("error", case.status, _first_line(reason or case.status), text)
     if case.status == "off_road" or case.departed:
-        return Test(name, "failure", "off_road", f"{case.ads} left the road", _facts(case), seconds)
+        return result("failure", "off_road", f"{case.ads} left the road", _facts(case))
     # Where the ideal vehicle's case is not known, the collision cannot count as unavoidable.
     if case.collided and (report.junit_failures == "any" or not case.unavoidable):
         which = "collision" if case.kind == "not known" else f"{case.kind} collision"
-        message = (
-            f"{which} of {case.ads} in the {case.zone} zone at {number(case.impact_speed, 1)} m/s"
-        )
-        return Test(name, "failure", "collision", message, _facts(case), seconds)
+        speed = number(case.impact_speed, 1)
+        message = f"{which} of {case.ads} in the {case.zone} zone at {speed} m/s"
+        return result("failure", "collision", message, _facts(case))
     if case.requirements_missed:
         message = f"{case.ads} misses: {case.requirements_missed}"
-        return Test(name, "failure", "requirement", message, _facts(case), seconds)
-    if reason is not None:
-        return Test(name, "error", "not_evaluated", _first_line(reason), reason, seconds)
-    return Test(name, "passed", seconds=seconds)
+        return result("failure", "requirement", message, _facts(case))
+    if reason:
+        return result("error", "not_evaluated", _first_line(reason), reason)
+    return result("passed")
 
 
 def _facts(case: CaseResult) -> str:
     lines = [f"case {case.case}", f"end: {end_reason(case)}"]
     if case.collided:
+        severities = case.ideal_severity, case.no_reaction_severity
         ideal, nothing = (
-            "not known" if value is None else f"{number(value, 2)} m/s"
-            for value in (case.ideal_severity, case.no_reaction_severity)
+            "not known" if value is None else f"{number(value, 2)} m/s" for value in severities
         )
         lines.append(
             f"U = {number(case.severity, 2)} m/s, Ug of the ideal vehicle = {ideal}, U0 of doing "
@@ -287,79 +266,56 @@ def _task_and_harm(case: CaseResult) -> Iterator[str]:
 
 
 def _change_test(case: CaseResult, change: ChangedCase | None) -> Test:
-    name = point(case.values)
+    result = partial(Test, point(case.values))
     if change is None or not change.worse:
-        return Test(name, "passed")
-    by = "" if change.by is None else f" by {abs(change.by):z.3g}"
-    if change.change == "not evaluated any more":
-        return Test(
-            name,
-            "error",
-            case.status,
-            f"{change.change}: {_first_line(placed(case.error or case.status, case))}",
-            case.case,
-        )
-    message = (
-        f"{change.change} than in the base{by}" if by else f"{change.change}, not so in the base"
+        return result("passed")
+    name = change.change
+    if name == "not evaluated any more":
+        why = _first_line(placed(case.error or case.status, case))
+        return result("error", case.status, f"{name}: {why}", case.case)
+    than = (
+        ", not so in the base"
+        if change.by is None
+        else f" than in the base by {abs(change.by):z.3g}"
     )
-    return Test(name, "failure", change.change.replace(" ", "_"), message, _facts(case))
+    return result("failure", name.replace(" ", "_"), name + than, _facts(case))
 
 
-def _by_cell(cases: CaseTable, tests: Iterable[Test], cells: int) -> list[Test]:
+def _by_cell(cases: CaseTable, tests: Iterable[Test], cells: int) -> Iterator[Test]:
     """One test a cell of the sampled box: a failure when a case in it failed, an error when only
     errors are in it.
     """
     if not len(cases):
-        return []
+        return
     names = list(cases[0].values)
     points = cases.parameters(names)
     low, high = points.min(axis=0), points.max(axis=0)
     spans = np.where(high > low, high - low, 1.0)
-    place_of = np.minimum(cells - 1, (cells * (points - low) / spans).astype(np.intp))
-    gathered: dict[tuple[int, ...], _Cell] = {}
-    for place, test in zip(map(tuple, place_of), tests, strict=True):
-        cell = gathered.setdefault(place, _Cell())
-        cell.seconds.append(test.seconds)
-        if test.verdict in cell.bad:
-            cell.bad[test.verdict].append((test.kind, f"{test.name}: {test.message}"))
+    places = np.minimum(cells - 1, (cells * (points - low) / spans).astype(np.intp))
+    # of the tests that passed, only how long they took: there may be a million
+    seconds: defaultdict[tuple[int, ...], array[float]] = defaultdict(lambda: array("d"))
+    bad: defaultdict[tuple[int, ...], list[Test]] = defaultdict(list)
+    for place, test in zip(map(tuple, places.tolist()), tests, strict=True):
+        seconds[place].append(test.seconds)
+        if test.verdict in ("failure", "error"):
+            bad[place].append(test)
 
-    def edges(column: int, place: int) -> str:
-        width = (high[column] - low[column]) / cells
-        begin, end = (low[column] + step * width for step in (place, place + 1))
-        return f"{names[column]} {begin:g}..{end:g}"
-
-    return [
-        _together(", ".join(edges(column, at) for column, at in enumerate(place)), cell)
-        for place, cell in sorted(gathered.items())
-    ]
-
-
-@dataclass(frozen=True, slots=True)
-class _Cell:
-    """Tests of one cell: how long each took, s, and of those that did not pass their kind and what
-    is said of them.
-    """
-
-    seconds: array[float] = field(default_factory=lambda: array("d"))
-    bad: Mapping[str, list[tuple[str, str]]] = field(
-        default_factory=lambda: {"failure": [], "error": []}
-    )
-
-
-def _together(name: str, cell: _Cell) -> Test:
-    seconds, everyone = math.fsum(cell.seconds), count(len(cell.seconds), "case")
-    verdicts: tuple[tuple[TestVerdict, str], ...] = (
-        ("failure", "failed"),
-        ("error", "could not be evaluated"),
-    )
-    for verdict, words in verdicts:
-        bad = cell.bad[verdict]
-        if bad:
-            text = "\n".join(line for _, line in bad)
-            return Test(
-                name, verdict, bad[0][0], f"{len(bad)} of {everyone} {words}", text, seconds
-            )
-    return Test(name, "passed", seconds=seconds)
+    for place in sorted(seconds):
+        begin, end = (low + (high - low) / cells * (np.array(place) + step) for step in (0, 1))
+        edges = ", ".join(
+            f"{name} {left:g}..{right:g}"
+            for name, left, right in zip(names, begin, end, strict=True)
+        )
+        result = partial(Test, edges, seconds=math.fsum(seconds[place]))
+        failures = [test for test in bad[place] if test.verdict == "failure"]
+        alike = failures or bad[place]
+        if not alike:
+            yield result("passed")
+            continue
+        words = "failed" if failures else "could not be evaluated"
+        message = f"{len(alike)} of {count(len(seconds[place]), 'case')} {words}"
+        text = "\n".join(f"{test.name}: {test.message}" for test in alike)
+        yield result(alike[0].verdict, alike[0].kind, message, text)
 
 
 def _first_line(text: str) -> str:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import islice
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain, islice
 from pathlib import Path
 from urllib.parse import quote
 
-from sumo_eval.cases import CaseResult
 from sumo_eval.report.checks import check_lines
 from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
-from sumo_eval.report.gates import GateResult
+from sumo_eval.report.gates import GateResult, failed
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.report.page import REPORT
 from sumo_eval.report.qualification import qualification_sentence
@@ -24,6 +23,7 @@ from sumo_eval.report.words import (
     WITHOUT_REFERENCE_CAR,
     count,
     interval_words,
+    missing_term,
     number,
     one_line,
     parts_of_total,
@@ -44,7 +44,6 @@ from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.findings import findings, unevaluated
 from sumo_eval.text import without_numbers
 
-NOT_COMPUTED = "not computed"
 LONGEST_SENTENCE = 200  # characters of an error on a terminal; the report has all of it
 MOST_LISTED = 5  # kinds of cases that could not be evaluated; the report lists the cases
 
@@ -68,43 +67,57 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
 
 def _not_computed_lines(scores: Sequence[ScenarioResult]) -> Iterator[str]:
     """Scores that are not computed, with the reason."""
-    compared = [score for score in scores if not score.nobody_compared]
     alone = [score for score in scores if score.nobody_compared]
-    without = [("C", score, REASON_WITHOUT_C, "") for score in scores if score.c is None]
-    without += [
-        ("D", score, reason_without("D", score), "") for score in compared if score.d is None
-    ]
-    without += [
-        ("H", score, reason_without("H", score), " of S+")
-        for score in compared
-        if score.human_likeness is None and score.h_reason is not None
-    ]
-    for name, score, reason, of in without:
-        yield (
-            f"{name} of {score.ads} in {score.scenario} is not computed: {reason}. Its term counts "
-            f"0 points{of}."
-        )
+    for name, field in (("C", "c"), ("D", "d"), ("H", "human_likeness")):
+        for score in scores:
+            reason = REASON_WITHOUT_C if name == "C" else reason_without(name, score)
+            if getattr(score, field) is not None or (name != "C" and score in alone) or not reason:
+                continue
+            line = missing_term(f"{name} of {score.ads} in {score.scenario}", reason)
+            yield f"{line[:-1]} of S+." if name == "H" else line
     if alone:
-        names = ", ".join(dict.fromkeys(score.scenario for score in alone))
         reason = reason_without("H", alone[0])
-        yield f"D and H are not computed in {names}: {reason}. They count 0 points."
-    taskless = dict.fromkeys(score.scenario for score in scores if score.task_share is None)
+        yield f"D and H are not computed in {_names(alone)}: {reason}. They count 0 points."
+    taskless = [score for score in scores if score.task_share is None]
     if taskless:
-        names = ", ".join(taskless)
-        yield f"T and S+ are not computed in {names}: {REASON_WITHOUT_T}. Read A' there."
+        yield f"T and S+ are not computed in {_names(taskless)}: {REASON_WITHOUT_T}. Read A' there."
     if any(not score.task_reference and score.task_share is not None for score in scores):
         yield WITHOUT_REFERENCE_CAR
 
 
+def _names(scores: Sequence[ScenarioResult]) -> str:
+    return ", ".join(dict.fromkeys(score.scenario for score in scores))
+
+
 def _missing_lines(evaluation: Evaluation) -> Iterator[str]:
-    """Cases that could not be evaluated, by kind."""
-    missing = unevaluated(evaluation)
-    if number_of := sum(map(len, missing)):
-        yield f"{count(number_of, 'case')} could not be evaluated and left the means:"
-        kinds, rest = _by_kind(case for table in missing for case in table)
-        yield from (f"  {_of_a_kind(kind)}" for kind in kinds)
-        if rest:
-            yield f"  and {rest} more, all in the report."
+    """Cases that could not be evaluated: the first of each of `MOST_LISTED` kinds, and how many
+    more there are.
+
+    A kind is: one ADS, one status, and one place of its code or one reason. Numbers in the reason
+    of an evaluated case do not matter. Only the first case of a kind is held: a million may be
+    missing.
+    """
+    first: dict[tuple[str, str, str], tuple[str, str]] = {}
+    more: Counter[tuple[str, str, str] | None] = Counter()
+    for case in chain.from_iterable(unevaluated(evaluation)):
+        sentence = why_missing(case)
+        alike = without_numbers(sentence) if case.evaluated else case.error_place or sentence
+        key = case.ads, case.status, alike
+        if key in first or len(first) == MOST_LISTED:
+            more[key if key in first else None] += 1
+            continue
+        words = one_line(sentence)
+        if len(words) > LONGEST_SENTENCE:
+            words = f"{words[: LONGEST_SENTENCE - 2]} …"
+        words += f" At {one_line(case.error_place)}." if case.error_place else ""
+        first[key] = one_line(case.case), words
+    if first:
+        cases = count(len(first) + more.total(), "case")
+        yield f"{cases} could not be evaluated and left the means:"
+    for key, (name, words) in first.items():
+        yield f"  {name}{f' and {more[key]} more' if more[key] else ''}: {words}"
+    if more[None]:
+        yield f"  and {more[None]} more, all in the report."
 
 
 def _note_lines(scores: Sequence[ScenarioResult]) -> list[str]:
@@ -138,66 +151,16 @@ def _space_lines(evaluation: Evaluation) -> Iterator[str]:
             )
 
 
-@dataclass(slots=True)
-class _Kind:
-    """Cases that are missing from a mean in one way: the first of them, why it is, and how many
-    more there are.
-    """
-
-    case: CaseResult
-    sentence: str
-    more: int = 0
-
-
-def _by_kind(missing: Iterable[CaseResult]) -> tuple[list[_Kind], int]:
-    """The first `MOST_LISTED` kinds of cases that are missing from a mean, and how many are of no
-    such kind.
-
-    A kind is: one ADS, one status, and one place of its code or one reason. Numbers in the reason
-    of an evaluated case do not matter. Only the first case of a kind is held: a million may be
-    missing.
-    """
-    kinds: dict[tuple[str, str, str], _Kind] = {}
-    rest = 0
-    for case in missing:
-        sentence = why_missing(case)
-        alike = without_numbers(sentence) if case.evaluated else case.error_place or sentence
-        key = case.ads, case.status, alike
-        if key in kinds:
-            kinds[key].more += 1
-        elif len(kinds) < MOST_LISTED:
-            kinds[key] = _Kind(case, sentence)
-        else:
-            rest += 1
-    return list(kinds.values()), rest
-
-
-def _of_a_kind(kind: _Kind) -> str:
-    """The first case of a kind and its sentence, how many more there are, and where in the ADS's
-    code it happened.
-    """
-    more = f" and {kind.more} more" if kind.more else ""
-    place = f" At {one_line(kind.case.error_place)}." if kind.case.error_place else ""
-    return f"{one_line(kind.case.case)}{more}: {_shortened(one_line(kind.sentence))}{place}"
-
-
-def _shortened(sentence: str) -> str:
-    return (
-        sentence if len(sentence) <= LONGEST_SENTENCE else f"{sentence[: LONGEST_SENTENCE - 2]} …"
-    )
-
-
 def ranking_lines(ranking: Ranking | None) -> list[str]:
     """The ADSs in the order of S+, each with the difference to the one above it; nothing of a
     single ADS.
     """
     if ranking is None or len(ranking.ads) < 2:
         return []
-    weighed = set(ranking.weights.values()) != {1.0}
     weights = ", ".join(f"{name} {weight:g}" for name, weight in ranking.weights.items())
+    weighed = f" (weights: {weights})" if set(ranking.weights.values()) != {1.0} else ""
     lines = [
-        "Ranking by S+ over all "
-        f"scenarios{f' (weights: {weights})' if weighed else ''}{parts_of_total(ranking)}; "
+        f"Ranking by S+ over all scenarios{weighed}{parts_of_total(ranking)}; "
         f"{ranking.level:z.0%} intervals:"
     ]
     above = ""
@@ -205,25 +168,16 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
         if one.place is None or one.s_plus is None:
             lines.append(f"  not ranked: {one_line(one.ads)} has no S+ in some scenario")
             continue
-        interval = interval_words(one.interval, 1)
-        words = (
-            f"  {one.place}. {one_line(one.ads)}  "
-            f"{number(one.s_plus, 1)}{f' ({interval})' if interval else ''}"
-        )
+        interval = f" ({interval_words(one.interval, 1)})" if one.interval else ""
+        words = f"  {one.place}. {one_line(one.ads)}  {number(one.s_plus, 1)}{interval}"
         if above:
             pair = ranking.pair(above, one.ads)
-            ends = (
-                ""
-                if pair.interval is None
-                else f" ({number(-pair.interval[1], 1)}..{number(-pair.interval[0], 1)})"
-            )
-            why = (
-                "scored alike in every case"
-                if pair.scored_alike and one.s_plus
-                else "not told apart"
-            )
-            told = "" if pair.told_apart else f": {why}, the place is shared"
-            words += f"  {number(-pair.difference, 1)}{ends} to {one_line(above)}{told}"
+            low, high = pair.interval or (0.0, 0.0)
+            ends = f" ({interval_words((-high, -low), 1)})" if pair.interval else ""
+            words += f"  {number(-pair.difference, 1)}{ends} to {one_line(above)}"
+            alike = pair.scored_alike and one.s_plus
+            why = "scored alike in every case" if alike else "not told apart"
+            words += "" if pair.told_apart else f": {why}, the place is shared"
         lines.append(words)
         above = one.ads
     return lines
@@ -289,21 +243,15 @@ def gate_lines(
     since: when each of them began to fail, by the limit's name.
     """
     lines = []
-    for gate in gates:
-        if gate.passed is False:
-            beside = [f"beside the accepted {gate.against}"] if gate.against else []
-            beside += [(since or {})[gate.name]] if gate.name in (since or {}) else []
-            when = f" ({', '.join(beside)})" if beside else ""
-            lines.append(
-                f"gate FAILED: {one_line(gate.ads)} in {gate.scenario}: {gate.sentence}{when}"
-            )
-            lines += [f"    {line}" for line in worst_lines(gate, run)]
-
-    return [
-        *lines,
-        *_unjudged_lines(gates),
-        f"{count(sum(gate.passed is True for gate in gates), 'gate')} passed.",
-    ]
+    for gate in failed(gates):
+        beside = [f"beside the accepted {gate.against}"] if gate.against else []
+        beside += [since[gate.name]] if since and gate.name in since else []
+        when = f" ({', '.join(beside)})" if beside else ""
+        where = f"{one_line(gate.ads)} in {gate.scenario}"
+        lines.append(f"gate FAILED: {where}: {gate.sentence}{when}")
+        lines += [f"    {line}" for line in worst_lines(gate, run)]
+    passed = count(sum(gate.passed is True for gate in gates), "gate")
+    return [*lines, *_unjudged_lines(gates), f"{passed} passed."]
 
 
 def worst_lines(gate: GateResult, run: Path | None) -> list[str]:
@@ -325,50 +273,49 @@ def ways_to(run: Path, case: str) -> dict[str, str]:
     }
 
 
-def _unjudged_lines(gates: Sequence[GateResult]) -> list[str]:
+def _unjudged_lines(gates: Sequence[GateResult]) -> Iterator[str]:
     """Limits that could not be evaluated, those with one reason on one line."""
-    unjudged: dict[tuple[str, str], list[GateResult]] = {}
+    unjudged: defaultdict[tuple[str, str], list[GateResult]] = defaultdict(list)
     for gate in gates:
         if gate.passed is None:
             reason = gate.sentence.partition(": ")[2] or gate.sentence
             blind = reason.startswith(CANNOT_SEE)
-            key = (gate.ads, reason.partition(" inside ")[0]) if blind else ("", reason)
-            unjudged.setdefault(key, []).append(gate)
+            unjudged[(gate.ads, reason.partition(" inside ")[0]) if blind else ("", reason)].append(
+                gate
+            )
 
-    return [_unjudged_line(ads, reason, alike) for (ads, reason), alike in unjudged.items()]
-
-
-def _unjudged_line(ads: str, reason: str, alike: Sequence[GateResult]) -> str:
-    if ads:
-        names = ", ".join(gate.sentence.partition(": ")[0] for gate in alike)
-        inside = " inside the zone of interest" if " inside " in alike[0].sentence else ""
-        return (
-            f"{one_line(ads)}: {reason.replace(CANNOT_SEE, f'{CANNOT_SEE} in {names}', 1)}{inside}"
-        )
-    if len(alike) > 1:
-        return f"{count(len(alike), 'gate')} not evaluated: {reason}"
-    gate = alike[0]
-    return f"gate not evaluated: {one_line(gate.ads)} in {gate.scenario}: {gate.sentence}"
+    for (ads, reason), alike in unjudged.items():
+        first = alike[0]
+        if ads:
+            names = ", ".join(gate.sentence.partition(": ")[0] for gate in alike)
+            inside = " inside the zone of interest" if " inside " in first.sentence else ""
+            words = reason.replace(CANNOT_SEE, f"{CANNOT_SEE} in {names}", 1)
+            yield f"{one_line(ads)}: {words}{inside}"
+        elif len(alike) > 1:
+            yield f"{count(len(alike), 'gate')} not evaluated: {reason}"
+        else:
+            where = f"{one_line(first.ads)} in {first.scenario}"
+            yield f"gate not evaluated: {where}: {first.sentence}"
 
 
 def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:
     """`71.20 -> 70.10, -1.10 (95 %: -2.00 to -0.40)`."""
     digits = 1 + (SCORES[name][1] if name in SCORES else 3)
-    if change.base is None and change.new is None:
-        return f"{NOT_COMPUTED} in either run"
-    values = " -> ".join(
-        NOT_COMPUTED if value is None else f"{value:z.{digits}f}"
+    old, new = (
+        "not computed" if value is None else number(value, digits)
         for value in (change.base, change.new)
     )
+    if change.base is None and change.new is None:
+        return f"{new} in either run"
     if change.difference is None or change.low is None or change.high is None:
-        return values
+        return f"{old} -> {new}"
     if change.unchanged:
-        return f"{change.new:z.{digits}f}, unchanged"
-    interval = f"{change.low:+z.{digits}f} to {change.high:+z.{digits}f}"
-    return (
-        f"{values}, {change.difference:+z.{digits}f} ({confidence:z.0%} interval of the "
-        f"difference: {interval})"
+        return f"{new}, unchanged"
+    moved, low, high = (
+        f"{value:+z.{digits}f}" for value in (change.difference, change.low, change.high)
     )
+    interval = f"({confidence:z.0%} interval of the difference: {low} to {high})"
+    return f"{old} -> {new}, {moved} {interval}"
 
 
 # --- where the points went ------------------------------------------------------------------------
