@@ -55,22 +55,16 @@ def page_data(
     told: the cases that it has, by scenario.
     sent_drives: gives the drives that travel in it, called last.
     """
-    anthropomorphic = evaluation.settings.method.anthropomorphic
+    field = evaluation.settings.method.anthropomorphic.field
     scenarios = [_scenario(evaluation, partitions[name], cases) for name, cases in told.items()]
     sent = sent_drives()
     for scenario in scenarios:
-        name = scenario["name"]
-        drives = sent.scenarios[name]
+        drives = sent.scenarios[scenario["name"]]
         scenario |= {"trajectories": drives.trajectories, "drivers": drives.drivers}
         for row, recorded in zip(scenario["cases"], drives.rows, strict=True):
             row |= recorded
     return {
-        "field": {
-            "k1": anthropomorphic.field.k1,
-            "k2": anthropomorphic.field.k2,
-            "sampleInterval": anthropomorphic.field.sample_interval,
-            "superposition": anthropomorphic.field.superposition,
-        },
+        "field": asdict(field),
         "channels": CHANNEL_STEPS,
         "folder": str(evaluation.folder),
         "severityUnit": severity_unit(evaluation.settings),
@@ -92,23 +86,25 @@ def told_cases(evaluation: Evaluation, shown: Mapping[str, Shown]) -> dict[str, 
     """
     told: dict[str, list[Told]] = {zone.scenario: [] for zone in evaluation.zones}
     for one in findings(evaluation):
-        missing, judged = one.missing, verdicts(evaluation, one.score)
-        shares, numbers = one.collisions, np.full((3, len(one.cases)), np.nan)
-        numbers[:2, shares.places] = shares.avoided, shares.lost
-        numbers[2] = one.share_lost
+        missing, judged, shares = one.missing, verdicts(evaluation, one.score), one.collisions
+        collisions = zip(shares.places.tolist(), shares.avoided, shares.lost, strict=True)
+        parts = {place: (avoided, lost) for place, avoided, lost in collisions}
+        losses = one.share_lost
         for place, case in shown[one.score.scenario].among(one.cases):
-            avoided, c_lost, a_lost = (
-                None if math.isnan(value) else value for value in numbers[:, place].tolist()
-            )
+            avoided, lost = parts.get(place, (np.nan, np.nan))
             beside = {
                 "missing": why_missing(case) if missing[place] else None,
-                "avoided": avoided,
-                "lost": c_lost,
-                "aLost": a_lost if case.collided else None,
+                "avoided": _finite(avoided),
+                "lost": _finite(lost),
+                "aLost": _finite(losses[place]) if case.collided else None,
                 "verdict": str(judged[place]),
             }
             told[one.score.scenario].append((case, beside))
     return told
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
 
 
 def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]) -> dict[str, Any]:
@@ -119,43 +115,25 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
     telling = telling_slice(view, cases)
     drawn = replace(view, fixed=telling or view.fixed)  # computed where the page opens
     rows = [_case(case, logical.row(case.values), view) | beside for case, beside in told]
-    names = cases.case
     keys = {row["key"] for row in rows}
-    here = np.array([name in keys for name in names.tolist()], dtype=np.bool_)
     everybody = [score.ads for score in evaluation.scores if score.scenario == logical.name]
+    dangerous = [logical.row(values) for values in zones.most_dangerous]
     return {
         "name": logical.name,
         "parameters": [
-            {
-                "name": item.name,
-                "unit": item.behind.strip(),
-                "low": item.low,
-                "high": item.high,
-                "about": item.about,
-            }
+            {"name": item.name, "unit": item.behind.strip(), "low": item.low, "high": item.high,
+             "about": item.about}
             for item in logical.parameters
         ],
         "ads": everybody,
         "meanIndex": {
             ads: _mean_index(evaluation.cases_of(ads, logical.name)) for ads in everybody
         },
-        "road": {
-            "end": logical.road.length,
-            "right": logical.road.right_edge,
-            "left": logical.road.left_edge,
-            "lanes": logical.road.lanes,
-            "laneWidth": logical.road.lane_width,
-            "line": drawn_line(logical.road),
-            **drawn_shape(logical.road),
-        },
+        "road": drawn_road(logical.road),
         "bodies": drawn_bodies(logical.concrete(**cases[0].values)) if len(cases) else {},
         "view": {
-            "x": view.x,
-            "y": view.y,
-            "panel": view.panel,
-            "panels": list(view.panels),
-            "fixed": {str(column): value for column, value in drawn.fixed.items()},
-            "slice": {str(column): value for column, value in telling.items()},
+            "x": view.x, "y": view.y, "panel": view.panel, "panels": view.panels,
+            "fixed": drawn.fixed, "slice": telling,
         },
         "maps": [
             zone_map(zones, drawn, panel, MAP_CELLS if logical.search is None else SEARCHED_CELLS)
@@ -164,24 +142,17 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
         "lattice": lattice(zones),
         "groups": [
             {
-                "ads": group.ads,
-                "kind": group.kind,
-                "words": group.words,
-                "cases": names[group.places[here[group.places]]].tolist(),
+                "ads": group.ads, "kind": group.kind, "words": group.words, "ranges": group.ranges,
+                "cases": [key for key in cases.case[group.places].tolist() if key in keys],
                 "size": len(group.places),
-                "ranges": {name: list(range_) for name, range_ in group.ranges.items()},
             }
             for group in failure_groups(logical, cases)
         ],
         "mostDangerous": [
-            {
-                "values": logical.row(values).tolist(),
-                "panel": view.panel_of(logical.row(values)),
-            }
-            for values in zones.most_dangerous
+            {"values": row.tolist(), "panel": view.panel_of(row)} for row in dangerous
         ],
         "cases": rows,
-    }
+    }  # fmt: skip
 
 
 def _mean_index(cases: CaseTable) -> float | None:
@@ -203,6 +174,7 @@ _SHOWN = (
 
 def _case(case: CaseResult, row: FloatArray, view: View) -> dict[str, Any]:
     """One case; the page computes none of this again."""
+    measures = [(label, getattr(case, name), unit) for name, label, unit in MEASURES]
     return {name: getattr(case, name) for name in _SHOWN} | {
         "key": case.case,
         "values": row.tolist(),
@@ -213,11 +185,7 @@ def _case(case: CaseResult, row: FloatArray, view: View) -> dict[str, Any]:
         "kind": "unavoidable" if case.kind == "not known" else case.kind,
         "index_note": index_note_words(case),
         "ttc": case.min_ttc,
-        "measures": [
-            [label, value, unit]
-            for name, label, unit in MEASURES
-            if (value := getattr(case, name)) is not None
-        ],
+        "measures": [row for row in measures if row[1] is not None],
     }
 
 
@@ -248,22 +216,18 @@ class View:
     @property
     def words(self) -> str:
         """`gap against obstacle_speed, one panel for each ego_speed`."""
-        axes = (
-            self.names[self.x]
-            if self.y is None
-            else f"{self.names[self.y]} against {self.names[self.x]}"
-        )
-        return (
-            axes if self.panel is None else f"{axes}, one panel for each {self.names[self.panel]}"
-        )
+        words = self.names[self.x]
+        if self.y is not None:
+            words = f"{self.names[self.y]} against {words}"
+        if self.panel is not None:
+            words += f", one panel for each {self.names[self.panel]}"
+        return words
 
     def panel_of(self, row: FloatArray) -> int:
         """The panel nearest to a point of the space."""
         if self.panel is None:
             return 0
-        return int(
-            np.argmin([abs(float(row[self.panel]) - (value or 0.0)) for value in self.panels])
-        )
+        return int(np.argmin(np.abs(row[self.panel] - np.array(self.panels, dtype=np.float64))))
 
     def shows(self, case: CaseResult) -> bool:
         """Whether a case is drawn."""
@@ -282,10 +246,9 @@ def choose_view(
         all other parameters.
     """
     columns = range(len(logical.parameters))
-    if len(columns) == 1:
-        return View(logical.names, 0, None, None, (None,), {}, True, "")
-    if len(columns) == 2:
-        return View(logical.names, 0, 1, None, (None,), {}, True, "")
+    if len(columns) < 3:
+        y = 1 if len(columns) == 2 else None
+        return View(logical.names, 0, y, None, (None,), {}, True, "")
     if len(columns) == 3 and axes is None:
         distinct = np.unique(cases.parameters(logical.names[:1])).tolist()
         note = ""
@@ -301,19 +264,14 @@ def choose_view(
     fixed = {column: common[column] for column in columns if column not in (x, y)}
     on_slice = int(np.count_nonzero(np.all(points[:, list(fixed)] == list(fixed.values()), axis=1)))
     projected = on_slice < SLICE_WORTH_SHOWING * len(cases)
-    where = ", ".join(
-        f"{logical.parameters[column].name} = {value:g}{logical.parameters[column].behind}"
-        for column, value in fixed.items()
-    )
-    note = (
-        f"The map is the slice at {where}, the most common values, or the middle ones where none "
-        "is. "
-        + (
-            "Nearly every case lies off it, so all cases are drawn where they would fall on it."
-            if projected
-            else f"It holds {on_slice} of {len(cases)} cases; the list of cases reaches all of "
-            "them."
-        )
+    held = [(logical.parameters[column], value) for column, value in fixed.items()]
+    where = ", ".join(f"{item.name} = {value:g}{item.behind}" for item, value in held)
+    of = f"{on_slice} of {len(cases)} cases; the list of cases reaches all of them."
+    note = f"The map is the slice at {where}, the most common values, or the middle ones where none is."
+    note += (
+        " Nearly every case lies off it, so all cases are drawn where they would fall on it."
+        if projected
+        else f" It holds {of}"
     )
     return View(logical.names, x, y, None, (None,), fixed, projected, note)
 
@@ -343,22 +301,30 @@ def telling_slice(view: View, cases: CaseTable) -> dict[int, float]:
 def zone_map(
     zones: ZonePartition, view: View, panel: int, cells: int = MAP_CELLS
 ) -> dict[str, Any]:
-    """The zones at the corners of cells over x and y (y slowest).
+    """The zones at the corners of cells over x and y (y slowest), as `_zones_at` has them."""
+    logical = zones.logical
+    ticks = np.linspace(0.0, 1.0, cells + 1)
+    points = slice_points(logical, view, panel, ticks, np.array([0.5]) if view.y is None else ticks)
+    low, span = logical.low, logical.high - logical.low
+    axes = {
+        name: np.round(low[column] + ticks * span[column], 6).tolist()
+        for name, column in (("x", view.x), ("y", view.y))
+        if column is not None
+    }
+    return {"y": [0.0]} | axes | _zones_at(zones, points.reshape(-1, points.shape[-1]))
+
+
+def _zones_at(zones: ZonePartition, rows: FloatArray) -> dict[str, Any]:
+    """The zones at points (n, k).
 
     gp, exact: what the GP learnt and the closed form, int16 of 32000 y: 0 is the boundary, above it
         is safe.
     rooms: that of each constraint; impossible is where one of them is below 0.
     """
-    logical = zones.logical
-    ticks = np.linspace(0.0, 1.0, cells + 1)
-    points = slice_points(logical, view, panel, ticks, np.array([0.5]) if view.y is None else ticks)
-    rows = points.reshape(-1, points.shape[-1])
     return {
-        "x": _axis(logical, view.x, ticks),
-        "y": [0.0] if view.y is None else _axis(logical, view.y, ticks),
         "gp": _levels(zones.predicted(rows)),
-        "exact": _levels(exact_target(logical, rows, zones.settings)),
-        "rooms": rooms_of(logical, rows),
+        "exact": _levels(exact_target(zones.logical, rows, zones.settings)),
+        "rooms": rooms_of(zones.logical, rows),
     }
 
 
@@ -366,8 +332,7 @@ def lattice(zones: ZonePartition) -> dict[str, Any] | None:
     """The zones on a lattice over the whole space, from which the page draws any slice; None for
     one parameter.
 
-    size: points on each axis, the ends included. gp, exact: int16 as in `zone_map`, the last
-        parameter fastest. rooms: that of each constraint, likewise.
+    size: points on each axis, the ends included; the last parameter is the fastest.
     """
     logical = zones.logical
     k = len(logical.parameters)
@@ -380,12 +345,7 @@ def lattice(zones: ZonePartition) -> dict[str, Any] | None:
     ticks = np.linspace(0.0, 1.0, size)
     unit = np.stack(np.meshgrid(*[ticks] * k, indexing="ij"), axis=-1).reshape(-1, k)
     rows = np.clip(logical.from_unit(unit), logical.low, logical.high)
-    return {
-        "size": size,
-        "gp": _levels(zones.predicted(rows)),
-        "exact": _levels(exact_target(logical, rows, zones.settings)),
-        "rooms": rooms_of(logical, rows),
-    }
+    return {"size": size} | _zones_at(zones, rows)
 
 
 def slice_points(
@@ -404,29 +364,21 @@ def slice_points(
     return np.clip(points, logical.low, logical.high)
 
 
-def _axis(logical: LogicalScenario, column: int, unit: FloatArray) -> list[float]:
-    parameter = logical.parameters[column]
-    return [
-        round(value, 6)
-        for value in (parameter.low + unit * (parameter.high - parameter.low)).tolist()
-    ]
-
-
 def rooms_of(logical: LogicalScenario, rows: FloatArray) -> list[str]:
     """Each constraint's room at points (n, k), int16 of 32000 the largest: below 0 at those that it
     rules out.
 
     One that only says yes or no has a room of 1 or -1.
     """
-    values, found = logical.columns(rows), []
+    values, rooms = logical.columns(rows), []
     for constraint in logical.constraints:
         holds = np.broadcast_to(constraint.holds(values), len(rows))
         room = np.ones(len(rows)) if constraint.room is None else np.abs(constraint.room(values))
         room = np.broadcast_to(np.nan_to_num(room, nan=0.0, posinf=0.0), len(rows))
         # What is at the limit or not a number is still on the side that the constraint says.
         steps = np.round(room / max(float(room.max()), 1e-300) * 31_999.0) + 1.0
-        found.append(packed_bytes(np.where(holds, steps, -steps).astype("<i2").tobytes()))
-    return found
+        rooms.append(packed_bytes(np.where(holds, steps, -steps).astype("<i2").tobytes()))
+    return rooms
 
 
 def _levels(y: FloatArray) -> str:
@@ -436,7 +388,15 @@ def _levels(y: FloatArray) -> str:
     return packed_bytes(levels.astype("<i2").tobytes())
 
 
-# --- trajectories ---------------------------------------------------------------------------------
+# --- roads ----------------------------------------------------------------------------------------
+
+
+def drawn_road(road: Road) -> dict[str, Any]:
+    """A road as pages draw it."""
+    return {
+        "end": road.length, "left": road.left_edge, "right": road.right_edge, "lanes": road.lanes,
+        "laneWidth": road.lane_width, "line": drawn_line(road), **drawn_shape(road),
+    }  # fmt: skip
 
 
 def drawn_shape(road: Road) -> dict[str, Any]:

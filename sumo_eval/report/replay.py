@@ -17,7 +17,7 @@ from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.report.explain import known_case
 from sumo_eval.report.packing import packed_json
 from sumo_eval.report.page import template, write_page
-from sumo_eval.report.page_data import drawn_bodies, drawn_line, drawn_shape
+from sumo_eval.report.page_data import drawn_bodies, drawn_road
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact, encode_trajectories
 from sumo_eval.report.words import point
 from sumo_eval.scenario.concrete import RECORDED_EVERY
@@ -50,14 +50,9 @@ def write_replay(
     if concrete.ego.recorded:
         ghosts.append(len(trajectories))
         trajectories.append(recorded_ego(concrete.ego.recorded))
-    road = logical.road
     data = {
         "channels": CHANNEL_STEPS,
-        "road": {
-            "left": road.left_edge, "right": road.right_edge, "lanes": road.lanes,
-            "laneWidth": road.lane_width,
-            "line": drawn_line(road), **drawn_shape(road),
-        },
+        "road": drawn_road(logical.road),
         "bodies": drawn_bodies(concrete),
         "views": views,
         "ghosts": ghosts,

@@ -99,7 +99,7 @@ def test_the_page_computes_the_field_of_the_method(
     given = {
         "points": {"x": points[:, 0].tolist(), "y": points[:, 1].tolist()},
         "trajectory": plain(trajectory),
-        "options": {"k1": k1, "k2": k2, "sampleInterval": 0.1, "superposition": superposition},
+        "options": {"k1": k1, "k2": k2, "sample_interval": 0.1, "superposition": superposition},
     }
     there = node(
         "return Array.from(sumoEval.trajectoryField(given.points, given.trajectory, "

@@ -11,9 +11,9 @@ from markupsafe import Markup
 
 from sumo_eval.record.store import EGO
 from sumo_eval.report.page import asset
-from sumo_eval.report.page_data import drawn_bodies, drawn_line, drawn_shape
+from sumo_eval.report.page_data import drawn_bodies, drawn_road
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact, encode_trajectories
-from sumo_eval.scenario.concrete import ConcreteScenario, Road
+from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Collision, Trajectory
 
@@ -33,15 +33,6 @@ def page(title: str) -> str:
         title=title, css=_own("drive.css") + asset("replay.css"), field_js=asset("field.js"),
         scene_js=asset("scene3d.js"), replay_js=asset("replay.js"), drive_js=_own("drive.js"),
     )  # fmt: skip
-
-
-def drawn_road(road: Road) -> dict[str, Any]:
-    """A road as the page draws it."""
-    return {
-        "left": road.left_edge, "right": road.right_edge, "lanes": road.lanes,
-        "laneWidth": road.lane_width,
-        "line": drawn_line(road), **drawn_shape(road),
-    }  # fmt: skip
 
 
 def drive_view(

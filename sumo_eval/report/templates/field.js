@@ -7,7 +7,7 @@ const sumoEval = (() => {
   const SAME_TIME = 1e-6; // s
 
   /** Eq. 9 at points: {x, y} arrays of m. trajectory: time s, x m, y m, heading rad, speed m/s. Returns Float64Array. */
-  function trajectoryField(points, trajectory, { k1, k2, sampleInterval, superposition }) {
+  function trajectoryField(points, trajectory, { k1, k2, sample_interval: sampleInterval, superposition }) {
     const motion = resampled(trajectory, sampleInterval);
     const field = new Float64Array(points.x.length);
     const alongX = motion.heading.map((heading, j) => k2 * motion.speed[j] * Math.cos(heading));
