@@ -5,6 +5,7 @@ shown.
 from __future__ import annotations
 
 import hashlib
+from contextlib import closing, nullcontext
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -31,32 +32,22 @@ def write_assessed_report(
     """
     path, confidences = evaluation.folder / REPORT, evaluation.folder / CONFIDENCE
     key = _key(evaluation) if beside is None else None
-    kept = None if key is None else KeptResults(evaluation.folder)
-    try:
-        if (
-            kept is not None
-            and key is not None
-            and kept.get("report", key) == _hash(path, confidences)
-        ):
-            progress("report", 1, 1)
-            return path
-        # A second of imports that an unchanged page does not need.
-        from sumo_eval.evaluation import zone_partitions
-        from sumo_eval.report.confidence_section import write_confidence
-        from sumo_eval.report.html import NOTHING_BESIDE, write_report
-        from sumo_eval.scoring.confidence.assessment import assess
+    with closing(KeptResults(evaluation.folder)) if key else nullcontext() as kept:
+        if kept is None or key is None or kept.get("report", key) != _hash(path, confidences):
+            # A second of imports that an unchanged page does not need.
+            from sumo_eval.evaluation import zone_partitions
+            from sumo_eval.report.confidence_section import write_confidence
+            from sumo_eval.report.html import NOTHING_BESIDE, write_report
+            from sumo_eval.scoring.confidence.assessment import assess
 
-        partitions = zone_partitions(evaluation)
-        confidence = assess(evaluation, partitions, progress)
-        write_confidence(confidence, evaluation.folder)
-        write_report(
-            evaluation, partitions, replace(beside or NOTHING_BESIDE, confidence=confidence)
-        )
-        if kept is not None and key is not None:
-            kept.put([("report", key, 0, _hash(path, confidences))])
-    finally:
-        if kept is not None:
-            kept.close()
+            partitions = zone_partitions(evaluation)
+            confidence = assess(evaluation, partitions, progress)
+            write_confidence(confidence, evaluation.folder)
+            write_report(
+                evaluation, partitions, replace(beside or NOTHING_BESIDE, confidence=confidence)
+            )
+            if kept is not None and key is not None:
+                kept.put([("report", key, 0, _hash(path, confidences))])
     progress("report", 1, 1)
     return path
 

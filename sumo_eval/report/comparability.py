@@ -19,6 +19,7 @@ HARMLESS = ("name", "ads", "run", "report")
 it is shown."""
 
 ABSENT = "not set"
+INPUTS = ("networks/", "routes/")
 SIMULATORS = ("libsumo", "sumo", "eclipse-sumo")
 
 
@@ -42,14 +43,12 @@ class Difference:
 
 def differences(base: Evaluation, new: Evaluation) -> tuple[Difference, ...]:
     """Everything that differs except the ADSs' behaviour; deciding differences first."""
-    found = [
-        one
-        for of in (_comparable, _files, _severity_file, _reference_car)
-        for one in _differing(of(base), of(new), "", decides=True)
-    ]
-    found += _versions(base, new)
-    for of, prefix in ((_builds, "build of "), (_controllers, "controller of ")):
-        found += _differing(of(base), of(new), prefix, decides=False)
+    found = []
+    for (decides, old), (_, now) in zip(_parts(base), _parts(new), strict=True):
+        for key in old | now:
+            before, after = old.get(key, ABSENT), now.get(key, ABSENT)
+            if before != after:
+                found.append(Difference(key, before, after, decides))
     return tuple(sorted(found, key=lambda item: not item.decides))
 
 
@@ -65,12 +64,38 @@ def refuse_unless_comparable(found: tuple[Difference, ...]) -> None:
         )
 
 
-def _comparable(evaluation: Evaluation) -> dict[str, str]:
-    plain = {
-        key: value for key, value in to_plain(evaluation.settings).items() if key not in HARMLESS
-    }
+def _parts(evaluation: Evaluation) -> list[tuple[bool, dict[str, str]]]:
+    """What two runs may differ in, and whether that decides."""
+    manifest, settings = evaluation.manifest, evaluation.settings
+    plain = {key: value for key, value in to_plain(settings).items() if key not in HARMLESS}
     plain["scenario"] = {entry["use"]: entry for entry in plain["scenario"]}
-    return dict(_flat(plain, ""))
+    # a scenario that another version of the package writes otherwise shows in SUMO's inputs
+    written = [name for name in manifest.get("sha256", {}) if name.startswith(INPUTS)]
+    # an edited severity of one's own measures otherwise under the same name
+    severity = str(manifest.get("severity", {}).get("sha256", ""))
+    # T and S+ with and without the reference car, which earlier runs lack, are never mixed
+    cars = [score.task_reference or "none" for score in evaluation.scores[:1]]
+    versions: dict[str, str] = manifest.get("versions", {})
+    builds: dict[str, str] = manifest.get("builds", {})
+    return [
+        (True, dict(_flat(plain, ""))),
+        (True, {name: manifest["sha256"][name][:12] for name in written}),
+        (True, {"file of the severity": severity[:12]} if severity else {}),
+        (True, {"reference car of T": cars[0]} if cars else {}),
+        *(
+            (
+                decides,
+                {
+                    f"version of {name}": str(version)
+                    for name, version in versions.items()
+                    if (name in SIMULATORS) is decides
+                },
+            )
+            for decides in (True, False)
+        ),
+        (False, {f"build of {ads}": build for ads, build in builds.items()}),
+        (False, {f"controller of {ads.name}": ads.controller for ads in settings.ads}),
+    ]
 
 
 def _flat(value: Any, path: str) -> Iterator[tuple[str, str]]:
@@ -79,63 +104,3 @@ def _flat(value: Any, path: str) -> Iterator[tuple[str, str]]:
             yield from _flat(item, f"{path}.{key}" if path else str(key))
     else:
         yield path, str(value)
-
-
-def _controllers(evaluation: Evaluation) -> dict[str, str]:
-    return {ads.name: ads.controller for ads in evaluation.settings.ads}
-
-
-def _builds(evaluation: Evaluation) -> dict[str, str]:
-    builds: dict[str, str] = evaluation.manifest.get("builds", {})
-    return builds
-
-
-def _files(evaluation: Evaluation) -> dict[str, str]:
-    """Contents of the SUMO inputs, by name: a scenario that another version of the package writes
-    otherwise shows.
-    """
-    hashes: Mapping[str, str] = evaluation.manifest.get("sha256", {})
-    return {
-        name: digest[:12]
-        for name, digest in hashes.items()
-        if name.startswith(("networks/", "routes/"))
-    }
-
-
-def _severity_file(evaluation: Evaluation) -> dict[str, str]:
-    """Content of the file that holds a severity of one's own: an edited one measures otherwise
-    under the same name.
-    """
-    digest = str(evaluation.manifest.get("severity", {}).get("sha256", ""))
-    return {"file of the severity": digest[:12]} if digest else {}
-
-
-def _reference_car(evaluation: Evaluation) -> dict[str, str]:
-    """The reference car of T, which runs recorded earlier do not have: T and S+ with and without it
-    are never mixed.
-    """
-    return (
-        {"reference car of T": evaluation.scores[0].task_reference or "none"}
-        if evaluation.scores
-        else {}
-    )
-
-
-def _versions(base: Evaluation, new: Evaluation) -> Iterator[Difference]:
-    """Another simulator decides; another version of anything else is worth knowing."""
-    before, after = base.manifest.get("versions", {}), new.manifest.get("versions", {})
-    for decides in (True, False):
-        old, now = (
-            {name: found for name, found in versions.items() if (name in SIMULATORS) is decides}
-            for versions in (before, after)
-        )
-        yield from _differing(old, now, "version of ", decides=decides)
-
-
-def _differing(
-    base: Mapping[str, Any], new: Mapping[str, Any], prefix: str, *, decides: bool
-) -> Iterator[Difference]:
-    for key in (*base, *(key for key in new if key not in base)):
-        before, after = str(base.get(key, ABSENT)), str(new.get(key, ABSENT))
-        if before != after:
-            yield Difference(f"{prefix}{key}", before, after, decides)

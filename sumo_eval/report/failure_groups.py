@@ -72,23 +72,20 @@ def failure_groups(logical: LogicalScenario, cases: CaseTable) -> list[FailureGr
     """The groups of one logical scenario: the gravest kinds first, and of these the largest
     groups.
     """
-    found = []
-    whose = cases.ads
-    rows = cases.parameters(logical.names)
+    groups = []
+    whose, every = cases.ads, cases.parameters(logical.names)
     kinds, words = failure_kinds(cases)
     for ads in dict.fromkeys(chunk.ads for chunk in cases.chunks):
         own = np.flatnonzero(whose == ads)
-        its = rows if len(own) == len(rows) else rows[own]
-        for kind in sorted(
-            set(np.unique(kinds[own]).tolist()) - {0}, key=lambda kind: _order(words[kind])
-        ):
-            members = np.flatnonzero(kinds[own] == kind)
-            for group in _linked(logical, its, members):
-                found.append(
-                    _told(logical, its, group, kinds[own] == kind, ads, words[kind], own[group])
-                )
-    found.sort(key=lambda group: (_order(group.kind), -len(group.places)))
-    return found[:MOST_GROUPS]
+        rows, failed = every[own], kinds[own]
+        for kind in set(np.unique(failed).tolist()) - {0}:
+            alike = failed == kind
+            groups += [
+                _described(logical, rows, group, alike, (ads, words[kind], own[group]))
+                for group in _linked(logical, rows, np.flatnonzero(alike))
+            ]
+    groups.sort(key=lambda group: (_order(group.kind), -len(group.places)))
+    return groups[:MOST_GROUPS]
 
 
 def _order(kind: str) -> tuple[int, str]:
@@ -121,37 +118,30 @@ def _step(values: FloatArray) -> float:
     return float(max((levels[-1] - levels[0]) / 8.0, np.median(np.diff(levels))))
 
 
-def _told(
+def _described(
     logical: LogicalScenario,
     rows: FloatArray,
     group: IntArray,
-    alike_there: BoolArray,
-    ads: str,
-    kind: str,
-    places: IntArray,
+    failed: BoolArray,
+    whose: tuple[str, str, IntArray],
 ) -> FailureGroup:
     """The group in words.
 
     rows: all points of the ADS, (n, k).
     group: which of them are in it.
-    alike_there: which fail so, (n,).
-    places: the group's cases among those of all ADSs.
+    failed: which fail so, (n,).
+    whose: the ADS, the kind, and the group's places among the cases of all ADSs.
     """
     least, most = rows[group].min(axis=0), rows[group].max(axis=0)
-    driven = np.ptp(rows, axis=0)
-    narrow = [k for k in range(rows.shape[1]) if most[k] - least[k] < SPANNED * driven[k]]
+    narrow = np.flatnonzero(most - least < SPANNED * np.ptp(rows, axis=0))
     inside = np.all((rows[:, narrow] >= least[narrow]) & (rows[:, narrow] <= most[narrow]), axis=1)
-    alike = int(np.sum(inside & alike_there))
+    alike, there = int(np.sum(inside & failed)), int(inside.sum())
     ranges = {logical.names[k]: (float(least[k]), float(most[k])) for k in narrow}
+    behind = {item.name: item.behind for item in logical.parameters}
     where = ", ".join(
-        f"{name} {low:z.4g}"
-        + ("" if low == high else f" to {high:z.4g}")
-        + logical.parameters[k].behind
-        for k, (name, (low, high)) in zip(narrow, ranges.items(), strict=True)
+        f"{name} {low:z.4g}{'' if low == high else f' to {high:z.4g}'}{behind[name]}"
+        for name, (low, high) in ranges.items()
     )
-    there = int(inside.sum())
-    inside_words = (
-        "the only case there" if there == 1 else f"{alike} of all {count(there, 'case')} there"
-    )
-    words = f"{where}: {inside_words}" if where else f"anywhere in the space: {inside_words}"
-    return FailureGroup(ads, kind, places, ranges, alike, there, words)
+    words = "the only case there" if there == 1 else f"{alike} of all {count(there, 'case')} there"
+    words = f"{where or 'anywhere in the space'}: {words}"
+    return FailureGroup(*whose, ranges, alike, there, words)

@@ -27,25 +27,26 @@ def nearest_cases(
     Raises InputError for one that the run does not have.
     """
     scenarios = evaluation.scenarios
-    if scenario is not None and scenario not in scenarios:
-        raise unknown("scenario of this run", scenario, scenarios)
     everybody = list(dict.fromkeys(score.ads for score in evaluation.scores))
-    if ads is not None and ads not in everybody:
-        raise unknown("ADS of this run", ads, everybody)
     having = [name for name, logical in scenarios.items() if values.keys() <= set(logical.names)]
-    name = scenario or (having[0] if having else next(iter(scenarios)))
-    logical = scenarios[name]
-    for parameter in values:
-        if parameter not in logical.names:
-            raise unknown(f"parameter of scenario `{name}`", parameter, logical.names)
-        if not np.isfinite(values[parameter]):
-            raise InputError(f"`{parameter}` must be a finite number, got {values[parameter]}.")
+    name = scenario or next(iter((*having, *scenarios)))
+    logical = scenarios.get(name)
+    known = logical.names if logical else ()
+    for kind, wanted, names in (
+        ("scenario of this run", name, scenarios),
+        ("ADS of this run", ads or everybody[0], everybody),
+        *((f"parameter of scenario `{name}`", parameter, known) for parameter in values),
+    ):
+        if wanted not in names:
+            raise unknown(kind, wanted, names)
+    if bad := [item for item in values.items() if not np.isfinite(item[1])]:
+        raise InputError(f"`{bad[0][0]}` must be a finite number, got {bad[0][1]}.")
+    columns = [scenarios[name].column(parameter) for parameter in values]
+    spans = (scenarios[name].high - scenarios[name].low)[columns]
     for one in everybody if ads is None else [ads]:
         cases = evaluation.cases_of(one, name)
-        distance = np.zeros(len(cases))
-        for parameter, column in zip(values, cases.parameters(list(values)).T, strict=True):
-            item = logical.parameters[logical.column(parameter)]
-            distance += ((column - values[parameter]) / (item.high - item.low)) ** 2
+        away = (cases.parameters(list(values)) - list(values.values())) / spans
+        distance = (away**2).sum(axis=1)
         order = np.argsort(distance, kind="stable")[:most].tolist()
         yield f"{one_line(one)} in {name}, {count(len(cases), 'case')}:"
         for place in order:

@@ -11,7 +11,7 @@ minus the product of its factors. A factor's part of that loss is its Shapley va
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -167,34 +167,29 @@ def _scaled(term: Term, scale: float, cases: CaseTable, lines: _Lines) -> list[L
 
 
 def _task_lines(found: Findings) -> _Lines:
-    score, cases = found.score, found.cases
-    if score.task_share is None:
+    cases = found.cases
+    if found.score.task_share is None:
         yield "", f"T not computed: {REASON_WITHOUT_T}", -1.0, _NONE
         return
     shares = cases.task_share
     lost = np.nan_to_num(_shares(cases, cases.safe & np.isfinite(shares)) * (1.0 - shares))
-    yield from _first_of(
-        (
-            ("given up", cases.gave_up),
-            ("a contact", cases.collided),
-            ("left the road", cases.departed),
-            ("stands where the references drive", found.stands),
-            ("slower than the slowest reference", np.ones(len(lost), dtype=np.bool_)),
-        ),
-        lost,
-        shares < 1.0 - NOTICEABLE,
-    )
+    groups = {
+        "given up": cases.gave_up,
+        "a contact": cases.collided,
+        "left the road": cases.departed,
+        "stands where the references drive": found.stands,
+        "slower than the slowest reference": lost > 0.0,
+    }
+    yield from _first_of(groups, lost, shares < 1.0 - NOTICEABLE)
 
 
-def _first_of(
-    groups: Sequence[tuple[str, BoolArray]], lost: FloatArray, counts: BoolArray
-) -> _Lines:
+def _first_of(groups: Mapping[str, BoolArray], lost: FloatArray, counts: BoolArray) -> _Lines:
     """A line for each group: the cases of it that lost something and are in no group before it.
 
     counts: which cases lost something worth counting, (n,).
     """
     left = lost > 0.0
-    for words, belongs in groups:
+    for words, belongs in groups.items():
         places = np.flatnonzero(belongs & left)
         left = left & ~belongs
         if len(places):
@@ -207,17 +202,14 @@ def _avoided_lines(found: Findings) -> _Lines:
         yield "", "A not computed", -1.0, _NONE
         return
     lost = np.nan_to_num(found.share_lost)
-    yield from _first_of(
-        (
-            ("given up, which counts as doing nothing", cases.gave_up),
-            ("collisions that the ADS caused: doing nothing has none", cases.caused),
-            ("collisions that the ideal vehicle avoids", cases.avoidable),
-            ("collisions that the ideal vehicle has too, but softer", cases.unavoidable),
-            ("left the road", cases.departed),
-        ),
-        lost,
-        lost >= WORTH_COUNTING,
-    )
+    groups = {
+        "given up, which counts as doing nothing": cases.gave_up,
+        "collisions that the ADS caused: doing nothing has none": cases.caused,
+        "collisions that the ideal vehicle avoids": cases.avoidable,
+        "collisions that the ideal vehicle has too, but softer": cases.unavoidable,
+        "left the road": cases.departed,
+    }
+    yield from _first_of(groups, lost, lost >= WORTH_COUNTING)
 
 
 def _human_lines(found: Findings) -> _Lines:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from html import escape
 from typing import Any
 
@@ -21,7 +22,7 @@ def html_table(evaluation: Evaluation) -> str:
     """
     head = "".join(f"<th>{escape(name)}</th>" for name in ("ADS", "scenario", *FIRST, *MORE))
     rows = "".join(
-        f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in _row(score))}</tr>"
+        f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in _cells(score).values())}</tr>"
         for score in evaluation.scores
     )
     said = headline(evaluation)
@@ -37,33 +38,32 @@ def html_table(evaluation: Evaluation) -> str:
     return f"<p>{above}{alarms}</p>{table}<p><small>{lines}</small></p>"
 
 
-def _row(score: ScenarioResult) -> list[str]:
+def _cells(score: ScenarioResult) -> dict[str, str]:
     cells = cells_of(score)
-    return [score.ads, score.scenario, *(cells[heading] for heading in (*FIRST, *MORE))]
+    named = {heading: cells[heading] for heading in (*FIRST, *MORE)}
+    return {"ADS": score.ads, "scenario": score.scenario} | named
+
+
+def _column(cells: Mapping[str, str]) -> str:
+    rows = "".join(
+        f"<tr><th>{escape(name)}</th><td>{escape(words)}</td></tr>" for name, words in cells.items()
+    )
+    return f"<table><tbody>{rows}</tbody></table>"
 
 
 def score_html(score: ScenarioResult) -> str:
     """One ADS in one logical scenario: its scores, each with its interval, and its collisions."""
-    rows = "".join(
-        f"<tr><th>{escape(name)}</th><td>{escape(cell)}</td></tr>"
-        for name, cell in zip(("ADS", "scenario", *FIRST, *MORE), _row(score), strict=True)
-    )
-    return f"<table><tbody>{rows}</tbody></table>"
+    return _column(_cells(score))
 
 
 def case_html(case: CaseResult) -> str:
     """One case: where it lies, how it ended, what it was worth."""
-    known = {
+    return _column({
         "case": case.case, "ADS": case.ads, "scenario": case.scenario, "at": point(case.values),
-        "zone": case.zone,
-        "outcome": case.outcome, "U": number(case.severity, 2),
-        "Ug": number(case.ideal_severity, 2),
-        "D_i": number(case.index, 3), "in H": number(case.human_likeness, 3),
-    }  # fmt: skip
-    rows = "".join(
-        f"<tr><th>{escape(name)}</th><td>{escape(words)}</td></tr>" for name, words in known.items()
-    )
-    return f"<table><tbody>{rows}</tbody></table>"
+        "zone": case.zone, "outcome": case.outcome, "U": number(case.severity, 2),
+        "Ug": number(case.ideal_severity, 2), "D_i": number(case.index, 3),
+        "in H": number(case.human_likeness, 3),
+    })  # fmt: skip
 
 
 def picture(evaluation: Evaluation) -> Any:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.cases import CaseResult
+from sumo_eval.record.cases import Role
 from sumo_eval.record.store import EGO, RECORDED, Store, open_store
 from sumo_eval.report.packing import LEVEL, packed_bytes
 from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
@@ -111,13 +112,16 @@ def _drives(scenario: str, store: Store, embedded: Embedded, cases: Sequence[Cas
         number = points[case]
         here = (scenario, number) in embedded.points
         recorded = store.trajectories(case) if here else {}
-        here = here and (bool(recorded) or not store.is_discarded(case))
         vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
         trajectories += recorded.values()
         fact = store.fact(case) if EGO in recorded else None
-        hit = contact(None if fact is None else fact.collision, recorded.get(EGO))
-        row = {"point": number, "embedded": here, "vehicles": vehicles, "contact": hit}
-        rows.append({**row, "drivers": numbers.get(number, 0)})
+        rows.append({
+            "point": number,
+            "embedded": here and (bool(recorded) or not store.is_discarded(case)),
+            "vehicles": vehicles,
+            "contact": contact(fact.collision, recorded[EGO]) if fact else None,
+            "drivers": numbers.get(number, 0),
+        })  # fmt: skip
     drivers: dict[int, list[int]] = {}
     for number in sorted(number for name, number in embedded.with_drivers if name == scenario):
         for fact in store.facts_at(range(number, number + 1), "human", scenario):
@@ -139,37 +143,32 @@ def worth_embedding(
 
     cases_of: those that the page has, by scenario.
     """
-    own: Counter[Point] = Counter()
-    humans: Counter[Point] = Counter()
+    runs: dict[Role, Counter[Point]] = {"ads": Counter(), "human": Counter()}
     tells: dict[Point, float] = {}
     for name, cases in cases_of.items():
         points = _points_of(store, {case.case for case in cases}, name)
         there = set(points.values())
-        own.update((name, number) for _, number, _ in store.names("ads", name) if number in there)
-        humans.update(
-            (name, number) for _, number, _ in store.names("human", name) if number in there
-        )
+        for role, counts in runs.items():
+            counts.update((name, at) for _, at, _ in store.names(role, name) if at in there)
         for case in cases:
             at = name, points[case.case]
             matters = case.collided or not case.evaluated
             tell = FAILED if matters else 0.0 if case.index is None else 1.0 - case.index
             tells[at] = max(tells.get(at, 0.0), tell)
+    own, humans = runs.values()
     order = sorted(tells, key=lambda known: (-tells[known], known))
     chosen: set[Point] = set()
     with_drivers: set[Point] = set()
     left = most_runs
-    for here in order:
-        if tells[here] < FAILED or own[here] > left:
-            break
-        chosen.add(here)
-        left -= own[here]
-    for here in order:
-        cost = humans[here] + (0 if here in chosen else own[here])
-        if cost > left:
-            break
-        chosen.add(here)
-        with_drivers.add(here)
-        left -= cost
+    for drivers in (False, True):
+        for here in order:
+            cost = (0 if here in chosen else own[here]) + (humans[here] if drivers else 0)
+            if cost > left or (not drivers and tells[here] < FAILED):
+                break
+            chosen.add(here)
+            if drivers:
+                with_drivers.add(here)
+            left -= cost
     return Embedded(frozenset(chosen), frozenset(with_drivers))
 
 

@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -48,17 +47,12 @@ def cases_csv(evaluation: Evaluation, path: Path) -> None:
     Parameters have a column each under their own name; one that is called like another column is
     `parameter_<name>`. Text that a spreadsheet would run as a formula begins with `'`.
     """
-    parameters = list(
-        dict.fromkeys(
-            name
-            for score in evaluation.scores
-            for case in islice(evaluation.cases_of(score.ads, score.scenario), 1)
-            for name in case.values
-        )
-    )
-    headings = [
-        f"parameter_{name}" if name in (*_FIRST, *_REST, *_ALSO) else name for name in parameters
+    firsts = [
+        next(iter(evaluation.cases_of(it.ads, it.scenario)), None) for it in evaluation.scores
     ]
+    parameters = list(dict.fromkeys(name for case in firsts if case for name in case.values))
+    taken = (*_FIRST, *_REST, *_ALSO)
+    headings = [f"parameter_{name}" if name in taken else name for name in parameters]
     cases = evaluation.cases
     worst = (None if math.isnan(value) else value for value in cases.incident_severity.tolist())
     also = zip(cases.departed.tolist(), cases.gave_up.tolist(), worst, strict=True)
@@ -66,20 +60,16 @@ def cases_csv(evaluation: Evaluation, path: Path) -> None:
         (
             *(getattr(case, name) for name in _FIRST),
             *(case.values.get(name) for name in parameters),
-            *(_shown(case, name) for name in _REST),
+            *(
+                _IN_WORDS[name](case) if name in _IN_WORDS else getattr(case, name)
+                for name in _REST
+            ),
             case.index,
             *more,
         )
         for case, more in zip(cases, also, strict=True)
     )
-    write_csv(
-        path, map(cell, (*_FIRST, *headings, *_REST, *_ALSO)), (map(cell, row) for row in rows)
-    )
-
-
-def _shown(case: CaseResult, name: str) -> Any:
-    """A field as its column has it: notes as sentences."""
-    return _IN_WORDS[name](case) if name in _IN_WORDS else getattr(case, name)
+    write_csv(path, map(cell, (*_FIRST, *headings, *_REST, *_ALSO)), (map(cell, it) for it in rows))
 
 
 def write_tables(evaluation: Evaluation) -> None:
