@@ -267,7 +267,10 @@ def choose_view(
     held = [(logical.parameters[column], value) for column, value in fixed.items()]
     where = ", ".join(f"{item.name} = {value:g}{item.behind}" for item, value in held)
     of = f"{on_slice} of {len(cases)} cases; the list of cases reaches all of them."
-    note = f"The map is the slice at {where}, the most common values, or the middle ones where none is."
+    note = (
+        f"The map is the slice at {where}, the most common values, or the middle ones where none "
+        "is."
+    )
     note += (
         " Nearly every case lies off it, so all cases are drawn where they would fall on it."
         if projected
