@@ -137,7 +137,7 @@ def share_at_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body)
 
 @kernel
 def keeps_apart(ego: Body, other: Body) -> bool:
-    """Whether two bodies that go on straight along the road at their speeds never touch."""
+    """Whether two bodies that continue straight along the road at their speeds never touch."""
     if other.heading != 0.0 or other.across != 0.0:
         return False
     ahead = other.x - ego.x

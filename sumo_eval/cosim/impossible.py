@@ -1,5 +1,5 @@
-"""What SUMO may show of a vehicle that no vehicle can be: lost on no lane, jumped, faster than
-anything drives.
+"""Impossible states that SUMO may show of a vehicle: on no lane, jumped, faster than anything
+drives.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def front(body: Body) -> tuple[float, float]:
 
 def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
     """Whether the ego is, or within a step gets, where SUMO has no lane for it: its centre beside
-    the road, or its front bumper's centre half a width beside it or beyond its ends.
+    the road, or its front bumper's centre half a width off the road or beyond its ends.
     """
     ahead = ego.speed * step
     coming = ego._replace(
@@ -48,7 +48,7 @@ def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
 def impossible(
     calls: Any, name: str, last: tuple[float, float], now: float, step: float
 ) -> SimulationError:
-    """What SUMO shows of a vehicle is the state of none: which of its quantities.
+    """An error with the impossible quantity that SUMO shows of a vehicle.
 
     last: its front bumper before, m.
     """

@@ -72,7 +72,7 @@ class Terms(NamedTuple):
     """Terms on which an ADS drives.
 
     step_timeout: longest wall time of a step, s.
-    plant: the vehicle model instead of ours.
+    plant: the vehicle model instead of the package's.
     folder: where relative paths start.
     every: the ADS is called every n-th step.
     """

@@ -1,10 +1,10 @@
-"""Cases beside each other of which each can end and begin anew by itself, for learning.
+"""A batch of cases of which each can end and begin again by itself, for learning.
 
-The ego is moved by the vehicle model, the others by their scripts and by SUMO, contact and ends are
-found by the functions that every evaluation uses (`cosim.step_rules`). libsumo holds one simulation
-in a process, so one pack is in it at a time. A pack without SUMO has the others where their scripts
-have them, which is where SUMO has to show them in an evaluation: a drive is the same to rounding,
-and there may be as many such packs in a process as one likes.
+The vehicle model moves the ego, scripts and SUMO move the actors, and the functions of every
+evaluation (`cosim.step_rules`) find contact and ends. libsumo holds one simulation in a process, so
+one batch is in it at a time. A batch without SUMO has the actors where their scripts have them,
+which is where SUMO has to show them in an evaluation: a drive is the same to rounding, and a
+process may hold any number of such batches.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Pack:
         if not sumo:
             return
         if cases[0].road.bent:
-            raise InputError("Learning on a road that bends needs `sumo=False`.")
+            raise InputError("Learning on a curved road needs `sumo=False`.")
         if libsumo.simulation.isLoaded():
             raise InputError(
                 "libsumo holds one simulation in a process, and there is one already: close the "
@@ -107,11 +107,11 @@ class Pack:
         return rows
 
     def reason(self, row: int) -> str:
-        """Why a row has ended, "" while it goes on; words as in a `Recording`."""
+        """Why a row has ended, "" while it continues; words as in a `Recording`."""
         return REASONS[int(self.world.egos["reason"][row])] or ""
 
     def observations(self) -> Observations:
-        """What all rows see."""
+        """The view of all rows."""
         world = self.world
         return Observations(
             world.time,
@@ -136,6 +136,6 @@ class Pack:
                 "stream."
             )
         if kind_of(concrete) != self._kind:
-            raise must_be("The cases", "one pack", "of one road, one ego's body and as many other "
+            raise must_be("The cases", "one batch", "of one road, one ego's body and as many other "
                                                    "vehicles",
                           f"{concrete.scenario} ({concrete.label})")  # fmt: skip

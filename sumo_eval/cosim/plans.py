@@ -1,4 +1,4 @@
-"""What an ADS may ask for in place of an acceleration and a wheel angle, and how it is carried out.
+"""Plans, speeds and pedals, which an ADS may ask for, and how they are carried out.
 
 A stated tracker drives plans, a first-order law takes up speeds, a linear map reads pedals. One
 `Wheel` a case holds what was asked for until it is replaced.
@@ -43,7 +43,7 @@ class Plan:
 
 
 Wanted = Command | Pedals | Plan
-"""What an ADS asks for."""
+"""The wishes of an ADS."""
 
 HOLD = object()
 """The answer of an adapter: what was asked for still holds."""
@@ -64,7 +64,7 @@ class Wheel:
     """Carries out what the ADS of one case asks for.
 
     note: puts on record what, the value asked for, the value got.
-    line: the road's, where it bends.
+    line: the road's, where it is curved.
     """
 
     def __init__(

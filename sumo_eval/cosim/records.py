@@ -22,7 +22,7 @@ again."""
 
 
 class Scenes(NamedTuple):
-    """What n cases with m actors each are, and what SUMO shows of them.
+    """State of n cases with m actors each, and what SUMO shows of them.
 
     egos, others, clips: (n,), (n, m) and (n, kinds).
     seen: the actors as rules see them, (n, m).
@@ -59,7 +59,7 @@ MOVER = np.dtype(
     )
 )  # fmt: skip
 """A vehicle as rules see it: along and across the road; x is nan where there is none
-(`ads.perception`). along: dx/dt, m/s. curvature: of the road beside it, at the offset y, 1/m,
+(`ads.perception`). along: dx/dt, m/s. curvature: of the road at x and the offset y, 1/m,
 positive to the left."""
 _MAP = fields("x", "y", "heading")
 BODY = fields("x", "y", "heading", "speed", "length", "width", "across")
@@ -73,7 +73,7 @@ ends: 1 if its first lane ends there."""
 
 
 def numbers_of(records: Records) -> FloatArray:
-    """The numbers of records, whose fields all have eight bytes, in place: counts are no use."""
+    """The numbers of records, whose fields all have eight bytes, in place: of counts only the bits."""
     return records.view(np.float64).reshape(*records.shape, records.itemsize // 8)
 
 
@@ -136,7 +136,7 @@ SCENARIO = np.dtype(
         *flags("end_when_decided"),
     ]
 )  # fmt: skip
-"""What all rows share; `road`, `vehicle` and `step` as in a `Briefing`.
+"""Values that all rows share; `road`, `vehicle` and `step` as in a `Briefing`.
 
 There are two: the second has a cycle as its step, in which a rule that jumps decides once.
 """

@@ -127,9 +127,7 @@ def simulate(
     terms = Terms(step_timeout, plant, folder, every)
     target = _target(ads)
     if every > 1 and (Compiled.rides(target) or isinstance(ads, ListenerController)):
-        raise InputError(
-            "What ships, and a step listener, drive at every step; they take no `period`."
-        )
+        raise InputError("Baselines and step listeners drive at every step; they take no `period`.")
     alone = Compiled.rides(target) or ads.is_policy
     world = World([concrete], settings, MODEL if alone else SUMO)
     driver: EgoControl

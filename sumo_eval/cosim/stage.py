@@ -2,7 +2,7 @@
 whether both agree.
 
 SUMO steps the ego and every actor of every case. Where no ADS asks it, it receives all of them at
-every tenth step, and must then show each where it was told.
+every tenth step, and must then show each at its place.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ class Stage:
                 self._told[name] = start.speed
 
     def closely(self, steps: int) -> bool:
-        """Whether everything is told in the step after so many."""
+        """Whether SUMO receives everything in the step after n."""
         return self.asked or self.compares(steps)
 
     def compares(self, steps: int) -> bool:
@@ -248,7 +248,7 @@ class Stage:
         return bool(body["x"] + 0.5 * body["length"] > road.length + road.run_out - BESIDE)
 
     def compare(self, world: World) -> None:
-        """Fail the cases in which SUMO shows a vehicle elsewhere than it was told in this step."""
+        """Fail the cases in which SUMO shows a vehicle at another place."""
         road, live = self._road, self._live
         egos, others = world.egos[live], world.others[live]
         x, y, length = (joined(egos, others, name) for name in ("x", "y", "length"))
@@ -279,7 +279,7 @@ class Stage:
             )  # fmt: skip
 
     def _fail(self, world: World, row: int, vehicle: int, words: str) -> None:
-        """Fail a case of which SUMO shows a vehicle elsewhere than it was told.
+        """Fail a case of which SUMO shows a vehicle at another place.
 
         words: with {} for the vehicle.
         """

@@ -262,7 +262,7 @@ class Traffic(Stage):
         world.put_on_map()
 
     def _shown(self, names: list[str]) -> FloatArray:
-        """x, y, angle and speed of vehicles; on a bend the place along its lane, as SUMO's drivers
+        """x, y, angle and speed of vehicles; in a curve the place along its lane, as SUMO's drivers
         know it, (n, 4).
         """
         calls, found = self.calls, np.full((len(names), 4), STRAIGHT)
@@ -302,7 +302,7 @@ class Traffic(Stage):
         others["speed"][at] = speed
 
     def compare(self, world: World) -> None:
-        """Fail the cases in which SUMO shows something else than it was told."""
+        """Fail the cases in which SUMO shows something else than it received."""
         if not self._bent:
             super().compare(world)
             return

@@ -30,7 +30,7 @@ _SAME = 1e-12  # m/s2, accelerations closer than this are one
 
 @dataclass(frozen=True, slots=True, init=False)
 class Command:
-    """What an ADS asks of its vehicle for the next step: an acceleration, or in its place a speed.
+    """Wish of an ADS for the next step: an acceleration, or instead a speed.
 
     acceleration: along the vehicle, m/s2, negative brakes; nan beside a speed.
     steering: steering wheel angle, rad, positive to the left.
@@ -87,7 +87,7 @@ class EgoState(NamedTuple):
 
 
 Clipped = tuple[str, float, float]
-"""What was limited, the value asked for, the value granted."""
+"""The limited quantity, the value asked for, the value granted."""
 
 
 LIMITED = (
@@ -95,7 +95,7 @@ LIMITED = (
     "acceleration_rate",
     "beyond_kinematic",
 )  # fmt: skip
-"""What the vehicle model may have to limit, by the number of its clip."""
+"""Quantities that the vehicle model may have to limit, by the number of the clip."""
 (
     _STEERING_ANGLE, _STEERING_RATE, _LATERAL_FRICTION, _ACCELERATION, _FRICTION, _SPEED,
     _ACCELERATION_RATE,
@@ -129,7 +129,7 @@ def move(
     limits: `VehicleSettings` or a record of them.
     clips: where limits that the command runs into are counted, by number. The tyres hold a total
         acceleration of friction * g at the end of every step: steering comes first, braking and
-        drive get the rest of the friction circle, and what brakes and drive cannot let go of within
+        drive get the rest of the friction circle, and what brakes and drive cannot release within
         the step is taken from the steering.
     """
     if steering == 0.0 and ego.steering == 0.0:  # straight, as nearly always
@@ -229,8 +229,8 @@ def move_dynamic(
 ) -> None:
     """Move an ego by the dynamic model, with its side slip, rad, and yaw rate, rad/s.
 
-    Arguments as in `move`. Steering, drive and brakes have the kinematic model's limits but for the
-    tyres', which here let go by themselves. Side slip, yaw and place are integrated by Heun's
+    Arguments as in `move`. Steering, drive and brakes have the kinematic model's limits except the
+    tyres', which here slip by themselves. Side slip, yaw and place are integrated by Heun's
     method in ten parts of the step; speed and distance along the path are the exact ones of
     `drive`.
     """

@@ -213,10 +213,10 @@ class World:
         return now > self.none_leaves_before
 
     def let_leave(self, now: float, told: int, as_read: bool) -> tuple[int, Sequence[int]]:
-        """Let the vehicles leave that come to the end of their lanes in the step to `now`, s.
+        """Remove the vehicles that come to the end of their lanes in the step to `now`, s.
 
-        as_read: SUMO says itself when those are gone that it moves. Returns how many rows of `tell`
-            there are without the others, and their numbers as they stand there.
+        as_read: SUMO reports itself when those are gone that it moves. Returns how many rows of
+            `tell` there are without them, and their numbers as they stand there.
         """
         others, road, half = self.others, self.cases[0].road, 0.5 * self.others["length"]
         front = others["x"] + half * np.cos(others["heading"])

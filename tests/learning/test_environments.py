@@ -67,7 +67,7 @@ def test_gymnasium_accepts_the_environment_of_every_scenario(scenario: str) -> N
             make(f"sumo_eval/{scenario}-v0", steering=True).reset()
         return
     if bent:
-        with pytest.raises(InputError, match="on a road that bends needs `sumo=False`"):
+        with pytest.raises(InputError, match="on a curved road needs `sumo=False`"):
             make(f"sumo_eval/{scenario}-v0", steering=True, sumo=True).reset()
         close()
     env = make(f"sumo_eval/{scenario}-v0", steering=True, sumo=not bent)

@@ -47,9 +47,9 @@ def keep_xml_parser() -> bool:
     """Set up Xerces, which SUMO reads its files with, once for the process; whether it was found.
 
     SUMO sets it up in every start and takes it down in every close, and that is half of what both
-    cost. Xerces counts: who sets it up once more than he takes it down keeps its tables (character
+    cost. Xerces counts: one set-up more than closes keeps its tables (character
     classes, codings), which nothing writes to. Where the library has another name or place, SUMO
-    goes on doing it by itself.
+    continues to do it by itself.
     """
     if kernels.PLAIN:
         return False
@@ -86,7 +86,7 @@ def vehicles(traci: Any) -> Any:
 
 
 def direct(call: str, wrapper: Callable[..., Any], domain: str = "vehicle") -> Callable[..., Any]:
-    """What a call of one of libsumo's domains wraps, at half the cost.
+    """The function that a call of one of libsumo's domains wraps, at half the cost.
 
     wrapper: the call itself, which stays where it is more than that.
     """
@@ -96,7 +96,7 @@ def direct(call: str, wrapper: Callable[..., Any], domain: str = "vehicle") -> C
 
 
 def simulation_step(traci: Any) -> Callable[[], None]:
-    """What makes one step of a simulation; of libsumo the function itself, and step listeners where
+    """The function that steps a simulation; of libsumo the inner one, and step listeners where
     there are any.
     """
     if not _borrows(traci):
@@ -112,7 +112,7 @@ def simulation_step(traci: Any) -> Callable[[], None]:
 
 
 def simulation_time(traci: Any) -> Callable[[], float]:
-    """What tells the time of a simulation, s; of libsumo the function itself."""
+    """The function that gives the time of a simulation, s; of libsumo the inner one."""
     return cast(
         "Callable[[], float]",
         _LIBSUMO.simulation_getTime if _borrows(traci) else traci.simulation.getTime,

@@ -2,13 +2,13 @@
 
 SUMO listens for its clients on all interfaces and has no option for anything else. So, on Linux, it
 is started in a network namespace of its own, where there is nothing but a loopback interface:
-whatever it listens on, nobody outside reaches it. The harness's sockets come from that namespace,
+whatever it listens on, it is out of reach from outside. The harness's sockets come from that namespace,
 made in the child before it becomes sumo. The user's program connects to a relay, which listens on
 this machine's loopback interface and takes one connection.
 
-Where a namespace may not be had (other systems, containers that forbid it) SUMO's port is open to
+Where a namespace is not available (other systems, containers that forbid it) SUMO's port is open to
 the network. Both of its clients are connected as soon as it listens; it takes no third one, so a
-stranger who connects later is never served, and one who was quicker takes a client's place, which
+stranger that connects later is never served, and a quicker one takes a client's place, which
 ends the case.
 """
 
@@ -123,14 +123,14 @@ class Relay:
 
 
 def _into_own_network(report: socket.socket) -> Callable[[], None]:
-    """What a child does before it becomes the server: take a network of its own and hand out
+    """Function of a child before it becomes the server: take a network of its own and hand out
     sockets of that.
     """
 
     def prepare() -> None:
         import fcntl
 
-        # not allowed here: whoever waits for the sockets reads the end of the file
+        # not allowed here: the reader of the sockets reads the end of the file
         with suppress(OSError):
             users, group = os.geteuid(), os.getegid()
             if ctypes.CDLL(None, use_errno=True).unshare(_NEW_USERS | _NEW_NETWORK) != 0:

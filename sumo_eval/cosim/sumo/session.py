@@ -271,7 +271,7 @@ def quoted(error: Exception, *logs: Path) -> str:
 @contextmanager
 def _stderr_into(path: Path) -> Iterator[None]:
     """SUMO prints its errors to the process's stderr whatever its options say; here they become
-    part of ours.
+    part of an error of the package.
     """
     try:
         console = os.dup(2)
@@ -284,7 +284,7 @@ def _stderr_into(path: Path) -> Iterator[None]:
         with path.open("wb") as file:
             os.dup2(file.fileno(), 2)
         yield
-        # it started: what was said meanwhile is not ours to keep
+        # it started: its messages so far are the user's
         os.write(console, path.read_bytes())
     finally:
         os.dup2(console, 2)

@@ -1,10 +1,10 @@
-"""SUMO files of cases that nobody but the harness asks SUMO about, mostly many together: every case
-on a road of its own, all roads in the same place, so that no digit of a position differs from the
+"""SUMO files of cases of which only the harness asks SUMO, mostly many together: every case on a
+road of its own, all roads in the same place, so that no digit of a position differs from the
 one that the case has alone. Vehicles of different roads do not see each other.
 
 SUMO's own driver models decide nothing in a case: the harness says what every vehicle does. Here
 they are not even asked (`actionStepLength`), which takes two thirds off a step; a vehicle keeps the
-speed that it was told. A case that is alone has the names that the user knows.
+speed that it received. A case that is alone has the names that the user knows.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def name_in_sumo(name: str, suffix: str) -> str:
 
 
 def vehicle_names(cases: Sequence[ConcreteScenario], *, asked: bool = False) -> list[list[str]]:
-    """The vehicles' names in SUMO: of each case the ego's, then those of the others in their
+    """The vehicles' names in SUMO: of each case the ego's, then those of its actors in their
     order.
 
     asked: ADSs ask SUMO, by names.
@@ -68,9 +68,8 @@ def fits_one_lane(concrete: ConcreteScenario) -> bool:
     """Whether a case can have one lane here, as wide as its road, on the right-hand lane's centre
     line.
 
-    Nobody changes lanes of his own accord, and looking whether one might takes a third of SUMO's
-    step. A road that bends keeps its lanes, and one on which somebody reacts or waits for what
-    happens.
+    No vehicle changes lanes by itself, and looking whether one might takes a third of SUMO's step.
+    A curved road keeps its lanes, and one on which an actor reacts or waits for what happens.
     """
     return not (concrete.road.bent or concrete.lively)
 
@@ -78,10 +77,9 @@ def fits_one_lane(concrete: ConcreteScenario) -> bool:
 def has_shadow(concrete: ConcreteScenario, vehicle: int) -> bool:
     """Whether a second body stands for a vehicle in the lane that it reaches into.
 
-    vehicle: 0 the ego, then the others.
+    vehicle: 0 the ego, then the actors.
 
-    Whoever moves it knows SUMO's drivers alone; only those need it, and they look for it in lanes
-    beside its own.
+    Only SUMO's drivers need it, and they look for it in neighbouring lanes.
     """
     if not concrete.reacts or concrete.road.lanes == 1:
         return False
@@ -112,15 +110,13 @@ def shared_network_xml(cases: Sequence[ConcreteScenario], *, asked: bool = False
 
 
 def plain(road: Road) -> Road:
-    """The road with all its lanes throughout: nobody here is SUMO's to lead along lanes that
-    end.
-    """
+    """The road with all its lanes throughout: here SUMO leads no vehicle along lanes that end."""
     return replace(road, spans=(), crossings=()) if road.shaped else road
 
 
 @functools.lru_cache(maxsize=64)
 def _parts(road: Road, one_lane: bool) -> tuple[str, str, str]:
-    """What stands before the edge of a road, the edge, and the junctions."""
+    """The text before the edge of a road, the edge, and the junctions."""
     wide = replace(road, lanes=1, lane_width=2.0 * max(road.left_edge, -road.right_edge))
     head, opening, rest = network_xml(wide if one_lane else road).partition("  <edge ")
     edge, closing, junctions = rest.partition("  <junction ")
@@ -186,7 +182,7 @@ def shared_routes_xml(
 
 
 def _element(tag: str, attributes: Mapping[str, str]) -> str:
-    """One element; its values are numbers and the pack's own names, in which nothing needs
+    """One element; its values are numbers and the batch's own names, in which nothing needs
     escaping.
     """
     written = " ".join([f'{name}="{value}"' for name, value in attributes.items()])

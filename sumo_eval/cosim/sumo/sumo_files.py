@@ -43,7 +43,7 @@ class Section(NamedTuple):
     """A stretch of a road with the same lanes throughout, an edge of its own.
 
     lanes: those on it; SUMO counts from its right-hand one.
-    ramp: the lane that a line parts from it, -1: none; an edge beside it, `ramp_edge`.
+    ramp: the lane that a line parts from it, -1: none; an edge of its own, `ramp_edge`.
     """
 
     edge: str
@@ -138,7 +138,7 @@ E: Any = ElementMaker(
 def network_xml(road: Road) -> str:
     """A one-way road as a final SUMO network (no netconvert needed): lane 0's centre line is y = 0.
 
-    It has an edge for each of its sections, with the ramps beside it and the roads that cross it.
+    It has an edge for each of its sections, with its ramps and the roads that cross it.
     On a curved road all lanes are offsets of that line, with a vertex at every metre of curve,
     and have its length, as SUMO wants of neighbours: it stretches a shape to the length evenly, so
     places on lane 0 alone are exact. A road in a network of the user's is that network, laid along
