@@ -1,11 +1,10 @@
 """Cases through SUMO: one at a time, or many that are driven together, in the same loop and to the
 same bits.
 
-Cases on the same road with the same settings and as many other vehicles can share one simulation,
-where the ADS looks through observations: everything that ships, people, and users' policies.
-Whatever needs the simulation to itself (TraCI code, listeners, programs) is driven alone; when a
-simulation that many share fails as a whole, each of its cases is driven alone too. Who asks is told
-how many, and why.
+Cases on the same road with the same settings and as many actors can share one simulation, where
+the ADS looks through observations: baselines, synthetic drivers, and users' policies. An ADS that
+needs the simulation to itself (TraCI code, listeners, programs) is driven alone; when a batch fails
+as a whole, each of its cases is driven alone too. The caller receives how many, and why.
 """
 
 from __future__ import annotations
@@ -101,7 +100,7 @@ def simulate(
     seed: int = 0,
     period: float | None = None,
 ) -> Recording:
-    """Run a concrete scenario with an ADS at the ego's wheel.
+    """Run a concrete scenario with an ADS that controls the ego.
 
     controller: a locator string, a function, a class or an object (see
         `sumo_eval.cosim.doors.controller`).
@@ -111,7 +110,7 @@ def simulate(
     period: s from one call of the controller to the next, in between its answer holds; None: as its
         locator says.
 
-    A fault of the ADS (an exception, a command that is no finite number, motion that no vehicle can
+    A fault of the ADS (an exception, a command that is not a finite number, motion that no vehicle can
     do, touching SUMO's clock) ends the run with `end_reason` "ads_error" and a sentence in `error`,
     too slow a step with "ads_timeout", a fault of SUMO with "sim_error". What was driven until then
     is kept.
@@ -163,7 +162,7 @@ def _steps_between(
 
 
 def _target(ads: Adapter) -> Any:
-    """The user's own object, or what ships, of what is no policy."""
+    """The user's own object or the baseline; None of a policy."""
     return None if ads.is_policy else ads.target
 
 
@@ -236,12 +235,12 @@ def simulate_many(
     """Recordings of concrete scenarios in their order; other arguments and errors as in `simulate`.
 
     controller: an ADS (a locator, a class or a function, so that every case gets a fresh one; an
-        object that is given ready-made serves all cases one after the other), or a list with one
-        controller for each case. Cases of one kind are driven together where the ADS and they allow
-        it, in whatever order they come; the others one by one.
+        object that is given ready-made serves all cases in order), or a list with one controller
+        for each case. Cases of one kind are driven together where the ADS and they allow it, in any
+        order; all else one by one.
     alone: counts these, by the reason.
     """
-    together = simulate_together(cases, controller, settings, folder=folder)
+    together = simulate_together(cases, controller, settings, terms=Terms(folder=folder))
     each = controller if isinstance(controller, list | tuple) else [controller] * len(cases)
     for concrete, its_own, found in zip(cases, each, together, strict=True):
         if isinstance(found, Recording):
@@ -257,8 +256,7 @@ def simulate_together(
     controller: ControllerLike | Sequence[ControllerLike],
     settings: SimulationSettings | None = None,
     *,
-    folder: Path | None = None,
-    step_timeout: float = math.inf,
+    terms: Terms | None = None,
     seeds: Sequence[int] | None = None,
     wrap: Callable[[Adapter], Adapter] = lambda ads: ads,
     batches: bool = True,
@@ -267,6 +265,7 @@ def simulate_together(
     reason. Those of a kind go together: as many other vehicles on one road. How many there are of a
     stream depends on its density.
 
+    terms: how long a step may take, and where relative paths start.
     seeds: of each case, of what the conditions leave to chance.
     wrap: put around the policy of each case.
     batches: whether a policy over arrays may see many cases at once; its numbers may depend on
@@ -274,7 +273,8 @@ def simulate_together(
     """
     basis = settings or USUAL
     check_intervals(basis)
-    given, terms = seeds or [0] * len(cases), Terms(step_timeout, None, folder)
+    given, terms = seeds or [0] * len(cases), terms or Terms()
+    folder = terms.folder
     if isinstance(controller, list | tuple):
         if len(controller) != len(cases):
             each = f"one for each of the {len(cases)} cases"
@@ -447,7 +447,7 @@ def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
     its last.
 
     When the ego is at the road's end if it stays behind the slowest that moves; of a case that ends
-    when it is `decided`, when the ego reaches another vehicle if nobody does anything.
+    when it is `decided`, when the ego reaches another vehicle at the speeds of the start.
     """
     ego, starts = concrete.ego, [actor.start for actor in concrete.actors]
     if decided:
@@ -570,8 +570,8 @@ def _together(
 
 @contextmanager
 def _little_garbage() -> Iterator[None]:
-    """Python looks for cycles of garbage a hundredth as often: a pack's tuples and arrays make
-    none.
+    """Python looks for cycles of garbage a hundredth as often: a batch's tuples and arrays
+    make none.
     """
     before = gc.get_threshold()
     gc.set_threshold(100 * before[0], *before[1:])
@@ -582,7 +582,7 @@ def _little_garbage() -> Iterator[None]:
 
 
 class _Refused(ModuleType):
-    """What `import traci` gives where SUMO holds many cases: a module that answers nothing."""
+    """The module of `import traci` where SUMO holds many cases: it answers nothing."""
 
     def __getattr__(self, name: str) -> Any:
         raise RefusedCallError(f"The ADS asked for traci.{name}; it is driven together with others")

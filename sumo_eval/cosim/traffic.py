@@ -322,7 +322,7 @@ class Traffic(Stage):
                         world,
                         row,
                         j,
-                        f"put {{}} {off:.3f} m along its lane from where it was told.",
+                        f"put {{}} {off:.3f} m along its lane from its place.",
                     )
 
     def remove(self, world: World, row: int) -> None:

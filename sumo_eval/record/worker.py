@@ -16,6 +16,7 @@ from sumo_eval.ads.known_answers import IdealBraking, no_reaction
 from sumo_eval.cosim.doors.controller import Adapter, load_controller
 from sumo_eval.cosim.doors.entry import loading, split_entry
 from sumo_eval.cosim.doors.fault_place import fault_place
+from sumo_eval.cosim.loop import Terms
 from sumo_eval.cosim.no_return import with_no_return
 from sumo_eval.cosim.simulation import simulate, simulate_together
 from sumo_eval.cosim.vehicle_model import GRAVITY
@@ -175,8 +176,7 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
             concretes,
             first.controller,
             settings,
-            folder=setup.folder,
-            step_timeout=setup.run.step_timeout,
+            terms=Terms(setup.run.step_timeout, folder=setup.folder),
             seeds=seeds,
             wrap=lambda ads: watched(ads, setup.run),
             batches=block is not None,
