@@ -73,7 +73,7 @@ ends: 1 if its first lane ends there."""
 
 
 def numbers_of(records: Records) -> FloatArray:
-    """The numbers of records, whose fields all have eight bytes, in place: of counts only the bits."""
+    """The numbers of records, whose fields have eight bytes, in place: of counts only the bits."""
     return records.view(np.float64).reshape(*records.shape, records.itemsize // 8)
 
 

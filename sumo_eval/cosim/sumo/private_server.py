@@ -2,9 +2,9 @@
 
 SUMO listens for its clients on all interfaces and has no option for anything else. So, on Linux, it
 is started in a network namespace of its own, where there is nothing but a loopback interface:
-whatever it listens on, it is out of reach from outside. The harness's sockets come from that namespace,
-made in the child before it becomes sumo. The user's program connects to a relay, which listens on
-this machine's loopback interface and takes one connection.
+whatever it listens on, it is out of reach from outside. The harness's sockets come from that
+namespace, made in the child before it becomes sumo. The user's program connects to a relay, which
+listens on this machine's loopback interface and takes one connection.
 
 Where a namespace is not available (other systems, containers that forbid it) SUMO's port is open to
 the network. Both of its clients are connected as soon as it listens; it takes no third one, so a
