@@ -111,9 +111,9 @@ def simulate(
         locator says.
 
     A fault of the ADS (an exception, a command that is not a finite number, motion that no vehicle
-    can do, touching SUMO's clock) ends the run with `end_reason` "ads_error" and a sentence in `error`,
-    too slow a step with "ads_timeout", a fault of SUMO with "sim_error". What was driven until then
-    is kept.
+    can do, touching SUMO's clock) ends the run with `end_reason` "ads_error" and a sentence in
+    `error`, too slow a step with "ads_timeout", a fault of SUMO with "sim_error". What was driven
+    until then is kept.
     """
     settings = concrete.simulation(settings or USUAL)
     check_intervals(settings)
