@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from sumo_eval.cli import main
 from sumo_eval.errors import SimulationError
 from sumo_eval.extras.studies.qualification import table
-from sumo_eval.extras.studies.qualification.qualified import made
+from sumo_eval.extras.studies.qualification.qualified import carry_out
 from sumo_eval.extras.studies.qualification.table import Check
 
 FIRST = [next(group) for _, group in groupby(table.all_checks(), key=lambda check: check.kind)]
@@ -55,7 +55,7 @@ def test_a_fault_of_the_tool_is_a_check_that_failed_with_its_sentence() -> None:
     def fails() -> float:
         raise SimulationError("SUMO is gone")
 
-    found = made(Check("kind", "name", fails, (), 1.0, "source", 1.0))
+    found = carry_out(Check("kind", "name", fails, (), 1.0, "source", 1.0))
     assert (found.passed, found.found, found.error) == (False, None, "SUMO is gone")
 
 

@@ -7,9 +7,9 @@ scipy and the recordings' pandas take 1 s to import; they are, where an exposure
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,8 +25,7 @@ SUPPORT = 3.0  # kernel deviations; a point further from every event is outside 
 SPACE_POINTS = 4096  # on which the share of the space without support is measured
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RecordedExposure:
+class RecordedExposure(NamedTuple):
     """A Gaussian KDE over the parameters of recorded events.
 
     names: parameters, in the order of the columns of points (n, k).
@@ -42,11 +41,11 @@ class RecordedExposure:
 
     def density(self, values: Values) -> FloatArray:
         """p at values by name (arrays that broadcast)."""
-        places = _columns(values, self.names)
-        found: FloatArray = _stats().gaussian_kde(self.points.T, bw_method=self.factor)(
-            places.reshape(len(places), -1)
-        )
-        return found.reshape(places.shape[1:])
+        columns = (np.asarray(values[name], dtype=np.float64) for name in self.names)
+        places = np.stack(np.broadcast_arrays(*columns))
+        kde = _stats().gaussian_kde(self.points.T, bw_method=self.factor)
+        density: FloatArray = kde(places.reshape(len(places), -1))
+        return density.reshape(places.shape[1:])
 
     def supported(self, points: FloatArray) -> BoolArray:
         """Which points (m, k) lie within `SUPPORT` kernel deviations of at least one event."""
@@ -58,8 +57,7 @@ class RecordedExposure:
         return np.asarray(distance <= SUPPORT)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RunExposure:
+class RunExposure(NamedTuple):
     """How a scenario's concrete scenarios are weighted.
 
     density: p at values by name.
@@ -83,16 +81,16 @@ class RunExposure:
 
         points: (n, k), the concrete scenarios of the run.
         """
-        found: dict[str, Any] = {"about": self.about, "known": self.known}
+        content: dict[str, Any] = {"about": self.about, "known": self.known}
         if self.recorded is not None:
-            found |= {
+            content |= {
                 "events": len(self.recorded.points),
                 "bandwidth_factor": self.recorded.factor,
                 "held_out_log_likelihood": dict(self.recorded.held_out),
                 "unsupported_share": self.unsupported_share,
                 "outside_support": np.flatnonzero(~self.recorded.supported(points)).tolist(),
             }
-        return found
+        return content
 
 
 def exposure_of(
@@ -109,8 +107,7 @@ def exposure_of(
     if not recordings:
         raise InputError(
             f"The exposure of scenario `{logical.name}` must name recordings, in "
-            "`scenario.exposure.recordings` or "
-            "`drivers.recordings`, got none."
+            "`scenario.exposure.recordings` or `drivers.recordings`, got none."
         )
     from sumo_eval.drivers.recorded.matching import match_of, matching_events
     from sumo_eval.drivers.recorded.reference import open_people
@@ -126,11 +123,9 @@ def exposure_of(
     words = ", ".join(f"{name} {value:.3f}" for name, value in model.held_out.items())
     return RunExposure(
         model.density,
-        f"a Gaussian KDE over {len(model.points)} recorded events (bandwidth {model.factor:.3f} "
-        "of the data's "
-        f"deviation); held-out log-likelihood in nats an event: {words}; {100 * share:.0f} % of "
-        "the space lies outside "
-        "its support",
+        f"a Gaussian KDE over {len(model.points)} recorded events (bandwidth {model.factor:.3f} of "
+        f"the data's deviation); held-out log-likelihood in nats an event: {words}; "
+        f"{100 * share:.0f} % of the space lies outside its support",
         model,
         share,
     )
@@ -156,16 +151,14 @@ def fit_exposure(
             "own; they do not."
         )
     scott = float(n ** (-1.0 / (k + 4)))
-    best = max(
-        FACTORS, key=lambda factor: _held_out(events, lambda train: _kde(train, float(factor)))
-    )
-    factor = scott if bandwidth == "scott" else float(best)
-    low, high = events.min(axis=0), events.max(axis=0)
+    likelihoods = [_held_out(events, partial(_kde, factor=factor)) for factor in FACTORS]
+    best = int(np.argmax(likelihoods))
+    factor = scott if bandwidth == "scott" else float(FACTORS[best])
     held_out = {
-        "scott": _held_out(events, lambda train: _kde(train, scott)),
-        "cross_validated": _held_out(events, lambda train: _kde(train, float(best))),
+        "scott": _held_out(events, partial(_kde, factor=scott)),
+        "cross_validated": likelihoods[best],
         "single_gaussian": _held_out(events, _gaussian),
-        "uniform": -float(np.log(high - low).sum()),
+        "uniform": -float(np.log(np.ptp(events, axis=0)).sum()),
     }
     return RecordedExposure(tuple(names), events, factor, held_out)
 
@@ -192,12 +185,6 @@ def _kde(train: FloatArray, factor: float) -> Any:
 def _gaussian(train: FloatArray) -> Any:
     normal = _stats().multivariate_normal(train.mean(axis=0), np.cov(train.T))
     return lambda points: np.atleast_1d(normal.logpdf(points))
-
-
-def _columns(values: Values, names: Sequence[str]) -> FloatArray:
-    return np.stack(
-        np.broadcast_arrays(*(np.asarray(values[name], dtype=np.float64) for name in names))
-    )
 
 
 def _declared(

@@ -8,8 +8,7 @@ here.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Final
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -18,9 +17,10 @@ from sumo_eval.errors import InputError, unknown
 from sumo_eval.scenario.logical import Counterpart
 
 
-@dataclass(frozen=True, slots=True)
-class Match:
-    """kind: of event.
+class Match(NamedTuple):
+    """Events that show a scenario.
+
+    kind: of event.
     columns: column by parameter.
     tolerance: how far a parameter may be off, by parameter.
     start: the column with the time that is the scenario's t = 0.
@@ -31,43 +31,34 @@ class Match:
     columns: Mapping[str, str]
     tolerance: Mapping[str, float]
     start: str = "start"
-    only: Mapping[str, str] | None = None
+    only: Mapping[str, str] = {}
 
 
-MATCHES: Final[Mapping[str, Match]] = {
-    "front_vehicle_low_speed": Match(
-        "approach",
-        {"ego_speed": "ego_speed", "lead_speed": "lead_speed"},
-        {"ego_speed": 2.5, "lead_speed": 2.5},
-        start="t",
-        # the gap passes through 3.5 s: the paper's initial gap
-        only={"start_kind": "range_crossing"},
+def _same(
+    kind: str,
+    tolerance: Mapping[str, float],
+    start: str = "start",
+    only: Mapping[str, str] = {},
+) -> Match:
+    """The match of a scenario whose parameters are called as the columns are."""
+    return Match(kind, {name: name for name in tolerance}, tolerance, start, only)
+
+
+MATCHES: Mapping[str, Match] = {
+    # the gap passes through 3.5 s: the paper's initial gap
+    "front_vehicle_low_speed": _same(
+        "approach", {"ego_speed": 2.5, "lead_speed": 2.5}, "t", {"start_kind": "range_crossing"}
     ),
-    "front_vehicle_cut_out": Match(
-        "cut_out",
-        {"ego_speed": "ego_speed", "obstacle_speed": "obstacle_speed", "gap": "gap"},
-        {"ego_speed": 2.5, "obstacle_speed": 2.5, "gap": 15.0},
+    "front_vehicle_cut_out": _same(
+        "cut_out", {"ego_speed": 2.5, "obstacle_speed": 2.5, "gap": 15.0}
     ),
-    "front_vehicle_braking": Match(
-        "lead_braking",
-        {"ego_speed": "ego_speed", "headway": "headway", "lead_deceleration": "lead_deceleration"},
-        {"ego_speed": 2.5, "headway": 0.3, "lead_deceleration": 1.0},
+    "front_vehicle_braking": _same(
+        "lead_braking", {"ego_speed": 2.5, "headway": 0.3, "lead_deceleration": 1.0}
     ),
-    "cut_in": Match(
-        "cut_in",
-        {
-            "ego_speed": "ego_speed",
-            "cut_in_speed": "cut_in_speed",
-            "gap": "gap",
-            "lateral_speed": "lateral_speed",
-        },
-        {"ego_speed": 2.5, "cut_in_speed": 2.5, "gap": 10.0, "lateral_speed": 0.5},
+    "cut_in": _same(
+        "cut_in", {"ego_speed": 2.5, "cut_in_speed": 2.5, "gap": 10.0, "lateral_speed": 0.5}
     ),
 }
-
-
-STARTS: Final[Mapping[str, str]] = {"approach": "t"}
-"""The column with the time at which a scenario begins, by kind of event; `start` of any other."""
 
 
 def known_match(scenario: str, recorded: Counterpart | None = None) -> Match | None:
@@ -76,7 +67,7 @@ def known_match(scenario: str, recorded: Counterpart | None = None) -> Match | N
     """
     if recorded is None:
         return MATCHES.get(scenario)
-    start = recorded.start or STARTS.get(recorded.event, "start")
+    start = recorded.start or ("t" if recorded.event == "approach" else "start")
     return Match(
         recorded.event, dict(recorded.columns), dict(recorded.tolerance), start, dict(recorded.only)
     )
@@ -88,8 +79,7 @@ def match_of(scenario: str, recorded: Counterpart | None = None) -> Match:
     if match is None:
         raise InputError(
             f"There is no recorded event that corresponds to scenario `{scenario}`; recordings "
-            "serve "
-            f"{', '.join(MATCHES)}, and files that name their event in [recorded]."
+            f"serve {', '.join(MATCHES)}, and files that name their event in [recorded]."
         )
     return match
 
@@ -104,17 +94,15 @@ def matching_events(
     """
     match = match_of(scenario, recorded)
     table = events.tables[match.kind]
-    named = [*match.columns.values(), match.start, *(match.only or {})]
-    for column in named if recorded is not None and len(table) else ():
-        if column not in table:
-            owner = f"column of `{match.kind}` events in [recorded] of scenario `{scenario}`:"
-            raise unknown(owner, column, [str(name) for name in table])
-    for column, value in (match.only or {}).items():
+    if recorded is not None and len(table):
+        for column in (*match.columns.values(), match.start, *match.only):
+            if column not in table:
+                owner = f"column of `{match.kind}` events in [recorded] of scenario `{scenario}`:"
+                raise unknown(owner, column, [str(name) for name in table])
+    for column, value in match.only.items():
         table = table[table[column].astype(str) == value] if column in table else table
-    chosen = pd.DataFrame({name: table[name] for name in ("event", "recording", "ego")})
-    chosen["start"] = table[match.start] if match.start in table else pd.Series(dtype=float)
-    for parameter, column in match.columns.items():
-        chosen[parameter] = (
-            table[column].astype(float) if column in table else pd.Series(dtype=float)
-        )
-    return chosen.dropna().reset_index(drop=True)
+    columns = {"start": match.start, **match.columns}
+    names = ["event", "recording", "ego"]
+    chosen = table.reindex(columns=[*names, *columns.values()])
+    chosen.columns = pd.Index([*names, *columns])
+    return chosen.astype(dict.fromkeys(columns, float)).dropna().reset_index(drop=True)

@@ -21,8 +21,8 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -43,21 +43,10 @@ INTERVAL = 0.1  # s between samples
 LONGEST_HOLE = 0.5  # s; a track with a longer hole is two tracks
 MOTOR_CLASSES = frozenset({"car", "van", "truck", "bus", "motorcycle", "truck_bus", "trailer"})
 
-_DECIMALS = {
-    "t": 3,
-    "x": 3,
-    "y": 3,
-    "heading": 5,
-    "speed": 3,
-    "acceleration": 3,
-    "length": 3,
-    "width": 3,
-    "steering": 5,
-}
+_DECIMALS = dict.fromkeys(NUMBERS[:-1], 3) | {"heading": 5, "steering": 5}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Recordings:
+class Recordings(NamedTuple):
     """A canonical table, sorted by recording, vehicle and t, and whole sentences on what was left
     out or assumed.
     """
@@ -78,44 +67,34 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
     table: `recording`, `vehicle`, `t`, `x`, `y`, `heading`, `speed`, `length`, `width`, `class`,
         `lane`; `acceleration`, `driver` and `steering` may be missing.
     """
-    rows = table.copy()
-    for name, value in (("driver", ""), ("steering", np.nan), ("acceleration", np.nan)):
-        if name not in rows:
-            rows[name] = value
-    rows["recording"], rows["vehicle"] = rows["recording"].astype(str), rows["vehicle"].astype(str)
-    rows = rows.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)
-    double = rows.duplicated(["recording", "vehicle", "t"])
+    known: dict[str, Any] = {"driver": "", "steering": np.nan, "acceleration": np.nan}
+    rows = table.assign(**{name: known[name] for name in known.keys() - {*table}})
+    keys = ["recording", "vehicle", "t"]
+    rows = rows.astype(dict.fromkeys(keys[:2], str))
+    rows = rows.sort_values(keys, kind="stable", ignore_index=True)
+    double = rows.duplicated(keys)
     parts, holes, too_short = [], 0, 0
-    for (_, _), track in rows[~double].groupby(["recording", "vehicle"], sort=False):
-        pieces = np.split(
-            np.arange(len(track)), np.flatnonzero(np.diff(track["t"].to_numpy()) > LONGEST_HOLE) + 1
-        )
-        holes += len(pieces) - 1
-        for number, piece in enumerate(pieces):
-            even = _on_the_clock(track.iloc[piece])
-            too_short += even is None
-            if number and even is not None:
-                even["vehicle"] = even["vehicle"] + f"#{number + 1}"
-            if even is not None:
-                parts.append(even)
-    said = list(notes)
-    if holes:
-        said.append(
-            f"{holes} holes of more than {LONGEST_HOLE:g} s in tracks: each side of a hole is a "
-            "track of its own."
-        )
-    if too_short:
-        said.append(
-            f"{too_short} tracks of less than two samples on the clock of {INTERVAL:g} s are left "
-            "out."
-        )
-    if double.any():
-        said.append(
-            f"{int(double.sum())} samples with a time that their vehicle already had were left out."
-        )
+    for _, track in rows[~double].groupby(keys[:2], sort=False):
+        hole = track["t"].diff() > LONGEST_HOLE
+        holes += int(hole.sum())
+        for number, piece in track.groupby(hole.cumsum()):
+            even = _on_the_clock(piece)
+            if even is None:
+                too_short += 1
+                continue
+            if number:
+                even["vehicle"] += f"#{int(str(number)) + 1}"
+            parts.append(even)
+    counted = {
+        f"holes of more than {LONGEST_HOLE:g} s in tracks: each side of a hole is a track of its "
+        "own.": holes,
+        f"tracks of less than two samples on the clock of {INTERVAL:g} s are left out.": too_short,
+        "samples with a time that their vehicle already had were left out.": int(double.sum()),
+    }
     if not parts:
         raise InputError("The recording must hold at least one vehicle with two samples, got none.")
-    return Recordings(pd.concat(parts, ignore_index=True)[list(COLUMNS)], tuple(said))
+    counts = (f"{count} {words}" for words, count in counted.items() if count)
+    return Recordings(pd.concat(parts, ignore_index=True)[list(COLUMNS)], (*notes, *counts))
 
 
 def _on_the_clock(track: pd.DataFrame) -> pd.DataFrame | None:
@@ -128,18 +107,23 @@ def _on_the_clock(track: pd.DataFrame) -> pd.DataFrame | None:
         return None
     clock = np.round(np.arange(first, last + 1) * INTERVAL, 3)
     even = pd.DataFrame({"t": clock})
+
+    def on_clock(values: FloatArray) -> FloatArray:
+        return np.interp(clock, time, values)
+
+    channels = ("x", "y", "speed", "heading", "acceleration", "steering")
+    given = {name: track[name].to_numpy(dtype=np.float64) for name in channels}
     for name in ("x", "y", "speed"):
-        even[name] = np.interp(clock, time, track[name].to_numpy(dtype=np.float64))
-    even["heading"] = np.interp(clock, time, np.unwrap(track["heading"].to_numpy(dtype=np.float64)))
+        even[name] = on_clock(given[name])
+    even["heading"] = on_clock(np.unwrap(given["heading"]))
     nearest = np.clip(np.searchsorted(time, clock - INTERVAL / 2), 0, len(time) - 1)
     even["lane"] = track["lane"].to_numpy()[nearest].astype(np.int64)
-    given = track["acceleration"].to_numpy(dtype=np.float64)
-    if np.isfinite(given).all():
-        even["acceleration"] = np.interp(clock, time, given)
-    else:
-        even["acceleration"] = np.gradient(smooth(even["speed"].to_numpy(), 11), INTERVAL)
-    steering = track["steering"].to_numpy(dtype=np.float64)
-    even["steering"] = np.interp(clock, time, steering) if np.isfinite(steering).all() else np.nan
+    # nan at one sample makes a channel unknown
+    even["acceleration"] = np.gradient(smooth(even["speed"].to_numpy(), 11), INTERVAL)
+    even["steering"] = np.nan
+    for name in ("acceleration", "steering"):
+        if np.isfinite(given[name]).all():
+            even[name] = on_clock(given[name])
     for name in ("recording", "vehicle", "driver", "class"):
         even[name] = track[name].iloc[0]
     for name in ("length", "width"):
@@ -153,9 +137,7 @@ def smooth(values: FloatArray, window: int) -> FloatArray:
     """
     from scipy.signal import savgol_filter
 
-    if values.size <= window:
-        return values
-    smoothed: FloatArray = savgol_filter(values, window, 2)
+    smoothed: FloatArray = savgol_filter(values, window, 2) if values.size > window else values
     return smoothed
 
 
@@ -181,12 +163,10 @@ def read_csv(path: Path) -> Recordings:
     table = read_table(path, ("recording", "vehicle", "t", "x", "y", "length", "width"))
     checked_numbers(table, [name for name in NUMBERS if name in table], path)
     table = table.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)
-    for name, value in (("class", "car"), ("driver", "")):
-        table[name] = (
-            table[name].astype(object).where(table[name].notna(), value) if name in table else value
-        )
-    if "steering" not in table:
-        table["steering"] = np.nan
+    for name, value in (("class", "car"), ("driver", ""), ("steering", np.nan)):
+        if name not in table:
+            table[name] = value
+        table[name] = table[name].astype(object).where(table[name].notna(), value)
     add_motion(table, ("heading", "speed", "acceleration"), str(path))
     if "lane" not in table:
         table["lane"] = np.round(table["y"] / STANDARD_LANE).astype(np.int64)
@@ -198,13 +178,11 @@ def read_csv(path: Path) -> Recordings:
 
 def _is_canonical(table: pd.DataFrame) -> bool:
     """Whether every track already runs on the clock, without holes."""
-    time = table["t"].to_numpy()
-    frame = np.round(time / INTERVAL)
-    same = (table["vehicle"] == table["vehicle"].shift()) & (
-        table["recording"] == table["recording"].shift()
-    )
-    steady = np.diff(frame, prepend=frame[0]) == 1
-    return bool(np.all(np.abs(time - frame * INTERVAL) < 1e-6) and np.all(steady[same.to_numpy()]))
+    frame = (table["t"] / INTERVAL).round()
+    keys = table[["vehicle", "recording"]]
+    same = (keys == keys.shift()).all(axis=1)
+    on_clock = (table["t"] - frame * INTERVAL).abs() < 1e-6
+    return bool(on_clock.all() and (frame.diff()[same] == 1).all())
 
 
 STANDARD_LANE = 3.5  # m, where a table says nothing of lanes

@@ -1,14 +1,13 @@
-"""The human reference from recordings: what people did in events like a concrete scenario, aligned
-to its start.
+"""The human reference from recordings: drives in events like a concrete scenario, aligned to its
+start.
 """
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -27,29 +26,27 @@ from sumo_eval.trajectory import Trajectory
 NAMED_CASES = "cases.csv"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class People:
-    """Recorded driving, its events, and drives that the user recorded in named cases: what a
-    reference is made from.
+class People(NamedTuple):
+    """Sources of a reference: recorded driving, its events, and drives that the user recorded in
+    named cases.
     """
 
-    recordings: Recordings | None
-    events: Events | None
+    recordings: Recordings | None = None
+    events: Events | None = None
+    tracks: Mapping[tuple[str, str], pd.DataFrame] = {}
+    centres: Mapping[tuple[str, int], float] = {}
     named: pd.DataFrame | None = None
-    folder: Path = field(default_factory=Path)
-    tracks: Mapping[tuple[str, str], pd.DataFrame] = field(default_factory=dict)
-    centres: Mapping[tuple[str, int], float] = field(default_factory=dict)
+    folder: Path = Path()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Reference:
+class Reference(NamedTuple):
     """Drives in one concrete scenario.
 
-    names: who, one a drive.
+    names: of the drivers, one a drive.
     """
 
-    drives: tuple[Trajectory, ...]
-    names: tuple[str, ...]
+    drives: tuple[Trajectory, ...] = ()
+    names: tuple[str, ...] = ()
 
 
 def open_people(settings: DriverSettings, source: Path) -> People:
@@ -62,12 +59,12 @@ def open_people(settings: DriverSettings, source: Path) -> People:
             "`drivers.recordings` or `drivers.cases` must name what was recorded, got neither."
         )
     paths = tuple((source / name).resolve() for name in settings.recordings)
-    people = _recorded(paths) if paths else People(None, None)
+    people = _recorded(paths) if paths else People()
     if not settings.cases:
         return people
     folder = (source / settings.cases).resolve()
     named = read_table(folder / NAMED_CASES, ("scenario", "file"))
-    return People(people.recordings, people.events, named, folder, people.tracks, people.centres)
+    return people._replace(named=named, folder=folder)
 
 
 @functools.lru_cache(maxsize=4)
@@ -82,9 +79,7 @@ def _recorded(paths: tuple[Path, ...]) -> People:
         (str(a), str(b)): track
         for (a, b), track in table.groupby(["recording", "vehicle"], sort=False)
     }
-    return People(
-        recordings, extract_events(recordings), tracks=tracks, centres=lane_centres(table)
-    )
+    return People(recordings, extract_events(recordings), tracks, lane_centres(table))
 
 
 def reference(
@@ -107,27 +102,22 @@ def reference(
         return named
     match = known_match(concrete.scenario, recorded)
     if people.events is None or match is None:
-        return Reference((), ())
+        return Reference()
     events = matching_events(people.events, concrete.scenario, recorded)
-    tolerance = dict(match.tolerance)
-    for name, value in (settings.tolerance or {}).items():
-        if name in tolerance:
-            tolerance[name] = value
-    off = np.column_stack(
-        [
-            (events[name] - concrete.values[name]).abs() / within
-            for name, within in tolerance.items()
-        ]
-    )
+    own = settings.tolerance or {}
+    tolerance = {name: own.get(name, within) for name, within in match.tolerance.items()}
+    names = list(tolerance)
+    wanted = [concrete.values[name] for name in names]
+    off = ((events[names] - wanted).abs() / list(tolerance.values())).to_numpy()
     near = np.flatnonzero(np.all(off <= 1.0, axis=1))
     near = near[np.argsort(np.linalg.norm(off[near], axis=1), kind="stable")]
     drives: dict[str, Trajectory] = {}
     for event in events.iloc[near].itertuples():
         track = people.tracks[(str(event.recording), str(event.ego))]
-        who = str(track["driver"].iloc[0] or "") or f"{event.recording}/{event.ego}"
+        name = str(track["driver"].iloc[0] or "") or f"{event.recording}/{event.ego}"
         drive = _aligned(track, float(event.start), concrete, people)  # type: ignore[arg-type]
-        if who not in drives and _covers(drive, concrete, settings.coverage):
-            drives[who] = drive
+        if name not in drives and _covers(drive, concrete, settings.coverage):
+            drives[name] = drive
     return Reference(tuple(drives.values()), tuple(drives))
 
 
@@ -142,15 +132,15 @@ def _aligned(
     last = np.flatnonzero(x >= concrete.road.length)
     recording, lane = str(rows["recording"].iloc[0]), int(rows["lane"].iloc[0])
     centre = people.centres.get((recording, lane), 0.0)
-    stretch = concrete.road.lane_width / _lane_width(
-        people.centres, recording, concrete.road.lane_width
-    )
+    width = concrete.road.lane_width
+    right, left = (people.centres.get((recording, number), np.nan) for number in (0, 1))
+    # lanes without a neighbour are as wide as the scenario's
+    stretch = width / (left - right) if left - right >= 1.0 else 1.0
     y = concrete.ego.y + stretch * (rows["y"] - centre)
-    moved = rows.assign(t=rows["t"] - rows["t"].iloc[0], x=x, y=y).iloc[
-        : int(last[0]) + 1 if last.size else None
-    ]
+    moved = rows.assign(t=rows["t"] - rows["t"].iloc[0], x=x, y=y)
+    length, width = (float(rows[name].iloc[0]) for name in ("length", "width"))
     return _trajectory(
-        moved, length=float(rows["length"].iloc[0]), width=float(rows["width"].iloc[0])
+        moved.iloc[: int(last[0]) + 1 if last.size else None], length=length, width=width
     )
 
 
@@ -163,12 +153,6 @@ def _trajectory(rows: pd.DataFrame, **body: float) -> Trajectory:
     return Trajectory(
         rows["t"], rows["x"], rows["y"], **channels, steering_wheel_angle=wheel, **body
     )
-
-
-def _lane_width(centres: Mapping[tuple[str, int], float], recording: str, default: float) -> float:
-    """Distance between the right lane and its neighbour in a recording, m."""
-    right, left = centres.get((recording, 0)), centres.get((recording, 1))
-    return default if right is None or left is None or left - right < 1.0 else left - right
 
 
 def _covers(drive: Trajectory, concrete: ConcreteScenario, coverage: float) -> bool:
@@ -192,15 +176,16 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
                 name,
                 [str(c) for c in rows.columns],
             )
-    here = [
+    point = concrete.values.items()
+    files = [
         str(row["file"])
         for _, row in rows.iterrows()
-        if all(abs(float(row[name]) - value) < 1e-6 for name, value in concrete.values.items())
+        if all(abs(float(row[name]) - value) < 1e-6 for name, value in point)
     ]
-    if not here:
+    if not files:
         return None
-    found = [drive for file in here for drive in _drives_in(people.folder / file)]
-    return Reference(tuple(drive for _, drive in found), tuple(who for who, _ in found))
+    drives = [drive for file in files for drive in _drives_in(people.folder / file)]
+    return Reference(tuple(drive for _, drive in drives), tuple(name for name, _ in drives))
 
 
 def _drives_in(path: Path) -> Sequence[tuple[str, Trajectory]]:

@@ -9,6 +9,8 @@ lanes lie is the circular mean of that, tracked along the road. So the axis may 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
@@ -50,9 +52,7 @@ def straighten(table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
             laned, width = _laned(stream)
             name = f"{recording}-{number}"
             parts.append(laned.assign(recording=name))
-            lanes = (
-                "lanes not visible, 3.5 m assumed" if width is None else f"lanes {width:.2f} m wide"
-            )
+            lanes = f"lanes {width:.2f} m wide" if width else "lanes not visible, 3.5 m assumed"
             notes.append(f"{name}: {stream['vehicle'].nunique()} vehicles along one path, {lanes}.")
         notes += [f"{recording}: {number} {why}." for why, number in lost.items() if number]
     if not parts:
@@ -66,44 +66,30 @@ def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], dict[str, int]]:
     points = rows[["x", "y"]].to_numpy()
     moved = np.hypot(*np.diff(points, axis=0, prepend=points[:1]).T)
     moved[(rows["vehicle"] != rows["vehicle"].shift()).to_numpy()] = 0.0
-    lengths = (
-        pd.Series(moved, index=rows.index)
-        .groupby(rows["vehicle"])
-        .sum()
-        .sort_values(ascending=False)
-    )
-    left = {
-        str(vehicle): None
-        for vehicle, length in lengths.to_dict().items()
-        if float(length) >= SHORTEST_AXIS
-    }
+    lengths: Any = pd.Series(moved, index=rows.index).groupby(rows["vehicle"]).sum()
+    lengths = lengths.sort_values(ascending=False)
+    left = list(lengths.index[lengths >= SHORTEST_AXIS])
+    still = len(lengths) - len(left)
     paths = {
         name: points[index] for name, index in rows.reset_index().groupby("vehicle").indices.items()
     }
     while left:
-        longest = next(iter(left))
         candidates = rows[rows["vehicle"].isin(left)]
-        axis = _chained(longest, {name: paths[name] for name in left})
+        axis = _chained(left[0], {name: paths[name] for name in left})
         (s, d), course, beyond = _projected(candidates[["x", "y"]].to_numpy(), axis)
-        off = np.abs((candidates["heading"].to_numpy() - course + np.pi) % (2 * np.pi) - np.pi)
-        along = (np.abs(d) <= HALF_WIDTH) & (off <= WRONG_WAY) & ~beyond
-        share = pd.Series(along, index=candidates.index).groupby(candidates["vehicle"]).mean()
-        members = set(share[share >= MEMBER_SHARE].index) | {longest}
-        inside = candidates["vehicle"].isin(members).to_numpy() & along
         heading = (candidates["heading"].to_numpy() - course + np.pi) % (2 * np.pi) - np.pi
+        along = (np.abs(d) <= HALF_WIDTH) & (np.abs(heading) <= WRONG_WAY) & ~beyond
+        share = pd.Series(along, index=candidates.index).groupby(candidates["vehicle"]).mean()
+        members = {*share.index[share >= MEMBER_SHARE], left[0]}
+        inside = candidates["vehicle"].isin(members).to_numpy() & along
         streams.append(candidates.assign(x=s, y=d, heading=heading)[inside])
-        left = {vehicle: None for vehicle in left if vehicle not in members}
-    vehicles, samples = set(rows["vehicle"]), sum(len(stream) for stream in streams)
-    still = sum(float(length) < SHORTEST_AXIS for length in lengths.to_numpy())
+        left = [vehicle for vehicle in left if vehicle not in members]
     driving = {vehicle for stream in streams for vehicle in stream["vehicle"].unique()}
-    moving = rows["vehicle"].isin(driving)
+    samples = int(rows["vehicle"].isin(driving).sum()) - sum(map(len, streams))
     return streams, {
-        f"vehicles that move less than {SHORTEST_AXIS:g} m are left out": int(still),
-        "vehicles that drive along no path are left out": len(vehicles) - int(still) - len(driving),
-        "samples of vehicles beside or beyond the path that they drive along are left out": int(
-            moving.sum()
-        )
-        - samples,
+        f"vehicles that move less than {SHORTEST_AXIS:g} m are left out": still,
+        "vehicles that drive along no path are left out": len(lengths) - still - len(driving),
+        "samples of vehicles beside or beyond the path that they drive along are left out": samples,
     }
 
 
@@ -130,26 +116,22 @@ def _continuation(line: FloatArray, lines: dict[str, FloatArray]) -> FloatArray 
     end, course = line[-1], line[-1] - line[-min(6, len(line))]
     course = course / np.hypot(*course)
     normal = np.array([-course[1], course[0]])
-    best: FloatArray | None = None
+    best = line[:0]
     for other in lines.values():
         offset = other - end
-        aside = offset @ normal
-        along = offset @ course
+        aside, along = offset @ normal, offset @ course
         near = np.flatnonzero((np.abs(aside) <= HALF_WIDTH) & (np.abs(along) <= 2 * AXIS_SPACING))
         if near.size == 0 or near[0] + 5 >= len(other):
             continue
         joint = int(near[np.argmin(np.abs(along[near]))])
         ahead = other[min(joint + 5, len(other) - 1)] - other[joint]
-        if ahead @ course < np.cos(WRONG_WAY) * np.hypot(*ahead):
-            continue
-        if best is None or len(other) - joint > len(best) + 1:
+        forward = ahead @ course >= np.cos(WRONG_WAY) * np.hypot(*ahead)
+        if forward and len(other) - joint > len(best) + 1:
             best = other[joint + 1 :] - aside[joint] * normal
-    if best is None or len(best) < MIN_CONTINUATION:
+    if len(best) < MIN_CONTINUATION:
         return None
-    distance, _ = cKDTree(
-        line[: -int(2 * HALF_WIDTH)] if len(line) > 4 * HALF_WIDTH else line[:1]
-    ).query(best)
-    back = np.flatnonzero(distance < HALF_WIDTH)
+    driven = line[: -int(2 * HALF_WIDTH)] if len(line) > 4 * HALF_WIDTH else line[:1]
+    back = np.flatnonzero(cKDTree(driven).query(best)[0] < HALF_WIDTH)
     best = best[: back[0]] if back.size else best
     return best if len(best) >= MIN_CONTINUATION else None
 
@@ -159,19 +141,14 @@ def _line(points: FloatArray) -> FloatArray:
     moved = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
     keep = np.append(True, np.diff(moved) > 1e-6)
     places = np.arange(0.0, moved[-1], AXIS_SPACING)
-    return np.column_stack(
-        [np.interp(places, moved[keep], points[keep, column]) for column in (0, 1)]
-    )
+    return np.column_stack([np.interp(places, moved[keep], column) for column in points[keep].T])
 
 
 def _axis(line: FloatArray) -> FloatArray:
     """A line (n, 2) smoothed and carried straight on at both ends."""
     window = min(AXIS_SMOOTHING, len(line) - 1 - len(line) % 2)
-    line = (
-        np.column_stack([smooth(line[:, column], window) for column in (0, 1)])
-        if window > 3
-        else line
-    )
+    if window > 3:
+        line = np.column_stack([smooth(column, window) for column in line.T])
     reach = np.arange(1, int(HALF_WIDTH / AXIS_SPACING) + 1)[:, None]
     start, end = line[0] - line[min(5, len(line) - 1)], line[-1] - line[-min(6, len(line))]
     before = line[0] + (reach * start / np.hypot(*start))[::-1] * AXIS_SPACING
@@ -191,11 +168,9 @@ def _projected(points: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatA
     for _ in range(2):
         place = s
         angle = np.interp(place, along, course)
-        offset = points - np.column_stack(
-            [np.interp(place, along, axis[:, column]) for column in (0, 1)]
-        )
-        s = place + offset[:, 0] * np.cos(angle) + offset[:, 1] * np.sin(angle)
-        d = -offset[:, 0] * np.sin(angle) + offset[:, 1] * np.cos(angle)
+        dx, dy = points.T - [np.interp(place, along, column) for column in axis.T]
+        s = place + dx * np.cos(angle) + dy * np.sin(angle)
+        d = -dx * np.sin(angle) + dy * np.cos(angle)
     beyond = (s < along[0] - AXIS_SPACING) | (s > along[-1] + AXIS_SPACING)
     return np.stack([s, d]), np.interp(s, along, course), beyond
 

@@ -1,12 +1,11 @@
-"""What people say of the ADSs beside what the scores say (the paper's Fig. 11)."""
+"""Ratings of the ADSs by people, compared with the scores (the paper's Fig. 11)."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -31,12 +30,11 @@ INDEXES = {
     "D": "d",
     "C": "c",
 }
-"""What is compared with people's opinion: name -> field of ScenarioResult."""
+"""Scores that ratings are compared with: name -> field of ScenarioResult."""
 
 
-@dataclass(frozen=True, slots=True)
-class RatedScore:
-    """One ADS in one scenario: what people gave it on average, how many did, and its scores (None:
+class RatedScore(NamedTuple):
+    """One ADS in one scenario: its mean rating, their deviation and number, and its scores (None:
     not computed).
     """
 
@@ -48,9 +46,10 @@ class RatedScore:
     scores: Mapping[str, float | None]
 
 
-@dataclass(frozen=True, slots=True)
-class Opinion:
-    """rows: one for each rated ADS and scenario.
+class Opinion(NamedTuple):
+    """Comparison of ratings and scores.
+
+    rows: one for each rated ADS and scenario.
     correlations: Spearman's rho with each of `INDEXES`; None where fewer than 3 rows have the
         score.
     concordance: Kendall's W between the raters who rated everything; None for fewer than two.
@@ -70,18 +69,13 @@ def read_ratings(path: Path) -> pd.DataFrame:
     checked_numbers(table, ["score"], path)
     for name in ("rater", "ads", "scenario"):
         table[name] = table[name].astype(str)
-    wrong = np.flatnonzero((table["score"] < LEAST) | (table["score"] > MOST))
-    if wrong.size:
-        got = table["score"].iloc[wrong[0]]
+    for row in np.flatnonzero(~table["score"].between(LEAST, MOST)):
+        got = table["score"].iloc[row]
         raise InputError(
-            f"`score` in row {wrong[0] + 2} of {path} must be within {LEAST:g}..{MOST:g}, got "
-            f"{got:g}."
+            f"`score` in row {row + 2} of {path} must be within {LEAST:g}..{MOST:g}, got {got:g}."
         )
-    double = np.flatnonzero(table.duplicated(["rater", "ads", "scenario"]))
-    if double.size:
-        raise InputError(
-            f"Row {double[0] + 2} of {path} rates what its rater has rated in a row above."
-        )
+    for row in np.flatnonzero(table.duplicated(["rater", "ads", "scenario"])):
+        raise InputError(f"Row {row + 2} of {path} rates what its rater has rated in a row above.")
     return table
 
 
@@ -90,34 +84,26 @@ def compare_opinion(evaluation: Evaluation, ratings: pd.DataFrame) -> Opinion:
 
     Raises InputError for an ADS or scenario that the run does not have.
     """
-    known = {(score.ads, score.scenario): score for score in evaluation.scores}
-    for column, place in (("ads", 0), ("scenario", 1)):
-        names = list(dict.fromkeys(key[place] for key in known))
-        for name in ratings[column].unique():
-            if name not in names:
-                raise unknown({"ads": "ADS", "scenario": "scenario"}[column], str(name), names)
+    scores = {(score.ads, score.scenario): score for score in evaluation.scores}
+    for column, kind, place in (("ads", "ADS", 0), ("scenario", "scenario", 1)):
+        names = list(dict.fromkeys(key[place] for key in scores))
+        for name in set(ratings[column]) - set(names):
+            raise unknown(kind, name, names)
     rows = []
-    for (ads, scenario), given in ratings.groupby(["ads", "scenario"], sort=False):
-        score = known[str(ads), str(scenario)]
-        values = given["score"].to_numpy(dtype=np.float64)
+    for (ads, scenario), group in ratings.groupby(["ads", "scenario"], sort=False):
+        score, values = scores[str(ads), str(scenario)], group["score"]
+        deviation = float(values.std()) if values.size > 1 else 0.0
+        indexes = {name: getattr(score, field) for name, field in INDEXES.items()}
         rows.append(
-            RatedScore(
-                str(ads),
-                str(scenario),
-                float(values.mean()),
-                float(values.std(ddof=1)) if values.size > 1 else 0.0,
-                values.size,
-                {name: getattr(score, field) for name, field in INDEXES.items()},
-            )
+            RatedScore(str(ads), str(scenario), values.mean(), deviation, values.size, indexes)
         )
     correlations: dict[str, Agreement | None] = {}
     for name in INDEXES:
         pairs = [(row.scores[name], row.opinion) for row in rows if row.scores[name] is not None]
-        correlations[name] = (
-            rank_correlation(*zip(*pairs, strict=True)) if len(pairs) >= 3 else None
-        )
+        enough = len(pairs) >= 3
+        correlations[name] = rank_correlation(*zip(*pairs, strict=True)) if enough else None
     table = ratings.pivot_table(index="rater", columns=["ads", "scenario"], values="score").dropna()
-    enough = table.shape[0] >= 2 and table.shape[1] >= 2
+    enough = min(table.shape) >= 2
     return Opinion(tuple(rows), correlations, concordance(table.to_numpy()) if enough else None)
 
 
@@ -125,46 +111,37 @@ def opinion_lines(opinion: Opinion) -> list[str]:
     """The comparison in words."""
     table = [("ADS", "scenario", "opinion", "raters", *INDEXES)]
     for row in opinion.rows:
-        scores = [_number(row.scores[name]) for name in INDEXES]
-        table.append(
-            (
-                row.ads,
-                row.scenario,
-                f"{row.opinion:z.2f} +/- {row.deviation:z.2f}",
-                str(row.raters),
-                *scores,
-            )
-        )
+        values = (row.scores[name] for name in INDEXES)
+        scores = ("-" if value is None else f"{value:z.3f}" for value in values)
+        mean = f"{row.opinion:z.2f} +/- {row.deviation:z.2f}"
+        table.append((row.ads, row.scenario, mean, str(row.raters), *scores))
     lines = aligned(table)
-    for name, found in opinion.correlations.items():
-        lines.append(
-            f"{name}: fewer than 3 rated scores, no correlation."
-            if found is None
-            else f"{name}: Spearman's rho {found.value:z.3f}{_interval(found)} over {found.n} "
-            "rated scores "
-            f"(p = {found.p_value:z.3g})."
+    for name, rho in opinion.correlations.items():
+        words = "fewer than 3 rated scores, no correlation."
+        if rho is not None:
+            ends = rank_interval(rho.value, rho.n)
+            within = "" if ends is None else f" [{ends[0]:z.2f}, {ends[1]:z.2f}]"
+            words = (
+                f"Spearman's rho {rho.value:z.3f}{within} over {rho.n} rated scores "
+                f"(p = {rho.p_value:z.3g})."
+            )
+        lines.append(f"{name}: {words}")
+    between, words = opinion.concordance, "fewer than two rated everything, no concordance."
+    if between is not None:
+        words = (
+            f"Kendall's W {between.value:z.3f} of {between.n} who rated everything "
+            f"(p = {between.p_value:z.3g})."
         )
-    between = opinion.concordance
-    lines.append(
-        "Raters: fewer than two rated everything, no concordance."
-        if between is None
-        else f"Raters: Kendall's W {between.value:z.3f} of {between.n} who rated everything "
-        f"(p = {between.p_value:z.3g})."
-    )
-    return lines
+    return [*lines, f"Raters: {words}"]
 
 
 def opinion_json(opinion: Opinion) -> dict[str, Any]:
     """The comparison in plain values, as the report of the run shows it."""
+    rhos = opinion.correlations.items()
     return {
-        "rows": [asdict(row) for row in opinion.rows],
-        "correlations": {
-            name: found.value if found else None for name, found in opinion.correlations.items()
-        },
-        "intervals": {
-            name: rank_interval(found.value, found.n) if found else None
-            for name, found in opinion.correlations.items()
-        },
+        "rows": [row._asdict() for row in opinion.rows],
+        "correlations": {name: rho.value if rho else None for name, rho in rhos},
+        "intervals": {name: rank_interval(rho.value, rho.n) if rho else None for name, rho in rhos},
         "concordance": opinion.concordance.value if opinion.concordance else None,
     }
 
@@ -173,18 +150,17 @@ def opinion_panels(run: Path) -> list[Panel]:
     """A panel for each of `INDEXES`: score against mean opinion, with the raters' deviation, from
     the run's folder.
 
-    Raises InputError where nobody has been asked.
+    Raises InputError without ratings.
     """
     if opinion_content(run) is None:
         raise InputError(
-            f"Nobody's opinion is in {run}; ask people first and add it with: sumo-eval humans "
-            "opinion."
+            f"{run} must hold ratings, got none; add them with: sumo-eval humans opinion."
         )
-    told = json.loads((run / OPINION).read_text(encoding="utf-8"))
+    content = json.loads((run / OPINION).read_text(encoding="utf-8"))
     panels = []
-    for name, rho in told["correlations"].items():
-        rows = [row for row in told["rows"] if row["scores"][name] is not None]
-        ends = told.get("intervals", {}).get(name)
+    for name, rho in content["correlations"].items():
+        rows = [row for row in content["rows"] if row["scores"][name] is not None]
+        ends = content.get("intervals", {}).get(name)
         within = "" if ends is None else f", {ends[0]:z.2f}..{ends[1]:z.2f}"
         marks = Marks(
             "", [row["opinion"] for row in rows], [row["scores"][name] for row in rows],
@@ -200,8 +176,8 @@ def opinion_panels(run: Path) -> list[Panel]:
 
 
 def write_opinion(opinion: Opinion, run: Path, page: Path) -> None:
-    """Keep the comparison in the run's folder, whose report shows it from then on, and draw it as a
-    page.
+    """Write the comparison into the run's folder, whose report shows it from then on, and draw it as
+    a page.
     """
     (run / OPINION).write_text(json.dumps(opinion_json(opinion), indent=2) + "\n", encoding="utf-8")
     title = "People's opinion and the scores"
@@ -210,12 +186,3 @@ def write_opinion(opinion: Opinion, run: Path, page: Path) -> None:
         figures={title: on_page(opinion_panels(run), 4, 700)},
         least_width=1000,
     )  # fmt: skip
-
-
-def _interval(found: Agreement) -> str:
-    ends = rank_interval(found.value, found.n)
-    return "" if ends is None else f" [{ends[0]:z.2f}, {ends[1]:z.2f}]"
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:z.3f}"

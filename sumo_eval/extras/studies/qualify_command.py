@@ -1,4 +1,4 @@
-"""The tool itself on trial: `qualify`."""
+"""Qualification of the tool itself: `qualify`."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ from sumo_eval.cli.sentences import say
     help="Folder for qualification.html and qualification.json.",
 )  # fmt: skip
 def qualify(out: Path) -> None:
-    """Check that this installation may be believed: known answers, found again on this machine, in
-    some minutes.
+    """Verify this installation: known answers, found again on this machine, in some minutes.
 
     Exit status: 0 every check passed, 1 one failed.
     """

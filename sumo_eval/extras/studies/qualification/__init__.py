@@ -1,1 +1,1 @@
-"""Whether this installation on this machine may be believed: known answers, found again."""
+"""Whether this installation is valid on this machine: known answers, found again."""

@@ -16,17 +16,13 @@ _HEAD = f"     {'check':<40} {'expected':>9} {'found':>9} {'bound':>7} unit"
 
 def shown(value: Answer | None) -> str:
     """An answer in at most 9 characters, if it is a number or one of the words of an outcome."""
-    if value is None:
-        return "nothing"
-    return (
-        value
-        if isinstance(value, str)
-        else next(t for n in (5, 4, 3, 2) if len(t := f"{value:z.{n}g}") <= 9)
-    )
+    if isinstance(value, float):
+        return next(text for n in (5, 4, 3, 2) if len(text := f"{value:z.{n}g}") <= 9)
+    return value or "nothing"
 
 
 def lines(found: Qualification) -> Iterator[str]:
-    """A table that fits 80 columns; what failed says why below it."""
+    """A table that fits 80 columns; the reasons of failed checks below it."""
     for kind, group in groupby(found.findings, key=lambda item: item.check.kind):
         yield f"{kind}"
         yield _HEAD
@@ -39,9 +35,9 @@ def lines(found: Qualification) -> Iterator[str]:
         why = item.error or f"expected {shown(item.check.expected)}, found {shown(item.found)}"
         yield f"FAIL  {item.check.name}: {why}"
     total = len(found.findings)
-    yield f"{total - len(found.failed)} of {total} checks passed: this installation is " + (
-        "NOT qualified." if found.failed else "qualified on this machine."
-    )
+    verdict = "NOT qualified." if found.failed else "qualified on this machine."
+    passed = total - len(found.failed)
+    yield f"{passed} of {total} checks passed: this installation is {verdict}"
 
 
 def write_qualification(found: Qualification, folder: Path) -> tuple[Path, Path]:
