@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Le, MinLen
@@ -51,9 +51,9 @@ from sumo_eval.settings.config import read_checked
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
-MILLION: Final = 1e6  # km
-RESAMPLED: Final = 60  # times that a scenario's events are resampled
-DRAWS: Final = 4000  # of each rate, for intervals of sums
+MILLION = 1e6  # km
+RESAMPLED = 60  # times that a scenario's events are resampled
+DRAWS = 4000  # of each rate, for intervals of sums
 
 
 @dataclass(frozen=True, slots=True)

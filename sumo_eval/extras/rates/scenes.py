@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 from sumo_eval.extras.rates.encounters import APPROACH_WINDOW
 
@@ -125,7 +125,7 @@ def _moves_in(about: str, gap_about: str, *, ramp: bool = False) -> EncounterSce
 
 
 BEGINS_TO_MOVE = "bumper to bumper along the road when the other begins to move"
-SCENES: Final[Mapping[str, EncounterScene]] = {
+SCENES: Mapping[str, EncounterScene] = {
     "cut_in": _moves_in(
         "A vehicle in the next lane, which the ego comes up to, moves into the ego's lane.",
         f"{BEGINS_TO_MOVE} to the side",
@@ -248,8 +248,7 @@ def content_of(
 ) -> dict[str, Any]:
     """A scenario file as plain tables, for TOML.
 
-    ranges: of the parameters that vary;
-    constants: of the others.
+    ranges: of the parameters that vary; constants: of the rest.
     """
     scene = SCENES[class_]
     levels = max(2, math.floor(GRID_POINTS ** (1.0 / max(len(ranges), 1))))

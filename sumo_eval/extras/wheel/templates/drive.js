@@ -1,4 +1,4 @@
-// The page of a person at the wheel: draws what the server's loop is at, sends what hands and feet do, asks questions.
+// The page of a person who drives: draws the state of the server's loop, sends the input of hands and feet, asks questions.
 // What is driven is decided by the server alone; this page never computes a step.
 "use strict";
 
@@ -8,7 +8,7 @@ const sumoDrive = (() => {
     ArrowLeft: "left", KeyA: "left", ArrowRight: "right", KeyD: "right", ArrowUp: "drive", KeyW: "drive", ArrowDown: "brake", KeyS: "brake",
     Space: "hard", ShiftLeft: "evade", ShiftRight: "evade",
   };
-  const DEAD = 0.06; // of a stick that is let go
+  const DEAD = 0.06; // of a stick that is released
   const DROPPED = 50; // ms between two pictures from which one has been dropped
   const TELL = 1000; // ms between two messages on how the page does
   const AGAIN = 1000; // ms until a lost connection is tried again
@@ -28,9 +28,9 @@ const sumoDrive = (() => {
   const REACH = 70; // px of a finger's way from straight to the end
   const COLOURS = { me: "#0072b2", other: "#b26a00" };
   const HELD = { // why nothing moves
-    hidden: "The window was out of sight. Nothing has moved since.", key: "Nothing moves until you go on.",
+    hidden: "The window was out of sight. Nothing has moved since.", key: "Nothing moves until you continue.",
     asleep: "This computer was asleep, or stood still. Nothing has moved since.",
-    silent: "This window did not answer for a while, so that nobody can have driven by it. Nothing has moved since.",
+    silent: "This window did not answer for a while, so it shows no driver. Nothing has moved since.",
   };
   const REASONS = { 4400: "refused", 4401: "unknown", 4409: "taken", 4429: "refused" };
 
@@ -379,7 +379,7 @@ const sumoDrive = (() => {
         this.drawing();
       });
       drawn.append(drawing);
-      const how = element("p"), row = element("div", "row"), go = element("button", "main", why === "start" ? "Start" : "Go on");
+      const how = element("p"), row = element("div", "row"), go = element("button", "main", why === "start" ? "Start" : "Continue");
       const told = () => {
         device = choice.value;
         how.replaceChildren(...howTo(device));
@@ -417,7 +417,7 @@ const sumoDrive = (() => {
         next.focus();
         return new Promise((resolve) => { next.onclick = () => { const it = pad(); if (it) resolve({ id: it.id, axes: [...it.axes], buttons: it.buttons.map((one) => one.value) }); else text.textContent = `${words} (No device is seen; press one of its buttons.)`; }; });
       };
-      const rest = await step("Press a button of the device, let go of everything, wheel straight.");
+      const rest = await step("Press a button of the device, release everything, wheel straight.");
       const left = await step("Turn the wheel all the way to the left and hold it there.");
       const right = await step("Turn it all the way to the right and hold it there.");
       const gas = await step("Let go of the wheel. Press the throttle all the way down and hold it.");
@@ -533,7 +533,7 @@ const sumoDrive = (() => {
         return;
       }
       const late = this.late();
-      if (late) this.judged = 0; // after a change it is judged anew
+      if (late) this.judged = 0; // after a change it is evaluated again
       if (this.space.pace(now / 1000, late, STEADY) && this.wish !== "3-D") {
         this.drawing("3-D came too late to drive by, even with few pixels: the road is drawn plainly.");
       }
@@ -681,7 +681,7 @@ const sumoDrive = (() => {
   function howTo(kind) {
     if (kind === "keys") {
       const table = element("table");
-      for (const [keys, what] of [["← →  or  A D", "steer; let go, and the wheel goes back"], ["↑  or  W", "accelerate"], ["↓  or  S", "brake"], ["Space", "brake as hard as the car can"], ["Shift", "with ← →: steer harder, to evade"], ["P  or  Esc", "hold the drive"]]) {
+      for (const [keys, what] of [["← →  or  A D", "steer; release, and the wheel goes back"], ["↑  or  W", "accelerate"], ["↓  or  S", "brake"], ["Space", "brake as hard as the car can"], ["Shift", "with ← →: steer harder, to evade"], ["P  or  Esc", "hold the drive"]]) {
         const row = element("tr"), left = element("td");
         left.append(element("kbd", "", keys));
         row.append(left, element("td", "", what));
@@ -729,7 +729,7 @@ const sumoDrive = (() => {
     socket.addEventListener("message", (event) => {
       const message = JSON.parse(event.data);
       if (message.state) { if (drive) drive.take(message.state); }
-      else if (message.held) { letGo(); if (drive) drive.isHeld(message.held); } // keys let go of meanwhile were not heard of
+      else if (message.held) { letGo(); if (drive) drive.isHeld(message.held); } // keys released meanwhile were not reported
       else show(message);
     });
     socket.addEventListener("close", (event) => {
