@@ -81,7 +81,7 @@ class Motion(NamedTuple):
 
 
 Measurement = tuple[dict[str, float], Motion]
-"""Parameters of an event, and the motion of its actor."""
+"""Parameters of an event, and others that its class lacks; the motion of its actor."""
 
 
 @dataclass
@@ -164,6 +164,12 @@ class _Pair:
         self.x0, speed, self.acceleration = constant_acceleration(self._time, traffic.x[part])
         self.gap = self.x0 - self.ego_x - self.bodies
         self.closing = self.ego_speed - speed
+        self.values = {
+            "ego_speed": self.ego_speed,
+            "closing_speed": self.closing,
+            "gap": self.gap,
+            "acceleration": self.acceleration,
+        }
 
     def motion(self, lane: int, mirror: float = 1.0) -> Motion:
         """The actor's motion, across the road from the centre of a lane."""
@@ -328,13 +334,7 @@ def _cut_in(traffic: RecordedTraffic, event: Event, change: RecordedLaneChange) 
     begin, duration, offset = _sideways(traffic, change)
     part = _part(traffic, change.vehicle, begin, duration)
     pair = _Pair(traffic, event["ego"], begin, part)
-    values = {
-        "ego_speed": pair.ego_speed,
-        "closing_speed": pair.closing,
-        "gap": pair.gap,
-        "duration": duration,
-        "acceleration": pair.acceleration,
-    }
+    values = pair.values | {"duration": duration}
     return values, pair.motion(change.to, -float(np.sign(offset)))
 
 
@@ -368,24 +368,17 @@ def _braking(traffic: RecordedTraffic, event: Event) -> Measurement:
         raise NotMeasuredError(NOT_WHOLE)
     pair = _Pair(traffic, event["ego"], event["t"], slice(first, first + steps + 1))
     values = {
-        "ego_speed": pair.ego_speed,
-        "closing_speed": pair.closing,
         "headway": pair.gap / max(pair.ego_speed, 0.1),
         "deceleration": -pair.acceleration,
         "duration": steps * INTERVAL,
     }
-    return values, pair.motion_in_lane(LEAD_MOVES)
+    return pair.values | values, pair.motion_in_lane(LEAD_MOVES)
 
 
 def _approach(traffic: RecordedTraffic, event: Event) -> Measurement:
     part = _part(traffic, event["lead"], event["t"], APPROACH_WINDOW)
     pair = _Pair(traffic, event["ego"], event["t"], part)
-    values = {
-        "ego_speed": pair.ego_speed,
-        "closing_speed": pair.closing,
-        "acceleration": pair.acceleration,
-    }
-    return values, pair.motion_in_lane(LEAD_MOVES)
+    return pair.values, pair.motion_in_lane(LEAD_MOVES)
 
 
 def _neighbours(traffic: RecordedTraffic, change: RecordedLaneChange) -> tuple[str, str] | None:
