@@ -176,9 +176,7 @@ def opinion_panels(run: Path) -> list[Panel]:
 
 
 def write_opinion(opinion: Opinion, run: Path, page: Path) -> None:
-    """Write the comparison into the run's folder, whose report shows it from then on, and draw it as
-    a page.
-    """
+    """Write the comparison into the run's folder, whose report shows it, and draw it as a page."""
     (run / OPINION).write_text(json.dumps(opinion_json(opinion), indent=2) + "\n", encoding="utf-8")
     title = "People's opinion and the scores"
     write_study(
