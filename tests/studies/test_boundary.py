@@ -10,9 +10,8 @@ from click.testing import CliRunner
 
 from sumo_eval.cli import main
 from sumo_eval.errors import InputError
-from sumo_eval.extras.studies.boundary import find_boundary
+from sumo_eval.extras.studies.boundary import find_boundary, slice_of
 from sumo_eval.extras.studies.boundary_page import summary, write_boundary
-from sumo_eval.extras.studies.slices import slice_of
 from sumo_eval.method.criticality import required_gap
 from sumo_eval.record.cases import Setup
 from sumo_eval.scenario import catalogue

@@ -54,9 +54,8 @@ def boundary(
     SCENARIO is a shipped name, a scenario file (.toml) or module:name; ADS a controller as in an
     evaluation file.
     """
-    from sumo_eval.extras.studies.boundary import find_boundary
+    from sumo_eval.extras.studies.boundary import find_boundary, slice_of
     from sumo_eval.extras.studies.boundary_page import sentences, write_boundary
-    from sumo_eval.extras.studies.slices import slice_of
     from sumo_eval.record.cases import Setup
     from sumo_eval.scenario.catalogue import find
     from sumo_eval.settings import RunSettings, SimulationSettings

@@ -24,12 +24,12 @@ def qualify(out: Path) -> None:
 
     Exit status: 0 every check passed, 1 one failed.
     """
-    from sumo_eval.extras.studies.qualification import pages, qualified, table
+    from sumo_eval.extras.studies.qualification import qualified, table
 
     out_folder.ready(out)
     with Progress() as progress:
         found = qualified.qualify(table.all_checks(), progress)
-    written = pages.write_qualification(found, out)
-    say(pages.lines(found))
+    written = qualified.write_qualification(found, out)
+    say(qualified.lines(found))
     say(map(str, written))
     sys.exit(GATE_FAILED if found.failed else DONE)
