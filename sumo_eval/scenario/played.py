@@ -84,7 +84,8 @@ road, 0 if along and across the road. line_s, line_time: distance driven and tim
 began. since, s, v: time from which its pieces count, distance and speed then. first_begin: begin of
 its first move, s. model: `AT_ONCE` if SUMO drives it from the start, `HANDED_OVER` if it does now.
 match: 1 + the row of `TABLE` of what it follows, or 0: (vehicle, factor of its speed), (m/s added,
-1 if it keeps a place instead), (m ahead of that vehicle, s behind that at its own speed).
+1 if it keeps a place instead, 2 within limits), (m ahead of that vehicle, s behind that at its own
+speed, below 0 ahead at that vehicle's); the limits (acceleration, deceleration), (speed, 0).
 """
 
 
@@ -597,11 +598,34 @@ def _match(cast: Any, j: int, now: float, line: Any) -> None:
     ahead = 0.5 * (play.v + speed) * since
     if more.two > 0.0:
         ahead = other.x + place.one - on_line(play, table, play.s)[0]
-        if place.two > 0.0:  # other.x + place.one - own place = its own speed x place.two
+        if place.two < 0.0:  # that vehicle's speed
+            ahead -= place.two * speed
+        if more.two > 1.0:
+            speed = _approach(play, speed, ahead, place.two, since, table)
+            ahead = 0.5 * (play.v + speed) * since
+        elif place.two > 0.0:  # other.x + place.one - own place = its own speed x place.two
             ahead = ahead * since / (since + place.two) if since > 0.0 else 0.0
             speed = ahead / since if since > 0.0 else play.v
     play.s += ahead
     play.since, play.v = now, max(speed, 0.0)
+
+
+@kernel
+def _approach(play: Any, speed: float, ahead: float, gap: float, since: float, table: Any) -> float:
+    """The speed of a vehicle whose place is `ahead` m in front of it, within its limits, m/s.
+
+    speed: of the other vehicle. gap: s that the place moves back at the own speed, above 0.
+    """
+    rates, top = table[play.match + 2], table[play.match + 3].one
+    behind = max(gap, 0.0)
+    # the place moved with the other vehicle in this step
+    apart = ahead - speed * since - behind * play.v
+    # the fastest closing speed that ends in time, and without passing the place in this step
+    rate = rates.two if apart > 0.0 else rates.one
+    closing = min(math.sqrt(2.0 * rate * abs(apart)), abs(apart) / max(since + behind, 1e-9))
+    wanted = min(speed + (closing if apart > 0.0 else -closing), top)
+    slowest, fastest = play.v - rates.two * since, play.v + rates.one * since
+    return float(max(min(wanted, fastest), slowest, 0.0))
 
 
 @kernel

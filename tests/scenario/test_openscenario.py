@@ -639,24 +639,37 @@ def test_a_map_of_a_simulator_is_named_by_the_user(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("action", "far"), [
     ('<SpeedAction><SpeedActionDynamics dynamicsShape="step" dynamicsDimension="time" value="0"/>'
      '<SpeedActionTarget><RelativeTargetSpeed entityRef="Ego" value="2" '
-     'speedTargetValueType="delta" continuous="true"/></SpeedActionTarget></SpeedAction>', 60.0),
+     'speedTargetValueType="delta" continuous="true"/></SpeedActionTarget></SpeedAction>', 64.0),
     ('<LongitudinalDistanceAction entityRef="Ego" distance="30" freespace="true" '
      'continuous="true"/>', 35.0),
+    ('<LongitudinalDistanceAction entityRef="Ego" timeGap="3" freespace="false" '
+     'continuous="true"/>', 0.0),
+    ('<LongitudinalDistanceAction entityRef="Ego" distance="30" freespace="true" '
+     'continuous="true"><DynamicConstraints maxAcceleration="3" maxDeceleration="6"/>'
+     '</LongitudinalDistanceAction>', 35.0),
 ])  # fmt: skip
 def test_speed_and_distance_are_kept_while_the_ego_brakes(
     tmp_path: Path, action: str, far: float
 ) -> None:
     """The other starts 50 m ahead and gains 2 m/s, until the ego stands; or keeps 30 m between
-    bodies of 4 and 6 m.
+    bodies of 4 and 6 m, or 3 s at the ego's speed; within limits it never brakes harder.
     """
     brake = f"<LongitudinalAction>{action}</LongitudinalAction>"
     events = TIMED.format(n=1, action=brake, delay=0, when=AT.format(0))
     path = changed(tmp_path, ('ds="50" offset="0.25"', 'ds="50" offset="3"'), events=events)
     drive = simulate(find(str(path)).concrete(only=0.0), lambda *_: Command(-2.0))
     other = drive.actors["Other"]
-    at = int(np.searchsorted(other.time, 5.0))
+    at = int(np.searchsorted(other.time, 7.0))
     assert drive.ego.speed[at] < 15.0
+    # of the time gap the ego's speed is the one of the step before, half a sample
+    far = far or 3.0 * drive.ego.speed[at - 1 : at + 1].mean()
     assert other.x[at] - drive.ego.x[at] == pytest.approx(far, abs=0.05)
+    if "Constraints" in action:
+        rates = np.diff(other.speed) / np.diff(other.time)
+        assert (rates.min(), rates.max()) == (
+            pytest.approx(-6.0, abs=0.01),
+            pytest.approx(0.0, abs=3.01),
+        )
 
 
 def test_an_edge_needs_the_opposite_before(tmp_path: Path) -> None:

@@ -35,6 +35,7 @@ _STRONGEST = {"sinusoidal": 0.5 * math.pi**2, "cubic": 6.0}
 """Peak lateral acceleration of a move by 1 m in 1 s."""
 _SHAPES = ("linear", "step", "cubic", "sinusoidal")
 _SHARES = np.arange(1, 33) / 32  # of a change of speed, at its knots
+_MOST = 1e3  # of a speed or an acceleration without a limit
 _STEADY = "over the distance of a lateral move the speed must stay the same, above 0 m/s"
 
 
@@ -209,7 +210,7 @@ class Moves:
             raise entity.element.fault(
                 "a speed relative to another's is not supported of an oncoming vehicle on a curve"
             )
-        table = (*table, (0.0, 0.0))[:3]
+        table = (*table, (0.0, 0.0))[: max(len(table), 3)]
         span = self._add(entity, begin, Act(played.MATCH, table=table), NEVER)
         if begin.known:  # it looks at the other after every step, as what waits does
             entity.acts[-1] = entity.acts[-1]._replace(begin=0.0, program=from_time(begin.time))
@@ -229,11 +230,8 @@ class Moves:
         how far ahead its centre must be, m along the road's line, without a time gap.
         """
         other = self.places.referred(element)
-        if element.find("DynamicConstraints") is not None or entity.on_map or other.on_map:
-            raise element.fault(
-                "a distance with limited dynamics, or of an entity that drives on the map, is not "
-                "supported"
-            )
+        if entity.on_map or other.on_map:
+            raise element.fault("a distance of an entity that drives on the map is not supported")
         sides = ("any", "leadingReferencedEntity", "trailingReferencedEntity")
         side = element.one_of("displacement", sides, "any")
         ahead = entity.frame.x >= other.frame.x if side == "any" else side == sides[1]
@@ -246,17 +244,25 @@ class Moves:
 
     def _distance(self, element: Node, entity: Entity, begin: Moment) -> Span:
         if not element.flag("continuous"):
-            if not begin.known or begin.time > 0.0:
-                raise element.fault("a distance is reached at the start only")
+            if not begin.known or begin.time > 0.0 or element.find("DynamicConstraints"):
+                raise element.fault("a distance is reached at once and at the start only")
             self.place_apart(element, entity)
             return Span(begin, begin.time)
         other, ahead, apart = self._apart(element, entity)
         if other is not self.ego:
             entity.pace = other.pace
-        gap = element.number("timeGap", 0.0)
-        if ahead and gap:
-            raise element.fault("a time gap that is kept ahead of another is not supported")
-        return self._relative(entity, begin, (self._number(other), 1.0), (0.0, 1.0), (apart, gap))
+        gap = element.number("timeGap", 0.0) * (-1.0 if ahead else 1.0)
+        limits = element.find("DynamicConstraints")
+        keeps = (self._number(other), 1.0), (0.0, 1.0 if limits is None else 2.0), (apart, gap)
+        if limits is None:
+            return self._relative(entity, begin, *keeps)
+        for name in ("maxAccelerationRate", "maxDecelerationRate"):
+            if limits.get(name) is not None:
+                raise limits.fault(f"`{name}` is not supported")
+        fastest, *rates = (
+            limits.number(f"max{it}", _MOST) for it in ("Speed", "Acceleration", "Deceleration")
+        )
+        return self._relative(entity, begin, *keeps, (rates[0], rates[1]), (fastest, 0.0))
 
     # -- lateral moves -----------------------------------------------------------------------------
 

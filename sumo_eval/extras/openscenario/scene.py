@@ -240,8 +240,9 @@ class _Player:
             entity.on_map = self.frame.turns and entity is not self.ego
             entity.frame = framed(entity, self.frame)
         for distance, entity in self.distances:
-            self.moves.place_apart(distance, entity)
-            if distance.flag("continuous"):
+            if distance.find("DynamicConstraints") is None:
+                self.moves.place_apart(distance, entity)
+            if distance.flag("continuous") or distance.find("DynamicConstraints") is not None:
                 self.begun.append((distance, entity))
 
         # an act that remembers a condition is the first actor's, so deleted ones must be known
