@@ -3,6 +3,8 @@ evaluates geometry by geometry, for an ego that keeps its speed. Tests compare p
 
 from __future__ import annotations
 
+import bisect
+import itertools
 import math
 import operator
 import re
@@ -14,6 +16,7 @@ from typing import Any
 from lxml import etree
 
 STEP = 0.01
+PLAIN = etree.XMLParser(remove_comments=True)
 RULES = {
     "greaterThan": operator.gt, "lessThan": operator.lt, "greaterOrEqual": operator.ge,
     "lessOrEqual": operator.le, "equalTo": operator.eq, "notEqualTo": operator.ne,
@@ -101,6 +104,28 @@ class Road:
         return s, (y - b) * math.cos(heading) - (x - a) * math.sin(heading)
 
 
+class Line(Road):
+    """A trajectory: straight lines between places on the map, and straight on beyond them."""
+
+    def __init__(self, places: list[tuple[float, float]]) -> None:
+        self.places = [it for k, it in enumerate(places) if not k or it != places[k - 1]]
+        self.lanes = {}
+        self.begins = [0.0]
+        for ends in itertools.pairwise(self.places):
+            self.begins.append(self.begins[-1] + math.dist(*ends))
+        self.length = self.begins[-1]
+
+    def at(self, s: float, t: float = 0.0) -> Point:
+        k = min(max(bisect.bisect_right(self.begins, s) - 1, 0), len(self.places) - 2)
+        (x, y), (x2, y2) = self.places[k : k + 2]
+        heading, u = math.atan2(y2 - y, x2 - x), s - self.begins[k]
+        c, d = math.cos(heading), math.sin(heading)
+        return x + u * c - t * d, y + u * d + t * c, heading
+
+    def bend(self, s: float) -> float:
+        return 0.0
+
+
 @dataclass
 class Body:
     """A vehicle: its reference point in its road, and what moves it."""
@@ -114,14 +139,22 @@ class Body:
     way: int = 1
     v: float = 0.0
     driven: float = 0.0
+    turn: float | None = None
+    unknown: bool = False  # between the begin of a synchronized move and its last part
     moves: dict[str, Any] = field(default_factory=dict)
 
     def place(self) -> tuple[float, float]:
         """The centre of the body on the map."""
         assert self.road is not None
-        x, y, heading = self.road.at(self.s, self.t)
-        ahead = self.way * self.centre
-        return x + ahead * math.cos(heading), y + ahead * math.sin(heading)
+        x, y, _ = self.road.at(self.s, self.t)
+        heading = self.heading()
+        return x + self.centre * math.cos(heading), y + self.centre * math.sin(heading)
+
+    def heading(self) -> float:
+        """Where it points on the map."""
+        assert self.road is not None
+        turn = (0.0 if self.way > 0 else math.pi) if self.turn is None else self.turn
+        return self.road.at(self.s, self.t)[2] + turn
 
     def lane(self) -> int:
         """The number of its lane."""
@@ -133,22 +166,23 @@ class Reader:
     """A scenario file that runs step by step."""
 
     def __init__(self, path: Path, given: dict[str, str] | None = None, road: str = "") -> None:
-        self.root = etree.parse(path).getroot()
+        self.root = etree.parse(path, PLAIN).getroot()
+        self.carla = self.root.find("FileHeader").get("description").startswith("CARLA:")
         self.time = 0.0
         self.values: dict[str, str] = {}
         self._declare(self.root, given or {})
         self.entries = {}
         for folder in self.root.iterfind("CatalogLocations/*/Directory"):
             for file in sorted((path.parent / folder.get("path")).glob("*.xosc")):
-                for catalog in etree.parse(file).getroot().iter("Catalog"):
-                    self._declare(catalog, {})
+                for catalog in etree.parse(file, PLAIN).getroot().iter("Catalog"):
+                    self._declare(catalog, self.values)
                     for entry in catalog.iterchildren(etree.Element):
                         self.entries[catalog.get("name"), entry.get("name")] = entry
         logic = path.parent / (
             road or self.text(self.root.find("RoadNetwork/LogicFile"), "filepath")
         )
         self.roads = {
-            it.get("id"): Road(it) for it in etree.parse(logic).getroot().iterfind("road")
+            it.get("id"): Road(it) for it in etree.parse(logic, PLAIN).getroot().iterfind("road")
         }
         self.bodies = {it.get("name"): self._body(it) for it in self.root.iter("ScenarioObject")}
         self._start()
@@ -166,8 +200,12 @@ class Reader:
     def text(self, element: Any, name: str, default: str = "") -> str:
         written = str(element.get(name, default)).strip()
         if written.startswith("${"):
-            inner = re.sub(r"\$(\w+)", lambda it: self.values[it[1]], written[2:-1])
-            return str(eval(inner, {"__builtins__": {}}))
+            inner = re.sub(
+                r"\$(\w+)",
+                lambda it: f"({self.text({'x': self.values[it[1]]}, 'x')})",
+                written[2:-1],
+            )
+            return str(eval(inner, {"__builtins__": {}, **vars(math)}))
         while written.startswith("$"):
             written = self.values[written[1:]]
             if written.startswith("${"):
@@ -196,14 +234,22 @@ class Reader:
         waiting = [(self.bodies[self.text(private, "entityRef")], action[0])
                    for private in self.root.iterfind("Storyboard/Init/Actions/Private")
                    for action in private.iterfind("PrivateAction")]  # fmt: skip
+        for entity in self.root.iterfind("Storyboard/Init/Actions/*//EntityAction"):
+            if entity.find("DeleteEntityAction") is not None:
+                del self.bodies[self.text(entity, "entityRef")]
+            else:
+                waiting.append((self.bodies[self.text(entity, "entityRef")], entity[0]))
         while waiting:
             left = [it for it in waiting if not self._started(*it)]
             assert len(left) < len(waiting)
             waiting = left
 
     def _started(self, body: Body, action: Any) -> bool:
-        if action.tag == "TeleportAction":
+        if action.tag in ("TeleportAction", "AddEntityAction"):
             return self._put(body, action.find("Position")[0])
+        follow = action.find("FollowTrajectoryAction")
+        if follow is not None:
+            body.road, body.s = self._line(follow), self.number(follow, "initialDistanceOffset")
         speed = action.find("SpeedAction")
         if speed is not None:
             target = speed.find("SpeedActionTarget")[0]
@@ -219,13 +265,73 @@ class Reader:
         value = self.number(target, "value")
         return base * value if target.get("speedTargetValueType") == "factor" else base + value
 
+    def _held(self, holder: Any, tag: str) -> Any:
+        """An element, or the entry that its <CatalogReference> names with the values it gives."""
+        reference = next(holder.iter("CatalogReference"), None)
+        if reference is None:
+            return next(holder.iter(tag))
+        entry = self.entries[tuple(self.text(reference, it) for it in ("catalogName", "entryName"))]
+        given = {
+            it.get("parameterRef"): self.text(it, "value")
+            for it in reference.iter("ParameterAssignment")
+        }
+        self._declare(entry, given)
+        return entry
+
+    def _line(self, holder: Any) -> Line:
+        values = dict(self.values)
+        line = Line(self._places(holder))
+        self.values = values
+        return line
+
+    def _places(self, holder: Any) -> list[tuple[float, float]]:
+        trajectory = self._held(holder, "Trajectory")
+        places = []
+        for vertex in trajectory.iter("Vertex"):
+            goal = Body(0.0, 0.0, 0.0)
+            self._put(goal, vertex.find("Position")[0])
+            places.append(goal.place())
+        for segment in trajectory.iter("ClothoidSplineSegment"):
+            first = segment.find("PositionStart")
+            if first is not None:
+                goal = Body(0.0, 0.0, 0.0)
+                self._put(goal, first[0])
+                assert goal.road is not None
+                x, y, heading = goal.road.at(goal.s, goal.t)
+                places.append((x, y))
+            length, begin, end = (
+                self.number(segment, it) for it in ("length", "curvatureStart", "curvatureEnd")
+            )
+            count = max(round(length / 0.05), 1)
+            for k in range(count):
+                curvature = begin + (end - begin) * (k + 0.5) / count
+                turned = heading + 0.5 * curvature * length / count
+                x += length / count * math.cos(turned)
+                y += length / count * math.sin(turned)
+                heading += curvature * length / count
+                places.append((x, y))
+        return places
+
     def _put(self, body: Body, position: Any) -> bool:
+        if position.tag == "TrajectoryPosition":
+            body.road, body.s = self._line(position), self.number(position, "s")
+            return True
+        if position.tag == "RoutePosition":
+            route = self._held(position.find("RouteRef"), "Route")
+            self._put(body, next(route.iter("LanePosition")))
+            at = position.find("InRoutePosition")[0]
+            assert body.road is not None
+            body.s += self.number(at, "pathS")
+            if at.tag == "FromLaneCoordinates":
+                lane = body.road.lanes[int(self.text(at, "laneId"))]
+                body.t = lane[0] + self.number(at, "laneOffset")
+            else:
+                body.t = self.number(at, "t")
+            return self._turn(body, position)
         other = self.bodies.get(self.text(position, "entityRef"))
         if other is not None and other.road is None:
             return False
         body.way = 1 if other is None else other.way
-        turn = position.find("Orientation")
-        heading = None if turn is None else self.number(turn, "h")
         if position.tag in ("LanePosition", "RoadPosition"):
             body.road = self.roads[self.text(position, "roadId")]
             body.s = self.number(position, "s")
@@ -247,27 +353,47 @@ class Reader:
             if position.tag == "RelativeObjectPosition":
                 assert other is not None
                 assert other.road is not None
-                x, y, along = other.road.at(other.s, other.t)
+                x, y, _ = other.road.at(other.s, other.t)
+                along = other.heading()
                 dx, dy = self.number(position, "dx"), self.number(position, "dy")
                 x += dx * math.cos(along) - dy * math.sin(along)
                 y += dx * math.sin(along) + dy * math.cos(along)
             else:
                 assert position.tag == "WorldPosition"
                 x, y, along = (self.number(position, it) for it in "xyh")
+                if self.carla:
+                    y, along = -y, -along  # as scenario_runner reads it
+            beside = []
             for road in self.roads.values():
                 s, t = road.nearest(x, y)
-                inside = any(
-                    abs(t - c) <= w / 2 and kind == "driving" for c, w, kind in road.lanes.values()
-                )
-                if inside and 1e-6 < s < road.length - 1e-6:
-                    body.road, body.s, body.t = road, s, t
+                if 1e-6 < s < road.length - 1e-6:
+                    lanes = [
+                        abs(t - c) - w / 2
+                        for c, w, kind in road.lanes.values()
+                        if kind == "driving"
+                    ]
+                    beside.append((max(min(lanes, default=math.inf), 0.0), len(beside), road, s, t))
+            _, _, body.road, body.s, body.t = min(beside)
             assert body.road is not None
-            body.way = 1 if math.cos(along - body.road.at(body.s)[2]) > 0.0 else -1
+            body.turn = along - body.road.at(body.s)[2]
+            body.way = 1 if math.cos(body.turn) > 0.0 else -1
+            if position.tag == "RelativeObjectPosition" or abs(math.sin(body.turn)) < 0.01:
+                body.turn = None  # it drives along the road
             return True
-        if heading is not None and turn.get("type") == "relative":
-            body.way = 1 if math.cos(heading) > 0.0 else -1
-        elif heading is not None:
-            body.way = 1 if math.cos(heading - body.road.at(body.s)[2]) > 0.0 else -1
+        return self._turn(body, position)
+
+    def _turn(self, body: Body, position: Any) -> bool:
+        """Point a body as its <Orientation> says; one that drives keeps to its road."""
+        turn = position.find("Orientation")
+        if turn is None:
+            return True
+        assert body.road is not None
+        heading = self.number(turn, "h")
+        if turn.get("type") != "relative":
+            heading -= body.road.at(body.s)[2]
+        body.way = 1 if math.cos(heading) > 0.0 else -1
+        if abs(math.sin(heading)) > 0.01:
+            body.turn = heading
         return True
 
     @staticmethod
@@ -337,17 +463,60 @@ class Reader:
         return lambda: share() >= 1.0 - 1e-9 and action.get("continuous") != "true"
 
     def _do(self, body: Body, private: Any) -> Callable[[], bool]:
+        if private[0].tag == "SynchronizeAction":
+            return self._synchronize(body, private[0])
         inner = private[0][0] if len(private[0]) else private[0]
         if inner.tag == "SpeedAction":
             return self._speed(body, inner)
         if inner.tag in ("LaneChangeAction", "LaneOffsetAction"):
             return self._across(body, inner)
+        if inner.tag == "LongitudinalDistanceAction":
+            other = self.bodies[self.text(inner, "entityRef")]
+            assert (inner.get("freespace"), inner.get("continuous")) == ("true", "false")
+            apart = self.number(inner, "distance") + 0.5 * (body.length + other.length)
+            body.s = other.s + other.centre + apart - body.centre
+            return lambda: True
+        if inner.tag == "FollowTrajectoryAction":
+            assert all(it.get("time") is None for it in inner.iter("Vertex"))
+            body.road, body.s, body.t, body.way = self._line(inner), 0.0, 0.0, 1
+            return lambda: False
         assert private[0].tag in (
+            "AppearanceAction",
             "ControllerAction",
             "ActivateControllerAction",
             "VisibilityAction",
         )
         return lambda: True
+
+    def _synchronize(self, body: Body, action: Any) -> Callable[[], bool]:
+        """Only the last part is said by the standard: at the place in time, at the final speed."""
+        master = self.bodies[action.get("masterEntityRef")]
+        goals = []
+        for name, mover in (("TargetPositionMaster", master), ("TargetPosition", body)):
+            goal = Body(0.0, 0.0, 0.0)
+            self._put(goal, action.find(name)[0])
+            assert mover.road is not None
+            x, y = goal.place()
+            a, b, heading = mover.road.at(mover.s, mover.t)
+            ahead = (x - a) * math.cos(heading) + (y - b) * math.sin(heading)
+            if isinstance(mover.road, Line) and isinstance(goal.road, Line):
+                ahead = goal.s - mover.s
+            goals.append(ahead)
+        final = action.find("FinalSpeed/AbsoluteSpeed")
+        speed = self.number(final, "value")
+        steady = sum(self.number(it, "distance") for it in final)
+        arrives, target = self.time + goals[0] / master.v, body.s + body.way * goals[1]
+        body.unknown = True
+
+        def now() -> float:
+            rest = speed * (arrives - self.time)
+            body.unknown = body.unknown and rest > steady + 1e-9
+            if not body.unknown and "sync" not in body.moves:
+                body.moves["sync"], body.s = True, target - body.way * rest
+            return 0.0 if body.unknown else speed
+
+        body.moves["speed"] = now
+        return lambda: self.time >= arrives
 
     # conditions
 
@@ -371,6 +540,8 @@ class Reader:
             return False
         first = False if kind.tag == "ByValueCondition" else None  # nothing held before the start
         now, was = seen[-1 - late], seen[-2 - late] if len(seen) > late + 1 else first
+        if self.carla:  # scenario_runner keeps a condition that was true
+            return any(seen)
         edges = {"none": now, "rising": now and was is False, "falling": not now and was is True,
                  "risingOrFalling": was is not None and now != was}  # fmt: skip
         return edges[condition.get("conditionEdge")]
@@ -380,6 +551,10 @@ class Reader:
             # a step is short: `greaterThan` begins at the time itself
             rule = element.get("rule").replace("greaterThan", "greaterOrEqual")
             return RULES[rule](self.time, self.number(element, "value"))
+        if element.tag == "ParameterCondition":
+            known = self.values[element.get("parameterRef").lstrip("$")]
+            sides = (self.text({"x": known}, "x"), self.text(element, "value"))
+            return (sides[0] == sides[1]) == (element.get("rule") == "equalTo")
         assert element.tag == "StoryboardElementStateCondition", element.tag
         name, kind = element.get("storyboardElementRef"), element.get("storyboardElementType")
         states = [state for it, state in self.states.items()
@@ -473,21 +648,30 @@ class Reader:
         done = []
         for group in act.iterfind("ManeuverGroup"):
             names = [self.text(it, "entityRef") for it in group.iterfind("Actors/EntityRef")]
-            for event in (
-                it for maneuver in self._maneuvers(group) for it in maneuver.iterfind("Event")
-            ):
-                self._event(event, names)
-                done.append(self.states.get(event) == "complete")
+            for maneuver in self._maneuvers(group):
+                ends = []
+                for event in maneuver.iterfind("Event"):
+                    self._event(event, names)
+                    ends.append(self.states.get(event) == "complete")
+                if all(ends):
+                    self.states[maneuver] = "complete"
+                done += ends
         if all(done):
             self.states[act] = "complete"
 
     def _event(self, event: Any, names: list[str]) -> None:
         actions = event.findall("Action")
+        if all(it.find("GlobalAction") is not None for it in actions):
+            deleted = list(event.iter("EntityAction"))
+            if deleted and self._holds(event.find("StartTrigger")):
+                for entity in deleted:
+                    self.bodies.pop(self.text(entity, "entityRef"), None)
+            return
         if self.states.get(event) is None and self._holds(event.find("StartTrigger")):
             self.states[event] = "running"
             for action in actions:
                 self.states[action] = "running"
-                ends = [self._do(self.bodies[name], action[0]) for name in names
+                ends = [self._do(self.bodies[name], action[0]) for name in names if name in self.bodies
                         if action[0].tag == "PrivateAction"]  # fmt: skip
                 self.actions[action] = lambda ends=ends: all(it() for it in ends)
         for action in actions:

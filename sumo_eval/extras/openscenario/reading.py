@@ -228,7 +228,8 @@ class Node:
             replace(part, values=values)
             for part in self.all("ParameterDeclarations/ParameterDeclaration")
         ]
-        names = [part.attribute("name") for part in parts]
+        # a `$` before a declared name is of version 1.0
+        names = [part.attribute("name").removeprefix("$") for part in parts]
         for name in given:
             if name not in names:
                 holder = self.find("ParameterDeclarations")
