@@ -15,7 +15,7 @@ from sumo_eval.cli import main
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import InputError
-from sumo_eval.extras.openscenario.collections import COLLECTIONS, uses_of
+from sumo_eval.extras.openscenario.collections import uses_of
 from sumo_eval.extras.openscenario.conformity import ROWS
 from sumo_eval.extras.openscenario.describe import described
 from sumo_eval.extras.openscenario.logical import (
@@ -848,32 +848,6 @@ def test_every_element_that_the_catalogues_use_is_in_the_list() -> None:
                     "LateralAction",
                     "RoutingAction",
                 ), (file.name, tag)
-
-
-@needs_catalogues
-def test_how_often_the_catalogues_use_each_element_is_counted() -> None:
-    """In their files and whatever these lead to: scenario files, and all catalogs of the folders
-    that they name."""
-    copies = {"osc_alks": ALKS.parent, "ncap_2026": NCAP.parents[4]}
-    for column, (name, copy) in enumerate(copies.items()):
-        roots: dict[Path, etree._Element] = {}
-        left = [file.resolve() for file in COLLECTIONS[name].files(copy)]
-        while left:
-            file = left.pop()
-            if file in roots:
-                continue
-            roots[file] = etree.parse(file).getroot()
-            left += [
-                (file.parent / it.get("filepath")).resolve()
-                for it in roots[file].iter("ScenarioFile")
-            ]
-            for folder in roots[file].iter("Directory"):
-                left += [it.resolve() for it in (file.parent / folder.get("path")).glob("*.xosc")]
-        found = {
-            row.element: sum(len(list(root.iter(row.element))) for root in roots.values())
-            for row in ROWS
-        }
-        assert found == {row.element: row.used[column] for row in ROWS}
 
 
 ENDED = (

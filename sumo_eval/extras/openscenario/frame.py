@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from sumo_eval.extras.openscenario.network import MARKED, WIDEST, MapRoad, Network, in_frame
-from sumo_eval.extras.openscenario.places import Course, Entity, Spot
+from sumo_eval.extras.openscenario.places import Entity, MapPath, Spot
 from sumo_eval.scenario.road.opendrive import beside
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import (
@@ -58,7 +58,7 @@ class Frame(NamedTuple):
         return pose.moved(entity.centre, entity.offset).seen_from(self.origin)
 
 
-def frame_of(ego: Entity, network: Network, course: Course | None, end: Pose | None) -> Frame:
+def frame_of(ego: Entity, network: Network, course: MapPath | None, end: Pose | None) -> Frame:
     """The road on which an ego drives.
 
     course: its trajectory where it turns.
@@ -117,7 +117,7 @@ def _lanes(ego: Entity, road: MapRoad, spot: Spot) -> tuple[float, int]:
     return driving[first].centre, last - first + 1
 
 
-def _turning(ego: Entity, road: MapRoad, width: float, network: str, course: Course) -> Frame:
+def _turning(ego: Entity, road: MapRoad, width: float, network: str, course: MapPath) -> Frame:
     """The road of an ego that turns: its path, one lane wide, from its own road's beginning on.
 
     At a junction no lane lies beside a path, and crossing actors use map coordinates.

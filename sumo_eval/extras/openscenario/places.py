@@ -120,7 +120,7 @@ class Entity:
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class MapPath:
     """A trajectory on the map.
 
     points: (x, y);
@@ -275,7 +275,7 @@ class Places:
 
     # -- trajectories ------------------------------------------------------------------------------
 
-    def trajectory(self, holder: Node) -> Course:
+    def trajectory(self, holder: Node) -> MapPath:
         """The trajectory of a <TrajectoryRef>."""
         element = self.catalogs.held(holder, "Trajectory")
         if element.flag("closed"):
@@ -285,14 +285,14 @@ class Places:
             raise shape.unsupported("shapes that are: Polyline, ClothoidSpline")
         return self._polyline(shape) if shape.tag == "Polyline" else self._spline(shape)
 
-    def followed(self, action: Node) -> Course:
+    def followed(self, action: Node) -> MapPath:
         """The trajectory of a FollowTrajectoryAction."""
         mode = action.find("TrajectoryFollowingMode")
         if mode is not None:
             mode.one_of("followingMode", ("position", "follow"))
         return self.trajectory(action.find("TrajectoryRef") or action)
 
-    def _polyline(self, shape: Node) -> Course:
+    def _polyline(self, shape: Node) -> MapPath:
         vertices = shape.all("Vertex")
         if len(vertices) < 2:
             raise shape.fault(f"it must have at least two vertices, got {len(vertices)}")
@@ -301,9 +301,9 @@ class Places:
             raise shape.fault("either all of its vertices must have a `time`, or none")
         spots = [self.spot(vertex.child("Position")) for vertex in vertices]
         times = tuple(vertex.number("time") for vertex in timed)
-        return Course(tuple(spot.pose[:2] for spot in spots), times, spots[0])
+        return MapPath(tuple(spot.pose[:2] for spot in spots), times, spots[0])
 
-    def _spline(self, shape: Node) -> Course:
+    def _spline(self, shape: Node) -> MapPath:
         first = shape.find("ClothoidSplineSegment[1]/PositionStart")
         if first is None:
             raise shape.fault("its first segment must have a <PositionStart>")
@@ -317,7 +317,7 @@ class Places:
         points = tuple(
             begin.pose.moved(*place)[:2] for place in zip(x.tolist(), y.tolist(), strict=True)
         )
-        return Course(points, (), begin, pieces)
+        return MapPath(points, (), begin, pieces)
 
     def _on_trajectory(self, element: Node) -> Spot:
         trajectory = self.trajectory(element.child("TrajectoryRef"))

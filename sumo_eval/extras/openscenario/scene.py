@@ -38,8 +38,8 @@ from sumo_eval.extras.openscenario.moves import (
 )
 from sumo_eval.extras.openscenario.network import read_network
 from sumo_eval.extras.openscenario.places import (
-    Course,
     Entity,
+    MapPath,
     Places,
     Spot,
     UnplacedError,
@@ -208,7 +208,7 @@ class _Player:
         self.begun: list[tuple[Node, Entity]] = []
         self.ends = math.inf
         self.route_end: Pose | None = None
-        self.turning: Course | None = None
+        self.turning: MapPath | None = None
 
     def _only_controlled(self) -> str:
         """The entity named `Ego`; otherwise the only one with a controller, or none."""
