@@ -1,7 +1,6 @@
 """OpenSCENARIO XML files (1.0 to 1.3) as logical scenarios: read with lxml, without network and
 without entities.
 
-What plays, what means nothing here and what is refused is listed in `conformity`. Everything that a
-file says is evaluated at a point of its space, as a player does: parameters, expressions, catalogs,
-places, moves.
+`conformity` lists the elements that are played, ignored or refused. Parameters, expressions,
+catalogs, places and moves are evaluated at a point of the file's space.
 """

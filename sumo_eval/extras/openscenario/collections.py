@@ -22,14 +22,14 @@ class Collection:
     folders: where its files may be below the user's copy;
     pattern: their names.
 
-    besides: patterns of files that no other file of it varies, from the folder of the others on.
+    extra: patterns of files that no other file of it varies, below the same folder.
     """
 
     about: str
     source: str
     folders: tuple[str, ...]
     pattern: str
-    besides: tuple[str, ...] = ()
+    extra: tuple[str, ...] = ()
 
     def files(self, copy: Path) -> list[Path]:
         """Its files.
@@ -39,7 +39,7 @@ class Collection:
         for folder in self.folders:
             found = sorted((copy / folder).glob(self.pattern))
             if found:
-                for pattern in self.besides:
+                for pattern in self.extra:
                     found += sorted((copy / folder).glob(pattern))
                 return found
         raise must_be(
@@ -72,7 +72,7 @@ COLLECTIONS: Mapping[str, Collection] = MappingProxyType(
 def entries_of(entry: ScenarioSettings, folder: Path) -> tuple[ScenarioSettings, ...]:
     """An entry for each file of a catalogue, or for each road of an OpenSCENARIO file of several.
 
-    What does not play is told by the first entry of its catalogue.
+    The first entry of a catalogue names the files that are not supported.
 
     folder: where relative paths start.
     """
@@ -85,7 +85,7 @@ def entries_of(entry: ScenarioSettings, folder: Path) -> tuple[ScenarioSettings,
 
 
 def uses_of(path: Path, use: str) -> Iterator[tuple[str, Read]]:
-    """What names each of the roads of an OpenSCENARIO file in `use`, and what was read for it."""
+    """The `use` of each road of an OpenSCENARIO file, and the file as read for it."""
     given = options_of(use)[1]
     first = read_file(path, given)
     if len(first.roads) == 1:

@@ -1,4 +1,4 @@
-"""What was understood of an OpenSCENARIO file, in sentences."""
+"""Sentences on an OpenSCENARIO file as it was read."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def described(read: Read) -> Iterator[str]:
         yield f"  parameter {item.name} = {values}{item.behind} {item.about}".rstrip()
     road = logical.road
     yield (
-        f"  road {read.frame.name}: {road.lanes} lanes of {road.lane_width:g} m, judged to "
+        f"  road {read.frame.name}: {road.lanes} lanes of {road.lane_width:g} m, evaluated to "
         f"{road.length:g} m"
     )
     if len(read.roads) > 1:
@@ -67,7 +67,7 @@ def described(read: Read) -> Iterator[str]:
             "one point here"
         )
     if read.ignored:
-        yield f"  ignored, because they move nobody here: {', '.join(read.ignored)}"
+        yield f"  ignored, because they move no vehicle here: {', '.join(read.ignored)}"
     if first is not None:
         found = concrete(read, first)
         yield "  at the first point:" if first else "  its scene:"

@@ -1,6 +1,4 @@
-"""What the entry point `xosc` of `sumo_eval.scenarios` brings: OpenSCENARIO files, catalogues and
-points.
-"""
+"""Entry point `xosc` of `sumo_eval.scenarios`: OpenSCENARIO files, catalogues and points."""
 
 from __future__ import annotations
 

@@ -309,7 +309,7 @@ def _about_zones(logical: LogicalScenario, scenes: Scenes) -> Iterator[str]:
 
 
 def _shape(frame: Frame) -> tuple[object, ...]:
-    """The properties that make a road another one."""
+    """The properties by which two roads differ."""
     return frame.line, frame.lanes, frame.lane_width, round(frame.length, 6)
 
 

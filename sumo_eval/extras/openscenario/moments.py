@@ -1,6 +1,6 @@
 """When something begins: at a time, or when a condition on what happens holds.
 
-A trigger of which all is known before the drive is a time. What depends on the drive becomes a
+A trigger that is known before the drive is a time. A condition on the drive becomes a
 program of `scenario.played`, as a `when` of a scenario file does.
 """
 
@@ -111,7 +111,7 @@ class Span:
 
 @dataclass(slots=True)
 class Conditions:
-    """What conditions can ask for: entities, their numbers among the actors, and elements of the
+    """Access of conditions to entities, their numbers among the actors, and elements of the
     storyboard above.
 
     origin, line: of the road's frame. reference: of the road's reference line, m left of `line`.
@@ -314,7 +314,7 @@ class Conditions:
     # -- distances ---------------------------------------------------------------------------------
 
     def _target(self, element: Node) -> Entity | Pose:
-        """What a condition measures to: an entity, or a fixed place in the road's frame."""
+        """The target of a condition: an entity, or a fixed place in the road's frame."""
         holder = element.find("TimeToCollisionConditionTarget") or element
         if holder.get("entityRef") is not None:
             return self.places.entity(holder.text("entityRef"), holder)

@@ -73,7 +73,7 @@ class Entity:
     frame: the centre of its body along and across the road, once the road is known.
     on_map: its path is straight on the map, not along the road, which is curved.
 
-    acts: its moves by what the file says so far. waits: actions of Init that set its speed and were
+    acts: its moves by the file so far. waits: actions of Init that set its speed and were
     not done. pace: its speed by its moves so far, m/s, from `steady` s on. moved: to the left of
     its start, m. busy_until: end of its last lateral move, s. begins: the moment of its last change
     of `speed`, and of its last lateral move by distance, `across`.
@@ -160,7 +160,7 @@ class MapPath:
 
 @dataclass(slots=True)
 class Places:
-    """What knows all places of a scenario at a point: the network, the catalogs and the entities by
+    """All places of a scenario at a point: the network, the catalogs and the entities by
     name.
 
     mirrored: y points to the right, as in the files that CARLA writes.
@@ -208,12 +208,13 @@ class Places:
 
     def located(self, spot: Spot) -> Spot:
         """A place, however it is given, in the lane where it lies."""
-        road, lane, s, t = spot.road, spot.lane, spot.s, spot.t
+        road, lane = spot.road, spot.lane
+        s, t = spot.s, spot.t
         if road is None:
-            found = self.network.driving(spot.pose)
-            if found is None:
+            driving = self.network.driving(spot.pose)
+            if driving is None:
                 return spot
-            road, lane, (s, t, _) = found
+            road, lane, (s, t, _) = driving
         turned = math.remainder(spot.pose.heading - road.pose(s, t).heading, math.tau)
         way = 1 if abs(turned) < ALONG else -1 if abs(turned) > math.pi - ALONG else 0
         return Spot(spot.pose, road, lane or road.lane_at(t), s, t, way)
@@ -243,9 +244,7 @@ class Places:
         return spot.turned(other.way)
 
     def lane_beside(self, spot: Spot, lanes: int, element: Node) -> Lane:
-        """The lane so many lanes to the left of where something is; 0 is no lane and is not
-        counted.
-        """
+        """The lane a number of lanes to the left of a place; lane 0 does not count."""
         assert spot.road is not None
         assert spot.lane is not None
         chosen = spot.lane.number + lanes
@@ -279,7 +278,7 @@ class Places:
         """The trajectory of a <TrajectoryRef>."""
         element = self.catalogs.held(holder, "Trajectory")
         if element.flag("closed"):
-            raise element.fault("a closed trajectory is not played")
+            raise element.fault("a closed trajectory is not supported")
         shape = element.child("Shape").only()
         if shape.tag not in ("Polyline", "ClothoidSpline"):
             raise shape.unsupported("shapes that are: Polyline, ClothoidSpline")

@@ -73,8 +73,8 @@ class Variation:
     notes: tuple[str, ...]
 
     def completed(self, combination: Combination) -> Combination | None:
-        """A combination with the defaults of the others; None where the constraint groups forbid
-        it.
+        """A combination with the defaults of other parameters; None where the constraint groups
+        forbid it.
         """
         if self.scenario is None:
             return combination

@@ -488,8 +488,8 @@ class _Player:
         return end
 
     def _check_priority(self, event: Node, span: Span, other: Node, running: Span) -> None:
-        """Refuse an event that ends another move of its manoeuvre half-way, or is left out while
-        another one runs.
+        """Refuse an event that ends a running move of its manoeuvre half-way, or is left out
+        meanwhile.
         """
         priority = event.attribute("priority")
         skips = priority == "skip"

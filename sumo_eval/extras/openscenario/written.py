@@ -1,6 +1,4 @@
-"""What was understood of an OpenSCENARIO file at one point, as a scenario file of this project that
-says the same.
-"""
+"""An OpenSCENARIO file at one point as an equal scenario file of this project."""
 
 from __future__ import annotations
 
