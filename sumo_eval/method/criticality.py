@@ -294,27 +294,28 @@ def searched_criticality(
     Raises InputError for numbers outside these meanings.
     """
     strength = _not_negative("deceleration", deceleration, above_zero=True)
-    arrays = np.broadcast_arrays(
-        _not_negative("ego_speed", ego_speed), _finite("gap", gap), strength,
-        _not_negative("delay", delay),
-        _not_negative("conflict_begin", conflict_begin),
-    )  # fmt: skip
-    v0, d0, strength = arrays[:3]
-    wait, begin = arrays[3:]
+    shape = np.shape(ego_speed)
+    v0, d0, wait = (
+        np.broadcast_to(array, shape)[:, None]
+        for array in (
+            _not_negative("ego_speed", ego_speed),
+            _finite("gap", gap),
+            _not_negative("delay", delay),
+        )
+    )
+    begin = np.broadcast_to(_not_negative("conflict_begin", conflict_begin), shape)[:, None]
+    strength = np.broadcast_to(strength, shape)[:, None]
     lead_speed, lead_distance = lead
 
     def relative(time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Closing speed and gap at times (n, m)."""
-        braking = np.clip(time - wait[:, None], 0.0, (v0 / strength)[:, None])
-        speed = v0[:, None] - strength[:, None] * braking
-        driven = (
-            v0[:, None] * np.minimum(time, wait[:, None]) + braking * (v0[:, None] + speed) / 2.0
-        )
-        return speed - lead_speed(time), d0[:, None] + lead_distance(time) - driven
+        braking = np.clip(time - wait, 0.0, v0 / strength)
+        speed = v0 - strength * braking
+        driven = v0 * np.minimum(time, wait) + braking * (v0 + speed) / 2.0
+        return speed - lead_speed(time), d0 + lead_distance(time) - driven
 
     stands = wait + v0 / strength
-    shares = np.linspace(0.0, 1.0, _SHARES)
-    times = begin[:, None] + shares * np.maximum(stands - begin, 0.0)[:, None]
+    times = begin + np.linspace(0.0, 1.0, _SHARES) * np.maximum(stands - begin, 0.0)
     closing, distance = relative(times)
     passed = distance[:, 0] < -passing_length
     touching = distance <= 0.0

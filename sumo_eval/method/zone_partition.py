@@ -578,18 +578,18 @@ def _searched(approach: Approach, n: int, settings: ZoneSettings) -> tuple[Float
     MB.
     """
     inverse, impact = np.empty(n), np.empty(n)
-    ego, other, gap = _broadcast(n, approach.ego_speed, approach.obstacle_speed, approach.gap)
-    delay, slowing, begin = _broadcast(
-        n, approach.delay, approach.obstacle_deceleration, approach.conflict_begin
-    )
+    names = [item.name for item in fields(approach) if item.name != "passing_length"]
+    values = _broadcast(n, *(getattr(approach, name) for name in names))
+    arrays = dict(zip(names, values, strict=True))
     for rows in (slice(start, start + SEARCHED_AT_ONCE) for start in range(0, n, SEARCHED_AT_ONCE)):
+        part = {name: array[rows] for name, array in arrays.items()}
         inverse[rows], impact[rows] = searched_criticality(
-            ego[rows],
-            gap[rows],
-            _lead(other[rows, None], slowing[rows, None]),
+            part["ego_speed"],
+            part["gap"],
+            _lead(part["obstacle_speed"][:, None], part["obstacle_deceleration"][:, None]),
             deceleration=settings.deceleration,
-            delay=delay[rows],
-            conflict_begin=begin[rows],
+            delay=part["delay"],
+            conflict_begin=part["conflict_begin"],
             passing_length=approach.passing_length,
         )
     return inverse, impact

@@ -41,6 +41,8 @@ class About:
 
 Positive = Gt(0.0)
 NotNegative = Ge(0.0)
+PositiveFloat = Annotated[float, Positive]
+NotNegativeFloat = Annotated[float, NotNegative]
 
 
 @functools.lru_cache(maxsize=64)

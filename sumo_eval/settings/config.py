@@ -119,13 +119,12 @@ def validated(
     where: names the content in errors.
     file: where it was read, to tell lines of mistakes.
     """
+    # every class can be hashed
+    adapter: TypeAdapter[Settings] = _adapter(kind)  # type: ignore[arg-type]
     try:
-        # every class can be hashed
-        adapter: TypeAdapter[Settings] = _adapter(kind)  # type: ignore[arg-type]
-        settings = adapter.validate_json(json.dumps(content, default=str), strict=True)
+        return adapter.validate_json(json.dumps(content, default=str), strict=True)
     except ValidationError as error:
         raise InputError(mistakes(error, where, kind, file)) from None
-    return settings
 
 
 @functools.cache  # one for all settings takes 0.1 s to make
@@ -140,17 +139,14 @@ def check_evaluation(settings: EvaluationSettings, where: str, *, own_ads: bool 
 
     own_ads: as in `read_evaluation`.
     """
+    if not settings.scenario:
+        raise InputError(f"{where} must have at least one [[scenario]].")
+    if own_ads and not settings.ads:
+        raise InputError(f"{where} must have at least one [[ads]], or be run with `--ads LOCATOR`.")
     for what, names in (
         ("`scenario.use`", [scenario.use for scenario in settings.scenario]),
         ("`ads.name`", [ads.name for ads in settings.ads]),
     ):
-        if not names and what == "`ads.name`":
-            if own_ads:
-                raise InputError(
-                    f"{where} must have at least one [[ads]], or be run with `--ads LOCATOR`."
-                )
-        elif not names:
-            raise InputError(f"{where} must have at least one [[scenario]].")
         if any(name.startswith("~") for name in names):
             raise InputError(
                 f"{what} in {where} must not begin with `~`, which marks the ideal vehicle and "
@@ -192,8 +188,7 @@ def with_changes(settings: EvaluationSettings, changes: Sequence[str]) -> Evalua
 
 def to_plain(settings: EvaluationSettings) -> dict[str, Any]:
     """Settings as nested dicts and lists, unset values left out."""
-    plain: dict[str, Any] = _without_none(asdict(settings))
-    return plain
+    return dict(_without_none(asdict(settings)))
 
 
 def to_toml(settings: EvaluationSettings) -> str:
@@ -227,18 +222,10 @@ def mistakes(error: ValidationError, where: str, root: type, file: Path | None =
 
 
 def _place(item: Any) -> tuple[Any, ...]:
-    return tuple(
-        part for part in item["loc"] if part not in _UNION_BRANCHES and not _is_branch(part)
-    )
-
-
-def _is_branch(part: object) -> bool:
-    """Whether a part of a place is pydantic's name for one of several kinds: a class's, or that of
+    """Where a finding is, without pydantic's names for one of several kinds: a class's, or that of
     listed texts.
     """
-    return isinstance(part, str) and (
-        part.startswith("literal[") or (part[:1].isupper() and part.endswith("Table"))
-    )
+    return tuple(part for part in item["loc"] if not _BRANCH.fullmatch(str(part)))
 
 
 def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) -> str:
@@ -260,17 +247,13 @@ def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) ->
         return f"`{path}` in {where} must not be empty."
     if item["type"] == "value_error":
         return str(item["ctx"]["error"])
-    table = ".".join(str(part) for part in location if not isinstance(part, int))
-    if item["type"] in {"tuple_type", "list_type"} and isinstance(item["input"], dict):
+    table, wrong = re.sub(r"\[\d+\]", "", path), item["input"]
+    if item["type"] in {"tuple_type", "list_type"} and isinstance(wrong, dict):
         return (
             f"`{table}` in {where} must be a list of tables: write [[{table}]], with two "
             f"brackets, not [{table}]."
         )
-    if (
-        item["type"] == "dataclass_type"
-        and isinstance(item["input"], list)
-        and not isinstance(location[-1], int)
-    ):
+    if item["type"] == "dataclass_type" and isinstance(wrong, list) and not path.endswith("]"):
         return (
             f"`{table}` in {where} must be one table: write [{table}], with one bracket, not "
             f"[[{table}]]."
@@ -282,9 +265,9 @@ def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) ->
         if one["type"] == "literal_error"
         for name in re.findall(r"'([^']*)'", one["ctx"]["expected"])
     ]
-    near = nearest(item["input"], allowed) if isinstance(item["input"], str) else None
+    near = nearest(wrong, allowed) if isinstance(wrong, str) else None
     hint = "" if near is None else f" Did you mean `{near}`?"
-    return f"`{path}` in {where} must be {message}, got {shown(item['input'])}.{hint}"
+    return f"`{path}` in {where} must be {message}, got {shown(wrong)}.{hint}"
 
 
 def _demand(item: Any) -> str:
@@ -309,7 +292,7 @@ _DEMANDS = {
 }
 """Pydantic's demands in the words of `Checked`; other demands keep pydantic's words."""
 
-_UNION_BRANCHES = {"int", "float", "str", "dict[str,int]"}
+_BRANCH = re.compile(r"int|float|str|dict\[str,int\]|literal\[.*|[A-Z].*Table", re.DOTALL)
 
 
 def _keys_beside(location: Sequence[Any], root: type) -> list[str]:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge, Le
 
-from sumo_eval.settings.checked import About, Checked, NotNegative, Positive
+from sumo_eval.settings.checked import About, Checked, NotNegativeFloat, PositiveFloat
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,14 +15,14 @@ class PopulationSettings(Checked):
     """Differences of the synthetic drivers from the recorded ones that they were fitted to."""
 
     overtake_share: Annotated[
-        float, NotNegative, Le(1.0), About("share who overtake a slower lead vehicle")
+        NotNegativeFloat, Le(1.0), About("share who overtake a slower lead vehicle")
     ] = 0.771
     headway_scale: Annotated[
-        float, Positive, About("factor on everybody's desired time headway (IDM)", symbol="T")
+        PositiveFloat, About("factor on everybody's desired time headway (IDM)", symbol="T")
     ] = 1.0
-    reaction_scale: Annotated[float, Positive, About("factor on everybody's reaction time")] = 1.0
+    reaction_scale: Annotated[PositiveFloat, About("factor on everybody's reaction time")] = 1.0
     lane_change_scale: Annotated[
-        float, Positive, About("factor on the duration of everybody's lane changes")
+        PositiveFloat, About("factor on the duration of everybody's lane changes")
     ] = 1.1
     onset: Annotated[
         Literal["recorded", "limits"],
@@ -71,8 +71,7 @@ class DriverSettings(Checked):
         ),
     ] = "fill"
     coverage: Annotated[
-        float,
-        Positive,
+        PositiveFloat,
         Le(1.0),
         About("share of the road that a recorded drive must cover to be compared with"),
     ] = 0.8

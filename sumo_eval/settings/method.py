@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Le, MinLen
 
 from sumo_eval.errors import must_be
-from sumo_eval.settings.checked import About, Checked, NotNegative, Positive
+from sumo_eval.settings.checked import About, Checked, NotNegativeFloat, Positive, PositiveFloat
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,19 +23,17 @@ class FieldSettings(Checked):
     """
 
     k1: Annotated[
-        float,
-        NotNegative,
+        NotNegativeFloat,
         Le(20.0),
         About("decay of the field with distance", symbol="k1", equation="10"),
     ] = 0.5
     k2: Annotated[
-        float,
-        NotNegative,
+        NotNegativeFloat,
         Le(1.0),
         About("growth of the field with speed ahead", "s/m", "k2", "10"),
     ] = 0.005
     sample_interval: Annotated[
-        float, Positive, About("time between summed samples", "s", equation="9")
+        PositiveFloat, About("time between summed samples", "s", equation="9")
     ] = 0.1
     superposition: Annotated[
         Literal["magnitude", "vector"],
@@ -60,21 +58,18 @@ class AnthropomorphicSettings(Checked):
         ),
     ] = "gaussian"
     manoeuvre_time: Annotated[
-        float,
-        Positive,
+        PositiveFloat,
         About("time a lane must be kept to be part of a manoeuvre (mixture)", "s", equation="11"),
     ] = 1.0
     pooled_drivers: Annotated[
-        float,
-        Positive,
+        PositiveFloat,
         About(
             "drivers that the deviation pooled over all manoeuvres counts as (mixture)",
             equation="11",
         ),
     ] = 2.0
     band_slice_spacing: Annotated[
-        float,
-        Positive,
+        PositiveFloat,
         About(
             "distance between slices where drivers are scored against each other",
             "m",
@@ -82,10 +77,10 @@ class AnthropomorphicSettings(Checked):
         ),
     ] = 2.5
     slice_spacing: Annotated[
-        float, Positive, About("distance between slices along the road", "m", equation="11")
+        PositiveFloat, About("distance between slices along the road", "m", equation="11")
     ] = 0.5
     side_width: Annotated[
-        float, Positive, About("reach of a slice to each side of the centre", "m", equation="11")
+        PositiveFloat, About("reach of a slice to each side of the centre", "m", equation="11")
     ] = 1.5
     points_per_side: Annotated[
         int, Ge(1), Le(1_000), About("sample points on each side of the centre", equation="11")
@@ -109,8 +104,7 @@ class AnthropomorphicSettings(Checked):
         ),
     ] = "manoeuvre"
     steering_threshold_deg: Annotated[
-        float,
-        Positive,
+        PositiveFloat,
         About("steering wheel angle above which an operation begins (wheel)", "deg", "k3", "12"),
     ] = 10.0
     steering_lateral_acceleration: Annotated[
@@ -124,29 +118,25 @@ class AnthropomorphicSettings(Checked):
         ),
     ] = None
     steering_ratio: Annotated[
-        float,
-        Positive,
+        PositiveFloat,
         About("steering wheel angle over road wheel angle, where an acceleration is the threshold"),
     ] = 16.0
     wheelbase: Annotated[
-        float,
-        Positive,
+        PositiveFloat,
         About("distance between the axles, where an acceleration is the threshold", "m"),
     ] = 2.7
     acceleration_threshold: Annotated[
-        float,
-        Positive,
+        PositiveFloat,
         About("longitudinal acceleration above which an operation begins", "m/s2", "k4", "12"),
     ] = 0.5
     neutral_time: Annotated[
-        float,
-        NotNegative,
+        NotNegativeFloat,
         About(
             "time the signal must stay neutral for an operation to have ended", "s", equation="12"
         ),
     ] = 0.5
     stop_speed: Annotated[
-        float, Positive, About("speed below which a vehicle counts as stopped", "m/s", "L", "12")
+        PositiveFloat, About("speed below which a vehicle counts as stopped", "m/s", "L", "12")
     ] = 0.1
 
 
@@ -167,7 +157,7 @@ class ZoneSettings(Checked):
         ),
     ] = "squared_time"
     target_scale: Annotated[
-        float, Positive, About("scale of the squared-time target", "s2", equation="7")
+        PositiveFloat, About("scale of the squared-time target", "s2", equation="7")
     ] = 10.0
     restarts: Annotated[
         int, Ge(0), Le(1_000), About("restarts of the GP's hyperparameter search", equation="8")
@@ -212,7 +202,7 @@ class CollisionSettings(Checked):
         About("age of who is hit, for injury risks; default: the curve's own", "a"),
     ] = None
     ego_mass: Annotated[
-        float, Positive, About("mass of the ego, for severities of one's own", "kg")
+        PositiveFloat, About("mass of the ego, for severities of one's own", "kg")
     ] = 1500.0
     rear_end: Annotated[
         Literal["apart", "counts"],
@@ -223,8 +213,7 @@ class CollisionSettings(Checked):
         ),
     ] = "apart"
     others_fault_after: Annotated[
-        float,
-        NotNegative,
+        NotNegativeFloat,
         About(
             "only where the ego had been in that lane so long, or from the start on, is it the "
             "other's",
@@ -232,7 +221,7 @@ class CollisionSettings(Checked):
         ),
     ] = 3.0
     other_mass: Annotated[
-        float, Positive, About("mass of what it hits, for severities of one's own", "kg")
+        PositiveFloat, About("mass of what it hits, for severities of one's own", "kg")
     ] = 1500.0
 
     def __post_init__(self) -> None:
@@ -266,13 +255,12 @@ class ScoreSettings(Checked):
     """Combined score S, Eq. 18."""
 
     a: Annotated[
-        float,
-        NotNegative,
+        NotNegativeFloat,
         Le(100.0),
         About("points for collision avoidance; b = 100 - a", symbol="a", equation="18"),
     ] = 50.0
-    k5: Annotated[float, Positive, About("scale of C", symbol="k5", equation="18")] = 1.0
-    k6: Annotated[float, Positive, About("scale of D", symbol="k6", equation="18")] = 1.0
+    k5: Annotated[PositiveFloat, About("scale of C", symbol="k5", equation="18")] = 1.0
+    k6: Annotated[PositiveFloat, About("scale of D", symbol="k6", equation="18")] = 1.0
 
     @property
     def b(self) -> float:
@@ -290,8 +278,7 @@ class TaskSettings(Checked):
         About("baseline whose times T compares with, driven at every point under no conditions"),
     ] = "attentive"
     road_margin: Annotated[
-        float,
-        NotNegative,
+        NotNegativeFloat,
         Le(10.0),
         About("how far a corner may be beyond the road: a paved edge strip", "m"),
     ] = 0.5

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge, Le
 
-from sumo_eval.settings.checked import About, Checked, Positive
+from sumo_eval.settings.checked import About, Checked, PositiveFloat
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,11 +15,9 @@ class RunSettings(Checked):
     """How the cases are worked off."""
 
     workers: Annotated[int, Ge(1), Le(1_000), About("processes that simulate cases")] = 2
-    case_timeout: Annotated[float, Positive, Le(1e6), About("wall time a case may take", "s")] = (
-        60.0
-    )
+    case_timeout: Annotated[PositiveFloat, Le(1e6), About("wall time a case may take", "s")] = 60.0
     step_timeout: Annotated[
-        float, Positive, Le(1e6), About("wall time one controller step may take", "s")
+        PositiveFloat, Le(1e6), About("wall time one controller step may take", "s")
     ] = 1.0
     memory_limit: Annotated[
         float, Ge(256.0), Le(1e8), About("memory that the process of a case may fill", "MB")

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from annotated_types import Le, Lt, MinLen
 
-from sumo_eval.settings.checked import About, Checked, NotNegative, Positive
+from sumo_eval.settings.checked import About, Checked, NotNegativeFloat, Positive, PositiveFloat
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,28 +20,28 @@ class VehicleSettings(Checked):
     2), the place of the centre of gravity as a share of the wheelbase.
     """
 
-    length: Annotated[float, Positive, About("body length", "m")] = 4.5
-    width: Annotated[float, Positive, About("body width", "m")] = 1.8
-    wheelbase: Annotated[float, Positive, About("distance between the axles", "m")] = 2.7
+    length: Annotated[PositiveFloat, About("body length", "m")] = 4.5
+    width: Annotated[PositiveFloat, About("body width", "m")] = 1.8
+    wheelbase: Annotated[PositiveFloat, About("distance between the axles", "m")] = 2.7
     steering_ratio: Annotated[
-        float, Positive, About("steering wheel angle over road wheel angle")
+        PositiveFloat, About("steering wheel angle over road wheel angle")
     ] = 16.0
     max_steering_wheel_angle_deg: Annotated[
-        float, Positive, About("end stop of the steering wheel", "deg")
+        PositiveFloat, About("end stop of the steering wheel", "deg")
     ] = 540.0
     max_steering_wheel_rate_deg: Annotated[
-        float, Positive, About("fastest turn of the steering wheel", "deg/s")
+        PositiveFloat, About("fastest turn of the steering wheel", "deg/s")
     ] = 720.0
     friction: Annotated[
-        float, Positive, About("tyre-road friction coefficient: bounds the total acceleration")
+        PositiveFloat, About("tyre-road friction coefficient: bounds the total acceleration")
     ] = 0.92
-    max_acceleration: Annotated[float, Positive, About("strongest drive", "m/s2")] = 4.0
-    max_deceleration: Annotated[float, Positive, About("strongest braking", "m/s2")] = 9.0
+    max_acceleration: Annotated[PositiveFloat, About("strongest drive", "m/s2")] = 4.0
+    max_deceleration: Annotated[PositiveFloat, About("strongest braking", "m/s2")] = 9.0
     brake_build_up: Annotated[
-        float, Positive, About("time from no braking to the strongest, linear", "s")
+        PositiveFloat, About("time from no braking to the strongest, linear", "s")
     ] = 0.15
-    drive_jerk: Annotated[float, Positive, About("fastest rise of drive", "m/s3")] = 10.0
-    max_speed: Annotated[float, Positive, About("top speed", "m/s")] = 60.0
+    drive_jerk: Annotated[PositiveFloat, About("fastest rise of drive", "m/s3")] = 10.0
+    max_speed: Annotated[PositiveFloat, About("top speed", "m/s")] = 60.0
 
     model: Annotated[
         Literal["kinematic", "dynamic"],
@@ -52,22 +52,20 @@ class VehicleSettings(Checked):
             "same drive and brakes"
         ),
     ] = "kinematic"
-    mass: Annotated[float, Positive, About("of the dynamic model: mass", "kg")] = 1093.3
+    mass: Annotated[PositiveFloat, About("of the dynamic model: mass", "kg")] = 1093.3
     yaw_inertia: Annotated[
-        float, Positive, About("of the dynamic model: about the vertical axis", "kg m2")
+        PositiveFloat, About("of the dynamic model: about the vertical axis", "kg m2")
     ] = 1791.6
     front_share: Annotated[
-        float,
-        Positive,
+        PositiveFloat,
         Lt(1.0),
         About("of the dynamic model: of the wheelbase, from front axle to centre of gravity"),
     ] = 0.448
     centre_height: Annotated[
-        float, NotNegative, About("of the dynamic model: centre of gravity above the road", "m")
+        NotNegativeFloat, About("of the dynamic model: centre of gravity above the road", "m")
     ] = 0.614
     cornering_stiffness: Annotated[
-        float,
-        Positive,
+        PositiveFloat,
         About("of the dynamic model: side force over slip angle, load and friction", "1/rad"),
     ] = 20.9
 
@@ -94,18 +92,17 @@ class ConditionSettings(Checked):
     """
 
     perception_delay: Annotated[
-        float, NotNegative, About("age of what is seen of other vehicles", "s")
+        NotNegativeFloat, About("age of what is seen of other vehicles", "s")
     ] = 0.0
     dropout: Annotated[
-        float, NotNegative, Le(1.0), About("chance that a vehicle is missed at a step")
+        NotNegativeFloat, Le(1.0), About("chance that a vehicle is missed at a step")
     ] = 0.0
     position_noise: Annotated[
-        float,
-        NotNegative,
+        NotNegativeFloat,
         About("standard deviation of seen positions, along and across the road", "m"),
     ] = 0.0
     speed_noise: Annotated[
-        float, NotNegative, About("standard deviation of seen speeds along the road", "m/s")
+        NotNegativeFloat, About("standard deviation of seen speeds along the road", "m/s")
     ] = 0.0
     sensor_range: Annotated[
         float | None,
@@ -122,7 +119,7 @@ class ConditionSettings(Checked):
         bool, About("a vehicle covered to 80 % of its width by a nearer one is not seen")
     ] = False
     actuation_delay: Annotated[
-        float, NotNegative, About("time until a Command reaches the vehicle", "s")
+        NotNegativeFloat, About("time until a Command reaches the vehicle", "s")
     ] = 0.0
     step_budget: Annotated[
         float | None,
@@ -179,29 +176,25 @@ class TrackerSettings(Checked):
     """The controller that turns wanted speeds and positions into pedal and wheel commands."""
 
     speed_time: Annotated[
-        float,
-        Positive,
+        PositiveFloat,
         About(
             "time constant with which a wanted speed is taken up: dv/dt = (wanted - v) / it", "s"
         ),
     ] = 0.5
     position_gain: Annotated[
-        float,
-        NotNegative,
+        NotNegativeFloat,
         About("acceleration for each metre that the ego is behind its plan", "1/s2"),
     ] = 1.0
     speed_gain: Annotated[
-        float,
-        NotNegative,
+        NotNegativeFloat,
         About("acceleration for each m/s that the ego is slower than its plan", "1/s"),
     ] = 2.0
     steering_gain: Annotated[
-        float,
-        NotNegative,
+        NotNegativeFloat,
         About("gain on the front axle's distance from the plan's path (Stanley)", "1/s"),
     ] = 2.5
     softening_speed: Annotated[
-        float, Positive, About("speed added to the ego's own below that gain (Stanley)", "m/s")
+        PositiveFloat, About("speed added to the ego's own below that gain (Stanley)", "m/s")
     ] = 1.0
 
 
@@ -209,27 +202,23 @@ class TrackerSettings(Checked):
 class SimulationSettings(Checked):
     """How SUMO steps a case and when a case ends."""
 
-    step: Annotated[float, Positive, Le(0.1), About("step of SUMO and of the controller", "s")] = (
-        0.05
-    )
+    step: Annotated[PositiveFloat, Le(0.1), About("step of SUMO and of the controller", "s")] = 0.05
     record_interval: Annotated[
-        float, Positive, Le(0.1), About("time between recorded samples", "s")
+        PositiveFloat, Le(0.1), About("time between recorded samples", "s")
     ] = 0.1
-    time_limit: Annotated[float, Positive, About("longest simulated time of a case", "s")] = 150.0
-    standstill_speed: Annotated[
-        float, Positive, About("speed below which the ego stands", "m/s")
-    ] = 0.1
+    time_limit: Annotated[PositiveFloat, About("longest simulated time of a case", "s")] = 150.0
+    standstill_speed: Annotated[PositiveFloat, About("speed below which the ego stands", "m/s")] = (
+        0.1
+    )
     standstill_time: Annotated[
-        float, Positive, About("time the ego must stand for the case to end", "s")
+        PositiveFloat, About("time the ego must stand for the case to end", "s")
     ] = 2.0
     lane_change_duration: Annotated[
-        float,
-        Positive,
+        PositiveFloat,
         About("duration of a lane change that SUMO itself performs for the ego", "s"),
     ] = 5.0
     seen_over_line: Annotated[
-        float,
-        NotNegative,
+        NotNegativeFloat,
         Le(2.0),
         About(
             "vehicles that react see a body in their lane once it reaches so far over the line; "
@@ -248,14 +237,13 @@ class SimulationSettings(Checked):
     ] = False
     vehicle: VehicleSettings = field(default_factory=VehicleSettings)
     ideal_deceleration: Annotated[
-        float, Positive, About("braking of the ideal vehicle", "m/s2", "Ug", "17")
+        PositiveFloat, About("braking of the ideal vehicle", "m/s2", "Ug", "17")
     ] = 9.0
     ideal_build_up: Annotated[
-        float, Positive, About("its pressure build-up time", "s", "Ug", "17")
+        PositiveFloat, About("its pressure build-up time", "s", "Ug", "17")
     ] = 0.15
     ideal_visible_share: Annotated[
-        float,
-        NotNegative,
+        NotNegativeFloat,
         Le(1.0),
         About(
             "share of a hidden vehicle's width that must show for it to see it; 0: it sees through",

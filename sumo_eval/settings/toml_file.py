@@ -110,29 +110,18 @@ def toml_from(text: str, where: str) -> dict[str, Any]:
     return content
 
 
-def _check(content: dict[str, Any], where: str) -> None:
+def _check(value: Any, where: str, depth: int = 0) -> None:
     """Refuse what no setting can be, wherever it stands: nesting without end, text with control
     characters, numbers that no float can hold.
     """
-    level: list[Any] = [content]
-    for _ in range(DEEPEST):
-        inner: list[Any] = []
-        for value in level:
-            if isinstance(value, dict):
-                inner += [*value, *value.values()]
-            elif isinstance(value, list):
-                inner += value
-            elif (
-                isinstance(value, str) and clean(flat := " ".join(value.split()), len(flat)) != flat
-            ):
-                raise InputError(
-                    f"{where} must hold text without control characters, got {shown(value)}."
-                )
-            elif isinstance(value, int) and not -(2**63) <= value < 2**63:
-                raise InputError(
-                    f"{where} must hold integers of at most 64 bits, got {shown(value)}."
-                )
-        level = inner
-        if not level:
-            return
-    raise InputError(f"{where} must not be nested more than {DEEPEST} deep.")
+    if depth == DEEPEST:
+        raise InputError(f"{where} must not be nested more than {DEEPEST} deep.")
+    if isinstance(value, dict):
+        value = [*value, *value.values()]
+    if isinstance(value, list):
+        for item in value:
+            _check(item, where, depth + 1)
+    elif isinstance(value, str) and clean(flat := " ".join(value.split()), len(flat)) != flat:
+        raise InputError(f"{where} must hold text without control characters, got {shown(value)}.")
+    elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise InputError(f"{where} must hold integers of at most 64 bits, got {shown(value)}.")

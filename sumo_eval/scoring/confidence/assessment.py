@@ -66,23 +66,22 @@ def assess(
 
     partitions: the zones, by scenario name.
     """
-    coverage, assessments = {}, []
+    assessments = []
     for score in evaluation.scores:
         assessments.append(_assess(score, evaluation, partitions[score.scenario]))
         progress("confidence in the scores", len(assessments), len(evaluation.scores))
-    for name, zones in partitions.items():
-        coverage[name] = space_coverage(zones, _points(evaluation, zones))
+    coverage = {
+        name: space_coverage(zones, _points(evaluation, zones))
+        for name, zones in partitions.items()
+    }
     return Confidence(tuple(assessments), coverage)
 
 
 def _points(evaluation: Evaluation, zones: ZonePartition) -> FloatArray:
     """The points of all cases in a scenario, each once, ascending, (n, k)."""
-    found = np.empty((0, len(zones.logical.parameters)))
-    for score in evaluation.scores:
-        if score.scenario == zones.logical.name:
-            rows = evaluation.cases_of(score.ads, score.scenario).parameters(zones.logical.names)
-            found = np.unique(np.concatenate([found, rows]), axis=0)
-    return found
+    logical = zones.logical
+    rows = evaluation.cases_in(logical.name).parameters(logical.names)
+    return np.unique(rows, axis=0)
 
 
 def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition) -> Assessment:
@@ -108,11 +107,11 @@ def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition)
 
 def intervals_of(score: ScenarioResult) -> dict[str, Interval]:
     """The intervals of a result by the name of the score, without those that it does not have."""
-    found = {name: (getattr(score, name), getattr(score, f"{name}_interval")) for name in SCORED}
+    ends = {name: getattr(score, f"{name}_interval") for name in SCORED}
     return {
-        name: Interval(value, ends[0], ends[1])
-        for name, (value, ends) in found.items()
-        if value is not None and ends is not None
+        name: Interval(getattr(score, name), *limits)
+        for name, limits in ends.items()
+        if limits is not None and getattr(score, name) is not None
     }
 
 
@@ -122,11 +121,12 @@ def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
     """
     moved, whole = np.zeros(len(terms.exposure)), worth(method.score)
     hit = np.isfinite(terms.ratio) & np.isfinite(terms.weight)
-    if hit.any():
-        shares, ratio = mean_shares(terms.weight[hit]), terms.ratio[hit]
-        moved[hit] += whole.c * shares * (ratio - float(shares @ ratio))
-    counted = np.isfinite(terms.index)
-    if counted.any() and not terms.voids.any():
-        shares, index = mean_shares(terms.exposure[counted]), terms.index[counted]
-        moved[counted] += whole.d * shares * (index - float(shares @ index))
+    counted = np.isfinite(terms.index) & ~terms.voids.any()
+    for part, points, weights, values in (
+        (hit, whole.c, terms.weight, terms.ratio),
+        (counted, whole.d, terms.exposure, terms.index),
+    ):
+        if part.any():
+            shares, value = mean_shares(weights[part]), values[part]
+            moved[part] += points * shares * (value - float(shares @ value))
     return moved

@@ -62,33 +62,26 @@ def space_coverage(zones: ZonePartition, points: FloatArray) -> SpaceCoverage:
     everywhere = logical.from_shares(steadily(len(logical.names), COUNTED))
     everywhere = everywhere[logical.feasible(everywhere)]
     place, possible = _buckets(logical, points), _buckets(logical, everywhere)
-    sizes = [_count(item) for item in logical.parameters]
-    buckets = {}
-    for column, item in enumerate(logical.parameters):
-        known = np.unique(np.concatenate([possible[:, column], place[:, column]]))
-        buckets[item.name] = (len(np.unique(place[:, column])), len(known))
+    sizes = [len(item.values) or BUCKETS for item in logical.parameters]
+    known = np.concatenate([possible, place])
+    hits = [[len(np.unique(column)) for column in each.T] for each in (place, known)]
     pairs = []
     for x, y in itertools.combinations(range(len(sizes)), 2):
         counts = np.full((sizes[y], sizes[x]), -1.0)
-        counts[possible[:, y], possible[:, x]] = 0.0
-        counts[place[:, y], place[:, x]] = 0.0
+        counts[known[:, y], known[:, x]] = 0.0
         np.add.at(counts, (place[:, y], place[:, x]), 1.0)
         pairs.append(PairCoverage(logical.names[x], logical.names[y], counts))
     unit = logical.to_unit(points)
     distance = np.asarray(KDTree(unit).query(logical.to_unit(everywhere))[0])
     emptiest = int(np.argmax(distance))
     return SpaceCoverage(
-        buckets=buckets,
+        buckets=dict(zip(logical.names, zip(*hits, strict=True), strict=True)),
         pairs=tuple(pairs),
         empty_radius=float(distance[emptiest]),
         empty_centre=dict(zip(logical.names, everywhere[emptiest].tolist(), strict=True)),
         boundary_resolved=_resolved(zones, points),
         exposure_inside=_inside(logical.parameters),
     )
-
-
-def _count(item: Parameter) -> int:
-    return len(item.values) or BUCKETS
 
 
 def _buckets(logical: LogicalScenario, points: FloatArray) -> np.ndarray:

@@ -39,13 +39,12 @@ def further_cases(
     farthest from all cases.
     """
     unit = logical.to_unit(points)
-    tree, variance = KDTree(unit), np.empty(len(unit))
+    tree, variances = KDTree(unit), []
+    neighbours = np.arange(1, min(NEIGHBOURS + 1, len(points)) + 1)
     for first in range(0, len(unit), _AT_ONCE):
-        some = unit[first : first + _AT_ONCE]
-        near = np.asarray(tree.query(some, k=min(NEIGHBOURS + 1, len(points)))[1]).reshape(
-            len(some), -1
-        )
-        variance[first : first + _AT_ONCE] = np.var(influence[near], axis=1)
+        near = np.asarray(tree.query(unit[first : first + _AT_ONCE], k=neighbours)[1])
+        variances.append(np.var(influence[near], axis=1))
+    variance = np.concatenate(variances)
     candidates = logical.from_shares(steadily(len(logical.names), CANDIDATES))
     candidates = candidates[logical.feasible(candidates)]
     where = logical.to_unit(candidates)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +15,7 @@ from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.results import ScenarioResult
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
-from sumo_eval.scoring.confidence.intervals import SCORED, Judged, ScoreIntervals, score_intervals
+from sumo_eval.scoring.confidence.intervals import Judged, ScoreIntervals, score_intervals
 from sumo_eval.scoring.confidence.resamples import Strata
 from sumo_eval.settings import EvaluationSettings
 
@@ -53,27 +54,29 @@ def with_intervals(
     An ADS with fewer than two cases that count keeps what missing cases leave open, or has no
         interval.
     """
-    judged, which = [], []
+    judged = {}
     for number, (score, cases) in enumerate(zip(scores, rows, strict=True)):
         terms = case_terms(cases, settings.method)
         if np.count_nonzero(terms.counted) >= LEAST:
-            which.append(number)
             at = np.array(places[number], dtype=np.intp)
-            judged.append(Judged(score.ads, terms, at, ~cases.safe, drivers[number]))
+            judged[number] = Judged(score.ads, terms, at, ~cases.safe, drivers[number])
+    found: list[ScoreIntervals | None] = [None] * len(scores)
     if not judged:
-        return list(scores), [None] * len(scores)
+        return list(scores), found
     computed = score_intervals(
-        judged,
+        list(judged.values()),
         groups,
         settings.method,
         settings.seed,
         scores[0].scenario,
         progress=progress,
     )
-    found: list[ScoreIntervals | None] = [None] * len(scores)
-    for number, one in zip(which, computed, strict=True):
-        score = scores[number]
-        found[number] = replace(one, missing=_moved(score.s_plus, score.s_plus_interval))
+    for number, one in zip(judged, computed, strict=True):
+        value, ends = scores[number].s_plus, scores[number].s_plus_interval
+        moved = (0.0, 0.0)
+        if value is not None and ends is not None:
+            moved = (ends[0] - value, ends[1] - value)
+        found[number] = replace(one, missing=moved)
     most = score_of(1.0, 1.0, settings.method.score).total or 0.0
     return [
         score if one is None else _joined(score, one, most)
@@ -81,28 +84,18 @@ def with_intervals(
     ], found
 
 
-def _moved(value: float | None, ends: tuple[float, float] | None) -> tuple[float, float]:
-    """How far a value may move to its ends, down and up."""
-    return (0.0, 0.0) if value is None or ends is None else (ends[0] - value, ends[1] - value)
-
-
 def _joined(score: ScenarioResult, found: ScoreIntervals, most_of_s: float) -> ScenarioResult:
     """Each end is the worst (best) that the missing cases allow, moved on by what the sample leaves
     open there.
     """
-    ends: dict[str, tuple[float, float] | None] = {}
-    for name in SCORED:
-        value, missing, sampled = (
-            getattr(score, name),
-            getattr(score, f"{name}_interval"),
-            found.limits.get(name),
+    ends: dict[str, Any] = {}
+    for name, (low, high) in found.limits.items():
+        value = getattr(score, name)
+        worst, best = getattr(score, f"{name}_interval") or (value, value)
+        least, most = WITHIN.get(name, (0.0, most_of_s))
+        ends[f"{name}_interval"] = (
+            float(max(worst - (value - low), min(least, worst))),
+            float(min(best + (high - value), max(most, best))),
         )
-        if value is not None and sampled is not None:
-            worst, best = missing if missing is not None else (value, value)
-            least, most = WITHIN.get(name, (0.0, most_of_s))
-            ends[f"{name}_interval"] = (
-                float(max(worst - (value - sampled[0]), min(least, worst))),
-                float(min(best + (sampled[1] - value), max(most, best))),
-            )
     sources = {name: dict(parts) for name, parts in found.sources.items()}
-    return replace(score, **ends, half_widths_by_source=sources)  # type: ignore[arg-type]
+    return replace(score, **ends, half_widths_by_source=sources)
