@@ -63,14 +63,8 @@ def scores_key(
     severity: of a user's function.
     """
     named = [space_key(entry, source) for entry in settings.scenario]
-    chosen = (
-        settings.scenario,
-        settings.ads,
-        settings.seed,
-        settings.drivers,
-        settings.simulation,
-        settings.method,
-    )
+    parts = ("scenario", "ads", "seed", "drivers", "simulation", "method")
+    chosen = tuple(getattr(settings, part) for part in parts)
     return key_of("scores", content, chosen, named, severity, exposures, sources())
 
 
@@ -82,11 +76,8 @@ def space_key(entry: ScenarioSettings, source: Path) -> str:
     sampling = entry.sampling
     for locator in (options_of(entry.use)[0], sampling.method, sampling.file):
         for file in _files_of(locator, source) if locator else []:
-            found.update(
-                str(file).encode()
-                + b"\0"
-                + (file.read_bytes() if file.is_file() else os.urandom(16))
-            )
+            content = file.read_bytes() if file.is_file() else os.urandom(16)
+            found.update(str(file).encode() + b"\0" + content)
     return found.hexdigest()
 
 
@@ -95,22 +86,22 @@ def _files_of(locator: str, source: Path) -> list[Path]:
     too.
     """
     found: set[Path] = set()
-    if locator.endswith((".toml", ".csv", ".json", ".xml")) or format_of(locator):
-        _add_with_named(found, source / locator)
-        return sorted(found)
     place, colon, _ = locator.rpartition(":")
-    if not colon:
+    if locator.endswith((".toml", ".csv", ".json", ".xml")) or format_of(locator):
+        files = [source / locator]
+    elif not colon:
         return []  # one that ships
-    if not place.endswith(".py"):
-        spec = None
-        # it may lie beside the evaluation, and is looked for there
-        with suppress(ImportError, ValueError):
-            spec = importlib.util.find_spec(place)
-        origin = spec.origin if spec is not None else None
-        place = origin or str(source / (place.replace(".", "/") + ".py"))
-    file = source / place
-    for one in (file, *file.parent.glob("*.py")):
-        _add_with_named(found, one)
+    else:
+        if not place.endswith(".py"):
+            spec = None
+            # it may lie beside the evaluation, and is looked for there
+            with suppress(ImportError, ValueError):
+                spec = importlib.util.find_spec(place)
+            origin = spec.origin if spec is not None else None
+            place = origin or place.replace(".", "/") + ".py"
+        files = [source / place, *(source / place).parent.glob("*.py")]
+    for file in files:
+        _add_with_named(found, file)
     return sorted(found)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, is_dataclass
 
@@ -114,12 +115,9 @@ def keep_scores(kept: KeptResults, key: bytes, scores: Scores) -> Scores:
     kept.put([("evaluation", key, 0, encoded(scores))])
     _in_use.add(key)
     others = [(other, size) for other, size in kept.sizes("rows") if other not in _in_use]
-    room, gone = _MOST_OF_OTHERS, []
-    for other, size in reversed(others):
-        room -= size
-        if room < 0:
-            gone.append(other)
-    kept.forget(gone)
+    sizes = itertools.accumulate(size for _, size in reversed(others))
+    newest_first = zip(reversed(others), sizes, strict=True)
+    kept.forget([other for (other, _), size in newest_first if size > _MOST_OF_OTHERS])
     found = kept_scores(kept, key)
     assert found is not None, "it was put there just now"
     return found

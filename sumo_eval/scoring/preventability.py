@@ -63,16 +63,13 @@ def reference_ads(settings: EvaluationSettings) -> str | None:
 
 def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
     """The verdict on every case of one ADS in one scenario, (n,)."""
-    cases, reference = (
-        evaluation.cases_of(score.ads, score.scenario),
-        reference_ads(evaluation.settings),
-    )
-    if reference is None:
-        # The ideal vehicle drove every point once, so each row has its outcome: 1, 0, nan where it
-        # is not known. Its contacts alone count (Ug): it hardly steers, and leaves roads that
-        # drivers stay on.
-        beside = cases.ideal_collided
-    else:
+    cases = evaluation.cases_of(score.ads, score.scenario)
+    reference = reference_ads(evaluation.settings)
+    # The ideal vehicle drove every point once, so each row has its outcome: 1, 0, nan where it is
+    # not known. Its contacts alone count (Ug): it hardly steers, and leaves roads that drivers stay
+    # on.
+    beside = cases.ideal_collided
+    if reference is not None:
         beside = _incidents_at(cases, evaluation.cases_of(reference, score.scenario))
     found = np.full(len(cases), "avoided", dtype=f"U{max(map(len, get_args(Verdict)))}")
     rules: tuple[tuple[Verdict, BoolArray], ...] = (
@@ -106,25 +103,24 @@ def _incidents_at(cases: CaseTable, reference: CaseTable) -> FloatArray:
 
 def preventability(evaluation: Evaluation) -> tuple[Preventability, ...]:
     """The counts of every ADS in every logical scenario, in the order of the scores."""
-    rows = []
-    for score in evaluation.scores:
-        here, there = verdicts(evaluation, score), evaluation.cases_of(score.ads, score.scenario)
-        count = Counter(here.tolist())
-        rows.append(
-            Preventability(
-                ads=score.ads,
-                scenario=score.scenario,
-                cases=len(here),
-                avoided=count["avoided"] + count["better"],
-                better=count["better"],
-                incidents=count["preventable"] + count["unpreventable"] + count["undecided"],
-                preventable=count["preventable"],
-                unpreventable=count["unpreventable"],
-                undecided=count["undecided"],
-                not_evaluated=count["not evaluated"],
-                collided=int(there.collided.sum()),
-                off_road=int((there.departed | there.off_road).sum()),
-                gave_up=int(there.gave_up.sum()),
-            )
-        )
-    return tuple(rows)
+    return tuple(_counts(evaluation, score) for score in evaluation.scores)
+
+
+def _counts(evaluation: Evaluation, score: ScenarioResult) -> Preventability:
+    cases = evaluation.cases_of(score.ads, score.scenario)
+    count = Counter(verdicts(evaluation, score).tolist())
+    return Preventability(
+        ads=score.ads,
+        scenario=score.scenario,
+        cases=len(cases),
+        avoided=count["avoided"] + count["better"],
+        better=count["better"],
+        incidents=count["preventable"] + count["unpreventable"] + count["undecided"],
+        preventable=count["preventable"],
+        unpreventable=count["unpreventable"],
+        undecided=count["undecided"],
+        not_evaluated=count["not evaluated"],
+        collided=int(cases.collided.sum()),
+        off_road=int((cases.departed | cases.off_road).sum()),
+        gave_up=int(cases.gave_up.sum()),
+    )

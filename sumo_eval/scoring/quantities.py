@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sumo_eval.cases import EVALUATED, GAVE_UP, CaseResult, CaseTable, Column, Zone, counts
+from sumo_eval.cases import EVALUATED, GAVE_UP, CaseResult, CaseTable, Zone, counts
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.collision_avoidance import (
     collision_loss,
@@ -67,24 +67,24 @@ class Remarks:
     def __init__(self) -> None:
         self._blocks: Counter[int] = Counter()
         self._beyond: Counter[str] = Counter()
-        self._left, self._safe, self._struck = 0, 0, 0
+        self._left = 0
+        self._safe: set[int] = set()
+        self._struck: set[int] = set()
 
     def add(self, facts: Sequence[Fact], references: Sequence[Fact], severity: Severity) -> None:
         """Take in some drives.
 
         references: those of drivers and of the reference car at points of the safe zone.
         """
-        self._blocks.update(
-            int(clip.requested) for fact in facts for clip in fact.clips if clip.what == IN_BLOCK
-        )
-        self._left += sum(
-            any(clip.what == LEFT_THE_NETWORK for clip in fact.clips) for fact in facts
-        )
-        self._beyond.update(
-            severity.beyond(fact.collision) for fact in facts if fact.collision is not None
-        )
-        self._safe += len({fact.point for fact in references})
-        self._struck += len({fact.point for fact in references if fact.status == "collision"})
+        for fact in facts:
+            clips = {clip.what: clip for clip in fact.clips}
+            self._left += LEFT_THE_NETWORK in clips
+            if IN_BLOCK in clips:
+                self._blocks[int(clips[IN_BLOCK].requested)] += 1
+            if fact.collision is not None:
+                self._beyond[severity.beyond(fact.collision)] += 1
+        self._safe |= {fact.point for fact in references}
+        self._struck |= {fact.point for fact in references if fact.status == "collision"}
 
     def notes(
         self, ads: str, space: ScenarioRun, plausible: Sequence[ScoreNote], cases: CaseTable
@@ -94,16 +94,14 @@ class Remarks:
         plausible: on the people of the plausibility.
         cases: all of the ADS.
         """
-        ended = {
-            status: number
-            for scenario, role, _, status, number, _ in space.store.counts()
-            if (scenario, role) == (space.name, "human")
-        }
+        ended: Counter[str] = Counter()
+        for scenario, role, _, status, number, _ in space.store.counts():
+            if (scenario, role) == (space.name, "human"):
+                ended[status] = number
         left_out = [(status, number) for status, number in sorted(ended.items()) if status != "ok"]
         if left_out:
-            yield DrivesLeftOut(
-                sum(number for _, number in left_out), sum(ended.values()), tuple(left_out)
-            )
+            lost = sum(number for _, number in left_out)
+            yield DrivesLeftOut(lost, ended.total(), tuple(left_out))
         yield from plausible
         if alone := space.store.simulated_alone(space.name, ads):
             yield DrivenAlone(tuple(alone.items()))
@@ -112,7 +110,7 @@ class Remarks:
         if self._left:
             yield Counted("actors_left", self._left, len(cases))
         if self._struck:
-            yield Counted("references_collide", self._struck, self._safe)
+            yield Counted("references_collide", len(self._struck), len(self._safe))
         yield from reference_notes(cases)
         if reasons := sorted((reason, number) for reason, number in self._beyond.items() if reason):
             yield BeyondRange(space.severity.name, tuple(reasons))
@@ -330,10 +328,8 @@ def _number(flags: BoolArray) -> int:
 
 def _references_missing(cases: CaseTable) -> Iterator[ReferenceMissing]:
     """Why references of cases could not be evaluated, the most frequent reason first."""
-    errors: tuple[tuple[Literal["ideal", "no_reaction"], Column], ...] = (
-        ("ideal", cases.ideal_error), ("no_reaction", cases.no_reaction_error)
-    )  # fmt: skip
-    for who, reasons in errors:
+    for who in ("ideal", "no_reaction"):
+        reasons = getattr(cases, f"{who}_error")
         alike: dict[str, list[int]] = {}
         for place in np.flatnonzero(reasons != "").tolist():
             alike.setdefault(without_numbers(str(reasons[place])), []).append(place)
@@ -348,10 +344,10 @@ def _without_mean(safe: int, voiding: int, known: int, *, people: bool) -> NotCo
     voiding: collisions that leave none.
     known: safe cases with a value.
     """
+    if people and voiding:
+        return NotComputed("collisions", voiding)
     if not people:
         return NotComputed("no_drivers")
-    if voiding:
-        return NotComputed("collisions", voiding)
     if not safe:
         return NotComputed("no_safe_case")
     return NotComputed("no_exposure" if known else "nothing_compared")

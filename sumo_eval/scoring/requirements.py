@@ -27,7 +27,8 @@ def series_of(
     along = ego.speed * np.cos(ego.heading)
     step = np.diff(ego.time)
     jerk = np.concatenate([[0.0], np.diff(ego.acceleration) / np.where(step > 0.0, step, np.inf)])
-    found = {
+    known = {"gap": gap, "thw": time_headway(gap, along), "ttc": time_to_collision(gap, closing)}
+    return {
         "time": ego.time,
         "x": ego.x,
         "offset": ego.y - ego.y[0],
@@ -35,12 +36,7 @@ def series_of(
         "acceleration": ego.acceleration,
         "jerk": jerk,
         "lateral_speed": ego.speed * np.sin(ego.heading),
-        "gap": gap,
-        "thw": time_headway(gap, along),
-        "ttc": time_to_collision(gap, closing),
-    }
-    return found | {
-        name: np.where(np.isnan(found[name]), np.inf, found[name]) for name in ("gap", "thw", "ttc")
+        **{name: np.where(np.isnan(values), np.inf, values) for name, values in known.items()},
     }
 
 
@@ -88,13 +84,15 @@ def with_counts(score: ScenarioResult, rows: CaseTable, logical: LogicalScenario
     """
     if logical.requirements is None:
         return score
-    judged = [
-        row.requirements_missed.split("; ") for row in rows if row.requirements_missed is not None
+    missed = [
+        set(row.requirements_missed.split("; ")) - {""}
+        for row in rows
+        if row.requirements_missed is not None
     ]
     notes = tuple(
-        RequirementMissed(one.name, one.text, missed, len(judged))
+        RequirementMissed(one.name, one.text, number, len(missed))
         for one in logical.requirements.all
-        if (missed := sum(one.name in names for names in judged))
+        if (number := sum(one.name in names for names in missed))
     )
-    failed = sum(names != [""] for names in judged)
+    failed = sum(map(bool, missed))
     return replace(score, requirements_missed=failed, notes=(*score.notes, *notes))
