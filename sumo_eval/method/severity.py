@@ -224,10 +224,7 @@ def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Seve
         return Severity(chosen, "m/s", _impact_severity, _never)
     if chosen == "eq14":
         return Severity(
-            chosen,
-            "loss",
-            lambda hit: float(collision_loss(_impact_severity(hit))),
-            _never,
+            chosen, "loss", lambda hit: float(collision_loss(_impact_severity(hit))), _never
         )
     if chosen.startswith(_INJURY):
         return _injury(chosen, settings)

@@ -12,12 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sumo_eval.cases import CaseTable, IntArray, point_numbers
-from sumo_eval.method.score_terms import (
-    avoided_share_losses,
-    exposure_mean,
-    mean_shares,
-    once,
-)
+from sumo_eval.method.score_terms import avoided_share_losses, exposure_mean, mean_shares, once
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import case_terms, ratios
 from sumo_eval.settings import EvaluationSettings

@@ -14,10 +14,7 @@ import numpy as np
 
 from sumo_eval.cases import EVALUATED, GAVE_UP, CaseResult, CaseTable, Zone, counts
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
-from sumo_eval.method.collision_avoidance import (
-    collision_loss,
-    impact_severity,
-)
+from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.method.conflict import conflict_at
 from sumo_eval.method.driving_task import roadside_contact
 from sumo_eval.method.score import plus_of, score_of

@@ -28,9 +28,7 @@ class FieldSettings(Checked):
         About("decay of the field with distance", symbol="k1", equation="10"),
     ] = 0.5
     k2: Annotated[
-        NotNegativeFloat,
-        Le(1.0),
-        About("growth of the field with speed ahead", "s/m", "k2", "10"),
+        NotNegativeFloat, Le(1.0), About("growth of the field with speed ahead", "s/m", "k2", "10")
     ] = 0.005
     sample_interval: Annotated[
         PositiveFloat, About("time between summed samples", "s", equation="9")

@@ -214,8 +214,7 @@ class SimulationSettings(Checked):
         PositiveFloat, About("time the ego must stand for the case to end", "s")
     ] = 2.0
     lane_change_duration: Annotated[
-        PositiveFloat,
-        About("duration of a lane change that SUMO itself performs for the ego", "s"),
+        PositiveFloat, About("duration of a lane change that SUMO itself performs for the ego", "s")
     ] = 5.0
     seen_over_line: Annotated[
         NotNegativeFloat,
