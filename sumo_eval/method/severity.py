@@ -23,7 +23,7 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -146,56 +146,19 @@ class Severity:
 
     name: as in the settings.
     unit: of V.
-    value: V of a collision.
+    of: V of a collision, the first contact of a case, whose name an error message has. Raises
+        InputError where a user's function fails, returns anything but a finite number within 0..1,
+        or returns two different numbers for one contact.
     beyond: why a collision is outside the range that V is known for, in words; empty inside.
-    checked: whether that is a user's function, whose answers are checked.
     sha256: of the file that holds a user's function, so that scores identify it; empty for those
         that ship.
     """
 
     name: str
     unit: str
-    value: Callable[[Collision], float]
-    beyond: Callable[[Collision], str]
-    checked: bool = False
+    of: Callable[[Collision, str], float]
+    beyond: Callable[[Collision], str] = lambda hit: ""
     sha256: str = ""
-
-    def of(self, collision: Collision, case: str) -> float:
-        """V of a collision.
-
-        collision: the first contact.
-        case: its name in an error message.
-
-        Raises InputError where a user's function fails, returns anything but a finite number within
-        0..1, or returns two different numbers for one contact.
-        """
-        if not self.checked:
-            return self.value(collision)
-        first, second = self._asked(collision, case), self._asked(collision, case)
-        if first != second:
-            raise InputError(
-                f"The severity `{self.name}` must return one number for one contact, got "
-                f"{first!r} and then "
-                f"{second!r} for {case}."
-            )
-        return first
-
-    def _asked(self, collision: Collision, case: str) -> float:
-        try:
-            answer: object = self.value(collision)
-        except Exception as error:
-            raise InputError(
-                f"The severity `{self.name}` failed for {case}: {said(error)}."
-            ) from error
-        number = isinstance(answer, int | float | np.integer | np.floating) and not isinstance(
-            answer, bool
-        )
-        if not number or not 0.0 <= float(answer) <= 1.0:  # type: ignore[arg-type]
-            raise InputError(
-                f"The severity `{self.name}` must return a finite number within 0..1, got "
-                f"{answer!r} for {case}."
-            )
-        return float(answer)  # type: ignore[arg-type]
 
 
 def chosen_severity(settings: CollisionSettings, source: Path) -> Severity:
@@ -221,10 +184,10 @@ def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Seve
     """
     chosen = settings.severity
     if chosen == "severity":
-        return Severity(chosen, "m/s", _impact_severity, _never)
+        return Severity(chosen, "m/s", lambda hit, case: _impact_severity(hit))
     if chosen == "eq14":
         return Severity(
-            chosen, "loss", lambda hit: float(collision_loss(_impact_severity(hit))), _never
+            chosen, "loss", lambda hit, case: float(collision_loss(_impact_severity(hit)))
         )
     if chosen.startswith(_INJURY):
         return _injury(chosen, settings)
@@ -232,19 +195,37 @@ def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Seve
         raise unknown("severity", chosen, [*CHOICES, "package.module:function"])
     function = load_object(chosen, folder, "Severity")
     if not callable(function):
-        raise must_be(
-            f"Severity `{chosen}`", "`CollisionSettings`", "a function of a Contact", function
+        wanted = "a function of a Contact"
+        raise must_be(f"Severity `{chosen}`", "`CollisionSettings`", wanted, function)
+
+    def answer(hit: Collision, case: str) -> float:
+        return _answer_of(function, contact_of(hit, settings), chosen, case)
+
+    answer(EXAMPLE, "an example, 20 m/s into a standing car in line")
+    return Severity(chosen, "loss", answer, sha256=_hash_of(function))
+
+
+def _answer_of(function: Callable[[Contact], Any], contact: Contact, name: str, case: str) -> float:
+    """The answer of a user's function, which is asked twice."""
+    answers = []
+    for _ in range(2):
+        try:
+            answer = function(contact)
+        except Exception as error:
+            raise InputError(f"The severity `{name}` failed for {case}: {said(error)}.") from error
+        number = isinstance(answer, int | float | np.integer | np.floating)
+        if isinstance(answer, bool) or not number or not 0.0 <= float(answer) <= 1.0:
+            raise InputError(
+                f"The severity `{name}` must return a finite number within 0..1, got {answer!r} "
+                f"for {case}."
+            )
+        answers.append(float(answer))
+    if answers[0] != answers[1]:
+        raise InputError(
+            f"The severity `{name}` must return one number for one contact, got {answers[0]!r} "
+            f"and then {answers[1]!r} for {case}."
         )
-    severity = Severity(
-        chosen,
-        "loss",
-        lambda hit: function(contact_of(hit, settings)),
-        _never,
-        checked=True,
-        sha256=_hash_of(function),
-    )
-    severity.of(EXAMPLE, "an example, 20 m/s into a standing car in line")
-    return severity
+    return answers[0]
 
 
 CHOICES: Final = ("severity", "eq14", *(_INJURY + name for name in INJURY_CURVES))
@@ -279,14 +260,10 @@ def _injury(chosen: str, settings: CollisionSettings) -> Severity:
     return Severity(
         chosen,
         "probability of MAIS3+ or death",
-        lambda hit: float(injury_risk(who, hit.relative_speed, age)),
+        lambda hit, case: float(injury_risk(who, hit.relative_speed, age)),
         beyond,
     )
 
 
 def _impact_severity(hit: Collision) -> float:
     return float(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))
-
-
-def _never(hit: Collision) -> str:
-    return ""

@@ -27,13 +27,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sumo_eval.errors import InputError, must_be
+from sumo_eval.method.conflict import encounter
 from sumo_eval.method.criticality import (
     Profile,
     ideal_impact_speed,
     max_inverse_ttc,
     searched_criticality,
 )
-from sumo_eval.method.encounter import encounter
 from sumo_eval.scenario import Approach, LogicalScenario, Parameter
 from sumo_eval.scenario.concrete import braked_distance, braked_speed
 from sumo_eval.scenario.sampling.drawn_points import steadily

@@ -25,8 +25,8 @@ from sumo_eval.report.page import template
 from sumo_eval.report.qualification import holds, qualification_sentence
 from sumo_eval.report.words import count, people_sentence, reference_sentence
 from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
+from sumo_eval.scoring.confidence.assessment import risk
 from sumo_eval.scoring.confidence.intervals import LEVEL
-from sumo_eval.scoring.confidence.risk import risk
 from sumo_eval.scoring.preventability import preventability, reference_ads, verdicts
 
 FORMAT_VERSION = 1

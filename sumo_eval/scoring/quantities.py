@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sumo_eval.cases import EVALUATED, GAVE_UP, CaseResult, CaseTable, Zone, counts
+from sumo_eval.cosim.no_return import NEVER, NO_RETURN, UNKNOWN
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.method.conflict import conflict_at
@@ -39,7 +40,6 @@ from sumo_eval.results import (
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_values
-from sumo_eval.scoring.cause import NO_RETURN, cause_of_contact
 from sumo_eval.scoring.drive_measures import finite
 from sumo_eval.scoring.driving_task import TaskOfDrive
 from sumo_eval.scoring.likeness import DriverComparison, Survey, beside_people, reference_notes
@@ -238,6 +238,26 @@ def tabulate(
         )
         index = people.indexes.get(fact.case)
         yield replace(row, human_likeness=_human_likeness(row, index) if known.people else None)
+
+
+def cause_of_contact(fact: Fact) -> dict[str, Any]:
+    """The fields `no_return_time` and `contact_cause` of a case with a contact, from when its ADS
+    braked and the point of no return.
+
+    never_braked, late: first after the point of no return, weak: before it, unavoidable_by_braking:
+    full braking from the start on does not avoid it. not_repeatable: the replay is another drive.
+    """
+    clip = next((clip for clip in fact.clips if clip.what == NO_RETURN), None)
+    if clip is None or clip.first_time == UNKNOWN:
+        return {"contact_cause": "not_repeatable"}
+    last, braked = clip.first_time, clip.requested
+    if last == NEVER:
+        return {"contact_cause": "unavoidable_by_braking"}
+    cause = "late" if braked > last else "weak"
+    found = {"no_return_time": last, "contact_cause": cause, "braking_time": braked}
+    if braked == NEVER:
+        found |= {"contact_cause": "never_braked", "braking_time": None}
+    return found
 
 
 def _human_likeness(row: CaseResult, index: AnthropomorphicIndex | None) -> float | None:

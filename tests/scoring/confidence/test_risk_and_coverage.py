@@ -7,9 +7,9 @@ from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import sample
+from sumo_eval.scoring.confidence.assessment import risk
 from sumo_eval.scoring.confidence.coverage import space_coverage
 from sumo_eval.scoring.confidence.further_cases import further_cases
-from sumo_eval.scoring.confidence.risk import risk
 
 LOW_SPEED, CUT_OUT = (
     catalogue.load("front_vehicle_low_speed"),
