@@ -231,7 +231,7 @@ class CaseResult(Outcome):
     exposure_note: whether the point lies outside the support of recorded events.
     error_place: file, line and function of the user's code that the exception in `error` came from.
     no_return_time s: of a contact, the last moment at which full braking avoids it, None where none
-        does, braking_time s: when the ADS first braked, and contact_cause (`scoring.quantities.cause_of_contact`).
+        does, braking_time s: when the ADS first braked, and contact_cause: see `cause_of_contact`.
     requirements_missed: names of the requirements of the scenario that do not hold in the drive, ""
         where all do, None where nothing is required or nothing was evaluated.
     """
