@@ -74,7 +74,7 @@ def evaluate(
         evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler
     )
     record_rounds(run, folder, resume=resume, progress=progress, stopping=stopping)
-    done = score(folder, progress=progress)
+    done = score(folder, progress=progress, resolved=run)
     discard_trajectories(done)
     load_object(_WRITE_RESULTS, None, "function")(done)
     return done
@@ -106,7 +106,8 @@ def record_rounds(
     recorded = record(run, resume=resume, meanwhile=zones)
     # a round of single cases chooses no further one
     while adaptive and not run.settings.run.only:
-        further = _further_rounds(score(folder, progress=progress), run.settings)
+        done = score(folder, progress=progress, resolved=run)
+        further = _further_rounds(done, run.settings)
         if further == run.settings:
             break
         run, notes = replace(run, settings=further), recorded.notes
@@ -130,11 +131,16 @@ def _further_rounds(done: Evaluation, settings: EvaluationSettings) -> Evaluatio
 
 
 def score(
-    run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress: Progress = quiet
+    run: str | os.PathLike[str],
+    changes: Sequence[str] = (),
+    *,
+    progress: Progress = quiet,
+    resolved: Resolved | None = None,
 ) -> Evaluation:
     """Score a run from its recorded facts.
 
-    `changes`: settings to use instead, e.g. `method.score.a=60`.
+    changes: settings to use instead, e.g. `method.score.a=60`.
+    resolved: the evaluation of the run, where its scenarios have been looked up.
 
     What was computed is kept in the run's folder with a hash of all that it depends on, and taken
     from there.
@@ -152,7 +158,9 @@ def score(
                 "the rest."
             )
     settings = with_changes(run_folder.read_settings(folder), changes)
-    resolved = Resolved.of(settings, run_folder.source_of(folder))
+    if resolved is None:
+        resolved = Resolved.of(settings, run_folder.source_of(folder))
+    resolved = replace(resolved, settings=settings)
     exposures = run_folder.read_exposures(folder)
     severity = chosen_severity(settings.method.collision, resolved.source)
     made_with = {

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sumo_eval.results import Evaluation
+    from sumo_eval.scenario.resolved import Resolved
 
 
 ALL = flag(
@@ -26,15 +27,15 @@ ALL = flag(
 """The option of every command that prints scores."""
 
 
-def scored(run: Path, changes: Sequence[str] = ()) -> Evaluation:
+def scored(run: Path, changes: Sequence[str] = (), resolved: Resolved | None = None) -> Evaluation:
     """A run, scored with a bar on the terminal.
 
-    changes: as of `score`.
+    changes, resolved: as of `score`.
     """
     from sumo_eval.evaluation import score
 
     with Progress() as progress:
-        return score(run, changes, progress=progress)
+        return score(run, changes, progress=progress, resolved=resolved)
 
 
 def show_scores(evaluation: Evaluation, everything: bool = False) -> None:

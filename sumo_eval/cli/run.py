@@ -143,7 +143,7 @@ def run(
         )
         tell(f"Shard {shard}: {recorded.drives} drives are recorded in {folder}{failed}.")
         sys.exit(NOT_EVALUATED if recorded.not_evaluated else DONE)
-    result = scored(folder)
+    result = scored(folder, resolved=resolved)
     discard_trajectories(result)
     finish(result, everything=everything)
 

@@ -80,17 +80,14 @@ def judge_night(
             f"meant: {accept}"
         )
         gates.append(GateResult("pairs", "every ADS", EVERYWHERE, False, missing, 0.0, None))
-    for comparison, against in ((bases.comparison, ""), (bases.pinned, "accepted")):
-        if comparison is None:
-            continue
-        found = judge_pairs(comparison, gate, accept)
-        if against:
+    for comparison in bases.comparisons:
+        results = judge_pairs(comparison, gate, accept)
+        if comparison is bases.pinned:
             name = Path(comparison.base_folder).name
-            found = [
-                replace(one, against=name) for one in (*judge_rule(comparison, gate, noise), *found)
-            ]
-        known = {one.name for one in failed(gates)}
-        gates += [one for one in failed(found) if one.name not in known]
+            results = [*judge_rule(comparison, gate, noise), *results]
+            results = [replace(result, against=name) for result in results]
+        known = {result.name for result in failed(gates)}
+        gates += [result for result in failed(results) if result.name not in known]
     since = failing_since(lines, gates, done.folder.name)
     shaky, builds = frozenset(shaky_cases(done, noise.bad, gate)), done.manifest.get("builds", {})
     return JudgedNight(bases, tuple(new_first(gates, since)), noise, shaky, builds, since)

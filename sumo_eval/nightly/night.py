@@ -189,7 +189,7 @@ def _evaluated(
             f"Night {folder.name} was not continued: {error} It stays; without --resume it is "
             "removed and a new one begins."
         ) from error
-    done = score(folder, progress=progress)
+    done = score(folder, progress=progress, resolved=run)
     discard_trajectories(done)
     return done, recorded.notes
 

@@ -95,7 +95,11 @@ def _rerun(done: Evaluation, cases: Collection[str], place: Path) -> dict[str, C
             store.remove(cases)
         record_facts(done.resolved, place, resume=True)
         wanted = set(cases)
-        return {row.case: row for row in score(place).cases if row.case in wanted}
+        return {
+            row.case: row
+            for row in score(place, resolved=done.resolved).cases
+            if row.case in wanted
+        }
     finally:
         shutil.rmtree(place, ignore_errors=True)
 

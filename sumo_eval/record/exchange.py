@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields
 from html import escape
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 from sumo_eval.errors import InputError, needs_extra
 from sumo_eval.input_file import writing
@@ -76,10 +77,10 @@ class Run:
     def trajectories(self, case: str) -> dict[str, Trajectory]:
         """Every vehicle's trajectory of a case, the ego's under `ego`."""
         with self._store() as store:
-            found = store.trajectories(case)
-        if not found:
+            vehicles = store.trajectories(case)
+        if not vehicles:
             raise InputError(f"There is no trajectory of case `{case}` in run {self.folder}.")
-        return found
+        return vehicles
 
     def trajectory_table(self, case: str) -> pd.DataFrame:
         """The trajectories of a case as one table: vehicle, time, x, y, heading, speed,
@@ -193,31 +194,21 @@ def _write_drives(
 
 
 _ROWS_AT_ONCE = 1000
-_NAMES = [field.name for field in fields(Fact) if field.name not in ("log", "clips")]
+_COLUMNS = [field.name for field in fields(Fact) if field.name not in ("log", "clips", "collision")]
+_TIMES = [name for name in _COLUMNS if name.startswith(("wall_time", "latency"))]
 _CONTACT = {
     "collision_time": "time", "collision_with": "other", "impact_speed": "relative_speed",
     "overlap": "overlap",
     "side": "side",
 }  # fmt: skip
-_TIMES = (
-    "wall_time",
-    "latency_mean",
-    "latency_max",
-    "latency_median",
-    "latency_p99",
-    "latency_reference",
-)
 
 
 def _drive_rows(store: Store) -> Iterator[dict[str, Any]]:
-    roles: tuple[Role, ...] = ("ads", "ideal", "no_reaction", "task_reference", "human")
-    for role in roles:
-        for fact in store.facts(role):
-            row = {name: getattr(fact, name) for name in _NAMES}
-            hit = row.pop("collision")
-            times = {name: row.pop(name) for name in _TIMES}
-            contact = {column: getattr(hit, name, None) for column, name in _CONTACT.items()}
-            yield row | contact | times
+    for fact in chain.from_iterable(map(store.facts, get_args(Role))):
+        row = {name: getattr(fact, name) for name in _COLUMNS}
+        contact = {column: getattr(fact.collision, name, None) for column, name in _CONTACT.items()}
+        times = {name: row.pop(name) for name in _TIMES}
+        yield row | contact | times
 
 
 def _trajectory_table(case: str, trajectories: dict[str, Trajectory]) -> pd.DataFrame:

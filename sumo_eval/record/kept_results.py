@@ -102,19 +102,20 @@ class KeptResults:
         ]
         if not rows:
             return
-        query = "INSERT OR REPLACE INTO parts VALUES (?,?,?,?,?)"
         try:
-            with self._connections[0] as connection:
-                connection.executemany(query, rows)
-        # a folder that nobody may write, a full disk: it costs the saving, no score
+            self._write(rows)
+        # a folder that cannot be written, a full disk: nothing is kept, no score is lost
         except sqlite3.OperationalError:
             if len(self._connections) > 1:
                 raise
             self._connections.insert(0, _fresh(""))
-            with self._connections[0] as connection:
-                connection.executemany(query, rows)
+            self._write(rows)
         except sqlite3.Error as error:
             raise InputError(f"{self.path} cannot be written: {error}. {_MEND}") from error
+
+    def _write(self, rows: Iterable[tuple[object, ...]]) -> None:
+        with self._connections[0] as connection:
+            connection.executemany("INSERT OR REPLACE INTO parts VALUES (?,?,?,?,?)", rows)
 
     def sizes(self, kind: Kind) -> list[tuple[bytes, int]]:
         """The keys of a kind and the bytes under each, the one that was put last at the end."""

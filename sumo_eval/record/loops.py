@@ -165,17 +165,14 @@ def of_evaluation(settings: EvaluationSettings) -> set[str]:
 
 def of_cases(cases: Iterable[Case]) -> set[str]:
     """Loops that these cases need."""
-    found: set[str] = set()
-    locators: set[str] = set()
-    for case in cases:
-        found.add(WORLD)
-        if case.concrete.lively:
-            found.add(PLAYED)
-        if case.role == "human":
-            found.add(PEOPLE)
-        else:
-            locators.add(case.controller)
-    return found | _rules(locators)
+    listed = list(cases)
+    needs = {
+        WORLD: bool(listed),
+        PEOPLE: any(case.role == "human" for case in listed),
+        PLAYED: any(case.concrete.lively for case in listed),
+    }
+    rules = _rules(case.controller for case in listed if case.role != "human")
+    return rules | {piece for piece, needed in needs.items() if needed}
 
 
 def _rules(locators: Iterable[str]) -> set[str]:
@@ -201,7 +198,8 @@ def ready(wanted: Iterable[str], progress: Progress = quiet) -> None:
         stage = f"compiling in every process, since nothing can be kept in {cache_folder()}"
         progress(stage, len(missing), len(missing))
         return
-    shares: list[list[str]] = [[] for _ in range(min(_cores(), _MOST, len(missing)))]
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    shares: list[list[str]] = [[] for _ in range(min(cores or 1, _MOST, len(missing)))]
     for piece in missing:
         min(shares, key=lambda share: sum(_LONG.get(it, 1) for it in share)).append(piece)
     stage = "compiling, once on this machine"
@@ -219,11 +217,6 @@ def _is_kept() -> bool:
     except OSError:
         return False
     return os.access(cache_folder(), os.W_OK)
-
-
-def _cores() -> int:
-    """How many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 if __name__ == "__main__":

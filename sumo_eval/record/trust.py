@@ -76,13 +76,13 @@ def remember(run: Path, settings: EvaluationSettings, source: Path) -> None:
     if not code:
         return
     _given.update(code)
-    place, found = str(run.resolve()), _hash(code)
-    _trusted.add((place, found))
+    place, digest = str(run.resolve()), _hash(code)
+    _trusted.add((place, digest))
     note = _note(place)
     try:
         note.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         half = note.with_name(f"{note.name}.{os.getpid()}")
-        half.write_text(found, encoding="ascii")
+        half.write_text(digest, encoding="ascii")
         half.replace(note)
     except OSError:  # this process knows it, and a later one is told how to go on
         pass
@@ -92,12 +92,10 @@ def is_remembered(run: Path, settings: EvaluationSettings, source: Path) -> bool
     """Whether this user recorded the run on this machine, or trusts it, and it names what it named
     then.
     """
-    place, found = (
-        str(run.resolve()),
-        _hash(code_of(settings, source) | driven_by(settings, source)),
-    )
+    place, code = str(run.resolve()), code_of(settings, source) | driven_by(settings, source)
     try:
-        return (place, found) in _trusted or _note(place).read_text(encoding="ascii") == found
+        known = (place, _hash(code)) in _trusted
+        return known or _note(place).read_text(encoding="ascii") == _hash(code)
     except (OSError, ValueError):
         return False
 
