@@ -51,7 +51,8 @@ class FrameReader:
         self._came += data
         if len(self._came) < _HEADER.size:
             return None
-        magic, number, size, checksum = _HEADER.unpack_from(self._came)
+        magic, number, *rest = _HEADER.unpack_from(self._came)
+        size, checksum = rest
         if magic != _MAGIC:
             raise FrameError("wrote something that is not a result to the pipe for results")
         if number != self._number:

@@ -10,7 +10,6 @@ from outside, and ends them when their owner goes.
 from __future__ import annotations
 
 import ctypes
-import errno
 import os
 import select
 import shutil
@@ -198,10 +197,8 @@ def _prctl(option: int, value: int) -> None:
     if sys.platform == "linux":
         call = ctypes.CDLL(None, use_errno=True).prctl
         if call(option, ctypes.c_ulong(value), 0, 0, 0):
-            raise OSError(
-                ctypes.get_errno(),
-                f"prctl {option}: {errno.errorcode.get(ctypes.get_errno(), '?')}",
-            )
+            code = ctypes.get_errno()
+            raise OSError(code, f"prctl {option}: {os.strerror(code)}")
 
 
 def keep_open(*kept: int) -> None:

@@ -295,7 +295,7 @@ class _Child:
 
         Raises OSError when the child has ended.
         """
-        order = pickle.dumps((work.task, item, work.shared, deadline, number))
+        order = pickle.dumps(((work.task, item, work.shared), (deadline, number)))
         self._item, self._reader, self._answer = item, FrameReader(number), None
         self._fault, self._to_send = "", memoryview(_LENGTH.pack(len(order)) + order)
         self.items += work.size(item)
@@ -347,7 +347,7 @@ class _Child:
 
     def _how_it_ended(self) -> tuple[How, str] | None:
         if self._answer is not None and not self._fault:
-            _, twice, refusal, _ = self._answer
+            twice, refusal = self._answer[1:3]
             if refusal:
                 return "refused", clean(refusal, _LONGEST_REFUSAL, lines=True)
             if not twice:
@@ -416,7 +416,8 @@ class _Child:
 
 def _begin(pipes: Sequence[Connection], memory_limit: float, scratch: str) -> None:
     """Become the supervisor of a child that serves."""
-    orders, results, output, leash, report = (pipe.fileno() for pipe in pipes)
+    *ends, leash, report = (pipe.fileno() for pipe in pipes)
+    orders, results, output = ends
     work = partial(_serve, orders, results, output, memory_limit, scratch)
     supervise(work, leash, report, memory_limit)
 
@@ -439,8 +440,7 @@ def _serve(orders: int, results: int, output: int, memory_limit: float, scratch:
     os.register_at_fork(after_in_parent=lambda: forks.append(True))
     threads = len(sys._current_frames())
     while (head := _read(orders, _LENGTH.size)) and (order := _read(orders, *_LENGTH.unpack(head))):
-        task, item, shared, *limits = pickle.loads(order)  # noqa: S301 - from the owner
-        deadline, number = limits
+        (task, item, shared), (deadline, number) = pickle.loads(order)  # noqa: S301 - the owner's
         os.makedirs(scratch, exist_ok=True)  # another ADS may have removed it
         faulthandler.dump_traceback_later(_WARNING_SHARE * deadline, file=2)
         answer, refusal = None, ""

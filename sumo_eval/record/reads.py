@@ -49,6 +49,7 @@ File = tuple[str, str]
 FileOfAds = tuple[str, str, str]
 """Locator of an ADS, path and hash."""
 State = tuple[int, int, int, int] | None
+"""Time of the last change, size, inode and mode."""
 NEVER: State = (-1, -1, -1, -1)
 
 
@@ -274,11 +275,10 @@ def content(place: str, state: State) -> str | None:
     """A hash of a file; None for anything but a regular file."""
     if state is None:
         return ABSENT
-    changed_at, size, _, mode = state
-    if not stat.S_ISREG(mode):
+    if not stat.S_ISREG(state[3]):
         return None
-    if size > _HASHED_WHOLE:
-        return f"{size} bytes, {changed_at}"
+    if state[1] > _HASHED_WHOLE:
+        return f"{state[1]} bytes, {state[0]}"
     try:
         with open(place, "rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
