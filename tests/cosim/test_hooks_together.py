@@ -211,7 +211,7 @@ def rebinds(traci, ego, time):
     return Command(-0.001)
 
 
-def enclosing():
+def enclosing(folder):
     calls = [0]
 
     def encloses(traci, ego, time):
@@ -243,7 +243,7 @@ class Counts:
     ("hook", "name"),
     [
         (caches, "CACHE"), (remembers, "remembers"), (draws, "GENERATOR"), (Counts, "Counts"),
-        (sets_variables, "os.environ"), (rebinds, "CALLS"), (enclosing(), "encloses"),
+        (sets_variables, "os.environ"), (rebinds, "CALLS"), (enclosing, "encloses"),
         (writes_files, "not seen where"),
     ],
 )  # fmt: skip
@@ -251,7 +251,11 @@ def test_shared_state_drives_each_case_alone_and_is_named(hook, name, tmp_path, 
     """Eight kinds: seven are seen in the state, that of a file in the cases compared alone."""
     monkeypatch.setenv("CALLS", "0")
     cases, why = [case(lead(80.0), speed=speed) for speed in (20.0, 18.0)], Counter()
-    list(simulate_many(cases, hook(tmp_path) if hook is writes_files else hook, STEPS, alone=why))
+    list(
+        simulate_many(
+            cases, hook(tmp_path) if hook in (enclosing, writes_files) else hook, STEPS, alone=why
+        )
+    )
     (reason,) = why
     assert (why[reason], reason.why) == (2, "keeps_state")
     assert name in str(reason)
