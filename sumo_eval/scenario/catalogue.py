@@ -47,7 +47,7 @@ def find(use: str, folder: Path | None = None) -> LogicalScenario:
 
 
 def _reader_of(file: str) -> Callable[..., LogicalScenario] | None:
-    """What reads a scenario file; None of what names none."""
+    """Reader of a scenario file by its ending; None of another text."""
     if file.endswith(".toml"):
         return read_scenario
     form = format_of(file)

@@ -34,8 +34,8 @@ from sumo_eval.scenario.logical import (
     Parameter,
 )
 from sumo_eval.scenario.requirement import Requirements, requirement
-from sumo_eval.scenario.road.lanes import CrossingTable, LaneTable, crossings_of, spans_of
-from sumo_eval.scenario.road.opendrive import read_opendrive
+from sumo_eval.scenario.road.lanes import Crossing, CrossingTable, LaneTable, crossings_of, spans_of
+from sumo_eval.scenario.road.opendrive import ReadRoad, read_opendrive
 from sumo_eval.scenario.road.table import PieceTable, bend_name, check_line, line_of
 from sumo_eval.scenario.streams import StreamTable
 from sumo_eval.scenario.sumo_network import read_road
@@ -174,76 +174,52 @@ class RoadTable(Checked):
 
         reacts: whether a SUMO model drives any actor on it.
         """
-        owner = f"[road] of {where}"
-        for source in ("network", "opendrive"):
-            for key in ("lane", "crossing", "line") if getattr(self, source) is not None else ():
-                if getattr(self, key):
-                    does = (
-                        f"`road.{key}` of {where} {'draws' if key == 'line' else 'shapes'} a road "
-                        "that is written"
-                    )
-                    raise InputError(f"{does}, and there is one already: `{source}`.")
-        if self.opendrive_road is not None and self.opendrive is None:
+        sources = [key for key in ("network", "opendrive") if getattr(self, key) is not None]
+        shapes = [key for key in ("lane", "crossing", "line") if getattr(self, key)]
+        if sources and shapes:
             raise InputError(
-                f"`road.opendrive_road` of {where} names a road of an `opendrive`: there is none."
+                f"`road.{shapes[0]}` of {where} shapes a road that is written, and there is one "
+                f"already: `{sources[0]}`."
             )
-        if self.opendrive is not None:
-            if self.network is not None or self.edges:
-                raise InputError(f"{owner} must have either `network` or `opendrive`.")
-            return self._of_opendrive(folder / self.opendrive, end, where)
+        if len(sources) > 1:
+            raise InputError(f"[road] of {where} must have either `network` or `opendrive`.")
+        for key, source in (("opendrive_road", "opendrive"), ("edges", "network")):
+            if getattr(self, key) and source not in sources:
+                raise InputError(f"`road.{key}` of {where} is of a `{source}`, and there is none.")
         if self.network is not None:
-            read = read_road(folder / self.network, self.edges, end)
+            road = read_road(folder / self.network, self.edges, end)
             # shadows of bodies have lanes in ours alone
-            return replace(read, network=None) if reacts else read
-        if self.edges:
-            raise InputError(
-                f"`road.edges` of {where} name edges of a `network`, and there is none."
-            )
-        if end > self.length:
-            raise must_be("`end.x`", where, f"at most the road's length {self.length:g}", end)
-        line = line_of(self.line, options, self.lanes, self.lane_width, self.length, where)
-        name = self.name or f"road_{self.lanes}x{self.lane_width:g}m_{end:g}m_of_{self.length:g}m"
-        name += bend_name(line, named=self.name is not None)
-        spans = spans_of(self.lane, self.lanes, self.length, where)
-        crossings = crossings_of(self.crossing, self.length, line, where)
-        if self.name is None and (spans or crossings):
-            name += _hashed((spans, crossings))
-        return Road(
-            name,
-            end,
-            self.lanes,
-            self.lane_width,
-            self.length - end,
-            line=line,
-            spans=spans,
-            crossings=crossings,
-        )
+            return replace(road, network=None) if reacts else road
 
-    def _of_opendrive(self, path: Path, end: float, where: str) -> Road:
-        read = read_opendrive(path, self.opendrive_road)
-        if end > read.length:
-            raise must_be("`end.x`", where, f"at most the road's length {read.length:.1f} m", end)
-        check_line(read.line, read.lanes, read.lane_width, f"the road of {path.name}")
+        crossings: tuple[Crossing, ...] = ()
+        if self.opendrive is not None:
+            shape = self._of_opendrive(folder / self.opendrive)
+            name = (self.name or Path(self.opendrive).stem) + bend_name(shape.line, named=False)
+            hashed: tuple[Any, ...] = shape.spans
+        else:
+            line = line_of(self.line, options, self.lanes, self.lane_width, self.length, where)
+            spans = spans_of(self.lane, self.lanes, self.length, where)
+            shape = ReadRoad(line, self.lanes, self.lane_width, self.length, spans)
+            crossings = crossings_of(self.crossing, self.length, line, where)
+            name = f"road_{self.lanes}x{self.lane_width:g}m_{end:g}m_of_{self.length:g}m"
+            name = (self.name or name) + bend_name(line, named=self.name is not None)
+            hashed = (spans, crossings) if self.name is None and (spans or crossings) else ()
+        if end > shape.length:
+            raise must_be("`end.x`", where, f"at most the road's length {shape.length:g} m", end)
+        if hashed:
+            name += f"_{hashlib.sha256(repr(hashed).encode()).hexdigest()[:6]}"
+        run_out = shape.length - end
+        return Road(name, end, shape.lanes, shape.lane_width, run_out, line=shape.line,
+                    spans=shape.spans, crossings=crossings)  # fmt: skip
+
+    def _of_opendrive(self, path: Path) -> ReadRoad:
+        read, owner = read_opendrive(path, self.opendrive_road), f"the road of {path.name}"
+        check_line(read.line, read.lanes, read.lane_width, owner)
         if read.spans and read.line:
             raise InputError(
-                f"The road of {path.name} must be straight where its outermost lane opens or ends."
+                f"{capitalised(owner)} must be straight where its outermost lane opens or ends."
             )
-        name = (self.name or path.stem) + bend_name(read.line, named=False)
-        name += _hashed(read.spans) if read.spans else ""
-        return Road(
-            name,
-            end,
-            read.lanes,
-            read.lane_width,
-            read.length - end,
-            line=read.line,
-            spans=read.spans,
-        )
-
-
-def _hashed(shape: object) -> str:
-    """The part of a road's name for its shape."""
-    return f"_{hashlib.sha256(repr(shape).encode()).hexdigest()[:6]}"
+        return read
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,12 +287,9 @@ class SampleTable(Checked):
             for name in columns
         ]
         given = [*self.each, *columns]
+        inner = replace(names, known=given)
         derived = {
-            name: LimitedFormula(
-                name,
-                owner,
-                checked_names(number(formula, f"`set.{name}` of {owner}"), given, owner),
-            )
+            name: LimitedFormula(name, owner, inner.expression(formula, f"`set.{name}` of {owner}"))
             for name, formula in self.set.items()
         }
         points = []
@@ -500,10 +473,7 @@ class ScenarioFile(Checked):
     default_sample: Annotated[str, About("grid, or the name of a sample")] = "grid"
     people: Annotated[
         Literal["drivers", "none"],
-        About(
-            "none: no synthetic driver knows this scene, so without recorded ones there is no D "
-            "and no H"
-        ),
+        About("none: no synthetic driver knows this scene, so D needs recorded ones and no H"),
     ] = "drivers"
     require: Annotated[tuple[RequireTable, ...], About("what must hold in every drive")] = ()
 

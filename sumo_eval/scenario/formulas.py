@@ -204,14 +204,15 @@ class Names:
 
         others: limits of keys, instead of those in their annotations.
         """
-        found = []
         # every class can be hashed
-        for key, limits in _formulas(type(table)):  # type: ignore[arg-type]
-            if (value := getattr(table, key)) is not None:
-                found.append(
-                    (key, self.quantity(value, f"{key} of {what}", others.get(key, limits)))
-                )
-        return LimitedFormulas(tuple(found))
+        keys = _formulas(type(table))  # type: ignore[arg-type]
+        return LimitedFormulas(
+            tuple(
+                (key, self.quantity(value, f"{key} of {what}", others.get(key, limits)))
+                for key, limits in keys
+                if (value := getattr(table, key)) is not None
+            )
+        )
 
     def distinct(self, names: Iterable[str], kind: str, owner: str = "") -> list[str]:
         """The names, if none of them stands twice.

@@ -536,7 +536,8 @@ def _begin(play: Any, act: Any, pieces: Any, table: Any) -> None:
         play.path, play.points = act.first, act.count
         act.end = math.inf  # until it is there, which depends on its speed
         return
-    play.since, play.s, play.v, play.match = act.begin, s, v, 0
+    play.since, play.match = act.begin, 0
+    play.s, play.v = s, v
     if act.kind == SPEED:
         play.pieces = _speed_up(pieces, v, act)
     elif act.kind == KEEP:

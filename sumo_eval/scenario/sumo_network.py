@@ -177,22 +177,14 @@ def _check_junctions(root: etree._Element, edges: Sequence[etree._Element], owne
     """Refuse a junction before one of the edges that has incoming lanes and no right of way: SUMO
     crashes there.
     """
-    junctions = {junction.get("id"): junction for junction in root.iter("junction")}
-    for edge in edges:
-        junction = junctions.get(edge.get("from"))
-        if (
-            junction is None
-            or junction.get("type") in _WITHOUT_RIGHT_OF_WAY
-            or not junction.get("incLanes")
-        ):
-            continue
-        if junction.find("request") is None:
-            must = (
-                "have a <request> for each of its connections, as netconvert writes it, or be of "
-                "type `unregulated`"
-            )
+    begins = {edge.get("from") for edge in edges}
+    for junction in root.iter("junction"):
+        incoming = junction.get("id") in begins and junction.get("incLanes")
+        regulated = junction.get("type") not in _WITHOUT_RIGHT_OF_WAY
+        if incoming and regulated and junction.find("request") is None:
             raise InputError(
-                f"Junction `{junction.get('id')}` of {owner} must {must}: it has none."
+                f"Junction `{junction.get('id')}` of {owner} must have a <request> for each of its "
+                "connections, as netconvert writes it, or be of type `unregulated`: it has none."
             )
 
 
@@ -315,9 +307,7 @@ class _Link(NamedTuple):
 
 
 def _links(root: etree._Element, one: str, other: str, owner: str) -> _Link:
-    found = [
-        it for it in root.iter("connection") if it.get("from") == one and it.get("to") == other
-    ]
+    found = _connections(root, {"from": one, "to": other})
     if not found:
         raise InputError(
             f"Edge `{one}` of {owner} must lead to edge `{other}`: no lane of it does."
@@ -339,13 +329,14 @@ def _vias(root: etree._Element, via: str | None) -> tuple[str, ...]:
     while via is not None and via not in found:
         found.append(via)
         edge, _, index = via.rpartition("_")
-        further = [
-            it
-            for it in root.iter("connection")
-            if it.get("from") == edge and it.get("fromLane") == index
-        ]
+        further = _connections(root, {"from": edge, "fromLane": index})
         via = further[0].get("via") if further else None
     return tuple(found)
+
+
+def _connections(root: etree._Element, wanted: dict[str, str]) -> list[etree._Element]:
+    """The connections with these attributes."""
+    return [it for it in root.iter("connection") if wanted.items() <= set(it.attrib.items())]
 
 
 def _shape(root: etree._Element, name: str) -> tuple[Point, ...]:
@@ -388,18 +379,8 @@ def laid_along_x(network: NetworkFile) -> str:
             element.set("length", repr(end - begin))
             element.set("speed", f"{SPEED_LIMIT:g}")
             element.set("width", repr(lane.width))
-    location = root.find("location")
-    if location is not None:
-        corners = [point for lane in root.iter("lane") for point in _points(lane.get("shape", ""))]
-        bounds = (
-            f"{min(x for x, _ in corners):.2f},{min(y for _, y in corners):.2f},"
-            f"{max(x for x, _ in corners):.2f},{max(y for _, y in corners):.2f}"
-        )
-        for key, value in (
-            ("netOffset", "0.00,0.00"), ("convBoundary", bounds), ("origBoundary", bounds),
-            ("projParameter", "!"),
-        ):  # fmt: skip
-            location.set(key, value)
+    for location in root.findall("location"):  # of the network as it lay
+        root.remove(location)
     return etree.tostring(root.getroottree(), xml_declaration=True, encoding="UTF-8").decode()
 
 
@@ -443,10 +424,9 @@ def _index(text: str, owner: str) -> int:
 
 def _carries_cars(lane: etree._Element) -> bool:
     """Whether a passenger car may drive on a lane: SUMO's `allow` counts before its `disallow`."""
-    allowed, refused = lane.get("allow"), (lane.get("disallow") or "").split()
-    if allowed is not None:
+    if (allowed := lane.get("allow")) is not None:
         return not _CARS.isdisjoint(allowed.split())
-    return _CARS.isdisjoint(refused)
+    return _CARS.isdisjoint(lane.get("disallow", "").split())
 
 
 def _turn(lane: _Lane) -> Turn:
@@ -463,7 +443,8 @@ def _turn(lane: _Lane) -> Turn:
 
 
 def _points(text: str) -> tuple[Point, ...]:
-    return tuple((float(part.split(",")[0]), float(part.split(",")[1])) for part in text.split())
+    xy = [part.split(",") for part in text.split()]
+    return tuple((float(part[0]), float(part[1])) for part in xy)
 
 
 def _text(points: Sequence[Point]) -> str:

@@ -118,9 +118,8 @@ class EgoTable(Checked):
         if (self.length is None) != (self.width is None):
             raise InputError(f"{owner} must have both length and width, or neither.")
         if self.goal_lane is None:
-            for key in ("change_from", "change_by"):
-                if getattr(self, key) is not None:
-                    raise InputError(f"{owner} has a `{key}`, so it must have a `goal_lane`.")
+            if self.change_from is not None or self.change_by is not None:
+                raise InputError(f"{owner} must have a `goal_lane`, or no place to change lanes.")
             return
         if self.goal_lane >= road.lanes:
             raise must_be("`goal_lane`", owner, f"below {road.lanes}", self.goal_lane)
@@ -287,13 +286,8 @@ class ManoeuvreTable(Checked):
     @property
     def lively(self) -> bool:
         """Whether only a played vehicle, or SUMO, can do it."""
-        return self.when is not None or self.do in (
-            "accelerate",
-            "speed_profile",
-            "sinus",
-            "path",
-            "follow",
-        )
+        at_a_time = ("keep_speed", "brake", "change_lane", "change_lane_cosine", "move_sideways")
+        return self.when is not None or self.do not in at_a_time
 
     def read(self, vehicle: str, names: Names, road: Road, *, departs: bool) -> Move:
         """It, checked.

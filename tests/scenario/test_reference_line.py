@@ -201,5 +201,5 @@ def test_a_road_that_cannot_be_driven_is_refused(line: list[Any], sentence: str)
 
 
 def test_a_network_of_the_users_has_its_line_already() -> None:
-    with pytest.raises(InputError, match=r"`road\.line` of the file draws a road"):
+    with pytest.raises(InputError, match=r"`road\.line` of the file shapes a road"):
         read(network="town.net.xml", edges=["a"], line=[{"length": 9.0}])

@@ -196,7 +196,7 @@ GOAL = {"speed": "v", "goal_lane": 1, "change_from": 150.0}
                                                                 "innermost lane"),
         ({"road": {"network": "a.net.xml", "lane": [RAMP]}}, "shapes a road that is written, and "
                                                              "there is one already"),
-        ({"ego": {"speed": "v", "change_from": 150.0}}, "so it must have a `goal_lane`"),
+        ({"ego": {"speed": "v", "change_from": 150.0}}, "must have a `goal_lane`"),
         ({"ego": {"speed": "v", "goal_lane": 1}}, "so it must have a `change_from`"),
         ({"ego": {**GOAL, "goal_lane": 7}}, "must be below 3"),
         ({"ego": {**GOAL, "goal_lane": 2}}, "must be a lane beside lane 0"),

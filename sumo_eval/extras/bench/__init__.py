@@ -1,1 +1,1 @@
-"""What everything costs on this machine."""
+"""Costs on this machine."""

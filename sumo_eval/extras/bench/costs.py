@@ -1,22 +1,21 @@
 """Costs on this machine: bare libsumo, the harness, the field, D, zones.
 
 Processor time of this process, not wall time, so that other programs disturb little; the rows of
-one table are measured in turns, several rounds, and the least of each counts. What carries over to
+one table alternate over several rounds, and the least of each counts. What carries over to
 other machines are the ratios.
 """
 
 from __future__ import annotations
 
 import functools
+import math
 import multiprocessing
 import os
 import platform
 import tempfile
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -49,18 +48,19 @@ from sumo_eval.trajectory import FloatArray, Recording
 SETTINGS = SimulationSettings(step=0.1, end_when_decided=True)
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
+Row = dict[str, Any]
+
+
+def _row(
+    group: str, what: str, value: float, unit: str, ratio: float | None = None, ratio_of: str = ""
+) -> Row:
     """One measurement: what, how much, in which unit, and a ratio with its meaning ("" where there
     is none).
     """
-
-    group: str
-    what: str
-    value: float
-    unit: str
-    ratio: float | None = None
-    ratio_of: str = ""
+    return {
+        "group": group, "what": what, "value": value, "unit": unit, "ratio": ratio,
+        "ratio_of": ratio_of,
+    }  # fmt: skip
 
 
 class TenLines:
@@ -126,15 +126,14 @@ def benchmark(
     The result is plain data for a table or for JSON.
     """
     rows: list[Row] = []
-    measures: dict[str, Callable[[], list[Row]]] = {
-        "co-simulation": lambda: cosimulation(cases, rounds),
-        "field and D": lambda: field_and_index(rounds),
-        "zones": lambda: zones(2000 if cases >= 100 else 100),
-    }
-    for part, measure in measures.items():
-        if part in parts:
-            progress(part)
-            rows += measure()
+    for part in parts:
+        progress(part)
+        if part == "co-simulation":
+            rows += cosimulation(cases, rounds)
+        elif part == "field and D":
+            rows += field_and_index(rounds)
+        else:
+            rows += zones(2000 if cases >= 100 else 100)
     machine = {
         "processor": platform.processor() or platform.machine(),
         "cores": os.cpu_count(),
@@ -142,101 +141,69 @@ def benchmark(
         "python": platform.python_version(),
         "simulator": simulator_version(),
     }
-    return {
-        "format_version": 1,
-        "machine": machine,
-        "cases": cases,
-        "rows": [asdict(row) for row in rows],
-    }
+    return {"format_version": 1, "machine": machine, "cases": cases, "rows": rows}
+
+
+_ALONE = {
+    "native SUMO ego (sumo:IDM)": "sumo:IDM",
+    "user's function, setSpeed": set_speed,
+    "user's ten lines, vehicle model and moveToXY": TenLines,
+    "careful_driver, one at a time": "careful_driver",
+}
+_BATCHED = {
+    **{name: name for name in ("careful_driver", "no_reaction", "idm", "fsm", "rss", "reg157")},
+    "user's policy": Policy,
+    "user's policy over arrays": BatchPolicy,
+}
 
 
 def cosimulation(cases: int, rounds: int) -> list[Row]:
     """Cases of the cut-in grid, recorded: each way of driving them beside bare libsumo on as many
     steps.
     """
-    logical = catalogue.load("cut_in")
+    logical, group = catalogue.load("cut_in"), "co-simulation"
     grid = sample(logical).points
-    concretes = list(logical.concretes(grid[:: max(len(grid) // cases, 1)][:cases]))
-    alone = {
-        "native SUMO ego (sumo:IDM)": "sumo:IDM",
-        "user's function, setSpeed": set_speed,
-        "user's ten lines, vehicle model and moveToXY": TenLines,
-        "careful_driver, one at a time": "careful_driver",
-    }
-    packed = {
-        **{
-            f"{ads}, packed": ads
-            for ads in ("careful_driver", "no_reaction", "idm", "fsm", "rss", "reg157")
-        },
-        "user's policy, packed": Policy,
-        "user's policy over arrays, packed": BatchPolicy,
-    }
-    ways = {
-        name: functools.partial(drive, concretes, ads)
-        for drive, those in ((_alone, alone), (_packed, packed))
-        for name, ads in those.items()
-    }
+    concretes = logical.concretes(grid[:: max(len(grid) // cases, 1)][:cases])
+
+    def alone(ads: Any) -> list[Recording]:
+        return [simulate(one, ads, SETTINGS) for one in concretes]
+
+    def batched(ads: Any) -> list[Recording]:
+        return list(simulate_many(concretes, ads, SETTINGS))
+
+    ways = {name: functools.partial(alone, ads) for name, ads in _ALONE.items()}
+    ways |= {f"{name}, packed": functools.partial(batched, ads) for name, ads in _BATCHED.items()}
     # warms up, and says how many steps there are
     recordings = {name: way() for name, way in ways.items()}
     steps = {
         name: [round(one.simulated_time / SETTINGS.step) for one in found]
         for name, found in recordings.items()
     }
-    timed: dict[str, list[float]] = {}
-    with _bare_process() as bare_, tempfile.TemporaryDirectory() as folder:
-        lines = [
-            command_line(one, one.simulation(SETTINGS), *_place(Path(folder), number))
-            for number, one in enumerate(concretes)
-        ]
+    own, bare = dict.fromkeys(ways, math.inf), dict.fromkeys(ways, math.inf)
+    context = multiprocessing.get_context("spawn")  # no session of the harness has set up anything
+    with (
+        ProcessPoolExecutor(1, mp_context=context) as process,
+        tempfile.TemporaryDirectory() as folder,
+    ):
+        lines = []
+        for number, one in enumerate(concretes):
+            here = Path(folder) / str(number)
+            here.mkdir()
+            lines.append(command_line(one, one.simulation(SETTINGS), here, here / "sumo.log", None))
         for _ in range(rounds):
             for name, way in ways.items():
-                timed.setdefault(name, []).append(_seconds(way))
-                timed.setdefault(f"bare {name}", []).append(
-                    bare_.submit(bare_seconds, lines, steps[name]).result()
-                )
-    count = len(concretes)
+                own[name] = min(own[name], _seconds(way))
+                took = process.submit(bare_seconds, lines, steps[name]).result()
+                bare[name] = min(bare[name], took)
+    count, driver = len(concretes), "careful_driver, packed"
     rows = [
-        Row(
-            "co-simulation",
-            f"{name} ({np.mean(steps[name]):.0f} steps a case)",
-            count / min(timed[name]),
-            "cases/s",
-            min(timed[f"bare {name}"]) / min(timed[name]),
-            "bare libsumo",
-        )
+        _row(group, f"{name} ({np.mean(steps[name]):.0f} steps a case)", count / own[name],
+             "cases/s", bare[name] / own[name], "bare libsumo")
         for name in ways
-    ]
-    bare = min(timed["bare careful_driver, packed"])
-    rows.append(
-        Row("co-simulation", "bare libsumo, one at a time, as many steps", count / bare, "cases/s")
-    )
-    rows.append(_storing(concretes, recordings["careful_driver, packed"]))
-    return rows
-
-
-def _alone(concretes: Sequence[ConcreteScenario], ads: Any) -> list[Recording]:
-    return [simulate(one, ads, SETTINGS) for one in concretes]
-
-
-def _packed(concretes: Sequence[ConcreteScenario], ads: Any) -> list[Recording]:
-    return list(simulate_many(concretes, ads, SETTINGS))
-
-
-def _place(folder: Path, number: int) -> tuple[Path, Path, None]:
-    """Where the files of a case and SUMO's log of it lie; the ego's type is its own."""
-    here = folder / str(number)
-    here.mkdir()
-    return here, here / "sumo.log", None
-
-
-@contextmanager
-def _bare_process() -> Iterator[ProcessPoolExecutor]:
-    """A process in which libsumo is as it comes: no session of the harness has set anything up in
-    it.
-    """
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as process:
-        process.submit(int).result()  # it has started
-        yield process
+    ]  # fmt: skip
+    what = "bare libsumo, one at a time, as many steps"
+    rows.append(_row(group, what, count / bare[driver], "cases/s"))
+    return [*rows, _storing(concretes, recordings[driver])]
 
 
 def _storing(concretes: Sequence[ConcreteScenario], recordings: Sequence[Recording]) -> Row:
@@ -245,60 +212,49 @@ def _storing(concretes: Sequence[ConcreteScenario], recordings: Sequence[Recordi
         open_store(Path(folder) / "facts.sqlite", create=True) as store,
     ):
         outcomes = [
-            Outcome(
-                Case(number, concrete, "ads", "careful_driver", "careful_driver"), "ok", recording
-            )
-            for number, (concrete, recording) in enumerate(zip(concretes, recordings, strict=True))
+            Outcome(Case(number, one, "ads", "careful_driver", "careful_driver"), "ok", recording)
+            for number, (one, recording) in enumerate(zip(concretes, recordings, strict=True))
         ]
-
-        def add_all() -> None:
-            for outcome in outcomes:
-                store.add(outcome)
-
-        took = _seconds(add_all)
-    return Row("co-simulation", "storing recordings", 1e3 * took / len(outcomes), "ms/case")
+        took = _seconds(lambda: list(map(store.add, outcomes)))
+    return _row("co-simulation", "storing recordings", 1e3 * took / len(outcomes), "ms/case")
 
 
 def field_and_index(rounds: int) -> list[Row]:
-    """The field's kernel beside numpy's exp, and D of a case beside its 11 simulations in packs."""
+    """The field's kernel beside numpy's exp, and D of a case beside its 11 simulations in batches."""
     logical = catalogue.load("front_vehicle_cut_out")
     concrete = logical.concrete(ego_speed=25.0, obstacle_speed=10.0, gap=110.0)
     people = [human_controller(index, 10, 1, concrete) for index in range(10)]
     drivers = [recording.ego for recording in simulate_many([concrete] * 10, people)]
     ads = simulate(concrete, "lane_changer").ego
-    points = 10 * rounds  # as many concrete scenarios stand for the pack of a run
-    began = time.process_time()
-    list(simulate_many([concrete] * 10 * points, people * points))
-    list(simulate_many([concrete] * points, "lane_changer"))
-    simulated = (time.process_time() - began) / points
+    points = 10 * rounds  # as many concrete scenarios stand for the batch of a run
+    simulated = _seconds(
+        lambda: [
+            *simulate_many([concrete] * 10 * points, people * points),
+            *simulate_many([concrete] * points, "lane_changer"),
+        ]
+    )
     slices = slice_positions(float(ads.x[0]), logical.road.length - float(ads.x[0]), 0.5)
     places = slice_points(slices, lateral_position(ads, slices), logical.road).reshape(-1, 2)
     terms = len(places) * len(np.arange(0.0, ads.duration, 0.02))
     anthropomorphic_index(ads, drivers, logical.road)  # compiles what is not compiled yet
     numbers, result = np.random.default_rng(2).uniform(-0.3, 0.3, 1024), np.empty(1024)
-    kernels, exponentials = [], []
+    works = {
+        "kernel": lambda: trajectory_field(places, ads, sample_interval=0.02),
+        "exp": lambda: [np.exp(numbers, out=result) for _ in range(1000)],
+        "index": lambda: anthropomorphic_index(ads, drivers, logical.road),
+    }
+    least = dict.fromkeys(works, math.inf)
     for _ in range(3 * rounds):
-        kernels.append(
-            _seconds(lambda: trajectory_field(places, ads, sample_interval=0.02)) / terms
-        )
-        exponentials.append(
-            _seconds(lambda: [np.exp(numbers, out=result) for _ in range(1000)])
-            / (1000 * numbers.size)
-        )
-    kernel, exponential = min(kernels), min(exponentials)
-    index = min(_seconds(anthropomorphic_index, ads, drivers, logical.road) for _ in range(rounds))
+        for name, work in works.items():
+            least[name] = min(least[name], _seconds(work))
+    group, index = "field and D", least["index"]
+    kernel, exponential = least["kernel"] / terms, least["exp"] / (1000 * numbers.size)
+    ratio = simulated / points / index
     return [
-        Row("field and D", "numpy's exp, a number", 1e9 * exponential, "ns"),
-        Row(
-            "field and D", "field, a term", 1e9 * kernel, "ns", exponential / kernel, "numpy's exp"
-        ),
-        Row(
-            "field and D",
-            "D of a case, 10 drivers",
-            1e3 * index,
-            "ms",
-            simulated / index,
-            "its 11 runs in packs",
+        _row(group, "numpy's exp, a number", 1e9 * exponential, "ns"),
+        _row(group, "field, a term", 1e9 * kernel, "ns", exponential / kernel, "numpy's exp"),
+        _row(
+            group, "D of a case, 10 drivers", 1e3 * index, "ms", ratio, "its 11 drives in batches"
         ),
     ]
 
@@ -307,18 +263,15 @@ def zones(points: int) -> list[Row]:
     """Zones of a scenario on its own grid, and on many training points."""
     logical = catalogue.load("front_vehicle_cut_out")
     many = logical.from_unit(np.random.default_rng(1).random((points, len(logical.parameters))))
+    own = _seconds(lambda: partition(logical))
+    trained = _seconds(lambda: partition(logical, points=many))
     return [
-        Row("zones", "front_vehicle_cut_out, its own grid", _seconds(partition, logical), "s"),
-        Row(
-            "zones",
-            f"{points} training points",
-            _seconds(lambda: partition(logical, points=many)),
-            "s",
-        ),
+        _row("zones", "front_vehicle_cut_out, its own grid", own, "s"),
+        _row("zones", f"{points} training points", trained, "s"),
     ]
 
 
-def _seconds(work: Callable[..., object], *args: object) -> float:
+def _seconds(work: Callable[[], object]) -> float:
     began = time.process_time()
-    work(*args)
+    work()
     return time.process_time() - began

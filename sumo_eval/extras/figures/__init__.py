@@ -1,3 +1,3 @@
-"""Figures for papers: the paper's own and those beside it, from a scored run, as vector or pixel
+"""Figures for papers: the paper's own and those alongside, from a scored run, as vector or pixel
 files.
 """

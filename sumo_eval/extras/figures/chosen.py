@@ -1,5 +1,5 @@
-"""What of a run a figure shows: the scenario, the ADS and the concrete scenario that are asked for,
-or telling ones.
+"""Scenario, ADS and concrete scenario of a run that a figure shows: those requested, or telling
+ones.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from sumo_eval.trajectory import Trajectory
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class DrivenPoint:
     """One concrete scenario of a run as it was driven.
 
     runs: the ego of every ADS, others: the other vehicles in the drive of the first, people: the
@@ -36,18 +36,17 @@ class Scene:
 
     @property
     def title(self) -> str:
-        """What stands above a figure of the scene."""
+        """Words above a figure of the drives."""
         return f"{self.scenario.replace('_', ' ')}: {self.words}"
 
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What a figure is asked for, of a scored run; None: telling ones.
+    """Request for a figure of a scored run; None: telling ones.
 
     width: its name, as in `style.WIDTHS`.
 
-    What is read off it raises InputError for a scenario, an ADS or a case that the run does not
-    have.
+    Its properties raise InputError for an unknown scenario, ADS or case.
     """
 
     evaluation: Evaluation
@@ -117,8 +116,8 @@ class Asked:
         return rows
 
 
-def scene_of(asked: Asked, ads: Sequence[str]) -> Scene:
-    """Everybody who drove through a case's concrete scenario."""
+def driven_point(asked: Asked, ads: Sequence[str]) -> DrivenPoint:
+    """All drives through the concrete scenario of a case."""
     evaluation, case = asked.evaluation, asked.row
     with open_store(evaluation.folder / FACTS) as store:
         named = {name: (point, who) for name, point, who in store.names("ads", case.scenario)}
@@ -139,7 +138,7 @@ def scene_of(asked: Asked, ads: Sequence[str]) -> Scene:
     if not runs:
         raise InputError(f"Case `{case.case}` has no trajectory to draw.")
     logical = evaluation.scenarios[case.scenario]
-    return Scene(
+    return DrivenPoint(
         case.scenario,
         point_words(case.values),
         runs,

@@ -12,7 +12,7 @@ from scipy.ndimage import binary_erosion
 
 from sumo_eval.cases import CaseTable
 from sumo_eval.evaluation import zone_partitions
-from sumo_eval.extras.figures.chosen import Asked, Scene, scene_of
+from sumo_eval.extras.figures.chosen import Asked, DrivenPoint, driven_point
 from sumo_eval.extras.figures.style import label, look_of, new_figure, on_paper, styled
 from sumo_eval.extras.panels import FAINT, HAZARDOUS, INK, MUTED, SAFE, Marks, Panel, edge_of
 from sumo_eval.extras.panels import name as name_figure
@@ -152,7 +152,7 @@ def field(asked: Asked) -> Figure:
     """
     row = asked.row
     who = row.ads if asked.ads is None else asked.names[0]
-    scene = scene_of(asked, [who])
+    scene = driven_point(asked, [who])
     settings = asked.evaluation.settings.method.anthropomorphic.field
     drives = {who: scene.runs[who], **dict(list(scene.people.items())[:1])}
     ego = scene.runs[who]
@@ -190,10 +190,8 @@ def field(asked: Asked) -> Figure:
     return figure
 
 
-def _drives(scene: Scene, names: Sequence[str]) -> Iterator[tuple[str, Trajectory, str, Any]]:
-    """Whose drives are drawn in a scene: what the legend says, the drive, its colour and line; the
-    ADSs last.
-    """
+def _drives(scene: DrivenPoint, names: Sequence[str]) -> Iterator[tuple[str, Trajectory, str, Any]]:
+    """Words of the legend, drive, colour and line of every drive; the ADSs last."""
     for drive in scene.people.values():
         yield "human drivers", drive, FAINT, "-"
     for drive in scene.others.values():
@@ -204,10 +202,10 @@ def _drives(scene: Scene, names: Sequence[str]) -> Iterator[tuple[str, Trajector
 
 
 def trajectories(asked: Asked) -> Figure:
-    """Everybody's way over the road in one concrete scenario: every ADS, the human drivers, the
+    """Paths over the road in one concrete scenario: every ADS, the human drivers, the
     other vehicles.
     """
-    scene = scene_of(asked, asked.names)
+    scene = driven_point(asked, asked.names)
     marks = [
         Marks(who, *map_places(scene.line, drive.x, drive.y)[:2], colour, line)
         for who, drive, colour, line in _drives(scene, asked.names)
@@ -223,7 +221,7 @@ def time_history(asked: Asked) -> Figure:
     """Speed, acceleration and lateral place over time in one concrete scenario: every ADS and the
     human drivers.
     """
-    scene = replace(scene_of(asked, asked.names), others={})
+    scene = replace(driven_point(asked, asked.names), others={})
     panels = [
         Panel([Marks(who, drive.time, getattr(drive, channel), colour, line)
                for who, drive, colour, line in _drives(scene, asked.names)], y=words)
@@ -334,7 +332,7 @@ KEPT = "#0072b2"
 
 
 def _ledger_bar(ax: Axes, found: Ledger, place: int, drawn: dict[str, str]) -> None:
-    """Kept points, then the losses of each term beside them."""
+    """Kept points, then the losses of each term to their right."""
     kept = max(found.total, 0.0)
     ax.barh([place], [kept], color=KEPT, height=0.6)
     drawn["kept"] = KEPT

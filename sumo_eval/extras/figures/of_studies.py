@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 QUANTITIES = ("S+", "A", "H", "S", "C", "D")
-"""What the trend shows of the quantities that nights keep."""
+"""Quantities of a night that the trend shows."""
 
 
 def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -> Figure:
@@ -38,7 +38,7 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
         raise unknown("ADS", ads, everybody)
     if not values:
         raise InputError(
-            f"The history in {history} holds no night yet, so there is no trend to draw."
+            f"The history in {history} must have a night before a trend is drawn: it is empty."
         )
     place = scenario or scenarios[0]
     names = everybody if ads is None else [ads]
@@ -66,7 +66,7 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
 
 
 def edge(folder: Path, *, width: str) -> Figure:
-    """What `sumo-eval boundary` wrote into a folder: where the ADS is likelier to collide than not,
+    """Boundary that `sumo-eval boundary` wrote into a folder: where the ADS is likelier to collide than not,
     and every trial.
 
     One map for two parameters, one below the other for each value of a third.
@@ -78,10 +78,10 @@ def edge(folder: Path, *, width: str) -> Figure:
 
 
 def opinion(run: Path, *, width: str) -> Figure:
-    """The paper's Fig.
+    """Scores against people's mean opinion, as Fig. 11 of the paper.
 
-    11: scores against people's mean opinion, a panel a score, with Spearman's rho and its interval.
+    A panel a score, with Spearman's rho and its interval.
 
-    Raises InputError where nobody has been asked (`sumo-eval humans opinion`).
+    Raises InputError without answers (`sumo-eval humans opinion`).
     """
     return on_paper(opinion_panels(run), width, 0.85, 4 if width == "page" else 2)

@@ -109,7 +109,7 @@ def new_figure(
 def on_paper(
     panels: Sequence[Panel], width: str, height: float, columns: int = 1, words: str = ""
 ) -> Figure:  # fmt: skip
-    """Panels as a figure, `columns` beside each other.
+    """Panels as a figure, `columns` a row.
 
     height: of each as a share of its width.
     words: above it.

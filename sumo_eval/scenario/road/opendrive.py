@@ -96,19 +96,13 @@ def _chain(roads: Sequence[etree._Element], owner: str) -> list[_Stretch]:
     """
     for first in (False, True):
         chain: list[_Stretch] = []
-        for number, element in enumerate(roads):
+        for element in roads:
             name = f"road `{element.get('id')}` of {owner}"
-            ways = [first] if number == 0 else [False, True]
-            found = [
-                it
-                for it in (_stretch_or_none(element, name, way) for way in ways)
-                if it is not None
+            ways = (False, True) if chain else (first,)
+            stretches = [_stretch_or_none(element, name, way) for way in ways]
+            chain += [it for it in stretches if it and (not chain or _meet(chain[-1], it.begin))][
+                :1
             ]
-            if number:
-                found = [it for it in found if _meet(chain[-1], it.begin)]
-            if not found:
-                break
-            chain.append(found[0])
         if len(chain) == len(roads):
             break
     else:
@@ -117,14 +111,13 @@ def _chain(roads: Sequence[etree._Element], owner: str) -> list[_Stretch]:
             f"The driving lanes of the roads {names} of {owner} must meet, each at the end of the "
             "one before."
         )
+    first_one = chain[0]
     for stretch in chain:
-        if (stretch.lanes, stretch.spans) != (chain[0].lanes, ()) or abs(
-            stretch.width - chain[0].width
-        ) > _SAME:
+        off = abs(stretch.width - first_one.width)
+        if (stretch.lanes, stretch.spans) != (first_one.lanes, ()) or off > _SAME:
             wanted = "of one number and width throughout, where several roads are driven in order"
-            raise must_be(
-                "The driving lanes", owner, wanted, [(it.lanes, it.width) for it in chain]
-            )
+            widths = [(it.lanes, it.width) for it in chain]
+            raise must_be("The driving lanes", owner, wanted, widths)
     return chain
 
 
@@ -158,8 +151,8 @@ def _stretch(road: etree._Element, owner: str, *, against: bool) -> _Stretch:
     return _Stretch(beside(reference, lanes[0], owner), begin.moved(0.0, lanes[0]), *lanes[1:])
 
 
-def _number(element: etree._Element, name: str, owner: str) -> float:
-    text = element.get(name, "nothing")
+def _number(element: etree._Element, name: str, owner: str, default: str = "nothing") -> float:
+    text = element.get(name, default)
     try:
         value = float(text)
     except ValueError:
@@ -167,6 +160,12 @@ def _number(element: etree._Element, name: str, owner: str) -> float:
     if not math.isfinite(value):
         raise must_be(f"`{name}` of <{element.tag}>", owner, "finite", value)
     return value
+
+
+_CURVATURES = {
+    "line": (), "arc": ("curvature", "curvature"), "spiral": ("curvStart", "curvEnd"),
+}  # fmt: skip
+"""Attributes that hold the curvature at the beginning and at the end of a geometry."""
 
 
 def reference_line(road: etree._Element, owner: str) -> tuple[tuple[Piece, ...], Pose]:
@@ -181,18 +180,14 @@ def reference_line(road: etree._Element, owner: str) -> tuple[tuple[Piece, ...],
         shape = geometry[0] if len(geometry) else geometry
         kind = str(shape.tag)
         length = _number(geometry, "length", owner)
-        if kind == "line":
-            ends = 0.0, 0.0
-        elif kind == "arc":
-            ends = (_number(shape, "curvature", owner),) * 2
-        elif kind == "spiral":
-            ends = _number(shape, "curvStart", owner), _number(shape, "curvEnd", owner)
-        elif kind == "paramPoly3":
+        if kind == "paramPoly3":
             pieces += pieces_along(_cubic(shape, length, owner), length, owner)
-            continue
+        elif kind in _CURVATURES:
+            pieces.append(
+                Piece(length, *(_number(shape, name, owner) for name in _CURVATURES[kind]))
+            )
         else:
             raise must_be("A <geometry>", owner, "a line, an arc, a spiral or a paramPoly3", kind)
-        pieces.append(Piece(length, *ends))
     if not pieces:
         raise InputError(f"{capitalised(owner)} has no <geometry>.")
     assert begin is not None
@@ -202,20 +197,14 @@ def reference_line(road: etree._Element, owner: str) -> tuple[tuple[Piece, ...],
 def _cubic(shape: etree._Element, length: float, owner: str) -> Cubic:
     """The curve of a <paramPoly3>, which must begin where and as its geometry says."""
     along, left = (
-        (_number(shape, f"a{axis}", owner), _number(shape, f"b{axis}", owner),
-            _number(shape, f"c{axis}", owner),
-         _number(shape, f"d{axis}", owner)) for axis in "UV"
-    )  # fmt: skip
+        tuple(_number(shape, f"{letter}{axis}", owner) for letter in "abcd") for axis in "UV"
+    )
     kinds = {"arcLength": length, "normalized": 1.0}
     kind = shape.get("pRange", "normalized")
     check_known(f"`pRange` of <paramPoly3> of {owner}:", kinds, kind)
     off, turned = math.hypot(along[0], left[0]), abs(math.atan2(left[1], along[1]))
-    if off > _JOINT or turned > _JOINT:
-        raise must_be(
-            "A <paramPoly3>", owner, f"one that begins at its <geometry>, within {_JOINT:g} m and "
-                                     "rad",
-            f"{off:.3f} m and {turned:.3f} rad off",
-        )  # fmt: skip
+    what = "one that begins at its <geometry>"
+    _check_near("A <paramPoly3>", owner, what, off, turned)
     return Cubic(along, left, kinds[kind])
 
 
@@ -223,16 +212,15 @@ def _check_joint(pieces: list[Piece], begin: Pose, place: Pose, owner: str) -> N
     """Each geometry must begin where the ones before it end."""
     s = length_of(pieces)
     end = begin.along(pieces, s)
-    off, turned = (
-        math.dist(end[:2], place[:2]),
-        abs(math.remainder(end.heading - place.heading, math.tau)),
-    )
-    if off > _JOINT or turned > _JOINT:
-        raise must_be(
-            f"The <geometry> at s = {s:g}", owner, "where the one before it ends, within "
-                                                   f"{_JOINT:g} m and rad",
-            f"{off:.3f} m and {turned:.3f} rad off",
-        )  # fmt: skip
+    turned = abs(math.remainder(end.heading - place.heading, math.tau))
+    off, what = math.dist(end[:2], place[:2]), f"The <geometry> at s = {s:g}"
+    _check_near(what, owner, "where the one before it ends", off, turned)
+
+
+def _check_near(what: str, owner: str, must: str, off: float, turned: float) -> None:
+    if max(off, turned) > _JOINT:
+        got = f"{off:.3f} m and {turned:.3f} rad off"
+        raise must_be(what, owner, f"{must}, within {_JOINT:g} m and rad", got)
 
 
 PROFILES = ("elevationProfile/elevation", "lateralProfile/superelevation")
@@ -252,9 +240,7 @@ def lane_offset(road: etree._Element, owner: str, *, flat: bool = False) -> floa
         entries = list(road.iterfind(name))
         values = {_number(entry, "a", owner) for entry in entries} or {0.0}
         bends = [
-            entry
-            for entry in entries
-            if any(_number(entry, key, owner) != 0.0 for key in "bcd" if key in entry.attrib)
+            entry for entry in entries if any(_number(entry, key, owner, "0") for key in "bcd")
         ]
         level = name != "lateralProfile/superelevation" or values == {0.0}
         if bends or len(values) > 1 or not level:
@@ -388,21 +374,15 @@ def _widths(lane: etree._Element, begin: float, end: float, owner: str) -> _Knot
     entries = lane.findall("width")
     if not entries:
         raise InputError(f"Lane {lane.get('id')} of {owner} must have a <width>.")
-    for number, entry in enumerate(entries):
-        first = begin + (_number(entry, "sOffset", owner) if len(entries) > 1 else 0.0)
-        last = (
-            begin + _number(entries[number + 1], "sOffset", owner)
-            if number + 1 < len(entries)
-            else end
-        )
-        if any(_number(entry, key, owner) != 0.0 for key in "cd" if key in entry.attrib):
+    offsets = [_number(it, "sOffset", owner) if len(entries) > 1 else 0.0 for it in entries]
+    ends = [begin + offset for offset in offsets[1:]]
+    for entry, offset, last in zip(entries, offsets, [*ends, end], strict=True):
+        first = begin + offset
+        if any(_number(entry, key, owner, "0") for key in "cd"):
             raise must_be(
                 f"The width of lane {lane.get('id')}", owner, "constant, or linear", "a polynomial"
             )
-        a, b = (
-            _number(entry, "a", owner),
-            _number(entry, "b", owner) if "b" in entry.attrib else 0.0,
-        )
+        a, b = _number(entry, "a", owner), _number(entry, "b", owner, "0")
         found += [(first, a), (last, a + b * (last - first))]
     return found
 

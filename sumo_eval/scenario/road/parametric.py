@@ -27,8 +27,8 @@ class Cubic:
     `last`.
     """
 
-    along: tuple[float, float, float, float]
-    left: tuple[float, float, float, float]
+    along: tuple[float, ...]
+    left: tuple[float, ...]
     last: float
 
     def at(self, p: FloatArray, order: int = 0) -> tuple[FloatArray, FloatArray]:
@@ -78,27 +78,24 @@ def pieces_along(cubic: Cubic, length: float, owner: str) -> list[Piece]:
         lengths = cubic.lengths(ends)
         own = float(lengths.sum())
         if not abs(own - length) <= _BESIDE:
-            raise must_be(
-                "The length of a <paramPoly3>", owner, f"its curve's, {own:.3f} m", f"{length:g} m"
-            )
-        turned, curvature = np.diff(cubic.heading(ends)), cubic.curvature(ends)
-        missing = turned / lengths - 0.5 * (curvature[:-1] + curvature[1:])
+            what = "The length of a <paramPoly3>"
+            raise must_be(what, owner, f"its curve's, {own:.3f} m", f"{length:g} m")
+        heading, curvature = cubic.heading(ends), cubic.curvature(ends)
+        missing = np.diff(heading) / lengths - 0.5 * (curvature[:-1] + curvature[1:])
         stretch = length / own
+        begins, behind = (curvature[:-1] + missing) / stretch, (curvature[1:] + missing) / stretch
         found = [
-            Piece(float(one) * stretch, float(begin) / stretch, float(end) / stretch)
-            for one, begin, end in zip(
-                lengths, curvature[:-1] + missing, curvature[1:] + missing, strict=True
+            Piece(*numbers)
+            for numbers in zip(
+                *(it.tolist() for it in (lengths * stretch, begins, behind)), strict=True
             )
         ]
         s = np.concatenate([[0.0], np.cumsum(lengths)]) * stretch
         x, y, _ = map_places(tuple(found), s, 0.0)
-        first = float(cubic.heading(np.zeros(1))[0])
-        here_u, here_v = cubic.at(ends)
-        c, n = math.cos(first), math.sin(first)
-        ahead, across = here_u - here_u[0], here_v - here_v[0]
-        if max(
-            np.abs(x - (ahead * c + across * n)).max(), np.abs(y - (across * c - ahead * n)).max()
-        ) <= (NEAR + abs(own - length)):
+        u, v = (along - along[0] for along in cubic.at(ends))
+        c, n = math.cos(heading[0]), math.sin(heading[0])
+        off = np.abs([x - (u * c + v * n), y - (v * c - u * n)]).max()
+        if off <= NEAR + abs(own - length):
             return found
         count *= 2
     raise InputError(
