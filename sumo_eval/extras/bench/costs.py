@@ -220,7 +220,7 @@ def _storing(concretes: Sequence[ConcreteScenario], recordings: Sequence[Recordi
 
 
 def field_and_index(rounds: int) -> list[Row]:
-    """The field's kernel beside numpy's exp, and D of a case beside its 11 simulations in batches."""
+    """The field's kernel beside numpy's exp, D of a case beside its 11 simulations in batches."""
     logical = catalogue.load("front_vehicle_cut_out")
     concrete = logical.concrete(ego_speed=25.0, obstacle_speed=10.0, gap=110.0)
     people = [human_controller(index, 10, 1, concrete) for index in range(10)]

@@ -66,10 +66,9 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
 
 
 def edge(folder: Path, *, width: str) -> Figure:
-    """Boundary that `sumo-eval boundary` wrote into a folder: where the ADS is likelier to collide than not,
-    and every trial.
+    """Boundary of a folder of `sumo-eval boundary`: where an ADS is likelier to collide than not.
 
-    One map for two parameters, one below the other for each value of a third.
+    Every trial is drawn. One map for two parameters, one below the other for each value of a third.
 
     Raises InputError where a file is missing, as in a folder of an older version.
     """
