@@ -65,7 +65,7 @@ def refuse_unless_comparable(found: tuple[Difference, ...]) -> None:
 
 
 def _parts(evaluation: Evaluation) -> list[tuple[bool, dict[str, str]]]:
-    """What two runs may differ in, and whether that decides."""
+    """Parts in which two runs may differ, and whether each decides."""
     manifest, settings = evaluation.manifest, evaluation.settings
     plain = {key: value for key, value in to_plain(settings).items() if key not in HARMLESS}
     plain["scenario"] = {entry["use"]: entry for entry in plain["scenario"]}

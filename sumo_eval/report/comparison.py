@@ -363,7 +363,7 @@ def _partners(
 def _compare_ads(
     base: Evaluation, new: Evaluation, paired: Paired, settings: GateSettings
 ) -> tuple[int, Changes, dict[str, QuantityChange], dict[str, tuple[int, int]]]:
-    """What `AdsComparison` has beside its names."""
+    """The fields of `AdsComparison` behind its names."""
     tables = paired.base, paired.new
     terms = [case_terms(tables[k], run.settings.method) for k, run in enumerate((base, new))]
     then, now = (

@@ -112,15 +112,14 @@ def _incident(scene: CaseDrives, fact: Fact) -> _Said:
     """Contact, departure, or an end that the harness brought, and what the ADS did before."""
     case, hit = scene.case, fact.collision
     if hit is not None:
-        best = (
-            "which the ideal vehicle avoids"
-            if case.avoidable
-            else "a contact that the ideal vehicle has as well"
-        )
-        best = best if case.ideal_severity is not None else "the ideal vehicle's case is not known"
+        best = "a contact that the ideal vehicle has as well"
+        if case.ideal_severity is None:
+            best = "the ideal vehicle's case is not known"
+        elif case.avoidable:
+            best = "which the ideal vehicle avoids"
+        begun = f"{hit.time:z.1f} s after the start"
         yield (
-            f"Hit `{hit.other}` at {3.6 * hit.relative_speed:z.0f} km/h, {hit.time:z.1f} s after "
-            f"the start, {best}.",
+            f"Hit `{hit.other}` at {3.6 * hit.relative_speed:z.0f} km/h, {begun}, {best}.",
             hit.time,
         )
         yield _braking_before(scene.ego, hit.time), hit.time
@@ -149,13 +148,7 @@ def task_words(scene: CaseDrives, logical: LogicalScenario) -> _Said:
     share = scene.case.task_share
     begin = logical.placed(scene.case.values).ego.x
     asked = asked_way(begin, list(scene.beside.values()))
-    if (
-        share is None
-        or share >= LOW
-        or scene.case.incident
-        or asked is None
-        or not len(asked.places)
-    ):
+    if share is None or share >= LOW or scene.case.incident or not asked or not len(asked.places):
         return
     own = times_at(scene.ego, asked.places)
     who = _people(scene, "reference car")
@@ -170,11 +163,8 @@ def task_words(scene: CaseDrives, logical: LogicalScenario) -> _Said:
             last,
         )
         return
-    late = (
-        f"{own[-1]:z.1f} s for {whole:z.0f} m; the slowest of {who} needed "
-        f"{asked.slowest[-1]:z.1f} s"
-    )
-    yield f"Needed {late}.", float(own[int(np.argmax(own - asked.slowest))])
+    late = f"Needed {own[-1]:z.1f} s for {whole:z.0f} m; the slowest of {who} needed"
+    yield f"{late} {asked.slowest[-1]:z.1f} s.", float(own[int(np.argmax(own - asked.slowest))])
 
 
 def _people(scene: CaseDrives, car: str) -> str:
@@ -194,14 +184,12 @@ def likeness_words(scene: CaseDrives, people: Quantiles) -> _Said:
         elif name == "similarity" and len(scene.drivers) > 1:
             yield _unlike(scene)
         elif name == "operations":
-            yield (
-                "Worked wheel and pedals more often than the drivers did.",
-                float(scene.ego.time[-1] - scene.ego.time[0]),
-            )
+            words = "Worked wheel and pedals more often than the drivers did."
+            yield words, scene.ego.duration
         elif name == "length":
             gone, theirs = _way(scene.ego), float(np.mean([_way(one) for one in scene.drivers]))
-            end = float(scene.ego.time[-1] - scene.ego.time[0])
-            yield f"Drove {gone:z.0f} m, the drivers {theirs:z.0f} m in the mean.", end
+            words = f"Drove {gone:z.0f} m, the drivers {theirs:z.0f} m in the mean."
+            yield words, scene.ego.duration
 
 
 def _extreme(scene: CaseDrives, people: Quantiles) -> tuple[str, float]:
@@ -212,20 +200,15 @@ def _extreme(scene: CaseDrives, people: Quantiles) -> tuple[str, float]:
     name, share = least_plausible(extremes, people)
     words, value, half = EXTREME_WORDS[name]
     when = max(0.0, _reached(scene, name, extremes[name]) - half)
-    most = (
-        f"{percent(float(f'{share:z.1g}'))} of people do"
-        if share > 0.0
-        else "none of the recorded people does"
-    )
+    most = "none of the recorded people does"
+    if share > 0.0:
+        most = f"{percent(float(f'{share:z.1g}'))} of people do"
     usual = people.values[name][-1]
-    beside = (
-        f"half of them stay {'below' if usual < extremes[name] else 'above'} {value.format(usual)}"
-    )
+    side = "below" if usual < extremes[name] else "above"
     done = words.format(value.format(extremes[name])).capitalize()
-    return (
-        f"{done}{_event(scene, when)}; {most}, {beside} ({people.people} people, {people.source}).",
-        when,
-    )
+    source = f"({people.people} people, {people.source})"
+    beside = f"half of them stay {side} {value.format(usual)} {source}"
+    return f"{done}{_event(scene, when)}; {most}, {beside}.", when
 
 
 def _reached(scene: CaseDrives, name: str, value: float) -> float:

@@ -122,26 +122,24 @@ def _claims(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult) -> 
     cases = evaluation.cases_of(score.ads, score.scenario)
     about = f"{score.ads} in {score.scenario}"
     yield _complete(about, score, cases)
-    made = [
-        _collisions(evaluation, about, score, cases),
-        _preventable(evaluation, about, score, cases),
-        _avoided(about, score, cases),
-    ]
-    if score.scenario in evaluation.checks:
-        made.append(_checked(evaluation, about, score))
     assumptions = tuple(_assumptions(evaluation, score, zone))
-    yield from (replace(claim, assumptions=assumptions) for claim in made)
+    for make in (_collisions, _preventable, _avoided, _checked):
+        if make is not _checked or score.scenario in evaluation.checks:
+            yield replace(make(evaluation, about, score, cases), assumptions=assumptions)
 
 
-def _claim(score: ScenarioResult, kind: str, **parts: Any) -> Claim:
+def _claim(
+    score: ScenarioResult, kind: str, against: CaseTable | None = None, **parts: Any
+) -> Claim:
+    """A claim.
+
+    against: cases that speak against it.
+    """
+    named = () if against is None else tuple(case.case for case in against[:MOST_CASES])
     return Claim(
-        id=f"{score.scenario}/{score.ads}/{kind}", ads=score.ads, scenario=score.scenario, **parts
-    )
-
-
-def _names(cases: CaseTable) -> tuple[str, ...]:
-    """The first of some cases, by their keys."""
-    return tuple(case.case for case in cases[:MOST_CASES])
+        f"{score.scenario}/{score.ads}/{kind}", score.ads, score.scenario,
+        **{"cases": named} | parts,
+    )  # fmt: skip
 
 
 def _complete(about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
@@ -154,7 +152,7 @@ def _complete(about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
                  "an outcome is named.",
         evidence=(f"{len(cases) - len(missing)} of {count(len(cases), 'case')} have an outcome "
                   "that counts.",),
-        cases=_names(missing),
+        against=missing,
     )  # fmt: skip
 
 
@@ -170,7 +168,7 @@ def _collisions(
         return _claim(
             score, "collisions", claim=f"The collision share of {about} is known.", verdict="open",
             argument="An interval needs two evaluated cases with exposure.",
-            evidence=(f"{count(len(judged), 'case')} evaluated.",), cases=_names(hit),
+            evidence=(f"{count(len(judged), 'case')} evaluated.",), against=hit,
         )  # fmt: skip
     loss = np.nan_to_num(judged.loss)
     found = risk(exposure, loss, evaluation.settings.seed, (score.scenario, score.ads))
@@ -190,7 +188,7 @@ def _collisions(
             f"As informative as {found.effective_cases:z.1f} equally frequent cases.",
         ),
         interval={"estimate": it.value, "low": it.low, "high": it.high, "level": it.level},
-        cases=_names(hit),
+        against=hit,
     )  # fmt: skip
 
 
@@ -223,11 +221,11 @@ def _preventable(
             f"{row.off_road} left the road, {row.gave_up} given up, {row.not_evaluated} not "
             f"evaluated, of {count(row.cases, 'case')}.",
         ),
-        cases=_names(against),
+        against=against,
     )  # fmt: skip
 
 
-def _avoided(about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
+def _avoided(evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
     """The avoided share A is above the lower end of its interval."""
     ends = score.avoided_share_interval
     # what was never seen takes something off wherever there is any harm
@@ -260,18 +258,17 @@ def _avoided(about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
         ),
         interval={"estimate": score.avoided_share, "low": ends[0], "high": ends[1],
                   "level": LEVEL},
-        cases=_names(against),
+        against=against,
     )  # fmt: skip
 
 
-def _checked(evaluation: Evaluation, about: str, score: ScenarioResult) -> Claim:
-    failed: list[str] = []
-    number = passed = 0
-    for one in checked_cases(evaluation, (score,)):
-        number, passed = number + 1, passed + (one.verdict == PASSED)
-        if one.verdict == FAILED and len(failed) < MOST_CASES:
-            failed.append(one.case)
-    verdict: Support = "not supported" if failed else "supported" if passed == number else "open"
+def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
+    verdicts_of = [one.verdict for one in checked_cases(evaluation, (score,))]
+    failed = cases[np.flatnonzero([one == FAILED for one in verdicts_of])]
+    number, passed = len(verdicts_of), verdicts_of.count(PASSED)
+    verdict: Support = (
+        "not supported" if len(failed) else "supported" if passed == number else "open"
+    )
     checks = evaluation.checks[score.scenario]
     return _claim(
         score, "checks",
@@ -283,7 +280,7 @@ def _checked(evaluation: Evaluation, about: str, score: ScenarioResult) -> Claim
             f"{passed} of {count(number, 'case')} pass all.",
             *(f"{name}: {text}" for name, text in checks.items()),
         ),
-        cases=tuple(failed),
+        against=failed,
     )  # fmt: skip
 
 

@@ -120,12 +120,10 @@ def _collision(
         yield "Eqs. 14-17: no contact, so this case has no part in C"
         return
     own, other = hit.ego_velocity, hit.other_velocity
-    used = max(hit.overlap, SMALLEST_OVERLAP)
-    floor = (
-        f" (recorded {hit.overlap:z.3f}, at least {SMALLEST_OVERLAP:g})"
-        if used != hit.overlap
-        else ""
-    )
+    used, floor = hit.overlap, ""
+    if used < SMALLEST_OVERLAP:
+        used = SMALLEST_OVERLAP
+        floor = f" (recorded {hit.overlap:z.3f}, at least {used:g})"
     yield (
         f"Eq. 15: U = |({own[0]:z.3f}, {own[1]:z.3f}) - ({other[0]:z.3f}, {other[1]:z.3f})| / w = "
         f"{hit.relative_speed:z.3f} / {used:z.3f}{floor} = {number(case.severity, 3)} m/s, with "
@@ -140,17 +138,11 @@ def _collision(
         )
         return
     loss = found.settings.method.collision.loss
-    ratio = ratio_of(case, loss) or 0.0
+    ratio, ideal = ratio_of(case, loss), case.ideal_severity
     what = "Ug/U" if loss == "severity" else "Lg/L"
-    best = (
-        f"hits with Ug = {case.ideal_severity:z.3f} m/s"
-        if case.ideal_severity
-        else "avoids, Ug = 0"
-    )
-    yield (
-        f"Eq. 17: the ideal vehicle {best}: {what} = {ratio:z.4f}"
-        + (", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else "")
-    )
+    best = f"hits with Ug = {ideal:z.3f} m/s" if ideal else "avoids, Ug = 0"
+    capped = ", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else ""
+    yield f"Eq. 17: the ideal vehicle {best}: {what} = {ratio:z.4f}{capped}"
     yield from _weight(case, zones)
     counted = found.cases.collided & np.isfinite(found.cases.ideal_severity)
     weights, share = _share(case, found.cases, counted, found.cases.weight)
@@ -167,11 +159,10 @@ def _weight(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
     if zones.zones == 0:
         yield "Eq. 16: r = 1, there is no hazardous zone"
         return
-    row = zones.logical.row(case.values)
+    logical = zones.logical
+    row = logical.row(case.values)
     star = zones.most_dangerous[int(zones.nearest_zone(row))]
-    away = float(
-        np.linalg.norm(zones.logical.to_unit(row) - zones.logical.to_unit(zones.logical.row(star)))
-    )
+    away = float(np.linalg.norm(logical.to_unit(row) - logical.to_unit(logical.row(star))))
     weight = case.weight or 0.0
     exit_at = f", zone's boundary at {away / weight:z.4f}" if weight > 0.0 else ""
     yield (
@@ -259,16 +250,12 @@ def _factors(index: AnthropomorphicIndex) -> Iterator[str]:
 
 def _avoided(case: CaseResult, found: Findings) -> Iterator[str]:
     """Loss of the case in A = 1 - sum(w max(0, U - Ug)) / sum(w max(0, U0 - Ug))."""
-    unknown = [
-        words
-        for words, known in (
-            ("the case", case.evaluated or case.gave_up),
-            ("the ideal vehicle's", case.ideal_severity is not None),
-            ("that of `no_reaction`", case.no_reaction_severity is not None),
-        )
-        if not known
-    ]
-    score = found.score
+    known = {
+        "the case": case.evaluated or case.gave_up,
+        "the ideal vehicle's": case.ideal_severity is not None,
+        "that of `no_reaction`": case.no_reaction_severity is not None,
+    }
+    unknown, score = [words for words, it in known.items() if not it], found.score
     if unknown or score.avoided_share is None:
         yield (
             f"A: this case has no part in it; {' and '.join(unknown) or 'it'} could not be "
@@ -361,16 +348,13 @@ def _share(
 
     counted: those, (n,).
     """
-    place = int(np.flatnonzero(cases.case[counted] == case.case)[0])
     known = np.nan_to_num(weights[counted])
-    return known.tolist(), float(mean_shares(known)[place])
+    here = cases.case[counted] == case.case
+    return known.tolist(), float(mean_shares(known)[here][0])
 
 
 def _measures(case: CaseResult) -> Iterator[str]:
-    known = [
-        f"{words} {getattr(case, name):z.3g} {unit}"
-        for name, words, unit in MEASURES
-        if getattr(case, name) is not None
-    ]
+    values = [(getattr(case, name), words, unit) for name, words, unit in MEASURES]
+    known = [f"{words} {it:z.3g} {unit}" for it, words, unit in values if it is not None]
     if known:
         yield "measures: " + "; ".join(known)

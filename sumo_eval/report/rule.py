@@ -266,7 +266,8 @@ def tally(
     floor: of the tolerance.
     near: a value that is missing counts as one at the zone's limit.
     """
-    worse, better, cases, kept = [], 0, 0, 1.0
+    worse, kept = [], 1.0
+    better = cases = 0
     for one in compared:
         before, after, there = values_of(one.changed.paired, measure, fill=near)
         by = worsening(before, after, measure)

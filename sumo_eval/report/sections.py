@@ -135,11 +135,8 @@ def _standing(name: str, value: QuantityChange) -> str:
 def _outcome(case: CaseResult) -> str:
     if case.severity is not None:
         return f"U {number(case.severity, 1)} m/s"
-    likeness = [
-        f"{name} {number(value, 3)}"
-        for name, value in (("H_i", case.human_likeness), ("D_i", case.index))
-        if value is not None
-    ]
+    values = ("H_i", case.human_likeness), ("D_i", case.index)
+    likeness = [f"{name} {number(value, 3)}" for name, value in values if value is not None]
     return ", ".join([case.status, *likeness])
 
 
