@@ -122,7 +122,7 @@ def test_every_scenario_is_described_on_one_family_page() -> None:
 def test_a_scenario_has_its_picture_parameters_options_and_source(name: str) -> None:
     text = hooks().reference.with_scenarios(f"# Page\n\n## {name}\n")
     assert f"](../pictures/moving/{name}.svg)" in text
-    logical = load(name)
+    logical = find(name, ROOT)
     for parameter in logical.names:
         assert f"| `{parameter}` | " in text, parameter
     assert all(
