@@ -42,7 +42,7 @@ from sumo_eval.cosim.records import (
 from sumo_eval.cosim.step_rules import begin_rows, map_rows, move_rows, see_rows, tell_others_rows
 from sumo_eval.cosim.vehicle_model import count_clip
 from sumo_eval.kernels import bound
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, departures
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Way, departures
 from sumo_eval.scenario.played import (
     BEGUN,
     DEEPEST,
@@ -427,14 +427,16 @@ def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: i
     egos["heading"] = [concrete.ego.heading for concrete in cases]
     egos["way"]["start"], egos["way"]["length"] = egos["y"], 1.0
     for i, concrete in enumerate(cases):
-        if (way := concrete.ego.way) is not None:
-            speed = concrete.ego.speed
-            egos["way"][i] = (
-                concrete.ego.y, way.offset, way.begin, way.length(speed), way.by, 1, int(way.ends)
-            )  # fmt: skip
+        if concrete.ego.way is not None:
+            write_way(egos[i], concrete.ego.way, concrete.ego.y, concrete.ego.speed)
     if placed == MODEL:
         _put_in_curve(egos, cases[0].road, vehicle)
     return egos
+
+
+def write_way(ego: Any, way: Way, y: float, speed: float) -> None:
+    """Write the lane change that an ego has to make which starts at y, m, with a speed, m/s."""
+    ego["way"] = (y, way.offset, way.begin, way.length(speed), way.by, 1, int(way.ends))
 
 
 def _put_in_curve(egos: Records, road: Road, vehicle: VehicleSettings) -> None:
