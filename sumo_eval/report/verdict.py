@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from sumo_eval.report.comparison import Comparison
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.confidence.assessment import Confidence
+
+if TYPE_CHECKING:
+    # scipy, which a look at a report does without
+    from sumo_eval.scoring.confidence.assessment import Confidence
 
 Word = Literal["first", "same", "no_limit_failed", "worse", "incomplete"]
 

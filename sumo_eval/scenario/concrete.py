@@ -499,9 +499,9 @@ class ConcreteScenario:
         """The settings with which this case is simulated: the given ones, with its changes, ego and
         time limit.
         """
-        return _changed(
-            settings, self.changes, self.ego_body, self.time_limit, self.standstill_time
-        )
+        # the tables of an FMU have no hash
+        made = _changed.__wrapped__ if settings.plant else _changed
+        return made(settings, self.changes, self.ego_body, self.time_limit, self.standstill_time)
 
 
 @functools.lru_cache(maxsize=64)  # made and checked once for all cases of a scenario

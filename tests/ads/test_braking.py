@@ -116,8 +116,7 @@ def test_a_demand_that_jumps_within_a_step_counts_from_there(step, jumps_at):
         time = count * step
         told = follow_demand(
             brakes, lambda now, after: 4.0 if now + after < jumps_at else 6.0, time, time,
-            Brakes(0.1, 7.0, 12.0),
-            VEHICLE, step,
+            Brakes(0.1, 7.0, 12.0), SimpleNamespace(vehicle=VEHICLE, step=step),
         )  # fmt: skip
         acceleration, speed, _ = drive(speed, acceleration, -told, VEHICLE, step)
     expected = 4.0 * 0.9 - 16.0 / 24.0 + 2.0 * (1.0 - jumps_at) - 4.0 / 24.0

@@ -1,6 +1,7 @@
 """The reference drivers of UN R157: formulas by hand, and each in a plain case through SUMO."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -178,9 +179,8 @@ def told(brakes, demand, time, reaction):
     """What brakes that rise at 20 m/s3 to 6 m/s2 are told in a step of 0.1 s while `demand` m/s2 is
     demanded."""
     human = Brakes(reaction, 6.0, 20.0)
-    return follow_demand(
-        brakes, lambda scene, after: demand, None, time, human, VehicleSettings(), 0.1
-    )
+    cycle = SimpleNamespace(vehicle=VehicleSettings(), step=0.1)
+    return follow_demand(brakes, lambda scene, after: demand, None, time, human, cycle)
 
 
 def test_safety_braking_begins_and_rises_within_its_step():

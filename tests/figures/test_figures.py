@@ -137,7 +137,7 @@ def test_a_history_of_nights_is_drawn(done: Evaluation, tmp_path: Path) -> None:
         ("field", {"ads": "idn"}, "Unknown ADS `idn`.*Did you mean `idm`"),
         ("points", {"scenario": "cut"}, "Unknown scenario `cut`"),
         ("points", {"width": "wide"}, "Unknown width `wide`"),
-        ("opinion", {}, "Nobody's opinion is in"),
+        ("opinion", {}, "must hold ratings, got none"),
         ("trend", {}, "There is no history in"),
         ("trend", {"case": "x"}, "takes no `case`, got 'x'"),
         ("opinion", {"ads": "idm"}, "takes no `ads`, got 'idm'"),
