@@ -178,7 +178,7 @@ class Compiled:
         return Command(float(command["acceleration"]), float(command["steering"]))
 
     def _in_frame(self, bodies: Any) -> Any:
-        """Bodies with places and headings along and across the road; SUMO shows those on the map."""
+        """Bodies along and across the road, from those that SUMO shows on the map."""
         if not self._line:
             return bodies
         if self._along is None:
