@@ -1,4 +1,4 @@
-"""Whoever needs the simulation to itself: TraCI code, step listeners, programs, FMUs, SUMO's own
+"""ADSs that need a simulation of their own: TraCI code, step listeners, programs, FMUs, SUMO's own
 models. One case.
 
 Such an ADS may command SUMO itself, a step, several or always; then SUMO moves the ego, and the
@@ -247,7 +247,7 @@ class _Hook:
         self.ads.close()
 
     def _called(self, when: str, time: float, call: Callable[..., Any], *arguments: Any) -> Any:
-        """What the user's code answers; None after a refused call, which the check of the clock
+        """Answer of the user's code; None after a refused call, which the check of the clock
         reports.
 
         when: "" in a step.
@@ -329,14 +329,14 @@ class _Hook:
         return self._act(TRACI, EGO, time)
 
     def _held(self, time: float) -> Command | None:
-        """What holds between two calls."""
+        """Command between two calls."""
         if not self._wheel.holds:
             return None
         command = self._obeyed(HOLD, time)
         return self._actuation.pass_on(command, time, 0.0)
 
     def _obeyed(self, answer: object, time: float) -> Command:
-        """What the vehicle is commanded."""
+        """Command to the vehicle."""
         try:
             if type(answer) is Command:  # nearly every answer of nearly every ADS
                 return self._wheel.command(answer, self._state, time)

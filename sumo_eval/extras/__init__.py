@@ -1,3 +1,3 @@
-"""What the six steps of the paper and the three main uses do not need; the core never imports
+"""Rooms that the six steps of the paper and the three main uses do not need; the core never imports
 it.
 """

@@ -78,7 +78,7 @@ class Panel:
 
 
 def on_page(panels: Sequence[Panel], columns: int, height: int) -> go.Figure:
-    """The panels as a figure of plotly, `columns` beside each other.
+    """The panels as a figure of plotly, `columns` in a row.
 
     height: of all, px.
     """
@@ -171,7 +171,7 @@ def edge_of(ax: Axes, values: tuple[Any, Any, Any], level: float, colour: str, l
 
 
 def beside(figure: Figure) -> int:
-    """How many entries of a legend fit beside each other."""
+    """How many entries of a legend fit in a row."""
     return 2 if figure.get_figwidth() < 5.0 else 4
 
 

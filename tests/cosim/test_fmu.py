@@ -97,7 +97,7 @@ def test_that_sumo_moves_an_ego_that_has_a_vehicle_model_of_its_own_is_on_record
     [
         ("fmu:nowhere.fmu", "There is no FMU"),
         ("fmu:acc_fmu.py", "cannot be read"),
-        ("fmu:Acc.fmu", "Input `v` of FMU `Acc.fmu` is no signal; `inputs` must map it."),
+        ("fmu:Acc.fmu", "Input `v` of FMU `Acc.fmu` is not a signal; `inputs` must map it."),
         (
             f"{MAPPED}&inputs.gapp=lead_gap",
             "`gapp` of FMU `Acc.fmu` in `inputs`. Did you mean `gap`?",

@@ -68,7 +68,7 @@ _HINTS = {
     "vehicles come "
     "and go, see traci.vehicle.getIDList()",
 }
-"""What to do about an error of TraCI's, by its words."""
+"""Advice on an error of TraCI, by its words."""
 _WALL_CLOCK = ("late_command",)  # clips that differ from run to run by their nature
 
 
@@ -152,9 +152,7 @@ def _projected(
     step_timeout: float,
     case_timeout: float,
 ) -> list[Finding]:
-    """What a run would lose to its two limits on wall time, by the time that the drives took
-    here.
-    """
+    """Losses of a run to its two limits on wall time, by the time that the drives took here."""
     count = len(recordings)
     late = sum(recording.end_reason == "ads_timeout" for recording in recordings)
     if late:
@@ -229,7 +227,7 @@ def _ends(cases: Sequence[ConcreteScenario], recordings: Sequence[Recording]) ->
 def _fault(case: ConcreteScenario, recording: Recording, count: int, cases: int) -> Finding:
     """One cause.
 
-    count: how many of the cases it ended; the first of them is told.
+    count: how many of the cases it ended; the first of them is reported.
     """
     where = f"{case.scenario} ({case.label})"
     if count > 1:
@@ -304,7 +302,7 @@ def _planned(recordings: Sequence[Recording]) -> list[Finding]:
 
 
 def _counted(findings: Sequence[Finding]) -> list[Finding]:
-    """What holds case by case, and the first of what does not, with how many there are."""
+    """Findings that hold case by case, and the first of those that do not, with their number."""
     wrong = [finding for finding in findings if finding.kind == "FAIL"]
     count = f"{len(wrong)} of {len(findings)} cases, e.g. " if len(wrong) > 1 else ""
     first = [replace(finding, text=count + finding.text) for finding in wrong[:1]]

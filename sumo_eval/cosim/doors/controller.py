@@ -35,8 +35,8 @@ from sumo_eval.settings.locators import load_object
 
 @dataclass(frozen=True, slots=True)
 class Briefing:
-    """What a controller is told before a case: the road, its own vehicle, the step, s, and the wall
-    time of one, s.
+    """Facts that a controller receives before a case: the road, its own vehicle, the step, s, and
+    the wall time of one, s.
 
     period: s from one call to the next.
     desired_speed: the speed that the ego wants, m/s: the one that it starts with.
@@ -166,8 +166,8 @@ def takes_arrays(policy: Any) -> bool:
 
 
 def as_command(action: Any) -> Wanted:
-    """What an action asks for: a Command, pedals or a Plan as it is; else an acceleration in m/s2,
-    or a pair with the steering wheel angle in rad.
+    """Request of an action: a Command, pedals or a Plan as it is; else an acceleration in m/s2, or
+    a pair with the steering wheel angle in rad.
     """
     if type(action) is float:
         return Command(action)
@@ -215,7 +215,7 @@ SUMO_ATTRIBUTES = (
 )  # fmt: skip
 """Attributes of a vType that describe how it follows; the body is the vehicle settings'."""
 PARAMETER = "carFollowModel."
-"""What a parameter of the model begins with that it is told at the start: Plexe's
+"""Beginning of a parameter that a model receives at the start: Plexe's
 `carFollowModel.ccac=1`."""
 
 
@@ -284,7 +284,7 @@ DOORS = {
     "given": "sumo_eval.cosim.doors.given:load_given",
     "onnx": "sumo_eval.cosim.doors.onnx:from_locator",
 }
-"""What makes a controller of the rest of a locator and the folder where its paths start, by the
+"""Maker of a controller from the rest of a locator and the folder where its paths start, by the
 locator's scheme.
 
 Texts, because these modules build on this one, and because an evaluation loads only those that it
@@ -316,7 +316,7 @@ def load_controller(controller: ControllerLike, folder: Path | None = None) -> A
 
     Paths are relative to `folder`.
 
-    Raises InputError with one sentence when it cannot be found or is no controller.
+    Raises InputError when it cannot be found or is not a controller.
     """
     with seen_as_traci():
         if isinstance(controller, str):
@@ -327,7 +327,7 @@ def load_controller(controller: ControllerLike, folder: Path | None = None) -> A
 
 
 def find_controller(locator: str, folder: Path | None = None) -> Any:
-    """What a locator names, not yet made into a controller: a class stays a class."""
+    """Target of a locator, not yet made into a controller: a class stays a class."""
     locator, entry = split_entry(locator)
     scheme, colon, rest = locator.partition(":")
     if entry.period and (scheme in _IN_THEIR_OWN_TIME or locator in SHIPPED):
@@ -401,8 +401,8 @@ def _adapter(name: str, agent: str) -> str:
 
 
 def knows_the_scripts(driver: Any) -> bool:
-    """Whether it is the ideal vehicle of Eq. 17 itself, which alone is told what the others will
-    do: no ADS ever is, nor a subclass.
+    """Whether it is the ideal vehicle of Eq. 17 itself, which alone knows what other vehicles
+    will do: no ADS does, nor a subclass.
     """
     return type(driver) is _ideal_vehicle()
 
@@ -451,7 +451,7 @@ def _named_type(target: Any) -> NativeModel | None:
     for name in attributes:
         if name.startswith(PARAMETER):
             raise InputError(
-                f"`{name}` is no attribute of {owner}: set it with traci.vehicle.setParameter."
+                f"`{name}` is not an attribute of {owner}: set it with traci.vehicle.setParameter."
             )
     _check_attributes(attributes, owner)
     return NativeModel(model, attributes)
@@ -527,9 +527,7 @@ def adapter_for(found: Any) -> str:
 
 
 def _foreign(found: Any, described: str) -> str | None:
-    """Why the ADS of another tool is refused, in a sentence that names its adapter; None: it is
-    none.
-    """
+    """Why the ADS of another tool is refused, with the name of its adapter; None: it is not one."""
     kind = found if inspect.isclass(found) else type(found)
     smarts = any(base.__module__.partition(".")[0] == "smarts" for base in kind.__mro__)
     own = ("act", "step")

@@ -1,8 +1,8 @@
-"""What stands beside a controller in an `[[ads]]` entry: how often it is asked, and what its
-constructor is given.
+"""The rest of an `[[ads]]` entry: how often a controller is asked, and what its constructor is
+given.
 
 In one text with the locator: `my_ads.py:Planner?period=0.2&options.gain=2`. Loading that a class
-asks for once a process happens here too, and its time is told apart from driving.
+asks for once a process happens here too, and its time is counted apart from driving.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def made_absolute(locator: str, folder: Path) -> str:
 
 
 def _value(text: str) -> Any:
-    """What a text in a locator means: JSON, and anything else itself."""
+    """Value of a text in a locator: JSON, and anything else itself."""
     try:
         return json.loads(text)
     except ValueError:
@@ -131,7 +131,7 @@ def check_options(kind: Any, options: Mapping[str, Any], described: str) -> None
 def steps_between(period: float, step: float, owner: str) -> int:
     """Steps from one call to the next.
 
-    Raises InputError for a period that is no multiple of the step.
+    Raises InputError for a period that is not a multiple of the step.
     """
     ratio = period / step
     if period and (round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6):

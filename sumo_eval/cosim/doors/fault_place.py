@@ -20,13 +20,13 @@ _INSTALLED = tuple(
 
 
 def fault_place(error: BaseException | None, driver: Any, folder: Path | None) -> str:
-    """`my_ads.py:42 in act`: file, line and function of the user's code that an exception came
-    through last.
+    """`my_ads.py:42 in act`: file, line and function of the user's code that an exception passed
+    last.
 
     That is the innermost frame in the file of the user's object `driver`, else the innermost in a
     file that is neither this package's nor an installed library's, else the innermost outside this
     package, else nothing. The frames are the exception's own, or those of the one that it was
-    raised from. Paths within `folder` are relative to it. Of an exception that came through none,
+    raised from. Paths within `folder` are relative to it. Of an exception that passed none,
     because what the user's code returned is refused, it is where that function is.
     """
     seen: set[int] = set()
@@ -56,7 +56,7 @@ def _asked_at(driver: Any, folder: Path | None) -> str:
 
 
 def _frames(error: BaseException) -> Iterator[tuple[Any, int]]:
-    """Code and line of every frame that an exception came through, the outermost first."""
+    """Code and line of every frame that an exception passed, the outermost first."""
     at = error.__traceback__
     while at is not None:
         frame: FrameType = at.tb_frame

@@ -47,7 +47,7 @@ from sumo_eval.input_file import input_file
 from sumo_eval.settings import FmuSettings
 
 SIGNALS = signal_names()
-"""What an ADS's inputs can be given; where no vehicle is its gap is 1000 m."""
+"""Signals for inputs of an ADS; where no vehicle is, its gap is 1000 m."""
 
 _SPEED_TOLERANCE = 0.01  # m/s, what a vehicle model may be off the speed of the start
 _NUMBERS = ("Real", "Float32", "Float64")
@@ -69,13 +69,12 @@ OBJECTS = (
     "objects_present",
     *(f"objects_{name}" for name in SeenVehicle._fields if name != "number"),
 )
-"""What inputs that are arrays can be given: a value of each vehicle that is seen, the nearest
-first."""
+"""Signals for inputs that are arrays: a value of each vehicle that is seen, the nearest first."""
 PLAN = ("plan_time", "plan_x", "plan_y", "plan_heading", "plan_speed")
 """Outputs of an FMU that plans: arrays, or in FMI 2.0 scalars `NAME[1]`, `NAME[2]`, ...; the last
 two may miss."""
 _OF_A_PLAN = ("plan_count", "plan_number")
-"""Outputs that it may have beside them: how many of the places are used, and a number that says
+"""Outputs that it may also have: how many of the places are used, and a number that says
 which plan it is."""
 
 Wired = tuple[Any, str | float]
@@ -146,7 +145,7 @@ class _Fmu:
                     wired.append((self._variable(name, "inputs"), name))
                 elif rest is None:
                     raise InputError(
-                        f"Input `{name}` of FMU `{self.path.name}` is no signal; `inputs` must "
+                        f"Input `{name}` of FMU `{self.path.name}` is not a signal; `inputs` must "
                         "map it. A number is a "
                         f"constant, `{AS_IT_STARTS}` its start value (`inputs.*={AS_IT_STARTS}`: "
                         "of all that are left)."
@@ -391,7 +390,7 @@ def _count(variable: Any) -> int | None:
 
 
 def _objects(seen: Observation) -> dict[str, list[float]]:
-    """Values of each vehicle that is seen, the nearest first, and behind them those of nobody."""
+    """Values of each vehicle that is seen, the nearest first, then those of an empty place."""
     found: dict[str, list[float]] = {}
     for name in OBJECTS:
         field_name = name.removeprefix("objects_")
@@ -408,7 +407,7 @@ def _objects(seen: Observation) -> dict[str, list[float]]:
 
 @dataclass(slots=True)
 class FmuController(ObservingController):
-    """An FMU at the wheel."""
+    """An FMU as the ADS."""
 
     path: Path
     wiring: FmuSettings
@@ -469,7 +468,7 @@ class FmuController(ObservingController):
         return Command.pedals(**answer) if "throttle" in answer else Command(**answer)
 
     def _planned(self, answer: Mapping[str, float]) -> Any:
-        """The plan that the outputs hold; it goes on while its number stays.
+        """The plan that the outputs hold; it continues while its number stays.
 
         Without a number each one is new.
         """

@@ -38,7 +38,7 @@ _ANSWERS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
     "brake": (("throttle", "brake", "steer"), Command.pedals),
     "plan": (("plan",), lambda plan: _plan(plan)),
 }
-"""What an answer may be, by the name that it must have: all its names, and what it is made into."""
+"""Kinds of answers, by the name that each must have: all its names, and what it is made into."""
 _OF_A_PLAN = ("time", "x", "y", "heading", "speed")
 
 
@@ -146,7 +146,7 @@ class JsonLinesProgram(ObservingController):
 
 
 def _asked(answer: dict[str, Any]) -> Any:
-    """What the ADS's answer asks for."""
+    """Request of the ADS's answer."""
     kind = next((name for name in _ANSWERS if name in answer), "acceleration")
     names, make = _ANSWERS[kind]
     _refuse_other_names(answer, names, "answer")

@@ -42,7 +42,7 @@ def kept_state(ads: Any) -> dict[str, object]:
 def reached_modules(ads: Any) -> list[ModuleType]:
     """The module of an ADS and those that it uses, by way of others too.
 
-    Installed packages are left out, but for the ADS's own.
+    Installed packages are left out, except the ADS's own.
     """
     own = ads.__module__.partition(".")[0]
     reached, waiting = dict[str, ModuleType](), [ads]
@@ -117,7 +117,7 @@ def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> objec
 
 
 def _stream(value: Any) -> object:
-    """What an array holds, or where a generator, an iterator or a cache is; None: neither."""
+    """Content of an array, or place of a generator, an iterator or a cache; None: neither."""
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
     if isinstance(value, random.Random):
@@ -132,7 +132,7 @@ def _stream(value: Any) -> object:
 
 
 def _parts(value: Any) -> tuple[Any, ...]:
-    """What of an object, a class or a function can change; nothing of what is not the ADS's."""
+    """Parts of an object, class or function that can change; none of what is not the ADS's."""
     kind = value if isinstance(value, type | FunctionType) else type(value)
     root = (kind.__module__ or "").partition(".")[0]
     if root in _NOT_ITS_OWN or root in sys.stdlib_module_names:

@@ -1,5 +1,5 @@
-"""What an ADS sees that does not ask TraCI: the ego, the other vehicles relative to it, lanes and
-road edges.
+"""Observation of an ADS that does not ask TraCI: the ego, the other vehicles relative to it, lanes
+and road edges.
 
 Road coordinates: x along the road, y to the left, y = 0 on the centre line of the right-hand lane.
 `Senses` keeps what `ConditionSettings` put between the world and the ADS: delay, range, field of
@@ -30,11 +30,11 @@ _tuple = tuple.__new__  # a NamedTuple's own constructor takes twice as long
 NO_LEAD_GAP = 1000.0  # m, what `signals` give as gap where no vehicle is ahead
 _COVERED = 0.8  # share of a vehicle's width behind a nearer one from which it is hidden
 KINDS = {kind: number for number, kind in enumerate(BODIES)}
-"""Numbers of the kinds of bodies, where only numbers can be shown; -1 is nobody's."""
+"""Numbers of the kinds of bodies, where only numbers can be shown; -1: no vehicle."""
 
 
 class Task(NamedTuple):
-    """What the ego is to do: the speed that it wants, m/s, at which it starts; where its road ends,
+    """Task of the ego: the speed that it wants, m/s, at which it starts; where its road ends,
     x, y m; from which x on and by which it has to change to the goal's lane, m, None where it may
     stay.
     """
@@ -48,7 +48,7 @@ _NO_TASK = Task(math.nan, (math.nan, math.nan))
 
 
 def kinds_of(concrete: ConcreteScenario) -> dict[str, str]:
-    """What the others of a concrete scenario are, by name (`scenario.bodies`)."""
+    """Kinds of the other vehicles of a concrete scenario, by name (`scenario.bodies`)."""
     return {actor.name: actor.body for actor in concrete.actors}
 
 
@@ -206,7 +206,7 @@ class Observation:
 
     @_Worked
     def lead(self) -> SeenVehicle | None:
-        """The nearest vehicle ahead that reaches into the strip of road that the ego's body sweeps
+        """The nearest vehicle in front that reaches into the strip that the ego's body sweeps
         straight ahead.
         """
         me, others = self._look
@@ -247,8 +247,8 @@ class Observation:
 
     @property
     def desired_speed(self) -> float:
-        """The speed that the ego wants, m/s: the one that it starts with; nan where nobody has
-        said.
+        """The speed that the ego wants, m/s: the one that it starts with; nan where it is not
+        known.
         """
         return self._task.desired_speed
 
@@ -260,7 +260,7 @@ class Observation:
     @property
     def goal(self) -> tuple[float, float]:
         """The end of the road in the lane that the ego started in or has to change to, x, y m; nan
-        where nobody has said.
+        where it is not known.
         """
         return self._task.goal
 
@@ -278,7 +278,7 @@ class Observation:
 
     @_Worked
     def second_lead(self) -> SeenVehicle | None:
-        """The nearest vehicle ahead of the lead that reaches into the strip that the ego's body
+        """The nearest vehicle in front of the lead that reaches into the strip that the ego's body
         sweeps.
         """
         first = None if self.lead is None else self.lead.number
@@ -287,7 +287,7 @@ class Observation:
 
     @property
     def left_edge(self) -> float:
-        """From the ego's centre to the left edge of the road beside it, m."""
+        """From the ego's centre to the left edge of the road there, m."""
         edge = (
             float(self.road.left_edge_at(self._ego[0])) if self.road.spans else self.road.left_edge
         )
@@ -295,7 +295,7 @@ class Observation:
 
     @property
     def right_edge(self) -> float:
-        """From the ego's centre to the right edge of the road beside it, m."""
+        """From the ego's centre to the right edge of the road there, m."""
         edge = (
             float(self.road.right_edge_at(self._ego[0]))
             if self.road.spans
@@ -401,7 +401,7 @@ class Observations:
 
     @cached_property
     def kinds(self) -> NDArray[np.intp]:
-        """What the vehicles are, by their numbers in `KINDS`, (n, m): 0 is a car."""
+        """Kinds of the vehicles, by their numbers in `KINDS`, (n, m): 0 is a car."""
         shown = [
             [KINDS[actor.body] for actor in self._cases[number].actors]
             for number in self.number.tolist()
@@ -442,7 +442,7 @@ class Observations:
 
     @cached_property
     def lead(self) -> SimpleNamespace:
-        """The nearest vehicle ahead in the ego's strip of road: present, gap (inf without one),
+        """The nearest vehicle in front in the ego's strip of road: present, gap (inf without one),
         relative_speed (0), speed (the ego's), offset (0).
         """
         it = self.vehicles
@@ -500,8 +500,8 @@ class Observations:
 
 
 class Look(NamedTuple):
-    """The ego and the numbered others as they were perceived at one instant, in the numbers of a
-    `Body`; behind those of the others stands their acceleration, m/s2.
+    """The ego and the numbered other vehicles as perceived at one instant, in the numbers of a
+    `Body`; behind those of other vehicles stands their acceleration, m/s2.
     """
 
     me: Sequence[float]
@@ -513,7 +513,7 @@ class Senses:
 
     `stream` names the random numbers: the same name, the same misses and noise.
 
-    kinds: what the others are, by name; who is not in it is a car.
+    kinds: of the other vehicles, by name; a car where none is named.
     """
 
     def __init__(
@@ -617,8 +617,8 @@ class Senses:
 
 
 def _hidden(ego: Body, name: str, others: Mapping[str, Body]) -> bool:
-    """Whether one nearer vehicle ahead covers more than 80 % of the width; lines of sight run along
-    the road.
+    """Whether one nearer vehicle in front covers more than 80 % of the width; lines of sight run
+    along the road.
     """
     other = others[name]
     left, right = other.y + other.width / 2.0, other.y - other.width / 2.0
@@ -670,7 +670,7 @@ def _seen(
 
 
 def _place_signals(place: str, it: SeenVehicle | None, me: SeenEgo) -> dict[str, float]:
-    """What `signals` tell of a vehicle in one place, or of nobody there."""
+    """Values of `signals` of a vehicle in one place, or of an empty place."""
     if it is None:
         values = (0.0, NO_LEAD_GAP, me.speed, 0.0, 0.0, me.x, me.y, me.heading, 0.0, 0.0, 0.0, -1.0)
     else:

@@ -1,7 +1,7 @@
 """`onnx:policy.onnx`: a learned policy as the ADS; what it is shown and what its answer means
 stands in `policy.toml`.
 
-The table beside the model is `cosim.doors.features`'; another one is named by
+The table beside the model is `cosim.doors.features`'; a different one is named by
 `onnx:policy.onnx?features=table.toml`, an output other than the first by `output=NAME`. Needs the
 extra `onnx`.
 

@@ -1,12 +1,12 @@
-"""The `traci` that an ADS sees: the running libsumo, with every call that belongs to somebody else
+"""The `traci` that an ADS sees: the running libsumo, with every call that is not the ADS's own
 guarded.
 
 `import traci` in an ADS's code gives this module while the code is loaded and while it drives
 (`seen_as_traci`). Reading is libsumo's own function, untouched. A call that writes goes through a
 thin wrapper: the ego may be written to; other vehicles, the road and SUMO's clock are the
 harness's. What happens then is `ConditionSettings.interference`: the call is refused and the case
-ends, or it is put on record (and stepping, starting and closing are left out). A number that nobody
-can mean (see `traci_numbers`) is refused in either case.
+ends, or it is put on record (and stepping, starting and closing are left out). A meaningless number
+(see `traci_numbers`) is refused in either case.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _RUNNING = ("close", "start", "load", "loadState", "init", "switchConnection", "
 
 
 class RefusedCallError(ControllerError):
-    """The ADS called what belongs to the harness, or with a number that nobody can mean."""
+    """The ADS called what belongs to the harness, or with a meaningless number."""
 
 
 class Names(dict[str, str]):
@@ -89,7 +89,7 @@ class Names(dict[str, str]):
 
 
 class Guard:
-    """What the guarded module keeps during a case."""
+    """State of the guarded module during a case."""
 
     def __init__(self) -> None:
         self.begin((), 0.0, "refuse")
@@ -167,7 +167,7 @@ class Guard:
     def check(
         self, domain: str, call: str, name: object, args: Sequence[Any], kwargs: Mapping[str, Any]
     ) -> None:
-        """No number that an ADS writes may be one that SUMO takes and nobody can mean."""
+        """No number that an ADS writes may be a meaningless one that SUMO takes."""
         found = breach(domain, call, name, args, kwargs)
         if found is not None:
             self.refuse(

@@ -1,8 +1,7 @@
-"""What an ADS may write through TraCI: numbers that are finite, lanes that are there, times that
-somebody can mean.
+"""Values that an ADS may write through TraCI: finite numbers, existing lanes, possible times.
 
-SUMO takes `setMaxSpeed(nan)`, `changeLane(10**6)` and `slowDown(v, -3)` without a word, and what it
-makes of them is nobody's intention. `ARGUMENTS` names the arguments of every call that writes to a
+SUMO takes `setMaxSpeed(nan)`, `changeLane(10**6)` and `slowDown(v, -3)` silently, and what it
+makes of them is not intended. `ARGUMENTS` names the arguments of every call that writes to a
 vehicle or a vehicle type; a test holds it against libsumo, so that a call that a newer libsumo has
 is noticed.
 """
@@ -73,7 +72,7 @@ ARGUMENTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     domain: {call: tuple(names.split()) for call, names in calls.items()}
     for domain, calls in (("vehicle", _VEHICLE), ("vehicletype", _TYPE))
 }
-"""By domain and call: the arguments after the name of whom it is written to, in their order."""
+"""By domain and call: the arguments after the name of its vehicle, in their order."""
 
 MOTION = frozenset(
     {"setSpeed", "slowDown", "setAcceleration", "setPreviousSpeed", "changeLane",
@@ -83,7 +82,7 @@ MOTION = frozenset(
 """Calls that move a vehicle: for an ego that has a `Command` for the same step they do nothing."""
 
 HEEDED_BY = {
-    "nothing": "no case has a lateral resolution, and none draws speeds anew",
+    "nothing": "no case has a lateral resolution, and none draws speeds again",
     "model": "only SUMO's own model heeds it, which never drove the ego: setSpeed(ego, -1) hands "
     "it over",
     "traffic": "only vehicles that SUMO drives heed it, and there are none",
@@ -145,7 +144,7 @@ class Breach(NamedTuple):
 def breach(
     domain: str, call: str, name: object, args: Sequence[object], kwargs: Mapping[str, object]
 ) -> Breach | None:
-    """What of a call that writes to `name` no ADS can mean; None: nothing."""
+    """The meaningless part of a call that writes to `name`; None: there is none."""
     names = ARGUMENTS.get(domain, {}).get(call, ())
     given = {
         names[place] if place < len(names) else f"argument {place + 2}": each

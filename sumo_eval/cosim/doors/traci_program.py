@@ -57,13 +57,13 @@ _SETTINGS = {
         ("width", "WIDTH"),
     )
 }  # fmt: skip
-"""Settings of the ego that SUMO takes in silence when they are no number, and shows: TraCI's
+"""Settings of the ego that SUMO takes in silence when they are not a number, and shows: TraCI's
 numbers of them."""
 
 
 @dataclass(slots=True)
 class TraciProgram(Adapter):
-    """A program that is a TraCI client of its own; nobody calls it, it acts while SUMO waits for
+    """A program that is a TraCI client of its own; it is not called, it acts while SUMO waits for
     it.
 
     options: of its entry; `vehicle_type`, the ego's vType as a table, is all that there is.
@@ -143,7 +143,7 @@ class ServedSimulation:
         self._check_settings()
 
     def _check_settings(self) -> None:
-        """What the program writes goes past the harness, which sees what has become of the ego's
+        """The program writes past the harness, which sees what has become of the ego's
         settings.
         """
         shown = self.vehicle.getSubscriptionResults(EGO)  # has come with the answer to the step
@@ -239,7 +239,7 @@ def served(
 
 
 def _variables(port: int) -> dict[str, str]:
-    """What the program's environment says: the port, and where Python finds the `traci` that
+    """Environment of the program: the port, and where Python finds the `traci` that
     connects to it.
     """
     path = os.pathsep.join([str(_STAND_IN), *filter(None, [os.environ.get("PYTHONPATH", "")])])

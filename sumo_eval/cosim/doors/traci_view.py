@@ -147,7 +147,7 @@ def _leaving(guard: Guard) -> Any:
 
 
 def _seen(guard: Guard, domain: Any, call: str) -> Any:
-    """What stands where a domain has a call that reads."""
+    """Stand-in of a call that reads, in a domain."""
     kind = domain.__name__
     if kind == "vehicle" and call == "getIDList":
         return _listing(guard, domain.getIDList)

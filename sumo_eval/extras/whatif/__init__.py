@@ -1,1 +1,1 @@
-"""What would have had to be different in a case."""
+"""Least changes of a case that change its outcome."""

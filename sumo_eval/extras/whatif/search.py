@@ -1,7 +1,7 @@
 """The least change of each lever that changes the outcome of a recorded case.
 
 Two rounds: at least 32 values along each lever, then every step between the neighbours of the
-nearest change on either side. Both ends of every change are driven again.
+nearest change on either side. Both ends of every change are rerun.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Flip:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What one lever does to a case.
+    """Effect of one lever on a case.
 
     flips: changes of outcome, the nearest to the recorded value first; the nearest on each side is
         located to a step, further ones to a value of the first round.
@@ -54,7 +54,7 @@ class Answer:
 
 
 class WhatIf:
-    """Recorded cases of a run, driven again with one lever moved."""
+    """Recorded cases of a run, rerun with one lever moved."""
 
     def __init__(self, run: Path) -> None:
         self._run = resolved_run(run)
@@ -77,7 +77,7 @@ class WhatIf:
         return found
 
     def answers(self, fact: Fact, name: str | None = None, *, fine: bool = True) -> list[Answer]:
-        """What each lever does, the least change first.
+        """Effects of all levers, the least change first.
 
         fine: locate the nearest changes to a step.
         Raises InputError for a case that does not repeat.

@@ -1,4 +1,4 @@
-"""What `import libsumo` gives in a program of `traci:`: traci, as a library in the program's
+"""Result of `import libsumo` in a program of `traci:`: traci, as a library in the program's
 process could not share the case's simulation.
 """
 

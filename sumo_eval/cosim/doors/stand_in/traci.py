@@ -1,4 +1,4 @@
-"""What `import traci` gives in a program of `traci:`: the library itself, whose `start` and `init`
+"""Result of `import traci` in a program of `traci:`: the library itself, whose `start` and `init`
 connect to the case.
 
 This folder stands first on the program's path. The library is found behind it, wherever the program
