@@ -139,7 +139,7 @@ def test_an_ego_of_traci_calls_that_sumo_has_lost_beside_the_road_ended_off_the_
     assert (found.end_reason, found.error) == ("off_road", None)
 
 
-def test_an_ego_that_is_discarded_with_its_front_bumper_beside_the_lanes_ended_off_the_road():
+def test_an_ego_discarded_beside_the_lanes_ended_off_the_road():
     def drive(traci, ego, time):
         return Command(0.0, -8.0) if traci.vehicle.getPosition(ego)[1] > -2.7 else None
 

@@ -167,7 +167,7 @@ def test_on_a_curve_a_lane_change_reaches_the_goal_in_the_frame(
 
 
 @pytest.mark.parametrize("radius", [250.0, -250.0])
-def test_a_road_crosses_a_curve_on_the_straight_line_through_its_centre(radius: float) -> None:
+def test_a_road_crosses_a_curve_straight_through_its_centre(radius: float) -> None:
     """At x = 300 m of an arc from the beginning on, the bend's centre is (0, R) and everything at
     that x on one line through it. Who drives along the crossing at 10 m/s covers that of it on the
     map, SUMO shows him there (or the case would be a `sim_error`), and an ego that does nothing is

@@ -89,7 +89,7 @@ def test_how_long_the_ego_had_been_in_the_lane_in_which_it_is_struck() -> None:
 
 
 @pytest.mark.parametrize("radius", [1e6, 250.0])
-def test_law_on_a_curve_vehicles_react_and_wait_as_on_a_straight_road(radius: float) -> None:
+def test_law_on_a_curve_vehicles_react_as_on_a_straight_road(radius: float) -> None:
     content = {
         "name": "t",
         "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],

@@ -90,7 +90,7 @@ def test_the_ads_is_compared_with_those_who_did_as_it_did_times_how_usual_that_i
     assert (chosen((0,), manoeuvres).usual, chosen((0, 1), manoeuvres).usual) == (2 / 6, 1.0)
 
 
-def test_a_manoeuvre_that_no_driver_made_scores_zero_and_reports_it():
+def test_a_manoeuvre_that_no_driver_made_scores_zero_with_a_note():
     found = anthropomorphic_index(drive(), OVERTAKERS, ROAD, MIXTURE)
     assert found.value == 0.0
     assert IndexNote("manoeuvre_made_by_nobody", manoeuvre=(0,)) in found.notes

@@ -253,7 +253,7 @@ def test_one_who_follows_late_must_do_nothing_after_it_and_departed_needs_a_reco
         scenario_from(content, "t", Path())
 
 
-def test_law_others_are_handed_over_on_a_curve_as_on_a_straight_road(scene: Path) -> None:
+def test_law_others_are_handed_over_on_a_curve_as_on_a_straight(scene: Path) -> None:
     """The recorded ego brakes with 3 m/s2 from 12 s on, the ADS does not: 2 m apart after sqrt(4 /
     3) = 1.155 s."""
     content = tomllib.loads(scene.read_text())
