@@ -666,10 +666,8 @@ def test_speed_and_distance_are_kept_while_the_ego_brakes(
     assert other.x[at] - drive.ego.x[at] == pytest.approx(far, abs=0.05)
     if "Constraints" in action:
         rates = np.diff(other.speed) / np.diff(other.time)
-        assert (rates.min(), rates.max()) == (
-            pytest.approx(-6.0, abs=0.01),
-            pytest.approx(0.0, abs=3.01),
-        )
+        assert rates.min() == pytest.approx(-6.0, abs=0.01)
+        assert rates.max() <= 3.01
 
 
 def test_an_edge_needs_the_opposite_before(tmp_path: Path) -> None:
