@@ -109,6 +109,7 @@ def test_what_was_planted_lies_in_the_intervals_in_93_of_100_repetitions(tmp_pat
     assert {name: count for name, count in held.items() if count < 93} == {}
 
 
+@pytest.mark.campaign
 def test_intervals_of_a_class_hold_its_rate_all_its_ends_and_all_its_correlations_at_once_in_95_of_100():
     """1,000 samples of 48 events on average, drawn as `planted` draws them."""
     stream = np.random.default_rng(5)
@@ -217,6 +218,7 @@ def test_rank_correlation_of_a_monotone_function_is_one():
     assert high <= 1.0
 
 
+@pytest.mark.campaign
 def test_one_sample_in_twenty_is_further_from_its_own_distribution_than_chance_says():
     shares = np.random.default_rng(1).uniform(size=(2000, 60))
     beyond = np.mean([kolmogorov(values) > kolmogorov_by_chance(60) for values in shares])

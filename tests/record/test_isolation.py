@@ -172,9 +172,8 @@ def test_two_adss_that_import_a_helper_of_one_name_drive_with_their_own(tmp_path
     cases = two_planners(tmp_path)
     alone = {key: row for case in cases for key, row in bytes_of([case], tmp_path, 1).items()}
     assert len({repr(row) for row in alone.values()}) == len(cases), "four different drives"
-    for workers in (1, 2, 8):
-        assert bytes_of(cases, tmp_path, workers) == alone
-        assert bytes_of(cases[::-1], tmp_path, workers) == alone
+    for workers, order in ((1, -1), (2, 1), (8, -1)):
+        assert bytes_of(cases[::order], tmp_path, workers) == alone
 
 
 def test_a_child_does_not_get_the_helper_of_an_earlier_ads(tmp_path: Path) -> None:

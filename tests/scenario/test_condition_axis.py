@@ -51,7 +51,7 @@ seed = 3
 use = "cut_in_perceived.toml"
 [scenario.sampling]
 method = "latin_hypercube"
-count = 24
+count = 8
 [[ads]]
 name = "keeps"
 controller = "keeps.py:Keeps"

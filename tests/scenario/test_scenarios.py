@@ -537,8 +537,7 @@ def test_law_braking_never_reverses_and_the_distance_is_the_integral_of_the_spee
 ):
     brake = brake_to_stop(begin, strength, jerk)
     times = np.linspace(0.0, brake.begin + motion.time_to_stand(brake, speed) + 1.0, 20_001)
-    v = np.array([motion.braked(brake, speed, time)[1] for time in times.tolist()])
-    x = np.array([motion.braked(brake, speed, time)[0] for time in times.tolist()])
+    x, v = np.array([motion.braked(brake, speed, time)[:2] for time in times.tolist()]).T
     assert np.all(v >= 0.0)
     assert np.all(np.diff(v) <= 1e-12)
     integral = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(times))])

@@ -3,20 +3,31 @@ that has it."""
 
 from __future__ import annotations
 
+import io
 import os
 import subprocess
-import sys
+from contextlib import redirect_stdout
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
+from loaded import load
 
 ROOT = Path(__file__).parents[2]
-SCRIPT = ROOT / "tools" / "house_check.py"
+HOUSE_CHECK = load("tools/house_check.py")
 
 
-def check(root: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(SCRIPT), "--root", str(root), *options]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+class Done(NamedTuple):
+    """Exit status and output of a check."""
+
+    returncode: int
+    stdout: str
+
+
+def check(root: Path, *options: str) -> Done:
+    with redirect_stdout(io.StringIO()) as output:
+        status = HOUSE_CHECK.main(["--root", str(root), *options])
+    return Done(status, output.getvalue())
 
 
 @pytest.fixture
