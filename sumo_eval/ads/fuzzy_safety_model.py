@@ -129,8 +129,8 @@ def fuzzy_demand(scene: Any, after: float) -> float:
 
     scene: as `brake` makes it.
     """
-    own, known, others, scenario = scene
-    foresee_all(own, known, others, after, scenario.step)
+    own, known, others = scene[:3]
+    foresee_all(own, known, others, after, scene[3].step)
     me, demanded = own.then, 0.0
     for j in range(len(others)):
         other = others[j]

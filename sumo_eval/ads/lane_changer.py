@@ -47,7 +47,8 @@ def wanted_at(scene: Any, after: float) -> float:
 
     scene: as the rule makes it.
     """
-    me, own, known, later, way, scenario = scene
+    me, own, known = scene[:3]
+    later, way, scenario = scene[3:]
     _foresee_ego(own.then, me, own.pedals.level, after)
     for j in range(len(later)):
         foresee(later[j], known[j].sighting, after, scenario.step)
@@ -107,7 +108,7 @@ def _decide(scene: Any) -> float:
     The wanted acceleration counts as in the middle of the parts of the cycle before and after the
     instant at which it jumps or the lane change begins; that begins at that instant.
     """
-    me, memory, _, _, _, scenario = scene
+    me, memory, scenario = scene[0], scene[1], scene[5]
     step, vehicle = scenario.step, scenario.vehicle
     turn = _turn_in(scene, step)
     gained, lasts = 0.0, step

@@ -85,7 +85,8 @@ def reg157_demand(scene: Any, after: float) -> float:
 
     scene: as `brake` makes it.
     """
-    own, known, others, scenario = scene
+    own, known, others = scene[:3]
+    scenario = scene[3]
     foresee_all(own, known, others, after, scenario.step)
     for j in range(len(others)):
         if is_in_sight(own.then, others, j, SHOWING) and demands_braking(

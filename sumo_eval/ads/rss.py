@@ -67,8 +67,8 @@ def rss_demand(scene: Any, after: float) -> float:
 
     scene: as `brake` makes it.
     """
-    own, known, others, scenario = scene
-    foresee_all(own, known, others, after, scenario.step)
+    own, known, others = scene[:3]
+    foresee_all(own, known, others, after, scene[3].step)
     me = own.then
     for j in range(len(others)):
         other = others[j]

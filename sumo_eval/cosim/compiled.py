@@ -187,7 +187,8 @@ class Compiled:
             x, y, heading = frame_places(
                 self._line, body["x"], body["y"], body["heading"], near=near
             )
-            body["x"], body["y"], body["heading"], self._along[i] = x, y, heading, float(x)
+            body["x"], body["y"], body["heading"] = x, y, heading
+            self._along[i] = float(x)
         return bodies
 
     def settled(self) -> bool:

@@ -76,21 +76,26 @@ def widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
     ca, sa = math.cos(a.heading), math.sin(a.heading)
     cb, sb = math.cos(b.heading), math.sin(b.heading)
     cos_between, sin_between = abs(ca * cb + sa * sb), abs(ca * sb - sa * cb)
-    la, wa, lb, wb = 0.5 * a.length, 0.5 * a.width, 0.5 * b.length, 0.5 * b.width
+    la, wa = 0.5 * a.length, 0.5 * a.width
+    lb, wb = 0.5 * b.length, 0.5 * b.width
     along_a, across_a = dx * ca + dy * sa, dy * ca - dx * sa
     along_b, across_b = dx * cb + dy * sb, dy * cb - dx * sb
     reach_b, span_b = lb * cos_between + wb * sin_between, lb * sin_between + wb * cos_between
     reach_a, span_a = la * cos_between + wa * sin_between, la * sin_between + wa * cos_between
-    gap, offset, x, y = abs(along_a) - la - reach_b, along_a, ca, sa
+    gap, offset = abs(along_a) - la - reach_b, along_a
+    x, y = ca, sa
     other = abs(across_a) - wa - span_b
     if other > gap:
-        gap, offset, x, y = other, across_a, -sa, ca
+        gap, offset = other, across_a
+        x, y = -sa, ca
     other = abs(along_b) - lb - reach_a
     if other > gap:
-        gap, offset, x, y = other, along_b, cb, sb
+        gap, offset = other, along_b
+        x, y = cb, sb
     other = abs(across_b) - wb - span_a
     if other > gap:
-        gap, offset, x, y = other, across_b, -sb, cb
+        gap, offset = other, across_b
+        x, y = -sb, cb
     return (gap, x, y) if offset >= 0.0 else (gap, -x, -y)
 
 

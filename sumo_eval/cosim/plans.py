@@ -154,9 +154,11 @@ class Wheel:
         acceleration = dv_plan/dt + k_v (v_plan - v) + k_s s, s: how far the ego is behind the plan,
         m.
         """
-        x, y, heading, speed = ego[:4]
+        x, y, heading = ego[:3]
         law, limits = self._law, self._vehicle
-        there_x, there_y, direction, planned = track.at(time)
+        plan = track.at(time)
+        there_x, there_y, direction = plan[:3]
+        speed, planned = ego[3], plan[3]
         if time > track.end + 1e-9:
             self._note("plan_ended", track.end, time)
         ahead, left = there_x - x, there_y - y
@@ -233,11 +235,11 @@ class _Track:
             i += 1
         self._now = max(i - 1, 0)
         share = (time - times[i]) / (times[i + 1] - times[i])
-        x, y, psi, v = (
-            values[i] + share * (values[i + 1] - values[i])
-            for values in (self._x, self._y, self._heading, self._speed)
-        )
-        return x, y, psi, v
+
+        def within(values: Sequence[float]) -> float:
+            return values[i] + share * (values[i + 1] - values[i])
+
+        return within(self._x), within(self._y), within(self._heading), within(self._speed)
 
     def beside(self, x: float, y: float) -> tuple[float, float] | None:
         """Direction of the front axle's path beside a place, rad, and how far it is to the left of

@@ -51,8 +51,9 @@ def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
         leans out of it there by atan(rear * curvature), which takes no more of the road from others
         than on a straight.
     """
-    _, _, _, curvature = line_at(line, body.x)
-    inner, speed, length, width = 1.0 - curvature * body.y, body.speed, body.length, body.width
+    curvature = line_at(line, body.x)[3]
+    inner, speed = 1.0 - curvature * body.y, body.speed
+    length, width = body.length, body.width
     heading = 0.0 if abs(body.heading) < ALONG else within_a_turn(body.heading)
     mover.x, mover.y, mover.heading = body.x, body.y, heading
     mover.speed, mover.braking = speed, 0.0
@@ -71,10 +72,10 @@ def put_on_map(body: Any, line: Any) -> float:
     """Put a vehicle of which the frame is known on the map, with its front bumper; the share of a
     metre along the line that it drives there for each metre of the line.
     """
-    at = body.map
-    at.x, at.y, at.heading, curvature = to_map(line, body.x, body.y, body.heading)
+    at, place = body.map, to_map(line, body.x, body.y, body.heading)
+    at.x, at.y, at.heading = place[:3]
     _put_front(body)
-    return float(1.0 - curvature * body.y)
+    return float(1.0 - place[3] * body.y)
 
 
 @kernel
@@ -104,9 +105,8 @@ def _tell(tell: Any, told: int, number: int, body: Any, line: Any, along: float)
 
     along: dx/dt, m/s.
     """
-    s, d, _, _ = to_frame(
-        line, body.front_x, body.front_y, body.map.heading, body.x + 0.5 * body.length
-    )
+    near = body.x + 0.5 * body.length
+    s, d = to_frame(line, body.front_x, body.front_y, body.map.heading, near)[:2]
     angle = STRAIGHT - body.map.heading * DEGREES
     values = float(number), body.front_x, body.front_y, angle, body.speed, s, d, along
     for k, value in enumerate(values):
@@ -218,20 +218,20 @@ def move_rows(
                 move(ego, ego.map, wanted, steering, limits, step, clips[i])
         elif ego.placed == PLANT:
             ahead, at = ego.next, ego.map
-            at.x, at.y, at.heading, ego.speed = ahead.x, ahead.y, ahead.heading, ahead.speed
-            ego.acceleration, ego.steering = ahead.acceleration, ahead.steering
+            at.x, at.y, at.heading = ahead.x, ahead.y, ahead.heading
+            ego.speed, ego.acceleration = ahead.speed, ahead.acceleration
+            ego.steering = ahead.steering
         if ego.placed != SUMO:
             near = before.x + before.speed * step
-            ego.x, ego.y, ego.heading, curvature = to_frame(
-                line, ego.map.x, ego.map.y, ego.map.heading, near
-            )
+            place = to_frame(line, ego.map.x, ego.map.y, ego.map.heading, near)
+            ego.x, ego.y, ego.heading = place[:3]
             _put_front(ego)
             turned = ego.heading != 0.0 or before.heading != 0.0
             if len(line) or turned or ego.speed != before.speed:
                 ego.stale = 1
             if closely and ego.stale:
                 ego.stale = 0
-                along = ego.speed * math.cos(ego.heading) / (1.0 - curvature * ego.y)
+                along = ego.speed * math.cos(ego.heading) / (1.0 - place[3] * ego.y)
                 told = _tell(tell, told, i * (1 + len(others[i])), ego, line, along)
         for j in range(len(others[i])):
             other = others[i][j]
@@ -246,7 +246,7 @@ def _stand(other: Any, shown: FloatArray, line: Any) -> None:
     half, at, angle = 0.5 * other.length, other.map, shown[2]
     at.heading = within_a_turn((STRAIGHT - angle) / DEGREES) if angle != STRAIGHT else 0.0
     at.x, at.y = shown[0] - half * math.cos(at.heading), shown[1] - half * math.sin(at.heading)
-    other.x, other.y, other.heading, _ = to_frame(line, at.x, at.y, at.heading, other.x)
+    other.x, other.y, other.heading = to_frame(line, at.x, at.y, at.heading, other.x)[:3]
     other.speed = shown[3]
 
 
@@ -382,7 +382,8 @@ def tell_others_rows(
     closely: 0: nothing, 1: all, 2: all that SUMO cannot move by itself. Returns how many rows
         there are then.
     """
-    egos, others, plays, acts = cast.egos, cast.others, cast.plays, cast.acts
+    egos, others = cast.egos, cast.others
+    plays, acts = cast.plays, cast.acts
     for i in range(len(egos)):
         if egos[i].live == 0 or egos[i].reason != 0:
             continue

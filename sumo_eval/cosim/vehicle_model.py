@@ -234,7 +234,8 @@ def move_dynamic(
     method in ten parts of the step; speed and distance along the path are the exact ones of
     `drive`.
     """
-    speed, wheel, slip, yaw_rate = ego.speed, ego.steering, ego.slip, ego.yaw_rate
+    speed, wheel = ego.speed, ego.steering
+    slip, yaw_rate = ego.slip, ego.yaw_rate
     end = _limit_steering(
         ego, steering, math.radians(limits.max_steering_wheel_angle_deg), limits, step, clips
     )
@@ -364,7 +365,8 @@ def drive(
     """(acceleration, speed) at the end of the step and the distance driven in it, exactly; no
     vehicle reverses.
     """
-    distance, left, a, v = 0.0, step, acceleration, speed
+    distance, left = 0.0, step
+    a, v = acceleration, speed
     while left > 0.0:
         goal, jerk = _ramp(a, target, limits)
         duration = left if jerk == 0.0 else (goal - a) / jerk

@@ -289,8 +289,8 @@ class World:
         self._sampled += 1
         if self._sampled + 2 > self._room:
             self._room *= 2
-            rows, vehicles, before, channels = self.samples.shape
-            grown = np.zeros((rows, vehicles, self._room, channels))
+            rows, vehicles, before = self.samples.shape[:3]
+            grown = np.zeros((rows, vehicles, self._room, self.samples.shape[3]))
             grown[:, :, :before] = self.samples
             self.samples = grown
 

@@ -56,7 +56,7 @@ class PrivateServer:
             word = b""
             handles: list[int] = []
             if isolated and sys.platform == "linux":
-                word, handles, _, _ = socket.recv_fds(ours, len(_WORD), CLIENTS)
+                word, handles = socket.recv_fds(ours, len(_WORD), CLIENTS)[:2]
         self.isolated = word == _WORD and len(handles) == CLIENTS
         self.sockets = [socket.socket(fileno=handle) for handle in handles] or [
             socket.socket() for _ in range(CLIENTS)

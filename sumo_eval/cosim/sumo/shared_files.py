@@ -99,7 +99,8 @@ def shared_network_xml(cases: Sequence[ConcreteScenario], *, asked: bool = False
 
     asked: ADSs ask SUMO, which has all lanes then.
     """
-    road, edges, lanes, tail = plain(cases[0].road), [], [], ""
+    road, tail = plain(cases[0].road), ""
+    edges, lanes = [], []
     for case, concrete in enumerate(cases):
         name = edge_name(case, len(cases), asked=asked)
         head, edge, tail = _parts(road, not asked and fits_one_lane(concrete))
