@@ -47,7 +47,7 @@ needs_catalogues = pytest.mark.skipif(
     not NCAP.is_dir(), reason="the catalogues of OpenSCENARIO are not here"
 )
 
-ROAD = """<OpenDRIVE><road id="0" length="1000" junction="-1"><planView>
+ROAD = """<OpenDRIVE><header><geoReference>+proj=tmerc +lat_0=48 +lon_0=11</geoReference></header><road id="0" length="1000" junction="-1"><planView>
 <geometry s="0" x="5" y="7" hdg="0.5" length="1000"><line/></geometry></planView><lanes><laneSection s="0">
 <left><lane id="1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></left>
 <right><lane id="-1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></right>
@@ -608,6 +608,58 @@ def test_a_place_in_a_driving_lane_is_that_lane(tmp_path: Path, place: str) -> N
     assert (case.ego.x, case.ego.y) == pytest.approx((was.ego.x, was.ego.y))
     assert case.actors[0].start.x == pytest.approx(was.actors[0].start.x)
     assert case.road.lanes == was.road.lanes
+
+
+def along(begin: int, end: int, place: str) -> str:
+    """A place on a route along the left lane."""
+    stops = "".join(
+        f'<Waypoint><Position><LanePosition roadId="0" laneId="1" s="{s}"/></Position></Waypoint>'
+        for s in (begin, end)
+    )
+    return (
+        '<RoutePosition><Orientation type="relative" h="{h}"/>'
+        f'<RouteRef><Route name="r">{stops}</Route></RouteRef>'
+        f"<InRoutePosition>{place}</InRoutePosition></RoutePosition>"
+    ).format(h=math.pi * (end < begin))
+
+
+@pytest.mark.parametrize("place", [
+    '<RoadPosition roadId="0" s="70" t="2"/>',
+    '<RelativeRoadPosition entityRef="Ego" ds="50" dt="3.75"/>',
+    '<RelativeObjectPosition entityRef="Ego" dx="50" dy="3.75"/>',
+    '<WorldPosition x="65.47192825" y="42.31495283" h="0.5"/>',
+    '<RelativeWorldPosition entityRef="Ego" dx="42.08128239" dy="27.26220908"/>',
+    '<GeoPosition latitudeDeg="48.000380559907626" longitudeDeg="11.000877348068041">'
+    '<Orientation h="0.5"/></GeoPosition>',
+    along(0, 900, '<FromLaneCoordinates pathS="70" laneId="1" laneOffset="0.25"/>'),
+    along(900, 0, '<FromRoadCoordinates pathS="830" t="-2"/>'),
+])  # fmt: skip
+@pytest.mark.parametrize("shape", ["<line/>", '<arc curvature="0.000001"/>'])
+def test_every_kind_of_position_is_one_place(tmp_path: Path, place: str, shape: str) -> None:
+    """The numbers of the map are worked out from (5, 7), 0.5 rad and, on the earth, 48 N, 11 E."""
+    path = changed(tmp_path, (OTHER_PLACE, place))
+    (tmp_path / "road.xodr").write_text(ROAD.replace("<line/>", shape), encoding="utf-8")
+    (other,) = find(str(path)).concrete(only=0.0).actors
+    assert (other.start.x, other.start.y) == pytest.approx((71.5, 3.75), abs=0.01)
+    assert other.heading == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_distance_is_reached_once_within_limits(tmp_path: Path) -> None:
+    """Bodies of 4 and 6 m are 30 m apart at one speed; 3 s later the other brakes."""
+    reach = """<LongitudinalAction><LongitudinalDistanceAction entityRef="Ego" distance="30"
+    freespace="true" continuous="false"><DynamicConstraints maxAcceleration="3" maxDeceleration="6"
+    maxSpeed="40"/></LongitudinalDistanceAction></LongitudinalAction>"""
+    ended = """<StoryboardElementStateCondition storyboardElementType="action"
+    storyboardElementRef="act1" state="endTransition"/>"""
+    events = TIMED.format(n=1, action=reach, delay=0, when=AT.format(1))
+    events += TIMED.format(n=2, action=BRAKE, delay=3, when=ended)
+    path = changed(tmp_path, ('ds="50" offset="0.25"', 'ds="50" offset="3"'), events=events)
+    drive = simulate(find(str(path)).concrete(only=0.0), "no_reaction")
+    other, ego = drive.actors["Other"], drive.ego
+    brakes = int(np.flatnonzero((other.speed < 19.0) & (other.time > 5.0))[0]) - 5
+    assert other.x[brakes] - ego.x[brakes] == pytest.approx(35.0, abs=0.2)
+    there = int(np.searchsorted(other.time, other.time[brakes] - 2.5))
+    assert other.speed[there:brakes] == pytest.approx(20.0, abs=0.05)
 
 
 def test_ego_against_the_reference_line_has_its_road_from_there(tmp_path: Path) -> None:

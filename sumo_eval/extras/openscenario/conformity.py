@@ -67,18 +67,15 @@ ROWS = (
     *_rows(
         "position", "played",
         ("LanePosition", ""),
-        ("RelativeLanePosition", "`dsLane` on straight roads only"),
+        ("RelativeLanePosition", ""),
         ("RoadPosition", ""),
         ("RelativeRoadPosition", ""),
         ("RelativeObjectPosition", ""),
-        ("RoutePosition", "FromLaneCoordinates, FromRoadCoordinates; straight routes"),
+        ("RoutePosition", "FromLaneCoordinates, FromRoadCoordinates; along one road, or straight"),
         ("TrajectoryPosition", ""),
         ("WorldPosition", "in the driving lane where it lies"),
-    ),
-    *_rows(
-        "position", "refused",
-        ("RelativeWorldPosition",),
-        ("GeoPosition",),
+        ("RelativeWorldPosition", ""),
+        ("GeoPosition", "on a map of `+proj=tmerc` or `+proj=utm`"),
     ),
     *_rows(
         "shape", "played",
@@ -99,9 +96,10 @@ ROWS = (
         ),
         ("LaneChangeAction", "but step; by rate (peak speed), time, distance at one speed"),
         ("LaneOffsetAction", "sinusoidal, cubic, by maxLateralAcc"),
-        ("LongitudinalDistanceAction", "once at the start, or `continuous`, also within limits"),
+        ("LongitudinalDistanceAction", "`continuous`, or once: at the start or within limits; no limits "
+                                       "of jerk"),
         ("FollowTrajectoryAction", "of an actor, also with times; of the ego at the start"),
-        ("AssignRouteAction", "a route that goes straight"),
+        ("AssignRouteAction", "along one road, or straight"),
         ("SynchronizeAction", "planned once; master the ego; a final speed with a steady "
                               "part"),
         ("EntityAction", "at the start"),

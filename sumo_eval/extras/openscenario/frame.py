@@ -152,7 +152,7 @@ def framed(entity: Entity, frame: Frame) -> Pose:
         at = pose.seen_from(frame.origin)
         return at._replace(heading=0.0) if along and spot.way == frame.way else at
     if spot.road is None or not along:
-        raise entity.element.fault("on a curved road every place must be given along that road")
+        raise entity.element.fault("the ego must start along its curved road")
     if spot.way:
         s, t = spot.s + spot.way * entity.centre, spot.t + spot.way * entity.offset
         pose = spot.road.pose(s, t)

@@ -67,6 +67,16 @@ class Number:
         return Number((*self.program, operation(played.ABSOLUTE)), abs(self.start))
 
 
+def constant(value: float) -> Number:
+    """A number that stays."""
+    return Number(((played.VALUE, 0, 0, value),), value)
+
+
+def of_vehicle(op: int, number: int, start: float = 0.0) -> Number:
+    """A number of a vehicle."""
+    return Number(((op, number, 0, 0.0),), start)
+
+
 class Truth(NamedTuple):
     """A condition on the drive.
 
@@ -304,7 +314,7 @@ class Conditions:
         rule = element.one_of("rule", RULES, defaults.get(element.tag))
         if rule not in ("lessThan", "lessOrEqual", "greaterThan", "greaterOrEqual"):
             raise element.fault(f"`{rule}` between numbers of the drive is not supported")
-        sides = (number.program, _constant(limit).program)
+        sides = (number.program, constant(limit).program)
         low, high = sides if rule.startswith("less") else sides[::-1]
         strict, equal = operation(played.BELOW), operation(played.AT_MOST)
         first, second = (strict, equal) if rule.endswith("Than") else (equal, strict)
@@ -342,10 +352,10 @@ class Conditions:
         """
         k = axis - played.X
         if isinstance(body, Pose):
-            return _constant(body[k])
-        centre = Number(((axis, self._number(body, element), 0, 0.0),), body.frame[k])
+            return constant(body[k])
+        centre = of_vehicle(axis, self._number(body, element), body.frame[k])
         ahead = body.frame.moved(-body.centre, -body.offset)[k] - centre.start
-        return centre if free or ahead == 0.0 else centre + _constant(ahead)
+        return centre if free or ahead == 0.0 else centre + constant(ahead)
 
     def _ahead(self, element: Node, one: Entity, other: Entity | Pose, axis: int) -> Number:
         """How far another body, or its reference point, is ahead or to the left, m."""
@@ -358,15 +368,15 @@ class Conditions:
         apart = abs(self._ahead(element, one, other, axis))
         scale = self._scale(element, one) if axis == played.X else 1.0
         if not element.flag("freespace"):
-            return apart if scale == 1.0 else apart * _constant(scale)
-        apart -= _constant(_half(one, axis) + _half(other, axis))
+            return apart if scale == 1.0 else apart * constant(scale)
+        apart -= constant(_half(one, axis) + _half(other, axis))
         if axis == played.Y or isinstance(other, Pose):
             return apart
         # along the road of the bodies as they point at that time
         a, b = self._number(one, element), self._number(other, element)
         gaps = (played.GAP, a, b, 0.0), (played.GAP, b, a, 0.0), operation(played.LARGER)
         apart = Number(gaps, apart.start)
-        return apart if scale == 1.0 else apart * _constant(scale)
+        return apart if scale == 1.0 else apart * constant(scale)
 
     def _scale(self, element: Node, one: Entity) -> float:
         """m that a condition measures for a metre along the road's line.
@@ -400,7 +410,7 @@ class Conditions:
             raise element.fault("a distance across a curve of the road is not supported")
         x, y = (self._apart(element, one, other, axis) for axis in (played.X, played.Y))
         if element.flag("freespace"):
-            x, y = (it.joined(played.LARGER, _constant(0.0)) for it in (x, y))
+            x, y = (it.joined(played.LARGER, constant(0.0)) for it in (x, y))
         return x * x + y * y, value * abs(value)
 
     def _reach(self, element: Node, one: Entity) -> tuple[Number, float]:
@@ -417,18 +427,18 @@ class Conditions:
         if element.get(direction) not in (None, "longitudinal"):
             got = shown(element.attribute(direction))
             raise element.fault(f"`{direction}` must be longitudinal to be supported, got {got}")
-        steps = ((played.ALONG, self._number(body, element), 0, 0.0),)
-        return Number(steps, body.speed * math.cos(body.frame.heading))
+        at_start = body.speed * math.cos(body.frame.heading)
+        return of_vehicle(played.ALONG, self._number(body, element), at_start)
 
     def _headway(self, element: Node, one: Entity) -> tuple[Number, float]:
         """The time headway by its sign: gap - value v, m."""
         speed = self._along(element, one, "relativeDistanceType")
         gap = self._apart(element, one, self._target(element), played.X)
-        return gap - _constant(element.number("value")) * speed, 0.0
+        return gap - constant(element.number("value")) * speed, 0.0
 
     def _to_collision(self, element: Node, one: Entity) -> tuple[Number, float]:
         """The time to collision by its sign: gap |dx| - value dx dv, m2."""
-        other, value = self._target(element), _constant(element.number("value"))
+        other, value = self._target(element), constant(element.number("value"))
         speed = self._along(element, one, "relativeDistanceType")
         if isinstance(other, Entity):
             speed -= self._along(element, other, "relativeDistanceType")
@@ -446,11 +456,7 @@ class Conditions:
         if one.on_map or abs(math.sin(one.frame.heading)) > 1e-9:
             raise element.fault("a distance travelled across the road is not supported as a start")
         x = self._coordinate(one, played.X, element, free=True)
-        return abs(x - _constant(x.start)), element.number("value")
-
-
-def _constant(value: float) -> Number:
-    return Number(((played.VALUE, 0, 0, value),), value)
+        return abs(x - constant(x.start)), element.number("value")
 
 
 def _joined(programs: list[Program], op: int) -> Program:

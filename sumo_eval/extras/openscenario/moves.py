@@ -20,7 +20,15 @@ import numpy as np
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.frame import ON, SAME, Frame, framed
-from sumo_eval.extras.openscenario.moments import NEVER, Moment, Span, from_time
+from sumo_eval.extras.openscenario.moments import (
+    NEVER,
+    Moment,
+    Span,
+    constant,
+    from_time,
+    of_vehicle,
+    operation,
+)
 from sumo_eval.extras.openscenario.network import Lane, in_frame
 from sumo_eval.extras.openscenario.places import Entity, Places, UnplacedError
 from sumo_eval.extras.openscenario.reading import Node
@@ -35,6 +43,7 @@ _STRONGEST = {"sinusoidal": 0.5 * math.pi**2, "cubic": 6.0}
 """Peak lateral acceleration of a move by 1 m in 1 s."""
 _SHAPES = ("linear", "step", "cubic", "sinusoidal")
 _SHARES = np.arange(1, 33) / 32  # of a change of speed, at its knots
+_THERE = 0.05  # m and m/s within which a distance is reached
 _MOST = 1e3  # of a speed or an acceleration without a limit
 _STEADY = "over the distance of a lateral move the speed must stay the same, above 0 m/s"
 
@@ -243,16 +252,18 @@ class Moves:
         return other, ahead, apart / self.frame.ground(other.frame)
 
     def _distance(self, element: Node, entity: Entity, begin: Moment) -> Span:
-        if not element.flag("continuous"):
-            if not begin.known or begin.time > 0.0 or element.find("DynamicConstraints"):
-                raise element.fault("a distance is reached at once and at the start only")
+        limits, once = element.find("DynamicConstraints"), not element.flag("continuous")
+        if once and limits is None:
+            if not begin.known or begin.time > 0.0:
+                raise element.fault(
+                    "without <DynamicConstraints> it is supported at the start only"
+                )
             self.place_apart(element, entity)
             return Span(begin, begin.time)
         other, ahead, apart = self._apart(element, entity)
         if other is not self.ego:
             entity.pace = other.pace
         gap = element.number("timeGap", 0.0) * (-1.0 if ahead else 1.0)
-        limits = element.find("DynamicConstraints")
         keeps = (self._number(other), 1.0), (0.0, 1.0 if limits is None else 2.0), (apart, gap)
         if limits is None:
             return self._relative(entity, begin, *keeps)
@@ -262,7 +273,30 @@ class Moves:
         fastest, *rates = (
             limits.number(f"max{it}", _MOST) for it in ("Speed", "Acceleration", "Deceleration")
         )
-        return self._relative(entity, begin, *keeps, (rates[0], rates[1]), (fastest, 0.0))
+        span = self._relative(entity, begin, *keeps, (rates[0], rates[1]), (fastest, 0.0))
+        return self._until_there(entity, other, begin, apart, gap) if once else span
+
+    def _until_there(
+        self, entity: Entity, other: Entity, begin: Moment, apart: float, gap: float
+    ) -> Span:
+        """Let an entity keep its speed from where it has its distance, and the other's speed.
+
+        apart, gap: m and s of its place ahead of the other.
+        """
+        own, its = (int(self._number(it)) for it in (entity, other))
+        program, delay = begin.program or from_time(begin.time), 0.0 if begin.known else begin.time
+        entity.acts.append(Act(played.COSINE, delay, AT_ONCE, program=program))
+        follows = played.ENDED, own, len(entity.acts) - 1, 0.0
+
+        x, ahead = of_vehicle(played.X, own), of_vehicle(played.X, its) + constant(apart)
+        speed, target = (of_vehicle(played.ALONG, it) for it in (own, its))
+        behind = constant(gap / self.frame.ground(entity.frame)) * (target if gap < 0.0 else speed)
+        off = abs(ahead - behind - x).joined(played.LARGER, abs(target - speed))
+        ends = (*off.program, *constant(_THERE).program, operation(played.BELOW))
+        there = (follows, *ends, operation(played.AND))
+        entity.acts.append(Act(played.KEEP, program=there))
+        # a speed that is kept has no end, its begin is remembered
+        return self._add(entity, Moment(0.0, there), Act(played.COSINE, 0.0, AT_ONCE), NEVER)
 
     # -- lateral moves -----------------------------------------------------------------------------
 

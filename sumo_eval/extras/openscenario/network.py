@@ -18,6 +18,7 @@ from sumo_eval.scenario.xml_file import read_xml
 WIDEST = 6.0  # m: a wider lane is an area without marks
 MARKED = 3.5  # m: the lane that the ego is given in such an area
 _ON = 1e-6  # m
+_ROUNDS = 20  # until a length along a lane is one along its road
 
 
 class Lane(NamedTuple):
@@ -76,6 +77,14 @@ class MapRoad:
         back = tuple(Piece(it.length, -it.end, -it.begin) for it in reversed(self.line))
         return self.pose(self.length, 0.0).moved(0.0, 0.0, math.pi), back
 
+    def ahead_in_lane(self, lane: Lane, s: float, length: float) -> float:
+        """How far along the road a length along the middle of a lane from s leads, m."""
+        turned = 0.0
+        for _ in range(_ROUNDS if length and self.bent else 0):
+            begin, end = (self.pose(it, 0.0).heading for it in (s, s + length + turned))
+            turned = lane.centre * math.remainder(end - begin, math.tau)
+        return length + turned
+
     def lane_at(self, t: float) -> Lane | None:
         """The lane t m left of the reference line, if there is one."""
         return next(
@@ -87,10 +96,12 @@ class MapRoad:
 class Network:
     """The roads of a file by id.
 
+    root: of the file.
     unread: why a road cannot be read; it matters only to entities on that road.
     """
 
     path: Path
+    root: Node
     roads: dict[str, MapRoad]
     unread: dict[str, InputError]
 
@@ -158,7 +169,7 @@ def _read(path: Path, changed: int) -> Network:
             unread[name] = error
     if not roads and not unread:
         raise root.fault("it has no <road>")
-    return Network(path, roads, unread)
+    return Network(path, root, roads, unread)
 
 
 def _road(element: Node, name: str) -> MapRoad:

@@ -17,6 +17,7 @@ import numpy as np
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.catalogs import Catalogs
+from sumo_eval.extras.openscenario.earth import on_map
 from sumo_eval.extras.openscenario.network import Lane, MapRoad, Network
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.scenario.played import Act
@@ -24,6 +25,7 @@ from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Piece, length_of, map_places
 
 ALONG = 0.01  # rad that an entity in a lane may point beside it
+EGO_ALONG = 0.1  # rad that the ego may: it starts along its lane
 _FINE = 0.25  # m between two points of a curved trajectory
 _STRAIGHT = 0.05  # m that a route may be off the straight line through its ends
 
@@ -190,7 +192,8 @@ class Places:
             "RelativeRoadPosition": self._relative_road,
             "RelativeObjectPosition": self._relative_object,
             "RoutePosition": self._route, "TrajectoryPosition": self._on_trajectory,
-            "WorldPosition": self._world,
+            "WorldPosition": self._world, "RelativeWorldPosition": self._relative_world,
+            "GeoPosition": self._geo,
         }  # fmt: skip
         if kind.tag not in known:
             raise kind.unsupported(f"positions that are: {', '.join(known)}")
@@ -206,18 +209,22 @@ class Places:
             heading += spot.pose.heading
         return replace(spot, pose=spot.pose._replace(heading=heading))
 
-    def located(self, spot: Spot) -> Spot:
-        """A place, however it is given, in the lane where it lies."""
-        road, lane = spot.road, spot.lane
-        s, t = spot.s, spot.t
-        if road is None:
+    def located(self, spot: Spot, along: float = ALONG) -> Spot:
+        """A place, however it is given, in the lane where it lies.
+
+        along: rad that an entity there may point beside the lane.
+        """
+        if spot.road is None:
             driving = self.network.driving(spot.pose)
             if driving is None:
                 return spot
             road, lane, (s, t, _) = driving
-        turned = math.remainder(spot.pose.heading - road.pose(s, t).heading, math.tau)
-        way = 1 if abs(turned) < ALONG else -1 if abs(turned) > math.pi - ALONG else 0
-        return Spot(spot.pose, road, lane or road.lane_at(t), s, t, way)
+            spot = Spot(spot.pose, road, lane, s, t)
+        assert spot.road is not None
+        turned = spot.pose.heading - spot.road.pose(spot.s, spot.t).heading
+        turned = abs(math.remainder(turned, math.tau))
+        way = 1 if turned < along else -1 if turned > math.pi - along else 0
+        return replace(spot, lane=spot.lane or spot.road.lane_at(spot.t), way=way)
 
     def _on(self, road: MapRoad, s: float, t: float, lane: Lane | None, element: Node) -> Spot:
         if not -1e-6 <= s <= road.length + 1e-6:
@@ -236,9 +243,8 @@ class Places:
         other = self.referred(element).placed(element)
         if other.road is None or other.lane is None:
             raise element.fault("the entity that it is relative to is in no lane")
-        if element.get("dsLane") is not None and other.road.bent:
-            raise element.fault("`dsLane` is not supported on a curve, `ds` is")
-        s = other.s + (element.number("ds", 0.0) + element.number("dsLane", 0.0))
+        s = other.s + element.number("ds", 0.0)
+        s += other.road.ahead_in_lane(other.lane, s, element.number("dsLane", 0.0))
         lane = self.lane_beside(other, element.whole("dLane"), element)
         spot = self._on(other.road, s, lane.centre + element.number("offset", 0.0), lane, element)
         return spot.turned(other.way)
@@ -271,6 +277,14 @@ class Places:
         side = -1.0 if self.mirrored else 1.0
         y, heading = element.number("y"), element.number("h", 0.0)
         return Spot(Pose(element.number("x"), side * y, side * heading))
+
+    def _relative_world(self, element: Node) -> Spot:
+        x, y, heading = self.referred(element).placed(element).pose
+        side = -1.0 if self.mirrored else 1.0
+        return Spot(Pose(x + element.number("dx"), y + side * element.number("dy"), heading))
+
+    def _geo(self, element: Node) -> Spot:
+        return Spot(Pose(*on_map(element, self.network.root), 0.0))
 
     # -- trajectories ------------------------------------------------------------------------------
 
@@ -334,7 +348,7 @@ class Places:
             raise waypoints[0].fault("its first waypoint must be in a lane")
         for spot, waypoint in zip(spots, waypoints[1:], strict=True):
             at = spot.pose.seen_from(begin.pose)
-            if at.x <= 0.0 or abs(at.y) > _STRAIGHT:
+            if spot.road is not begin.road and (at.x <= 0.0 or abs(at.y) > _STRAIGHT):
                 raise waypoint.fault("a route that turns is not supported")
         return begin, spots[-1]
 
@@ -343,20 +357,23 @@ class Places:
         road = begin.road
         assert road is not None
         at = element.child("InRoutePosition").only()
+        way = -1 if end.road is road and end.s < begin.s else 1
         s, lane = at.number("pathS"), None
         if at.tag == "FromLaneCoordinates":
             lane = self.network.lane(road, at.text("laneId"), at)
             t = lane.centre + at.number("laneOffset", 0.0)
         elif at.tag == "FromRoadCoordinates":
-            t = at.number("t")
+            t = way * at.number("t")
         else:
             raise at.unsupported(
                 "places on a route that are: FromLaneCoordinates, FromRoadCoordinates"
             )
         line = road.pose(begin.s, 0.0)
-        reach = end.pose.seen_from(line).x
+        reach = abs(end.s - begin.s) if end.road is road else end.pose.seen_from(line).x
         if not 0.0 <= s <= reach + 1e-6:
             raise at.fault(f"pathS = {s:g} m is not on its route, which is {reach:g} m long")
+        if end.road is road:
+            return self._on(road, begin.s + way * s, t, lane, element).turned(way)
         return Spot(line.moved(s, t), road, lane, begin.s + s, t)
 
 

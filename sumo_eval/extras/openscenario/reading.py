@@ -238,8 +238,10 @@ class Node:
                     f"{place}: parameter `{name}` is not declared.{did_you_mean(name, names)}"
                 )
         for earlier, (part, name) in enumerate(zip(parts, names, strict=True)):
-            if name in names[:earlier]:
-                raise part.fault(f"parameter `{name}` is declared twice")
+            if name in names[:earlier] and part.get("value") != parts[names.index(name)].get(
+                "value"
+            ):
+                raise part.fault(f"parameter `{name}` is declared twice, with other values")
             value = given.get(name)
             values[name] = part.worked_out(part.get("value", "")) if value is None else value
         broken = [

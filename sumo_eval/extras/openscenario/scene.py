@@ -38,6 +38,8 @@ from sumo_eval.extras.openscenario.moves import (
 )
 from sumo_eval.extras.openscenario.network import read_network
 from sumo_eval.extras.openscenario.places import (
+    ALONG,
+    EGO_ALONG,
     Entity,
     MapPath,
     Places,
@@ -237,7 +239,11 @@ class _Player:
         numbers: dict[str, int] = {}
         self.moves = Moves(self.places, self.frame, self.ego, numbers)
         for entity in entities.values():
-            entity.on_map = self.frame.turns and entity is not self.ego
+            road = entity.placed(entity.element).road
+            beside = road is None or road.name != self.frame.road
+            entity.on_map = entity is not self.ego and (
+                self.frame.turns or (beside and bool(self.frame.line))
+            )
             entity.frame = framed(entity, self.frame)
         for distance, entity in self.distances:
             if distance.find("DynamicConstraints") is None:
@@ -336,7 +342,8 @@ class _Player:
         if element.tag in ("LongitudinalAction", "RoutingAction"):
             element = element.only()
         if element.tag in ("TeleportAction", "AddEntityAction"):
-            entity.spot = self.places.located(self.places.spot(element.child("Position")))
+            along = EGO_ALONG if entity is self.ego else ALONG
+            entity.spot = self.places.located(self.places.spot(element.child("Position")), along)
         elif element.tag == "SpeedAction":
             self._speed_at_start(element, entity)
         elif element.tag == "LongitudinalDistanceAction":
@@ -554,6 +561,12 @@ class _Player:
 
     def _actor(self, name: str, entity: Entity) -> Actor:
         frame, acts = entity.frame, list(entity.acts)
+        spot = entity.placed(entity.element)
+        follows = spot.way and not entity.way and (entity.speed or acts)
+        if follows and spot.road and spot.road.bent and spot.road.name != self.frame.road:
+            raise entity.element.fault(
+                "it must not drive along a curved road that is not the ego's"
+            )
         heading = 0.0 if abs(frame.heading) < 1e-6 else frame.heading
         across = self.frame.pose_on_map(entity) if entity.on_map else None
         ground = 1.0 if across is not None else self.frame.ground(frame)

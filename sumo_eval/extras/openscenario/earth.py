@@ -1,0 +1,65 @@
+"""Places on the earth as places of a map."""
+
+from __future__ import annotations
+
+import cmath
+import math
+import re
+
+from sumo_eval.extras.openscenario.reading import Node
+
+_RADIUS, _FLATTENING = 6_378_137.0, 1.0 / 298.257223563  # WGS 84
+_NUMBER = re.compile(r"\+(\w+)=(-?\d+\.?\d*)")
+_N = _FLATTENING / (2.0 - _FLATTENING)
+_E = 2.0 * math.sqrt(_N) / (1.0 + _N)
+_SERIES = (
+    _N / 2 - 2 / 3 * _N**2 + 5 / 16 * _N**3, 13 / 48 * _N**2 - 3 / 5 * _N**3, 61 / 240 * _N**3
+)  # fmt: skip
+
+
+def transverse_mercator(latitude: float, longitude: float) -> complex:
+    """North + 1j east, m, by Krueger's series to n^3: exact to 0.1 mm in a zone.
+
+    longitude: from the central meridian; both in rad.
+    """
+    sine, cosine = math.sin(latitude), math.cos(longitude)
+    t = math.sinh(math.atanh(sine) - _E * math.atanh(_E * sine))
+    z = complex(math.atan2(t, cosine), math.asinh(math.sin(longitude) / math.hypot(t, cosine)))
+    z += sum(factor * cmath.sin(2 * k * z) for k, factor in enumerate(_SERIES, 1))
+    return _RADIUS / (1.0 + _N) * (1.0 + _N**2 / 4 + _N**4 / 64) * z
+
+
+def on_map(position: Node, root: Node) -> tuple[float, float]:
+    """x and y of a <GeoPosition>, m, by the header of an OpenDRIVE file.
+
+    root: of that file.
+    """
+    it = _projection(position, root.find("header/geoReference"))
+    latitude, longitude = position.number("latitudeDeg"), position.number("longitudeDeg")
+    if not abs(latitude) < 90.0:
+        raise position.fault(f"`latitudeDeg` must be within -90..90, got {latitude:g}")
+    at = transverse_mercator(math.radians(latitude), math.radians(longitude - it["lon_0"]))
+    at = it["k"] * (at - transverse_mercator(math.radians(it["lat_0"]), 0.0))
+    x, y = it["x_0"] + at.imag, it["y_0"] + at.real
+    offset = root.find("header/offset")
+    if offset is None:
+        return x, y
+    if offset.number("hdg", 0.0):
+        raise offset.fault("a turned map is not supported")
+    return x - offset.number("x", 0.0), y - offset.number("y", 0.0)
+
+
+def _projection(position: Node, reference: Node | None) -> dict[str, float]:
+    """Numbers of a transverse Mercator projection by their names in PROJ."""
+    text = "" if reference is None else str(reference.element.text)
+    it = {"x_0": 0.0, "y_0": 0.0, "lat_0": 0.0, "lon_0": 0.0, "k": 1.0}
+    it |= {key.replace("k_0", "k"): float(value) for key, value in _NUMBER.findall(text)}
+    if "+proj=utm" in text and "zone" in it:
+        it |= {"x_0": 5e5, "y_0": 1e7 * ("+south" in text), "k": 0.9996}
+        it["lon_0"] = 6.0 * it["zone"] - 183.0
+    elif "+proj=tmerc" not in text:
+        raise position.fault(
+            "the <geoReference> of its map must be of +proj=tmerc or +proj=utm +zone=, got "
+            f"{text.strip() or 'none'}"
+        )
+    return it
