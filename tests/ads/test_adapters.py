@@ -88,6 +88,11 @@ _IDM = (
     [
         ("nuplan", f"nuplan_planner.py:NuPlanPlanner?period=0.1&options.agent={_IDM}", 10.0),
         (
+            "agents",
+            "carla_agent.py:CarlaAgent?options.agent=agents.navigation.basic_agent:BasicAgent",
+            10.0,
+        ),
+        (
             "commonroad_rp",
             "commonroad_planner.py:CommonRoadPlanner?period=0.3"
             "&options.agent=commonroad_rp.reactive_planner:ReactivePlanner",
@@ -97,7 +102,9 @@ _IDM = (
 )
 def test_a_planner_drives_as_its_own_package_has_it(package, locator, speed):
     pytest.importorskip(package)
-    found = drive(locator, SimulationSettings(time_limit=40.0 if package == "nuplan" else 2.0))
+    found = drive(
+        locator, SimulationSettings(time_limit=2.0 if package == "commonroad_rp" else 40.0)
+    )
     assert found.ego.speed[-1] == pytest.approx(speed, abs=1.0)
 
 

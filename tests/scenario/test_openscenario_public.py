@@ -15,6 +15,7 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points, read_file
 from sumo_eval.scenario.road.reference_line import map_places
+from sumo_eval.settings import SimulationSettings
 
 SNAPSHOTS = Path(os.environ.get("SNAPSHOTS", Path(__file__).parents[3] / ".mirror"))
 ASAM = "RA-Consulting-GmbH+openscenario.api.test", "cpp/applications/openScenarioTester/res"
@@ -24,11 +25,13 @@ TOWN = "ignacioalvmar+RSS-Demonstrator", "Town01.xodr"
 NCAP = "vectorgrp+OSC-NCAP-scenarios", "."
 STANDARD_RANGE = "OpenSCENARIO/NCAP/CA-FC_2026/Variations/StandardRange"
 PLAYS = {
-    "exampleFilesVersion1_2": (10, 17), "exampleFilesVersion1_3": (9, 16), "xosc": (22, 69),
+    "exampleFilesVersion1_2": (10, 17), "exampleFilesVersion1_3": (9, 16), "xosc": (23, 69),
     "examples": (5, 16), STANDARD_RANGE: (22, 22),
 }  # fmt: skip
 """Files of a folder that run, of all."""
 WITHIN = 0.5  # m
+LATE = 0.06  # s: a step of the simulation, and one of the second reader
+EACH_STEP = SimulationSettings(record_interval=0.05)
 HERO = '<Private entityRef="hero">'
 DRIVES = """<PrivateAction><LongitudinalAction><SpeedAction><SpeedActionDynamics
 dynamicsShape="step" dynamicsDimension="time" value="0"/><SpeedActionTarget>
@@ -81,30 +84,63 @@ def running(found: list[Path]) -> dict[Path, Read]:
     return reads
 
 
-def furthest(file: Path, read: Read) -> float:
-    """How far a vehicle is at most from where the second reader has it, m: at three times and at
-    the end of a drive of an ego that keeps its speed.
+class Begun:
+    """When a vehicle no longer drives as at the start: its place is 0.1 m off, on the map."""
+
+    def __init__(self, x: float, y: float, heading: float, speed: float) -> None:
+        self.start, self.time = (
+            (x, y, speed * math.cos(heading), speed * math.sin(heading)),
+            math.inf,
+        )
+
+    def look(self, time: float, place: tuple[float, float]) -> None:
+        """Take in a place at a time."""
+        x, y, dx, dy = self.start
+        if math.dist(place, (x + dx * time, y + dy * time)) > 0.1:
+            self.time = min(self.time, time)
+
+
+def compared(file: Path, read: Read) -> tuple[float, float]:
+    """How far a vehicle is at most from where the second reader has it, m, at three times and at
+    the end of a drive of an ego that keeps its speed; and how far apart contact, or the time at
+    which a vehicle begins to move otherwise, is at most, s.
     """
     point = next(point for point, why in concrete_points(read) if why is None)
-    drive = simulate(concrete(read, point), "no_reaction")
+    drive = simulate(concrete(read, point), "no_reaction", EACH_STEP)
+    assert not drive.error
     given = {name: str(value) for name, value in read.space.given(point).items()}
     reader = Reader(read.space.file, given, options(file).get("map", ""))
-    assert not drive.error
-    ego = options(file).get("ego", "Ego")
-    apart = []
-    for time in np.linspace(0.25, 1.0, 4) * drive.simulated_time:
-        while reader.time < time - 1e-9 + STEP:
-            reader.step()
-        for name, body in reader.bodies.items():
-            seen = drive.ego if name == ego else drive.actors[name.replace(" ", "_")]
-            # it has left the road, or only its end is said
-            if time > seen.time[-1] + 1e-6 or body.unknown:
+    ego, end = reader.bodies[options(file).get("ego", "Ego")], drive.simulated_time
+    theirs = {name: Begun(*it.place(), it.heading(), it.v) for name, it in reader.bodies.items()}
+    ours = {name: Begun(*it.place(), it.heading(), it.v) for name, it in reader.bodies.items()}
+    looks, contact, apart = list(np.linspace(0.25, 1.0, 4) * end), math.inf, [0.0]
+    while reader.time < end + 0.1:
+        time = reader.time
+        reader.step()
+        for name, body in list(reader.bodies.items()):
+            if not (body is ego or body.unknown) and body.touches(ego):
+                contact = min(contact, time)
+            seen = drive.ego if body is ego else drive.actors[name.replace(" ", "_")]
+            if body.unknown:  # only its end is said
+                ours.pop(name, None)
+            if time > seen.time[-1] + 1e-6 or body.unknown:  # or it has left the road
                 continue
+            theirs[name].look(time, body.place())
             x, y = (np.interp(time, seen.time, it) for it in (seen.x, seen.y))
             if read.frame.line:
                 x, y, _ = map_places(read.frame.line, x, y)
-            apart.append(math.dist(read.frame.origin.moved(float(x), float(y))[:2], body.place()))
-    return max(apart)
+            place = read.frame.origin.moved(float(x), float(y))[:2]
+            if name in ours:
+                ours[name].look(time, place)
+            if looks and time > looks[0] - STEP:
+                apart.append(math.dist(place, body.place()))
+        if looks and time > looks[0] - STEP:
+            looks.pop(0)
+    late = [abs(it.time - theirs[name].time) for name, it in ours.items()
+            if max(it.time, theirs[name].time) < math.inf]  # fmt: skip
+    if drive.collision is not None:
+        late.append(abs(drive.collision.time - contact))
+    return max(apart), max(late, default=0.0)
 
 
 @pytest.mark.parametrize(
@@ -118,5 +154,5 @@ def test_public_files_run_with_every_vehicle_in_place(
     for folder, found in files(repository, tmp_path).items():
         reads = running(found)
         assert (len(reads), len(found)) == PLAYS[folder], [it.stem for it in reads]
-        apart = {file.stem: furthest(file, read) for file, read in reads.items()}
-        assert max(apart.values()) < WITHIN, apart
+        apart = {file.stem: compared(file, read) for file, read in reads.items()}
+        assert all(far < WITHIN and late < LATE for far, late in apart.values()), apart

@@ -156,6 +156,19 @@ class Body:
         turn = (0.0 if self.way > 0 else math.pi) if self.turn is None else self.turn
         return self.road.at(self.s, self.t)[2] + turn
 
+    def touches(self, other: Body) -> bool:
+        """Whether two bodies overlap: along no axis of either they are apart."""
+        (x, y), (x2, y2), turned = self.place(), other.place(), other.heading() - self.heading()
+        c, s = abs(math.cos(turned)), abs(math.sin(turned))
+        for one, two in ((self, other), (other, self)):
+            d, e = math.cos(one.heading()), math.sin(one.heading())
+            along, across = (x2 - x) * d + (y2 - y) * e, (y2 - y) * d - (x2 - x) * e
+            if abs(along) > 0.5 * (one.length + c * two.length + s * two.width):
+                return False
+            if abs(across) > 0.5 * (one.width + c * two.width + s * two.length):
+                return False
+        return True
+
     def lane(self) -> int:
         """The number of its lane."""
         assert self.road is not None
@@ -472,6 +485,9 @@ class Reader:
             return self._across(body, inner)
         if inner.tag == "LongitudinalDistanceAction":
             other = self.bodies[self.text(inner, "entityRef")]
+            if inner.find("DynamicConstraints") is not None:  # only its end is said
+                body.unknown = True
+                return lambda: False
             assert (inner.get("freespace"), inner.get("continuous")) == ("true", "false")
             apart = self.number(inner, "distance") + 0.5 * (body.length + other.length)
             body.s = other.s + other.centre + apart - body.centre

@@ -22,6 +22,15 @@ from sumo_eval.cosim.vehicle_model import Command, Pedals
 from sumo_eval.errors import ControllerError, InputError
 
 _NAME = "carla_agent.py:CarlaAgent"
+_PLAIN = SimpleNamespace(
+    Location=lambda x=0.0, y=0.0, z=0.0: vector(x, y),
+    Vector3D=lambda x=0.0, y=0.0, z=0.0: SimpleNamespace(x=x, y=y, z=z),
+    Rotation=lambda pitch, yaw, roll: SimpleNamespace(pitch=pitch, yaw=yaw, roll=roll),
+    Transform=lambda location, rotation: SimpleNamespace(location=location, rotation=rotation),
+    BoundingBox=lambda location, extent: SimpleNamespace(location=location, extent=extent),
+)
+carla: Any = import_module("carla") if find_spec("carla") else _PLAIN
+"""CARLA's own classes where its package is installed."""
 
 
 class Actor:
@@ -46,21 +55,20 @@ class Actor:
     ) -> None:
         """Where it is, in road coordinates."""
         c, s = math.cos(heading), -math.sin(heading)
-        self._location = vector(x, -y)
-        self._rotation = SimpleNamespace(pitch=0.0, yaw=-math.degrees(heading), roll=0.0)
-        self._velocity = vector(speed * c, speed * s)
-        self._acceleration = vector(acceleration * c, acceleration * s)
-        self.bounding_box = SimpleNamespace(
-            extent=SimpleNamespace(x=length / 2.0, y=width / 2.0, z=0.75)
+        self._pose = x, -y, -math.degrees(heading)
+        self._velocity = carla.Vector3D(speed * c, speed * s, 0.0)
+        self._acceleration = carla.Vector3D(acceleration * c, acceleration * s, 0.0)
+        self.bounding_box = carla.BoundingBox(
+            carla.Location(), carla.Vector3D(length / 2.0, width / 2.0, 0.75)
         )
 
     def get_location(self) -> Any:
         """Its centre, m."""
-        return self._location
+        return carla.Location(*self._pose[:2])
 
     def get_transform(self) -> Any:
         """`location` and `rotation`."""
-        return SimpleNamespace(location=self._location, rotation=self._rotation)
+        return carla.Transform(self.get_location(), carla.Rotation(0.0, self._pose[2], 0.0))
 
     def get_velocity(self) -> Any:
         """In m/s."""
@@ -82,6 +90,7 @@ class Ego(Actor):
         self._control: Any = SimpleNamespace(throttle=0.0, brake=0.0, steer=0.0)
         self._limit = math.inf
         self._time = 0.0
+        self.road: Any = None
 
     def look(self, seen: Observation) -> None:
         """Take in one instant."""
@@ -90,7 +99,10 @@ class Ego(Actor):
         self._seen, self._limit, self._time = [], seen.speed_limit, seen.time
         for it in seen.vehicles:
             other = Actor(it.number, it.kind)
-            other.show(it.x, it.y, it.heading, it.speed, it.acceleration, it.length, it.width)
+            # 1 mm aside: CARLA's agents see nothing at an angle of exactly 0
+            other.show(
+                it.x, it.y - 1e-3, it.heading, it.speed, it.acceleration, it.length, it.width
+            )
             self._seen.append(other)
 
     def obey(self, control: Any) -> None:
@@ -109,6 +121,10 @@ class Ego(Actor):
         """It stands for its world, too."""
         return self
 
+    def get_map(self) -> Any:
+        """The road as a `carla.Map`, along and across which places are."""
+        return carla.Map("road", _opendrive(self.road))
+
     def get_snapshot(self) -> Any:
         """`timestamp.elapsed_seconds`."""
         return SimpleNamespace(timestamp=SimpleNamespace(elapsed_seconds=self._time))
@@ -116,6 +132,33 @@ class Ego(Actor):
     def get_actors(self) -> Actors:
         """Itself and the vehicles that are seen."""
         return Actors([self, *self._seen])
+
+
+def _opendrive(road: Any) -> str:
+    """Straight lanes, 200 m before the start and 50 m past its end, and a road behind them: where a road leads
+    nowhere, CARLA's planner finds no route."""
+
+    def part(number: int, begin: float, end: float, link: str) -> str:
+        mark = '<roadMark sOffset="0" type="broken" laneChange="both"/>'
+        other, at = ("start", 1) if link == "successor" else ("end", 0)
+        lanes = "".join(
+            f'<lane id="{-1 - k}" type="driving" level="false"><link><{link} id="{-1 - k}"/></link>'
+            f'<width sOffset="0" a="{road.lane_width}" b="0" c="0" d="0"/>{mark}</lane>'
+            for k in range(road.lanes)
+        )
+        return (
+            f'<road id="{number}" length="{end - begin}" junction="-1"><link><{link} '
+            f'elementType="road" elementId="{at}" contactPoint="{other}"/></link><planView>'
+            f'<geometry s="0" x="{begin}" y="{road.left_edge}" hdg="0" length="{end - begin}">'
+            '<line/></geometry></planView><lanes><laneSection s="0"><center><lane id="0" '
+            f'type="none">{mark}</lane></center><right>{lanes}</right></laneSection></lanes></road>'
+        )
+
+    end = road.length + 50.0
+    return (
+        "<OpenDRIVE><header><geoReference>+proj=tmerc +lat_0=0 +lon_0=0</geoReference></header>"
+        f"{part(0, -200.0, end, 'successor')}{part(1, end, end + 10.0, 'predecessor')}</OpenDRIVE>"
+    )
 
 
 class Actors(list[Actor]):
@@ -140,7 +183,11 @@ class CarlaAgent:
     def __init__(self, agent: Any = None, config: str = "", **options: Any) -> None:
         self._kind = found_agent(agent, "run_step", _NAME)
         self._options, self._config, self._ego = options, config, Ego()
-        self._make()
+        # an agent that takes its vehicle looks at its road at once
+        self._begins = isinstance(self._kind, type) and takes(self._kind, "vehicle")
+        self.agent: Any = None
+        if not self._begins:
+            self._make()
 
     def _make(self) -> None:
         """A fresh agent, and its sensors."""
@@ -163,17 +210,28 @@ class CarlaAgent:
         self._arguments = positional(self.agent.run_step)
 
     def reset(self, scenario: Briefing) -> None:
-        """Start a case: a fresh agent of the leaderboard, the desired speed (km/h), the goal."""
+        """Start a case: a fresh agent of the leaderboard or of a vehicle."""
+        self._scenario, self._ego.road = scenario, scenario.road
+        self._frame, self._heading, self._time = 0, 0.0, -1.0
+        if self._begins:
+            self.agent = None
+            return
         if isinstance(self._kind, type) and hasattr(self._kind, "setup"):
             self.close()
             self._make()
-        self._frame, self._heading, self._time = 0, 0.0, -1.0
+        self._tell()
+
+    def _tell(self) -> None:
+        """Tell the agent the desired speed (km/h), the goal and the plan."""
+        goal = carla.Location(self._scenario.goal[0], -self._scenario.goal[1], 0.0)
         if callable(tell := getattr(self.agent, "set_target_speed", None)):
-            tell(3.6 * scenario.desired_speed)
+            tell(3.6 * self._scenario.desired_speed)
         if callable(tell := getattr(self.agent, "set_destination", None)):
-            tell(vector(scenario.goal[0], -scenario.goal[1]))
-        if callable(tell := getattr(self.agent, "set_global_plan", None)):
-            tell(*_route(scenario))
+            tell(goal)
+        # a navigation agent has the latter too, for waypoints of its map
+        plans = hasattr(self.agent, "setup") or not hasattr(self.agent, "set_destination")
+        if plans and callable(tell := getattr(self.agent, "set_global_plan", None)):
+            tell(*_route(self._scenario))
 
     def act(self, seen: Observation) -> Pedals:
         """Show the world, read the pedals.
@@ -181,6 +239,9 @@ class CarlaAgent:
         Raises ControllerError for what the vehicle does not have.
         """
         self._ego.look(seen)
+        if self.agent is None:
+            self._make()
+            self._tell()
         control = self.agent.run_step(*self._input(seen)[: self._arguments])
         self._frame += 1
         missing = [name for name in ("throttle", "brake", "steer") if not hasattr(control, name)]
