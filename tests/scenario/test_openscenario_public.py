@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import subprocess
@@ -30,7 +31,9 @@ PLAYS = {
 }  # fmt: skip
 """Files of a folder that run, of all."""
 WITHIN = 0.5  # m
-LATE = 0.06  # s: a step of the simulation, and one of the second reader
+MEASURED = Path(__file__).parents[2] / "docs" / "measurements" / "openscenario.json"
+TABLE = json.loads(MEASURED.read_text(encoding="utf-8"))["tables"][-1]["rows"]
+LATE = 0.05  # s: a step of the simulation
 EACH_STEP = SimulationSettings(record_interval=0.05)
 HERO = '<Private entityRef="hero">'
 DRIVES = """<PrivateAction><LongitudinalAction><SpeedAction><SpeedActionDynamics
@@ -111,8 +114,14 @@ def compared(file: Path, read: Read) -> tuple[float, float]:
     given = {name: str(value) for name, value in read.space.given(point).items()}
     reader = Reader(read.space.file, given, options(file).get("map", ""))
     ego, end = reader.bodies[options(file).get("ego", "Ego")], drive.simulated_time
-    theirs = {name: Begun(*it.place(), it.heading(), it.v) for name, it in reader.bodies.items()}
-    ours = {name: Begun(*it.place(), it.heading(), it.v) for name, it in reader.bodies.items()}
+    theirs, ours = (
+        {
+            name: Begun(*it.place(), it.heading(), it.v)
+            for name, it in reader.bodies.items()
+            if it is not ego
+        }
+        for _ in range(2)
+    )
     looks, contact, apart = list(np.linspace(0.25, 1.0, 4) * end), math.inf, [0.0]
     while reader.time < end + 0.1:
         time = reader.time
@@ -125,13 +134,13 @@ def compared(file: Path, read: Read) -> tuple[float, float]:
                 ours.pop(name, None)
             if time > seen.time[-1] + 1e-6 or body.unknown:  # or it has left the road
                 continue
-            theirs[name].look(time, body.place())
             x, y = (np.interp(time, seen.time, it) for it in (seen.x, seen.y))
             if read.frame.line:
                 x, y, _ = map_places(read.frame.line, x, y)
             place = read.frame.origin.moved(float(x), float(y))[:2]
             if name in ours:
                 ours[name].look(time, place)
+                theirs[name].look(time, body.place())
             if looks and time > looks[0] - STEP:
                 apart.append(math.dist(place, body.place()))
         if looks and time > looks[0] - STEP:
@@ -154,5 +163,10 @@ def test_public_files_run_with_every_vehicle_in_place(
     for folder, found in files(repository, tmp_path).items():
         reads = running(found)
         assert (len(reads), len(found)) == PLAYS[folder], [it.stem for it in reads]
+        names = {it: f"{it.parent.name}/{it.stem}" for it in found}
+        plays = {row[1].partition("?")[0]: row[2] for row in TABLE}
+        assert {name: plays[name] for name in names.values()} == {
+            name: file in reads for file, name in names.items()
+        }
         apart = {file.stem: compared(file, read) for file, read in reads.items()}
         assert all(far < WITHIN and late < LATE for far, late in apart.values()), apart

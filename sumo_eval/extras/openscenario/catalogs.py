@@ -17,24 +17,18 @@ class Catalogs:
     """
 
     def __init__(self, locations: Node | None) -> None:
-        self.locations = locations
-        self._missing: list[str] = []
+        parts = [] if locations is None else locations.children()
+        directories = [part.child("Directory") for part in parts]
+        self.folders = [(it, it.file.parent / it.text("path")) for it in directories]
 
     @cached_property
     def _all(self) -> dict[str, list[Node]]:
         """The catalogs by name; several files may have one of a name."""
         catalogs: dict[str, list[Node]] = {}
-        files: dict[Path, Path] = {}  # one folder may be named for several kinds of catalogs
-        for location in [] if self.locations is None else self.locations.children():
-            directory = location.child("Directory")
-            folder = location.file.parent / directory.text("path")
-            if not folder.is_dir():
-                self._missing.append(
-                    f"{directory.where}: the folder {folder} of its catalogs is not there"
-                )
-            for file in sorted(folder.glob("*.xosc")):
-                files.setdefault(file.resolve(), file)
-        for file in files.values():
+        # one folder may be named for several kinds of catalogs
+        for file in dict.fromkeys(
+            it.resolve() for _, at in self.folders for it in sorted(at.glob("*.xosc"))
+        ):
             catalog = read_openscenario(file).find("Catalog")
             if catalog is not None:
                 catalogs.setdefault(catalog.attribute("name"), []).append(catalog)
@@ -48,7 +42,11 @@ class Catalogs:
         catalogs = self._all
         if name not in catalogs:
             near = did_you_mean(name, catalogs)
-            missing = "; ".join(self._missing)
+            missing = "; ".join(
+                f"{it.where}: the folder {at} of its catalogs is not there"
+                for it, at in self.folders
+                if not at.is_dir()
+            )
             raise reference.fault(f"catalog `{name}` is not there.{near}{missing and ' '}{missing}")
         parts = [it for catalog in catalogs[name] for it in catalog.children()]
         named = [part for part in parts if part.get("name") == entry]

@@ -71,7 +71,7 @@ ROWS = (
         ("RoadPosition", ""),
         ("RelativeRoadPosition", ""),
         ("RelativeObjectPosition", ""),
-        ("RoutePosition", "FromLaneCoordinates, FromRoadCoordinates; along one road, or straight"),
+        ("RoutePosition", "FromLaneCoordinates, FromRoadCoordinates; one road, or straight"),
         ("TrajectoryPosition", ""),
         ("WorldPosition", "in the driving lane where it lies"),
         ("RelativeWorldPosition", ""),
@@ -96,8 +96,7 @@ ROWS = (
         ),
         ("LaneChangeAction", "but step; by rate (peak speed), time, distance at one speed"),
         ("LaneOffsetAction", "sinusoidal, cubic, by maxLateralAcc"),
-        ("LongitudinalDistanceAction", "`continuous`, or once: at the start or within limits; no limits "
-                                       "of jerk"),
+        ("LongitudinalDistanceAction", "`continuous`, or once: at the start, or within limits"),
         ("FollowTrajectoryAction", "of an actor, also with times; of the ego at the start"),
         ("AssignRouteAction", "along one road, or straight"),
         ("SynchronizeAction", "planned once; master the ego; a final speed with a steady "

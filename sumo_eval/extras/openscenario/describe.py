@@ -9,7 +9,7 @@ from pathlib import Path
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.collections import uses_of
-from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points
+from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points, notes_on
 from sumo_eval.extras.openscenario.moves import changes_nothing
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor
@@ -49,25 +49,18 @@ def described(read: Read) -> Iterator[str]:
             f"  this is road {read.road + 1} of {len(read.roads)} ({', '.join(read.roads)}); "
             "`?road=2` names another"
         )
-    size, known, first = space.size, all_points(read), None
-    if known is None:
-        reasons = dict(read.refused)
-        yield f"  {size} points, of which those are tried that are driven"
+    playing, reasons = _counted(read)
+    if playing is None:
+        yield f"  {space.size} points, of which those are tried that are driven"
     else:
-        reasons = Counter(why for _, why in known if why is not None)
-        first = next((point for point, why in known if why is None), None)
-        yield f"  {size - sum(reasons.values())} of {size} points play"
+        yield f"  {playing} of {space.size} points play"
     for why, count in list(reasons.items())[:_SHOWN]:
         yield f"  {count} do not: {why.removeprefix('= ')}"
     if len(reasons) > _SHOWN:
         yield f"  and {len(reasons) - _SHOWN} more reasons"
-    if read.dropped:
-        yield (
-            f"  points that differ in {', '.join(read.dropped)} alone are driven alike, and are "
-            "one point here"
-        )
-    if read.ignored:
-        yield f"  ignored, because they move no vehicle here: {', '.join(read.ignored)}"
+    yield from (f"  {note}" for note in notes_on(read.dropped, read.ignored, {}))
+    points = concrete_points(read) if playing else ()
+    first = next((point for point, why in points if why is None), None)
     if first is not None:
         found = concrete(read, first)
         yield "  at the first point:" if first else "  its scene:"
@@ -83,7 +76,7 @@ def listed(name: str, found: Iterable[Path]) -> Iterator[str]:
     """A line for each file of a catalogue: its points and how many of them play, or why none does;
     and their sums.
     """
-    points = played_ = files = whole = 0
+    points = playing = files = whole = 0
     for file in found:
         whole += 1
         try:
@@ -93,33 +86,27 @@ def listed(name: str, found: Iterable[Path]) -> Iterator[str]:
             continue
         files += 1
         for read in reads:
-            size, known = read.space.size, all_points(read)
+            count, reasons = _counted(read)
+            size, told = read.space.size, f"{count} of {read.space.size} points play"
             points += size
-            if known is None:
-                played_ += size
-                yield (
-                    f"{read.logical.name}: {size} points, tried along each axis{_why(read.refused)}"
-                )
-                continue
-            reasons = Counter(why for _, why in known if why is not None)
-            played_ += size - sum(reasons.values())
-            yield (
-                f"{read.logical.name}: {size - sum(reasons.values())} of {size} points "
-                f"play{_why(reasons.items())}"
+            playing += size if count is None else count
+            if count is None:
+                told = f"{size} points, tried along each axis"
+            why = "; ".join(
+                f"{it} {why.removeprefix('= ')}" for why, it in [*reasons.items()][:_SHOWN]
             )
-    yield f"{name}: {files} of {whole} files play, {played_} of {points} points"
+            yield f"{read.logical.name}: {told}{why and '; not: '}{why}"
+    yield f"{name}: {files} of {whole} files play, {playing} of {points} points"
 
 
-def all_points(read: Read) -> list[tuple[dict[str, float], str | None]] | None:
-    """All points of a file that was read, each with why it does not play; None where they are too
-    many.
+def _counted(read: Read) -> tuple[int | None, dict[str, int]]:
+    """How many points of a file play, None where they are too many to try, and why others do
+    not.
     """
-    return list(concrete_points(read)) if read.space.size <= _MOST else None
-
-
-def _why(reasons: Iterable[tuple[str, int]]) -> str:
-    told = [f"{count} {why.removeprefix('= ')}" for why, count in reasons]
-    return f"; not: {'; '.join(told[:_SHOWN])}" if told else ""
+    if read.space.size > _MOST:
+        return None, dict(read.refused)
+    reasons = Counter(why for _, why in concrete_points(read) if why is not None)
+    return read.space.size - reasons.total(), dict(reasons)
 
 
 def _of(actor: Actor) -> Iterator[str]:

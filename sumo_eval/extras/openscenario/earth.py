@@ -40,13 +40,11 @@ def on_map(position: Node, root: Node) -> tuple[float, float]:
         raise position.fault(f"`latitudeDeg` must be within -90..90, got {latitude:g}")
     at = transverse_mercator(math.radians(latitude), math.radians(longitude - it["lon_0"]))
     at = it["k"] * (at - transverse_mercator(math.radians(it["lat_0"]), 0.0))
-    x, y = it["x_0"] + at.imag, it["y_0"] + at.real
-    offset = root.find("header/offset")
-    if offset is None:
-        return x, y
-    if offset.number("hdg", 0.0):
-        raise offset.fault("a turned map is not supported")
-    return x - offset.number("x", 0.0), y - offset.number("y", 0.0)
+    for offset in root.all("header/offset"):
+        if offset.number("hdg", 0.0):
+            raise offset.fault("a turned map is not supported")
+        at -= complex(offset.number("y", 0.0), offset.number("x", 0.0))
+    return it["x_0"] + at.imag, it["y_0"] + at.real
 
 
 def _projection(position: Node, reference: Node | None) -> dict[str, float]:

@@ -151,8 +151,7 @@ def framed(entity: Entity, frame: Frame) -> Pose:
     if not frame.line:
         at = pose.seen_from(frame.origin)
         return at._replace(heading=0.0) if along and spot.way == frame.way else at
-    if spot.road is None or not along:
-        raise entity.element.fault("the ego must start along its curved road")
+    assert spot.road is not None
     if spot.way:
         s, t = spot.s + spot.way * entity.centre, spot.t + spot.way * entity.offset
         pose = spot.road.pose(s, t)

@@ -271,12 +271,12 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     logical = replace(_logical(space, frame, scenes), name=name)
     if "zones" in options:
         logical = replace(logical, search=_search(scenes, logical.road))
-    notes = [*_notes(dropped, ignored, refused), *_about_zones(logical, scenes)]
+    notes = [*notes_on(dropped, ignored, refused), *_about_zones(logical, scenes)]
     logical = replace(logical, notes=tuple(notes))
     return Read(logical, space, frame, names, number, dropped, ignored, tuple(refused.items()))
 
 
-def _notes(
+def notes_on(
     dropped: Sequence[str], ignored: Sequence[str], refused: Mapping[str, int]
 ) -> Iterator[str]:
     """Notes on the file for a reader of the scores."""
@@ -385,7 +385,10 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
     limit = limit if math.isfinite(limit) else _LONGEST
     body, *bodies = {case.ego_body for _, case in scenes}
     if bodies:
-        raise InputError(f"{space.name}: the ego must be the same vehicle at all points.")
+        raise InputError(
+            f"{space.name}.xosc, <ParameterValueDistribution>: the ego must be the same vehicle at "
+            "all points."
+        )
     parts = [_parameter(axis, space) for axis in space.axes]
     samples: tuple[NamedSample, ...] = ()
     constraints: tuple[Constraint, ...] = ()

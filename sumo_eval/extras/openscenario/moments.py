@@ -232,7 +232,7 @@ class Conditions:
         if element.tag == "SimulationTimeCondition":
             rule, value = element.one_of("rule", RULES), element.number("value")
             if rule.startswith("less"):
-                holds = element.compared(rule, 0.0, value)
+                holds = element.compared(0.0, value)
                 return Moment(0.0, until=value) if holds else Moment(NEVER)
             if rule == "equalTo" and value < 0.0:
                 return Moment(NEVER)
@@ -246,7 +246,7 @@ class Conditions:
                 )
             wanted = element.worked_out(element.attribute("value"))
             present = element.worked_out(f"${name}")
-            holds = element.compared(element.attribute("rule"), present, wanted)
+            holds = element.compared(present, wanted)
             return Moment(0.0 if holds else NEVER)
         if element.tag == "StoryboardElementStateCondition":
             return self._state(element)
@@ -308,17 +308,17 @@ class Conditions:
         if element.tag not in known:
             raise element.unsupported(f"conditions on an entity that are: {', '.join(known)}")
         number, limit = known[element.tag](element, one)
-        defaults = {
+        default = {
             "TraveledDistanceCondition": "greaterOrEqual", "ReachPositionCondition": "lessOrEqual"
-        }  # fmt: skip
-        rule = element.one_of("rule", RULES, defaults.get(element.tag))
+        }.get(element.tag)  # fmt: skip
+        rule = element.one_of("rule", RULES, default)
         if rule not in ("lessThan", "lessOrEqual", "greaterThan", "greaterOrEqual"):
             raise element.fault(f"`{rule}` between numbers of the drive is not supported")
         sides = (number.program, constant(limit).program)
         low, high = sides if rule.startswith("less") else sides[::-1]
         strict, equal = operation(played.BELOW), operation(played.AT_MOST)
         first, second = (strict, equal) if rule.endswith("Than") else (equal, strict)
-        start = element.compared(rule, number.start, limit)
+        start = element.compared(number.start, limit, default)
         return Truth((*low, *high, first), (*high, *low, second), start)
 
     # -- distances ---------------------------------------------------------------------------------

@@ -284,8 +284,7 @@ class Moves:
         apart, gap: m and s of its place ahead of the other.
         """
         own, its = (int(self._number(it)) for it in (entity, other))
-        program, delay = begin.program or from_time(begin.time), 0.0 if begin.known else begin.time
-        entity.acts.append(Act(played.COSINE, delay, AT_ONCE, program=program))
+        self._add(entity, begin, Act(played.COSINE, 0.0, AT_ONCE), 0.0)
         follows = played.ENDED, own, len(entity.acts) - 1, 0.0
 
         x, ahead = of_vehicle(played.X, own), of_vehicle(played.X, its) + constant(apart)

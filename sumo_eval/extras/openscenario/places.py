@@ -214,17 +214,16 @@ class Places:
 
         along: rad that an entity there may point beside the lane.
         """
-        if spot.road is None:
+        road, lane = spot.road, spot.lane
+        s, t = spot.s, spot.t
+        if road is None:
             driving = self.network.driving(spot.pose)
             if driving is None:
                 return spot
             road, lane, (s, t, _) = driving
-            spot = Spot(spot.pose, road, lane, s, t)
-        assert spot.road is not None
-        turned = spot.pose.heading - spot.road.pose(spot.s, spot.t).heading
-        turned = abs(math.remainder(turned, math.tau))
-        way = 1 if turned < along else -1 if turned > math.pi - along else 0
-        return replace(spot, lane=spot.lane or spot.road.lane_at(spot.t), way=way)
+        turned = abs(spot.pose.seen_from(road.pose(s, t)).heading)
+        way = int(turned < along) - int(turned > math.pi - along)
+        return Spot(spot.pose, road, lane or road.lane_at(t), s, t, way)
 
     def _on(self, road: MapRoad, s: float, t: float, lane: Lane | None, element: Node) -> Spot:
         if not -1e-6 <= s <= road.length + 1e-6:

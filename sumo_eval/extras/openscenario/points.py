@@ -195,20 +195,21 @@ def _deterministic(distribution: Node, owner: str) -> tuple[Combination, ...]:
 
 
 def _stochastic(element: Node, owner: str, count: int | None, seed: int) -> tuple[Combination, ...]:
-    runs = count if count is not None else int(str(element.get("numberOfTestRuns", "0")))
+    runs = element.whole("numberOfTestRuns") if count is None else count
     if not 1 <= runs <= MAX_POINTS:
         raise must_be(
             "`numberOfTestRuns`", owner, f"within 1..{MAX_POINTS:,}, or give a `count`", runs
         )
-    columns: dict[str, list[Value]] = {}
-    for item in element.all("StochasticDistribution"):
-        name = item.attribute("parameterName")
-        columns[name] = _draws(item.only(), runs, random_stream(seed, "openscenario", owner, name))
-    if not columns:
+    kinds = {
+        it.attribute("parameterName"): it.only() for it in element.all("StochasticDistribution")
+    }
+    if not kinds:
         raise InputError(f"{owner} must have at least one StochasticDistribution.")
-    return tuple(
-        dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
-    )
+    columns = [
+        _draws(kind, runs, random_stream(seed, "openscenario", owner, name))
+        for name, kind in kinds.items()
+    ]
+    return tuple(dict(zip(kinds, row, strict=True)) for row in zip(*columns, strict=True))
 
 
 def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
@@ -217,7 +218,9 @@ def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
         return list(stream.uniform(*range_of(kind), runs).tolist())
     if kind.tag in ("ProbabilityDistributionSet", "Histogram"):
         parts = kind.all("Element") or kind.all("Bin")
-        weights = np.array([float(str(part.get("weight", "1"))) for part in parts])
+        weights = np.array([part.number("weight", 1.0) for part in parts])
+        if weights.min(initial=0.0) < 0.0 or not weights.sum() > 0.0:
+            raise kind.fault("its weights must be above 0")
         picks = stream.choice(len(parts), runs, p=weights / weights.sum())
         if kind.tag != "Histogram":
             return [plain(parts[pick].attribute("value")) for pick in picks]
@@ -227,7 +230,7 @@ def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
     if kind.tag not in ("NormalDistribution", "LogNormalDistribution", "PoissonDistribution"):
         raise kind.unsupported()
     low, high = (-math.inf, math.inf) if kind.find("Range") is None else range_of(kind)
-    mean, variance = kind.number("expectedValue"), float(str(kind.get("variance", "0")))
+    mean, variance = kind.number("expectedValue"), kind.number("variance", 0.0)
     drawn: list[Value] = []
     for _ in range(1000):  # rejection: a value outside the Range is drawn again
         if kind.tag == "NormalDistribution":

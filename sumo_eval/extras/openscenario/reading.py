@@ -100,18 +100,15 @@ class Node:
 
     def all(self, path: str) -> list[Node]:
         """The elements at a path below it."""
-        return [Node(one, self.values, self.entries) for one in self.element.iterfind(path)]
+        return [replace(self, element=it) for it in self.element.iterfind(path)]
 
     def find(self, path: str) -> Node | None:
         """The first element at a path below it."""
-        found = self.element.find(path)
-        return None if found is None else Node(found, self.values, self.entries)
+        return next(iter(self.all(path)), None)
 
     def children(self) -> list[Node]:
         """The elements inside it, without comments."""
-        return [
-            Node(one, self.values, self.entries) for one in self.element if isinstance(one.tag, str)
-        ]
+        return self.all("*")
 
     def only(self) -> Node:
         """The one element inside it."""
@@ -202,13 +199,9 @@ class Node:
             raise self.fault(f"`{name}` must be true or false, got {shown(found)}")
         return _BOOLEAN[found]
 
-    def compared(self, rule: str, one: Value, two: Value) -> bool:
-        """Whether a rule holds between two values; texts are equal or not."""
-        if rule not in RULES:
-            known = ", ".join(RULES)
-            raise self.fault(
-                f"`rule` must be one of {known}, got {shown(rule)}.{did_you_mean(rule, RULES)}"
-            )
+    def compared(self, one: Value, two: Value, default: str | None = None) -> bool:
+        """Whether its rule holds between two values; texts are equal or not."""
+        rule = self.one_of("rule", RULES, default)
         found = holds(rule, one, two)
         if found is None:
             raise self.fault(f"`{rule}` must compare numbers, got {shown(one)} and {shown(two)}")
@@ -260,8 +253,8 @@ class Node:
         """Of several constraint groups one must hold, with all of its constraints."""
         groups = [group.all("ValueConstraint") for group in self.all("ConstraintGroup")]
         for group in groups:
-            wanted = [(it.attribute("rule"), it.worked_out(it.attribute("value"))) for it in group]
-            if all(self.compared(rule, self.values[name], value) for rule, value in wanted):
+            wanted = [(it, it.worked_out(it.attribute("value"))) for it in group]
+            if all(it.compared(self.values[name], value) for it, value in wanted):
                 return
         if groups:
             texts = (

@@ -472,13 +472,9 @@ class _Player:
         if actors.flag("selectTriggeringEntities"):
             raise actors.fault("actors that the trigger selects are not supported")
         names = [part.text("entityRef") for part in actors.all("EntityRef")]
-        ends = [begin.time]
-        for part in group.children():
-            if part.tag == "CatalogReference":
-                ends.append(self._maneuver(self.catalogs.entry(part), names, begin))
-            elif part.tag == "Maneuver":
-                ends.append(self._maneuver(part.within(), names, begin))
-        return max(ends)
+        references = map(self.catalogs.entry, group.all("CatalogReference"))
+        parts = [*references, *(part.within() for part in group.all("Maneuver"))]
+        return max([begin.time, *(self._maneuver(part, names, begin) for part in parts)])
 
     def _maneuver(self, maneuver: Node, names: list[str], begin: Moment) -> float:
         running: list[tuple[Node, Span]] = []

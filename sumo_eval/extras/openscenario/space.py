@@ -111,16 +111,12 @@ class FileSpace:
 
     def along_axes(self) -> list[dict[str, float]]:
         """Each axis at each of its values, from the first, the last and the middle point."""
-        values = {axis.name: axis.values for axis in self.axes}
-        points: dict[tuple[float, ...], dict[str, float]] = {}
-        for share in (0.0, 1.0, 0.5):
-            base = {
-                name: row[min(int(share * len(row)), len(row) - 1)] for name, row in values.items()
-            }
-            for name, value in ((name, value) for name, row in values.items() for value in row):
-                point = base | {name: value}
-                points[tuple(point.values())] = point
-        return list(points.values())
+        rows = [axis.values for axis in self.axes]
+        points: dict[tuple[float, ...], None] = {}
+        for base in zip(*((row[0], row[-1], row[len(row) // 2]) for row in rows), strict=True):
+            for k, row in enumerate(rows):
+                points |= dict.fromkeys((*base[:k], value, *base[k + 1 :]) for value in row)
+        return [dict(zip((it.name for it in self.axes), point, strict=True)) for point in points]
 
     def chosen(self, kept: Mapping[str, tuple[tuple[float, Assignments], ...]]) -> FileSpace:
         """It with these choices of axes alone; axes of one value are fixed."""
@@ -227,10 +223,10 @@ def _values(element: Node, name: str, values: Sequence[Value]) -> Axis:
 def _listed(element: Node, name: str, names: tuple[str, ...], rows: Sequence[Assignments]) -> Axis:
     if not rows:
         raise element.fault("it must list at least one value")
-    own = [value for row in rows for it, value in row if it == name]
-    places = [value for value in own if isinstance(value, float)]
+    pairs = itertools.chain(*rows)
+    places = [value for it, value in pairs if it == name and isinstance(value, float)]
     if len(set(places)) < len(rows):
-        places = [float(place) for place in range(len(rows))]
+        places = list(map(float, range(len(rows))))
     choices = sorted(zip(places, rows, strict=True))
     return Axis(name, names, choices[0][0], choices[-1][0], 1.0, tuple(choices))
 

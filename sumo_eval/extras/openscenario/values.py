@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 
 from sumo_eval.errors import did_you_mean
-from sumo_eval.scenario.expression import UNREADABLE
+from sumo_eval.scenario.expression import UNREADABLE, operation
 from sumo_eval.text import shown
 
 Value = float | str
@@ -20,14 +20,6 @@ _LONGEST = 2_000  # characters of an expression
 _DEEPEST = 60
 _REFERENCE = re.compile(r"\$([^\W\d]\w*)")
 
-_BINARY: dict[type[ast.operator], Callable[[float, float], float]] = {
-    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
-    # 0: divides by zero
-    ast.Mod: lambda one, two: math.fmod(one, two) if two else operator.mod(one, two),
-}  # fmt: skip
-_UNARY: dict[type[ast.unaryop], Callable[[float], float]] = {
-    ast.USub: operator.neg, ast.UAdd: operator.pos,
-}  # fmt: skip
 FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
     "sqrt": (math.sqrt, 1), "pow": (math.pow, 2), "sin": (math.sin, 1), "cos": (math.cos, 1),
     "tan": (math.tan, 1),
@@ -38,6 +30,13 @@ FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
     "sign": (lambda a: float((a > 0.0) - (a < 0.0)), 1),
 }  # fmt: skip
 """Functions of an expression, and how many values each takes."""
+_OPERATIONS: dict[str, tuple[Callable[..., float], int]] = {
+    "Add": (operator.add, 2), "Sub": (operator.sub, 2), "Mult": (operator.mul, 2),
+    "Div": (operator.truediv, 2), "USub": (operator.neg, 1), "UAdd": (operator.pos, 1),
+    # 0: divides by zero
+    "Mod": (lambda one, two: math.fmod(one, two) if two else operator.mod(one, two), 2),
+    **{f"{name}()": known for name, known in FUNCTIONS.items()},
+}  # fmt: skip
 _RULES: dict[str, Callable[[float, float], bool]] = {
     "lessThan": operator.lt, "lessOrEqual": operator.le, "greaterThan": operator.gt,
     "greaterOrEqual": operator.ge,
@@ -126,21 +125,16 @@ def _tree(inner: str) -> ast.expr:
 def _evaluate(node: ast.expr, names: Mapping[str, float], depth: int) -> float:
     if depth > _DEEPEST:
         raise WrongValueError("is nested too deep")
-    match node:
-        case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
-            return float(value)
-        case ast.Name(id=name) if name in names:
-            return names[name]
-        case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY:
-            return _UNARY[type(op)](_evaluate(operand, names, depth + 1))
-        case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
-            sides = (_evaluate(side, names, depth + 1) for side in (left, right))
-            return _BINARY[type(op)](*sides)
-        case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in FUNCTIONS:
-            function, count = FUNCTIONS[name]
-            if len(args) != count:
-                raise WrongValueError(f"must give {count} values to `{name}`, got {len(args)}")
-            return function(*(_evaluate(part, names, depth + 1) for part in args))
+    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        return float(node.value)  # type: ignore[arg-type]
+    if isinstance(node, ast.Name) and node.id in names:
+        return names[node.id]
+    name, parts = operation(node)
+    if name in _OPERATIONS:
+        function, count = _OPERATIONS[name]
+        if len(parts) != count:
+            raise WrongValueError(f"must give {count} values to `{name[:-2]}`, got {len(parts)}")
+        return function(*(_evaluate(part, names, depth + 1) for part in parts))
     held = re.sub(r"\bp_(?=[^\W\d])", "$", ast.unparse(node))  # as the file has it
     raise WrongValueError(f"holds `{held[:60]}`; it has numbers, $names, + - * / %, pi and "
                                 f"{', '.join(FUNCTIONS)}")  # fmt: skip
