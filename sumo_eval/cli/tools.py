@@ -162,7 +162,8 @@ def _is_scenario(path: Path) -> bool:
 
 def _check_scenario(use: str) -> NoReturn:
     """By the function that a run of the scenario alone, on its own sample, asks first."""
-    from sumo_eval.method.zone_partition import asks_some, refuse_impossible_zones
+    from sumo_eval.method.point_criticality import asks_some
+    from sumo_eval.method.zone_partition import refuse_impossible_zones
     from sumo_eval.record.facts import space_of
     from sumo_eval.scenario.catalogue import options_of
     from sumo_eval.scenario.file import check_file

@@ -5,20 +5,13 @@ hazardous where the learnt y <= 0. Zones are the connected hazardous regions of 
 exist (box and constraints). Distances are taken in the unit box, because metres and metres per
 second have no common length. A scenario may name coordinates in which its criticality is smoother
 than in its parameters; the GP then sees those, scaled alike.
-
-Not on the page, and stated here: the GP may miss each training value by about 10 % of it
-(`TARGET_TOLERANCE`) and by a common noise that the likelihood finds like its other constants. The
-target has plateaus and kinks away from the zone boundary. A surface that must pass through all of
-them takes length scales so short that it falls back to 0 between the points; this one is exact
-where it matters, near y = 0. For the same reason no length scale may be below half the spacing of
-the training points.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
@@ -27,15 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sumo_eval.errors import InputError, must_be
-from sumo_eval.method.conflict import encounter
-from sumo_eval.method.criticality import (
-    Profile,
-    ideal_impact_speed,
-    max_inverse_ttc,
-    searched_criticality,
-)
-from sumo_eval.scenario import Approach, LogicalScenario, Parameter
-from sumo_eval.scenario.concrete import braked_distance, braked_speed
+from sumo_eval.method.point_criticality import asks_some, criticality, exactly_hazardous
+from sumo_eval.method.zone_surface import SEED, Surface, coordinates, fit
+from sumo_eval.scenario import LogicalScenario, Parameter
 from sumo_eval.scenario.sampling.drawn_points import steadily
 from sumo_eval.scenario.sampling.grid import decimal, evenly, mesh
 from sumo_eval.settings import ZoneSettings
@@ -44,75 +31,16 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 IntArray = NDArray[np.intp]
 DEFAULT_SETTINGS = ZoneSettings()
 
-# restarts of the search and its sample of training points; a constant, so that zones never vary
-SEED = 20220
-# the hyperparameters are searched on at most so many training points, the GP uses all of them
-SEARCH_POINTS = 350
 OWN_GRID_POINTS = 1_500  # larger grids of own steps are thinned: a GP's cost grows with the cube
 MOST_POINTS = 5_000  # training points a user may bring
 # points of the dense grid where every one of them is a search of its own, at most
 SEARCHED_GRID = 8_000
-PASSING_SCALE = 10.0  # m, about two cars: how fast "has passed" becomes "is safe"
-TARGET_TOLERANCE = 0.1  # share of a training value by which the GP may miss it
-# unit-box lengths; a longer length scale is indistinguishable from "does not matter"
-LONGEST_SCALE = 10.0
-SIGNAL_BOUNDS, NOISE_BOUNDS = (1e-2, 1e2), (1e-6, 1.0)  # variances of a target within -1..1
-SEARCHED_AT_ONCE = 4_000  # points whose criticality is searched over time in one go
 ADDED_AT_ONCE = 500  # training points added in one refinement, at most
 # of the box, where the search for a most dangerous point ends if criticality is searched
 SEARCHED_WINDOW = 1e-3
-NUDGE = 1e-6  # unit-box lengths, for derivatives
 EDGE = 1e-9  # unit-box lengths within which a point counts as on an edge of the space
 ERROR_WORTH_A_NOTE = 0.01  # share of the space
 SHALLOW = 0.02  # of -1..0: a zone whose most dangerous point has a y above that is noted
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Surface:
-    """Eqs. 7-8: the GP's posterior mean y(x) = sf^2 sum_i exp(-|(x - x_i)/sl|^2 / 2) weight_i, x in
-    a unit box.
-
-    points: x_i, (n, m).
-    weights: (K + sn^2 I + diag(0.1 y_i)^2)^-1 y, (n,).
-    length_scales: sl, (m,).
-    signal_deviation: sf.
-    noise_deviation: sn.
-    level: 0, or the constant +1 (safe) or -1 (hazardous) with n = 0 where every training point
-        agrees.
-    coordinates: points (n, k) of the parameters' unit box -> x, where the scenario names better
-        ones.
-    """
-
-    points: FloatArray
-    weights: FloatArray
-    length_scales: FloatArray
-    signal_deviation: float
-    noise_deviation: float
-    level: float = 0.0
-    coordinates: Callable[[FloatArray], FloatArray] | None = None
-
-    def value(self, unit_points: FloatArray) -> FloatArray:
-        """Eq. 8 at points (n, k) of the parameters' unit box: y, (n,)."""
-        from scipy.spatial.distance import cdist
-
-        y = np.full(len(unit_points), self.level)
-        x = unit_points if self.coordinates is None else self.coordinates(unit_points)
-        known = self.points / self.length_scales
-        size = max(1, 250_000 // max(1, len(known)))  # a block stays in the processor's cache, 2 MB
-        for rows in (slice(first, first + size) for first in range(0, len(x), size)):
-            # in place: new blocks of this size cost more than the arithmetic
-            exponent = cdist(x[rows] / self.length_scales, known, "sqeuclidean")
-            exponent *= -0.5
-            np.exp(exponent, out=exponent)
-            exponent *= self.signal_deviation**2
-            y[rows] += exponent @ self.weights
-        return y
-
-    def gradient(self, unit_points: FloatArray) -> FloatArray:
-        """Derivative of Eq. 8 by each unit parameter, (n, k), by central differences."""
-        nudges = NUDGE * np.eye(unit_points.shape[1])
-        rises = [self.value(unit_points + step) - self.value(unit_points - step) for step in nudges]
-        return np.stack(rises, axis=1) / (2.0 * NUDGE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,16 +268,8 @@ def refuse_impossible_zones(
     exactly_hazardous(logical, grid[feasible][:: 8 if asks_some(logical) else 1], settings)
     training = mesh(axes)
     criticality(logical, training, settings)
-    if (coordinates := _coordinates(logical, training)) is not None:
-        coordinates(logical.to_unit(training))
-
-
-def asks_some(logical: LogicalScenario) -> bool:
-    """Whether the criticality of a point is searched for in time."""
-    if logical.approach is None:
-        return logical.search is not None
-    middle = np.array([[0.5 * (one.low + one.high) for one in logical.parameters]])
-    return not logical.approach(logical.columns(middle)).has_closed_form
+    if (better := coordinates(logical, training)) is not None:
+        better(logical.to_unit(training))
 
 
 def _dense_grid(
@@ -380,29 +300,9 @@ def of_parts(
     logical: LogicalScenario, settings: ZoneSettings, parts: Mapping[str, Any]
 ) -> ZonePartition:
     """The partition of a scenario under some settings, from its parts."""
-    seen = _coordinates(logical, parts["training_points"])
+    seen = coordinates(logical, parts["training_points"])
     surface = replace(parts["surface"], coordinates=seen)
     return ZonePartition(logical, settings, **{**parts, "surface": surface})
-
-
-def squared_time_target(
-    inverse_ttc: ArrayLike, impact_speed: ArrayLike, settings: ZoneSettings = DEFAULT_SETTINGS
-) -> FloatArray:
-    """Eq. 7: target of the GP, y = tanh((T^2 - T*^2) / scale), T = 1 / max ITTC, T* = 1 / ITTC*.
-
-    inverse_ttc: max ITTC, (n,), 1/s.
-    impact_speed: u, (n,), m/s, under the zones' braking a.
-    settings: `[method.zones]`: a, ITTC*, scale.
-
-    Where it hits, T^2 := -(u/a)^2, which continues T^2 smoothly through contact: both are 2c/a, c
-    the gap left over. Not closing: T = inf, y = 1.
-    """
-    inverse, u = np.broadcast_arrays(
-        np.asarray(inverse_ttc, float), np.asarray(impact_speed, float)
-    )
-    squared = np.divide(1.0, inverse**2, out=np.full(inverse.shape, np.inf), where=inverse > 0.0)
-    squared = np.where(np.isinf(inverse), -((u / settings.deceleration) ** 2), squared)
-    return np.tanh((squared - settings.critical_inverse_ttc**-2) / settings.target_scale)
 
 
 @dataclass(frozen=True, slots=True)
@@ -474,7 +374,7 @@ def _learn(
         target = found.target
         if settings.target == "label":
             target = np.where(found.inverse >= settings.critical_inverse_ttc, -1.0, 1.0)
-        surface, notes = _fit(logical, training, target, settings)
+        surface, notes = fit(logical, training, target, settings)
         y = surface.value(unit)
         wrong = feasible & ((y <= 0.0) != exact)
         if len(training) > own:
@@ -491,267 +391,6 @@ def _learn(
         remark = f"The GP puts {100 * share:.1f} % of the space in the wrong zone: add points."
         best = best._replace(notes=(*best.notes, remark))
     return best
-
-
-class Criticality(NamedTuple):
-    """Outcome of points under the zones' ideal braking after the scenario's delay, (n,) each.
-
-    inverse: Eq. 6, max ITTC, 1/s, inf where it hits.
-    impact: speed, m/s.
-    gap: m; where the actor comes into the ego's way later, the one left when it does, of either
-        sign.
-    target: y on the scale that the GP learns, hazardous where <= 0.
-    """
-
-    inverse: FloatArray
-    impact: FloatArray
-    gap: FloatArray
-    target: FloatArray
-
-
-def criticality(
-    logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
-) -> Criticality:
-    """Eqs. 5-6: criticality of points itself, in closed form or searched; without an approach all
-    are safe.
-
-    logical: the scenario.
-    points: (n, k), in the parameters' units.
-    settings: `[method.zones]`.
-
-    Where the actor comes into the ego's way later, an ego that has passed by then is safe: y =
-    tanh(p / 10 m), p the free road between them, and before that y is the larger of this and of the
-    squared-time target. Without p the target would jump from the hardest hit to perfectly safe, and
-    no smooth surface follows a jump.
-    """
-    n = len(points)
-    # hazardous where nothing is to spare, worst where most lacks: m for an impact speed
-    if logical.margin is not None:
-        margin = np.asarray(logical.margin(logical.columns(points)))
-        lacks = margin <= 0.0
-        y = np.tanh(margin / PASSING_SCALE)
-        return Criticality(np.where(lacks, np.inf, 0.0), np.where(lacks, -margin, 0.0), margin, y)
-    approach = None if logical.approach is None else logical.approach(logical.columns(points))
-    if logical.search is not None:
-        inverse, impact, gap = encounter(logical, points, settings)
-    elif approach is None:
-        inverse, impact, gap = np.zeros(n), np.zeros(n), np.full(n, np.inf)
-    elif not approach.has_closed_form:
-        inverse, impact = _searched(approach, n, settings)
-        # Of two equally hard hits the one at the closer meeting counts, and not the one that the
-        # ego has nearly passed.
-        gap = np.broadcast_to(np.abs(_gap_at_conflict(approach, settings)), n)
-    else:
-        scene = approach.ego_speed, approach.obstacle_speed, approach.gap
-        braking = {"deceleration": settings.deceleration, "delay": approach.delay}
-        inverse, impact, gap = _broadcast(
-            n,
-            max_inverse_ttc(*scene, **braking),
-            ideal_impact_speed(*scene, **braking),
-            approach.gap,
-        )
-    y = squared_time_target(inverse, impact, settings)
-    if approach is not None and math.isfinite(approach.passing_length):
-        passed_by = -_gap_at_conflict(approach, settings) - approach.passing_length
-        past = np.tanh(passed_by / PASSING_SCALE)
-        y = np.where(passed_by > 0.0, past, np.maximum(y, past))
-    return Criticality(inverse, impact, gap, y)
-
-
-def _gap_at_conflict(approach: Approach, settings: ZoneSettings) -> FloatArray:
-    """The gap when the obstacle comes into the ego's way, m; negative: the ego's front is past the
-    obstacle's rear.
-    """
-    begin = approach.conflict_begin
-    _, distance = _lead(
-        np.asarray(approach.obstacle_speed), np.asarray(approach.obstacle_deceleration)
-    )
-    waits = np.minimum(begin, approach.delay)
-    ego = approach.ego_speed * waits + braked_distance(
-        approach.ego_speed, settings.deceleration, begin - waits
-    )
-    return approach.gap + distance(np.asarray(begin)) - ego
-
-
-def _searched(approach: Approach, n: int, settings: ZoneSettings) -> tuple[FloatArray, FloatArray]:
-    """Max ITTC and impact speed of `n` points without a closed form, in blocks that stay within 50
-    MB.
-    """
-    inverse, impact = np.empty(n), np.empty(n)
-    names = [item.name for item in fields(approach) if item.name != "passing_length"]
-    values = _broadcast(n, *(getattr(approach, name) for name in names))
-    arrays = dict(zip(names, values, strict=True))
-    for rows in (slice(start, start + SEARCHED_AT_ONCE) for start in range(0, n, SEARCHED_AT_ONCE)):
-        part = {name: array[rows] for name, array in arrays.items()}
-        inverse[rows], impact[rows] = searched_criticality(
-            part["ego_speed"],
-            part["gap"],
-            _lead(part["obstacle_speed"][:, None], part["obstacle_deceleration"][:, None]),
-            deceleration=settings.deceleration,
-            delay=part["delay"],
-            conflict_begin=part["conflict_begin"],
-            passing_length=approach.passing_length,
-        )
-    return inverse, impact
-
-
-def _broadcast(n: int, *values: ArrayLike) -> Iterator[FloatArray]:
-    """Each of the values as (n,) numbers."""
-    return (np.broadcast_to(np.asarray(value, dtype=np.float64), n) for value in values)
-
-
-def _lead(speed: FloatArray, slowing: FloatArray) -> tuple[Profile, Profile]:
-    """Speed and distance at times of leads, (n, 1); those that decelerate brake from the start
-    on.
-    """
-    brakes = slowing > 0.0
-    strength = np.where(brakes, slowing, 1.0)
-    return (
-        lambda time: np.where(brakes, braked_speed(speed, strength, time), speed),
-        lambda time: np.where(brakes, braked_distance(speed, strength, time), speed * time),
-    )
-
-
-def exact_target(
-    logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
-) -> FloatArray:
-    """Eqs. 5-7: the criticality of points (n, k) itself, on the scale that the GP learns it:
-    hazardous where <= 0, (n,).
-    """
-    return criticality(logical, points, settings).target
-
-
-def danger(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> FloatArray:
-    """Eqs. 5-7: (1 - y) / 2 of the criticality y that the zones are learnt from, (n,).
-
-    logical: the scenario.
-    points: (n, k), in the parameters' units.
-    settings: `[method.zones]`.
-
-    0.5 on the zone boundary, 1 where ideal braking hits hard, 0 where nothing comes near.
-    """
-    return (1.0 - exact_target(logical, points, settings)) / 2.0
-
-
-def exactly_hazardous(
-    logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
-) -> BoolArray:
-    """Eqs. 5-6: where max ITTC itself reaches its threshold, at points (n, k) of the box, (n,),
-    without any partition.
-    """
-    return criticality(logical, points, settings).inverse >= settings.critical_inverse_ttc
-
-
-def _coordinates(
-    logical: LogicalScenario, training: FloatArray
-) -> Callable[[FloatArray], FloatArray] | None:
-    """From the parameters' unit box to better coordinates for the GP, scaled so that the training
-    points fill a unit box; None: the scenario names none.
-    """
-    better = logical.zone_coordinates
-    if better is None:
-        return None
-
-    def raw(points: FloatArray) -> FloatArray:
-        return np.stack(better.of(logical.columns(points)), axis=-1)
-
-    low, high = raw(training).min(axis=0), raw(training).max(axis=0)
-    return lambda unit: (raw(logical.from_unit(unit)) - low) / (high - low)
-
-
-def _fit(
-    logical: LogicalScenario, training: FloatArray, target: FloatArray, settings: ZoneSettings
-) -> tuple[Surface, list[str]]:
-    """The GP, and sentences on what limits the trust in it."""
-    from scipy.linalg import cho_solve, cholesky
-    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
-
-    from sumo_eval.method.gaussian_process import (
-        Hyperparameters,
-        MarginalLikelihood,
-        covariance,
-        most_likely,
-    )
-
-    coordinates, unit = _coordinates(logical, training), logical.to_unit(training)
-    if coordinates is not None:
-        unit = coordinates(unit)
-    n, k = unit.shape
-    hazardous = target <= 0.0
-    if hazardous.all() or not hazardous.any():
-        side, level = ("hazardous", -1.0) if hazardous[0] else ("safe", 1.0)
-        nothing = np.empty(0)
-        return Surface(unit[:0], nothing, np.full(k, np.inf), 0.0, 0.0, level), [
-            f"All {n} training points are {side}: no GP is fitted, and the whole space counts as "
-            "such."
-        ]
-
-    spacing = np.array([np.diff(np.unique([0.0, *column, 1.0])).max() for column in unit.T])
-    spacing = np.maximum(spacing, n ** (-1.0 / k))
-    bounds = np.log(
-        [SIGNAL_BOUNDS, *((0.5 * step, LONGEST_SCALE) for step in spacing), NOISE_BOUNDS]
-    )
-    start = Hyperparameters(1.0, tuple(np.maximum(0.5, 2.0 * spacing).tolist()), 1e-3)
-    tolerance = (TARGET_TOLERANCE * target) ** 2
-    sample = np.random.default_rng(SEED).permutation(n)[:SEARCH_POINTS]
-    # One thread: matrices this small gain nothing from more, and several waited 20 s for each other
-    # on a busy machine.
-    with threadpool_limits(1):
-        likelihood = MarginalLikelihood(unit[sample], target[sample], tolerance[sample])
-        theta, failures = most_likely(
-            likelihood, start, bounds, restarts=settings.restarts, seed=SEED
-        )
-        # Three digits are more than the likelihood can tell apart; zones stay free of the last
-        # digits of the search.
-        rounded = Hyperparameters.of_logarithms(
-            np.log([float(f"{value:.3g}") for value in np.exp(theta)])
-        )
-        k_training = covariance(unit, rounded)
-        k_training[np.diag_indices_from(k_training)] += tolerance
-        factor = cholesky(k_training, lower=True, check_finite=False)
-        weights = cho_solve((factor, True), target, check_finite=False)
-    notes = _bound_notes(logical, theta, bounds)
-    if failures:
-        notes.insert(
-            0,
-            f"{len(failures)} of {settings.restarts + 1} searches for the GP's hyperparameters "
-            "stopped early: "
-            f"{failures[0]}.",
-        )
-    surface = Surface(
-        points=unit,
-        weights=weights,
-        length_scales=np.array(rounded.length_scales),
-        signal_deviation=math.sqrt(rounded.signal),
-        noise_deviation=math.sqrt(rounded.noise),
-        coordinates=coordinates,
-    )
-    return surface, notes
-
-
-def _bound_notes(logical: LogicalScenario, theta: FloatArray, bounds: FloatArray) -> list[str]:
-    """One sentence for each hyperparameter that the search left at a bound."""
-    seen = logical.names if logical.zone_coordinates is None else logical.zone_coordinates.names
-    names = ["signal deviation", *(f"length scale of `{name}`" for name in seen), "noise deviation"]
-    meaning = {
-        ("length", "upper"): "the zones hardly depend on it",
-        (
-            "length",
-            "lower",
-        ): "the zones change faster than the training points can tell; add points",
-        ("noise", "lower"): "the surface follows the training points as closely as it may",
-        ("noise", "upper"): "the surface hardly follows the training points; add points",
-        ("signal", "lower"): "the training points are almost alike",
-        ("signal", "upper"): "the surface may swing far between the training points; add points",
-    }
-    notes = []
-    for name, value, (low, high) in zip(names, theta, bounds, strict=True):
-        reached = "lower" if value <= low + 1e-6 else "upper" if value >= high - 1e-6 else None
-        if reached:
-            notes.append(
-                f"The GP's {name} reached its {reached} bound: {meaning[name.split()[0], reached]}."
-            )
-    return notes
 
 
 # --- points ---------------------------------------------------------------------------------------

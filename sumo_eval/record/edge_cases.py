@@ -8,7 +8,7 @@ import itertools
 
 import numpy as np
 
-from sumo_eval.method.zone_partition import danger
+from sumo_eval.method.point_criticality import danger
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import central_point, sample

@@ -19,8 +19,8 @@ from sumo_eval.cosim.doors.controller import find_controller
 from sumo_eval.cosim.doors.entry import made_absolute
 from sumo_eval.drivers.recorded.exposure import exposure_of
 from sumo_eval.errors import InputError, StoppedError
+from sumo_eval.method.point_criticality import exactly_hazardous
 from sumo_eval.method.severity import severity_of
-from sumo_eval.method.zone_partition import exactly_hazardous
 from sumo_eval.record import loops, run_folder
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import refuse_engine, run_cases

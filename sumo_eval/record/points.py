@@ -37,7 +37,8 @@ def kept_zones(
 
     key: hash of all that the partition depends on.
     """
-    from sumo_eval.method.zone_partition import Surface, fitted_parts, of_parts, partition
+    from sumo_eval.method.zone_partition import fitted_parts, of_parts, partition
+    from sumo_eval.method.zone_surface import Surface
 
     data = kept.get("zones", key)
     if data is not None and key not in ZONES:
@@ -62,7 +63,7 @@ def choose_points(
 
     exposure: instead of the scenario's own.
     """
-    from sumo_eval.method.zone_partition import danger
+    from sumo_eval.method.point_criticality import danger
     from sumo_eval.scenario.sampling.request import Request
     from sumo_eval.scenario.sampling.samples import sample
 

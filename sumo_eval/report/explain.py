@@ -13,8 +13,9 @@ from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.errors import unknown
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP
+from sumo_eval.method.point_criticality import criticality
 from sumo_eval.method.score_terms import excess, mean_shares, worth
-from sumo_eval.method.zone_partition import ZonePartition, criticality
+from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.human_reference import PointJob, compute_points
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.run_folder import FACTS

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.cases import CaseResult, CaseTable
-from sumo_eval.method.zone_partition import ZonePartition, exact_target
+from sumo_eval.method.point_criticality import exact_target
+from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report.failure_groups import failure_groups
 from sumo_eval.report.packing import packed_bytes
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, SentDrives

@@ -12,14 +12,9 @@ from twins.zone_partition import distance_to_change, posterior_mean
 from sumo_eval.errors import InputError
 from sumo_eval.method.collision_avoidance import collision_weight
 from sumo_eval.method.criticality import critical_gap, ideal_impact_speed, max_inverse_ttc
-from sumo_eval.method.zone_partition import (
-    TARGET_TOLERANCE,
-    boundary_error,
-    criticality,
-    exact_target,
-    partition,
-    squared_time_target,
-)
+from sumo_eval.method.point_criticality import criticality, exact_target, squared_time_target
+from sumo_eval.method.zone_partition import boundary_error, partition
+from sumo_eval.method.zone_surface import TARGET_TOLERANCE
 from sumo_eval.scenario.catalogue import load
 from sumo_eval.settings import ZoneSettings
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sumo_eval.method.zone_partition import danger
+from sumo_eval.method.point_criticality import danger
 from sumo_eval.record.edge_cases import edge_cases
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import sample

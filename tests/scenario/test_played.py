@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from sumo_eval.errors import InputError
-from sumo_eval.method.zone_partition import criticality, partition
+from sumo_eval.method.point_criticality import criticality
+from sumo_eval.method.zone_partition import partition
 from sumo_eval.scenario.file import check_points, scenario_from
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.undisturbed import tracks

@@ -11,7 +11,7 @@ from scenario.test_scenario_file import EXAMPLE
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
-from sumo_eval.method.zone_partition import exact_target
+from sumo_eval.method.point_criticality import exact_target
 from sumo_eval.scenario import catalogue, constant_lateral, motion
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.settings import SimulationSettings, ZoneSettings

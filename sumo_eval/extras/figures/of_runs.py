@@ -16,8 +16,9 @@ from sumo_eval.extras.figures.chosen import Asked, DrivenPoint, driven_point
 from sumo_eval.extras.figures.style import label, look_of, new_figure, on_paper, styled
 from sumo_eval.extras.panels import FAINT, HAZARDOUS, INK, MUTED, SAFE, Marks, Panel, edge_of
 from sumo_eval.extras.panels import name as name_figure
+from sumo_eval.method.point_criticality import exact_target
 from sumo_eval.method.trajectory_field import trajectory_fields
-from sumo_eval.method.zone_partition import ZonePartition, exact_target
+from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.report.page_data import View, choose_view, slice_points, telling_slice
 from sumo_eval.report.words import LOOKS

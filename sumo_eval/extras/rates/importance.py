@@ -22,7 +22,7 @@ from scipy.special import stdtrit
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.studies.straddle import BoundarySearch
-from sumo_eval.method.zone_partition import danger
+from sumo_eval.method.point_criticality import danger
 from sumo_eval.scenario.formulas import ExposureDensity
 from sumo_eval.scenario.joint import Joint
 from sumo_eval.scenario.logical import LogicalScenario

@@ -1,0 +1,191 @@
+"""The Gaussian process from which zones are taken, Eqs. 7-8.
+
+Not on the page, and stated here: the GP may miss each training value by about 10 % of it
+(`TARGET_TOLERANCE`) and by a common noise that the likelihood finds like its other constants. The
+target has plateaus and kinks away from the zone boundary. A surface that must pass through all of
+them takes length scales so short that it falls back to 0 between the points; this one is exact
+where it matters, near y = 0. For the same reason no length scale may be below half the spacing of
+the training points.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sumo_eval.scenario import LogicalScenario
+from sumo_eval.settings import ZoneSettings
+from sumo_eval.trajectory import FloatArray
+
+# restarts of the search and its sample of training points; a constant, so that zones never vary
+SEED = 20220
+# the hyperparameters are searched on at most so many training points, the GP uses all of them
+SEARCH_POINTS = 350
+TARGET_TOLERANCE = 0.1  # share of a training value by which the GP may miss it
+# unit-box lengths; a longer length scale is indistinguishable from "does not matter"
+LONGEST_SCALE = 10.0
+SIGNAL_BOUNDS, NOISE_BOUNDS = (1e-2, 1e2), (1e-6, 1.0)  # variances of a target within -1..1
+NUDGE = 1e-6  # unit-box lengths, for derivatives
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """Eqs. 7-8: the GP's posterior mean y(x) = sf^2 sum_i exp(-|(x - x_i)/sl|^2 / 2) weight_i, x in
+    a unit box.
+
+    points: x_i, (n, m).
+    weights: (K + sn^2 I + diag(0.1 y_i)^2)^-1 y, (n,).
+    length_scales: sl, (m,).
+    signal_deviation: sf.
+    noise_deviation: sn.
+    level: 0, or the constant +1 (safe) or -1 (hazardous) with n = 0 where every training point
+        agrees.
+    coordinates: points (n, k) of the parameters' unit box -> x, where the scenario names better
+        ones.
+    """
+
+    points: FloatArray
+    weights: FloatArray
+    length_scales: FloatArray
+    signal_deviation: float
+    noise_deviation: float
+    level: float = 0.0
+    coordinates: Callable[[FloatArray], FloatArray] | None = None
+
+    def value(self, unit_points: FloatArray) -> FloatArray:
+        """Eq. 8 at points (n, k) of the parameters' unit box: y, (n,)."""
+        from scipy.spatial.distance import cdist
+
+        y = np.full(len(unit_points), self.level)
+        x = unit_points if self.coordinates is None else self.coordinates(unit_points)
+        known = self.points / self.length_scales
+        size = max(1, 250_000 // max(1, len(known)))  # a block stays in the processor's cache, 2 MB
+        for rows in (slice(first, first + size) for first in range(0, len(x), size)):
+            # in place: new blocks of this size cost more than the arithmetic
+            exponent = cdist(x[rows] / self.length_scales, known, "sqeuclidean")
+            exponent *= -0.5
+            np.exp(exponent, out=exponent)
+            exponent *= self.signal_deviation**2
+            y[rows] += exponent @ self.weights
+        return y
+
+    def gradient(self, unit_points: FloatArray) -> FloatArray:
+        """Derivative of Eq. 8 by each unit parameter, (n, k), by central differences."""
+        nudges = NUDGE * np.eye(unit_points.shape[1])
+        rises = [self.value(unit_points + step) - self.value(unit_points - step) for step in nudges]
+        return np.stack(rises, axis=1) / (2.0 * NUDGE)
+
+
+def coordinates(
+    logical: LogicalScenario, training: FloatArray
+) -> Callable[[FloatArray], FloatArray] | None:
+    """From the parameters' unit box to better coordinates for the GP, scaled so that the training
+    points fill a unit box; None: the scenario names none.
+    """
+    better = logical.zone_coordinates
+    if better is None:
+        return None
+
+    def raw(points: FloatArray) -> FloatArray:
+        return np.stack(better.of(logical.columns(points)), axis=-1)
+
+    low, high = raw(training).min(axis=0), raw(training).max(axis=0)
+    return lambda unit: (raw(logical.from_unit(unit)) - low) / (high - low)
+
+
+def fit(
+    logical: LogicalScenario, training: FloatArray, target: FloatArray, settings: ZoneSettings
+) -> tuple[Surface, list[str]]:
+    """The GP, and sentences on what limits the trust in it."""
+    from scipy.linalg import cho_solve, cholesky
+    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+    from sumo_eval.method.gaussian_process import (
+        Hyperparameters,
+        MarginalLikelihood,
+        covariance,
+        most_likely,
+    )
+
+    better, unit = coordinates(logical, training), logical.to_unit(training)
+    if better is not None:
+        unit = better(unit)
+    n, k = unit.shape
+    hazardous = target <= 0.0
+    if hazardous.all() or not hazardous.any():
+        side, level = ("hazardous", -1.0) if hazardous[0] else ("safe", 1.0)
+        nothing = np.empty(0)
+        return Surface(unit[:0], nothing, np.full(k, np.inf), 0.0, 0.0, level), [
+            f"All {n} training points are {side}: no GP is fitted, and the whole space counts as "
+            "such."
+        ]
+
+    spacing = np.array([np.diff(np.unique([0.0, *column, 1.0])).max() for column in unit.T])
+    spacing = np.maximum(spacing, n ** (-1.0 / k))
+    bounds = np.log(
+        [SIGNAL_BOUNDS, *((0.5 * step, LONGEST_SCALE) for step in spacing), NOISE_BOUNDS]
+    )
+    start = Hyperparameters(1.0, tuple(np.maximum(0.5, 2.0 * spacing).tolist()), 1e-3)
+    tolerance = (TARGET_TOLERANCE * target) ** 2
+    sample = np.random.default_rng(SEED).permutation(n)[:SEARCH_POINTS]
+    # One thread: matrices this small gain nothing from more, and several waited 20 s for each other
+    # on a busy machine.
+    with threadpool_limits(1):
+        likelihood = MarginalLikelihood(unit[sample], target[sample], tolerance[sample])
+        theta, failures = most_likely(
+            likelihood, start, bounds, restarts=settings.restarts, seed=SEED
+        )
+        # Three digits are more than the likelihood can tell apart; zones stay free of the last
+        # digits of the search.
+        rounded = Hyperparameters.of_logarithms(
+            np.log([float(f"{value:.3g}") for value in np.exp(theta)])
+        )
+        k_training = covariance(unit, rounded)
+        k_training[np.diag_indices_from(k_training)] += tolerance
+        factor = cholesky(k_training, lower=True, check_finite=False)
+        weights = cho_solve((factor, True), target, check_finite=False)
+    notes = _bound_notes(logical, theta, bounds)
+    if failures:
+        notes.insert(
+            0,
+            f"{len(failures)} of {settings.restarts + 1} searches for the GP's hyperparameters "
+            "stopped early: "
+            f"{failures[0]}.",
+        )
+    surface = Surface(
+        points=unit,
+        weights=weights,
+        length_scales=np.array(rounded.length_scales),
+        signal_deviation=math.sqrt(rounded.signal),
+        noise_deviation=math.sqrt(rounded.noise),
+        coordinates=better,
+    )
+    return surface, notes
+
+
+def _bound_notes(logical: LogicalScenario, theta: FloatArray, bounds: FloatArray) -> list[str]:
+    """One sentence for each hyperparameter that the search left at a bound."""
+    seen = logical.names if logical.zone_coordinates is None else logical.zone_coordinates.names
+    names = ["signal deviation", *(f"length scale of `{name}`" for name in seen), "noise deviation"]
+    meaning = {
+        ("length", "upper"): "the zones hardly depend on it",
+        (
+            "length",
+            "lower",
+        ): "the zones change faster than the training points can tell; add points",
+        ("noise", "lower"): "the surface follows the training points as closely as it may",
+        ("noise", "upper"): "the surface hardly follows the training points; add points",
+        ("signal", "lower"): "the training points are almost alike",
+        ("signal", "upper"): "the surface may swing far between the training points; add points",
+    }
+    notes = []
+    for name, value, (low, high) in zip(names, theta, bounds, strict=True):
+        reached = "lower" if value <= low + 1e-6 else "upper" if value >= high - 1e-6 else None
+        if reached:
+            notes.append(
+                f"The GP's {name} reached its {reached} bound: {meaning[name.split()[0], reached]}."
+            )
+    return notes
