@@ -29,6 +29,7 @@ _CORE: Final = {
     "run": ("run", "score", "merge", "verify"),
     "look": ("report", "explain", "find", "replay", "export"),
     "compare": ("compare", "nightly", "accept", "trend"),
+    "whatif": ("whatif",),
     "space": ("scenarios", "partition", "sample"),
     "tools": ("check", "schema"),
 }

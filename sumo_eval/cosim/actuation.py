@@ -4,8 +4,12 @@ command takes.
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.settings import ConditionSettings
@@ -15,6 +19,7 @@ Clip = Callable[[str, float, float], None]
 
 # before the first command has arrived: the speed is kept, the wheel is straight
 _NEUTRAL = Command(0.0)
+_ROUNDING = 1e-9  # s
 
 
 class Actuation:
@@ -46,6 +51,27 @@ class Actuation:
         if self._delay == 0.0:
             return command
         self._under_way.append((time, command))
-        while len(self._under_way) > 1 and self._under_way[1][0] <= time - self._delay + 1e-9:
+        while len(self._under_way) > 1 and self._under_way[1][0] <= time - self._delay + _ROUNDING:
             self._under_way.popleft()
         return self._under_way[0][1]
+
+
+class Delays:
+    """Commands of a batch on their way to the vehicles.
+
+    delays: of each case, s.
+    step: of the simulation, s.
+    kind: of a command in the records of egos.
+    """
+
+    def __init__(self, delays: Sequence[float], step: float, kind: np.dtype[np.void]) -> None:
+        self._steps = np.array([max(math.ceil((it - _ROUNDING) / step), 0) for it in delays])
+        # a ring over the last steps; a command that was never given is neutral
+        self._under_way = np.zeros((self._steps.max() + 1, len(delays)), kind)
+
+    def pass_on(self, commands: NDArray[np.void], cases: NDArray[np.intp], now: int) -> None:
+        """Replace commands of cases, (n,), by those that arrive in step `now`."""
+        slots = len(self._under_way)
+        if slots > 1:
+            self._under_way[now % slots, cases] = commands
+            commands[:] = self._under_way[(now - self._steps[cases]) % slots, cases]

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.cosim.actuation import Actuation
+from sumo_eval.cosim.actuation import Actuation, Delays
 from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.controller import (
@@ -103,11 +103,15 @@ class EgoControl:
     def begin(self, world: World, stage: Stage) -> None:
         """Before the first step."""
         self._traci, self._clock = stage.traci, simulation_time(stage.traci)
-        self._actuations = {
-            case: Actuation(its.conditions, partial(world.note, case))
-            for case, its in enumerate(world.each)
-            if its.conditions.actuation_delay or its.conditions.step_budget is not None
-        }
+        conditions = world.each[0].conditions
+        # only a case alone has a budget
+        self._budgeted = (
+            None
+            if conditions.step_budget is None
+            else Actuation(conditions, partial(world.note, 0))
+        )
+        delays = [its.conditions.actuation_delay for its in world.each]
+        self._delays = Delays(delays, world.settings.step, world.egos["command"].dtype)
 
     def step(self, world: World, time: float) -> None:
         """Write the egos' commands, or fail rows."""
@@ -129,13 +133,13 @@ class EgoControl:
 
         took: of a case, s.
         """
-        for row in np.flatnonzero(world.egos["live"]).tolist() if self._actuations else ():
-            case = int(world.rows[row])
-            if case in self._actuations:
-                command = Command(*world.egos["command"][row].tolist())
-                arrived = self._actuations[case].pass_on(command, time, took(case))
-                assert arrived is not None
-                world.egos["command"][row] = arrived.acceleration, arrived.steering
+        if self._budgeted is not None:
+            command = Command(*world.egos["command"][0].tolist())
+            arrived = self._budgeted.pass_on(command, time, took(0))
+            assert arrived is not None
+            world.egos["command"][0] = arrived.acceleration, arrived.steering
+        else:
+            self._delays.pass_on(world.egos["command"], world.rows, world.steps)
         if self._terms.plant is not None:
             advance_plant(self._terms.plant, world, Command(*world.egos["command"][0].tolist()))
 

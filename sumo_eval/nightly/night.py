@@ -45,14 +45,17 @@ from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.run_folder import FACTS, is_run
 from sumo_eval.record.store import Store
 from sumo_eval.report.assessed import write_assessed_report
+from sumo_eval.report.explain import known_case
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.gates import failed
 from sumo_eval.report.junit import JUNIT, comparison_suites, run_suites, score_parts, write_junit
 from sumo_eval.report.sections import Beside
+from sumo_eval.report.summary import first_case
 from sumo_eval.report.tables import write_tables
 from sumo_eval.report.verdict import verdict
 from sumo_eval.results import Evaluation
 from sumo_eval.settings.config import read_evaluation
+from sumo_eval.whatif.search import CaseLevers, WhatIf
 
 NIGHTS = "nights"
 IMPORTED = -1  # exit status of a night that no gate judged
@@ -108,9 +111,9 @@ def run_night(
             suites = {**comparison_suites(comparison, gates), **run_suites(done)}
             write_junit(suites, done.folder / JUNIT, score_parts(done))
             since = {limit: one.words for limit, one in judged.since.items()}
-            report = write_assessed_report(
-                done, Beside(comparison, gates, since, tuple(notes)), progress=progress
-            )
+            beside = Beside(comparison, gates, since, tuple(notes))
+            beside = replace(beside, levers=_levers(done, beside))
+            report = write_assessed_report(done, beside, progress=progress)
         strict = bool(done.not_evaluated) and done.settings.run.incomplete == "gate"
         status = NOT_EVALUATED if done.not_evaluated else DONE
         status = GATE_FAILED if failed(gates) or strict else status
@@ -123,6 +126,15 @@ def run_night(
         notes += _prune(history, lines, keep)
         trend = write_trend(history, lines)
         return NightResult(line, done, judged, tuple(notes), report, trend)
+
+
+def _levers(done: Evaluation, beside: Beside) -> CaseLevers | None:
+    """The levers of the case to look at first; None where it has no contact."""
+    case = first_case(done, beside)
+    fact = known_case(done.folder, case) if case else None
+    if fact is None or fact.collision is None:
+        return None
+    return WhatIf(done.folder).answers_or_why_not(fact)
 
 
 def _begin(history: Path, lines: History, notes: list[str], resume: bool) -> str:

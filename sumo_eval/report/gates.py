@@ -21,7 +21,7 @@ from sumo_eval.report.gate_settings import (
     LimitSettings,
 )
 from sumo_eval.report.rule import QUIET, Noise
-from sumo_eval.report.rule_limits import end_words, judge_rule
+from sumo_eval.report.rule_limits import end_change, judge_rule
 from sumo_eval.report.words import REASON_WITHOUT_T, count, not_computed, number, reason_without
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import SCORES
@@ -173,8 +173,9 @@ def _worst(
         return (), ()
     about = compared.changed.of(_CHANGES[quantity]) if quantity in _CHANGES else ()
     worst = list(islice(about or compared.changed.worse, MOST_NAMED))
-    changes = (CaseChange.of(it.new, end_words(it.base), end_words(it.new)) for it in worst)
-    return tuple(item.new.case for item in about), tuple(changes)
+    return tuple(item.new.case for item in about), tuple(
+        end_change(it.base, it.new) for it in worst
+    )
 
 
 def _number(quantity: str, value: float) -> str:

@@ -19,6 +19,7 @@ from sumo_eval.report.shown_cases import Shown
 from sumo_eval.report.words import (
     LOOKS,
     MEASURES,
+    cause_words,
     end_reason,
     index_note_words,
     severity_unit,
@@ -181,6 +182,7 @@ def _case(case: CaseResult, row: FloatArray, view: View) -> dict[str, Any]:
         "values": row.tolist(),
         "panel": view.panel_of(row) if view.shows(case) else None,
         "end": end_reason(case),
+        "cause": cause_words(case),
         "time": case.simulated_time,
         "latency": case.latency_max,
         "kind": "unavoidable" if case.kind == "not known" else case.kind,

@@ -18,10 +18,11 @@ from sumo_eval.report.explain import known_case
 from sumo_eval.report.packing import packed_json
 from sumo_eval.report.page import template, write_page
 from sumo_eval.report.page_data import drawn_bodies, drawn_road
-from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact, encode_trajectories
-from sumo_eval.report.words import point
+from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact_of, encode_trajectories
+from sumo_eval.report.words import cause_words, point
 from sumo_eval.scenario.concrete import RECORDED_EVERY
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scoring.quantities import cause_of_contact
 from sumo_eval.trajectory import Trajectory
 
 ROLES_BESIDE: Final[tuple[Role, ...]] = ("ads", "human", "ideal")
@@ -62,6 +63,7 @@ def write_replay(
         title=f"{fact.driver} in {fact.scenario}", point=point(fact.values), case=fact.case,
               end=fact.end_reason or "",
         status=fact.status, drivers=len(ghosts), data=packed_json(data),
+        cause=cause_words(cause_of_contact(fact)) if fact.collision else "",
     )  # fmt: skip
     return write_page(path, page, "The replay")
 
@@ -96,7 +98,7 @@ def _view(fact: Fact, store: Store, trajectories: list[Trajectory]) -> dict[str,
     vehicles = store.trajectories(fact.case)
     places = {name: len(trajectories) + place for place, name in enumerate(vehicles)}
     trajectories += vehicles.values()
-    hit = contact(fact.collision, vehicles.get(EGO))
+    hit = contact_of(fact, vehicles[EGO])
     if hit is not None and fact.collision is not None:
         hit["speed"] = round(fact.collision.relative_speed, 3)
     return {"name": fact.driver, "vehicles": places, "contact": hit}

@@ -22,7 +22,7 @@ from sumo_eval.report.rule import (
     newly_bad,
     tallies,
 )
-from sumo_eval.report.words import count, number
+from sumo_eval.report.words import cause_words, count, number
 
 WORDS = {
     "min_gap": ("smallest gap", "m"), "min_ttc": ("smallest TTC", "s"), "pet": ("PET", "s"),
@@ -105,7 +105,7 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
         for quantity, worse in newly_bad(one, settings, repeats).items():
             paired = one.changed.paired
             rows = [(paired.base[pair], paired.new[pair]) for pair in worse.which[:MOST_KEYS]]
-            changes = [CaseChange.of(now, end_words(old), end_words(now)) for old, now in rows]
+            changes = [end_change(old, now) for old, now in rows]
             keys = [change.case for change in changes]
             shaky = [key for key in keys if repeats.noisy and is_shaky(key, settings, noise)]
             bad = tuple(change for change in changes if change.case not in shaky)
@@ -147,7 +147,13 @@ def _shaky_words(shaky: Sequence[str], noise: Noise) -> str:
     )
 
 
-def end_words(case: CaseResult) -> str:
+def end_change(old: CaseResult, now: CaseResult) -> CaseChange:
+    """How a case ended before and ends now, with the cause of a contact."""
+    cause = f"; {words}" if now.collided and (words := cause_words(now)) else ""
+    return CaseChange.of(now, _end_words(old), f"{_end_words(now)}{cause}")
+
+
+def _end_words(case: CaseResult) -> str:
     """`contact with U 5.0 m/s`, `left the road`, `ads_error`, `misses: gap`, `ok`."""
     ends = [f"contact with U {number(case.severity, 1)} m/s"] if case.collided else []
     ends += ["left the road"] if case.departed else []

@@ -28,6 +28,7 @@ from sumo_eval.report.confidence_section import confidence_content
 from sumo_eval.report.gate_settings import HIGHER_IS_BETTER
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus, sentences
+from sumo_eval.report.levers_section import levers_content
 from sumo_eval.report.opinion_section import opinion_content
 from sumo_eval.report.people import people_context
 from sumo_eval.report.qualification import qualification_content
@@ -177,6 +178,7 @@ def ranking_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
 SECTIONS = (
     Section("summary", "In short", content=summary_content, folded=False),
     Section("change", "Change", content=change_content, folded=False),
+    Section("levers", "What if", content=levers_content, folded=False),
     Section("verdict", "Scores", "every score with its interval, and why it is what it is"),
     Section(
         "ranking",

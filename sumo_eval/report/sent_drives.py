@@ -19,8 +19,9 @@ import numpy as np
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.record.cases import Role
-from sumo_eval.record.store import EGO, RECORDED, Store, open_store
+from sumo_eval.record.store import EGO, RECORDED, Fact, Store, open_store
 from sumo_eval.report.packing import LEVEL, packed_bytes
+from sumo_eval.scoring.quantities import cause_of_contact
 from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
 
 CHANNEL_STEPS = {
@@ -119,7 +120,7 @@ def _drives(scenario: str, store: Store, embedded: Embedded, cases: Sequence[Cas
             "point": number,
             "embedded": here and (bool(recorded) or not store.is_discarded(case)),
             "vehicles": vehicles,
-            "contact": contact(fact.collision, recorded[EGO]) if fact else None,
+            "contact": fact and contact_of(fact, recorded[EGO]),
             "drivers": numbers.get(number, 0),
         })  # fmt: skip
     drivers: dict[int, list[int]] = {}
@@ -172,13 +173,25 @@ def worth_embedding(
     return Embedded(frozenset(chosen), frozenset(with_drivers))
 
 
-def contact(hit: Collision | None, ego: Trajectory | None) -> dict[str, Any] | None:
+def contact(
+    hit: Collision | None, ego: Trajectory | None, last: float | None = None
+) -> dict[str, Any] | None:
     """Where the replay shows a contact: time since the recording began, the other's name, the side
     that was hit.
+
+    last: the last moment at which full braking avoids it, s.
     """
     if hit is None or ego is None:
         return None
-    return {"time": round(hit.time - float(ego.time[0]), 4), "other": hit.other, "side": hit.side}
+    time, last = (
+        None if it is None else round(it - float(ego.time[0]), 4) for it in (hit.time, last)
+    )
+    return {"time": time, "last": last, "other": hit.other, "side": hit.side}
+
+
+def contact_of(fact: Fact, ego: Trajectory) -> dict[str, Any] | None:
+    """As `contact`, of a recorded case."""
+    return contact(fact.collision, ego, cause_of_contact(fact).no_return_time)
 
 
 def _points_of(store: Store, cases: Set[str], scenario: str) -> dict[str, int]:

@@ -41,7 +41,6 @@ def summary_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
         if comparison
         else []
     )
-    shown = failing[0][1].case if failing else worst.case if worst else ""
     compared = comparison is not None or bool(beside.gates)
     return {
         "verdict": verdict(comparison, beside.gates, evaluation).sentence if compared else "",
@@ -50,11 +49,20 @@ def summary_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
         "beside": notes,
         "answers": said.answers,
         "alarms": said.alarms,
-        "worst": shown,
+        "worst": first_case(evaluation, beside),
         "looks": [*changes, *_looks(evaluation, worst, order[0].ads)],
         "rows": [_row(evaluation, one, scenarios, digits) for one in order],
         "scenarios": scenarios,
     }
+
+
+def first_case(evaluation: Evaluation, beside: Beside) -> str:
+    """Key of the case to look at first: the worst of the first failed limit that names any, else
+    of the run.
+    """
+    failing = (one.case for gate in beside.gates if gate.passed is False for one in gate.worst[:1])
+    worst = worst_case(evaluation, [one.ads for one in ranked(evaluation)])
+    return next(failing, worst.case if worst else "")
 
 
 def worst_case(evaluation: Evaluation, order: Sequence[str]) -> CaseResult | None:

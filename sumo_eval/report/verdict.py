@@ -15,6 +15,7 @@ from sumo_eval.results import Evaluation
 if TYPE_CHECKING:
     # scipy, which a look at a report does without
     from sumo_eval.scoring.confidence.assessment import Confidence
+    from sumo_eval.whatif.search import CaseLevers
 
 Word = Literal["first", "same", "no_limit_failed", "worse", "incomplete"]
 
@@ -37,6 +38,7 @@ class Beside:
     since: when failed limits began to fail, in words, by their names.
     notes: whole sentences about it.
     confidence: how far the scores can be trusted.
+    levers: of the worst case, what avoids its contact.
     """
 
     comparison: Comparison | None = None
@@ -44,6 +46,7 @@ class Beside:
     since: Mapping[tuple[str, str, str], str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     confidence: Confidence | None = None
+    levers: CaseLevers | None = None
 
 
 def verdict(

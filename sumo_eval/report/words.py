@@ -38,6 +38,7 @@ from sumo_eval.results import (
 )
 from sumo_eval.scoring.findings import Findings, findings, people_behind
 from sumo_eval.scoring.preventability import Verdict, reference_ads
+from sumo_eval.scoring.quantities import ContactCause
 from sumo_eval.settings import EvaluationSettings
 
 REASON_WITHOUT_C = "no case that tells how collisions are avoided could be evaluated"
@@ -165,7 +166,7 @@ _CAUSES = {
 }
 
 
-def cause_words(case: CaseResult) -> str:
+def cause_words(case: CaseResult | ContactCause) -> str:
     """Cause of a contact beside its point of no return; "" without a contact."""
     last, braked = case.no_return_time or 0.0, case.braking_time or 0.0
     words = _CAUSES.get(case.contact_cause, "")

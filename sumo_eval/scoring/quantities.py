@@ -8,7 +8,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -210,7 +210,7 @@ def tabulate(
             found["latency_relative"] = fact.latency_median / fact.latency_reference
         if hit is not None:
             found |= {"impact_speed": hit.relative_speed, "overlap": hit.overlap, "side": hit.side}
-            found |= cause_of_contact(fact)
+            found |= cause_of_contact(fact)._asdict()
             if not struck:
                 u = impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap)
                 found["loss"] = float(collision_loss(u))
@@ -240,24 +240,29 @@ def tabulate(
         yield replace(row, human_likeness=_human_likeness(row, index) if known.people else None)
 
 
-def cause_of_contact(fact: Fact) -> dict[str, Any]:
-    """The fields `no_return_time` and `contact_cause` of a case with a contact, from when its ADS
-    braked and the point of no return.
+class ContactCause(NamedTuple):
+    """Fields of a case with a contact; their meanings are those of `CaseResult`."""
+
+    contact_cause: str
+    no_return_time: float | None = None
+    braking_time: float | None = None
+
+
+def cause_of_contact(fact: Fact) -> ContactCause:
+    """Cause of a contact, from when its ADS braked and the point of no return.
 
     never_braked, late: first after the point of no return, weak: before it, unavoidable_by_braking:
     full braking from the start on does not avoid it. not_repeatable: the replay is another drive.
     """
     clip = next((clip for clip in fact.clips if clip.what == NO_RETURN), None)
     if clip is None or clip.first_time == UNKNOWN:
-        return {"contact_cause": "not_repeatable"}
+        return ContactCause("not_repeatable")
     last, braked = clip.first_time, clip.requested
     if last == NEVER:
-        return {"contact_cause": "unavoidable_by_braking"}
-    cause = "late" if braked > last else "weak"
-    found = {"no_return_time": last, "contact_cause": cause, "braking_time": braked}
+        return ContactCause("unavoidable_by_braking")
     if braked == NEVER:
-        found |= {"contact_cause": "never_braked", "braking_time": None}
-    return found
+        return ContactCause("never_braked", last)
+    return ContactCause("late" if braked > last else "weak", last, braked)
 
 
 def _human_likeness(row: CaseResult, index: AnthropomorphicIndex | None) -> float | None:

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 import sumo_eval
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
-from sumo_eval.extras.whatif.search import WhatIf
+from sumo_eval.whatif.search import WhatIf
 from sumo_eval.report.explain import known_case
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings
@@ -58,7 +58,7 @@ def test_brakes_and_delay_have_their_closed_forms_within_a_step(night):
     assert fact.collision is None
     closing = fact.values["ego_speed"] - fact.values["lead_speed"]
     left = 3.5 * fact.values["ego_speed"] - 1.5 * closing
-    by_name = {it.lever.name: it for it in WhatIf(folder).answers(fact)}
+    by_name = {it.lever.name: it for it in WhatIf(folder).answers(fact).answers}
     weakest = brentq(lambda strongest: needed(closing, strongest) - left, 1.0, 9.0)
     brakes = by_name["vehicle.max_deceleration"].flips[0]
     assert brakes.after <= weakest <= brakes.before
@@ -73,7 +73,7 @@ def test_brakes_and_delay_have_their_closed_forms_within_a_step(night):
 def test_law_a_longer_delay_saves_no_ads_that_brakes_later_by_it(night):
     folder, case = night
     hit = known_case(folder, case.replace("late", "too_late"))
-    (delay,) = WhatIf(folder).answers(hit, "actuation_delay")
+    (delay,) = WhatIf(folder).answers(hit, "actuation_delay").answers
     assert not delay.flips
 
 

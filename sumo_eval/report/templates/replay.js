@@ -243,6 +243,7 @@ const sumoReplay = (() => {
     const car = (t, fill, hollow) => drawBody(context, mapped(road, t), time, px, fill, hollow);
     for (const ghost of scene.ghosts) if (time <= duration(ghost)) car(ghost, COLOURS.ghost, true);
     for (const [name, actor] of view.actors) car(actor, touching(view, time) && name === view.contact.other ? COLOURS.contact : COLOURS.actor, false);
+    lastBody(context, view, mapped(road, view.ego), px);
     car(view.ego, touching(view, time) ? COLOURS.contact : colour, false);
   }
 
@@ -294,6 +295,21 @@ const sumoReplay = (() => {
   }
 
   const touching = (view, time) => view.contact !== null && time >= view.contact.time - MS;
+
+  /** The last moment at which full braking avoids the contact of a view, s; null where there is none. */
+  const lastMoment = (view) => view.contact?.last ?? null;
+
+  /** A broken outline of the ego, of trajectory `t`, at its last moment to brake. */
+  function lastBody(context, view, t, px) {
+    const last = lastMoment(view);
+    if (last === null) return;
+    outline(context, corners(t, last).map(px));
+    context.setLineDash([4, 3]);
+    context.lineWidth = 2;
+    context.strokeStyle = COLOURS.contact;
+    context.stroke();
+    context.setLineDash([]);
+  }
 
   // --- from above ----------------------------------------------------------------------------------------------------
 
@@ -402,6 +418,7 @@ const sumoReplay = (() => {
     };
     for (const ghost of scene.ghosts) if (time <= duration(ghost)) car(ghost, COLOURS.ghost, null);
     for (const [name, actor] of view.actors) car(actor, COLOURS.actor, name);
+    lastBody(context, view, view.ego, ([x, y]) => [px(x), py(y)]);
     car(view.ego, colour, "ego");
     if (!touching(view, time)) return;
     const hit = view.actors.find(([name]) => name === view.contact.other);
@@ -688,8 +705,16 @@ const sumoReplay = (() => {
       context.stroke();
       context.setLineDash([]);
       if (!contact) return;
-      context.fillStyle = COLOURS.contact;
+      context.fillStyle = context.strokeStyle = COLOURS.contact;
       context.fillRect(px(contact.time) - 1, top, 2, bottom - top);
+      const last = lastMoment(scene.views[which]);
+      if (last === null) return;
+      context.beginPath();
+      context.moveTo(px(last), top);
+      context.lineTo(px(last), bottom);
+      context.setLineDash([4, 3]);
+      context.stroke();
+      context.setLineDash([]);
     });
     context.restore();
     if (!known.length) {
@@ -720,6 +745,8 @@ const sumoReplay = (() => {
       `steering ${fixed(ego.steering_wheel_angle[k] * 180 / Math.PI, 0, "°")}`, `gap ${fixed(held.gap[k], 1, "m")}`,
       `TTC ${held.ttc[k] === Infinity ? "not closing" : fixed(held.ttc[k], 1, "s")}`,
     ];
+    const last = lastMoment(view);
+    if (last !== null) words.push(time < last - MS ? `full braking avoids the contact until ${last.toFixed(2)} s` : time > last + MS ? `too late to brake since ${last.toFixed(2)} s` : "last moment to brake");
     if (touching(view, time)) words.push(`contact at t = ${view.contact.time.toFixed(2)} s, ${view.contact.speed.toFixed(1)} m/s`);
     else if (over) words.push("recording over");
     return words.join(" · ");
@@ -733,16 +760,18 @@ const sumoReplay = (() => {
   }
 
   /** A player in `root`. show(scene): scene { road, views: [{ name, ego, actors: [[name, trajectory]], contact }], ghosts }.
-   *  contact: { time, other, side, speed } or null. A trajectory has the channels that the page's data name. */
+   *  contact: { time, other, side, speed, last: the last moment to brake } or null. A trajectory has the channels that the page's data name. */
   function player(root) {
     const views = element("div", "replay-views");
     const controls = element("div", "player");
     const button = element("button", "replay-play", "Play");
-    const hit = element("button", "replay-contact", "Contact");
-    const slider = element("input", "replay-slider");
+    const hit = element("button", "replay-contact", "Contact"), brake = element("button", "replay-last", "Last moment to brake");
+    brake.title = "The last moment at which full braking avoids the contact";
+    const slider = element("input", "replay-slider"), track = element("span", "replay-track");
+    track.append(slider);
     const clock = element("output", "replay-clock");
     const speed = element("select", "replay-speed");
-    button.type = hit.type = "button";
+    button.type = hit.type = brake.type = "button";
     Object.assign(slider, { type: "range", min: 0, max: 1, step: "any", value: 0 });
     slider.setAttribute("aria-label", "Time of the replay, s");
     speed.setAttribute("aria-label", "Speed of the replay");
@@ -754,7 +783,7 @@ const sumoReplay = (() => {
     const together = element("input");
     together.type = "checkbox";
     ghosted.append(together);
-    controls.append(button, slider, clock, speed, camera, ghosted, hit);
+    controls.append(button, track, clock, speed, camera, ghosted, brake, hit);
     const charts = element("div", "replay-charts");
     const canvases = CHARTS.map((chart) => {
       const canvas = element("canvas", "replay-chart");
@@ -816,6 +845,13 @@ const sumoReplay = (() => {
       whole = Math.max(...scene.views.map((view) => duration(view.ego))) || 1;
       slider.max = whole;
       hit.hidden = !scene.views.some((view) => view.contact);
+      brake.hidden = !scene.views.some((view) => lastMoment(view) !== null);
+      track.replaceChildren(slider, ...scene.views.flatMap(({ contact }) => (contact ? [[contact.last, "replay-mark last"], [contact.time, "replay-mark"]] : []))
+        .filter(([time]) => Number.isFinite(time)).map(([time, name]) => {
+          const mark = element("i", name);
+          mark.style.setProperty("--at", time / whole);
+          return mark;
+        }));
       seek(scene.views[0].contact ? scene.views[0].contact.time : 0);
     }
 
@@ -886,6 +922,7 @@ const sumoReplay = (() => {
       play();
     });
     hit.addEventListener("click", () => { stop(); seek(scene.views.find((view) => view.contact).contact.time); });
+    brake.addEventListener("click", () => { stop(); seek(scene.views.map(lastMoment).find((last) => last !== null)); });
     slider.addEventListener("input", () => { stop(); now = Number(slider.value); draw(); });
     for (const [what, name] of [[camera, "change"], [together, "change"], ...["resize", "beforeprint", "afterprint"].map((it) => [window, it])]) what.addEventListener(name, () => draw());
     if (typeof sumoPage !== "undefined") sumoPage.onTheme(() => draw());

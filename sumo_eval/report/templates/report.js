@@ -678,6 +678,7 @@
     for (const [name, value, unit] of item.measures) rows.push([name, `${fixed(value, 2)} ${unit}`]);
     if (item.zone === "safe") rows.push(["drivers compared with", String(item.drivers)]);
     rows.push(["ended", item.end, true]);
+    if (item.cause) rows.push(["cause of the contact", item.cause, true]);
     if (item.error_place) rows.push(["where in the ADS's code", item.error_place, true]);
     if (item.clips) rows.push(["limits that acted (how often)", item.clips, true]);
     if (item.index_note) rows.push(["note on D_i", item.index_note, true]);

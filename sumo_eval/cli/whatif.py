@@ -1,0 +1,108 @@
+"""`sumo-eval whatif`: what would have had to be different in a case."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from itertools import chain
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING
+
+import click
+
+from sumo_eval.cli.options import RUN, flag, trusting
+from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.sentences import show, tell
+from sumo_eval.errors import InputError
+
+if TYPE_CHECKING:
+    from sumo_eval.record.store import Fact
+    from sumo_eval.whatif.search import Answer, CaseLevers
+
+_BAR = 20  # characters of a whole range
+
+
+@click.command(epilog="Example: sumo-eval whatif results/first cut_in-0007-idm --lever gap")
+@RUN
+@click.argument("case", required=False)
+@click.option("--lever", metavar="NAME", help="This lever alone, e.g. perception_delay.")
+@flag("--all-collisions", help="Of every collision of RUN: how many each lever avoids.")
+@flag("--json", "as_json", help="Print JSON.")
+@trusting
+def whatif(
+    run: Path, case: str | None, lever: str | None, all_collisions: bool, as_json: bool
+) -> None:
+    """Find the least change of each lever that removes the collision of CASE, or brings one."""
+    from sumo_eval.report.explain import known_case
+    from sumo_eval.whatif.search import WhatIf
+
+    if all_collisions == (case is not None):
+        raise InputError("`whatif` needs a CASE or --all-collisions, one of both.")
+    search = WhatIf(run)
+    if case is None:
+        found = []
+        facts = _collisions(run)
+        with Progress() as progress:
+            for number, fact in enumerate(facts, start=1):
+                found.append(search.answers_or_why_not(fact, lever, fine=False))
+                progress("collisions", number, len(facts))
+        if found and all(one.why_not for one in found):
+            raise InputError(found[0].why_not)
+        lines = _table_of_all(found)
+    else:
+        found = [search.answers(known_case(run, case), lever)]
+        lines = _table(found[0])
+    if as_json:
+        plain = {one.fact.case: [_plain(it) for it in one.answers] for one in found}
+        tell(json.dumps(plain, indent=1))
+    else:
+        show(lines)
+
+
+def _plain(answer: Answer) -> dict[str, object]:
+    return {**asdict(answer), "share": answer.share if answer.flips else None}
+
+
+def _collisions(run: Path) -> list[Fact]:
+    """The drives of ADSs with a contact, in order."""
+    from sumo_eval.record.run_folder import FACTS
+    from sumo_eval.record.store import open_store
+
+    with open_store(run / FACTS) as store:
+        return [fact for fact in store.facts("ads") if fact.collision is not None]
+
+
+def _table(found: CaseLevers) -> Iterator[str]:
+    """A line for each lever: recorded value, value needed, change as a share of the range."""
+    from sumo_eval.report.levers_section import effect_words, ends_words
+
+    hit = found.fact.collision
+    yield f"{found.fact.case}: {ends_words(hit)}"
+    for it in found.answers:
+        line = f"  {it.lever.name:<28} {effect_words(it, hit)}"
+        bar = "█" * max(round(it.share * _BAR), 1) if it.flips else ""
+        yield f"{line}  {bar} {100.0 * it.share:.1f} % of its range" if bar else line
+    yield f"{found.drives} drives; a delay acts in whole steps of the simulation."
+
+
+def _table_of_all(found: Sequence[CaseLevers]) -> Iterator[str]:
+    """A line for each lever of each ADS and scenario: how many collisions it avoids."""
+    from sumo_eval.report.words import count
+
+    if not found:
+        yield "The run has no collision."
+    if left_out := [one.why_not for one in found if one.why_not]:
+        yield f"{count(len(left_out), 'collision')} left out. The first: {left_out[0]}"
+    groups: dict[tuple[str, str], list[CaseLevers]] = {}
+    for one in (one for one in found if not one.why_not):
+        groups.setdefault((one.fact.driver, one.fact.scenario), []).append(one)
+    for (ads, scenario), cases in groups.items():
+        yield f"{ads} in {scenario}: {count(len(cases), 'collision')}"
+        shares: dict[str, list[float]] = {}
+        for it in chain.from_iterable(one.answers for one in cases):
+            shares.setdefault(it.lever.name, []).extend([it.share] * bool(it.flips))
+        for name, all_of in sorted(shares.items(), key=lambda pair: -len(pair[1])):
+            half = f", half of them by at most {100.0 * median(all_of or [0.0]):.0f} % of its range"
+            yield f"  {name:<28} avoids {len(all_of)}{half if all_of else ''}"

@@ -1,0 +1,93 @@
+"""The report's section on the levers of the night's worst case, and a lever's effect in words."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from typing import Any
+
+from sumo_eval.report.page import case_key
+from sumo_eval.report.verdict import Beside
+from sumo_eval.report.words import cause_words, point
+from sumo_eval.results import Evaluation
+from sumo_eval.scoring.quantities import cause_of_contact
+from sumo_eval.trajectory import Collision
+from sumo_eval.whatif.levers import Lever
+from sumo_eval.whatif.search import Answer
+
+
+def levers_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
+    """Content of templates/sections/levers.html.j2."""
+    found = beside.levers
+    if found is None:
+        return None
+    fact = found.fact
+    return {
+        "found": found,
+        "title": f"{fact.driver} in {fact.scenario} at {point(fact.values)}",
+        "address": f"#case:{case_key(fact.case)}",
+        "ends": ends_words(fact.collision),
+        "cause": cause_words(cause_of_contact(fact)) if fact.collision else "",
+        "command": shlex.join(["sumo-eval", "whatif", str(evaluation.folder), fact.case]),
+        "bars": [_bar(answer, fact.collision) for answer in found.answers],
+    }
+
+
+def ends_words(hit: Collision | None) -> str:
+    """`collision at 2.25 s`."""
+    return "no collision" if hit is None else f"collision at {hit.time:.2f} s"
+
+
+def effect_words(answer: Answer, hit: Collision | None) -> str:
+    """`40 -> 46.4 m avoids it, 46.3 does not`.
+
+    hit: contact of the recorded case.
+    """
+    lever = answer.lever
+    unit = unit_of(lever)
+    verb = "brings a collision" if hit is None else "avoids it"
+    start = f"{lever.recorded:.5g}"
+    if not answer.felt:
+        return f"{start}{unit}: not felt, the ADS sees the world as it is"
+    if not answer.flips:
+        return f"{start}{unit}: none of {answer.tried} values {verb}"
+    flip, *rest = answer.flips
+    others = f"; also changes at {', '.join(f'{it.after:.4g}' for it in rest)}" if rest else ""
+    return f"{start} -> {flip.after:.5g}{unit} {verb}, {flip.before:.5g} does not{others}"
+
+
+def unit_of(lever: Lever) -> str:
+    """` m`, or nothing of a share."""
+    return "" if lever.unit == "1" else f" {lever.unit}"
+
+
+def _bar(answer: Answer, hit: Collision | None) -> dict[str, Any]:
+    """A lever on a rail of 100 units: recorded value, least change, parts with a collision."""
+    lever, flips = answer.lever, answer.flips
+    at = 100.0 * lever.place(lever.recorded)
+    to = 100.0 * lever.place(flips[0].after) if flips else at
+    low, high = sorted((at, to))
+    return {
+        "name": lever.name,
+        "words": effect_words(answer, hit).replace("->", "→"),
+        "share": f"{100.0 * answer.share:.1f} %" if flips else "",
+        "range": f"{lever.low:g} to {lever.high:g}{unit_of(lever)}",
+        "at": f"{at:.1f}",
+        "to": f"{to:.1f}",
+        "low": f"{low:.1f}",
+        "width": f"{high - low:.1f}",
+        "parts": list(_collides(answer, hit)) if answer.felt else [],
+    }
+
+
+def _collides(answer: Answer, hit: Collision | None) -> Iterator[tuple[str, str]]:
+    """Begin and width of each part of the rail whose values collide."""
+    lever = answer.lever
+    turns = sorted(100.0 * lever.place(it.after) for it in answer.flips)
+    below = sum(it.after < lever.recorded for it in answer.flips)
+    collides = (hit is not None) != (below % 2 == 1)
+    for begin, end in pairwise([0.0, *turns, 100.0]):
+        if collides:
+            yield f"{begin:.1f}", f"{end - begin:.1f}"
+        collides = not collides

@@ -1,0 +1,157 @@
+"""Levers of a case: settings and parameters that can be moved alone, with their ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sumo_eval.errors import InputError
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.settings import SimulationSettings
+
+VALUES = 33
+"""Values along a lever in the first round."""
+_FINE = 1024  # steps of a scenario's parameter
+_SETTINGS = {
+    "conditions.perception_delay": (0.0, 2.0, 0.0, "s"),
+    "conditions.actuation_delay": (0.0, 2.0, 0.0, "s"),
+    "conditions.sensor_range": (10.0, 300.0, 0.5, "m"),
+    "vehicle.max_deceleration": (1.0, 12.0, 0.01, "m/s2"),
+    "vehicle.friction": (0.05, 1.2, 0.002, "1"),
+}
+"""Lowest and highest value, step (0: one of the simulation) and unit."""
+_SPEED, _GAP = "ego_speed", "gap"
+"""Levers of the start, where a scenario has no parameter of that name."""
+_FASTEST, _FARTHEST = 40.0, 100.0  # m/s, m
+
+
+@dataclass(frozen=True, slots=True)
+class Lever:
+    """A quantity that is moved alone.
+
+    step: to which a change of outcome is located.
+    recorded: value in the recorded case; the highest where there is no limit.
+    listed: the only values that it has; none: all.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    step: float
+    recorded: float
+    listed: tuple[float, ...] = ()
+
+    def steps(self) -> list[float]:
+        """All values that it can have."""
+        whole = round((self.high - self.low) / self.step)
+        return list(self.listed) or [self._at(place) for place in range(whole + 1)]
+
+    def between(self, one: float, two: float) -> list[float]:
+        """All steps between two values."""
+        if self.listed:
+            return []
+        first, last = ((it - self.low) / self.step for it in sorted((one, two)))
+        inside = range(int(first + 1e-6) + 1, int(np.ceil(last - 1e-6)))
+        return [self._at(place) for place in inside]
+
+    def place(self, value: float) -> float:
+        """Place of a value in the range, 0 to 1."""
+        return (value - self.low) / (self.high - self.low)
+
+    def share(self, value: float) -> float:
+        """Change to a value as a share of the range."""
+        return abs(self.place(value) - self.place(self.recorded))
+
+    def _at(self, place: float) -> float:
+        return round(min(self.low + place * self.step, self.high), 9)
+
+
+def levers_of(
+    logical: LogicalScenario, values: Mapping[str, float], settings: SimulationSettings
+) -> list[Lever]:
+    """The levers of a case: conditions, brakes, friction, start, parameters of its scenario."""
+    levers = []
+    for name, (low, high, step, unit) in _SETTINGS.items():
+        group, _, setting = name.partition(".")
+        value = getattr(getattr(settings, group), setting)
+        recorded = high if value is None else float(value)
+        low, high = min(low, recorded), max(high, recorded)
+        levers.append(Lever(name, unit, low, high, step or settings.step, recorded))
+
+    concrete = logical.placed(values)
+    speed, ahead = concrete.ego.speed, _ahead(concrete)
+    if speed > 0.0 and not concrete.ego.lateral_speed:
+        levers.append(Lever(_SPEED, "m/s", 0.0, max(_FASTEST, speed), 0.05, speed))
+    if ahead is not None:
+        gap = _gap(concrete, ahead, settings)
+        levers.append(Lever(_GAP, "m", min(0.0, gap), max(_FARTHEST, gap), 0.1, gap))
+
+    for item in logical.parameters:
+        step, value = (item.high - item.low) / _FINE, values[item.name]
+        listed = tuple(item.values or ())
+        levers.append(Lever(item.name, item.unit, item.low, item.high, step, value, listed))
+    # a parameter stands for the setting of its name
+    return list({lever.name: lever for lever in levers}.values())
+
+
+def first_values(
+    logical: LogicalScenario, values: Mapping[str, float], lever: Lever
+) -> list[float]:
+    """Values of the first round, evenly among those that the scenario has."""
+    steps = lever.steps()
+    chosen = _evenly(steps)
+    if any(moved(logical, values, lever, value) is None for value in chosen):
+        chosen = _evenly([it for it in steps if moved(logical, values, lever, it) is not None])
+    return chosen
+
+
+def _evenly(values: Sequence[float]) -> list[float]:
+    places = np.linspace(0, len(values) - 1, min(VALUES, len(values)))
+    return [values[place] for place in np.round(places).astype(int).tolist()]
+
+
+def moved(
+    logical: LogicalScenario, values: Mapping[str, float], lever: Lever, value: float
+) -> ConcreteScenario | None:
+    """The case with one lever at a value; None where the scenario has no such point."""
+    if lever.name in logical.names:
+        try:
+            return logical.concrete(**{**values, lever.name: value})
+        except InputError:
+            return None
+    usual = logical.placed(values)
+    if value == lever.recorded:
+        return usual
+    if lever.name == _SPEED:
+        return replace(usual, ego=replace(usual.ego, speed=value))
+    if lever.name == _GAP:
+        ahead, farther = _ahead(usual), value - lever.recorded
+        return replace(
+            usual, actors=tuple(_farther(it, farther) if it == ahead else it for it in usual.actors)
+        )
+    return replace(usual, changes=(*usual.changes, (lever.name, value)))
+
+
+def _ahead(concrete: ConcreteScenario) -> Actor | None:
+    """The first actor ahead in the ego's lane at the start."""
+    ego, half = concrete.ego, concrete.road.lane_width / 2.0
+    ahead = [
+        it
+        for it in concrete.actors
+        if it.start.x > ego.x and abs(it.start.y - ego.y) < half and it.on_map is None
+    ]
+    return min(ahead, key=lambda it: it.start.x, default=None)
+
+
+def _gap(concrete: ConcreteScenario, ahead: Actor, settings: SimulationSettings) -> float:
+    """From the ego's front to the rear of an actor ahead at the start, m."""
+    length = concrete.ego_vehicle(settings.vehicle).length
+    return ahead.start.x - concrete.ego.x - (ahead.length + length) / 2.0
+
+
+def _farther(actor: Actor, distance: float) -> Actor:
+    return replace(actor, start=replace(actor.start, x=actor.start.x + distance))

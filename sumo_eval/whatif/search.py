@@ -1,0 +1,223 @@
+"""The least change of each lever that changes the outcome of a recorded case.
+
+Two rounds: at least 32 values along each lever, then every step between the neighbours of the
+nearest change on either side. Both ends of every change are rerun.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+from sumo_eval.cases import EVALUATED
+from sumo_eval.errors import InputError, unknown
+from sumo_eval.record.cases import Case, Outcome, Setup
+from sumo_eval.record.engines import run_cases
+from sumo_eval.record.run_folder import resolved_run
+from sumo_eval.record.store import Fact
+from sumo_eval.trajectory import Collision
+from sumo_eval.whatif.levers import Lever, first_values, levers_of, moved
+
+_UNSEEN = "perception_not_limited"
+_PERCEIVED = ("conditions.perception_delay", "conditions.sensor_range")
+
+Line = dict[float, bool]
+"""Whether the ADS collides, by value of a lever."""
+
+
+@dataclass(frozen=True, slots=True)
+class Flip:
+    """A change of outcome along a lever: the last value before it and the first after it."""
+
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Effect of one lever on a case.
+
+    flips: changes of outcome, the nearest to the recorded value first; the nearest on each side is
+        located to a step, further ones to a value of the first round.
+    tried: values that were driven.
+    felt: whether the ADS perceives what the lever changes.
+    """
+
+    lever: Lever
+    flips: tuple[Flip, ...]
+    tried: int
+    felt: bool
+
+    @property
+    def share(self) -> float:
+        """The least change as a share of the lever's range; inf without one."""
+        return self.lever.share(self.flips[0].after) if self.flips else float("inf")
+
+
+@dataclass(frozen=True, slots=True)
+class CaseLevers:
+    """The levers of one case, the least change first.
+
+    drives: number of drives that the answers took.
+    why_not: error message where there are no answers.
+    """
+
+    fact: Fact
+    answers: tuple[Answer, ...] = ()
+    drives: int = 0
+    why_not: str = ""
+
+
+class WhatIf:
+    """Recorded cases of a run, rerun with one lever moved."""
+
+    def __init__(self, run: Path) -> None:
+        self._run = resolved_run(run)
+        settings = self._run.settings
+        # a contact ends a case before anything else could
+        simulation = replace(settings.simulation, end_when_decided=True)
+        self._setup = Setup(simulation, settings.run, self._run.source)
+        self._locators = {ads.name: ads.locator for ads in settings.ads}
+        self._drives = 0
+
+    def levers(self, fact: Fact, name: str | None = None) -> list[Lever]:
+        """The levers of a case, or the one with a name."""
+        logical = self._run.scenarios[fact.scenario]
+        levers = levers_of(logical, fact.values, self._run.settings.simulation)
+        if name is None:
+            return levers
+        found = [lever for lever in levers if name in (lever.name, lever.name.split(".")[-1])]
+        if not found:
+            raise unknown(f"lever of `{fact.scenario}`", name, [lever.name for lever in levers])
+        return found
+
+    def answers(self, fact: Fact, name: str | None = None, *, fine: bool = True) -> CaseLevers:
+        """Effects of all levers.
+
+        fine: locate the nearest changes to a step.
+        Raises InputError for a case that was not evaluated or does not repeat.
+        """
+        levers, self._drives = self.levers(fact, name), 0
+        if fact.status not in EVALUATED:
+            raise InputError(
+                f"Case `{fact.case}` must have an outcome to change, got {fact.status}: "
+                f"{fact.error or 'no reason is recorded'}"
+            )
+        logical = self._run.scenarios[fact.scenario]
+        asked = [
+            (lever, value)
+            for lever in levers
+            for value in first_values(logical, fact.values, lever)
+        ]
+        now, *outcomes = self._outcomes(fact, [(levers[0], levers[0].recorded), *asked])
+        _check_repeats(fact, now)
+        lines: dict[Lever, Line] = {it: {it.recorded: fact.collision is not None} for it in levers}
+        _fill(lines, asked, outcomes)
+        if fine:
+            self._locate(fact, lines)
+        seen = not any(_is_unseen(it) for it in outcomes if it is not None)
+        answers = [
+            Answer(lever, _flips(lever, line), len(line), seen or lever.name not in _PERCEIVED)
+            for lever, line in lines.items()
+        ]
+        ordered = tuple(sorted(answers, key=lambda answer: answer.share))
+        return CaseLevers(fact, ordered, self._drives)
+
+    def answers_or_why_not(
+        self, fact: Fact, name: str | None = None, *, fine: bool = True
+    ) -> CaseLevers:
+        """As `answers`, with the error message where it raises one."""
+        try:
+            return self.answers(fact, name, fine=fine)
+        except InputError as error:
+            return CaseLevers(fact, why_not=str(error))
+
+    def _locate(self, fact: Fact, lines: dict[Lever, Line]) -> None:
+        """Drive every step between the ends of the nearest changes, then both ends again."""
+        inside = [
+            (lever, value)
+            for lever, flip in _nearest(lines)
+            for value in lever.between(flip.before, flip.after)
+        ]
+        _fill(lines, inside, self._outcomes(fact, inside))
+        ends = [
+            (lever, value) for lever, flip in _nearest(lines) for value in (flip.before, flip.after)
+        ]
+        for (lever, value), it in zip(ends, self._outcomes(fact, ends), strict=True):
+            if it is None or _hit(it) != lines[lever][value]:
+                raise InputError(
+                    f"Case `{fact.case}` with {lever.name} = {value:g} does not repeat: its ADS "
+                    "must do the same in every drive."
+                )
+
+    def _outcomes(self, fact: Fact, asked: Sequence[tuple[Lever, float]]) -> list[Outcome | None]:
+        """The outcomes with these levers at these values; None where there is none."""
+        logical = self._run.scenarios[fact.scenario]
+        seed, locator = self._run.settings.seed, self._locators[fact.driver]
+        cases = [
+            Case(number, concrete, "ads", fact.driver, locator, seed=seed)
+            for number, (lever, value) in enumerate(asked)
+            if (concrete := moved(logical, fact.values, lever, value)) is not None
+        ]
+        self._drives += len(cases)
+        known = {it.case.point: it for it in run_cases(cases, self._setup)}
+        outcomes = [known.get(number) for number in range(len(asked))]
+        return [it if it is not None and it.status in EVALUATED else None for it in outcomes]
+
+
+def _fill(
+    lines: dict[Lever, Line],
+    asked: Sequence[tuple[Lever, float]],
+    outcomes: Sequence[Outcome | None],
+) -> None:
+    for (lever, value), it in zip(asked, outcomes, strict=True):
+        if it is not None and value != lever.recorded:
+            lines[lever][value] = _hit(it)
+
+
+def _check_repeats(fact: Fact, now: Outcome | None) -> None:
+    """Refuse a case whose recorded outcome does not come again."""
+    hit = None if now is None or now.recording is None else now.recording.collision
+    if now is None or hit != fact.collision:
+        raise InputError(
+            f"Case `{fact.case}` does not repeat: recorded {_words(fact.collision)}, now "
+            f"{'not evaluated' if now is None else _words(hit)}. Its ADS must be the recorded one "
+            "and do the same in every drive: undo its changes, or run the evaluation again."
+        )
+
+
+def _words(hit: Collision | None) -> str:
+    return "no contact" if hit is None else f"a contact at {hit.time:.3f} s"
+
+
+def _hit(outcome: Outcome) -> bool:
+    return outcome.status == "collision"
+
+
+def _is_unseen(outcome: Outcome) -> bool:
+    clips = () if outcome.recording is None else outcome.recording.clips
+    return any(clip.what == _UNSEEN for clip in clips)
+
+
+def _flips(lever: Lever, line: Line) -> tuple[Flip, ...]:
+    """Changes of outcome along a lever, away from its recorded value, the nearest first."""
+    flips = []
+    for side in (1, -1):
+        away = sorted(
+            (value for value in line if side * (value - lever.recorded) >= 0.0),
+            key=lambda value: side * value,
+        )
+        flips += [Flip(one, two) for one, two in pairwise(away) if line[one] != line[two]]
+    return tuple(sorted(flips, key=lambda flip: lever.share(flip.after)))
+
+
+def _nearest(lines: dict[Lever, Line]) -> list[tuple[Lever, Flip]]:
+    """The nearest change of each lever on each side of its recorded value."""
+    return [
+        (lever, side[0])
+        for lever, line in lines.items()
+        for up in (True, False)
+        if (side := [it for it in _flips(lever, line) if (it.after > lever.recorded) is up])
+    ]
