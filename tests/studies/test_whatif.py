@@ -11,10 +11,10 @@ from scipy.optimize import brentq
 import sumo_eval
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
-from sumo_eval.whatif.search import WhatIf
 from sumo_eval.report.explain import known_case
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings
+from sumo_eval.whatif.search import WhatIf
 
 LATE = '''
 class Brakes:
