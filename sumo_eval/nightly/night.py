@@ -14,6 +14,7 @@ from __future__ import annotations
 import errno
 import itertools
 import os
+import shlex
 import shutil
 import sqlite3
 import time
@@ -61,6 +62,7 @@ NIGHTS = "nights"
 IMPORTED = -1  # exit status of a night that no gate judged
 LOCK = "lock"
 SPARE = 1.5  # a night may need so much more room than the last one did
+LEVER_DRIVES, LONGEST_LEVERS = 500, 600.0  # of a case, about; s of a night
 FIRST_NIGHT_ROOM = 200_000_000  # bytes; what a first night may need is not known
 
 
@@ -134,6 +136,12 @@ def _levers(done: Evaluation, beside: Beside) -> CaseLevers | None:
     fact = known_case(done.folder, case) if case else None
     if fact is None or fact.collision is None:
         return None
+    took = LEVER_DRIVES * (fact.wall_time or 0.0)
+    if took > LONGEST_LEVERS:
+        command = shlex.join(["sumo-eval", "whatif", str(done.folder), case])
+        return CaseLevers(
+            fact, why_not=f"Its drives may take {took / 60.0:.0f} min, so run: {command}"
+        )
     return WhatIf(done.folder).answers_or_why_not(fact)
 
 

@@ -178,7 +178,7 @@ def ranking_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
 SECTIONS = (
     Section("summary", "In short", content=summary_content, folded=False),
     Section("change", "Change", content=change_content, folded=False),
-    Section("levers", "What if", content=levers_content, folded=False),
+    Section("levers", "Levers", content=levers_content, folded=False),
     Section("verdict", "Scores", "every score with its interval, and why it is what it is"),
     Section(
         "ranking",

@@ -190,7 +190,7 @@ def contact(
 
 
 def contact_of(fact: Fact, ego: Trajectory) -> dict[str, Any] | None:
-    """As `contact`, of a recorded case."""
+    """Where the replay shows the contact of a recorded case."""
     return contact(fact.collision, ego, cause_of_contact(fact).no_return_time)
 
 

@@ -128,7 +128,7 @@ class WhatIf:
     def answers_or_why_not(
         self, fact: Fact, name: str | None = None, *, fine: bool = True
     ) -> CaseLevers:
-        """As `answers`, with the error message where it raises one."""
+        """Effects of all levers, or the error message of a case without any."""
         try:
             return self.answers(fact, name, fine=fine)
         except InputError as error:

@@ -61,6 +61,9 @@ def test_each_night_is_compared_with_the_last_good_one(week: tuple[Path, list[st
     assert "1 case collided, not so in the base (new)" in outputs[2]
     assert "ego_speed=30, lead_speed=0: ok -> contact with U 30.0 m/s" in outputs[2]
     assert "1 case gave up, not so in the base (new)" in outputs[3]
+    worse = (folder / "history" / found[2].folder / "report.html").read_text(encoding="utf-8")
+    assert "ego_speed=30, lead_speed=0</a>, collision at" in worse, "its levers are drawn"
+    assert worse.count('class="whisker lever"') >= 8
     assert "no plan here" in outputs[3]
 
 

@@ -11,8 +11,12 @@ from scipy.optimize import brentq
 import sumo_eval
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
+from sumo_eval.record.run_folder import FACTS
+from sumo_eval.record.store import open_store
 from sumo_eval.report.explain import known_case
+from sumo_eval.report.sent_drives import contact_of
 from sumo_eval.scenario import catalogue
+from sumo_eval.scoring.quantities import cause_of_contact
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.whatif.search import WhatIf
 
@@ -68,6 +72,10 @@ def test_brakes_and_delay_have_their_closed_forms_within_a_step(night):
     assert delay.before == pytest.approx(math.floor(longest / 0.05 + 1e-6) * 0.05, abs=0.051)
     assert delay.after == pytest.approx(delay.before + 0.05)
     assert not by_name["conditions.perception_delay"].flips  # it acts by the clock alone
+    shortest = 3.5 * fact.values["ego_speed"] - left + needed(closing, 9.0)
+    gap = by_name["gap"].flips[0]
+    assert gap.after <= shortest <= gap.before
+    assert gap.before - gap.after == pytest.approx(0.1)
 
 
 def test_law_a_longer_delay_saves_no_ads_that_brakes_later_by_it(night):
@@ -75,6 +83,14 @@ def test_law_a_longer_delay_saves_no_ads_that_brakes_later_by_it(night):
     hit = known_case(folder, case.replace("late", "too_late"))
     (delay,) = WhatIf(folder).answers(hit, "actuation_delay").answers
     assert not delay.flips
+
+
+def test_replay_marks_the_last_moment_to_brake(night):
+    folder, case = night
+    fact = known_case(folder, case.replace("late", "too_late"))
+    with open_store(folder / FACTS) as store:
+        mark = contact_of(fact, store.trajectory(fact.case))
+    assert 0.0 < mark["last"] == cause_of_contact(fact).no_return_time < mark["time"]
 
 
 def test_law_changing_nothing_changes_nothing(night):

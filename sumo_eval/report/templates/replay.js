@@ -303,7 +303,12 @@ const sumoReplay = (() => {
   function lastBody(context, view, t, px) {
     const last = lastMoment(view);
     if (last === null) return;
-    outline(context, corners(t, last).map(px));
+    const places = corners(t, last).map(px);
+    outline(context, places);
+    context.fillStyle = COLOURS.contact;
+    context.font = `10px ${FONT}`;
+    context.textAlign = "center";
+    context.fillText("last moment to brake", places.reduce((sum, [x]) => sum + x, 0) / 4, Math.max(...places.map(([, y]) => y)) + 11);
     context.setLineDash([4, 3]);
     context.lineWidth = 2;
     context.strokeStyle = COLOURS.contact;
