@@ -14,6 +14,8 @@ from sumo_eval.scenario.concrete import Road
 FASTEST = 1000.0  # m/s, what is shown beyond it is no motion of a vehicle
 BACKWARDS = -1.0  # m/s, no speed is below 0
 LOST = 1e9  # m and m/s; a vehicle that is on no lane has the place and the speed -1073741824
+LIMIT_TOLERANCE = 1e-6  # m/s2
+JUMP_TOLERANCE = 0.01  # m, motion of one step that speed cannot explain
 BESIDE = 0.05  # m, nearer than this to where SUMO loses a vehicle it is kept
 
 

@@ -31,6 +31,8 @@ from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, Names, RefusedCallE
 from sumo_eval.cosim.impossible import (
     BACKWARDS,
     FASTEST,
+    JUMP_TOLERANCE,
+    LIMIT_TOLERANCE,
     LOST,
     LeftTheRoadError,
     front,
@@ -41,13 +43,15 @@ from sumo_eval.cosim.loop import (
     EgoControl,
     Terms,
     advance_plant,
+    error_of,
     make_briefing,
     note_unlimited,
     with_time,
 )
 from sumo_eval.cosim.plans import HOLD, Wheel, wanted
-from sumo_eval.cosim.records import MODEL, SUMO
+from sumo_eval.cosim.records import MODEL, STRAIGHT, SUMO
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, LEFT_BATCH, Stage
+from sumo_eval.cosim.step_rules import goes_straight
 from sumo_eval.cosim.sumo.shared_files import suffix
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command
@@ -56,8 +60,6 @@ from sumo_eval.errors import ControllerError, ControllerTimeoutError, Simulation
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.road.reference_line import curvatures, frame_places
 
-_LIMIT_TOLERANCE = 1e-6  # m/s2
-_JUMP_TOLERANCE = 0.01  # m, motion of one step that speed cannot explain
 _SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
 _ALONG = 0.5  # rad, beside the road's line, within which SUMO finds a vehicle on a lane of its own
 _PLACE_TOLERANCE = 1e-3  # m
@@ -87,6 +89,8 @@ class OnTraci(EgoControl):
         GUARD.begin(others, settings.step, interference, heeding(concrete))
         GUARD.shared, GUARD.moded = not self._alone, self._alone
         GUARD.positions, GUARD.speeds = stage.fronts, stage.speeds
+        self._stage = stage
+        world.egos["next"]["speed"] = world.egos["speed"]
         stage.take_charge(world)
         self._begin_each(world, stage)
 
@@ -138,7 +142,7 @@ class OnTraci(EgoControl):
 
     def after(self, world: World, now: float) -> None:
         """Read the egos that SUMO moved."""
-        self._each(world, _Hook.after, now)
+        self._each(world, _Hook.after, now, rows=self._stage.read_at_once(world))
 
     def release(self, world: World, row: int) -> None:
         """Close the ADS and remove its listeners."""
@@ -158,8 +162,6 @@ class _Hook:
         self._step_timeout, self._plant, self._folder, self._every = terms
         self._waits = hasattr(ads, "took")  # for a program that drives in its own time
         self.target = ads.target
-        self._settled = getattr(self.target, "settled", None)
-        self._handed_over = False  # from the vehicle model back to SUMO, in this step
         self._senses: Senses | None = None
         self._bend = 0.0  # 1/m, the road's curvature beside the ego
 
@@ -169,11 +171,15 @@ class _Hook:
         """Make ready for a case of the world."""
         self._world, self._calls, self._traci, self._case = world, stage.calls, stage.traci, case
         concrete = world.cases[case]
-        self._ego = stage.names[case][0]
+        self.ego = stage.names[case][0]
         self.names = _names(concrete, suffix(case, len(world.cases)))
         self._native = isinstance(self.ads, NativeModel)
         plain = type(self.ads) is ObjectController and type(self.target) is FunctionType
         self._act = self.target if plain else self.ads.step
+        self._settled = (
+            getattr(self.target, "settled", None) if world.settings.end_when_decided else None
+        )
+        self._latencies = world.latencies.own[case]
         self._know_limits(world)
         self._take_wheel(world)
 
@@ -181,7 +187,7 @@ class _Hook:
         """Make what carries out commands."""
         case, settings = self._case, world.settings
         concrete = world.cases[case]
-        self._road, self._bent = concrete.road, concrete.road.bent
+        self.road, self._bent = concrete.road, concrete.road.bent
         self._wheel = Wheel(settings, partial(world.note, case), concrete.road.line)
         conditions = settings.conditions
         self._actuation = Actuation(conditions, lambda *clip: world.note(case, *clip))
@@ -198,16 +204,15 @@ class _Hook:
             settings.vehicle.max_acceleration,
         )
         self._sideways = _SIDEWAYS_SPEED * settings.step
-        # m/s, the ego's as SUMO counts it, without the sideways part
-        self._lane_speed = concrete.ego.speed
         self._know_places(world)
 
     def _know_places(self, world: World) -> None:
         """Where the ego's numbers stand in a row."""
         places = {name: place[1] // 8 for name, place in (world.egos.dtype.fields or {}).items()}
-        self._front_x, self._front_y, self._commanded, self._map = (
-            places[name] for name in ("front_x", "front_y", "command", "map")
+        self._front_x, self._front_y, self._commanded, self._map, ahead = (
+            places[name] for name in ("front_x", "front_y", "command", "map", "next")
         )
+        self._lane_speed = ahead + 3  # of the ego as SUMO counts it, without the sideways part
 
     def watch(self, world: World, row: int) -> None:
         """Look at this row of the world's arrays from now on."""
@@ -222,9 +227,9 @@ class _Hook:
     def begin(self, world: World) -> None:
         """Reset the ADS."""
         concrete, settings = world.cases[self._case], world.settings
-        self._calls.setSpeedMode(self._ego, EGO_SPEED_MODE)
+        self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
         if self._native:
-            self._calls.setSpeed(self._ego, -1)
+            self._calls.setSpeed(self.ego, -1)
         if isinstance(self.ads, ObservingController):
             stream = f"{self._seed}/{concrete.scenario}/{concrete.label}"
             self._senses = self.ads.senses = Senses(
@@ -232,108 +237,95 @@ class _Hook:
             )
         elif self._case == 0:
             note_unlimited(world)  # TraCI shows everything
-        self._called(
-            "in reset",
-            0.0,
-            self.ads.reset,
-            make_briefing(concrete, settings, self._terms),
-            TRACI,
-            EGO,
-        )
+        briefing = make_briefing(concrete, settings, self._terms)
+        error = error_of(self.ads.reset, briefing, TRACI, EGO)
+        if error is not None:
+            self._blamed(error, "in reset", 0.0)
         self._driver._check_clock(world, 0.0)
 
     def close(self) -> None:
         """Close the ADS."""
         self.ads.close()
 
-    def _called(self, when: str, time: float, call: Callable[..., Any], *arguments: Any) -> Any:
-        """Answer of the user's code; None after a refused call, which the check of the clock
-        reports.
-
-        when: "" in a step.
+    def _blamed(self, error: BaseException, when: str, time: float) -> None:
+        """Put an exception of the user's code in words; a refused call is reported by the check of
+        the clock.
         """
-        try:
-            return call(*arguments)
-        except KeyboardInterrupt:  # the user's; an ADS's own is put in words by the watch over it
-            raise
-        except BaseException as error:
-            when = when or f"at {time:.2f} s"
-            self._world.keep_fault(self._case, error, self.target, self._folder)
-            if isinstance(error, RefusedCallError):
-                return None
-            # an adapter, or the watch over the step, has put it in words
-            if isinstance(error, ControllerError):
-                raise with_time(error, when) from error
-            self._driver._check_clock(self._world, time)
-            raise ControllerError(f"The ADS raised {when}: {said(error)}.") from error
+        self._world.keep_fault(self._case, error, self.target, self._folder)
+        if isinstance(error, RefusedCallError):
+            return
+        # an adapter, or the watch over the step, has put it in words
+        if isinstance(error, ControllerError):
+            raise with_time(error, when) from error
+        self._driver._check_clock(self._world, time)
+        raise ControllerError(f"The ADS raised {when}: {said(error)}.") from error
 
     def step(self, world: World, time: float) -> None:
         """One step of the ADS: an exception, an unusable answer or a slow one is its fault, and
         ends the case so.
         """
+        if self._senses is not None:
+            self._look(self._senses, world, time)
         try:
-            command = self._ask(world, time)
-            if command is None:
-                self._leave_to_sumo()
+            if world.steps % self._every == 0:
+                command = self._ask(time)
+            elif self._wheel.holds:
+                command = self._actuation.pass_on(self._obeyed(HOLD, time), time, 0.0)
             else:
+                command = None
+            if command is not None:
                 self._take_over(world, command)
+            elif self._placed[0] != SUMO or GUARD.moded or self._plant is not None:
+                self._leave_to_sumo()
         except self._traci.TraCIException as error:
             raise ControllerError(
                 f"After the ADS's step at {time:.2f} s SUMO cannot move the ego: {said(error)}."
             ) from error
-        if self._settled is not None and world.settings.end_when_decided:
+        if self._settled is not None:
             self._settles[0] = bool(self._settled())
 
-    def _ask(self, world: World, time: float) -> Command | None:
-        if self._senses is not None:
-            names = [actor.name for actor in world.cases[0].actors]
-            actors = world.others[0]
-            here = {
-                name: Body(*actor.tolist()[:7])
-                for name, actor, there in zip(
-                    names, actors, actors["present"].tolist(), strict=True
-                )
-                if there
-            }
-            me = self._state[:8].tolist()
-            self._senses.take_in(time, Body(*me[:7]), me[7], here)
-        if world.steps % self._every:
-            return self._held(time)
-        asked = clock.perf_counter()
+    def _look(self, senses: Senses, world: World, time: float) -> None:
+        """Show the senses what is there."""
+        names = [actor.name for actor in world.cases[0].actors]
+        actors = world.others[0]
+        here = {
+            name: Body(*actor.tolist()[:7])
+            for name, actor, there in zip(names, actors, actors["present"].tolist(), strict=True)
+            if there
+        }
+        me = self._state[:8].tolist()
+        senses.take_in(time, Body(*me[:7]), me[7], here)
+
+    def _ask(self, time: float) -> Command | None:
+        """The answer of the ADS as a command, after its listeners."""
+        answer, asked = None, clock.perf_counter()
         GUARD.moved = False
         try:
-            answer = self._called("", time, self._heard, time)
+            if not GUARD.shared:
+                GUARD.heard()
+            answer = self._act(TRACI, EGO, time)
+        except KeyboardInterrupt:  # the user's; an ADS's own is put in words by the watch over it
+            raise
+        except BaseException as error:  # noqa: BLE001 - `_blamed` raises it, put in words
+            self._blamed(error, f"at {time:.2f} s", time)
         finally:
             took = clock.perf_counter() - asked
             if self._waits:
                 took += self.ads.took  # type: ignore[attr-defined]
-            world.latencies.own[self._case].append(took)
+            self._latencies.append(took)
         if took > self._step_timeout:
             raise ControllerTimeoutError(
                 f"The ADS must answer within {self._step_timeout:g} s, took longer at {time:.2f} s."
             )
         if not GUARD.shared:
-            self._driver._check_clock(world, time)
+            self._driver._check_clock(self._world, time)
         if answer is None:
             self._wheel.release()
             return None if self._at_once else self._actuation.pass_on(None, time, took)
         command = self._obeyed(answer, time)
         if GUARD.moved:
-            world.note(self._case, "dropped_traci_call", 1.0, 0.0)
+            self._world.note(self._case, "dropped_traci_call", 1.0, 0.0)
         return self._actuation.pass_on(command, time, took)
-
-    def _heard(self, time: float) -> Any:
-        """The listeners, then the ADS itself."""
-        if not GUARD.shared:
-            GUARD.heard()
-        return self._act(TRACI, EGO, time)
-
-    def _held(self, time: float) -> Command | None:
-        """Command between two calls."""
-        if not self._wheel.holds:
-            return None
-        command = self._obeyed(HOLD, time)
-        return self._actuation.pass_on(command, time, 0.0)
 
     def _obeyed(self, answer: object, time: float) -> Command:
         """Command to the vehicle."""
@@ -352,19 +344,19 @@ class _Hook:
         if self._plant is not None:
             world.note(self._case, "vehicle_model_not_used", 1.0, 0.0)
         if self._placed[0] != SUMO:
-            self._calls.setSpeedMode(self._ego, EGO_SPEED_MODE)
+            self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
             self._placed[0] = SUMO
-            self._handed_over = True
+            self._stale[0] = 1
         elif not self._native and GUARD.moded:
-            mode = self._calls.getSpeedMode(self._ego)
+            mode = self._calls.getSpeedMode(self.ego)
             if mode != EGO_SPEED_MODE:
                 world.note(self._case, "speed_mode", mode, EGO_SPEED_MODE)
-                self._calls.setSpeedMode(self._ego, EGO_SPEED_MODE)
+                self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
 
     def _take_over(self, world: World, command: Command) -> None:
         ego, state = self._mine, self._state
         if self._placed[0] == SUMO:
-            self._calls.setSpeedMode(self._ego, EXACT_SPEED_MODE)
+            self._calls.setSpeedMode(self.ego, EXACT_SPEED_MODE)
             # it has had its hands on the wheel, and the wheel straight, from the start
             if world.steps == 0:
                 world.samples[self._row, 0, 0, 6] = 0.0
@@ -385,7 +377,7 @@ class _Hook:
         """
         if self._placed[0] != SUMO:
             self._check_placed_ego(now)
-        elif self._goes_straight():
+        elif self._went_straight():
             return
         else:
             self._read_driven_ego(now)
@@ -396,9 +388,10 @@ class _Hook:
 
     def _check_placed_ego(self, now: float) -> None:
         state = self._state
-        GUARD.speeds.pop(self._ego, None)
-        self._lane_speed, front_x, front_y = state[3], state[self._front_x], state[self._front_y]
-        x, y = self._calls.getPosition(self._ego)
+        GUARD.speeds.pop(self.ego, None)
+        state[self._lane_speed] = state[3]
+        front_x, front_y = state[self._front_x], state[self._front_y]
+        x, y = self._calls.getPosition(self.ego)
         # which no nan is
         if not (abs(x - front_x) <= _PLACE_TOLERANCE and abs(y - front_y) <= _PLACE_TOLERANCE):
             raise SimulationError(
@@ -412,8 +405,8 @@ class _Hook:
         the lane apart.
         """
         calls, state = self._calls, self._state
-        front_x, front_y = calls.getPosition(self._ego)
-        angle, speed = calls.getAngle(self._ego), calls.getSpeed(self._ego)
+        front_x, front_y = calls.getPosition(self.ego)
+        angle, speed = calls.getAngle(self.ego), calls.getSpeed(self.ego)
         at = self._map
         last_s, last_speed = state[0], state[3]
         last_x, last_y, last_heading = state[at], state[at + 1], state[at + 2]
@@ -425,11 +418,11 @@ class _Hook:
         ):
             sizes = self._limits.length, self._limits.width
             if front_x <= -LOST and leaves_the_lanes(
-                Body(last_s, state[1], state[2], last_speed, *sizes), self._road, self._step
+                Body(last_s, state[1], state[2], last_speed, *sizes), self.road, self._step
             ):
                 raise LeftTheRoadError
             before = Body(last_x, last_y, last_heading, last_speed, *sizes)
-            raise impossible(calls, self._ego, front(before), now, self._step)
+            raise impossible(calls, self.ego, front(before), now, self._step)
         if angle == 90.0:  # along the road, exactly: nearly every vehicle nearly always
             x, y, heading = front_x - self._half, front_y, 0.0
         else:
@@ -447,22 +440,22 @@ class _Hook:
         state[at], state[at + 1], state[at + 2] = x, y, heading
         # SUMO counts along the line, and on the map a vehicle beside it drives less or more
         if self._bent:
-            line = self._road.line
+            line = self.road.line
             place = tuple(float(it) for it in frame_places(line, x, y, heading, near=last_s))
             self._bend = float(curvatures(line, place[0]))
             stretch = 1.0 - self._bend * place[1]
             moved_x, moved_y = math.hypot(moved_x, moved_y) / stretch, 0.0
         self._check_native_motion(moved_x, moved_y, speed, now)
-        acceleration = (speed - self._lane_speed) / self._step
-        self._lane_speed = speed
-        if self._handed_over:
-            self._handed_over = False
+        acceleration = (speed - state[self._lane_speed]) / self._step
+        state[self._lane_speed] = speed
+        if self._stale[0]:
+            self._stale[0] = 0
             if abs(math.remainder(heading - last_heading, math.tau)) > 1e-3 + abs(
                 last_speed * self._step * self._bend
             ):
                 self._world.note(self._case, "heading", last_heading, heading)
         turned_or_moved = self._bent or moved_y != 0.0 or heading != 0.0
-        across = calls.getLateralSpeed(self._ego) if turned_or_moved else 0.0
+        across = calls.getLateralSpeed(self.ego) if turned_or_moved else 0.0
         if not -FASTEST < across < FASTEST:
             raise SimulationError(
                 f"SUMO gave vehicle `{EGO}` the speed {across:g} m/s across at {now:.2f} s."
@@ -474,28 +467,28 @@ class _Hook:
             speed = math.hypot(speed, across)
         state[0], state[1], state[2], state[3], state[7] = x, y, heading, speed, acceleration
 
-    def _goes_straight(self) -> bool:
-        """Take in an ego that SUMO moved along a straight lane, as nearly always; else leave it."""
-        ego, calls = self._ego, self._calls
-        front_x, front_y = position = calls.getPosition(ego)
+    def _went_straight(self) -> bool:
+        """Read an ego that SUMO moved along a straight lane, as nearly always; else leave it."""
+        ego, calls = self.ego, self._calls
+        x, y = position = calls.getPosition(ego)
         speed = calls.getSpeed(ego)
         GUARD.positions[ego], GUARD.speeds[ego] = position, speed
-        state, at, step, before = self._state, self._map, self._step, self._lane_speed
-        ahead, gained = front_x - state[at] - self._half, (speed - before) / step
-        slower, faster = (speed, before) if speed < before else (before, speed)
+        state, at = self._state, self._map
+        before = state[self._lane_speed]
+        x -= self._half
         if (
-            self._handed_over
-            or self._bent
+            self._bent
+            or self._stale[0]
             or state[at + 2] != 0.0
-            or front_y != state[at + 1]
-            or calls.getAngle(ego) != 90.0
-            or not BACKWARDS < speed < FASTEST
-            or not slower * step - _JUMP_TOLERANCE <= ahead <= faster * step + _JUMP_TOLERANCE
-            or not self._lowest + _LIMIT_TOLERANCE <= gained <= self._highest - _LIMIT_TOLERANCE
+            or calls.getAngle(ego) != STRAIGHT
+            or not goes_straight(
+                x - state[at], y - state[at + 1], speed, before, self._step, self._limits
+            )
         ):
             return False
-        state[0] = state[at] = front_x - self._half
-        state[2], state[3], state[7], self._lane_speed = 0.0, speed, gained, speed
+        state[self._lane_speed] = state[3] = speed
+        state[0], state[2], state[7] = x, 0.0, (speed - before) / self._step
+        state[at] = x
         return True
 
     def _check_native_motion(self, ahead: float, across: float, speed: float, now: float) -> None:
@@ -505,23 +498,19 @@ class _Hook:
 
         speed: along the lane, m/s.
         """
-        step, lane_speed, lowest, highest = (
-            self._step,
-            self._lane_speed,
-            self._lowest,
-            self._highest,
-        )
+        step, lowest, highest = self._step, self._lowest, self._highest
+        lane_speed = self._state[self._lane_speed]
         gained = (speed - lane_speed) / step
-        if not lowest - _LIMIT_TOLERANCE <= gained <= highest + _LIMIT_TOLERANCE:
+        if not lowest - LIMIT_TOLERANCE <= gained <= highest + LIMIT_TOLERANCE:
             self._unphysical(
                 "unphysical_acceleration", gained, min(max(gained, lowest), highest),
                 f"The ADS must drive its vehicle within {lowest:g}..{highest:g} m/s2, "
                 f"got {gained:.1f} m/s2 at {now:.2f} s.",
             )  # fmt: skip
-        elif not lowest + _LIMIT_TOLERANCE <= gained <= highest - _LIMIT_TOLERANCE:
+        elif not lowest + LIMIT_TOLERANCE <= gained <= highest - LIMIT_TOLERANCE:
             self._world.note(self._case, "vtype_limit", gained, gained)
         slower, faster = (speed, lane_speed) if speed < lane_speed else (lane_speed, speed)
-        tolerance = _JUMP_TOLERANCE + (_CHORD_SHARE * faster * step if self._bend else 0.0)
+        tolerance = JUMP_TOLERANCE + (_CHORD_SHARE * faster * step if self._bend else 0.0)
         least, most = slower * step - tolerance, faster * step + tolerance
         if least <= ahead <= most and -self._sideways <= across <= self._sideways:
             return

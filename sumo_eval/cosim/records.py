@@ -89,8 +89,10 @@ EGO = np.dtype(
 """The ego of a case.
 
 The first fields are those of a `Body`. placed: who moves it, SUMO, the vehicle model or a plant.
-stale: SUMO has it elsewhere by now. reason: why the case has ended, a place in `REASONS`. share: of
-the step at which it touched number `struck`. samples: how many there are. begun: the step of the
+stale: SUMO has it elsewhere by now; of one that SUMO moves: it does since this step. next: of a
+plant; its speed also of an ego that SUMO moves, m/s along its lane. reason: why the case has ended,
+a place in `REASONS`. share: of the step at which it touched number `struck`. samples: how many
+there are. begun: the step of the
 world at which the case began.
 slip, yaw_rate: of the dynamic vehicle model, rad and rad/s.
 way: as in `_WAY`."""

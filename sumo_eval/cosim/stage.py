@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import compress
 from typing import Any
 
@@ -64,7 +65,6 @@ class Stage:
         self.calls = vehicles(traci)
         self.step = simulation_step(traci)
         self.names = vehicle_names(world.cases, asked=asked)
-        self._other_names = np.array(self.names, dtype=object)[:, 1:]
         count, road = len(world.cases), world.cases[0].road
         self._alone = count == 1
         self._bent, self._road, self._step = road.bent, road, world.settings.step
@@ -83,7 +83,9 @@ class Stage:
         self._half = 0.5 * (road.left_edge - road.right_edge)
         self._far = FASTEST * world.settings.step  # m, further than anything drives in a step
         actors = [name for names in self.names for name in names[1:]]
-        fronts = world.others[["front_x", "front_y"]].ravel().tolist()
+        places = world.others[["front_x", "front_y"]]
+        world.shown[:, :, 0], world.shown[:, :, 1] = places["front_x"], places["front_y"]
+        fronts = places.ravel().tolist()
         self.speeds: dict[str, float] = {}  # m/s, of vehicles as read after the last step
         self.fronts: dict[str, Any] = dict(zip(actors, fronts, strict=True))
         on_map = (actor.on_map is not None for it in world.cases for actor in it.actors)
@@ -105,8 +107,8 @@ class Stage:
         """Some of the rows have ended."""
         self._live = np.flatnonzero(world.egos["live"])
         self._all = len(self._live) == len(world.rows)
-        self._rows = self._live.tolist()
-        self._others = self._other_names[world.rows[self._live]].ravel().tolist()
+        self._names: list[str] = []  # of those that are read at once
+        self._unread = list(range(self._width))
 
     def take_charge(self, world: World) -> None:
         """Make SUMO obey, and fail the cases whose vehicles it has not placed as they are meant."""
@@ -165,6 +167,7 @@ class Stage:
             if self.as_read:
                 self.traci.vehicle.remove(name)
                 self.speeds.pop(name, None)
+                self._names = []
                 continue
             self.calls.setSpeed(name, 0.0)
             self.calls.moveToXY(
@@ -201,15 +204,48 @@ class Stage:
             calls.setLateralLanePosition(name, d)
             self._told[name] = along
 
+    def read_at_once(self, world: World) -> list[int] | None:
+        """Read the vehicles of many rows; the rows whose egos do not just go straight on, and are
+        not read yet, as actors in `_unread`. None: nothing is read.
+        """
+        if self._alone:
+            return None
+        if not self._names:
+            there = world.others["present"][self._live] == 1
+            there = np.column_stack([np.ones(len(there), dtype=bool), there])
+            numbers = self._live[:, None] * self._width + np.arange(self._width)
+            self._numbers = numbers[there]
+            self._names = [self._flat[number] for number in self._numbers.tolist()]
+            self._odd = np.zeros_like(self._numbers)
+        names, calls = self._names, self.calls
+        read = np.empty((len(names), 4))
+        try:
+            fronts, speeds = list(map(calls.getPosition, names)), list(map(calls.getSpeed, names))
+            read[:, 2] = list(map(calls.getAngle, names))
+        except self.traci.TraCIException:
+            self._unread = self._numbers.tolist()
+            return None
+        read[:, :2], read[:, 3] = fronts, speeds
+        self._unread = self._odd[: world.read(self._numbers, read, self._odd)].tolist()
+        odd = {self._flat[number] for number in self._unread}
+        last = {name: self.fronts[name] for name in odd if name in self.fronts}
+        self.fronts.update(zip(names, fronts, strict=True))
+        self.fronts.update(last)  # with which the next look compares
+        self.speeds.update(zip(names, speeds, strict=True))
+        return [number // self._width for number in self._unread if number % self._width == 0]
+
     def read(self, world: World) -> None:
         """Take in the actors where they are as SUMO shows them."""
         if not self.as_read:
             return
         calls, cells, present, far = self.calls, self._cells, self._present, self._far
-        fronts, speeds, actors = self.fronts, self.speeds, self._width - 1
-        for number, name in enumerate(self._others):
-            row, j = divmod(number, actors)
-            row = self._rows[row]
+        fronts, speeds = self.fronts, self.speeds
+        for number in self._unread:
+            row, j = divmod(number, self._width)
+            j -= 1
+            if j < 0:
+                continue
+            name = self._flat[number]
             x, y, angle, speed = _NOT_THERE
             if present[row, j]:
                 try:
@@ -230,7 +266,7 @@ class Stage:
                     fronts[name], speeds[name] = front, speed
                 except self.traci.TraCIException:
                     now = world.time + self._step
-                    present[row, j] = 0
+                    present[row, j], self._names = 0, []
                     speeds.pop(name, None)
                     world.note(int(world.rows[row]), "actor_left_the_network", now, now)
                     x, y, angle, speed = _NOT_THERE
@@ -238,7 +274,7 @@ class Stage:
                     if self._alone:
                         raise
                     world.leave(row, LEFT_BATCH)
-            at = 4 * (row * actors + j)
+            at = 4 * (row * (self._width - 1) + j)
             cells[at], cells[at + 1] = x, y
             cells[at + 2], cells[at + 3] = angle, speed
 
@@ -289,8 +325,6 @@ class Stage:
 
     def remove(self, world: World, row: int) -> None:
         """Remove the vehicles of a case that has ended from its batch."""
-        if not self._alone:
-            held = set(self.traci.vehicle.getIDList()) if self.as_read else None
-            for name in self.names[int(world.rows[row])]:
-                if held is None or name in held:
-                    self.traci.vehicle.remove(name)
+        for name in () if self._alone else self.names[int(world.rows[row])]:
+            with suppress(self.traci.TraCIException):  # SUMO may have removed it
+                self.traci.vehicle.remove(name)

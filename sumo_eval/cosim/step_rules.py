@@ -9,8 +9,17 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sumo_eval.cosim.contact import Body, between, keeps_apart, share_at_touch, within_a_turn
-from sumo_eval.cosim.impossible import BESIDE
+from sumo_eval.cosim.impossible import (
+    BACKWARDS,
+    BESIDE,
+    FASTEST,
+    JUMP_TOLERANCE,
+    LIMIT_TOLERANCE,
+)
 from sumo_eval.cosim.records import (
     ADS_ERROR,
     ALONG,
@@ -238,6 +247,66 @@ def move_rows(
             _restate(other.before, other)
             other.told = 0
     return told
+
+
+@kernel
+def goes_straight(
+    ahead: float, aside: float, speed: float, before: float, step: float, vehicle: Any
+) -> bool:
+    """Whether an ego goes straight on as its speed says.
+
+    ahead, aside: motion of its front bumper in the step, m.
+    speed, before: at the step's end and begin, m/s.
+    """
+    gained, half = (speed - before) / step, 0.5 * step
+    off, most = abs(ahead - half * (speed + before)), half * abs(speed - before) + JUMP_TOLERANCE
+    return (
+        aside == 0.0
+        and off <= most
+        and BACKWARDS < speed < FASTEST
+        and LIMIT_TOLERANCE - vehicle.max_deceleration <= gained
+        and gained <= vehicle.max_acceleration - LIMIT_TOLERANCE
+    )
+
+
+@rows
+def read_rows(
+    scenes: Scenes, scenario: Records, numbers: NDArray[np.int64], read: FloatArray,
+    odd: NDArray[np.int64],
+) -> int:  # fmt: skip
+    """Take in vehicles that SUMO moves, where they go straight on or are actors; how many are left.
+
+    numbers: of the vehicles, all of a row after each other.
+    read: x and y of the front bumper, angle and speed of each.
+    odd: receives the numbers of those that are left.
+    """
+    egos, others, left = scenes.egos, scenes.others, 0
+    step, vehicle, road = scenario[0].step, scenario[0].vehicle, scenario[0].road
+    width, far = 1 + others.shape[1], FASTEST * step
+    for k in range(len(numbers)):
+        row, j = numbers[k] // width, numbers[k] % width
+        ego, x, y, angle, speed = egos[row], read[k, 0], read[k, 1], read[k, 2], read[k, 3]
+        fine = ego.live == 0 or ego.reason != 0  # broken off in this step
+        if j == 0 and not fine:
+            at, before = ego.map, ego.next.speed
+            x -= 0.5 * ego.length
+            fine = ego.placed == SUMO and ego.stale == 0 and not road.bent and angle == STRAIGHT
+            fine = fine and at.heading == 0.0 and road.right_edge <= y <= road.left_edge
+            if fine and goes_straight(x - at.x, y - at.y, speed, before, step, vehicle):
+                ego.x, at.x, ego.heading, ego.speed = x, x, 0.0, speed
+                ego.acceleration, ego.next.speed = (speed - before) / step, speed
+            else:
+                fine = False
+        elif j > 0:
+            at = scenes.shown[row, j - 1]
+            fine = abs(x - at[0]) < far and abs(y - at[1]) < far and 0.0 <= angle <= 360.0
+            fine = fine and BACKWARDS < speed < FASTEST
+            if fine:
+                at[0], at[1], at[2], at[3] = x, y, angle, speed
+        if not fine:
+            odd[left] = numbers[k]
+            left += 1
+    return left
 
 
 @kernel

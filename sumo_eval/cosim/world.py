@@ -39,7 +39,14 @@ from sumo_eval.cosim.records import (
     Scenes,
     numbers_of,
 )
-from sumo_eval.cosim.step_rules import begin_rows, map_rows, move_rows, see_rows, tell_others_rows
+from sumo_eval.cosim.step_rules import (
+    begin_rows,
+    map_rows,
+    move_rows,
+    read_rows,
+    see_rows,
+    tell_others_rows,
+)
 from sumo_eval.cosim.vehicle_model import count_clip
 from sumo_eval.kernels import bound
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Way, departures
@@ -159,6 +166,11 @@ class World:
         return self._codes[loop](*arguments)
 
     @property
+    def scenes(self) -> Scenes:
+        """The arrays of all rows."""
+        return Scenes(self.egos, self.others, self.clips, self.seen, self.samples, self.shown)
+
+    @property
     def cast(self) -> Cast:
         """The vehicles of all rows."""
         return Cast(self.egos, self.others, *self.players)
@@ -183,24 +195,31 @@ class World:
 
     def keep_commands(self) -> None:
         """Keep what the egos are commanded in this step; nan of one that SUMO or a plant moves."""
-        if self.steps == self._commands.shape[1]:
+        if not self._models and not np.count_nonzero(self.egos["placed"]):
+            return
+        while self.steps >= self._commands.shape[1]:
             unknown = np.full_like(self._commands, np.nan)
             self._commands = np.concatenate([self._commands, unknown], 1)
         if self._models:
             self._commands[:, self.steps] = self._commanded
             return
         moved = self.egos["placed"] == MODEL
-        if np.count_nonzero(moved):
-            self._commands[moved, self.steps] = self._commanded[moved]
+        self._commands[moved, self.steps] = self._commanded[moved]
 
     def see(self, *, sampling: bool = False, as_read: bool = False) -> int:
         """Take in what SUMO shows at the end of the step; how many cases have ended."""
         self.steps += 1
-        scenes = Scenes(self.egos, self.others, self.clips, self.seen, self.samples, self.shown)
         ended: int = self._run(
-            see_rows, scenes, self.scenario, self.line, self.steps, int(sampling), int(as_read)
+            see_rows, self.scenes, self.scenario, self.line, self.steps, int(sampling), int(as_read)
         )
         return ended
+
+    def read(
+        self, numbers: NDArray[np.int64], read: NDArray[np.float64], odd: NDArray[np.int64]
+    ) -> int:
+        """Take in what SUMO shows of vehicles, as in `read_rows`."""
+        left: int = self._run(read_rows, self.scenes, self.scenario, numbers, read, odd)
+        return left
 
     def may_leave(self, now: float) -> bool:
         """Whether a vehicle may come to the end of its lanes in the step to `now`, s; a quick no
@@ -329,7 +348,8 @@ class World:
         if hit is not None and hit.side == "rear" and actors[int(ego["struck"])].model is not None:
             self.note(case, "struck_from_behind", hit.relative_speed, self._in_its_lane_for(row))
         counts = self.others["samples"][row].tolist()
-        commands = self._commands[row, : self.steps].copy() if hit is not None else None
+        commands = self._commands[row, : self.steps].copy()
+        known = hit is not None and len(commands) == self.steps and not np.isnan(commands).any()
         self.ended[case] = partial(
             Recording,
             self._trajectory(row, 0, int(ego["samples"]), vehicle),
@@ -337,7 +357,7 @@ class World:
             hit,
             reason,
             self._clips(row, case),
-            commands=None if commands is None or np.isnan(commands).any() else commands,
+            commands=commands if known else None,
         )
         return case
 

@@ -231,8 +231,6 @@ def heeding(concrete: ConcreteScenario) -> set[str]:
 def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
     plain = ARGUMENTS["vehicle"].get(call, ())
     moves, ignored, hands_over = call in MOTION, call in IGNORED, call in HANDS_OVER
-    one_number = len(plain) == 1 and plain[0] not in DURATIONS and not ignored
-    direct, takes_effect_later = insides.direct(call, write), call == "setSpeed"
 
     def guarded(vehID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
         # of a name that nobody has, SUMO says so
@@ -240,18 +238,6 @@ def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Calla
             guard.touches("vehicle", call, vehID)
         if moves and vehID == EGO:
             guard.moved = True
-        if one_number and len(args) == 1 and not kwargs:
-            number = args[0]
-            if (
-                type(number) is float
-                and number - number == 0.0
-                and not (hands_over and number < 0.0)
-            ):
-                # as nearly always: a float, and finite
-                name = guard.names[vehID]
-                if not takes_effect_later:
-                    guard.speeds.pop(name, None)
-                return direct(name, number)
         if guard.shared:
             vehID, args = guard.told_of_a_row(call, vehID, args, kwargs)  # noqa: N806
         guard.check("vehicle", call, vehID, args, kwargs)
@@ -266,7 +252,23 @@ def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Calla
             guard.heeding.add("model")
         return answer
 
-    return guarded
+    if len(plain) != 1 or plain[0] in DURATIONS or ignored:
+        return guarded
+    direct, takes_effect_later = insides.direct(call, write), call == "setSpeed"
+
+    def quick(vehID: str, number: Any = None, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
+        # as nearly always: the ego, and a float that is finite
+        if vehID != EGO or type(number) is not float or number - number != 0.0 or kwargs:
+            return guarded(vehID, *(() if number is None else (number,)), **kwargs)
+        if hands_over and number < 0.0:
+            return guarded(vehID, number)
+        if moves:
+            guard.moved = True
+        if not takes_effect_later:
+            guard.speeds.pop(guard.names[vehID], None)
+        return direct(guard.names[vehID], number)
+
+    return quick
 
 
 def _type_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable[..., Any]:

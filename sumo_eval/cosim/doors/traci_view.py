@@ -62,15 +62,15 @@ def _reading(guard: Guard, read: Callable[..., Any], direct: Callable[..., Any])
     direct: what a call with one argument wraps.
     """
 
-    def reading(*args: Any, **kwargs: Any) -> Any:
+    def reading(name: Any, *args: Any, **kwargs: Any) -> Any:
         names = guard.names
         try:
-            if len(args) == 1 and not kwargs:
-                answer = direct(names[args[0]])
+            if not args and not kwargs:
+                answer = direct(names[name])
                 if type(answer) is float:
                     return answer
             else:
-                inside = [names[it] if type(it) is str else it for it in args]
+                inside = [names[it] if type(it) is str else it for it in (name, *args)]
                 answer = read(*inside, **kwargs)
             return names.outside(answer)
         except (libsumo.TraCIException, TypeError):
@@ -99,26 +99,26 @@ def _kept_speed(guard: Guard, reading: Callable[..., Any]) -> Any:
 
 
 def _kept_position(guard: Guard, reading: Callable[..., Any]) -> Any:
-    def position(vehID: Any, *more: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
+    def position(vehID: Any, *more: Any) -> Any:  # noqa: N803 - TraCI's name
         try:
             name = guard.names[vehID]
-            if name in guard.speeds and not more and not kwargs:
+            if name in guard.speeds and not more:
                 return guard.positions[name]
         except TypeError:
             pass
-        return reading(vehID, *more, **kwargs)
+        return reading(vehID, *more)
 
     return position
 
 
 def _nearest(guard: Guard, reading: Callable[..., Any]) -> Any:
-    read = libsumo.vehicle.getLeader
+    read = insides.direct("getLeader", libsumo.vehicle.getLeader)
 
     def nearest(vehID: Any, dist: Any = 100.0) -> Any:  # noqa: N803 - TraCI's name
         names = guard.names
         try:
-            ahead = read(names[vehID], dist)
-            return ahead and (names.back[ahead[0]], ahead[1])
+            ahead, gap = read(names[vehID], dist)
+            return (names.back[ahead], gap) if ahead else reading(vehID, dist)
         except (libsumo.TraCIException, TypeError, KeyError):
             return reading(vehID, dist)
 
