@@ -232,6 +232,8 @@ class CaseResult(Outcome):
     error_place: file, line and function of the user's code that the exception in `error` came from.
     no_return_time s: of a contact, the last moment at which full braking avoids it, None where none
         does, braking_time s: when the ADS first braked, and contact_cause: see `cause_of_contact`.
+    batched: of an ADS that asks SUMO and shared it with other cases: "batched", or "compared" with
+        the case alone, and equal.
     requirements_missed: names of the requirements of the scenario that do not hold in the drive, ""
         where all do, None where nothing is required or nothing was evaluated.
     """
@@ -312,6 +314,7 @@ class CaseResult(Outcome):
     no_return_time: float | None = None
     braking_time: float | None = None
     contact_cause: str = ""
+    batched: str = ""
 
     def _repr_html_(self) -> str:
         """The table for a notebook."""

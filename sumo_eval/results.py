@@ -55,6 +55,16 @@ class DrivenAlone:
 
 
 @dataclass(frozen=True, slots=True)
+class Compared:
+    """Drives of an ADS that asks SUMO which shared a simulation, and how many of them were driven
+    alone, too, and equal.
+    """
+
+    compared: int
+    drives: int
+
+
+@dataclass(frozen=True, slots=True)
 class DrivenInBlocks:
     """Drives of a policy over arrays, whose bits may depend on which cases it is shown together:
     how many in blocks of how many cases.
@@ -181,6 +191,7 @@ class RequirementMissed:
 
 ScoreNote = (
     DrivesLeftOut
+    | Compared
     | DrivenAlone
     | DrivenInBlocks
     | Counted

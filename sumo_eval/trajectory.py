@@ -285,6 +285,8 @@ class Recording:
     controller_latency: Latency = Latency()  # noqa: RUF009 - frozen
     wall_time: float = 0.0
     error_place: str = ""  # `my_ads.py:42 in act`: where in the user's code an exception came from
+    # of an ADS that asks SUMO, beside others of its cases: "batched", or "compared" with it alone
+    batched: str = ""
     # (steps, 2), m/s2 and rad, of a contact of an ego that the vehicle model moved throughout
     commands: FloatArray | None = field(default=None, compare=False, repr=False)
 

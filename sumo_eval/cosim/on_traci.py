@@ -142,7 +142,8 @@ class OnTraci(EgoControl):
 
     def after(self, world: World, now: float) -> None:
         """Read the egos that SUMO moved."""
-        self._each(world, _Hook.after, now, rows=self._stage.read_at_once(world))
+        rows = None if self._alone else self._stage.read_at_once(world)
+        self._each(world, _Hook.after, now, rows=rows)
 
     def release(self, world: World, row: int) -> None:
         """Close the ADS and remove its listeners."""
@@ -176,16 +177,15 @@ class _Hook:
         self._native = isinstance(self.ads, NativeModel)
         plain = type(self.ads) is ObjectController and type(self.target) is FunctionType
         self._act = self.target if plain else self.ads.step
-        self._settled = (
-            getattr(self.target, "settled", None) if world.settings.end_when_decided else None
-        )
-        self._latencies = world.latencies.own[case]
         self._know_limits(world)
         self._take_wheel(world)
 
     def _take_wheel(self, world: World) -> None:
         """Make what carries out commands."""
         case, settings = self._case, world.settings
+        self._latencies = world.latencies.own[case]
+        decides = settings.end_when_decided
+        self._settled = getattr(self.target, "settled", None) if decides else None
         concrete = world.cases[case]
         self.road, self._bent = concrete.road, concrete.road.bent
         self._wheel = Wheel(settings, partial(world.note, case), concrete.road.line)
@@ -267,12 +267,7 @@ class _Hook:
         if self._senses is not None:
             self._look(self._senses, world, time)
         try:
-            if world.steps % self._every == 0:
-                command = self._ask(time)
-            elif self._wheel.holds:
-                command = self._actuation.pass_on(self._obeyed(HOLD, time), time, 0.0)
-            else:
-                command = None
+            command = self._ask(time) if world.steps % self._every == 0 else self._held(time)
             if command is not None:
                 self._take_over(world, command)
             elif self._placed[0] != SUMO or GUARD.moded or self._plant is not None:
@@ -283,6 +278,12 @@ class _Hook:
             ) from error
         if self._settled is not None:
             self._settles[0] = bool(self._settled())
+
+    def _held(self, time: float) -> Command | None:
+        """Command between two calls."""
+        if not self._wheel.holds:
+            return None
+        return self._actuation.pass_on(self._obeyed(HOLD, time), time, 0.0)
 
     def _look(self, senses: Senses, world: World, time: float) -> None:
         """Show the senses what is there."""
@@ -377,7 +378,7 @@ class _Hook:
         """
         if self._placed[0] != SUMO:
             self._check_placed_ego(now)
-        elif self._went_straight():
+        elif not self._bent and not self._stale[0] and self._went_straight():
             return
         else:
             self._read_driven_ego(now)
@@ -477,9 +478,7 @@ class _Hook:
         before = state[self._lane_speed]
         x -= self._half
         if (
-            self._bent
-            or self._stale[0]
-            or state[at + 2] != 0.0
+            state[at + 2] != 0.0
             or calls.getAngle(ego) != STRAIGHT
             or not goes_straight(
                 x - state[at], y - state[at + 1], speed, before, self._step, self._limits

@@ -515,17 +515,23 @@ def _difference(
     seeds: Sequence[int],
     terms: Terms,
     settings: SimulationSettings,
-    found: Sequence[Recording | Alone],
+    found: list[Recording | Alone],
 ) -> str | None:
     """Drive a few cases of a batch alone, too; which of them differs, None: none does."""
-    period = terms.every * settings.step if terms.every > 1 else None
-    drive_alone = partial(simulate, settings=settings, folder=terms.folder,
-        step_timeout=terms.step_timeout, period=period)  # fmt: skip
+    drive_alone = _as_alone(terms, settings)
     for index in _chosen(rider.hook, found):
-        own = drive_alone(cases[index], rider.make(), seed=seeds[index])
-        if not own.same_motion(found[index]):  # type: ignore[arg-type]
+        own, batched = drive_alone(cases[index], rider.make(), seed=seeds[index]), found[index]
+        if not (isinstance(batched, Recording) and own.same_motion(batched)):
             return f"not seen where; {cases[index].label} differs alone"
+        found[index] = replace(batched, batched="compared")
     return None
+
+
+def _as_alone(terms: Terms, settings: SimulationSettings) -> Callable[..., Recording]:
+    """`simulate` on the terms of a batch."""
+    period = terms.every * settings.step if terms.every > 1 else None
+    return partial(simulate, settings=settings, folder=terms.folder,
+        step_timeout=terms.step_timeout, period=period)  # fmt: skip
 
 
 def _chosen(hook: Any, found: Sequence[Recording | Alone]) -> list[int]:
@@ -540,7 +546,7 @@ def _chosen(hook: Any, found: Sequence[Recording | Alone]) -> list[int]:
 
 def _together(
     cases: Sequence[ConcreteScenario], driver: EgoControl, settings: SimulationSettings
-) -> Sequence[Recording | Alone]:
+) -> list[Recording | Alone]:
     """The recording of each case, or why it has to be driven alone."""
     began = clock.perf_counter()
     asks = isinstance(driver, OnTraci)

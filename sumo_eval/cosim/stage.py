@@ -208,31 +208,35 @@ class Stage:
         """Read the vehicles of many rows; the rows whose egos do not just go straight on, and are
         not read yet, as actors in `_unread`. None: nothing is read.
         """
-        if self._alone:
-            return None
-        if not self._names:
-            there = world.others["present"][self._live] == 1
-            there = np.column_stack([np.ones(len(there), dtype=bool), there])
-            numbers = self._live[:, None] * self._width + np.arange(self._width)
-            self._numbers = numbers[there]
-            self._names = [self._flat[number] for number in self._numbers.tolist()]
-            self._odd = np.zeros_like(self._numbers)
-        names, calls = self._names, self.calls
-        read = np.empty((len(names), 4))
+        names, calls = self._names or self._look_for_names(world), self.calls
         try:
-            fronts, speeds = list(map(calls.getPosition, names)), list(map(calls.getSpeed, names))
-            read[:, 2] = list(map(calls.getAngle, names))
+            fronts, speeds, angles = (
+                list(map(call, names))
+                for call in (calls.getPosition, calls.getSpeed, calls.getAngle)
+            )
         except self.traci.TraCIException:
             self._unread = self._numbers.tolist()
             return None
-        read[:, :2], read[:, 3] = fronts, speeds
-        self._unread = self._odd[: world.read(self._numbers, read, self._odd)].tolist()
-        odd = {self._flat[number] for number in self._unread}
-        last = {name: self.fronts[name] for name in odd if name in self.fronts}
-        self.fronts.update(zip(names, fronts, strict=True))
-        self.fronts.update(last)  # with which the next look compares
-        self.speeds.update(zip(names, speeds, strict=True))
+        self._read[:, :2], self._read[:, 2], self._read[:, 3] = fronts, angles, speeds
+        self._unread = self._odd[: world.read(self._numbers, self._read, self._odd)].tolist()
+        self._note(names, fronts, speeds)
         return [number // self._width for number in self._unread if number % self._width == 0]
+
+    def _note(self, names: list[str], fronts: list[Any], speeds: list[float]) -> None:
+        """Note what was read, except the places of those that are unread, which are compared."""
+        last = [(name, self.fronts.get(name)) for name in map(self._flat.__getitem__, self._unread)]
+        self.fronts |= zip(names, fronts, strict=True)
+        self.fronts |= last
+        self.speeds |= zip(names, speeds, strict=True)
+
+    def _look_for_names(self, world: World) -> list[str]:
+        there = np.pad(world.others["present"][self._live] == 1, ((0, 0), (1, 0)))
+        there[:, 0] = True
+        numbers = self._live[:, None] * self._width + np.arange(self._width)
+        self._numbers = numbers[there]
+        self._odd, self._read = np.zeros_like(self._numbers), np.zeros((len(self._numbers), 4))
+        self._names = [self._flat[number] for number in self._numbers.tolist()]
+        return self._names
 
     def read(self, world: World) -> None:
         """Take in the actors where they are as SUMO shows them."""

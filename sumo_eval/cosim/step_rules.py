@@ -9,9 +9,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sumo_eval.cosim.contact import Body, between, keeps_apart, share_at_touch, within_a_turn
 from sumo_eval.cosim.impossible import (
     BACKWARDS,
@@ -269,42 +266,58 @@ def goes_straight(
     )
 
 
-@rows
-def read_rows(
-    scenes: Scenes, scenario: Records, numbers: NDArray[np.int64], read: FloatArray,
-    odd: NDArray[np.int64],
-) -> int:  # fmt: skip
-    """Take in vehicles that SUMO moves, where they go straight on or are actors; how many are left.
+@kernel
+def _goes_along(ego: Any, shown: FloatArray, road: Any) -> bool:
+    """Whether SUMO moves an ego that was along the road, and is along its lanes."""
+    along = ego.map.heading == 0.0 and shown[2] == STRAIGHT and road.bent == 0
+    own = ego.placed == SUMO and ego.stale == 0
+    return bool(along and own and road.right_edge <= shown[1] <= road.left_edge)
 
-    numbers: of the vehicles, all of a row after each other.
-    read: x and y of the front bumper, angle and speed of each.
+
+@kernel
+def _read_ego(ego: Any, shown: FloatArray, scenario: Any) -> bool:
+    """Take in an ego that SUMO moved straight on along a lane; whether it did."""
+    at, x, speed, step = ego.map, shown[0] - 0.5 * ego.length, shown[3], scenario.step
+    motion = x - at.x, shown[1] - at.y, speed, ego.next.speed
+    if not (
+        _goes_along(ego, shown, scenario.road) and goes_straight(*motion, step, scenario.vehicle)
+    ):
+        return False
+    ego.x, at.x, ego.heading = x, x, 0.0
+    ego.speed, ego.next.speed, ego.acceleration = speed, speed, (speed - motion[3]) / step
+    return True
+
+
+@kernel
+def _read_actor(last: FloatArray, shown: FloatArray, far: float) -> bool:
+    """Take in an actor, unless it is where no vehicle can be.
+
+    far: m, further than anything drives in a step.
+    """
+    near = abs(shown[0] - last[0]) < far and abs(shown[1] - last[1]) < far
+    if not (near and 0.0 <= shown[2] <= 360.0 and BACKWARDS < shown[3] < FASTEST):
+        return False
+    for k in range(4):
+        last[k] = shown[k]
+    return True
+
+
+@rows
+def read_rows(scenes: Scenes, scenario: Records, numbers: Any, read: FloatArray, odd: Any) -> int:
+    """Take in vehicles that SUMO moves, where they are as nearly always; how many are left.
+
+    read: x and y of the front bumper, angle and speed of the vehicles with these numbers.
     odd: receives the numbers of those that are left.
     """
-    egos, others, left = scenes.egos, scenes.others, 0
-    step, vehicle, road = scenario[0].step, scenario[0].vehicle, scenario[0].road
-    width, far = 1 + others.shape[1], FASTEST * step
-    for k in range(len(numbers)):
-        row, j = numbers[k] // width, numbers[k] % width
-        ego, x, y, angle, speed = egos[row], read[k, 0], read[k, 1], read[k, 2], read[k, 3]
-        fine = ego.live == 0 or ego.reason != 0  # broken off in this step
-        if j == 0 and not fine:
-            at, before = ego.map, ego.next.speed
-            x -= 0.5 * ego.length
-            fine = ego.placed == SUMO and ego.stale == 0 and not road.bent and angle == STRAIGHT
-            fine = fine and at.heading == 0.0 and road.right_edge <= y <= road.left_edge
-            if fine and goes_straight(x - at.x, y - at.y, speed, before, step, vehicle):
-                ego.x, at.x, ego.heading, ego.speed = x, x, 0.0, speed
-                ego.acceleration, ego.next.speed = (speed - before) / step, speed
-            else:
-                fine = False
-        elif j > 0:
-            at = scenes.shown[row, j - 1]
-            fine = abs(x - at[0]) < far and abs(y - at[1]) < far and 0.0 <= angle <= 360.0
-            fine = fine and BACKWARDS < speed < FASTEST
-            if fine:
-                at[0], at[1], at[2], at[3] = x, y, angle, speed
+    left, width, far = 0, 1 + scenes.others.shape[1], FASTEST * scenario[0].step
+    for k, number in enumerate(numbers):
+        row, j = number // width, number % width
+        if j > 0:
+            fine = _read_actor(scenes.shown[row, j - 1], read[k], far)
+        else:
+            fine = _read_ego(scenes.egos[row], read[k], scenario[0])
         if not fine:
-            odd[left] = numbers[k]
+            odd[left] = number
             left += 1
     return left
 

@@ -33,6 +33,7 @@ from sumo_eval.cosim.records import (
     REASONS,
     SCENARIO,
     SIM_ERROR,
+    SUMO,
     TO_ITS_END,
     WHATS,
     Records,
@@ -145,6 +146,7 @@ class World:
         self.samples = np.zeros((n, 1 + m, self._room, len(CHANNELS)))
         self._commands = np.full((n, self._room, 2), np.nan)
         self._commanded = numbers_of(self.egos)[:, COMMAND]
+        self._batched = "batched" if placed == SUMO and n > 1 else ""
         self._models = placed == MODEL and settings.plant is None  # the vehicle model moves all
         self._codes: dict[Any, Any] = {}  # the rules of a step as machine code for these arrays
         self.reacts = any(case.reacts for case in cases)
@@ -396,7 +398,7 @@ class World:
         error = self.errors.get(case)
         return self.ended[case](
             None if error is None else clean(error), clean_log(self.logs.get(case, "")),
-            self.latencies.of(case), wall_time, self.places.get(case, ""),
+            self.latencies.of(case), wall_time, self.places.get(case, ""), self._batched,
         )  # fmt: skip
 
     def _trajectory(

@@ -10,7 +10,7 @@ in one call, stay together.
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import islice
@@ -54,6 +54,9 @@ class Batches:
         self._running = 0
         self._largest_of: dict[Kind, int] = {}
         self._in_time: dict[Kind, int] = {}  # size beyond which batches of a kind take too long
+        # cases of hooks that ended in batches, and why all cases run alone, by the ADS's locator
+        self._beside = defaultdict[str, list[Case]](list)
+        self._keeps_state: dict[str, Alone] = {}
         self._last: Kind | None = None  # of the case that was made ready last
 
     def take(self) -> Batch | None:
@@ -79,6 +82,7 @@ class Batches:
         """
         kind, queue = next(iter(self._ahead.items()))
         number = min(self._share, self._largest_of.get(kind, self._largest))
+        number = 1 if kind[1] in self._keeps_state else number
         if kind[-1]:  # until all of the block is there
             while kind == self._last and self._make_ready(1):
                 pass
@@ -142,13 +146,30 @@ class Batches:
         """
         kind = _kind(batch[0])
         size = max(min(len(batch), self._largest_of.get(kind, self._largest)) // _CUT, 1)
-        if why[0].why == "keeps_state":  # which no smaller batch mends
-            size = 1
         self._largest_of[kind] = size
         if too_slow:
             self._in_time[kind] = size
         for number, (case, reason) in enumerate(zip(batch, why, strict=True)):
             self.run_alone(case, reason, "" if number else printed)
+        if why[0].why == "keeps_state":
+            self._rerun_alone(kind[1], why[0])
+
+    def _rerun_alone(self, locator: str, why: Alone) -> None:
+        """Run all cases of an ADS alone, those too that have ended in batches."""
+        self._keeps_state[locator] = why
+        for case in self._beside.pop(locator, ()):
+            self.run_alone(case, why)
+
+    def note_batched(self, case: Case) -> bool:
+        """Whether a case that ended beside others counts; else its ADS keeps state: it runs
+        alone.
+        """
+        why = self._keeps_state.get(case.controller)
+        if why is None:
+            self._beside[case.controller].append(case)
+        else:
+            self.run_alone(case, why)
+        return why is None
 
     def never_together(self, batch: Batch) -> None:
         """Cases of this kind have no form for many: they run alone."""

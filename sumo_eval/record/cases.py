@@ -28,6 +28,7 @@ Status = Literal[
 ]
 
 ALONE = "Simulated alone: "
+BATCHED = ("batched", "compared")
 """How the log of a case begins that was to be simulated together with others, for who reads it."""
 
 IN_BLOCK = "in_block"
@@ -99,6 +100,7 @@ class Outcome:
     `log`: the traceback of an exception, and beginning and end of what the case printed.
         `error_place`: file, line and function of the user's code that an exception came from.
 
+    batched: as in `Recording`.
     alone: why a case that was to be simulated together with others was not.
     reads: path and hash of files that the process of a user's ADS has newly read.
     """
@@ -109,6 +111,7 @@ class Outcome:
     error: str | None = None
     log: str = ""
     error_place: str = ""
+    batched: str = ""
     alone: Alone | None = None
     reads: Sequence[tuple[str, str]] | None = None
 
@@ -117,6 +120,7 @@ class Outcome:
         object.__setattr__(self, "error", None if self.error is None else clean(self.error))
         object.__setattr__(self, "log", clean_log(self.log))
         object.__setattr__(self, "error_place", clean(self.error_place))
+        object.__setattr__(self, "batched", self.batched if self.batched in BATCHED else "")
 
 
 @dataclass(frozen=True, slots=True)

@@ -64,7 +64,10 @@ def as_plain(results: Results, reads: list[File] | None) -> list[Any]:
     rows: list[Any] = [
         result
         if isinstance(result, Alone)
-        else (result.status, result.recording, result.error, result.log, result.error_place)
+        else (
+            *(result.status, result.recording, result.error, result.log, result.error_place),
+            result.batched,
+        )
         for result in results
     ]
     return [reads, plain(rows)]

@@ -164,7 +164,7 @@ def _settled(ended: Ended[Batch], batches: Batches, setup: Setup) -> list[Outcom
             batches.run_alone(case, result)
         elif case.block is None and is_late_by_chance(result, ended, setup):
             batches.run_undisturbed(case, Alone(LATE, result.error or ""), result.log)
-        else:
+        elif not result.batched or batches.note_batched(case):
             outcomes.append(result if outcomes else replace(result, log=result.log + printed))
     return outcomes
 

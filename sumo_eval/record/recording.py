@@ -363,13 +363,17 @@ class _Work:
         with closing(run_batches(missing(), self._setup, self._stopping)) as batches:
             for outcomes in batches:
                 self._note_files(outcomes)
-                self._store.add(*outcomes)
                 ended = Counter[str]()
                 for outcome in outcomes:
                     name = names[outcome.case.concrete.scenario, outcome.case.role]
+                    keeps_state = outcome.alone is not None and outcome.alone.why == "keeps_state"
+                    if keeps_state and self._store.holds(outcome.case):  # it ended in a batch
+                        self._store.remove([outcome.case.key])
+                        ended[name] -= 1
                     ended[name] += 1
                     failed[name] += outcome.status not in EVALUATED
-                done += ended
+                self._store.add(*outcomes)
+                done.update(ended)
                 for name in ended:
                     show(name)
         for name, total in totals.items():

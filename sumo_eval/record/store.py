@@ -111,6 +111,7 @@ class Fact:
     latency_median: float | None
     latency_p99: float | None
     latency_reference: float | None
+    alone: str
 
 
 _COLUMNS = [field.name for field in fields(Fact)]
@@ -549,7 +550,7 @@ class Store:
         """
         query = (
             'SELECT alone, count(*) FROM facts JOIN circumstances USING ("case") WHERE scenario = '
-            "? AND (role != 'ads' OR driver = ?) AND alone != '' GROUP BY alone ORDER BY alone"
+            "? AND (role != 'ads' OR driver = ?) AND alone LIKE '{%' GROUP BY alone ORDER BY alone"
         )
         rows = self._read(query, (scenario, ads))
         return {Alone(**json.loads(alone)): number for alone, number in rows}
@@ -701,7 +702,7 @@ def _rows(outcome: Outcome) -> tuple[Sequence[Row], ...]:
         case.fingerprint,
     )
     times = list(map(_real, (kept.wall_time, *kept.controller_latency)))
-    alone = "" if outcome.alone is None else json.dumps(_plain(outcome.alone))
+    alone = outcome.batched if outcome.alone is None else json.dumps(_plain(outcome.alone))
     circumstance = (case.key, outcome.log, *times[:3], outcome.error_place, alone)
     drives = sorted(kept.drives.items())
     digest = _hash(fact, circumstance, drives)

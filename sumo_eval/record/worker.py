@@ -90,7 +90,8 @@ def _ended(case: Case, recording: Recording, loaded: str = "") -> Outcome:
     loaded: what loading its ADS printed.
     """
     status, log = STATUS[recording.end_reason], loaded + recording.log
-    return Outcome(case, status, keep(recording), recording.error, log, recording.error_place)
+    texts = recording.error, log, recording.error_place, recording.batched
+    return Outcome(case, status, keep(recording), *texts)
 
 
 def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:

@@ -22,6 +22,7 @@ from sumo_eval.method.score_terms import ideal_ratio
 from sumo_eval.results import (
     BeyondRange,
     CasesMissing,
+    Compared,
     Counted,
     DrivenAlone,
     DrivenInBlocks,
@@ -646,6 +647,8 @@ def score_note(note: ScoreNote) -> str:
                 f"{number} {_LEFT_OUT.get(status, status)}" for status, number in statuses
             )
             return f"The reference leaves out {left_out} of the drivers' {drives} drives: {how}."
+        case Compared(compared, drives):
+            return f"{compared} of {drives} cases that shared SUMO were compared alone: equal."
         case DrivenAlone(alone):
             why = " ".join(f"{number} x: {reason}" for reason, number in alone)
             drives = sum(times for _, times in alone)

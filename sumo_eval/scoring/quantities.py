@@ -21,11 +21,12 @@ from sumo_eval.method.driving_task import roadside_contact
 from sumo_eval.method.score import plus_of, score_of
 from sumo_eval.method.severity import Severity
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
-from sumo_eval.record.cases import IN_BLOCK
+from sumo_eval.record.cases import BATCHED, IN_BLOCK
 from sumo_eval.record.store import Fact
 from sumo_eval.results import (
     BeyondRange,
     CasesMissing,
+    Compared,
     Counted,
     DrivenAlone,
     DrivenInBlocks,
@@ -64,6 +65,7 @@ class Remarks:
     def __init__(self) -> None:
         self._blocks: Counter[int] = Counter()
         self._beyond: Counter[str] = Counter()
+        self._batched: Counter[str] = Counter()
         self._left = 0
         self._safe: set[int] = set()
         self._struck: set[int] = set()
@@ -76,6 +78,7 @@ class Remarks:
         for fact in facts:
             clips = {clip.what: clip for clip in fact.clips}
             self._left += LEFT_THE_NETWORK in clips
+            self._batched[_batched(fact)] += 1
             if IN_BLOCK in clips:
                 self._blocks[int(clips[IN_BLOCK].requested)] += 1
             if fact.collision is not None:
@@ -102,6 +105,8 @@ class Remarks:
         yield from plausible
         if alone := space.store.simulated_alone(space.name, ads):
             yield DrivenAlone(tuple(alone.items()))
+        if together := sum(self._batched[how] for how in BATCHED):
+            yield Compared(self._batched["compared"], together)
         if self._blocks:
             yield DrivenInBlocks(self._blocks.total(), tuple(sorted(self._blocks)))
         if self._left:
@@ -111,6 +116,11 @@ class Remarks:
         yield from reference_notes(cases)
         if reasons := sorted((reason, number) for reason, number in self._beyond.items() if reason):
             yield BeyondRange(space.severity.name, tuple(reasons))
+
+
+def _batched(fact: Fact) -> str:
+    """As in `CaseResult`."""
+    return fact.alone if fact.alone in BATCHED else ""
 
 
 def struck_by_other(fact: Fact, space: ScenarioRun) -> bool:
@@ -222,6 +232,7 @@ def tabulate(
             }
         row = CaseResult(
             ads=fact.driver,
+            batched=_batched(fact),
             zone=zone,
             collided=hit is not None and not struck,
             struck_from_behind=struck,
