@@ -49,6 +49,16 @@ def lane_at(road: Road, y: Any) -> Any:
     return np.clip(np.round(y / road.lane_width), 0, road.lanes - 1).astype(np.intp)
 
 
+def _shown(calls: Any, names: list[str]) -> tuple[list[Any], list[float], FloatArray]:
+    """Places of the front bumpers of vehicles, m, and speeds, m/s, and both with angles, deg, as
+    in `World.shown`.
+    """
+    fronts, speeds = list(map(calls.getPosition, names)), list(map(calls.getSpeed, names))
+    shown = np.empty((len(names), 4))
+    shown[:, :2], shown[:, 2], shown[:, 3] = fronts, list(map(calls.getAngle, names)), speeds
+    return fronts, speeds, shown
+
+
 class Stage:
     """The running simulation of the cases of a world.
 
@@ -208,19 +218,19 @@ class Stage:
         """Read the vehicles of many rows; the rows whose egos do not just go straight on, and are
         not read yet, as actors in `_unread`. None: nothing is read.
         """
-        names, calls = self._names or self._look_for_names(world), self.calls
+        names = self._names or self._look_for_names(world)
         try:
-            fronts, speeds, angles = (
-                list(map(call, names))
-                for call in (calls.getPosition, calls.getSpeed, calls.getAngle)
-            )
+            fronts, speeds, shown = _shown(self.calls, names)
         except self.traci.TraCIException:
             self._unread = self._numbers.tolist()
             return None
-        self._read[:, :2], self._read[:, 2], self._read[:, 3] = fronts, angles, speeds
-        self._unread = self._odd[: world.read(self._numbers, self._read, self._odd)].tolist()
+        self._unread = self._odd[: world.read(self._numbers, shown, self._odd)].tolist()
         self._note(names, fronts, speeds)
-        return [number // self._width for number in self._unread if number % self._width == 0]
+        return [row for row, j in self._unread_at() if j == 0]
+
+    def _unread_at(self) -> list[tuple[int, int]]:
+        """Rows of the unread vehicles, and places in these, the ego's first."""
+        return [divmod(number, self._width) for number in self._unread]
 
     def _note(self, names: list[str], fronts: list[Any], speeds: list[float]) -> None:
         """Note what was read, except the places of those that are unread, which are compared."""
@@ -233,8 +243,7 @@ class Stage:
         there = np.pad(world.others["present"][self._live] == 1, ((0, 0), (1, 0)))
         there[:, 0] = True
         numbers = self._live[:, None] * self._width + np.arange(self._width)
-        self._numbers = numbers[there]
-        self._odd, self._read = np.zeros_like(self._numbers), np.zeros((len(self._numbers), 4))
+        self._numbers, self._odd = numbers[there], np.zeros(there.sum(), dtype=np.int64)
         self._names = [self._flat[number] for number in self._numbers.tolist()]
         return self._names
 
@@ -244,12 +253,10 @@ class Stage:
             return
         calls, cells, present, far = self.calls, self._cells, self._present, self._far
         fronts, speeds = self.fronts, self.speeds
-        for number in self._unread:
-            row, j = divmod(number, self._width)
-            j -= 1
+        for row, j in self._unread_at():
+            name, j = self._flat[row * self._width + j], j - 1
             if j < 0:
                 continue
-            name = self._flat[number]
             x, y, angle, speed = _NOT_THERE
             if present[row, j]:
                 try:
