@@ -15,6 +15,7 @@ from importlib.metadata import entry_points, version
 from pathlib import Path
 from typing import Any
 
+from sumo_eval.cases import COLUMNS
 from sumo_eval.record.kept_results import key_of
 from sumo_eval.scenario.catalogue import options_of
 from sumo_eval.scenario.formats import GROUP, format_of
@@ -65,7 +66,8 @@ def scores_key(
     named = [space_key(entry, source) for entry in settings.scenario]
     parts = ("scenario", "ads", "seed", "drivers", "simulation", "method")
     chosen = tuple(getattr(settings, part) for part in parts)
-    return key_of("scores", content, chosen, named, severity, exposures, sources())
+    # the files may be newer than the code that runs: an update meanwhile
+    return key_of("scores", COLUMNS, content, chosen, named, severity, exposures, sources())
 
 
 def space_key(entry: ScenarioSettings, source: Path) -> str:
