@@ -4,7 +4,9 @@ import ast
 import os
 import random
 from collections import Counter
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from cosim_cases import case, lead
 
@@ -277,15 +279,32 @@ NAMES = {
 }  # fmt: skip
 
 
-LEFT_OUT = {"getStopParameter": "raises without a stop"}
+LEFT_OUT = {
+    "getStopParameter": "raises without a stop",
+    **dict.fromkeys(traci_view._OF_MANY, "is about more than a row: the case leaves"),
+}
+LEFT_DOMAINS = {
+    "simulation": "is about all rows", "gui": "shows all rows",
+    **dict.fromkeys(
+        ("busstop", "calibrator", "chargingstation", "inductionloop", "junction", "lanearea",
+         "meandata", "multientryexit", "overheadwire", "parkingarea", "person", "poi", "polygon",
+         "rerouter", "routeprobe", "trafficlight", "variablespeedsign"),
+        "has no object of a row",
+    ),
+}  # fmt: skip
 
 
 def getters(domain):
     """The reading calls of a domain that are a row's, each with what it takes beside a name."""
     for call in dir(getattr(traci_module.libsumo, domain)):
-        its = call.startswith(traci_view._READS) and call not in {*traci_view._OF_MANY, *LEFT_OUT}
-        if its:
+        if call.startswith(traci_view._READS) and call not in LEFT_OUT:
             yield call, ARGUMENTS.get(f"{domain}.{call}", ARGUMENTS.get(call, ()))
+
+
+def test_each_domain_is_asked_or_has_a_reason():
+    domains = {domain.__name__ for domain in traci_module.libsumo.DOMAINS}
+    assert domains == NAMES.keys() | LEFT_DOMAINS.keys()
+    assert not NAMES.keys() & LEFT_DOMAINS.keys()
 
 
 class AsksAll:
@@ -294,33 +313,53 @@ class AsksAll:
     folder = ""
 
     def reset(self, briefing, traci, ego):
-        self.first, self.answers = traci.vehicle.getSpeed(ego), []
+        self.names = NAMES | {"vehicle": traci.vehicle.getIDList()}
+        self.case, self.answers = (
+            f"{traci.vehicle.getSpeed(ego):.17g}-{len(self.names['vehicle'])}",
+            [],
+        )
 
     def step(self, traci, ego, time):
-        if round(10.0 * time) % 5 == 0:
-            for domain, names in NAMES.items():
+        if round(10.0 * time) % 10 == 0:
+            answers = self.answers
+            answers += [f"{traci.vehicle.getIDList()} {traci.simulation.getTime()}"]
+            for domain, names in self.names.items():
                 for call, arguments in getters(domain):
                     asleep = call in traci_view._OF_MODELS
                     for name in names[:1] if asleep else names:
                         answer = getattr(getattr(traci, domain), call)(name, *arguments)
-                        self.answers.append(f"{domain}.{call} {name} {answer!r}")
+                        answers.append(f"{domain}.{call} {name} {answer!r}")
         return traci.vehicle.setSpeed(ego, max(traci.vehicle.getSpeed(ego) - 0.1, 0.0))
 
     def close(self):
-        with open(f"{self.folder}/{self.first:.17g}", "a") as file:
+        with open(f"{self.folder}/{self.case}", "a") as file:
             file.write(f"{self.answers}\n")
 
 
-def test_every_getter_answers_a_row_as_it_does_alone(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("counts", "least"),
+    [((3, 2, 2), 5_000), pytest.param((256, 64, 64), 400_000, marks=pytest.mark.campaign)],
+)
+def test_every_getter_answers_a_row_as_it_does_alone(counts, least, tmp_path, monkeypatch):
+    """Of the ego and of one, two or three others."""
     monkeypatch.setattr(AsksAll, "folder", str(tmp_path))
-    speeds, why = [20.0, 18.0, 15.0, 12.5], Counter()
-    cases = [case(lead(80.0, 0.9 * speed), speed=speed) for speed in speeds]
+    cases, why = [], Counter()
+    for actors, count in enumerate(counts, 1):
+        for speed in np.linspace(12.0, 24.0, count).tolist():
+            others = [
+                replace(lead(80.0 + 40.0 * k, 0.9 * speed), name=name)
+                for k, name in enumerate(("lead", "second", "third")[:actors])
+            ]
+            cases.append(case(*others, speed=speed))
     list(simulate_many(cases, AsksAll, STEPS, alone=why))
     assert not why
     for it in cases:
         simulate(it, AsksAll, STEPS)
+    answers = 0
     for file in tmp_path.iterdir():
         first, *more = (ast.literal_eval(line) for line in file.read_text().splitlines())
-        assert len(first) > 1000
+        answers += len(first)
+        assert more
         for drive in more:
             assert [pair for pair in zip(first, drive, strict=True) if pair[0] != pair[1]] == []
+    assert answers >= least

@@ -347,3 +347,18 @@ def test_score_says_which_drives_left_their_batch(tmp_path: Path) -> None:
     )
     assert mine.not_evaluated >= 1
     assert not any("could not share" in score_note(note) for note in idm.notes)
+
+
+def test_finished_batches_run_again_alone_once_state_shows(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "SLOW = []\n"
+        "def step(traci, ego, time):\n"
+        "    if traci.vehicle.getSpeed(ego) < 16.5:\n"
+        "        SLOW.append(time)\n"
+        "    traci.vehicle.setSpeed(ego, traci.vehicle.getSpeed(ego) + 0.1)\n"
+    )
+    run = RunSettings(engine="serial", cases_per_pack=4)
+    found = list(run_cases(cases("mine.py:step", 8), Setup(SIMULATION, run, tmp_path)))
+    assert {one.case.point for one in found if one.batched} == {4, 5, 6, 7}
+    last = {one.case.point: one.alone and one.alone.why for one in found}
+    assert (len(found), last) == (12, dict.fromkeys(range(8), "keeps_state"))
