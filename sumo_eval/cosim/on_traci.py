@@ -95,6 +95,8 @@ class OnTraci(EgoControl):
         self._begin_each(world, stage)
 
     def _begin_each(self, world: World, stage: Stage) -> None:
+        if not isinstance(self._hooks[0].ads, ObservingController):
+            note_unlimited(world)  # TraCI shows everything
         for case in () if self._alone else world.errors:
             world.leave(case, LEFT_BATCH)
         for case, hook in enumerate(self._hooks):
@@ -182,7 +184,7 @@ class _Hook:
 
     def _take_wheel(self, world: World) -> None:
         """Make what carries out commands."""
-        case, settings = self._case, world.settings
+        case, settings = self._case, world.each[self._case]
         self._latencies = world.latencies.own[case]
         decides = settings.end_when_decided
         self._settled = getattr(self.target, "settled", None) if decides else None
@@ -226,7 +228,7 @@ class _Hook:
 
     def begin(self, world: World) -> None:
         """Reset the ADS."""
-        concrete, settings = world.cases[self._case], world.settings
+        concrete, settings = world.cases[self._case], world.each[self._case]
         self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
         if self._native:
             self._calls.setSpeed(self.ego, -1)
@@ -235,8 +237,6 @@ class _Hook:
             self._senses = self.ads.senses = Senses(
                 concrete.road, settings.conditions, stream, task_of(concrete), kinds_of(concrete)
             )
-        elif self._case == 0:
-            note_unlimited(world)  # TraCI shows everything
         briefing = make_briefing(concrete, settings, self._terms)
         error = error_of(self.ads.reset, briefing, TRACI, EGO)
         if error is not None:

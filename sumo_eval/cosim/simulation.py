@@ -293,7 +293,7 @@ def simulate_together(
             or not as_usual
             or concrete.road.network is not None
             or not _stands_on_its_road(concrete)
-            or (rider.is_hook and not _fits_beside_others(concrete))
+            or (rider.is_hook and not _fits_beside_others(concrete, basis))
         ):
             return None
         body = (
@@ -469,10 +469,12 @@ def _stands_on_its_road(concrete: ConcreteScenario) -> bool:
     )
 
 
-def _fits_beside_others(concrete: ConcreteScenario) -> bool:
+def _fits_beside_others(concrete: ConcreteScenario, basis: SimulationSettings) -> bool:
     """Whether SUMO finds the vehicles of a case on the same lanes beside others as alone."""
     road = concrete.road
-    if road.shaped or concrete.reacts or concrete.changes:
+    usual = replace(concrete, changes=()) if concrete.changes else concrete
+    its_own = concrete.simulation(basis).vehicle != usual.simulation(basis).vehicle
+    if road.shaped or concrete.reacts or its_own:
         return False
     return all(
         it.heading == 0.0 and it.on_map is None and road.right_edge <= it.start.y <= road.left_edge

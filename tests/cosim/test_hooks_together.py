@@ -93,6 +93,20 @@ def test_hooks_are_the_same_together_and_alone(hook, scenario):
     assert scenario != "cut_in" or not why
 
 
+@pytest.mark.parametrize("hook", [returns_commands, Mixture])
+def test_hooks_with_conditions_of_their_own_are_the_same_together(hook):
+    changes = [(), (("conditions.actuation_delay", 0.3),), (("conditions.sensor_range", 50.0),)]
+    cases, why = (
+        [replace(it, changes=changes[k % 3]) for k, it in enumerate(points("cut_in", 6))],
+        Counter(),
+    )
+    together = list(simulate_many(cases, hook, STEPS, alone=why))
+    assert all(
+        one.same_motion(simulate(it, hook, STEPS)) for it, one in zip(cases, together, strict=True)
+    )
+    assert not why
+
+
 def raises(traci, ego, time):
     if traci.vehicle.getSpeed(ego) < 15.0:
         raise ValueError("too slow")
