@@ -94,7 +94,7 @@ def test_hooks_are_the_same_together_and_alone(hook, scenario):
 
 
 @pytest.mark.parametrize("hook", [returns_commands, Mixture])
-def test_hooks_with_conditions_of_their_own_are_the_same_together(hook):
+def test_hooks_with_own_conditions_are_the_same_together(hook):
     changes = [(), (("conditions.actuation_delay", 0.3),), (("conditions.sensor_range", 50.0),)]
     cases, why = (
         [replace(it, changes=changes[k % 3]) for k, it in enumerate(points("cut_in", 6))],
