@@ -3,18 +3,32 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any
 
 from sumo_eval.cosim.sumo.insides import libsumo
 
 
-def bare_seconds(command_lines: Sequence[list[str]], steps: Sequence[int]) -> float:
-    """Processor time of one simulation after the other, s: start, as many steps as given, close."""
+def _nothing(traci: Any, ego: str, time: float) -> None:
+    """No calls."""
+
+
+def bare_seconds(
+    command_lines: Sequence[list[str]],
+    steps: Sequence[int],
+    hook: Callable[[Any, str, float], None] = _nothing,
+) -> float:
+    """Processor time of one simulation after the other, s: start, as many steps as given, each
+    after a call of the hook, close.
+    """
     began = time.process_time()
     for command_line, count in zip(command_lines, steps, strict=True):
         libsumo.start(command_line)
         libsumo.simulationStep()  # inserts the vehicles
         for _ in range(count):
+            with suppress(libsumo.TraCIException):  # the ego may have left
+                hook(libsumo, "ego", 0.0)
             libsumo.simulationStep()
         libsumo.close()
     return time.process_time() - began
