@@ -39,7 +39,7 @@ def whatif(
     from sumo_eval.whatif.search import WhatIf
 
     if all_collisions == (case is not None):
-        raise InputError("`whatif` needs a CASE or --all-collisions, one of both.")
+        raise InputError("`whatif` needs either a CASE or --all-collisions.")
     search = WhatIf(run)
     if case is None:
         found = []

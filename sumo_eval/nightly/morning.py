@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 from sumo_eval.nightly.bases import NIGHT
 from sumo_eval.nightly.history import Night
@@ -18,7 +17,7 @@ from sumo_eval.nightly.judged import JudgedNight, Since
 from sumo_eval.report.comparison import builds_besides
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.gates import failed
-from sumo_eval.report.page import REPORT
+from sumo_eval.report.page import REPORT, case_key
 from sumo_eval.report.terminal import gate_lines, ways_to, worst_lines
 from sumo_eval.report.words import one_line
 from sumo_eval.results import Evaluation
@@ -88,18 +87,17 @@ def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:
         "own": gate.own,
         "since": since.night,
         "nights": since.nights,
-        "cases": [asdict(one) | _places(one.case, folder) for one in gate.worst],
+        "cases": [
+            asdict(one)
+            | {
+                "replay": ways["again"],
+                "run": ways["alone"],
+                "link": f"{REPORT}#case:{case_key(one.case)}",
+            }
+            for one in gate.worst
+            for ways in [ways_to(folder, one.case)]
+        ],
         "keys": list(gate.cases),
-    }
-
-
-def _places(case: str, folder: Path) -> dict[str, str]:
-    """Where a case is seen again."""
-    ways = ways_to(folder, case)
-    return {
-        "replay": ways["again"],
-        "run": ways["alone"],
-        "link": f"{REPORT}#case:{quote(case, safe='')}",
     }
 
 

@@ -142,7 +142,11 @@ def _sort(role: Role) -> str:
 
 def _kinds(plan: Planner, spaces: Sequence[Space]) -> Iterable[Kind]:
     """Cases of each kind to time, one kind of each sort after another."""
-    few = [_some(space) for space in spaces]
+    # at most `_TIMED` of the points to do of each, from one end to the other
+    few = [
+        replace(one, numbers=one.numbers[:: max(-(-len(one.numbers) // _TIMED), 1)])
+        for one in spaces
+    ]
     kinds = {sort: list[Iterable[Case]]() for sort in _SORTS}
     pairs = [(space, ads) for space in few for ads in plan.run.settings.ads]
     for space, ads in pairs[:: -(-len(pairs) // _KINDS)]:
@@ -156,11 +160,6 @@ def _kinds(plan: Planner, spaces: Sequence[Space]) -> Iterable[Kind]:
     for sort, cases in filter(None, chain.from_iterable(turns)):
         if listed := list(islice(cases, _TIMED)):
             yield sort, listed
-
-
-def _some(space: Space) -> Space:
-    """A space of at most `_TIMED` of the points to do, from one end to the other."""
-    return replace(space, numbers=space.numbers[:: max(-(-len(space.numbers) // _TIMED), 1)])
 
 
 def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, float], int, bool]:

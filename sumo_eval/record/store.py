@@ -739,14 +739,10 @@ def _collision(text: str | None) -> Collision | None:
     return Collision(**channels)
 
 
-def _clips(text: str) -> tuple[Clip, ...]:
-    return tuple(Clip(**clip) for clip in json.loads(text))
-
-
 _MAKES: dict[str, Callable[[Any], Any]] = {
     "scenario": intern, "driver": intern, "controller": intern, "values": _values,
     "collision": _collision,
-    "clips": _clips,
+    "clips": lambda text: tuple(Clip(**clip) for clip in json.loads(text)),
 }  # fmt: skip
 """Functions that make a field of a fact out of its column; all other columns are as they are."""
 _PLACES = [(_COLUMNS.index(name), make) for name, make in _MAKES.items()]

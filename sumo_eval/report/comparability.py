@@ -70,29 +70,25 @@ def _parts(evaluation: Evaluation) -> list[tuple[bool, dict[str, str]]]:
     plain = {key: value for key, value in to_plain(settings).items() if key not in HARMLESS}
     plain["scenario"] = {entry["use"]: entry for entry in plain["scenario"]}
     # a scenario that another version of the package writes otherwise shows in SUMO's inputs
-    written = [name for name in manifest.get("sha256", {}) if name.startswith(INPUTS)]
+    written = {
+        name: sha256[:12]
+        for name, sha256 in manifest.get("sha256", {}).items()
+        if name.startswith(INPUTS)
+    }
     # an edited severity of one's own measures otherwise under the same name
     severity = str(manifest.get("severity", {}).get("sha256", ""))
     # T and S+ with and without the reference car, which earlier runs lack, are never mixed
     cars = [score.task_reference or "none" for score in evaluation.scores[:1]]
-    versions: dict[str, str] = manifest.get("versions", {})
+    versions: dict[bool, dict[str, str]] = {True: {}, False: {}}
+    for name, version in manifest.get("versions", {}).items():
+        versions[name in SIMULATORS][f"version of {name}"] = str(version)
     builds: dict[str, str] = manifest.get("builds", {})
     return [
         (True, dict(_flat(plain, ""))),
-        (True, {name: manifest["sha256"][name][:12] for name in written}),
+        (True, written),
         (True, {"file of the severity": severity[:12]} if severity else {}),
         (True, {"reference car of T": cars[0]} if cars else {}),
-        *(
-            (
-                decides,
-                {
-                    f"version of {name}": str(version)
-                    for name, version in versions.items()
-                    if (name in SIMULATORS) is decides
-                },
-            )
-            for decides in (True, False)
-        ),
+        *versions.items(),
         (False, {f"build of {ads}": build for ads, build in builds.items()}),
         (False, {f"controller of {ads.name}": ads.controller for ads in settings.ads}),
     ]

@@ -9,8 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from sumo_eval.errors import InputError
-from sumo_eval.report.page import CONFIDENCE
+from sumo_eval.report.page import CONFIDENCE, write_page
 from sumo_eval.report.verdict import Beside
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import SCORES
@@ -23,13 +22,8 @@ CELL = 17  # pixels of a bucket in the picture
 
 def write_confidence(confidence: Confidence, folder: Path) -> Path:
     """Write `confidence.json` into a run's folder and return its path."""
-    path = folder / CONFIDENCE
-    try:
-        text = json.dumps(confidence_json(confidence), indent=2, allow_nan=False)
-        path.write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error}.") from error
-    return path
+    text = json.dumps(confidence_json(confidence), indent=2, allow_nan=False)
+    return write_page(folder / CONFIDENCE, f"{text}\n", "The confidence")
 
 
 def confidence_json(confidence: Confidence) -> dict[str, Any]:

@@ -17,6 +17,9 @@ from sumo_eval.whatif.levers import Lever
 from sumo_eval.whatif.search import Answer
 
 
+MOST_CHANGES = 4  # further changes of a lever that are named; JSON has all
+
+
 def levers_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
     """Content of templates/sections/levers.html.j2."""
     found = beside.levers
@@ -53,7 +56,9 @@ def effect_words(answer: Answer, hit: Collision | None) -> str:
     if not answer.flips:
         return f"{start}{unit}: none of {answer.tried} values {verb}"
     flip, *rest = answer.flips
-    others = f"; also changes at {', '.join(f'{it.after:.4g}' for it in rest)}" if rest else ""
+    more = f" and {len(rest) - MOST_CHANGES} more values" if len(rest) > MOST_CHANGES else ""
+    values = ", ".join(f"{it.after:.4g}" for it in rest[:MOST_CHANGES])
+    others = f"; also changes at {values}{more}" if rest else ""
     return f"{start} -> {flip.after:.5g}{unit} {verb}, {flip.before:.5g} does not{others}"
 
 

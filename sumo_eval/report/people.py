@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -21,23 +20,6 @@ from sumo_eval.text import capitalised
 MOST_WORST = 10  # cases
 STUDY: Final = "study.json"
 """Beside the drives of a study: who took part, what was left out and why."""
-
-
-@dataclass(frozen=True, slots=True)
-class PeopleRow:
-    """One ADS in one scenario beside the drivers who were each left out once; means weighted by
-    exposure.
-    """
-
-    scenario: str
-    ads: str
-    d: str
-    low: str
-    mean: str
-    high: str
-    below: str
-    drivers: str
-    warnings: tuple[str, ...]
 
 
 def people_context(evaluation: Evaluation, _: Beside) -> dict[str, Any]:
@@ -96,8 +78,10 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
         ) from error
 
 
-def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
-    """A row for each score whose cases have a D_i."""
+def people_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
+    """A row for each score whose cases have a D_i: its ADS beside the drivers who were each left
+    out once, means weighted by exposure.
+    """
     rows = []
     for one in findings(evaluation):
         score, own = one.score, one.cases[one.indexed]
@@ -112,20 +96,14 @@ def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
             mean_of(getattr(banded, f"human_{end}"), banded.exposure)
             for end in ("low", "mean", "high")
         )
-        rows.append(
-            PeopleRow(
-                scenario=score.scenario,
-                ads=score.ads,
-                d=number(score.d, 3),
-                low=number(low, 3),
-                mean=number(mean, 3),
-                high=number(high, 3),
-                below=f"{below} of {len(banded)}",
-                drivers=f"{range_} a case, {percent(recorded / everybody if everybody else 0.0)} "
-                "recorded",
-                warnings=_warnings(own),
-            )
-        )
+        rows.append({
+            "scenario": score.scenario, "ads": score.ads, "d": number(score.d, 3),
+            "low": number(low, 3), "mean": number(mean, 3), "high": number(high, 3),
+            "below": f"{below} of {len(banded)}",
+            "drivers": f"{range_} a case, {percent(recorded / everybody if everybody else 0.0)} "
+                       "recorded",
+            "warnings": _warnings(own),
+        })  # fmt: skip
     return rows
 
 

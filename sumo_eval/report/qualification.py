@@ -62,13 +62,11 @@ def qualification_content(evaluation: Evaluation, _: Beside) -> Mapping[str, Any
     found = manifest.get("qualification")
     if found is None:
         return None
-    rows = [
-        (name, value) for name, value in (("file", found["file"]), ("SHA-256", found["sha256"]))
-    ]
-    rows += list(found["versions"].items()) + list(found["machine"].items())
+    rows = {"file": found["file"], "SHA-256": found["sha256"]}
+    rows |= found["versions"] | found["machine"]
     return {
         "sentence": qualification_sentence(manifest),
         "holds": holds(manifest),
         "failed": found["failed"],
-        "rows": rows,
+        "rows": list(rows.items()),
     }

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.cases import CaseResult
-from sumo_eval.errors import InputError
 from sumo_eval.report.checks import checked_cases
-from sumo_eval.report.page import write_csv
+from sumo_eval.report.page import write_csv, write_page
 from sumo_eval.report.words import (
     exposure_note_words,
     index_note_words,
@@ -21,7 +20,7 @@ from sumo_eval.report.words import (
     reference_note_words,
     score_note,
 )
-from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.results import Evaluation
 from sumo_eval.scoring.findings import people_behind
 from sumo_eval.scoring.preventability import preventability, reference_ads
 from sumo_eval.text import cell
@@ -77,11 +76,7 @@ def write_tables(evaluation: Evaluation) -> None:
     requirements.
     """
     scores = json.dumps(scores_json(evaluation), indent=2, allow_nan=False)
-    path = evaluation.folder / "scores.json"
-    try:
-        path.write_text(scores + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"The scores {path} cannot be written: {error}.") from error
+    write_page(evaluation.folder / "scores.json", f"{scores}\n", "The scores")
     cases_csv(evaluation, evaluation.folder / "cases.csv")
     if evaluation.checks:
         checks_csv(evaluation, evaluation.folder / CHECKS)
@@ -113,7 +108,15 @@ def scores_json(evaluation: Evaluation) -> dict[str, Any]:
         "drivers": {"source": settings.drivers.source, "count": settings.drivers.count},
         "recorded_people": [asdict(one) for one in people_behind(evaluation)],
         "not_evaluated": evaluation.not_evaluated,
-        "scores": [_score_json(score) for score in evaluation.scores],
+        "scores": [
+            asdict(score)
+            | {
+                "d_reason": not_computed(reason_without("D", score)),
+                "h_reason": not_computed(reason_without("H", score)),
+                "notes": [score_note(note) for note in score.notes],
+            }
+            for score in evaluation.scores
+        ],
         "ranking": None if evaluation.ranking is None else asdict(evaluation.ranking),
         "preventability": {
             "reference": reference_ads(settings) or "ideal vehicle",
@@ -124,15 +127,6 @@ def scores_json(evaluation: Evaluation) -> dict[str, Any]:
     }
     plain: dict[str, Any] = _plain(content)
     return plain
-
-
-def _score_json(score: ScenarioResult) -> dict[str, Any]:
-    """A score's fields, notes and reasons as sentences."""
-    return asdict(score) | {
-        "d_reason": not_computed(reason_without("D", score)),
-        "h_reason": not_computed(reason_without("H", score)),
-        "notes": [score_note(note) for note in score.notes],
-    }
 
 
 def _plain(value: Any) -> Any:

@@ -7,13 +7,12 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, islice
 from pathlib import Path
-from urllib.parse import quote
 
 from sumo_eval.report.checks import check_lines
 from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
 from sumo_eval.report.gates import GateResult, failed
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
-from sumo_eval.report.page import REPORT
+from sumo_eval.report.page import REPORT, case_key
 from sumo_eval.report.qualification import qualification_sentence
 from sumo_eval.report.rule_limits import CANNOT_SEE
 from sumo_eval.report.verdict import verdict
@@ -269,7 +268,7 @@ def ways_to(run: Path, case: str) -> dict[str, str]:
     return {
         "again": shlex.join(["sumo-eval", "replay", str(run), case]),
         "alone": shlex.join(["sumo-eval", "run", str(run), "--only", case]),
-        "page": f"{run / REPORT}#case:{quote(case, safe='')}",
+        "page": f"{run / REPORT}#case:{case_key(case)}",
     }
 
 
