@@ -16,8 +16,6 @@ from sumo_eval.record import run_folder
 from sumo_eval.record.store import Fact, open_store
 from sumo_eval.scenario.catalogue import is_file
 from sumo_eval.settings import (
-    AdsSettings,
-    DriverSettings,
     EvaluationSettings,
     ExposureSettings,
     SamplingSettings,
@@ -110,30 +108,27 @@ def _evaluation(
     ads = next(item for item in settings.ads if item.name == fact.driver)
     sampling = SamplingSettings(method="file", file=points)  # its column has the exposure
     space = str(source / entry.use) if is_file(entry.use) else made_absolute(entry.use, source)
-    plant = settings.simulation.plant
+    plant, drivers = settings.simulation.plant, settings.drivers
     if plant is not None:
         plant = replace(plant, file=str(source / plant.file))
     return replace(
         settings,
         scenario=(replace(entry, use=space, sampling=sampling, exposure=ExposureSettings()),),
-        ads=(_absolute(ads, source),),
-        drivers=_people(settings.drivers, source),
+        ads=(
+            replace(
+                ads,
+                controller=made_absolute(ads.controller, source),
+                files=tuple(str(source / name) for name in ads.files),
+            ),
+        ),
+        drivers=replace(
+            drivers,
+            source=made_absolute(drivers.source, source),
+            recordings=tuple(str(source / name) for name in drivers.recordings),
+            cases=str(source / drivers.cases) if drivers.cases else "",
+        ),
         simulation=replace(settings.simulation, plant=plant),
         run=replace(settings.run, qualification=""),  # it is about the run that this case is of
-    )
-
-
-def _absolute(ads: AdsSettings, source: Path) -> AdsSettings:
-    files = tuple(str(source / name) for name in ads.files)
-    return replace(ads, controller=made_absolute(ads.controller, source), files=files)
-
-
-def _people(drivers: DriverSettings, source: Path) -> DriverSettings:
-    return replace(
-        drivers,
-        source=made_absolute(drivers.source, source),
-        recordings=tuple(str(source / name) for name in drivers.recordings),
-        cases=str(source / drivers.cases) if drivers.cases else "",
     )
 
 

@@ -16,7 +16,6 @@ from sumo_eval.trajectory import Collision
 from sumo_eval.whatif.levers import Lever
 from sumo_eval.whatif.search import Answer
 
-
 MOST_CHANGES = 4  # further changes of a lever that are named; JSON has all
 
 
