@@ -258,7 +258,7 @@ class History:
     def begin(self, night: str) -> None:
         """Note that a night begins: should it be stopped, its folder is known to be its own."""
         with self._connection:
-            self._connection.execute("INSERT INTO begun VALUES (?)", (night,))
+            self._insert("begun", [(night,)])
 
     def stopped(self) -> set[str]:
         """The nights that began and have no line: they were stopped, or failed."""

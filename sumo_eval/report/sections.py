@@ -49,11 +49,6 @@ MOST_CHANGED = 200  # cases in the table of changes
 Content = Callable[[Evaluation, Beside], Mapping[str, Any] | None]
 
 
-def always(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
-    """Content of a section that is there in every report and needs nothing of its own."""
-    return {}
-
-
 @dataclass(frozen=True, slots=True)
 class Section:
     """One section: name of its template and anchor, words in the navigation, and what only it needs
@@ -66,7 +61,8 @@ class Section:
     name: str
     title: str
     about: str = ""
-    content: Content = always
+    # of a section that is there in every report and needs nothing of its own
+    content: Content = lambda *_: {}
     folded: bool = True
 
 

@@ -308,7 +308,7 @@ const sumoReplay = (() => {
     context.fillStyle = COLOURS.contact;
     context.font = `10px ${FONT}`;
     context.textAlign = "center";
-    context.fillText("last moment to brake", places.reduce((sum, [x]) => sum + x, 0) / 4, Math.max(...places.map(([, y]) => y)) + 11);
+    context.fillText("last moment to brake", places.reduce((sum, [x]) => sum + x, 0) / 4, Math.min(...places.map(([, y]) => y)) - 4);
     context.setLineDash([4, 3]);
     context.lineWidth = 2;
     context.strokeStyle = COLOURS.contact;
