@@ -663,6 +663,21 @@ def test_a_distance_is_reached_once_within_limits(tmp_path: Path) -> None:
     assert other.speed[there:brakes] == pytest.approx(20.0, abs=0.05)
 
 
+def test_a_move_is_played_although_an_earlier_one_may_lead_there(tmp_path: Path) -> None:
+    """The first brake waits for an ego of more than 25 m/s, which has 20; the second comes."""
+    never = CUT_IN[CUT_IN.index("<Event") :].replace("RelativeDistanceCondition", "SpeedCondition")
+    never = never.replace(
+        'entityRef="Other" relativeDistanceType="longitudinal" freespace="true"', ""
+    )
+    never = never.replace('rule="lessThan"\nvalue="30"', 'rule="greaterThan" value="25"')
+    begin, end = never.index("<LateralAction>"), never.index("</LateralAction>")
+    never = never[:begin] + BRAKE + never[end + len("</LateralAction>") :]
+    events = never + TIMED.format(n=1, action=BRAKE, delay=0, when=AT.format(2))
+    path = changed(tmp_path, ('offset="0.25"', 'offset="3"'), events=events)
+    other = simulate(find(str(path)).concrete(only=0.0), "no_reaction").actors["Other"]
+    assert np.interp([2.0, 4.0, 6.0], other.time, other.speed) == pytest.approx([15.0, 5.0, 0.0])
+
+
 def test_ego_against_the_reference_line_has_its_road_from_there(tmp_path: Path) -> None:
     """The ego comes from s = 980 m in the left lane; the other, 50 m less, is 50 m ahead of it."""
     turned = '<Orientation type="relative" h="3.141592653589793"/></LanePosition>'

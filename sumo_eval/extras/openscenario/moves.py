@@ -42,6 +42,7 @@ _PEAKS = {"linear": 1.0, "sinusoidal": 0.5 * math.pi, "cubic": 1.5}
 _STRONGEST = {"sinusoidal": 0.5 * math.pi**2, "cubic": 6.0}
 """Peak lateral acceleration of a move by 1 m in 1 s."""
 _SHAPES = ("linear", "step", "cubic", "sinusoidal")
+_SPEEDS, _ACROSS = (played.SPEED, played.BY_TIME, played.MATCH), (played.COSINE, played.CONSTANT)
 _SHARES = np.arange(1, 33) / 32  # of a change of speed, at its knots
 _THERE = 0.05  # m and m/s within which a distance is reached
 _MOST = 1e3  # of a speed or an acceleration without a limit
@@ -148,7 +149,7 @@ class Moves:
         entity.acts.append(act._replace(begin=begin.time, program=begin.program))
         if begin.known:
             return Span(begin, begin.time + lasts)
-        return Span(begin, NEVER, (self.numbers[entity.name], len(entity.acts) - 1))
+        return Span(begin, NEVER, self._last(entity))
 
     # -- speeds ------------------------------------------------------------------------------------
 
@@ -160,8 +161,15 @@ class Moves:
             return self._match_speed(target, dynamics, entity, begin, speed)
         shape = dynamics.one_of("dynamicsShape", _SHAPES)
         change = abs(speed - entity.pace)
-        if change <= SAME:
+        if target.tag == "RelativeTargetSpeed":
+            other = self.places.referred(target)
+            if other is not self.ego and self._unsure(other, begin, _SPEEDS):
+                raise target.fault(f"the speed of `{other.name}` when this begins is unknown")
+        unsure = self._unsure(entity, begin, _SPEEDS)
+        if change <= SAME and not unsure:
             return Span(begin, begin.time)
+        if unsure:
+            return self._from_any_speed(dynamics, entity, begin, speed)
         rate = change / AT_ONCE if shape == "step" else self._rate(dynamics, entity, begin, speed)
         if rate == 0.0:  # it never gets there
             return Span(begin, NEVER)
@@ -180,6 +188,33 @@ class Moves:
         entity.pace = speed
         entity.steady = begin.time + lasts if begin.known else 0.0
         return self._add(entity, begin, act, lasts)
+
+    def _unsure(self, entity: Entity, begin: Moment, kinds: tuple[int, ...]) -> bool:
+        """Whether an earlier move of some kinds may still wait when another begins."""
+        earlier = [k for k, act in enumerate(entity.acts)
+                   if act.kind in kinds and not changes_nothing(act)]  # fmt: skip
+        last = played.ENDED, self.numbers.get(entity.name), *earlier[-1:]
+        timed = begin.known and not any(entity.acts[k].program for k in earlier)
+        return bool(earlier) and not timed and all(step[:3] != last for step in begin.program)
+
+    def _from_any_speed(self, dynamics: Node, entity: Entity, begin: Moment, speed: float) -> Span:
+        """A change from whatever speed the entity then has, at once or at an even rate."""
+        kind, lasts = dynamics.attribute("dynamicsDimension"), AT_ONCE
+        if not is_step(dynamics):
+            if dynamics.text("dynamicsShape") != "linear" or kind == "distance":
+                raise dynamics.fault(f"the speed of `{entity.name}` when this begins is unknown")
+            lasts = abs(dynamics.number("value"))
+        if lasts == 0.0:  # it never gets there
+            return Span(begin, NEVER)
+        act = Act(played.BY_TIME, table=((lasts, speed),))
+        if lasts > AT_ONCE and kind == "rate":
+            act = Act(played.SPEED, 0.0, 0.0, speed, 0.0, lasts)
+        entity.pace, entity.begins["speed"] = speed, begin
+        return replace(self._add(entity, begin, act, lasts), end=NEVER, move=self._last(entity))
+
+    def _last(self, entity: Entity) -> tuple[int, int]:
+        """The number of an entity, and of its last move."""
+        return self.numbers[entity.name], len(entity.acts) - 1
 
     def _rate(self, dynamics: Node, entity: Entity, begin: Moment, speed: float) -> float:
         """The mean rate of a change of speed, m/s2."""
@@ -285,7 +320,7 @@ class Moves:
         """
         own, its = (int(self._number(it)) for it in (entity, other))
         self._add(entity, begin, Act(played.COSINE, 0.0, AT_ONCE), 0.0)
-        follows = played.ENDED, own, len(entity.acts) - 1, 0.0
+        follows = played.ENDED, *self._last(entity), 0.0
 
         x, ahead = of_vehicle(played.X, own), of_vehicle(played.X, its) + constant(apart)
         speed, target = (of_vehicle(played.ALONG, it) for it in (own, its))
@@ -395,6 +430,12 @@ class Moves:
                 f"`{entity.name}` drives straight on the map, so it has no lane to move across"
             )
         offset = to - entity.moved
+        if self._unsure(entity, begin, _ACROSS):
+            if begin.known:
+                raise element.fault(f"where `{entity.name}` is across when this begins is unknown")
+            last = max(k for k, it in enumerate(entity.acts) if it.kind in _ACROSS and it.offset)
+            ended = played.ENDED, self.numbers[entity.name], last, 0.0
+            begin = replace(begin, program=(*begin.program, ended, operation(played.AND)))
         if abs(offset) <= ON:
             return Span(begin, begin.time)
         if begin.known and begin.time < entity.busy_until - SAME:
