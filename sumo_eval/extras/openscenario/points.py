@@ -197,9 +197,8 @@ def _deterministic(distribution: Node, owner: str) -> tuple[Combination, ...]:
 def _stochastic(element: Node, owner: str, count: int | None, seed: int) -> tuple[Combination, ...]:
     runs = element.whole("numberOfTestRuns") if count is None else count
     if not 1 <= runs <= MAX_POINTS:
-        raise must_be(
-            "`numberOfTestRuns`", owner, f"within 1..{MAX_POINTS:,}, or give a `count`", runs
-        )
+        within = f"within 1..{MAX_POINTS:,}, or give a `count`"
+        raise element.fault(f"`numberOfTestRuns` must be {within}, got {runs}")
     kinds = {
         it.attribute("parameterName"): it.only() for it in element.all("StochasticDistribution")
     }

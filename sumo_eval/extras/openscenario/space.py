@@ -111,12 +111,15 @@ class FileSpace:
 
     def along_axes(self) -> list[dict[str, float]]:
         """Each axis at each of its values, from the first, the last and the middle point."""
-        rows = [axis.values for axis in self.axes]
-        points: dict[tuple[float, ...], None] = {}
-        for base in zip(*((row[0], row[-1], row[len(row) // 2]) for row in rows), strict=True):
-            for k, row in enumerate(rows):
-                points |= dict.fromkeys((*base[:k], value, *base[k + 1 :]) for value in row)
-        return [dict(zip((it.name for it in self.axes), point, strict=True)) for point in points]
+        values = {axis.name: axis.values for axis in self.axes}
+        rows = values.values()
+        points = (
+            (*base[:k], it, *base[k + 1 :])
+            for base in zip(*((row[0], row[-1], row[len(row) // 2]) for row in rows), strict=True)
+            for k, row in enumerate(rows)
+            for it in row
+        )
+        return [dict(zip(values, point, strict=True)) for point in dict.fromkeys(points)]
 
     def chosen(self, kept: Mapping[str, tuple[tuple[float, Assignments], ...]]) -> FileSpace:
         """It with these choices of axes alone; axes of one value are fixed."""
