@@ -33,11 +33,8 @@ def described(read: Read) -> Iterator[str]:
     logical, space = read.logical, read.space
     yield f"{logical.name}: {space.about} (OpenSCENARIO {space.version}, {space.file.name})"
     for item in logical.parameters if space.axes else ():
-        values = (
-            ", ".join(f"{value:g}" for value in item.values)
-            if item.values
-            else f"{item.low:g}..{item.high:g}"
-        )
+        values = ", ".join(f"{value:g}" for value in item.values)
+        values = values or f"{item.low:g}..{item.high:g}"
         yield f"  parameter {item.name} = {values}{item.behind} {item.about}".rstrip()
     road = logical.road
     yield (

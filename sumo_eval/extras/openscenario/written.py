@@ -12,8 +12,10 @@ import tomli_w
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.extras.openscenario.logical import Read, concrete
+from sumo_eval.report.page import write_page
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
+from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.scenario.road.table import bend_name
 from sumo_eval.scenario.trigger import OF_ONE, OF_TWO
 
@@ -24,6 +26,7 @@ _JOINED = {
     played.ADD: "+", played.SUBTRACT: "-", played.MULTIPLY: "*", played.DIVIDE: "/",
     played.BELOW: "<", played.AT_MOST: "<=", played.AND: "and", played.OR: "or",
 }  # fmt: skip
+_OF_A_NUMBER = {played.NEGATE: "-", played.ABSOLUTE: "abs"}
 _OF_NUMBERS = {played.SMALLER: "min", played.LARGER: "max"}
 
 
@@ -42,13 +45,13 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
     there = concrete(read, point)
     label = ", ".join(f"{name}={value:g}" for name, value in point.items())
     names = _names(there.actors)
-    content: dict[str, Any] = {
+    return {
         "name": re.sub(r"\W", "_", read.logical.name),
         "about": read.space.about,
         "source": f"{read.space.file.name}, OpenSCENARIO "
                   f"{read.space.version}" + (f", at {label}" if label else ""),
         "zone": "none",
-        **({} if read.logical.has_drivers else {"people": "none"}),
+        "people": "drivers" if read.logical.has_drivers else "none",
         "parameter": [{"name": _ONLY, "unit": "1", "low": 0.0, "high": 1.0, "step": 1.0,
                        "about": "nothing: this is one case"}],
         "sample": [{"name": "the_case", "points": [[0.0]]}],
@@ -60,7 +63,6 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
         "vehicle": [_vehicle(actor, name, names) for actor,
             name in zip(there.actors, names, strict=True)],
     }  # fmt: skip
-    return content
 
 
 def write_scenario(content: Mapping[str, Any], path: Path) -> None:
@@ -70,10 +72,7 @@ def write_scenario(content: Mapping[str, Any], path: Path) -> None:
     """
     if path.suffix != ".toml":
         raise must_be("`--out`", "import", "a file that ends with .toml", str(path))
-    try:
-        path.write_text(tomli_w.dumps(dict(content)), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"The scenario file {path} cannot be written: {error}.") from error
+    write_page(path, tomli_w.dumps(dict(content)), "The scenario file")
 
 
 def _names(actors: Sequence[Actor]) -> list[str]:
@@ -98,18 +97,15 @@ def _road(road: Road) -> dict[str, Any]:
         "length": road.length + road.run_out,
     }  # fmt: skip
     if road.line:
-        pieces = []
-        for piece in road.line:
-            ends = {"begin_radius": piece.begin, "end_radius": piece.end}
-            bent = {"radius": piece.begin} if piece.begin == piece.end else ends
-            pieces.append(
-                {
-                    "length": piece.length,
-                    **{key: 1.0 / value for key, value in bent.items() if value},
-                }
-            )
-        found["line"] = pieces
+        found["line"] = [_piece(piece) for piece in road.line]
     return found
+
+
+def _piece(piece: Piece) -> dict[str, float]:
+    bent = {"begin_radius": piece.begin, "end_radius": piece.end}
+    if piece.begin == piece.end:
+        bent = {"radius": piece.begin}
+    return {"length": piece.length} | {key: 1.0 / value for key, value in bent.items() if value}
 
 
 def _ego(there: ConcreteScenario) -> dict[str, Any]:
@@ -119,13 +115,11 @@ def _ego(there: ConcreteScenario) -> dict[str, Any]:
 
 
 def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> dict[str, Any]:
-    x, y, heading = (
-        (actor.start.x, actor.start.y, actor.heading) if actor.on_map is None else actor.on_map
-    )
+    x, y, heading = actor.on_map or (actor.start.x, actor.start.y, actor.heading)
     found: dict[str, Any] = {
         "name": name, "speed": actor.start.speed, "x": x, "y": y, "body": actor.body,
         "length": actor.length, "width": actor.width, "slides": actor.slides,
-        **({} if actor.on_map is None else {"on_map": True}),
+        "on_map": actor.on_map is not None,
     }  # fmt: skip
     if actor.lively:
         found["heading"] = math.degrees(heading)
@@ -138,17 +132,20 @@ def _act(act: played.Act, name: str, names: Sequence[str]) -> dict[str, Any]:
     found: dict[str, Any] = {"name": name, "begin": act.begin}
     if act.program:
         found["when"] = condition_text(act.program, names)
-    if act.kind == played.KEEP:
-        return {"do": "keep_speed", **found}
-    if act.kind == played.COSINE:
-        return {"do": "change_lane_cosine", **found, "duration": act.duration, "offset": act.offset}
-    if act.kind == played.SPEED and act.timed:
-        return {"do": "brake", **found, "deceleration": act.acceleration}
-    if act.kind == played.SPEED and math.isfinite(act.acceleration):
-        return {"do": "accelerate", **found, "speed": act.speed, "acceleration": act.acceleration}
-    if act.kind == played.BY_TIME:
-        times, speeds = zip(*act.table, strict=True)
-        return {"do": "speed_profile", **found, "times": list(times), "speeds": list(speeds)}
+    match act.kind:
+        case played.KEEP:
+            return {"do": "keep_speed", **found}
+        case played.COSINE:
+            found |= {"duration": act.duration, "offset": act.offset}
+            return {"do": "change_lane_cosine", **found}
+        case played.SPEED if act.timed:
+            return {"do": "brake", **found, "deceleration": act.acceleration}
+        case played.SPEED if math.isfinite(act.acceleration):
+            found |= {"speed": act.speed, "acceleration": act.acceleration}
+            return {"do": "accelerate", **found}
+        case played.BY_TIME:
+            times, speeds = zip(*act.table, strict=True)
+            return {"do": "speed_profile", **found, "times": list(times), "speeds": list(speeds)}
     raise InputError(
         f"A scenario file has no words for move {name}: kind {act.kind} of what was read."
     )
@@ -174,10 +171,8 @@ def condition_text(program: Sequence[tuple[int, int, int, float]], names: Sequen
             stack.append(f"{_OF_TWO[op]}({who(one)}, {who(two)})")
         elif op == played.ENDED:
             stack.append(f"ended({who(one)}, act{two})")
-        elif op == played.NEGATE:
-            stack.append(f"(-{stack.pop()})")
-        elif op == played.ABSOLUTE:
-            stack.append(f"abs({stack.pop()})")
+        elif op in _OF_A_NUMBER:
+            stack.append(f"{_OF_A_NUMBER[op]}({stack.pop()})")
         else:
             right, left = stack.pop(), stack.pop()
             named = _OF_NUMBERS.get(op)
