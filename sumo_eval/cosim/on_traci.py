@@ -153,7 +153,7 @@ class OnTraci(EgoControl):
         if self._alone:
             self._close_guarded(world, row, hook.ads.close, hook.target)
         else:
-            self._each(world, _Hook.close, rows=[row])
+            self._each(world, lambda hook: hook.ads.close(), rows=[row])
         super().release(world, row)
 
 
@@ -197,15 +197,9 @@ class _Hook:
 
     def _know_limits(self, world: World) -> None:
         """Limits of the ego's motion."""
-        concrete, settings = world.cases[self._case], world.settings
+        settings = world.settings
         self._step, self._limits = settings.step, settings.vehicle
-        self._sides = concrete.road.right_edge, concrete.road.left_edge
         self._half = 0.5 * settings.vehicle.length
-        self._lowest, self._highest = (
-            -settings.vehicle.max_deceleration,
-            settings.vehicle.max_acceleration,
-        )
-        self._sideways = _SIDEWAYS_SPEED * settings.step
         self._know_places(world)
 
     def _know_places(self, world: World) -> None:
@@ -242,10 +236,6 @@ class _Hook:
         if error is not None:
             self._blamed(error, "in reset", 0.0)
         self._driver._check_clock(world, 0.0)
-
-    def close(self) -> None:
-        """Close the ADS."""
-        self.ads.close()
 
     def _blamed(self, error: BaseException, when: str, time: float) -> None:
         """Put an exception of the user's code in words; a refused call is reported by the check of
@@ -382,8 +372,10 @@ class _Hook:
             return
         else:
             self._read_driven_ego(now)
-        right, left = self._sides
-        on_lanes = right <= self._state[1] <= left and abs(self._state[2]) < _ALONG
+        on_lanes = (
+            self.road.right_edge <= self._state[1] <= self.road.left_edge
+            and abs(self._state[2]) < _ALONG
+        )
         if GUARD.shared and not on_lanes:
             raise SimulationError("SUMO alone knows which lane it is in.")
 
@@ -497,7 +489,8 @@ class _Hook:
 
         speed: along the lane, m/s.
         """
-        step, lowest, highest = self._step, self._lowest, self._highest
+        step, limits, sideways = self._step, self._limits, _SIDEWAYS_SPEED * self._step
+        lowest, highest = -limits.max_deceleration, limits.max_acceleration
         lane_speed = self._state[self._lane_speed]
         gained = (speed - lane_speed) / step
         if not lowest - LIMIT_TOLERANCE <= gained <= highest + LIMIT_TOLERANCE:
@@ -511,7 +504,7 @@ class _Hook:
         slower, faster = (speed, lane_speed) if speed < lane_speed else (lane_speed, speed)
         tolerance = JUMP_TOLERANCE + (_CHORD_SHARE * faster * step if self._bend else 0.0)
         least, most = slower * step - tolerance, faster * step + tolerance
-        if least <= ahead <= most and -self._sideways <= across <= self._sideways:
+        if least <= ahead <= most and -sideways <= across <= sideways:
             return
         moved = math.hypot(ahead, across)
         if not least <= moved <= most:

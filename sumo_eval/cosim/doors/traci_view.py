@@ -100,13 +100,8 @@ def _kept_speed(guard: Guard, reading: Callable[..., Any]) -> Any:
 
 def _kept_position(guard: Guard, reading: Callable[..., Any]) -> Any:
     def position(vehID: Any, *more: Any) -> Any:  # noqa: N803 - TraCI's name
-        try:
-            name = guard.names[vehID]
-            if name in guard.speeds and not more:
-                return guard.positions[name]
-        except TypeError:
-            pass
-        return reading(vehID, *more)
+        name = guard.names[vehID]
+        return guard.positions[name] if name in guard.speeds and not more else reading(vehID, *more)
 
     return position
 
