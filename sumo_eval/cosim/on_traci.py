@@ -82,11 +82,8 @@ class OnTraci(EgoControl):
         """Take charge of the vehicles, and reset the ADSs."""
         super().begin(world, stage)
         concrete, settings = world.cases[0], world.settings
-        others, interference = (
-            [actor.name for actor in concrete.actors],
-            settings.conditions.interference,
-        )
-        GUARD.begin(others, settings.step, interference, heeding(concrete))
+        others = [actor.name for actor in concrete.actors]
+        GUARD.begin(others, settings.step, settings.conditions.interference, heeding(concrete))
         GUARD.shared, GUARD.moded = not self._alone, self._alone
         GUARD.positions, GUARD.speeds = stage.fronts, stage.speeds
         self._stage = stage
@@ -120,11 +117,11 @@ class OnTraci(EgoControl):
         if self._alone:
             do(self._rows[0], *arguments)
             return
-        hooks, guard = self._rows, GUARD
+        guard = GUARD
         if rows is None:
             rows = np.flatnonzero(world.egos["live"] > (world.egos["reason"] != 0)).tolist()
         for row in rows:
-            hook = hooks[row]
+            hook = self._rows[row]
             guard.names = hook.names
             try:
                 do(hook, *arguments)
@@ -196,14 +193,10 @@ class _Hook:
         self._at_once = conditions.actuation_delay == 0.0 and conditions.step_budget is None
 
     def _know_limits(self, world: World) -> None:
-        """Limits of the ego's motion."""
+        """Limits of the ego's motion, and where its numbers stand in a row."""
         settings = world.settings
         self._step, self._limits = settings.step, settings.vehicle
         self._half = 0.5 * settings.vehicle.length
-        self._know_places(world)
-
-    def _know_places(self, world: World) -> None:
-        """Where the ego's numbers stand in a row."""
         places = {name: place[1] // 8 for name, place in (world.egos.dtype.fields or {}).items()}
         self._front_x, self._front_y, self._commanded, self._map, ahead = (
             places[name] for name in ("front_x", "front_y", "command", "map", "next")

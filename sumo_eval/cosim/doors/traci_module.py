@@ -67,10 +67,6 @@ class Names(dict[str, str]):
     def __missing__(self, name: str) -> str:
         return name
 
-    def inside(self, value: Any) -> Any:
-        """An argument of a call as SUMO takes it."""
-        return self[value] if isinstance(value, str) else value
-
     def outside(self, answer: Any) -> Any:
         """The answer to a call as the user knows it.
 
@@ -138,7 +134,7 @@ class Guard:
         told = self._place_of_a_row(args) if call == "moveToXY" else args
         self.moded = self.moded or call == "setSpeedMode"
         self.speeds.pop(self.names[EGO], None)
-        return self.names[EGO], tuple(map(self.names.inside, told))
+        return self.names[EGO], tuple(self.names[it] if type(it) is str else it for it in told)
 
     def _place_of_a_row(self, args: tuple[Any, ...]) -> tuple[Any, ...]:
         """Arguments of moveToXY with the road of the row, the only one that it can be on."""
@@ -258,10 +254,9 @@ def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Calla
 
     def quick(vehID: str, number: Any = None, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
         # as nearly always: the ego, and a float that is finite
-        if vehID != EGO or type(number) is not float or number - number != 0.0 or kwargs:
+        usual = vehID == EGO and type(number) is float and number - number == 0.0 and not kwargs
+        if not usual or (hands_over and number < 0.0):
             return guarded(vehID, *(() if number is None else (number,)), **kwargs)
-        if hands_over and number < 0.0:
-            return guarded(vehID, number)
         if moves:
             guard.moved = True
         if not takes_effect_later:
