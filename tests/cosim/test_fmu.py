@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 from cosim_cases import HALF_SECOND, case, lead
 
+from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.simulation import simulate
-from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.cosim.vehicle_model import Command, EgoState
 from sumo_eval.errors import InputError
 from sumo_eval.settings import PlantSettings, SimulationSettings
 from sumo_eval.settings.config import settings_from, to_plain
@@ -84,6 +85,33 @@ def test_a_vehicle_model_that_does_not_start_at_the_cases_speed_is_a_sim_error(f
     found = simulate(case(), lambda *_: Command(0.0), settings, folder=fmus)
     assert found.end_reason == "sim_error"
     assert "must start at 20 m/s, got 0; map a parameter of it to `speed`" in found.error
+
+
+def test_a_vehicle_model_starts_in_the_direction_of_the_case(fmus):
+    settings = PlantSettings(file="Car.fmu", parameters={"v0": "speed"})
+    plant = FmuPlant(settings, settings.file, fmus)
+    north = EgoState(5.0, 7.0, math.pi / 2, speed=20.0)
+    state, _ = plant.advance(north, Command(0.0), 0.05)
+    plant.close()
+    assert state[:4] == pytest.approx((5.0, 8.0, math.pi / 2, 20.0))
+
+
+@pytest.mark.parametrize("call", ["exitInitializationMode", "getReal", "setReal", "doStep"])
+def test_nothing_is_asked_of_an_fmu_after_fatal(fmus, monkeypatch, call):
+    fmi2 = pytest.importorskip("fmpy.fmi2")
+    fatal, calls = RuntimeError("fatal"), []
+    fatal.status = 4
+
+    def fail(*_, **__):
+        calls.append("fatal")
+        raise fatal
+
+    monkeypatch.setattr(fmi2.FMU2Slave, call, fail)
+    for later in ("terminate", "freeInstance"):
+        monkeypatch.setattr(fmi2.FMU2Slave, later, lambda self, later=later: calls.append(later))
+    found = simulate(case(lead(50.0)), MAPPED, HALF_SECOND, folder=fmus)
+    assert found.end_reason == "ads_error"
+    assert calls == ["fatal"]
 
 
 def test_that_sumo_moves_an_ego_that_has_a_vehicle_model_of_its_own_is_on_record(fmus):

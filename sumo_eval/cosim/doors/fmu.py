@@ -2,12 +2,17 @@
 
 Needs the extra `fmu`.
 
-An input of the FMU is given the signal of the same name, or the one that the mapping names
-(signals: `Observation.signals`; of a vehicle model: acceleration and steering of the command), a
-constant, or its own start value. An array is given a value of each vehicle that is seen
-(`OBJECTS`). An ADS's outputs are `acceleration` and, if it steers, `steering`; or a plan (`PLAN`).
-A vehicle model's are `x`, `y`, `heading`, `speed` and, if it has them, `acceleration` and
-`steering_wheel_angle`.
+Inputs. The mapping gives each one a signal, a constant or its own start value; an input without a
+mapping takes the signal of its name. An array takes one value of each seen vehicle (`OBJECTS`).
+- Signals of an ADS: `Observation.signals`.
+- Signals of a vehicle model: `acceleration` and `steering` of the command, `x`, `y`, `heading` and
+  `speed` before the step, `time`.
+
+Outputs.
+- An ADS: `acceleration` and optionally `steering`. If the mapping names one of them: `speed` and
+  `steering`, `throttle`, `brake` and `steer`, or a plan (`PLAN`).
+- A vehicle model: `x`, `y`, `heading`, `speed`, optionally `acceleration` and
+  `steering_wheel_angle`.
 """
 
 from __future__ import annotations
@@ -49,7 +54,7 @@ from sumo_eval.settings import FmuSettings
 SIGNALS = signal_names()
 """Signals for inputs of an ADS; where no vehicle is, its gap is 1000 m."""
 
-_SPEED_TOLERANCE = 0.01  # m/s, what a vehicle model may be off the speed of the start
+_SPEED_TOLERANCE = 0.01  # m/s, between a vehicle model's first speed and the case's: rounding only
 _NUMBERS = ("Real", "Float32", "Float64")
 _WHOLE = {
     "Integer": 32, "Int8": 8, "Int16": 16, "Int32": 32, "Int64": 64, "UInt8": -8, "UInt16": -16,
@@ -63,7 +68,7 @@ _FATAL = 4  # fmi2Fatal, fmi3Fatal
 AS_IT_STARTS = "start"
 """In the place of a signal: the input keeps the start value of the FMU.
 
-`inputs.*=start`: so do all that are left.
+`inputs.*=start`: every input without a signal keeps its start value.
 """
 OBJECTS = (
     "objects_present",
@@ -72,17 +77,24 @@ OBJECTS = (
 """Signals for inputs that are arrays: a value of each vehicle that is seen, the nearest first."""
 PLAN = ("plan_time", "plan_x", "plan_y", "plan_heading", "plan_speed")
 """Outputs of an FMU that plans: arrays, or in FMI 2.0 scalars `NAME[1]`, `NAME[2]`, ...; the last
-two may miss."""
+two may be missing."""
 _OF_A_PLAN = ("plan_count", "plan_number")
 """Outputs that it may also have: how many of the places are used, and a number that says
 which plan it is."""
 
 Wired = tuple[Any, str | float]
+"""A variable of the FMU, and the name of its signal or its constant (a text variable has only
+constants)."""
 Signals = Mapping[str, float | Sequence[float]]
 
 
 class _Fmu:
-    """One FMU file and how it is wired; `begin` makes a fresh instance of it."""
+    """One FMU file and how it is wired; `begin` makes a fresh instance of it.
+
+    signals: names of the signals that its inputs may take.
+    needed, optional: names of outputs of one number that it must and may have.
+    lists: names of outputs of many numbers.
+    """
 
     def __init__(
         self, path: Path, wiring: FmuSettings, signals: Sequence[str], needed: Sequence[str],
@@ -161,23 +173,20 @@ class _Fmu:
             return None
         if variable.type in _TEXTS:
             return variable, given
-        constant = _number(given) if isinstance(given, str) else float(given)
-        if isinstance(constant, float):
-            if not math.isfinite(constant):
-                raise must_be(f"`{name}`", owner, "finite", constant)
-            return variable, constant
-        if _count(variable) is None and constant in OBJECTS:
-            raise must_be(f"`{name}`", owner, f"an array to be given `{constant}`", "one number")
-        if _count(variable) is not None and constant not in OBJECTS:
+        signal = _number(given) if isinstance(given, str) else float(given)
+        if isinstance(signal, float):  # a constant
+            if not math.isfinite(signal):
+                raise must_be(f"`{name}`", owner, "finite", signal)
+            return variable, signal
+        if _count(variable) is None and signal in OBJECTS:
+            raise must_be(f"`{name}`", owner, f"an array to be given `{signal}`", "one number")
+        if _count(variable) is not None and signal not in OBJECTS:
             raise must_be(
-                f"`{name}`",
-                owner,
-                f"given one of {', '.join(OBJECTS)}, as it is an array",
-                constant,
+                f"`{name}`", owner, f"given one of {', '.join(OBJECTS)}, as it is an array", signal
             )
-        if constant not in (*signals, *OBJECTS):
-            raise unknown(f"signal for {owner}", constant, signals)
-        return variable, constant
+        if signal not in (*signals, *OBJECTS):
+            raise unknown(f"signal for {owner}", signal, signals)
+        return variable, signal
 
     def _wire_outputs(
         self,
@@ -228,8 +237,12 @@ class _Fmu:
         return wired
 
     def _output(self, name: str) -> tuple[Any, int]:
-        """An output and which of its values is read: `name`, or `name[2]` of an array."""
-        plain, bracket, place = name.partition("[")
+        """An output and which of its values is read: `name`, or `name[2]` of an array.
+
+        Places of an array count from 0. A variable that is itself called `name[2]` comes first.
+        """
+        plain, bracket, rest = name.partition("[")
+        place = rest.rstrip("]")
         variable = self._variable(name if name in self._variables else plain, "outputs")
         if variable.type in _TEXTS:
             raise must_be(
@@ -244,12 +257,15 @@ class _Fmu:
                     "an array",
                 )
             return variable, 0
-        if not place.rstrip("]").isdigit() or int(place.rstrip("]")) >= (_count(variable) or 1):
-            within = f"within its {_count(variable) or 1} values"
+        size = _count(variable) or 1
+        if not place.isdigit() or int(place) >= size:
             raise must_be(
-                f"The output `{name}`", f"FMU `{self.path.name}`", within, place.rstrip("]")
+                f"The output `{name}`",
+                f"FMU `{self.path.name}`",
+                f"within its {size} values",
+                place,
             )
-        return variable, int(place.rstrip("]"))
+        return variable, int(place)
 
     def _wire_parameters(self, wiring: FmuSettings) -> list[tuple[Any, float | int | bool | str]]:
         return [
@@ -266,54 +282,53 @@ class _Fmu:
             modelIdentifier=description.coSimulation.modelIdentifier,
             instanceName="sumo_eval",
         )
-        fmu.instantiate()
-        if description.fmiVersion == "2.0":
-            fmu.setupExperiment(startTime=0.0)
-        for variable, value in self._parameters:
-            if isinstance(value, str) and variable.type not in _TEXTS:
-                if value not in signals:
-                    raise unknown(f"signal for FMU `{self.path.name}`", value, list(signals))
-                self._set(variable, signals[value])
+        with self._unless_fatal():
+            fmu.instantiate()
+            if description.fmiVersion == "2.0":
+                fmu.setupExperiment(startTime=0.0)
+            for variable, value in self._parameters:
+                if isinstance(value, str) and variable.type not in _TEXTS:  # a signal's name
+                    if value not in signals:
+                        raise unknown(f"signal for FMU `{self.path.name}`", value, list(signals))
+                    self._set(variable, signals[value])
+                else:
+                    self._set(variable, value)
+            if description.fmiVersion == "2.0":
+                fmu.enterInitializationMode()
             else:
-                self._set(variable, value)
-        if description.fmiVersion == "2.0":
-            fmu.enterInitializationMode()
-        else:
-            fmu.enterInitializationMode(startTime=0.0)
-        self._give(signals)
-        fmu.exitInitializationMode()
+                fmu.enterInitializationMode(startTime=0.0)
+            self._give(signals)
+            fmu.exitInitializationMode()
         self._initialized = True
 
     def step(self, signals: Signals, time: float, step: float) -> dict[str, float]:
         """Give the inputs, step from `time` to `time + step`, read the outputs."""
-        self._give(signals)
         with self._unless_fatal():
+            self._give(signals)
             self._instance.doStep(currentCommunicationPoint=time, communicationStepSize=step)
         return self.read()
 
     def read(self) -> dict[str, float]:
         """The outputs as they are."""
-        fmu, found = self._instance, {}
-        for what, (variable, place) in self._outputs.items():
-            get, count = getattr(fmu, f"get{self._kind(variable)}"), _count(variable)
-            values = (
-                get([variable.valueReference])
-                if count is None
-                else get([variable.valueReference], count)
-            )
-            found[what] = float(values[place])
-        return found
+        return {
+            what: float(self._values([variable])[place])
+            for what, (variable, place) in self._outputs.items()
+        }
 
     def read_lists(self) -> dict[str, list[float]]:
         """The outputs that are many numbers."""
-        found = {}
-        for what, variables in self._lists.items():
-            get, (first, *_) = getattr(self._instance, f"get{self._kind(variables[0])}"), variables
-            count, numbers = _count(first), [variable.valueReference for variable in variables]
-            found[what] = [
-                float(value) for value in (get(numbers) if count is None else get(numbers, count))
-            ]
-        return found
+        return {
+            what: [float(value) for value in self._values(variables)]
+            for what, variables in self._lists.items()
+        }
+
+    def _values(self, variables: Sequence[Any]) -> Sequence[Any]:
+        """Values of scalars of one type, or of one array."""
+        first = variables[0]
+        get, count = getattr(self._instance, f"get{self._kind(first)}"), _count(first)
+        references = [variable.valueReference for variable in variables]
+        with self._unless_fatal():
+            return list(get(references) if count is None else get(references, count))
 
     @property
     def sees_objects(self) -> bool:
@@ -337,29 +352,29 @@ class _Fmu:
 
     def _give(self, signals: Signals) -> None:
         for variable, signal in self._inputs:
-            text = isinstance(signal, str) and variable.type not in _TEXTS
-            self._set(variable, signals[signal] if text else signal)  # type: ignore[index]
+            is_name = isinstance(signal, str) and variable.type not in _TEXTS
+            self._set(variable, signals[signal] if is_name else signal)  # type: ignore[index]
 
     def _set(self, variable: Any, value: float | int | bool | str | Sequence[float]) -> None:
         count = _count(variable)
         if isinstance(value, str | bytes) or not isinstance(value, Sequence):
             values = [value] * (1 if count is None else count)
         else:  # of each vehicle: as many as the FMU holds, the rest of its places empty
-            values = [*value[:count], *([value[-1]] * ((count or 1) - len(value)))]
+            padding = value[-1]  # of an empty place, see `_objects`
+            values = [*value[:count], *([padding] * ((count or 1) - len(value)))]
         plain = [self._plain(variable, one) for one in values]
-        with self._unless_fatal():
-            getattr(self._instance, f"set{self._kind(variable)}")([variable.valueReference], plain)
+        getattr(self._instance, f"set{self._kind(variable)}")([variable.valueReference], plain)
 
     @contextmanager
     def _unless_fatal(self) -> Iterator[None]:
-        """After a call that an FMU answers with `fatal` nothing may be asked of its instance, not
-        even its end.
+        """Calls of the instance; after one that it answers with `fatal`, no further call is allowed,
+        not even its end.
         """
         try:
             yield
         except Exception as error:
             if getattr(error, "status", None) == _FATAL:
-                self._instance = None
+                self._instance, self._initialized = None, False
             raise
 
     def _plain(self, variable: Any, value: Any) -> Any:
@@ -419,16 +434,15 @@ class FmuController(ObservingController):
     _plan: float | None = None  # the number of the one in force
 
     def __post_init__(self) -> None:
-        asks = next(
-            (name for name in ("speed", "throttle", *PLAN) if self._gives(name)), "acceleration"
-        )
-        self._plans = asks in PLAN
+        kinds = ("speed", "throttle", *PLAN)  # outputs that say what the ADS answers with
+        kind = next((name for name in kinds if self._gives(name)), "acceleration")
+        self._plans = kind in PLAN
         if self._plans:
             self._fmu = _Fmu(self.path, self.wiring, SIGNALS, (), _OF_A_PLAN, PLAN)
-        elif asks == "throttle":
+        elif kind == "throttle":
             self._fmu = _Fmu(self.path, self.wiring, SIGNALS, ("throttle", "brake"), ("steer",))
         else:
-            self._fmu = _Fmu(self.path, self.wiring, SIGNALS, (asks,), ("steering",))
+            self._fmu = _Fmu(self.path, self.wiring, SIGNALS, (kind,), ("steering",))
 
     @classmethod
     def from_locator(cls, text: str, folder: Path | None) -> FmuController:
@@ -488,7 +502,7 @@ class FmuController(ObservingController):
         return Plan(*(lists[name][: round(count)] if name in lists else None for name in PLAN))
 
     def _gives(self, name: str) -> bool:
-        """Whether the mapping has an output of this name, where it has no acceleration."""
+        """Whether the mapping names this output and not `acceleration`, which comes first."""
         return name in self.wiring.outputs and "acceleration" not in self.wiring.outputs
 
     def close(self) -> None:
@@ -499,8 +513,8 @@ class FmuController(ObservingController):
 class FmuPlant:
     """An FMU as the ego's vehicle model: commands in, pose and speed of the vehicle's centre out.
 
-    Positions and heading count from where the FMU starts, so it may start at its own origin; its
-    speed is the case's.
+    Its positions and heading are placed and turned so that they start at the case's: it may start
+    at its own origin, in its own direction. Its first speed must be the case's.
     """
 
     def __init__(self, wiring: FmuSettings, file: str, folder: Path | None) -> None:
@@ -508,7 +522,7 @@ class FmuPlant:
         outputs = ("acceleration", "steering_wheel_angle")
         path = (folder or Path.cwd()) / file
         self._fmu = _Fmu(path, wiring, signals, ("x", "y", "heading", "speed"), outputs)
-        self._offset: dict[str, float] | None = None
+        self._offset: tuple[float, float, float] | None = None  # x m, y m, turn rad
         self._time = 0.0
 
     def advance(
@@ -529,9 +543,9 @@ class FmuPlant:
                         "m/s, got "
                         f"{first['speed']:g}; map a parameter of it to `speed`."
                     )
-                self._offset = {
-                    name: getattr(state, name) - first[name] for name in ("x", "y", "heading")
-                }
+                turn = state.heading - first["heading"]
+                x, y = _turned(first, turn)
+                self._offset = state.x - x, state.y - y, turn
             found = self._fmu.step(signals, self._time, step)
         except SimulationError:
             raise
@@ -544,16 +558,26 @@ class FmuPlant:
             raise SimulationError(
                 f"The vehicle model {self._fmu.path.name} must give finite numbers, got {found}."
             )
-        pose = {name: found[name] + self._offset[name] for name in ("x", "y", "heading")}
-        gained = found.get("acceleration", (found["speed"] - state.speed) / step)
-        wheel = found.get("steering_wheel_angle", command.steering)
+        along, across, turn = self._offset
+        x, y = _turned(found, turn)
         return EgoState(
-            **pose, speed=found["speed"], acceleration=gained, steering_wheel_angle=wheel
-        ), ()
+            x=x + along,
+            y=y + across,
+            heading=found["heading"] + turn,
+            speed=found["speed"],
+            acceleration=found.get("acceleration", (found["speed"] - state.speed) / step),
+            steering_wheel_angle=found.get("steering_wheel_angle", command.steering),
+        ), ()  # an FMU reports no clips
 
     def close(self) -> None:
         """Free the instance."""
         self._fmu.end()
+
+
+def _turned(position: Mapping[str, float], turn: float) -> tuple[float, float]:
+    """`x` and `y` (m) in axes that the FMU's own are turned against by `turn` rad."""
+    x, y, cosine, sine = position["x"], position["y"], math.cos(turn), math.sin(turn)
+    return cosine * x - sine * y, sine * x + cosine * y
 
 
 def _number(text: str) -> float | str:
@@ -582,7 +606,10 @@ _unpack_folders: list[tempfile.TemporaryDirectory[str]] = []
 
 @functools.lru_cache(maxsize=16)
 def _unpacked(path: Path, _changed: int) -> tuple[str, Any]:
-    """The folder into which an FMU was unpacked, once a process, and its model description."""
+    """The folder into which an FMU was unpacked, once a process, and its model description.
+
+    _changed: time of its last change, so that a new file of the same name is unpacked anew.
+    """
     import fmpy
 
     folder = tempfile.TemporaryDirectory(prefix="sumo_eval_fmu_")
