@@ -8,13 +8,13 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import writing
 
-_BEYOND = 1 << 20  # bytes: past all words that a lock file can hold
+_LOCKED_BYTE = 1 << 20  # Windows locks bytes: one behind all words, so that others can read them
 
 
 @contextmanager
@@ -23,40 +23,47 @@ def held(path: Path, words: str, folder: str, busy: Callable[[str], str]) -> Ite
 
     words: written into it, who has it.
     folder: begins the InputError where there can be no such file, `The run folder out`.
-    busy: makes the InputError where another process holds it, of its words.
+    busy: makes the message where another process holds it, from the words that this one wrote.
     """
-    with writing(folder):
+    with writing(folder):  # makes an InputError of an OSError
         path.parent.mkdir(parents=True, exist_ok=True)
         file = _locked(path, words, busy)
     try:
         yield
     finally:
-        path.unlink(missing_ok=True)
+        with suppress(PermissionError):  # Windows keeps an open file; the next holder takes it
+            path.unlink(missing_ok=True)  # while still locked: see `_locked`
         os.close(file)
 
 
 def _locked(path: Path, words: str, busy: Callable[[str], str]) -> int:
+    """The opened and locked file.
+
+    Its last owner may have removed it between `open` and `_lock`; such a lock keeps no process out.
+    """
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             _lock(file)
-        except OSError:
+        except (BlockingIOError, PermissionError):
+            owner = os.read(file, _LOCKED_BYTE).decode().strip()
             os.close(file)
-            owner = path.read_text(encoding="utf-8").strip() if path.exists() else ""
+            # empty: locked, but its owner has written nothing yet
             raise InputError(busy(owner or "starting")) from None
-        if path.exists() and path.stat().st_ino == os.fstat(file).st_ino:
-            os.truncate(file, 0)
-            os.write(file, f"{words}\n".encode())
-            return file
-        os.close(file)  # its last owner has just taken it away
+        with suppress(FileNotFoundError):
+            if os.path.samestat(path.stat(), os.fstat(file)):
+                os.truncate(file, 0)
+                os.write(file, f"{words}\n".encode())
+                return file
+        os.close(file)
 
 
 def _lock(file: int) -> None:
-    """Raises OSError when another process has it."""
+    """Raises BlockingIOError, on Windows PermissionError, when another process has it."""
     if sys.platform == "win32":
         import msvcrt
 
-        os.lseek(file, _BEYOND, os.SEEK_SET)  # Windows lets nobody else read a byte that is locked
+        os.lseek(file, _LOCKED_BYTE, os.SEEK_SET)
         msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
         os.lseek(file, 0, os.SEEK_SET)
     else:

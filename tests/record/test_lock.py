@@ -3,6 +3,7 @@ the process."""
 
 from __future__ import annotations
 
+import errno
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from sumo_eval.errors import InputError
+from sumo_eval.record import lock
 from sumo_eval.record.lock import held
 
 HOLDER = """
@@ -35,6 +37,20 @@ def test_the_second_writer_sees_the_first_and_deletes_nothing(tmp_path: Path) ->
     assert not path.exists()
     with held(path, "the second", "The folder", str):
         assert path.read_text() == "the second\n"
+
+
+def test_a_file_system_without_locks_is_not_another_writer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_locks(_file: int) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(lock, "_lock", no_locks)
+    with (
+        pytest.raises(InputError, match="No locks available"),
+        held(tmp_path / "lock", "mine", "The folder", str),
+    ):
+        pass
 
 
 def test_the_lock_of_a_process_that_was_killed_is_free(tmp_path: Path) -> None:
