@@ -12,8 +12,8 @@ from sumo_eval.errors import InputError, said
 from sumo_eval.input_file import read_input_text
 
 OPINION = "opinion.json"
-_BESIDE = ("S+", "A", "H", "S", "D", "C")
-"""The scores beside the opinion; a file of an earlier version may lack some."""
+_COMPARED = ("S+", "A", "H", "S", "D", "C")
+"""Scores that the opinion is compared with; a file of an earlier version may lack some."""
 
 
 def opinion_content(folder: Path) -> dict[str, Any] | None:
@@ -27,17 +27,18 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
     text = read_input_text(path, "opinion")
     try:
         told = json.loads(text)
-        rows, rho, ends = told["rows"], told["correlations"], told.get("intervals", {})
+        rows, correlations = told["rows"], told["correlations"]
+        intervals = told.get("intervals") or {}
         panels = [
             {
                 "name": name,
-                "most": f"{_most(name):g}",
-                "rho": rho[name],
-                "interval": ends.get(name),
-                "dots": _dots(rows, name, _most(name)),
+                "most": f"{_highest(name):g}",
+                "rho": correlations[name],
+                "interval": intervals.get(name),
+                "dots": _dots(rows, name, _highest(name)),
             }
-            for name in _BESIDE
-            if name in rho
+            for name in _COMPARED
+            if name in correlations
         ]
         return {
             "rows": rows,
@@ -45,19 +46,24 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
             "concordance": told["concordance"],
             "panels": panels,
         }
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise InputError(
             f"{path} cannot be read ({said(error)}); delete it, or ask again with: sumo-eval "
             "humans opinion."
         ) from error
 
 
-def _most(name: str) -> float:
-    """The most that a score can be."""
+def _highest(name: str) -> float:
+    """Highest value of a score: S and S+ are points, the others shares."""
     return 100.0 if name.startswith("S") else 1.0
 
 
-def _dots(rows: list[dict[str, Any]], name: str, most: float) -> list[dict[str, Any]]:
+def _dots(rows: list[dict[str, Any]], name: str, highest: float) -> list[dict[str, Any]]:
+    """A dot for each row with this score.
+
+    opinion and share: its place; `share` is the score as a share of the highest, 0..1.
+    words: its tooltip. row: what the page's copied table has of it.
+    """
     dots = []
     for row in rows:
         score, opinion = row["scores"][name], row["opinion"]
@@ -68,7 +74,7 @@ def _dots(rows: list[dict[str, Any]], name: str, most: float) -> list[dict[str, 
             dots.append(
                 {
                     "opinion": opinion,
-                    "share": min(max(score / most, 0.0), 1.0),
+                    "share": min(max(score / highest, 0.0), 1.0),
                     "words": words,
                     "row": (row["scenario"], row["ads"], opinion, score),
                 }

@@ -27,7 +27,15 @@ def test_the_section_is_there_only_where_people_were_asked(tmp_path: Path) -> No
     assert content["rows"][0]["opinion"] == 6.5
 
 
-@pytest.mark.parametrize("damage", ["", "[1]", '{"rows": [{}], "correlations": {}}'])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "",
+        "[1]",
+        '{"rows": [{}], "correlations": {}}',
+        '{"rows": [], "correlations": {"A": 1}, "intervals": [1]}',
+    ],
+)
 def test_a_damaged_file_of_opinions_is_said_and_not_passed_over(
     tmp_path: Path, damage: str
 ) -> None:
