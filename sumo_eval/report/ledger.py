@@ -1,11 +1,12 @@
 """The ledger of a score: where every point went, term by term and case by case, adding up to the
 printed number.
 
-S+ is 100 times the product of T, A' and (a + b H) / 100: each of the three costs its Shapley value
-of 100 - S+, which its cases share by what they take from T, A and H. S begins with what C = 1 and D
-= 1 would give; off go what each collision and each factor of a case's D_i cost. A case loses 1
-minus the product of its factors. A factor's part of that loss is its Shapley value
-(`score_terms.product_losses`).
+S+ is 100 times the product of T, A' and (a + b H) / 100. Each of the three costs its Shapley value
+of 100 - S+, which its cases share by what they take from T, A and H.
+
+S begins with what C = 1 and D = 1 would give. From it, each collision and each factor of a case's
+D_i take their part. A case loses 1 minus the product of its factors. A factor's part of that loss
+is its Shapley value (`score_terms.product_losses`).
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, NOTICEABLE, Fi
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 FULL = 100.0  # points
-ROUNDING = 1e-9  # an index off the product of its factors by less is only rounding
+ROUNDING = 1e-9  # of an index or of points: less is only rounding
 WORTH_COUNTING = 1e-4  # of an index: a case that lost less is not one of the cases that lost
 
 
@@ -39,11 +40,11 @@ Term = Literal["S+", "T", "A", "H", "C", "D"]
 class LedgerLine:
     """One term of the ledger.
 
-    index: in units of T, A, H, C or D;
+    index: in units of T, A, H, C or D.
     points: of S+ or S.
-
+    scale: points for 1 of the index.
     entries: its cases, the costliest first.
-    parts: addition of each, in units of the index, at most 0, (m,).
+    parts: what each case adds to the index, (m,); a loss is negative.
     cases: number of those that lost something worth counting.
     equation: its number in the paper; empty for a term that is not the paper's.
     """
@@ -70,7 +71,7 @@ class LedgerLine:
 
 @dataclass(frozen=True, slots=True)
 class Ledger:
-    """A score of one ADS in one logical scenario.
+    """Ledger of one score of one ADS in one logical scenario.
 
     name: `S+` or `S`.
     total: the sum of all points, the score.
@@ -83,17 +84,18 @@ class Ledger:
     total: float
 
     def index(self, term: Term) -> float:
-        """The sum of a term's lines in units of the index: C or D, 0 without; T - 1, A - 1 or H -
-        1.
+        """The sum of a term's lines in units of the index.
+
+        C or D (0 where not computed); for T, A and H, which only lose, the value less 1.
         """
         return math.fsum(line.index for line in self.lines if line.term == term)
 
 
 def ledger_plus(found: Findings) -> Ledger:
     """100 points less what T, A' and (a + b H) / 100 take from S+ = T max(A', 0) (a + b H)."""
-    score, cases, points = found.score, found.cases, found.settings.method.score
+    score, cases, weights = found.score, found.cases, found.settings.method.score
     grade = max(score.avoidance_grade or 0.0, 0.0)
-    manner = (points.a + points.b * (score.human_likeness or 0.0)) / FULL
+    manner = (weights.a + weights.b * (score.human_likeness or 0.0)) / FULL
     losses = product_losses(np.array([[score.task_share or 0.0, grade, manner]]))[0] * FULL
 
     terms: tuple[tuple[Term, float, _Lines], ...] = (
@@ -104,6 +106,7 @@ def ledger_plus(found: Findings) -> Ledger:
     whole = "", "the task driven without avoidable harm, as people drive", 1.0, _NONE
     lines = _scaled("S+", FULL, cases, [whole])
     for term, lost, parts in terms:
+        # points for 1 of T, A or H, so that the lines of a term cost its Shapley value
         taken = -math.fsum(
             float(its.sum()) if len(its) else alone for _, _, alone, (_, its, _) in parts
         )
@@ -131,7 +134,10 @@ def sentences(found: Ledger) -> list[str]:
     """The lines that cost points, the costliest first: `H lost 6.1 of 50 points: plausibility in 14
     cases.`
     """
-    whole = {line.term: line.points for line in found.lines if line.index > 0.0}
+    # terms of S begin with a line of gain, without cases
+    whole = {
+        line.term: line.points for line in found.lines if line.index > 0.0 and not line.entries
+    }
     losses = sorted(
         (line for line in found.lines if line.points < 0.0), key=lambda line: line.points
     )
@@ -139,7 +145,7 @@ def sentences(found: Ledger) -> list[str]:
         f"{line.term} lost {-line.points:z.1f} of {whole.get(line.term, FULL):g} points: "
         f"{line.words}" + (f" in {count(line.cases, 'case')}" if line.cases else "") + "."
         for line in losses
-        if line.points <= -0.05
+        if line.points <= -0.05  # less would print as 0.0
     ]
 
 
@@ -158,7 +164,7 @@ def _scaled(term: Term, scale: float, cases: CaseTable, lines: _Lines) -> list[L
     scaled, names = [], cases.case
     for equation, words, alone, (places, parts, number) in lines:
         index = math.fsum(map(float, parts)) if len(places) else alone
-        order = np.lexsort((names[places], parts))
+        order = np.lexsort((names[places], parts))  # by loss, then by name
         entries, parts = cases[places[order]], parts[order]
         scaled.append(
             LedgerLine(term, equation, words, index, index * scale, scale, entries, parts, number)
@@ -178,7 +184,7 @@ def _task_lines(found: Findings) -> _Lines:
         "a contact": cases.collided,
         "left the road": cases.departed,
         "stands where the references drive": found.stands,
-        "slower than the slowest reference": lost > 0.0,
+        "slower than the slowest reference": lost > 0.0,  # all that are left
     }
     yield from _first_of(groups, lost, shares < 1.0 - NOTICEABLE)
 
@@ -204,7 +210,7 @@ def _avoided_lines(found: Findings) -> _Lines:
     lost = np.nan_to_num(found.share_lost)
     groups = {
         "given up, which counts as doing nothing": cases.gave_up,
-        "collisions that the ADS caused: doing nothing has none": cases.caused,
+        "collisions that the ADS caused: a vehicle that does nothing has none": cases.caused,
         "collisions that the ideal vehicle avoids": cases.avoidable,
         "collisions that the ideal vehicle has too, but softer": cases.unavoidable,
         "left the road": cases.departed,
@@ -231,11 +237,11 @@ def _collision_lines(found: Findings) -> _Lines:
         yield "17", "C not computed", -1.0, _NONE
         return
     shares, safe = found.collisions, found.cases.safe
-    hits = np.nan_to_num(found.cases.ideal_severity) != 0.0
+    ideal_collides = np.nan_to_num(found.cases.ideal_severity) != 0.0
     groups = (
         ("collisions in the safe zone", safe),
-        ("collisions that the ideal vehicle avoids", ~safe & ~hits),
-        ("collisions that the ideal vehicle only softens", ~safe & hits),
+        ("collisions that the ideal vehicle avoids", ~safe & ~ideal_collides),
+        ("collisions that the ideal vehicle only softens", ~safe & ideal_collides),
     )
     for words, belongs in groups:
         part = belongs[shares.places] & np.isfinite(shares.lost)
@@ -248,6 +254,7 @@ def _likeness_lines(found: Findings) -> _Lines:
     yield "13", "D = 1, within the drivers' own spread everywhere", 1.0, _NONE
     if score.d is None:
         hits = np.flatnonzero(cases.voids_index)
+        # one of them alone would take D: they share the loss equally
         each = np.full(len(hits), 1.0 / max(len(hits), 1))
         yield "18", f"D not computed: {reason_without('D', score)}", -1.0, _parts(hits, each)
         return
@@ -281,6 +288,7 @@ def _factor_lines(
     for column, name in enumerate(factors):
         label = name if name in ("similarity", "plausibility") else f"{name} factor"
         yield equation, label, 0.0, _parts(places, share * losses[:, column])
+    # by what the index is below the product of its factors; above: negative, a gain
     rest = share * (values.prod(axis=1) - getattr(cases, what)[places])
     if (np.abs(rest) > ROUNDING).any():
         yield equation, "the rest, not a product of the factors", 0.0, _parts(places, rest)

@@ -70,6 +70,13 @@ def test_what_cost_most_is_said_first(evaluation: Evaluation) -> None:
     assert any("operations factor in" in sentence for sentence in said)
 
 
+def test_a_case_that_gains_leaves_the_points_of_its_term(evaluation: Evaluation) -> None:
+    found = ledger(Findings.of(evaluation, evaluation.score(builders.CALM, builders.SCENARIOS[1])))
+    line = next(line for line in found.lines if line.term == "D" and line.entries)
+    gain = replace(line, index=0.001, points=0.1)
+    assert sentences(replace(found, lines=(*found.lines, gain))) == sentences(found)
+
+
 def scores_with_a_below_zero(evaluation: Evaluation) -> tuple[Evaluation, ScenarioResult]:
     """`calm` hits at 40 m/s wherever it hits: worse than doing nothing, which hits at 12."""
     cases = tuple(
