@@ -18,17 +18,19 @@ from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
-TRIALS, PLAIN, CHANCES = "trials.csv", "boundary.json", "chances.csv"
+TRIALS, SUMMARY, PAGE, CHANCES = "trials.csv", "boundary.json", "boundary.html", "chances.csv"
 CELLS = 80  # on each axis of a map
 PANELS = (0.1, 0.3, 0.5, 0.7, 0.9)  # shares of the third parameter's range, one map each
-COUNTED = 8_192  # evenly spread points by which shares of the space are counted
+SHARE_POINTS = 8_192  # evenly spread, to measure shares of the space
+MAP_WIDTH = 340  # px on the page, beside other maps
 
 
 def summary(boundary: FailureBoundary) -> dict[str, Any]:
     """The result in plain values."""
     logical, last = boundary.logical, boundary.rounds[-1]
-    points = evenly(logical, COUNTED, random_stream(0, "counted", logical.name))
+    points = evenly(logical, SHARE_POINTS, random_stream(0, "counted", logical.name))
     points = points[logical.feasible(points)]
+    # an unknown exposure is one number, 1
     exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points))
     collides = boundary.search.classify(points)
     return {
@@ -50,15 +52,17 @@ def summary(boundary: FailureBoundary) -> dict[str, Any]:
 def write_boundary(
     boundary: FailureBoundary, folder: Path, held: Mapping[str, float]
 ) -> tuple[Path, ...]:
-    """Write `trials.csv`, `boundary.json` and `boundary.html` into a folder and return their paths.
+    """Write `trials.csv`, `boundary.json`, `boundary.html` and `chances.csv`, and return their paths
+    in this order.
 
     held: the parameters that the search held fixed, by name.
     """
-    paths = tuple(folder / name for name in (TRIALS, PLAIN, "boundary.html", CHANCES))
+    paths = tuple(folder / name for name in (TRIALS, SUMMARY, PAGE, CHANCES))
+    trials_file, summary_file, page, chances_file = paths
     names, search = boundary.logical.names, boundary.search
     pairs = zip(search.points.tolist(), search.outcomes, strict=True)
     trials = [[*row, int(hit)] for row, hit in pairs]
-    write_csv(paths[0], [*names, "collided"], trials)
+    write_csv(trials_file, [*names, "collided"], trials)
     # a map lies at each of these shares of the third parameter's range, where there is one
     shares = PANELS if len(names) > 2 else (0.5,)
     chances = [
@@ -66,19 +70,20 @@ def write_boundary(
         for share in shares
         for row, chance in zip(*chances_on(boundary, share), strict=True)
     ]
-    write_csv(paths[3], [*names, "chance"], chances)
+    write_csv(chances_file, [*names, "chance"], chances)
     content = {**summary(boundary), "held": held}
-    write_page(paths[1], json.dumps(content, indent=2, allow_nan=False) + "\n", "The boundary")
+    write_page(summary_file, json.dumps(content, indent=2, allow_nan=False) + "\n", "The boundary")
+    # from the files: they alone must be enough to draw the maps again
     title, panels = edge_panels(folder)
     line = "The line is where both outcomes are equally likely."
     write_study(
-        paths[2],
+        page,
         kicker="The boundary of failure",
         title=title,
         sentences=[*sentences(boundary, held), line],
         figures={title: on_page(panels, len(panels), 560)},
         rows=[[*names, "collided"], *([f"{value:g}" for value in row] for row in trials)],
-        least_width=340 * len(PANELS) if len(names) > 2 else 300,
+        least_width=MAP_WIDTH * len(panels) if len(panels) > 1 else 300,
     )
     return paths
 
@@ -87,8 +92,9 @@ def chances_on(boundary: FailureBoundary, share: float) -> tuple[FloatArray, Flo
     """The points of a map, row by row, (n, k), and the chance of a collision there, (n,), nan where
     a point is impossible.
 
-    A map has CELLS values of the first parameter by as many of the second, where there is one;
-    parameters behind the third are in the middle of their ranges.
+    A map has CELLS values of the first parameter by as many of the second, where there is one. The
+    first runs fastest: `edge_panels` relies on it. Parameters behind the third are in the middle of
+    their ranges.
     """
     logical = boundary.logical
     k = len(logical.parameters)
@@ -113,12 +119,12 @@ def sentences(boundary: FailureBoundary, held: Mapping[str, float]) -> list[str]
         f"{boundary.logical.name}: {boundary.ads} collides in "
         f"{content['collision_share_of_space']:z.1%} of the space "
         f"({content['collision_share_of_exposure']:z.1%} of the exposure), from "
-        f"{content['simulations']} simulations."
+        f"{boundary.rounds[-1].simulations} simulations."
     ]
-    ended = f"The search ended with its {boundary.stopped}."
+    ended = f"The search ended ({boundary.stopped})."
     if boundary.stopped == "settled":
         lines.append(f"The next round is expected to move {change:z.2%} of the space: settled.")
-    elif change < 1.0:
+    elif change < 1.0:  # 1: unknown
         lines.append(f"{ended} A further round may move {change:z.2%} of the space.")
     else:
         lines.append(
@@ -138,15 +144,15 @@ def sentences(boundary: FailureBoundary, held: Mapping[str, float]) -> list[str]
 
 
 def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
-    """The title, and trials over the likelier outcome: one map for two parameters, one for each of
-    some values of a third, on the nearest of which a trial is drawn.
+    """Title and maps of the chance of a collision, with the trials on them, from the files.
 
-    Parameters behind the third are in the middle of their ranges.
+    Up to two parameters: one map. More: one for each value of the third in `chances.csv`; a trial
+    is drawn on the map nearest to its own third value. Parameters behind the third are in the middle of their ranges.
 
     Raises InputError where a file is missing.
     """
     try:
-        content = json.loads((folder / PLAIN).read_text(encoding="utf-8"))
+        content = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
         chances, trials = (
             np.genfromtxt(folder / name, delimiter=",", skip_header=1, ndmin=2)
             for name in (CHANCES, TRIALS)
@@ -157,26 +163,27 @@ def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
         ) from error
     items = content["parameters"]
     k = len(items)
-    if k == 1:  # as if there were a second parameter, on which nothing depends
+    # one parameter: a second axis from -1 to 1 on which nothing depends, the trials at its 0
+    if k == 1:
         chances, trials = (np.insert(rows, 1, 0.0, axis=1) for rows in (chances, trials))
         chances = np.vstack([chances, chances])
         chances[:, 1] = np.repeat([-1.0, 1.0], len(chances) // 2)
     maps, nearest = [chances], np.zeros(len(trials))
-    if k > 2:
+    if k > 2:  # a new map begins where the third parameter changes
         maps = np.split(chances, np.flatnonzero(np.diff(chances[:, 2])) + 1)
         third = np.array([rows[0, 2] for rows in maps])
         nearest = np.argmin(np.abs(trials[:, 2:3] - third), axis=1)
-    x, y, *_ = (
-        *(it["name"] + ("" if it["unit"] in ("", "1") else f" ({it['unit']})") for it in items), "",
-    )  # fmt: skip
+    labels = [it["name"] + ("" if it["unit"] in ("", "1") else f" ({it['unit']})") for it in items]
+    x, y = [*labels, ""][:2]
     panels = []
     for number, rows in enumerate(maps):
+        # as many distinct values as cells: also listed values are mapped over their whole range
         across, along = np.unique(rows[:, 0]), np.unique(rows[:, 1])
         chance = across, along, rows[:, -1].reshape(len(along), len(across))
         marks = []
-        for hit, (words, marker) in enumerate((("no collision", "o"), ("collision", "X"))):
-            at = trials[(trials[:, -1] == hit) & (nearest == number)]
-            marks.append(Marks(words, at[:, 0], at[:, 1], COLOURS[hit], marker=marker))
+        for collided, words, marker in ((0, "no collision", "o"), (1, "collision", "X")):
+            at = trials[(trials[:, -1] == collided) & (nearest == number)]
+            marks.append(Marks(words, at[:, 0], at[:, 1], COLOURS[collided], marker=marker))
         values = zip(items[2:], rows[0, 2:k], strict=True)
         title = ", ".join(f"{it['name']} = {value:z.3g}" for it, value in values)
         panels.append(Panel(marks, x, y, title, chance=chance))
