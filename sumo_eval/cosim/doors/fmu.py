@@ -17,6 +17,7 @@ Outputs.
 
 from __future__ import annotations
 
+import cmath
 import functools
 import math
 import tempfile
@@ -127,7 +128,9 @@ class _Fmu:
         self._inputs = self._wire_inputs(wiring, signals)
         self._outputs = self._wire_outputs(wiring, needed, optional, lists)
         self._lists = self._wire_lists(wiring, lists)
-        self._parameters = self._wire_parameters(wiring)
+        self._parameters = [
+            (self._variable(name, "parameters"), value) for name, value in wiring.parameters.items()
+        ]
         self._instance: Any = None
         self._initialized = False
 
@@ -267,11 +270,6 @@ class _Fmu:
             )
         return variable, int(place)
 
-    def _wire_parameters(self, wiring: FmuSettings) -> list[tuple[Any, float | int | bool | str]]:
-        return [
-            (self._variable(name, "parameters"), value) for name, value in wiring.parameters.items()
-        ]
-
     def begin(self, signals: Signals) -> None:
         """Instantiate, set parameters and inputs, initialize at time 0."""
         description = self.description
@@ -367,8 +365,8 @@ class _Fmu:
 
     @contextmanager
     def _unless_fatal(self) -> Iterator[None]:
-        """Calls of the instance; after one that it answers with `fatal`, no further call is allowed,
-        not even its end.
+        """Calls of the instance; it may not be called again after it answers with `fatal`, not even
+        to end it.
         """
         try:
             yield
@@ -388,10 +386,9 @@ class _Fmu:
         if kind in _NUMBERS:
             return float(value)
         whole, bits = round(value), _WHOLE[kind]
-        low, high = (
-            (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if bits > 0 else (0, (1 << -bits) - 1)
-        )
-        if not low <= whole <= high:
+        span = 1 << abs(bits)
+        low = -span // 2 if bits > 0 else 0
+        if not low <= whole < low + span:
             raise ControllerError(
                 f"`{variable.name}` of FMU `{self.path.name}` is of type {kind}, which cannot "
                 f"hold {whole}"
@@ -437,12 +434,12 @@ class FmuController(ObservingController):
         kinds = ("speed", "throttle", *PLAN)  # outputs that say what the ADS answers with
         kind = next((name for name in kinds if self._gives(name)), "acceleration")
         self._plans = kind in PLAN
+        outputs: tuple[Sequence[str], ...] = (kind,), ("steering",)
         if self._plans:
-            self._fmu = _Fmu(self.path, self.wiring, SIGNALS, (), _OF_A_PLAN, PLAN)
+            outputs = (), _OF_A_PLAN, PLAN
         elif kind == "throttle":
-            self._fmu = _Fmu(self.path, self.wiring, SIGNALS, ("throttle", "brake"), ("steer",))
-        else:
-            self._fmu = _Fmu(self.path, self.wiring, SIGNALS, (kind,), ("steering",))
+            outputs = ("throttle", "brake"), ("steer",)
+        self._fmu = _Fmu(self.path, self.wiring, SIGNALS, *outputs)
 
     @classmethod
     def from_locator(cls, text: str, folder: Path | None) -> FmuController:
@@ -522,7 +519,7 @@ class FmuPlant:
         outputs = ("acceleration", "steering_wheel_angle")
         path = (folder or Path.cwd()) / file
         self._fmu = _Fmu(path, wiring, signals, ("x", "y", "heading", "speed"), outputs)
-        self._offset: tuple[float, float, float] | None = None  # x m, y m, turn rad
+        self._offset: tuple[complex, float] | None = None  # x + y i, m, and heading, rad
         self._time = 0.0
 
     def advance(
@@ -544,8 +541,7 @@ class FmuPlant:
                         f"{first['speed']:g}; map a parameter of it to `speed`."
                     )
                 turn = state.heading - first["heading"]
-                x, y = _turned(first, turn)
-                self._offset = state.x - x, state.y - y, turn
+                self._offset = complex(state.x, state.y) - _turned(first, turn), turn
             found = self._fmu.step(signals, self._time, step)
         except SimulationError:
             raise
@@ -558,11 +554,11 @@ class FmuPlant:
             raise SimulationError(
                 f"The vehicle model {self._fmu.path.name} must give finite numbers, got {found}."
             )
-        along, across, turn = self._offset
-        x, y = _turned(found, turn)
+        offset, turn = self._offset
+        place = _turned(found, turn) + offset
         return EgoState(
-            x=x + along,
-            y=y + across,
+            x=place.real,
+            y=place.imag,
             heading=found["heading"] + turn,
             speed=found["speed"],
             acceleration=found.get("acceleration", (found["speed"] - state.speed) / step),
@@ -574,10 +570,9 @@ class FmuPlant:
         self._fmu.end()
 
 
-def _turned(position: Mapping[str, float], turn: float) -> tuple[float, float]:
-    """`x` and `y` (m) in axes that the FMU's own are turned against by `turn` rad."""
-    x, y, cosine, sine = position["x"], position["y"], math.cos(turn), math.sin(turn)
-    return cosine * x - sine * y, sine * x + cosine * y
+def _turned(outputs: Mapping[str, float], turn: float) -> complex:
+    """Position x + y i, m, of a vehicle model, turned by `turn` rad about its origin."""
+    return complex(outputs["x"], outputs["y"]) * cmath.rect(1.0, turn)
 
 
 def _number(text: str) -> float | str:
@@ -608,7 +603,7 @@ _unpack_folders: list[tempfile.TemporaryDirectory[str]] = []
 def _unpacked(path: Path, _changed: int) -> tuple[str, Any]:
     """The folder into which an FMU was unpacked, once a process, and its model description.
 
-    _changed: time of its last change, so that a new file of the same name is unpacked anew.
+    _changed: time of its last change, so that a changed file is unpacked again.
     """
     import fmpy
 
