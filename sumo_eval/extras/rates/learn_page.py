@@ -26,8 +26,8 @@ from sumo_eval.report.page import write_page
 from sumo_eval.scenario.joint import Joint
 from sumo_eval.settings.random_streams import random_stream
 
-PAGE, PLAIN, CAMPAIGN = "learned.html", "learned.json", "campaign.toml"
-DRAWN = 4096  # points of the model that its curves are drawn from
+PAGE, JSON, CAMPAIGN = "learned.html", "learned.json", "campaign.toml"
+CURVE_POINTS = 4096  # sampled from the model for its curves
 BINS = 40
 SUMMARY = (
     "class", "events", "per_vehicle_km", "per_vehicle_km_interval", "fitted", "model",
@@ -36,13 +36,15 @@ SUMMARY = (
 """Entries of a class that stand on the page next to those of the other classes."""
 NOTES = (
     Text(
-        "By chance: exceeded by as many events in one of twenty draws from their own distribution. "
-        "Below it, the events fit the distribution."
+        "By chance: the Kolmogorov distance that as many events, drawn from the distribution "
+        "itself, exceed in one of twenty samples. A distance below it gives no reason to doubt "
+        "the fit."
     ),
     Text(
         "Rates count every event except ghosts of the tracker, with exact Poisson intervals: "
-        "events are assumed to come independently. A vehicle that was on the road for only a part "
-        "of an event is counted, but has no parameters; the fitted ones stand for it."
+        "events are assumed to come independently. An event with a vehicle that was on the road "
+        "for only a part of it is counted, but has no parameters; they are assumed to be "
+        "distributed as the fitted ones."
     ),
     Text(
         "Not covered: other roads, weather and times of day than those recorded; encounters of no "
@@ -60,7 +62,7 @@ def write_lesson(lesson: Lesson, folder: Path) -> tuple[Path, ...]:
 
     Without a learnt scenario there is no campaign, and an earlier one is deleted.
     """
-    paths = folder / PAGE, folder / PLAIN, folder / CAMPAIGN
+    paths = folder / PAGE, folder / JSON, folder / CAMPAIGN
     content = plain(lesson)
     text = json.dumps(content, indent=2, allow_nan=False) + "\n"
     write_page(paths[1], text, "The lesson")
@@ -110,17 +112,19 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
         "per_vehicle_km_interval": measured.rate[1:],
         "ghosts": encounters.ghosts,
         "without_parameters": dict(sorted(encounters.left_out.items())),
-        "against_a_constraint": int((~measured.kept).sum()),
+        "against_a_constraint": int((~measured.kept).sum()),  # kept: fulfils them all
         "constants": measured.constants,
+        # number of events, where there are more than the distribution can hold
         "left_out_of_the_distribution_evenly": learnt.thinned,
     }
     if learnt.logical is None or joint is None:
         return content | {"file": None, "events_needed": measured.needed}
     quantiles = np.quantile(joint.events, [0.0, 0.05, 0.5, 0.95, 1.0], axis=0).T.tolist()
     replay = np.quantile(learnt.replay, [0.5, 0.9], axis=0).T.tolist()
-    best, fitted = learnt.models[0], len(learnt.replay)
+    best, fitted = learnt.models[0], len(learnt.replay)  # each fitted event is replayed once
     return content | {
         "file": f"{encounters.name}.toml",
+        # simultaneous with the intervals of the ends and correlations
         "per_vehicle_km_interval_with_all_below": measured.rate_together,
         "fitted": fitted,
         "model": best.model,
@@ -161,11 +165,12 @@ def sentences(lesson: Lesson) -> list[str]:
     for name, learnt in lesson.learnt.items():
         rate, low, high = learnt.measured.rate
         events, rows = learnt.encounters.events, learnt.encounters.rows
-        result = (
-            f"{len(rows)} with all parameters, {learnt.measured.needed} are needed: no scenario "
-            "file."
-        )
-        if learnt.logical is not None:
+        if learnt.logical is None:
+            result = (
+                f"{len(rows)} with all parameters, {learnt.measured.needed} are needed: no "
+                "scenario file."
+            )
+        else:
             best, fitted = learnt.models[0], len(learnt.replay)
             result = (
                 f"{fitted} fitted ({best.model}), held out {best.log_likelihood:z.2f} nats an "
@@ -212,20 +217,20 @@ def _class_parts(learnt: Learnt, content: dict[str, Any]) -> list[Text | Table |
             table({"without parameters because": key, "events": count} for key, count in why)
         )
     if learnt.logical is None:
-        needed = f"{content['events_needed']} events with all parameters are needed: no scenario "
-        return [*pieces, Text(f"{needed}file.", "note")]
+        needed = (
+            f"{content['events_needed']} events with all parameters are needed: no scenario file."
+        )
+        return [*pieces, Text(needed, "note")]
     together = interval(*learnt.measured.rate_together)
-    left_out = (
-        learnt.thinned and f"{learnt.thinned} events are left out of the distribution, evenly."
-    )
     constants = content["constants"].items()
     texts = [
-        f"All intervals of these ends and correlations, and one of the rate, {together} per "
-        "vehicle-km, hold at once with 95 %, where events do not grow rare towards the ends. By "
-        "itself the rate has the narrower one above.",
-        left_out,
+        f"The intervals of all these ends and correlations and of the rate ({together} per "
+        "vehicle-km) hold simultaneously with 95 %, if events do not grow rare towards the ends. "
+        "The interval of the rate alone, above, is narrower.",
         *(f"{key} does not vary: {value:g} in the file." for key, value in constants),
     ]
+    if learnt.thinned:
+        texts.insert(1, f"{learnt.thinned} events are left out of the distribution, evenly.")
     models = (
         {"model": item.model, "held-out log-likelihood, nats an event": item.log_likelihood,
          "Kolmogorov distance": item.kolmogorov}
@@ -234,7 +239,7 @@ def _class_parts(learnt: Learnt, content: dict[str, Any]) -> list[Text | Table |
     errors = content["replay_error"].items()
     pieces += [
         table({"parameter": key, **values} for key, values in content["parameters"].items()),
-        *(Text(text) for text in texts if text),
+        *(Text(text) for text in texts),
         table(content["rank_correlations"]),
         table(models),
         table({"replay error, m": key, **values} for key, values in errors),
@@ -244,7 +249,7 @@ def _class_parts(learnt: Learnt, content: dict[str, Any]) -> list[Text | Table |
 
 def _marginals(joint: Joint) -> Any:
     """Each parameter as recorded, and as the model has it."""
-    points = joint.draw(DRAWN, random_stream(0, "drawn", len(joint.names)))
+    points = joint.draw(CURVE_POINTS, random_stream(0, "drawn", len(joint.names)))
     panels = []
     columns = np.transpose(joint.events), points.T
     for name, low, high, *values in zip(joint.names, joint.low, joint.high, *columns, strict=True):
@@ -254,4 +259,5 @@ def _marginals(joint: Joint) -> Any:
         bars = Marks("data", middle, data, COLOURS[0], bars=True)
         panels.append(Panel((bars, Marks("model", middle, model, COLOURS[1], "-")), title=name))
     across = min(len(panels), 4)
-    return on_page(panels, across, 240 * -(-len(panels) // across) + 60)
+    rows = -(-len(panels) // across)
+    return on_page(panels, across, 240 * rows + 60)  # px: rows and the legend

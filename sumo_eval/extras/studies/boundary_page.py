@@ -52,8 +52,8 @@ def summary(boundary: FailureBoundary) -> dict[str, Any]:
 def write_boundary(
     boundary: FailureBoundary, folder: Path, held: Mapping[str, float]
 ) -> tuple[Path, ...]:
-    """Write `trials.csv`, `boundary.json`, `boundary.html` and `chances.csv`, and return their paths
-    in this order.
+    """Write `trials.csv`, `boundary.json`, `boundary.html` and `chances.csv`; return their paths in
+    this order.
 
     held: the parameters that the search held fixed, by name.
     """
@@ -147,7 +147,8 @@ def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
     """Title and maps of the chance of a collision, with the trials on them, from the files.
 
     Up to two parameters: one map. More: one for each value of the third in `chances.csv`; a trial
-    is drawn on the map nearest to its own third value. Parameters behind the third are in the middle of their ranges.
+    is drawn on the map nearest to its own third value. Parameters behind the third are in the
+    middle of their ranges.
 
     Raises InputError where a file is missing.
     """

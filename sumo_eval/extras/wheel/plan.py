@@ -17,7 +17,7 @@ from sumo_eval.settings.checked import About, Checked, Positive
 from sumo_eval.settings.config import read_checked
 from sumo_eval.settings.random_streams import random_stream
 
-LOW, HIGH = 1, 10
+LOW, HIGH = 1, 10  # answers of a scale
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,11 +26,9 @@ class PracticeSettings(Checked):
 
     speed: Annotated[float, Positive, About("speed to keep", "m/s")] = 20.0
     seconds: Annotated[float, Positive, Le(120.0), About("length of a trial", "s")] = 15.0
-    offset: Annotated[
-        float, Positive, About("from a lane's centre, within which a driver keeps the lane", "m")
-    ] = 0.6
+    offset: Annotated[float, Positive, About("greatest distance from the lane's centre", "m")] = 0.6
     within: Annotated[
-        float, Positive, About("of the speed, within which a driver keeps it", "m/s")
+        float, Positive, About("greatest difference from the speed to keep", "m/s")
     ] = 3.0
     share: Annotated[
         float, Positive, Le(1.0), About("share of the trial in which both must hold")
@@ -119,10 +117,11 @@ class StudyPlan(NamedTuple):
         replays = []
         for scenario in dict.fromkeys(case.concrete.scenario for case in self.cases):
             for ads in self.ads:
-                able = [case for case in self.cases
+                driven = [case for case in self.cases
                     if case.concrete.scenario == scenario and ads in case.ads]  # fmt: skip
-                chosen = draw.permutation(len(able))[: self.settings.replays]
-                replays += [(able[place], ads) for place in sorted(chosen.tolist())]
+                # sorted: a change would show participants who continue other replays
+                chosen = sorted(draw.permutation(len(driven))[: self.settings.replays].tolist())
+                replays += [(driven[place], ads) for place in chosen]
         return [replays[place] for place in draw.permutation(len(replays))]
 
 
@@ -133,6 +132,7 @@ def balanced_orders(n: int) -> list[list[int]]:
     Williams's design (Aust. J. Sci. Res. A 2, 149 (1949)): n rows for an even n, 2 n for an odd
     one.
     """
+    # 0, 1, -1, 2, -2, ...
     first = [step // 2 + 1 if step % 2 else -(step // 2) for step in range(n)]
     rows = [[(place + shift) % n for place in first] for shift in range(n)]
     return rows if n % 2 == 0 else rows + [row[::-1] for row in rows]
@@ -141,18 +141,20 @@ def balanced_orders(n: int) -> list[list[int]]:
 def read_study(path: Path) -> StudyPlan:
     """The plan of a study file.
 
-    Raises InputError for each mistake.
+    Raises InputError for the first mistake.
     """
     settings = read_checked(path, StudySettings, "study file")
     run = (path.parent / settings.run).resolve()
     resolved = resolved_run(run)
     uses = {logical.name: (entry.use, logical) for entry, logical in resolved.entries}
     with open_store(run / FACTS) as store:
+        # drivers drive at safe points alone
         safe_points = {(fact.scenario, fact.point) for fact in store.facts("human")}
-        facts = [fact for fact in store.facts("ads") if store.trajectories(fact.case)]
-    names = list(dict.fromkeys(fact.driver for fact in facts))
+        # trajectories may have been discarded
+        driven = [fact for fact in store.facts("ads") if store.trajectories(fact.case)]
+    names = list(dict.fromkeys(fact.driver for fact in driven))  # of ADSs: they drive here
     points: dict[str, list[Fact]] = {}
-    for fact in facts:
+    for fact in driven:
         points.setdefault(f"{fact.scenario}-{fact.point:04d}", []).append(fact)
     safe = [key for key, (one, *_) in points.items() if (one.scenario, one.point) in safe_points]
     count = min(settings.count, len(safe))
@@ -171,7 +173,7 @@ def read_study(path: Path) -> StudyPlan:
     cases = []
     for key in keys:
         use, logical = uses[points[key][0].scenario]
-        file = resolved.source / use
+        file = resolved.source / use  # else `use` names a scenario that ships
         concrete = logical.concrete(**points[key][0].values)
         drives = {fact.driver: fact for fact in points[key]}
         cases.append(StudyCase(key, str(file) if file.is_file() else use, concrete, drives))
