@@ -1,8 +1,8 @@
-"""Brakes and drive in continuous time, for rules that are called once a step and also speed up.
+"""Brakes and motor in continuous time, for rules that are called once a step and also speed up.
 
 As in `sumo_eval.ads.braking`, a rule's command is a path: an acceleration over time that may change
-anywhere within a step. At the beginning of the step the vehicle receives what takes its speed to
-where that path has it at the end.
+anywhere within a step. At the beginning of the step the vehicle gets the one command with which it
+is, at the end of the step, as fast as on that path.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from sumo_eval.kernels import kernel
 _ROLLING = 1e3  # m/s, a speed from which nothing comes to a standstill within a step
 
 PEDALS = fields("level", "given", "owed")
-"""The vehicle's acceleration on the way that its driver means; all 0 at the beginning.
+"""Memory of the acceleration that the rule means and of the vehicle's own; all 0 at the start.
 
-level: where the driver's is, m/s2. given: where the vehicle's is, m/s2. owed: m/s that the vehicle
-    has yet to gain to be as fast as the driver means it to be.
+level: meant acceleration, m/s2.
+given: the vehicle's acceleration, m/s2.
+owed: speed that the vehicle has yet to gain to be as fast as meant, m/s.
 """
 
 

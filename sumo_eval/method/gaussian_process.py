@@ -4,8 +4,8 @@ marginal likelihood.
 A smooth part with a length scale for each coordinate and a common noise: K = sf^2 exp(-|(x -
 x')/sl|^2 / 2) + sn^2 I, and a variance of its own for each training value. The likelihood is
 Rasmussen & Williams (2006), Alg. 2.1 and Eq. 5.9. scikit-learn's regressor has the same (the tests
-compare), in four times the time: it inverts K by solving for a unit matrix and sums over whole
-gradients.
+compare), in four times the time: it solves K X = I for the inverse and builds the (n, n) derivative
+for each hyperparameter.
 """
 
 from __future__ import annotations
@@ -67,20 +67,21 @@ class MarginalLikelihood:
 
     def __init__(self, points: FloatArray, target: FloatArray, variances: FloatArray) -> None:
         self._points, self._target, self._variances = points, target, variances
-        # Squared distances along each coordinate, (k, n n), twice above the diagonal and 0 below:
-        # LAPACK's inverse of a symmetric matrix has one triangle.
+        # Squared distances along each coordinate, (k, n n), twice above the diagonal and 0 below: a
+        # sum with `inner`, of which only this triangle is right, is that over both.
         apart = (points.T[:, :, None] - points.T[:, None, :]) ** 2
         self._squares = 2.0 * np.triu(apart).reshape(points.shape[1], -1)
 
     def __call__(self, theta: FloatArray) -> tuple[float, FloatArray]:
         """The value at theta, the logarithms of the hyperparameters, and its gradient.
 
-        Infinite where K is not positive definite to the last digit.
+        Infinite where K is not positive definite in floating point.
         """
         parameters = Hyperparameters.of_logarithms(theta)
         y, n = self._target, len(self._target)
         k = covariance(self._points, parameters)
         k[np.diag_indices_from(k)] += self._variances
+        # k is symmetric; its transpose is in Fortran's order without a copy
         factor, failed = lapack.dpotrf(k.T, lower=1, clean=1)
         if failed:
             return np.inf, np.zeros(len(theta))
@@ -91,16 +92,17 @@ class MarginalLikelihood:
             + 0.5 * n * np.log(2.0 * np.pi)
         )
         inverse, _ = lapack.dpotri(factor, lower=1, overwrite_c=1)
-        # Eq. 5.9: dp/dtheta = tr((weights weights^T - K^-1) dK/dtheta) / 2
+        # Eq. 5.9: d log p / d theta = tr((weights weights^T - K^-1) dK/dtheta) / 2
         inner = np.outer(weights, weights)
-        inner -= inverse.T
+        inner -= inverse.T  # right on and above the diagonal only
         diagonal = inner.diagonal().copy()
-        noise = parameters.noise * float(diagonal.sum())
-        # The whole K less its diagonal parts: tr((w w^T - K^-1) K) = w^T y - n.
-        signal = float(y @ weights) - n - noise - float(diagonal @ self._variances)
+        by_noise = parameters.noise * float(diagonal.sum())
+        # dK / d log sf^2 = K - sn^2 I - diag(variances). Over K itself: weights^T y - n.
+        by_signal = float(y @ weights) - n - by_noise - float(diagonal @ self._variances)
+        # dK / d log sl = K (x - x')^2 / sl^2
         inner *= k
-        scales = self._squares @ inner.ravel() / np.array(parameters.length_scales) ** 2
-        return value, -0.5 * np.array([signal, *scales, noise])
+        by_scales = self._squares @ inner.ravel() / np.array(parameters.length_scales) ** 2
+        return value, -0.5 * np.array([by_signal, *by_scales, by_noise])
 
 
 def most_likely(
@@ -114,14 +116,14 @@ def most_likely(
     """The logarithms of the likeliest hyperparameters, and the messages of searches that stopped
     early.
 
-    start: where the first search begins; the rest begin anywhere within the bounds, at
-        scikit-learn's places.
+    start: where the first search begins; further ones at random places within the bounds, the same
+        that scikit-learn draws for this seed.
     bounds: of each logarithm, (k + 2, 2).
     restarts: further searches.
     seed: of their places.
     """
     low, high = bounds.T
-    stream = np.random.RandomState(seed)
+    stream = np.random.RandomState(seed)  # the legacy generator, as in scikit-learn
     found = []
     for start_at in (start.logarithms, *(stream.uniform(low, high) for _ in range(restarts))):
         found.append(

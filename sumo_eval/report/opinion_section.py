@@ -54,7 +54,7 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
 
 
 def _highest(name: str) -> float:
-    """Highest value of a score: S and S+ are points, the others shares."""
+    """Highest value of a score: S and S+ are points, A, H, D and C shares."""
     return 100.0 if name.startswith("S") else 1.0
 
 

@@ -38,11 +38,12 @@ class Briefing:
     """Facts that a controller receives before a case: the road, its own vehicle, the step, s, and
     the wall time of one, s.
 
+    step_timeout: wall time that one call may take, s.
     period: s from one call to the next.
     desired_speed: the speed that the ego wants, m/s: the one that it starts with.
     goal: the end of the road in the lane that it starts in or has to change to, x, y m.
-    change: from which x on and by which it has to change lanes, m; None: it may stay.
-    way: that lane change, for what ships.
+    change: x from which it may change lanes and x by which it must have, m; None: it may stay.
+    way: the same lane change as an object; only baselines use it.
     scenario, values: the scenario's name and its parameters' values if `reveal_scenario` is set,
         else "" and None.
     """
@@ -93,7 +94,7 @@ class Adapter:
         """Nothing is kept between cases."""
 
     def step(self, traci: Any, ego: str, time: float) -> Any:
-        """SUMO is commanded without it."""
+        """Does nothing: SUMO's own model or a listener drives."""
 
     def close(self) -> None:
         """Pass on, when the object has one."""
@@ -169,7 +170,7 @@ def as_command(action: Any) -> Wanted:
     """Request of an action: a Command, pedals or a Plan as it is; else an acceleration in m/s2, or
     a pair with the steering wheel angle in rad.
     """
-    if type(action) is float:
+    if type(action) is float:  # the usual action, at once; the loop checks that it is finite
         return Command(action)
     if isinstance(action, Command | Pedals | Plan):
         return action
@@ -187,7 +188,8 @@ def as_command(action: Any) -> Wanted:
     return Command(*cast(list[float], found))
 
 
-# lane change mode: strategic changes alone, with gaps that are safe for the others
+# lane change mode, bits 0 and 9: strategic changes alone, with gaps that are safe for other
+# vehicles
 _WHERE_THE_ROUTE_ASKS = 513
 SUMO_ATTRIBUTES = (
     "accel", "decel", "apparentDecel", "emergencyDecel", "minGap", "tau", "sigma", "sigmaStep",
@@ -299,7 +301,7 @@ def has_scheme(locator: str) -> bool:
     return locator.partition(":")[0] in ("sumo", *DOORS)
 
 
-_IN_THEIR_OWN_TIME = ("sumo", "traci")
+_IN_THEIR_OWN_TIME = ("sumo", "traci")  # schemes that take no `period`
 
 SUMO_MODELS = (
     "Krauss", "KraussOrig1", "KraussPS", "PWagner2009", "BKerner", "IDM", "IDMM", "EIDM",
@@ -337,10 +339,10 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
     if colon and scheme in DOORS:
         return load_object(DOORS[scheme], None, "ADS")(rest, folder)
     target = SHIPPED.get(locator, locator)
-    if (way := _other_way(target)) is not None:
+    if (hint := _other_way(target)) is not None:
         raise InputError(
             f"ADS `{locator}` must be one that ships, or of the form `module:name` or "
-            f"`file.py:name`: {way}."
+            f"`file.py:name`: {hint}."
         )
     if ":" not in target:
         raise InputError(
@@ -365,11 +367,10 @@ _BY_SCHEME = {
 
 
 def _other_way(locator: str) -> str | None:
-    """How something is named that is meant by a locator, and is none; None: nothing is known of
-    it.
-    """
+    """Hint at the locator that a text probably means; None: no hint."""
     scheme, colon, rest = locator.partition(":")
-    plain, suffix = locator.partition("?")[0], Path(locator.partition("?")[0]).suffix
+    plain = locator.partition("?")[0]
+    suffix = Path(plain).suffix
     if scheme.lower() in _BY_SCHEME and ":" in rest:
         return f"{_adapter(_BY_SCHEME[scheme.lower()], rest)} drives it"
     if colon and scheme.lower() in ("ros2", "ros"):
@@ -438,6 +439,7 @@ def own_vehicle_type(target: Any, road: Road) -> dict[str, str] | None:
 
 
 def _named_type(target: Any) -> NativeModel | None:
+    """The checked `vehicle_type` of TraCI code as a model, for its `vtype_on`; None: not named."""
     given = getattr(target, "vehicle_type", None)
     if given is None:
         return None
@@ -540,7 +542,7 @@ def _foreign(found: Any, described: str) -> str | None:
         if smarts
         else next((name for name in FOREIGN if callable(getattr(found, name, None))), None)
     )
-    # of the class itself: CARLA's agents have one without arguments
+    # A callable with arguments is a function here; CARLA's agents are callable, but without any.
     call = getattr(kind, "__call__", None)  # noqa: B004
     if name is None or (
         not smarts and inspect.isfunction(call) and len(inspect.signature(call).parameters) > 1
@@ -562,7 +564,9 @@ def _foreign(found: Any, described: str) -> str | None:
 
 
 def _takes_one_argument(function: Callable[..., Any]) -> bool:
-    """Whether a function takes an observation, and not (traci, ego, time)."""
+    """Whether a function takes an observation, and not (traci, ego, time): exactly one required
+    positional argument and no `*args`.
+    """
     try:
         parameters = inspect.signature(function).parameters.values()
     except (TypeError, ValueError):
