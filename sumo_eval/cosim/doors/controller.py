@@ -483,7 +483,7 @@ def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None
         raise InputError(refusal)
     if inspect.isclass(found):
         found = made(found, options or {}, described)
-    elif options and hasattr(found, "options"):
+    elif options and hasattr(found, "options"):  # a program, of `exec:` or `traci:`
         found.options = dict(options)
         _named_type(found)  # refused before the first case
     elif options:

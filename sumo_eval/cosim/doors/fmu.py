@@ -231,7 +231,7 @@ class _Fmu:
                 wired[what] = [self._variable(name, "outputs")]
             elif places:
                 wired[what] = [variable for _, variable in places]
-            elif what in wiring.outputs or what in PLAN[:3]:
+            elif what in wiring.outputs or what in PLAN[:3]:  # a plan needs time, x and y
                 raise InputError(
                     f"FMU `{self.path.name}` has no output `{name}`, nor `{name}[1]`, for "
                     f"`{what}`; `outputs` must map "
@@ -404,6 +404,7 @@ def _count(variable: Any) -> int | None:
 def _objects(seen: Observation) -> dict[str, list[float]]:
     """Values of each vehicle that is seen, the nearest first, then those of an empty place."""
     found: dict[str, list[float]] = {}
+    empty = {"gap": NO_LEAD_GAP, "kind": -1.0}  # all else 0
     for name in OBJECTS:
         field_name = name.removeprefix("objects_")
         if field_name == "kind":
@@ -413,7 +414,7 @@ def _objects(seen: Observation) -> dict[str, list[float]]:
                 1.0 if field_name == "present" else float(getattr(it, field_name))
                 for it in seen.vehicles
             ]
-        found[name] = [*values, {"gap": NO_LEAD_GAP, "kind": -1.0}.get(field_name, 0.0)]
+        found[name] = [*values, empty.get(field_name, 0.0)]
     return found
 
 
@@ -582,7 +583,7 @@ def _number(text: str) -> float | str:
     try:
         return float(text)
     except ValueError:
-        return text.strip('"')
+        return text.strip("\"'")
 
 
 def _fmpy() -> Any:
