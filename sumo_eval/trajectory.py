@@ -178,6 +178,13 @@ class Collision:
         return float(np.hypot(*np.subtract(self.ego_velocity, self.other_velocity)))
 
 
+NO_RETURN = "no_return"
+"""The clip of a contact: first_time is the point of no return, s, `NEVER` where no braking avoids
+it, `UNKNOWN` where the replay is another drive; requested, s: when the ADS first braked, or
+`NEVER`."""
+NEVER, UNKNOWN = -1.0, -2.0
+
+
 @dataclass(frozen=True, slots=True)
 class Clip:
     """A request that a limit or a check did not let through as it was: what, how often, first when,

@@ -83,7 +83,7 @@ def _table(found: CaseLevers) -> Iterator[str]:
     for it in found.answers:
         line = f"  {it.lever.name:<28} {effect_words(it, hit)}"
         bar = "█" * max(round(it.share * _BAR), 1) if it.flips else ""
-        yield f"{line}  {bar} {100.0 * it.share:.1f} % of its range" if bar else line
+        yield f"{line}  {bar} {100.0 * it.share:z.1f} % of its range" if bar else line
     yield f"{found.drives} drives; a delay acts in whole steps of the simulation."
 
 
@@ -104,5 +104,7 @@ def _table_of_all(found: Sequence[CaseLevers]) -> Iterator[str]:
         for it in chain.from_iterable(one.answers for one in cases):
             shares.setdefault(it.lever.name, []).extend([it.share] * bool(it.flips))
         for name, all_of in sorted(shares.items(), key=lambda pair: -len(pair[1])):
-            half = f", half of them by at most {100.0 * median(all_of or [0.0]):.0f} % of its range"
+            half = (
+                f", half of them by at most {100.0 * median(all_of or [0.0]):z.0f} % of its range"
+            )
             yield f"  {name:<28} avoids {len(all_of)}{half if all_of else ''}"

@@ -16,13 +16,17 @@ from sumo_eval.cosim.loop import Replay
 from sumo_eval.cosim.simulation import simulate_together
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import ConditionSettings, SimulationSettings
-from sumo_eval.trajectory import Alone, Clip, Collision, FloatArray, Recording
+from sumo_eval.trajectory import (
+    NEVER,
+    NO_RETURN,
+    UNKNOWN,
+    Alone,
+    Clip,
+    Collision,
+    FloatArray,
+    Recording,
+)
 
-NO_RETURN = "no_return"
-"""The clip of a contact: first_time is the point of no return, s, `NEVER` where no braking avoids
-it, `UNKNOWN` where the replay is another drive; requested, s: when the ADS first braked, or
-`NEVER`."""
-NEVER, UNKNOWN = -1.0, -2.0
 BRAKES = 0.5  # m/s2, commanded deceleration from which an ADS is said to brake
 _LATE = 64  # steps before a contact among which most points of no return lie
 _SAME = 1e-6  # s and m/s, contacts that differ by less are one

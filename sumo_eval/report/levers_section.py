@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sumo_eval.report.page import case_key
 from sumo_eval.report.verdict import Beside
@@ -13,8 +13,10 @@ from sumo_eval.report.words import cause_words, point
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.quantities import cause_of_contact
 from sumo_eval.trajectory import Collision
-from sumo_eval.whatif.levers import Lever
-from sumo_eval.whatif.search import Answer
+
+if TYPE_CHECKING:  # they load the simulator, which a look at a report does not need
+    from sumo_eval.whatif.levers import Lever
+    from sumo_eval.whatif.search import Answer
 
 MOST_CHANGES = 4  # further changes of a lever that are named; JSON has all
 
@@ -38,7 +40,7 @@ def levers_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
 
 def ends_words(hit: Collision | None) -> str:
     """`collision at 2.25 s`."""
-    return "no collision" if hit is None else f"collision at {hit.time:.2f} s"
+    return "no collision" if hit is None else f"collision at {hit.time:z.2f} s"
 
 
 def effect_words(answer: Answer, hit: Collision | None) -> str:
@@ -49,16 +51,16 @@ def effect_words(answer: Answer, hit: Collision | None) -> str:
     lever = answer.lever
     unit = unit_of(lever)
     verb = "brings a collision" if hit is None else "avoids it"
-    start = f"{lever.recorded:.5g}"
+    start = f"{lever.recorded:z.5g}"
     if not answer.felt:
         return f"{start}{unit}: not felt, the ADS sees the world as it is"
     if not answer.flips:
         return f"{start}{unit}: none of {answer.tried} values {verb}"
     flip, *rest = answer.flips
     more = f" and {len(rest) - MOST_CHANGES} more values" if len(rest) > MOST_CHANGES else ""
-    values = ", ".join(f"{it.after:.4g}" for it in rest[:MOST_CHANGES])
+    values = ", ".join(f"{it.after:z.4g}" for it in rest[:MOST_CHANGES])
     others = f"; also changes at {values}{more}" if rest else ""
-    return f"{start} -> {flip.after:.5g}{unit} {verb}, {flip.before:.5g} does not{others}"
+    return f"{start} -> {flip.after:z.5g}{unit} {verb}, {flip.before:z.5g} does not{others}"
 
 
 def unit_of(lever: Lever) -> str:
@@ -75,12 +77,12 @@ def _bar(answer: Answer, hit: Collision | None) -> dict[str, Any]:
     return {
         "name": lever.name,
         "words": effect_words(answer, hit).replace("->", "→"),
-        "share": f"{100.0 * answer.share:.1f} %" if flips else "",
+        "share": f"{100.0 * answer.share:z.1f} %" if flips else "",
         "range": f"{lever.low:g} to {lever.high:g}{unit_of(lever)}",
-        "at": f"{at:.1f}",
-        "to": f"{to:.1f}",
-        "low": f"{low:.1f}",
-        "width": f"{high - low:.1f}",
+        "at": f"{at:z.1f}",
+        "to": f"{to:z.1f}",
+        "low": f"{low:z.1f}",
+        "width": f"{high - low:z.1f}",
         "parts": list(_collides(answer, hit)) if answer.felt else [],
     }
 
@@ -93,5 +95,5 @@ def _collides(answer: Answer, hit: Collision | None) -> Iterator[tuple[str, str]
     collides = (hit is not None) != (below % 2 == 1)
     for begin, end in pairwise([0.0, *turns, 100.0]):
         if collides:
-            yield f"{begin:.1f}", f"{end - begin:.1f}"
+            yield f"{begin:z.1f}", f"{end - begin:z.1f}"
         collides = not collides

@@ -13,7 +13,6 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from sumo_eval.cases import EVALUATED, GAVE_UP, CaseResult, CaseTable, Zone, counts
-from sumo_eval.cosim.no_return import NEVER, NO_RETURN, UNKNOWN
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.method.conflict import conflict_at
@@ -48,7 +47,7 @@ from sumo_eval.scoring.requirements import requirements_missed
 from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.settings import MethodSettings
 from sumo_eval.text import without_numbers
-from sumo_eval.trajectory import BoolArray
+from sumo_eval.trajectory import NEVER, NO_RETURN, UNKNOWN, BoolArray
 
 _RECORDED = {item.name for item in fields(CaseResult)} & {item.name for item in fields(Fact)} - {
     "clips"

@@ -4,11 +4,12 @@ import pytest
 from cosim_cases import case, lead
 
 from sumo_eval.cosim.loop import Replay
-from sumo_eval.cosim.no_return import NEVER, NO_RETURN, UNKNOWN, with_no_return
+from sumo_eval.cosim.no_return import with_no_return
 from sumo_eval.cosim.simulation import simulate, simulate_many, simulate_together
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import Request, sample
 from sumo_eval.settings import SimulationSettings
+from sumo_eval.trajectory import NEVER, NO_RETURN, UNKNOWN
 
 USUAL = SimulationSettings()
 STRONGEST, RAMP = USUAL.vehicle.max_deceleration, USUAL.vehicle.brake_build_up

@@ -30,7 +30,6 @@ import numpy as np
 
 import sumo_eval
 from sumo_eval.cosim.doors.controller import SHIPPED
-from sumo_eval.cosim.no_return import NO_RETURN
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Store, open_store
 from sumo_eval.scenario.catalogue import SCENARIOS, load
@@ -44,7 +43,7 @@ from sumo_eval.settings import (
     ScenarioSettings,
     ZoneSettings,
 )
-from sumo_eval.trajectory import CHANNELS
+from sumo_eval.trajectory import CHANNELS, NO_RETURN
 
 FOLDER = Path(__file__).parent
 POINTS, FEW_POINTS = 12, 4
