@@ -140,7 +140,7 @@ def _levers(done: Evaluation, beside: Beside) -> CaseLevers | None:
     if took > LONGEST_LEVERS:
         command = shlex.join(["sumo-eval", "whatif", str(done.folder), case])
         return CaseLevers(
-            fact, why_not=f"Its drives may take {took / 60.0:.0f} min, so run: {command}"
+            fact, why_not=f"Its drives may take {took / 60.0:z.0f} min, so run: {command}"
         )
     return WhatIf(done.folder).answers_or_why_not(fact)
 

@@ -11,7 +11,7 @@ from sumo_eval.report.page import case_key
 from sumo_eval.report.verdict import Beside
 from sumo_eval.report.words import cause_words, point
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.quantities import cause_of_contact
+from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.trajectory import Collision
 
 if TYPE_CHECKING:  # they load the simulator, which a look at a report does not need

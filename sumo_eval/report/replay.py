@@ -22,7 +22,7 @@ from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact_of, encode_traje
 from sumo_eval.report.words import cause_words, point
 from sumo_eval.scenario.concrete import RECORDED_EVERY
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scoring.quantities import cause_of_contact
+from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.trajectory import Trajectory
 
 ROLES_BESIDE: Final[tuple[Role, ...]] = ("ads", "human", "ideal")

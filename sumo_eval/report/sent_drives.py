@@ -21,7 +21,7 @@ from sumo_eval.cases import CaseResult
 from sumo_eval.record.cases import Role
 from sumo_eval.record.store import EGO, RECORDED, Fact, Store, open_store
 from sumo_eval.report.packing import LEVEL, packed_bytes
-from sumo_eval.scoring.quantities import cause_of_contact
+from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
 
 CHANNEL_STEPS = {

@@ -37,9 +37,9 @@ from sumo_eval.results import (
     ThinReferences,
     WorstAndBest,
 )
+from sumo_eval.scoring.contact_cause import ContactCause
 from sumo_eval.scoring.findings import Findings, findings, people_behind
 from sumo_eval.scoring.preventability import Verdict, reference_ads
-from sumo_eval.scoring.quantities import ContactCause
 from sumo_eval.settings import EvaluationSettings
 
 REASON_WITHOUT_C = "no case that tells how collisions are avoided could be evaluated"

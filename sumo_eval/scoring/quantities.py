@@ -8,7 +8,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
@@ -40,6 +40,7 @@ from sumo_eval.results import (
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_values
+from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.scoring.drive_measures import finite
 from sumo_eval.scoring.driving_task import TaskOfDrive
 from sumo_eval.scoring.likeness import DriverComparison, Survey, beside_people, reference_notes
@@ -47,7 +48,7 @@ from sumo_eval.scoring.requirements import requirements_missed
 from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.settings import MethodSettings
 from sumo_eval.text import without_numbers
-from sumo_eval.trajectory import NEVER, NO_RETURN, UNKNOWN, BoolArray
+from sumo_eval.trajectory import NO_RETURN, BoolArray
 
 _RECORDED = {item.name for item in fields(CaseResult)} & {item.name for item in fields(Fact)} - {
     "clips"
@@ -248,31 +249,6 @@ def tabulate(
         )
         index = people.indexes.get(fact.case)
         yield replace(row, human_likeness=_human_likeness(row, index) if known.people else None)
-
-
-class ContactCause(NamedTuple):
-    """Fields of a case with a contact; their meanings are those of `CaseResult`."""
-
-    contact_cause: str
-    no_return_time: float | None = None
-    braking_time: float | None = None
-
-
-def cause_of_contact(fact: Fact) -> ContactCause:
-    """Cause of a contact, from when its ADS braked and the point of no return.
-
-    never_braked, late: first after the point of no return, weak: before it, unavoidable_by_braking:
-    full braking from the start on does not avoid it. not_repeatable: the replay is another drive.
-    """
-    clip = next((clip for clip in fact.clips if clip.what == NO_RETURN), None)
-    if clip is None or clip.first_time == UNKNOWN:
-        return ContactCause("not_repeatable")
-    last, braked = clip.first_time, clip.requested
-    if last == NEVER:
-        return ContactCause("unavoidable_by_braking")
-    if braked == NEVER:
-        return ContactCause("never_braked", last)
-    return ContactCause("late" if braked > last else "weak", last, braked)
 
 
 def _human_likeness(row: CaseResult, index: AnthropomorphicIndex | None) -> float | None:

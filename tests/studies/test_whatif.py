@@ -16,7 +16,7 @@ from sumo_eval.record.store import open_store
 from sumo_eval.report.explain import known_case
 from sumo_eval.report.sent_drives import contact_of
 from sumo_eval.scenario import catalogue
-from sumo_eval.scoring.quantities import cause_of_contact
+from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.whatif.search import WhatIf
 
