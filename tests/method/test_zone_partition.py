@@ -69,6 +69,7 @@ def test_law_the_hazardous_gaps_of_a_cut_in_are_an_interval_safe_on_both_sides()
     assert 2.0 * 40 / 3.6 + critical_gap(40 / 3.6) == pytest.approx(39.67, abs=0.01)
 
 
+@pytest.mark.campaign
 def test_the_partition_of_a_cut_in_finds_the_interval_and_a_most_dangerous_point_that_exists():
     zones = partition(CUT_IN, QUICK)
     assert zones.zones >= 1
@@ -84,6 +85,7 @@ def test_the_partition_of_a_cut_in_finds_the_interval_and_a_most_dangerous_point
     assert any("coarser than the scenario's own" in note for note in zones.notes)
 
 
+@pytest.mark.campaign
 def test_a_braking_lead_is_evaluated_by_the_search_and_learnt():
     zones = partition(load("front_vehicle_braking"), QUICK)
     # At 9.81 m/s2 the lead stands after 20.4 m; the ego needs 20 + 40 m and has 10 m more. At 1.81

@@ -62,6 +62,7 @@ def recovered(folder: Path, scenes: int, expected: float, seed: int) -> dict[str
     return in_rate | in_ends | in_correlations | at_once
 
 
+@pytest.mark.campaign
 def test_what_was_planted_is_found_again_and_the_files_can_be_driven(tmp_path):
     source, out = tmp_path / "fcd.csv", tmp_path / "learnt"
     _, events = planted(source, 44, 32.0, 6)

@@ -29,6 +29,7 @@ def least(repetitions: int) -> float:
     return 0.95 * repetitions - 3.0 * np.sqrt(0.95 * 0.05 * repetitions)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("known", ["given", pytest.param("counted", marks=pytest.mark.campaign)])
 def test_the_interval_of_a_sum_holds_it_where_few_drives_collide(known):
     below, above, mean = held(known, 20, 100)

@@ -52,6 +52,7 @@ def grid_of(logical, side=100):
     return points[logical.feasible(points)]
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     "truth", [pytest.param(slanting_interval, marks=pytest.mark.campaign), two_pieces]
 )
@@ -111,6 +112,7 @@ def test_while_everything_ends_alike_the_trials_are_spread_evenly_and_nothing_is
     assert len({(int(a / 2.5001), int(b / 2.5001)) for a, b in search.points}) == 16
 
 
+@pytest.mark.campaign
 def test_three_parameters():
     logical = square("a", "b", "c")
     truth = lambda p: np.linalg.norm(p - 5.0, axis=1) < 3.5  # noqa: E731

@@ -139,6 +139,7 @@ def one_experiment(random):
     )
 
 
+@pytest.mark.campaign
 def test_95_per_cent_intervals_hold_the_truth_in_95_per_cent_of_200_repetitions():
     random = np.random.default_rng(2026)
     truth = {
