@@ -7,8 +7,8 @@
 #   make check   lint, format, types, import contracts, circles, dead names
 PYTHON ?= python3
 VENV ?= .venv
-# Twice as many as there are cores: some tests wait for the clock, the others drive meanwhile.
-TEST_PROCESSES ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) \* 2)
+# Half as many again as there are cores: some tests wait for the clock, the others drive meanwhile.
+TEST_PROCESSES ?= $(shell expr \( $$(getconf _NPROCESSORS_ONLN) \* 3 + 1 \) / 2)
 OUT ?= results/$(shell date +%Y%m%d-%H%M%S)
 BIN := $(VENV)/bin
 # Python compiles a package when it is first imported: most of what is installed never is. It keeps the result, whatever

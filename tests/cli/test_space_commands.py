@@ -112,6 +112,7 @@ def test_boundary_finds_an_edge_and_writes_it(tmp_path):
     assert written == {"trials.csv", "chances.csv", "boundary.json", "boundary.html"}
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("held", [(), ("obstacle_speed=5",), ("ego_speed=30", "obstacle_speed=5")])
 def test_an_edge_is_drawn_for_a_paper_from_what_the_search_wrote(tmp_path, held):
     pytest.importorskip("matplotlib")

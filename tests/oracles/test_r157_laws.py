@@ -35,6 +35,7 @@ def contact(point: Point, controller: str, **where: float) -> float | None:
     return None if recording.collision is None else recording.collision.time
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("controller", ONE_IN_THE_SUITE)
 def test_a_cut_in_depends_on_the_difference_of_the_speeds_only(controller):
     seen = set()

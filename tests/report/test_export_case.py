@@ -438,6 +438,7 @@ def test_the_opendrive_road_is_the_cases_road(run, tmp_path):
 # --- files of the user's, and mistakes ------------------------------------------------------------
 
 
+@pytest.mark.campaign
 def test_an_fmu_keeps_its_mapping_and_drives_again(tmp_path):
     pytest.importorskip("fmpy")
     builder = pytest.importorskip("pythonfmu.builder").FmuBuilder

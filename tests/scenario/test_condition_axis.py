@@ -44,6 +44,12 @@ def test_delay_and_range_are_axes_that_only_the_ads_feels(tmp_path):
     assert not simulate(late, keeps).same_motion(simulate(sharp, keeps))
     assert simulate(late, "no_reaction").same_motion(simulate(sharp, "no_reaction"))
 
+
+@pytest.mark.campaign
+def test_scores_and_maps_work_on_axes_of_conditions(tmp_path):
+    (tmp_path / EXAMPLE.name).write_text(EXAMPLE.read_text())
+    (tmp_path / "keeps.py").write_text(POLICY)
+    logical = catalogue.find(EXAMPLE.name, tmp_path)
     evaluation = """
 name = "seen"
 seed = 3
