@@ -4,6 +4,7 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import sumo_eval
 from sumo_eval.cosim.simulation import simulate
