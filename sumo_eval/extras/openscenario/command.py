@@ -72,9 +72,9 @@ def import_(
         read = read_file(Path(plain), given)
         lines = described(read)
     else:
-        near = did_you_mean(plain, COLLECTIONS)
         raise InputError(
-            f"`import` reads OpenSCENARIO files (.xosc) and catalogues, got {plain}.{near}"
+            f"`import` reads OpenSCENARIO files (.xosc) and catalogues, got {plain}."
+            f"{did_you_mean(plain, COLLECTIONS)}"
         )
     say(lines)
     if out is None:

@@ -72,7 +72,7 @@ def write_scenario(content: Mapping[str, Any], path: Path) -> None:
     """
     if path.suffix != ".toml":
         raise must_be("`--out`", "import", "a file that ends with .toml", str(path))
-    write_page(path, tomli_w.dumps(dict(content)), "The scenario file")
+    write_page(path, tomli_w.dumps(content), "The scenario file")
 
 
 def _names(actors: Sequence[Actor]) -> list[str]:
@@ -92,20 +92,16 @@ def _road(road: Road) -> dict[str, Any]:
         raise must_be("The road", "`import --out`", "the same lanes throughout", road.name)
     # which a scenario file's road has of its own
     name = road.name.removesuffix(bend_name(road.line, named=False))
-    found: dict[str, Any] = {
+    return {
         "name": name, "lanes": road.lanes, "lane_width": road.lane_width,
-        "length": road.length + road.run_out,
+        "length": road.length + road.run_out, "line": [_piece(piece) for piece in road.line],
     }  # fmt: skip
-    if road.line:
-        found["line"] = [_piece(piece) for piece in road.line]
-    return found
 
 
 def _piece(piece: Piece) -> dict[str, float]:
-    bent = {"begin_radius": piece.begin, "end_radius": piece.end}
-    if piece.begin == piece.end:
-        bent = {"radius": piece.begin}
-    return {"length": piece.length} | {key: 1.0 / value for key, value in bent.items() if value}
+    keys = ("radius",) if piece.begin == piece.end else ("begin_radius", "end_radius")
+    values = zip(keys, (piece.begin, piece.end), strict=False)
+    return {"length": piece.length} | {key: 1.0 / value for key, value in values if value}
 
 
 def _ego(there: ConcreteScenario) -> dict[str, Any]:
