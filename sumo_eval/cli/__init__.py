@@ -143,7 +143,10 @@ class _Group(click.Group):
                     formatter.write_dl(shown)
 
     def _line(self, ctx: click.Context, name: str) -> str:
-        command = self.get_command(ctx, name)
+        try:
+            command = self.get_command(ctx, name)
+        except InputError as error:  # of a package that is broken: the help of others still shows
+            return str(error)
         assert command is not None
         return command.get_short_help_str(limit=WHOLE)
 

@@ -350,8 +350,9 @@ class World:
         if hit is not None and hit.side == "rear" and actors[int(ego["struck"])].model is not None:
             self.note(case, "struck_from_behind", hit.relative_speed, self._in_its_lane_for(row))
         counts = self.others["samples"][row].tolist()
-        commands = self._commands[row, : self.steps].copy()
-        known = hit is not None and len(commands) == self.steps and not np.isnan(commands).any()
+        commands = None
+        if hit is not None and self.steps <= self._commands.shape[1]:
+            commands = self._commands[row, : self.steps].copy()
         self.ended[case] = partial(
             Recording,
             self._trajectory(row, 0, int(ego["samples"]), vehicle),
@@ -359,7 +360,7 @@ class World:
             hit,
             reason,
             self._clips(row, case),
-            commands=commands if known else None,
+            commands=None if commands is None or np.isnan(commands).any() else commands,
         )
         return case
 

@@ -114,7 +114,7 @@ def run_night(
             write_junit(suites, done.folder / JUNIT, score_parts(done))
             since = {limit: one.words for limit, one in judged.since.items()}
             beside = Beside(comparison, gates, since, tuple(notes))
-            beside = replace(beside, levers=_levers(done, beside))
+            beside = replace(beside, levers=_levers(done, beside, progress))
             report = write_assessed_report(done, beside, progress=progress)
         strict = bool(done.not_evaluated) and done.settings.run.incomplete == "gate"
         status = NOT_EVALUATED if done.not_evaluated else DONE
@@ -130,7 +130,7 @@ def run_night(
         return NightResult(line, done, judged, tuple(notes), report, trend)
 
 
-def _levers(done: Evaluation, beside: Beside) -> CaseLevers | None:
+def _levers(done: Evaluation, beside: Beside, progress: Progress) -> CaseLevers | None:
     """The levers of the case to look at first; None where it has no contact."""
     case = first_case(done, beside)
     fact = known_case(done.folder, case) if case else None
@@ -142,7 +142,7 @@ def _levers(done: Evaluation, beside: Beside) -> CaseLevers | None:
         return CaseLevers(
             fact, why_not=f"Its drives may take {took / 60.0:z.0f} min, so run: {command}"
         )
-    return WhatIf(done.folder).answers_or_why_not(fact)
+    return WhatIf(done.folder, progress).answers_or_why_not(fact)
 
 
 def _begin(history: Path, lines: History, notes: list[str], resume: bool) -> str:

@@ -84,13 +84,16 @@ def packed(trajectory: Trajectory) -> bytes:
 
 def unpack(data: bytes) -> Trajectory:
     """The trajectory that `packed` wrote."""
-    n, length, width = _HEADER.unpack_from(data)
-    size = n * _SAMPLE_BYTES
     inflating = zlib.decompressobj()
-    body = np.frombuffer(inflating.decompress(data[_HEADER.size :], size + 1), dtype=np.uint8)
+    try:
+        n, length, width = _HEADER.unpack_from(data)
+        size = n * _SAMPLE_BYTES
+        body = np.frombuffer(inflating.decompress(data[_HEADER.size :], size + 1), dtype=np.uint8)
+    except (struct.error, zlib.error) as error:
+        raise InputError(f"A recorded trajectory is damaged: {error}.") from error
     if body.size != size or not inflating.eof or inflating.unused_data:
         raise InputError(
-            f"A recorded trajectory of {n} samples must be {size} bytes deflated, and is not."
+            f"A recorded trajectory of {n} samples must inflate to {size} bytes, and does not."
         )
     block = np.empty((len(CHANNELS), n))
     row = offset = 0

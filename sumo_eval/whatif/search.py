@@ -15,6 +15,7 @@ from sumo_eval.cases import EVALUATED
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import run_cases
+from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.record.run_folder import resolved_run
 from sumo_eval.record.store import Fact
 from sumo_eval.trajectory import Collision
@@ -73,7 +74,8 @@ class CaseLevers:
 class WhatIf:
     """Recorded cases of a run, rerun with one lever moved."""
 
-    def __init__(self, run: Path) -> None:
+    def __init__(self, run: Path, progress: Progress = quiet) -> None:
+        self._progress = progress
         self._run = resolved_run(run)
         settings = self._run.settings
         # a contact ends a case before anything else could
@@ -162,7 +164,10 @@ class WhatIf:
             if (concrete := moved(logical, fact.values, lever, value)) is not None
         ]
         self._drives += len(cases)
-        known = {it.case.point: it for it in run_cases(cases, self._setup)}
+        known = {}
+        for number, it in enumerate(run_cases(cases, self._setup), start=1):
+            known[it.case.point] = it
+            self._progress("levers", number, len(cases))
         outcomes = [known.get(number) for number in range(len(asked))]
         return [it if it is not None and it.status in EVALUATED else None for it in outcomes]
 

@@ -63,6 +63,8 @@ def test_what_is_not_a_command_gets_status_2(site: Path, entry: str, sentence: s
     done = CliRunner().invoke(cli.main, ["weather"])
     assert done.exit_code == 2
     assert sentence in done.output
+    help_ = CliRunner().invoke(cli.main, ["--help"])
+    assert (help_.exit_code, sentence in " ".join(help_.output.split())) == (0, True)
 
 
 def test_our_command_without_its_entry_point_says_what_to_do(

@@ -339,3 +339,16 @@ def test_commands_as_large_as_floats_get_are_clipped_and_on_record():
     assert clips["steering_angle"].requested == 1.7e308
     assert np.isfinite(found.ego.speed).all()
     assert ROAD.right_edge < found.ego.y.max() < ROAD.left_edge + 1.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [((20.0, 3.0), "vehicle.setSpeed() takes 2 positional arguments"), ((None,), "argument 2")],
+)
+def test_wrong_arguments_get_the_message_of_traci(arguments, sentence):
+    def drive(traci, ego, time):
+        traci.vehicle.setSpeed(ego, *arguments)
+
+    found = simulate(case(lead(50.0)), drive, HALF_SECOND)
+    assert found.end_reason == "ads_error"
+    assert sentence in found.error

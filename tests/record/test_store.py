@@ -60,6 +60,14 @@ def test_packing_what_was_unpacked_changes_no_byte() -> None:
     assert packed(unpack(data)) == data
 
 
+@pytest.mark.parametrize("kept", [slice(0, 10), slice(0, 40), slice(0, -1)])
+def test_a_damaged_drive_is_refused_with_a_sentence(kept: slice) -> None:
+    with pytest.raises(InputError, match="A recorded trajectory"):
+        unpack(packed(drive())[kept])
+    with pytest.raises(InputError, match="is damaged: Error -3"):
+        unpack(packed(drive())[:20] + b"no deflated bytes")
+
+
 def test_a_case_comes_back_as_it_was_recorded(tmp_path: Path) -> None:
     clips = (Clip("friction", 3, 0.5, -12.0, -9.0),)
     took = Latency(1e-5, 2e-5, 9e-6, 1.9e-5, 8e-6)

@@ -252,11 +252,12 @@ def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Calla
         return guarded
     direct, takes_effect_later = insides.direct(call, write), call == "setSpeed"
 
-    def quick(vehID: str, number: Any = None, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
+    def quick(vehID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
         # as nearly always: the ego, and a float that is finite
-        usual = vehID == EGO and type(number) is float and number - number == 0.0 and not kwargs
+        number: Any = args[0] if len(args) == 1 and not kwargs else None
+        usual = vehID == EGO and type(number) is float and number - number == 0.0
         if not usual or (hands_over and number < 0.0):
-            return guarded(vehID, *(() if number is None else (number,)), **kwargs)
+            return guarded(vehID, *args, **kwargs)
         if moves:
             guard.moved = True
         if not takes_effect_later:
