@@ -207,6 +207,20 @@ def test_levelx_a_curved_road_becomes_a_straight_one(tmp_path):
     assert (right["x"] / right["t"]).to_numpy() == pytest.approx(20.0, rel=0.03)
 
 
+def test_levelx_facts_that_cannot_be_used_are_refused(tmp_path):
+    path = _levelx(tmp_path)
+    for name, fault, sentence in (
+        ("tracksMeta", lambda table: pd.concat([table, table]), "must name each trackId once"),
+        ("recordingMeta", lambda table: table.assign(frameRate=0), "`frameRate` above 0"),
+    ):
+        file = path.with_name(f"07_{name}.csv")
+        text = file.read_text()
+        fault(pd.read_csv(file)).to_csv(file, index=False)
+        with pytest.raises(InputError, match=sentence):
+            levelx.read(path)
+        file.write_text(text)
+
+
 def test_the_own_table_comes_back_as_it_was_written(tmp_path):
     first = import_recordings("csv", [_plain(tmp_path / "plain.csv")])
     write_csv(first, tmp_path / "again.csv.gz")

@@ -27,22 +27,25 @@ _TRACKS = (
 
 
 def read_tables(path: Path, *columns: Sequence[str]) -> list[pd.DataFrame]:
-    """The tables of a recording of levelX: tracks, vehicles and the recording itself, with at least
-    these columns each.
+    """The tables of a recording of levelX: tracks, vehicles and facts on the recording.
+
+    columns: that each must have at least; of the vehicles their key first.
     """
     stem = path.name.removesuffix("_tracks.csv")
     require(stem != path.name, path, "must be called NN_tracks.csv, beside its NN_tracksMeta.csv")
     names = "tracks", "tracksMeta", "recordingMeta"
     paths = [path.with_name(f"{stem}_{name}.csv") for name in names]
-    tables = [read_table(*item) for item in zip(paths, columns, strict=True)]
-    numbers = {"lonAcceleration", *columns[0]} & {*tables[0]}
-    checked_numbers(tables[0], sorted(numbers), path)
+    tables = [read_table(place, names) for place, names in zip(paths, columns, strict=True)]
+    checked_numbers(tables[0], sorted({"lonAcceleration", *columns[0]} & {*tables[0]}), path)
+    key = columns[1][0]
+    require(not tables[1][key].duplicated().any(), paths[1], f"must name each {key} once")
     checked_numbers(tables[2], ("frameRate",), paths[2])
+    require(tables[2]["frameRate"].iloc[0] > 0.0, paths[2], "must have a `frameRate` above 0")
     return tables
 
 
 def read(path: Path) -> Samples:
-    """The recordings of a file."""
+    """The samples of one recording, and a note on the road users that are left out."""
     tracks, meta, about = read_tables(path, _TRACKS, ("trackId", "class"), ("frameRate",))
     kind = tracks["trackId"].map(meta.set_index("trackId")["class"])
     require(not kind.isna().any(), path, "must hold vehicles of its _tracksMeta.csv only")
