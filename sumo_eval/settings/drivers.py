@@ -56,7 +56,7 @@ class DriverSettings(Checked):
         str, About("folder of drives recorded in named cases, with its cases.csv; empty: none")
     ] = ""
     tolerance: Annotated[
-        dict[str, float] | None,
+        dict[str, PositiveFloat] | None,
         About(
             "how far an event's parameter may be from the concrete scenario's, by parameter; "
             "others keep their own"

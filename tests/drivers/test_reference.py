@@ -106,6 +106,10 @@ def test_drives_in_named_cases_are_taken_as_they_are(tmp_path):
     assert (
         reference(LOGICAL.concrete(ego_speed=25.0, lead_speed=10.0), people, settings).drives == ()
     )
+    cases.assign(lead_speed="slow").to_csv(folder / "cases.csv", index=False)
+    people = open_people(settings, tmp_path)
+    with pytest.raises(InputError, match=r"`lead_speed` in row 2 of .*cases\.csv"):
+        reference(LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0), people, settings)
 
 
 def test_recorded_people_without_a_recording_are_refused(tmp_path):
@@ -157,8 +161,10 @@ def test_a_declared_exposure_is_a_product_of_its_distributions(tmp_path):
         DeclaredDistribution("uniform", 25.0, 25.0)
 
 
-def test_events_that_do_not_vary_are_refused():
+@pytest.mark.parametrize("varied", [[], [3], [3, 8]])  # nowhere, or within one fold only
+def test_events_that_do_not_vary_are_refused(varied):
     events = np.column_stack([np.arange(20.0), np.full(20, 15.0)])
+    events[varied, 1] = 20.0
     with pytest.raises(InputError, match="must vary in each of ego_speed, lead_speed"):
         fit_exposure(events, ("ego_speed", "lead_speed"))
 

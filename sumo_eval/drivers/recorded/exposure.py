@@ -1,7 +1,8 @@
 """Exposure p_i: how often a concrete scenario occurs on the road, from recorded events or as
 declared.
 
-scipy and the recordings' pandas take 1 s to import; they are, where an exposure needs them.
+scipy and the recordings' pandas take 1 s to import, so they are imported only where an exposure
+needs them.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from sumo_eval.scenario.logical import LogicalScenario, Values, uniform_exposure
 from sumo_eval.settings import DeclaredDistribution, DriverSettings, ExposureSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-FOLDS = 5
+FOLDS = 5  # of cross-validation, as is usual: each fit has four fifths of the events
+_EVENTS_A_PARAMETER = 5  # fewer show no distribution
+_SAME = 1e-6  # SI units; events closer than this along a direction do not vary in it
 # bandwidths that cross-validation chooses from, over the data's own deviation
 FACTORS = np.geomspace(0.1, 1.5, 15)
 SUPPORT = 3.0  # kernel deviations; a point further from every event is outside the data's support
@@ -112,7 +115,7 @@ def exposure_of(
     from sumo_eval.drivers.recorded.matching import match_of, matching_events
     from sumo_eval.drivers.recorded.reference import open_people
 
-    match_of(logical.name, logical.recorded)
+    match_of(logical.name, logical.recorded)  # refuses a scenario without one before files are read
     people = open_people(DriverSettings(recordings=tuple(recordings)), source)
     assert people.events is not None
     events = matching_events(people.events, logical.name, logical.recorded)
@@ -143,9 +146,12 @@ def fit_exposure(
     """
     events = np.asarray(points, dtype=np.float64)
     n, k = events.shape
-    if n < 5 * k:
-        raise must_be("The number of recorded events", "an exposure", f"at least {5 * k}", n)
-    if np.linalg.matrix_rank(events - events.mean(axis=0), tol=1e-6) < k:
+    least = _EVENTS_A_PARAMETER * k
+    if n < least:
+        raise must_be("The number of recorded events", "an exposure", f"at least {least}", n)
+    fold = np.arange(n) % FOLDS
+    fitted = [events, *(events[fold != number] for number in range(FOLDS))]
+    if any(np.linalg.matrix_rank(part - part.mean(axis=0), tol=_SAME) < k for part in fitted):
         raise InputError(
             f"The recorded events of an exposure must vary in each of {', '.join(names)} on its "
             "own; they do not."
@@ -158,6 +164,7 @@ def fit_exposure(
         "scott": _held_out(events, partial(_kde, factor=scott)),
         "cross_validated": likelihoods[best],
         "single_gaussian": _held_out(events, _gaussian),
+        # over the box of all events: held-out ones are inside, in favour of this comparison
         "uniform": -float(np.log(np.ptp(events, axis=0)).sum()),
     }
     return RecordedExposure(tuple(names), events, factor, held_out)

@@ -168,23 +168,22 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
     """
     if people.named is None:
         return None
-    rows = people.named[people.named["scenario"] == concrete.scenario]
+    rows = people.named[people.named["scenario"] == concrete.scenario].copy()
+    if rows.empty:
+        return None
     for name in concrete.values:
-        if not rows.empty and name not in rows:
+        if name not in rows:
             raise unknown(
                 f"parameter column of {people.folder / NAMED_CASES}",
                 name,
                 [str(c) for c in rows.columns],
             )
-    point = concrete.values.items()
-    files = [
-        str(row["file"])
-        for _, row in rows.iterrows()
-        if all(abs(float(row[name]) - value) < 1e-6 for name, value in point)
-    ]
-    if not files:
+    names, values = list(concrete.values), list(concrete.values.values())
+    checked_numbers(rows, names, people.folder / NAMED_CASES, rows=(rows.index + 2).tolist())
+    here = rows[((rows[names] - values).abs() < 1e-6).all(axis=1)]
+    if here.empty:
         return None
-    drives = [drive for file in files for drive in _drives_in(people.folder / file)]
+    drives = [drive for file in here["file"] for drive in _drives_in(people.folder / str(file))]
     return Reference(tuple(drive for _, drive in drives), tuple(name for name, _ in drives))
 
 
