@@ -11,6 +11,7 @@ import pytest
 from cosim_cases import HALF_SECOND, case, lead
 
 from sumo_eval import Command
+from sumo_eval.cosim.doors.controller import find_controller
 from sumo_eval.cosim.doors.entry import Entry, loading, made_absolute, split_entry
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.errors import InputError
@@ -175,6 +176,7 @@ def test_a_late_answer_is_late_once_and_not_at_every_step_that_it_holds():
             "`period` of ADS `mine.py:Counting?period=0.07` must be a multiple of",
         ),
         ("mine.py:Counting?period=-1", "must be a number greater than 0 s, got -1"),
+        ("mine.py:Counting?period=" + 400 * "9", "must be a number greater than 0 s, got 999"),
         ("mine.py:Counting?period=soon", "must be a number greater than 0 s, got 'soon'"),
         (
             "mine.py:Counting?options.gian=2",
@@ -214,6 +216,8 @@ def test_what_a_class_loads_is_loaded_once_in_a_process(folder):
     simulate(case(), locator, HALF_SECOND, folder=folder)
     assert loading().startswith("Loading Network took 0.0")
     assert loading() == ""
+    simulate(case(), "mine.py:Network?options.size=8", HALF_SECOND, folder=folder)
+    assert find_controller(locator, folder).load_once.__globals__["loaded"] == [7, 8]
 
 
 def test_a_retrained_network_is_another_ads_and_a_file_that_is_not_there_is_refused(folder):

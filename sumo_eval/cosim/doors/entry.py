@@ -11,6 +11,7 @@ import inspect
 import json
 import re
 import shlex
+import sys
 import time as clock
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -26,8 +27,9 @@ _ENTRY = re.compile(rf"\?(?=([^?]*&)?({_PERIOD}=|{_BATCH}=|{re.escape(_OPTION)})
 LOAD_ONCE = "load_once"
 """The name of a class method that loads what all objects of the class share."""
 
-_loaded: dict[type, float] = {}
-_told: set[type] = set()
+_loaded: dict[type, tuple[Mapping[str, Any], float]] = {}
+"""Options and time, s, of the last `LOAD_ONCE` of a class in this process."""
+_unreported: list[type] = []
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +66,7 @@ def split_entry(locator: str) -> tuple[str, Entry]:
             if (
                 isinstance(value, bool)
                 or not isinstance(value, int | float)
-                or not 0.0 < value < float("inf")
+                or not 0.0 < value <= sys.float_info.max
             ):
                 raise must_be("`period`", f"ADS `{locator}`", "a number greater than 0 s", value)
             period = float(value)
@@ -140,10 +142,7 @@ def steps_between(period: float, step: float, owner: str) -> int:
 
 
 def made(kind: type, options: Mapping[str, Any], described: str) -> Any:
-    """An object of a user's class, made with its options.
-
-    What its class loads once a process is there before.
-    """
+    """An object of a user's class, made with its options after a `LOAD_ONCE` with the same ones."""
     _load_once(kind, options, described)
     try:
         return kind(**options)
@@ -157,7 +156,8 @@ def made(kind: type, options: Mapping[str, Any], described: str) -> Any:
 
 
 def _load_once(kind: type, options: Mapping[str, Any], described: str) -> None:
-    if kind in _loaded or not callable(load := getattr(kind, LOAD_ONCE, None)):
+    load = getattr(kind, LOAD_ONCE, None)
+    if not callable(load) or (kind in _loaded and _loaded[kind][0] == options):
         return
     began = clock.perf_counter()
     try:
@@ -166,16 +166,17 @@ def _load_once(kind: type, options: Mapping[str, Any], described: str) -> None:
         raise
     except BaseException as error:
         raise InputError(f"ADS `{described}`: `{LOAD_ONCE}` failed: {said(error)}.") from error
-    _loaded[kind] = clock.perf_counter() - began
+    _loaded[kind] = options, clock.perf_counter() - began
+    _unreported.append(kind)
 
 
 def loading() -> str:
     """A sentence on what has been loaded in this process since this was asked last; "" where
     nothing was.
     """
-    new = [kind for kind in _loaded if kind not in _told]
-    _told.update(new)
+    new = list(dict.fromkeys(_unreported))
+    _unreported.clear()
     return "".join(
-        f"Loading {kind.__name__} took {_loaded[kind]:.2f} s, once in this process.\n"
+        f"Loading {kind.__name__} took {_loaded[kind][1]:.2f} s, once in this process.\n"
         for kind in new
     )
