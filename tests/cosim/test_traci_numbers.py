@@ -144,6 +144,7 @@ SILENT = [  # what libsumo takes without a word: measured
     ),
     ("openGap", (1.0, 1.0, -3.0, 1.0), "`duration` = -3.0", "within 0..2147483648 s"),
     ("setStop", ("road", 500.0, 0, -4.0), "`duration` = -4.0", "within 0..2147483648 s"),
+    ("setStop", ("road", 500.0, 0, 4.0, 0, 0.0, -5.0), "`until` = -5.0", "within 0..2147483648 s"),
     ("changeLane", (10**6, 1.0), "`laneIndex` = 1000000", "within 0..1, the lanes of its road"),
     ("changeLane", (2, 1.0), "`laneIndex` = 2", "within 0..1, the lanes of its road"),
     ("changeLane", (-1, 1.0), "`laneIndex` = -1", "within 0..1, the lanes of its road"),

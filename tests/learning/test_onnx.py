@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium
 import numpy as np
@@ -15,7 +16,7 @@ from onnx import TensorProto, helper, numpy_helper
 import sumo_eval.gym  # noqa: F401 - registers the environments
 from sumo_eval.cosim.doors.controller import find_controller, load_controller
 from sumo_eval.cosim.simulation import simulate, simulate_many
-from sumo_eval.errors import InputError
+from sumo_eval.errors import ControllerError, InputError
 from sumo_eval.gym import Action, Feature, Interface, usual
 from sumo_eval.record.identity import locator_identity
 from sumo_eval.scenario import catalogue
@@ -232,6 +233,18 @@ def test_too_many_outputs_end_the_case(tmp_path: Path) -> None:
     recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", SHORT)
     assert recording.end_reason == "ads_error"
     assert "must have the shape (32, 1)" in (recording.error or "")
+
+
+def test_a_choice_that_is_not_there_ends_the_case(tmp_path: Path) -> None:
+    choices = Interface((Feature("ego.speed"),), (Action("acceleration", values=(-1.0, 0.0)),))
+    path = write_model(tmp_path, [(np.zeros((1, 2)), np.array([0.1, 0.3]))], choices)
+    policy = load_controller(f"onnx:{path}").target  # type: ignore[attr-defined]
+    policy._chosen, policy._session = (
+        True,
+        SimpleNamespace(run=lambda *_: [np.full(policy._rows, 2)]),
+    )
+    with pytest.raises(ControllerError, match=r"must name choices 0\.\.1, got 2\.\.2"):
+        policy._answers(np.zeros((1, 1), np.float32))
 
 
 def test_arrays_show_the_world_as_it_is_and_conditions_report_it(tmp_path: Path) -> None:

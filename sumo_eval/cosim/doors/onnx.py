@@ -109,9 +109,14 @@ class OnnxPolicy:
             except Exception as error:
                 raise ControllerError(f"The model {self._name} failed: {said(error)}") from error
             answer = np.asarray(answer)
-            if self._chosen and answer.size == rows and ((answer >= 0) & (answer < wanted)).all():
+            if self._chosen and answer.size == rows:
+                if not ((answer >= 0) & (answer < wanted)).all():
+                    raise ControllerError(
+                        f"The output `{self._output}` of {self._name} must name choices "
+                        f"0..{wanted - 1}, got {answer.min()}..{answer.max()}"
+                    )
                 answer = np.eye(wanted)[answer.reshape(rows)]
-            if answer.shape not in ((rows, wanted), (rows,) if wanted == 1 else (rows, wanted)):
+            if answer.shape != (rows, wanted) and not (wanted == 1 and answer.shape == (rows,)):
                 raise ControllerError(
                     f"The output `{self._output}` of {self._name} must have the shape ({rows}, "
                     f"{wanted}) for {rows} "

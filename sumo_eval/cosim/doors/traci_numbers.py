@@ -116,8 +116,9 @@ HANDS_OVER = frozenset({"setSpeed", "slowDown", "setAcceleration"})
 passed."""
 
 DURATIONS = frozenset(
-    {"duration", "leadTime", "actionStepLength", "boardingDuration", "time", "begTime", "endTime"}
-)
+    {"duration", "until", "leadTime", "actionStepLength", "boardingDuration", "time", "begTime",
+        "endTime"}
+)  # fmt: skip
 """Names of arguments that are durations or times, s."""
 _OPTIONAL = frozenset(
     {
