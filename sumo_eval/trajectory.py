@@ -200,6 +200,7 @@ class Clip:
 
 AloneReason = Literal[
     "on_traci",
+    "asked",
     "one_object",
     "not_together",
     "asks_sumo",
@@ -216,6 +217,7 @@ AloneReason = Literal[
 _ALONE: dict[AloneReason, str] = {
     "on_traci": "The ADS needs the simulation to itself (TraCI code, a listener, a program, an FMU "
     "or a model of SUMO's).",
+    "asked": "The ADS asks for it by `{}`.",
     "one_object": "The ADS is one object for all cases, and may hold something of each.",
     "not_together": "The case or its settings allow no company (its road's network, its "
     "conditions, its vehicle model).",

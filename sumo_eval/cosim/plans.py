@@ -57,7 +57,8 @@ def wanted(answer: object) -> Command | Pedals | Plan:
         return answer
     if answer is HOLD:
         raise ControllerError("The ADS must give a plan before one can hold")
-    raise ControllerError(f"The ADS must return a Command or None, got {type(answer).__name__}")
+    kind = type(answer).__name__
+    raise ControllerError(f"The ADS must return a Command, Pedals, a Plan or None, got {kind}")
 
 
 class Wheel:
@@ -118,7 +119,10 @@ class Wheel:
             and type(steering) is float
             and math.isfinite(acceleration + steering)
         ):
-            return last if speed is None else Command(acceleration, steering)
+            # a class of the ADS's own may answer otherwise when it is read again
+            return (
+                last if type(last) is Command and speed is None else Command(acceleration, steering)
+            )
         return Command(
             _finite("acceleration", acceleration, "Command"),
             _finite("steering", steering, "Command"),

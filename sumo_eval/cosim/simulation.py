@@ -387,10 +387,10 @@ def _rider(
             split_entry(controller)[1],
         )
     if not entry.batch:
-        return alone(ON_TRACI)
+        return alone(Alone("asked", "batch=false"))
+    if its_own and entry.period:  # a batch has one period
+        return alone(Alone("asked", "period"))
     make = partial(adapted, found, name, entry.options)
-    if its_own and entry.period:
-        return alone(ON_TRACI)
     with seen_as_traci():
         ads: Any = make()
     target = _target(ads)
@@ -402,8 +402,10 @@ def _rider(
             return alone(ON_TRACI)
         if not inspect.isclass(found) and not inspect.isfunction(found):
             return alone(ONE_OBJECT)
-        if found in _KEEPS_STATE or getattr(found, "batch", True) is False:
-            return alone(_KEEPS_STATE.get(found, ON_TRACI))
+        if getattr(found, "batch", True) is False:
+            return alone(Alone("asked", "batch = False"))
+        if found in _KEEPS_STATE:
+            return alone(_KEEPS_STATE[found])
         return _Rider(ObjectController, lambda: wrap(make()), hook=found)
     if asks_traci(ads.target if ads.target is not None else ads.act):
         return alone(ASKS_SUMO)
@@ -454,7 +456,7 @@ def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
         times = [
             (start.x - ego.x) / (ego.speed - start.speed)
             for start in starts
-            if ego.speed > start.speed
+            if start.x > ego.x and ego.speed > start.speed
         ]
         return min(times, default=math.inf)
     speeds = [start.speed for start in (ego, *starts) if start.speed > 0.0]

@@ -9,6 +9,7 @@ import pytest
 from cosim_cases import HALF_SECOND, case, lead
 
 from sumo_eval import Command, Plan
+from sumo_eval.cosim.plans import Wheel
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.settings import SimulationSettings, TrackerSettings
 
@@ -27,6 +28,20 @@ def once(make):
             return make(seen) if seen.time == 0.0 else None
 
     return Once
+
+
+class ReadOnce(Command):
+    """A Command that changes with every reading."""
+
+    @property
+    def acceleration(self):
+        values = vars(self)
+        values["readings"] = values.get("readings", 0) + 1
+        return -1.0 * values["readings"]
+
+
+def test_a_command_is_read_once_a_step():
+    assert Wheel(LONG, print).command(ReadOnce(0.0), (0.0, 0.0, 0.0, 9.0), 0.0).acceleration == -1.0
 
 
 def to_the_left(seen):

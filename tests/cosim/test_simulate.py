@@ -303,9 +303,9 @@ def test_the_same_file_has_the_same_module_name_in_every_process(tmp_path, monke
 @pytest.mark.parametrize(
     ("answer", "sentence"),
     [
-        (-3.0, "must return a Command or None, got float"),
-        ((-3.0, 0.0), "must return a Command or None, got tuple"),
-        (True, "must return a Command or None, got bool"),
+        (-3.0, "must return a Command, Pedals, a Plan or None, got float"),
+        ((-3.0, 0.0), "must return a Command, Pedals, a Plan or None, got tuple"),
+        (True, "must return a Command, Pedals, a Plan or None, got bool"),
         (Command(True), "`acceleration` of the ADS's Command must be a finite number, got True"),
         (Command(0.0, False), "`steering` of the ADS's Command must be a finite number, got False"),
         (

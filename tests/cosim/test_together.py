@@ -376,8 +376,16 @@ def test_what_cannot_be_driven_together_is_driven_alone_and_counted(alone):
     nobody = [case(speed=20.0)]
     assert list(simulate_many(nobody, "no_reaction", SHORT, alone=why))
     assert list(simulate_many(nobody, Gives(0.0, 0.0), SHORT, alone=why))
-    assert alone == [*cut_ins, *nobody, *nobody]
-    assert why == {ON_TRACI: len(cut_ins), NOT_TOGETHER: 1, ONE_OBJECT: 1}
+    assert list(simulate_many(cut_ins, Apart, SHORT, alone=why))
+    asked = Alone("asked", "batch = False")
+    assert why == {ON_TRACI: len(cut_ins), NOT_TOGETHER: 1, ONE_OBJECT: 1, asked: len(cut_ins)}
+
+
+class Apart:
+    batch = False
+
+    def step(self, traci, ego, time):
+        return Command(-1.0)
 
 
 class Subclass(CarefulDriver):

@@ -34,7 +34,10 @@ FAULTS = {
         "ads_error",
         "`acceleration` of the ADS's Command must be a finite number, got nan at 0.00 s.",
     ),
-    "wrong_type": ("ads_error", "The ADS must return a Command or None, got str at 0.00 s."),
+    "wrong_type": (
+        "ads_error",
+        "The ADS must return a Command, Pedals, a Plan or None, got str at 0.00 s.",
+    ),
     "leaves": ("ads_error", "The ADS raised at 0.00 s: SystemExit: 3."),
     "interrupts": (
         "ads_error",
