@@ -19,7 +19,7 @@ from typing import Any, Final, NoReturn
 
 import click
 
-from sumo_eval.cli.exit_status import INPUT_WRONG, INTERRUPTED
+from sumo_eval.cli.exit_status import INPUT_WRONG, INTERRUPTED, NOT_READ
 from sumo_eval.cli.sentences import WHOLE, tell
 from sumo_eval.errors import InputError, StoppedError, SumoEvalError, did_you_mean, said
 from sumo_eval.gone import refuse_command
@@ -170,9 +170,9 @@ class _Group(click.Group):
                 import_module("sumo_eval.record.children").cool_down()
             _refuse(str(error))
         except OSError as error:
-            if error.errno == errno.EPIPE:  # who reads has read enough; click knows how to leave
-                raise
             _stdout_to_nowhere()  # else the interpreter would try to write there again when it ends
+            if error.errno == errno.EPIPE:
+                sys.exit(NOT_READ)
             place = f" ({clean(str(error.filename), 200)})" if error.filename else ""
             _refuse(f"{error.strerror or error}{place}. What was finished before is kept.")
         except KeyboardInterrupt:

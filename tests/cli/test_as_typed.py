@@ -101,6 +101,11 @@ def in_a_shell(line: str, folder: Path, **variables: str) -> subprocess.Complete
     )  # fmt: skip
 
 
+def test_closed_pipe_is_no_failed_gate(tmp_path: Path) -> None:
+    done = in_a_shell("sumo-eval schema evaluation | true; exit ${PIPESTATUS[0]}", tmp_path)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
 def test_each_example_that_is_not_run_says_why_and_what_runs_it() -> None:
     assert set(NOT_RUN) < set(EXAMPLES)
     for reason in NOT_RUN.values():
