@@ -28,7 +28,7 @@ from sumo_eval.cli.sentences import say, tell
     help="With --out: a parameter of the point.",
 )
 @flag("--conformity", help="List what of OpenSCENARIO plays, is ignored and is refused.")
-@flag("--steps", hidden=True)
+@flag("--steps", hidden=True)  # removed: refused with what replaces it
 def import_(
     file: str | None,
     folder: str | None,
@@ -62,24 +62,26 @@ def import_(
         if not conformity:
             raise click.UsageError("Missing argument 'FILE'.")
         return
-    plain, given = options_of(file)
-    read = None
-    if plain in COLLECTIONS:
-        lines = listed(plain, COLLECTIONS[plain].files(Path(folder or ".")))
-    elif is_use_case(plain):
-        refuse_use_case(plain)
-    elif plain.endswith(".xosc"):
-        read = read_file(Path(plain), given)
-        lines = described(read)
-    else:
-        raise InputError(
-            f"`import` reads OpenSCENARIO files (.xosc) and catalogues, got {plain}."
-            f"{did_you_mean(plain, COLLECTIONS)}"
-        )
-    say(lines)
-    if out is None:
+    name, options = options_of(file)
+    if values and out is None:
+        raise click.UsageError("`--set` chooses the point that `--out` writes, got no `--out`.")
+    if name in COLLECTIONS:
+        if out is not None or options:
+            what = "`--out` is" if out is not None else "Options `?` are"
+            raise InputError(f"{what} for one file, got the catalogue {name}.")
+        say(listed(name, COLLECTIONS[name].files(Path(folder or "."))))
         return
-    if read is None:
-        raise InputError(f"`--out` is for one file, got the catalogue {plain}.")
-    write_scenario(scenario_content(read, named_values(values, "--set")), out)
-    tell(f"wrote {out}")
+    if is_use_case(name):
+        refuse_use_case(name)
+    if not name.endswith(".xosc"):
+        raise InputError(
+            f"`import` reads OpenSCENARIO files (.xosc) and catalogues, got {name}."
+            f"{did_you_mean(name, COLLECTIONS)}"
+        )
+    if folder is not None:
+        raise click.UsageError(f"`--folder` is for a catalogue, got the file {name}.")
+    read = read_file(Path(name), options)
+    say(described(read))
+    if out is not None:
+        write_scenario(scenario_content(read, named_values(values, "--set")), out)
+        tell(f"wrote {out}")
