@@ -49,8 +49,10 @@ OVERTOOK = 20.0  # s before its lane change within which an overtaking vehicle w
 AROUND = 2.0  # s before and after a lane change that its fit sees
 SPEEDS_EVERY = 10  # samples; speeds are described by quantiles of every tenth
 SHORTEST, LONGEST = 1.0, 15.0  # s; a fitted lane change outside does not count
-# s of a lead's motion that is measured; it keeps the speed it then has
+NEAREST, FARTHEST = 1.5, 6.0  # m across; a fit outside is a move within a lane, or over two
+# s of a lead's motion that is measured; the scenario's lead then keeps the speed that it has
 APPROACH_WINDOW = 5.0
+LEAST_BRAKING = 3  # steps; fewer samples do not determine an acceleration
 BRAKING_HEADWAY = 5.0  # s; a lead that brakes further ahead does not count
 REAR_HEADWAY = 4.0  # s; a vehicle further behind in the new lane does not count
 LEAD_HEADWAY = 6.0  # s; a lead further ahead in the old lane does not count
@@ -58,7 +60,7 @@ LEAD_HEADWAY = 6.0  # s; a lead further ahead in the old lane does not count
 # reasons why an event has no parameters
 NOT_WHOLE = "not recorded from its beginning to its end"
 NOTHING_REVEALED = "no lead that it reveals"
-NO_FIT = "does not fit a lane change of 1 to 15 s"
+NO_FIT = "does not fit a lane change of 1 to 15 s and 1.5 to 6 m"
 REAR_MOVES = "the vehicle behind changes lane as well"
 LEAD_MOVES = "the lead changes lane meanwhile"
 
@@ -92,7 +94,8 @@ class Encounters:
     sources: `recording`, `ego`, `other` and `t` of each.
     motions: recorded motion of the actor of each.
     events: how many count for the rate, those without parameters included.
-    left_out: why these have none. ghosts are in neither.
+    left_out: how many of these have no parameters, by reason.
+    ghosts: how many move as no vehicle can (`RULES`); they count nowhere else.
     """
 
     name: str
@@ -289,7 +292,7 @@ def _sideways(traffic: RecordedTraffic, change: RecordedLaneChange) -> tuple[flo
     seen = (t >= change.onset - AROUND) & (t <= change.end + AROUND)
     y = traffic.y[whole][seen]
     begin, duration, offset = fit_smooth_step(t[seen], y, change.onset, change.duration)
-    if not (SHORTEST <= duration <= LONGEST and 1.5 <= abs(offset) <= 6.0):
+    if not (SHORTEST <= duration <= LONGEST and NEAREST <= abs(offset) <= FARTHEST):
         raise NotMeasuredError(NO_FIT)
     return begin, duration, offset
 
@@ -364,7 +367,7 @@ def _braking(traffic: RecordedTraffic, event: Event) -> Measurement:
     acceleration = traffic.acceleration[first : whole.stop]
     eased = np.flatnonzero(acceleration > -RULES.braking_below)
     steps = int(eased[0]) if eased.size else 0
-    if steps < 3:
+    if steps < LEAST_BRAKING:
         raise NotMeasuredError(NOT_WHOLE)
     pair = _Pair(traffic, event["ego"], event["t"], slice(first, first + steps + 1))
     values = {
