@@ -11,7 +11,7 @@ MODULES = {
     "sumo_eval.adapters": "copy the adapter from docs/examples/adapters: "
     "`carla_agent.py:CarlaAgent?options.agent=...`",
 }
-"""Modules that locators named, and what to do instead."""
+"""Removed modules that a locator may still name, and what to do instead."""
 NAMES = {
     "Brake": "brake_to_stop",
     "ConstantLateral": "constant_lateral",
@@ -30,14 +30,15 @@ COMMANDS = {
     "humans similarity": "D and H compare drives; `export RUN` writes trajectories that tslearn "
     "can compare by DTW",
 }
-"""Commands by their words, and what to do instead."""
+"""Removed subcommands and options, as `command word`, and what to do instead."""
 
 
 def refuse_command(words: Sequence[str]) -> None:
     """Raise InputError where a command line has a removed command or option."""
     for name, instead in COMMANDS.items():
         command, word = name.split()
-        if command in words[:1] and word in words[1:]:
+        places = words[1:] if word.startswith("--") else words[1:2]
+        if command in words[:1] and word in [place.partition("=")[0] for place in places]:
             raise InputError(f"`sumo-eval {name}` was removed: {instead}.")
 
 

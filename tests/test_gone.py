@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from sumo_eval.cli import main
+from sumo_eval.gone import refuse_command
 
 
 @pytest.mark.parametrize(
@@ -22,6 +23,7 @@ from sumo_eval.cli import main
         ("humans coverage EVALUATION", "`recorded_drivers` in cases.csv"),
         ("humans population", "docs/explanation/drivers.md"),
         ("bench --small --whole", "`time sumo-eval run"),
+        ("nightly --install=cron", "docs/examples/nights"),
         ("check sumo_eval.adapters:CarlaAgent?options.agent=my.py:Agent", "docs/examples/adapters"),
     ],
 )
@@ -30,6 +32,10 @@ def test_removed_name_says_where_it_went(arguments: str, replacement: str) -> No
     assert result.exit_code == 2
     assert replacement in " ".join(result.output.split())
     assert "Traceback" not in result.output
+
+
+def test_folder_of_a_removed_name_is_an_argument() -> None:
+    refuse_command(["humans", "import", "coverage"])
 
 
 @pytest.mark.parametrize("use", ['"UC-1.feature.md"', '"autoware"\nfolder = "."'])
