@@ -179,27 +179,26 @@ class SharedFields:
 
         Errors as in `trajectory_fields`.
         """
-        prepared = [self._prepare(place) for place in places] if self._by_boxes else [None]
-        boxed = [one for one in prepared if one is not None]
-        inside = self._stretch.holds(x, y)
-        if len(boxed) < len(prepared):
-            inside[:] = False
-        fields = np.empty((len(places), *y.shape))
-        if inside.any():
+        prepared = [self._prepare(place) if self._by_boxes else None for place in places]
+        boxed = [number for number, one in enumerate(prepared) if one is not None]
+        fields, inside = np.empty((len(places), *y.shape)), self._stretch.holds(x, y)
+        if boxed and inside.any():
             _put_by_boxes(
                 self._stretch,
                 x,
                 y,
                 np.flatnonzero(inside),
-                boxed,
+                [one for one in prepared if one is not None],
                 float(self._constants.k1),
-                fields,
+                [fields[number] for number in boxed],
             )
-        if not inside.all():
-            points = np.stack((np.broadcast_to(x[:, None], y.shape), y), axis=-1)[~inside]
-            chosen = [self._trajectories[place] for place in places]
-            plain = trajectory_fields(points.reshape(-1, 2), chosen, self._constants)
-            fields[:, ~inside] = plain.reshape(len(places), *points.shape[:2])
+        points = np.stack((np.broadcast_to(x[:, None], y.shape), y), axis=-1)
+        plain = [number for number, one in enumerate(prepared) if one is None]
+        for numbers, rows in ((boxed, ~inside), (plain, np.full(len(x), True))):
+            if numbers and rows.any():
+                chosen = [self._trajectories[places[number]] for number in numbers]
+                summed = trajectory_fields(points[rows].reshape(-1, 2), chosen, self._constants)
+                fields[np.ix_(numbers, rows)] = summed.reshape(len(numbers), -1, y.shape[1])
         return fields
 
     def _prepared(self, place: int) -> _Prepared | None:
@@ -224,9 +223,9 @@ def _put_by_boxes(
     rows: NDArray[np.int64],
     prepared: Sequence[_Prepared],
     k1: float,
-    fields: FloatArray,
+    fields: Sequence[FloatArray],
 ) -> None:
-    """Put the fields at some of the rows, all inside the stretch, into `fields`."""
+    """Put the fields of `prepared` at some of the rows, all inside the stretch, into `fields`."""
     from sumo_eval.method.field_loops import put_field
 
     number = 2**stretch.levels

@@ -210,6 +210,17 @@ def test_earlier_questions_change_no_bit(
     assert again.tobytes() == alone.tobytes()
 
 
+def test_company_changes_no_bit(driven: tuple[list[Trajectory], np.ndarray]) -> None:
+    drives, points = driven
+    x, y = points[:, 0, 0], points[..., 1]
+    plainly_summed = standing(200.0, 1.0, 0.1, 120.0)
+    fields = SharedFields([*drives, plainly_summed], around(x, y), PLAIN, y.size)
+    last = len(drives)
+    both = fields.at(x, y, [last, 0])
+    for number, place in enumerate((last, 0)):
+        assert both[number].tobytes() == fields.at(x, y, [place])[0].tobytes()
+
+
 def test_far_samples_are_summed_once(
     driven: tuple[list[Trajectory], np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -239,7 +250,7 @@ def test_far_samples_are_summed_once(
     ],
 )
 def test_large_constants_and_vectors_are_summed_plainly(constants: FieldSettings) -> None:
-    drives = [standing(200.0, 1.0, 0.1, 50.0), standing(400.0, 1.0)]
+    drives = [standing(200.0, 1.0, 0.1, 50.0), standing(400.0, 1.0, 0.0, 50.0)]
     np.testing.assert_array_equal(
         shared_fields(X, Y, drives, constants), plain(X, Y, drives, constants)
     )
