@@ -65,13 +65,7 @@ def supervise(work: Callable[[], object], leash: int, report: int, memory_limit:
     me = os.getpid()
     child = os.fork()
     if child == 0:
-        os.close(leash)
-        os.close(report)
-        os.setsid()
-        _prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
-        if os.getppid() != me:  # the supervisor went before that held
-            os._exit(1)
-        _work_and_leave(work)
+        _work_and_leave(work, me, (leash, report))
     keep_open(leash, report)
     ended = _watch(child, leash, memory_limit)
     _end_family()
@@ -80,14 +74,23 @@ def supervise(work: Callable[[], object], leash: int, report: int, memory_limit:
     os._exit(0)
 
 
-def _work_and_leave(work: Callable[[], object]) -> NoReturn:
-    """Nothing of the process that this one was forked from happens after its work, whatever that
-    raises.
+def _work_and_leave(
+    work: Callable[[], object], supervisor: int, its_own: tuple[int, int]
+) -> NoReturn:
+    """In the child: do the work and exit, so that no code of the parent runs here, whatever is
+    raised.
+
+    its_own: descriptors of the supervisor.
     """
     code = 1
     try:
-        work()
-        code = 0
+        for descriptor in its_own:
+            os.close(descriptor)
+        os.setsid()
+        _prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
+        if os.getppid() == supervisor:  # else it went before that signal was set
+            work()
+            code = 0
     except BaseException:  # noqa: BLE001 - whatever comes: this process was not to go on
         traceback.print_exc()
     finally:
@@ -190,7 +193,7 @@ def _proportional(pid: int) -> float:
         for line in file:
             if line.startswith("Pss:"):
                 return 1024.0 * int(line.split()[1])
-    return 0.0
+    return memory(pid, 1)  # another user's process, or a kernel without this file
 
 
 def _prctl(option: int, value: int) -> None:
@@ -225,12 +228,11 @@ def scratch_folder() -> Path:
     mine = _owner(os.getpid())
     for folder in place.glob(f"{SCRATCH_PREFIX}*"):
         owner = folder.name.removeprefix(SCRATCH_PREFIX).partition("_")[0]
-        if (
-            _is_gone(owner, mine)
-            and not folder.is_symlink()
-            and folder.lstat().st_uid == os.getuid()
-        ):
-            shutil.rmtree(folder, ignore_errors=True)
+        if not _is_gone(owner, mine) or folder.is_symlink():
+            continue
+        with suppress(FileNotFoundError):  # a second owner that starts now removes it, too
+            if folder.lstat().st_uid == os.getuid():
+                shutil.rmtree(folder, ignore_errors=True)
     return Path(tempfile.mkdtemp(prefix=f"{SCRATCH_PREFIX}{mine}_", dir=place))
 
 
