@@ -40,7 +40,7 @@ _PYTHON = (".py", ".pyw", ".pyc")
 _CODE = (*_PYTHON, ".pyd", ".so", ".zip", ".egg", ".whl", ".pyz")
 _EVENTS = frozenset({"open", "import", "os.rename", "sqlite3.connect", "ctypes.dlopen"})
 _HASHED_WHOLE = 256 << 20  # bytes; a larger file is known by its size and time
-_MOST_WRITTEN = 1_000  # files of one process that are noted as written
+_MOST_REPORTED = 1_000  # written files of one process: an ADS may write one a step
 _busy = threading.local()
 _BEGAN = clock.time()
 
@@ -114,9 +114,10 @@ class _Watch:
 
     def write(self, place: str) -> None:
         """Note that a file is written, so that its content counts no more."""
-        if place not in self._written and len(self._written) < _MOST_WRITTEN:
+        if place not in self._written:
             self._written.add(place)
-            self._note(place, WRITTEN)
+            if len(self._written) <= _MOST_REPORTED:
+                self._note(place, WRITTEN)
 
     def report(self) -> list[File]:
         """The files that were read since the last report."""
