@@ -146,23 +146,22 @@ def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
 
 
 def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] = ()) -> Risk:
-    """exposure: p (n,) of the evaluated cases.
+    """Collision probability and expected loss, with intervals from a bootstrap over the cases.
+
+    exposure: p (n,) of the evaluated cases.
     loss: L (n,), 0 without a collision.
     name: of the random stream.
 
-    A bootstrap over the cases. Where no case, or every case, collided, a bootstrap knows no doubt:
-    there the upper
-    (lower) limit is the exact binomial one for the effective number of cases, 1 - (1 - level)/2 to
-    the power 1/n.
+    Where no case with exposure, or every one, collided, all replicates are alike. There the limit
+    is the exact binomial one for the effective number of cases n: ((1 - level) / 2)^(1 / n) below
+    the other end.
     """
     n = len(exposure)
     if n < 2 or not exposure.sum() > 0.0:
         raise must_be("The cases", "a risk", "at least 2, with exposure above 0", n)
     hit = (loss > 0.0).astype(np.float64)
-    terms, sums = (
-        np.column_stack([exposure, exposure * hit, exposure * loss]),
-        np.zeros((REPLICATES, 3)),
-    )
+    terms = np.column_stack([exposure, exposure * hit, exposure * loss])
+    sums = np.zeros((REPLICATES, 3))
     for part in resamples(one_list(n), REPLICATES, seed, ("risk", *name)):
         sums += part.counts @ terms[part.places]
     over, hits, losses = sums.T
@@ -170,12 +169,13 @@ def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] 
     effective = float(exposure.sum() ** 2 / np.sum(exposure**2))
     tail = (1.0 - LEVEL) / 2.0
     unseen = 1.0 - tail ** (1.0 / effective)
+    weighing = hit[exposure > 0.0]
 
-    def interval(values: FloatArray, sums: FloatArray) -> Interval:
-        low, high = np.quantile(sums[drawn] / over[drawn], [tail, 1.0 - tail])
-        if not hit.any():
+    def interval(values: FloatArray, drawn_sums: FloatArray) -> Interval:
+        low, high = np.quantile(drawn_sums[drawn] / over[drawn], [tail, 1.0 - tail])
+        if not weighing.any():
             high = unseen  # a loss is at most 1
-        elif hit.all():
+        elif weighing.all():
             low = float(low) * (1.0 - unseen)
         return Interval(float(exposure @ values / exposure.sum()), float(low), float(high))
 

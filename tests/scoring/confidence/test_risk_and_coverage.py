@@ -40,6 +40,13 @@ def test_no_collision_in_100_cases_does_not_exclude_3_per_cent():
     assert (found.collision_probability.low, found.expected_loss.value) == (0.0, 0.0)
 
 
+@pytest.mark.parametrize("loss", [0.0, 1.0])
+def test_a_case_without_exposure_changes_no_risk(loss):
+    found, cases = risk(np.ones(9), np.full(9, loss), 5), np.append(np.full(9, loss), 1.0 - loss)
+    more = risk(np.append(np.ones(9), 0.0), cases, 5)
+    assert more.collision_probability == found.collision_probability
+
+
 def test_without_exposure_there_is_no_risk():
     with pytest.raises(InputError, match="exposure above 0"):
         risk(np.zeros(3), np.zeros(3), 5)
