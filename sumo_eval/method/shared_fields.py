@@ -198,7 +198,9 @@ class SharedFields:
             if numbers and rows.any():
                 chosen = [self._trajectories[places[number]] for number in numbers]
                 summed = trajectory_fields(points[rows].reshape(-1, 2), chosen, self._constants)
-                fields[np.ix_(numbers, rows)] = summed.reshape(len(numbers), -1, y.shape[1])
+                fields[np.ix_(np.array(numbers), rows)] = summed.reshape(
+                    len(numbers), -1, y.shape[1]
+                )
         return fields
 
     def _prepared(self, place: int) -> _Prepared | None:
