@@ -21,6 +21,7 @@ os.environ["XDG_STATE_HOME"] = STATE.name  # notes on the runs of tests are nobo
 # twice as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before anything imports numpy
 
+TESTS = Path(__file__).resolve().parent
 DURATIONS = Path(__file__).with_name("durations.json")
 NEW = 5.0  # s, of a file that has not been measured
 settings.register_profile("suite", max_examples=25, derandomize=True, deadline=None)
@@ -36,22 +37,37 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Let each test process collect from another folder on: what one of them has compiled, the
+    others read."""
+    gc.disable()  # until all is collected: nothing of it goes
+    process = getattr(config, "workerinput", None)
+    if process is not None and [Path(argument).resolve() for argument in config.args] == [TESTS]:
+        parts = sorted(
+            str(path) for path in TESTS.iterdir() if path.is_dir() or path.match("test_*.py")
+        )
+        first = len(parts) * int(process["workerid"][2:]) // process["workercount"]
+        config.args = parts[first:] + parts[:first]
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Let the files that take longest begin first, so that no process waits long for another at the
     end."""
     seed = config.getoption("shuffle")
     if seed is not None:
         chance = random.Random(seed)  # the same in every test process
+        items.sort(key=lambda item: item.nodeid)
         chance.shuffle(items)
         files = {file: chance.random() for file in sorted({_file(item) for item in items})}
         items.sort(key=lambda item: files[_file(item)])
     else:
         seconds = json.loads(DURATIONS.read_text(encoding="utf-8")) if DURATIONS.is_file() else {}
-        items.sort(key=lambda item: -seconds.get(_file(item), NEW))
+        items.sort(key=lambda item: (-seconds.get(_file(item), NEW), _file(item)))
 
 
 def pytest_collection_finish() -> None:
     """Leave what the tests are made of out of every look for garbage."""
+    gc.enable()
     gc.collect()
     gc.freeze()
 
