@@ -306,15 +306,16 @@ def searched_criticality(
     begin = np.broadcast_to(_not_negative("conflict_begin", conflict_begin), shape)[:, None]
     strength = np.broadcast_to(strength, shape)[:, None]
     lead_speed, lead_distance = lead
+    braking_time = v0 / strength
 
     def relative(time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Closing speed and gap at times (n, m)."""
-        braking = np.clip(time - wait, 0.0, v0 / strength)
+        braking = np.clip(time - wait, 0.0, braking_time)
         speed = v0 - strength * braking
         driven = v0 * np.minimum(time, wait) + braking * (v0 + speed) / 2.0
         return speed - lead_speed(time), d0 + lead_distance(time) - driven
 
-    stands = wait + v0 / strength
+    stands = wait + braking_time
     times = begin + np.linspace(0.0, 1.0, _SHARES) * np.maximum(stands - begin, 0.0)
     closing, distance = relative(times)
     passed = distance[:, 0] < -passing_length
