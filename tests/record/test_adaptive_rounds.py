@@ -17,7 +17,12 @@ from sumo_eval.scoring.steps import Scoring
 
 EVALUATION = {
     "name": "rounds",
-    "scenario": [{"use": "cut_in", "sampling": {"method": "adaptive", "count": 40, "round": 16}}],
+    "scenario": [
+        {
+            "use": "front_vehicle_low_speed",
+            "sampling": {"method": "adaptive", "count": 40, "round": 16},
+        }
+    ],
     "ads": [{"name": "careful", "controller": "careful_driver"}],
     "drivers": {"count": 2},
     "simulation": {"step": 0.1},

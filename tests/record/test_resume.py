@@ -314,9 +314,8 @@ def test_a_shard_that_is_none_is_refused(text: str) -> None:
         parse_shard(text)
 
 
-def test_verify_passes_on_the_same_and_fails_on_a_bit(whole: Path, tmp_path: Path) -> None:
-    path = write_evaluation(tmp_path)
-    sumo_eval.evaluate(path, tmp_path / "run")
+def test_verify_passes_on_the_same_and_fails_on_a_bit(tmp_path: Path) -> None:
+    sumo_eval.evaluate(write_evaluation(tmp_path), tmp_path / "run")
     done = sumo_eval_cli("verify", tmp_path / "run", "--share", "1")
     assert done.returncode == 0, done.stdout + done.stderr
     assert f"{rows(tmp_path / 'run')} drives" in done.stdout

@@ -24,6 +24,7 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import Sample
 
 
+@pytest.mark.campaign
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 def test_compare_points_and_a_report_without_people_hold_what_every_page_holds(
     evaluation: Evaluation, partitions: dict[str, ZonePartition], tmp_path: Path
