@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from sumo_eval.cosim.actuation import Actuation, Delays
 from sumo_eval.cosim.compiled import Compiled
-from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.controller import (
     Briefing,
     PolicyController,
@@ -30,11 +29,11 @@ from sumo_eval.cosim.doors.controller import (
 )
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.observation import (
-    Look,
     Observation,
     Observations,
-    Senses,
+    Perception,
     kinds_of,
+    sees_all,
     task_of,
 )
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, heeding
@@ -51,7 +50,7 @@ from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
 from sumo_eval.kernels import bound
 from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.settings import ConditionSettings, SimulationSettings
+from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import SENTENCE, words_of
 from sumo_eval.trajectory import Alone, EndReason
 
@@ -59,13 +58,6 @@ _LONGEST_WORDS = SENTENCE - 20  # characters of an adapter's sentence, to which 
 _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
 ASKS_SUMO = Alone("asks_sumo")
 KEPT = 0.75  # share of the rows that must still be live, or the ended ones are given up
-_body = Body._make
-_look = tuple.__new__  # a NamedTuple's own constructor takes twice as long
-_SENSES = (
-    "perception_delay", "dropout", "position_noise", "speed_noise", "sensor_range",
-    "field_of_view_deg", "occlusion",
-)  # fmt: skip
-_USUAL = ConditionSettings()
 
 
 class Terms(NamedTuple):
@@ -190,11 +182,6 @@ class EgoControl:
                 f"The ADS moved SUMO's clock by {ahead:+.2f} s at {time:.2f} s; stepping is the "
                 "harness's."
             )
-
-
-def sees_all(conditions: ConditionSettings) -> bool:
-    """Whether the conditions let an ADS see the world as it is."""
-    return all(getattr(conditions, name) == getattr(_USUAL, name) for name in _SENSES)
 
 
 def note_unlimited(world: World) -> None:
@@ -451,15 +438,14 @@ class Policies(EgoControl):
         interference = world.settings.conditions.interference
         GUARD.begin(names, world.settings.step, interference, heeding(world.cases[0]))
         self._tasks = [task_of(concrete) for concrete in world.cases]
-        self._kinds = [dict(enumerate(kinds_of(concrete).values(), 1)) for concrete in world.cases]
-        self._senses = {
-            case: Senses(
-                it.road, its.conditions, f"{self._seeds[case]}/{it.scenario}/{it.label}",
-                self._tasks[case], kinds_of(it),
-            )
-            for case, (it, its) in enumerate(zip(world.cases, world.each, strict=True))
-            if not sees_all(its.conditions)
-        }  # fmt: skip
+        self._kinds = [tuple(kinds_of(concrete).values()) for concrete in world.cases]
+        conditions = [its.conditions for its in world.each]
+        self._limited = np.array([not sees_all(it) for it in conditions])
+        streams = [
+            f"{seed}/{it.scenario}/{it.label}"
+            for seed, it in zip(self._seeds, world.cases, strict=True)
+        ]
+        self._perception = Perception(conditions, streams) if self._limited.any() else None
         self._took = [0.0] * len(world.cases)
         self._wheels = [
             Wheel(its, partial(world.note, case), world.cases[case].road.line)
@@ -469,6 +455,9 @@ class Policies(EgoControl):
 
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
         """Look at these rows."""
+        self._limited = self._limited[rows]
+        if self._perception is not None:
+            self._perception.keep(rows)
         self._ego_values = numbers_of(world.egos)[:, :8]
         self._commands = numbers_of(world.egos)[:, COMMAND]
         self._other_values = numbers_of(world.others)[:, :, :8]
@@ -493,20 +482,14 @@ class Policies(EgoControl):
             if not (self.checks and isinstance(error, RefusedCallError)):
                 world.fail(row, fault, sentence)
 
-    def _observation(
-        self, world: World, case: int, time: float, me: list[float], others: list[Any]
-    ) -> Observation:
-        acceleration = me.pop()
-        if case not in self._senses:
-            look = _look(Look, (me, list(enumerate(others, 1))))
-            return Observation(
-                time, self._road, me, acceleration, look, self._tasks[case], self._kinds[case]
-            )
-        senses = self._senses[case]
-        actors = zip(world.cases[case].actors, others, strict=True)
-        bodies = {actor.name: _body(values[:7]) for actor, values in actors}
-        senses.take_in(time, _body(me), acceleration, bodies)
-        return senses.observe()
+    def _look(self, time: float) -> tuple[list[Any], list[Any], list[Any]]:
+        """Egos as they are, egos and actors as they are seen, by row."""
+        egos, others = self._ego_values.tolist(), self._other_values
+        if self._perception is None:
+            return egos, egos, others.tolist()
+        mes, seen = self._perception.look(time, self._ego_values[:, :7], others[..., :7])
+        others = np.where(self._limited[:, None, None], seen, others)
+        return egos, mes.tolist(), others.tolist()
 
 
 class OneEach(Policies):
@@ -548,7 +531,7 @@ class OneEach(Policies):
 
     def step(self, world: World, time: float) -> None:
         """Ask each of them."""
-        egos, others = self._ego_values.tolist(), self._other_values.tolist()
+        egos, mes, others = self._look(time)
         given, asked_rows = [], []
         now, terms = clock.perf_counter, self._terms
         if self._alone:
@@ -558,14 +541,18 @@ class OneEach(Policies):
             policy = self._policies[case]
             asked = now()
             try:
-                seen = self._observation(world, case, time, egos[row], others[row])
                 if world.steps % terms.every:
                     command = self._wheels[case].command(None, egos[row], time)
                     given.append((command.acceleration, command.steering))
                     asked_rows.append(row)
                     self._took[case] = 0.0
                     continue
-                action = policy.act(seen)
+                look = mes[row], others[row]
+                action = policy.act(
+                    Observation(
+                        time, self._road, egos[row], look, self._tasks[case], self._kinds[case]
+                    )
+                )
                 if terms.every == 1 and type(action) is float and -math.inf < action < math.inf:
                     answer = action, 0.0
                 else:

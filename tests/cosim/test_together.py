@@ -86,6 +86,7 @@ class EasyBraking:
 ALL_CHANGES = {
     "conditions.perception_delay": (0.1, 0.8), "conditions.sensor_range": (30.0, 60.0),
     "conditions.dropout": (0.1, 0.5), "conditions.position_noise": (0.2, 1.0),
+    "conditions.speed_noise": (0.2, 1.0), "conditions.field_of_view_deg": (20.0, 90.0),
     "conditions.actuation_delay": (0.05, 0.4), "vehicle.max_deceleration": (3.0, 7.0),
     "vehicle.friction": (0.2, 0.6),
 }  # fmt: skip

@@ -2,16 +2,15 @@
 and road edges.
 
 Road coordinates: x along the road, y to the left, y = 0 on the centre line of the right-hand lane.
-`Senses` keeps what `ConditionSettings` put between the world and the ADS: delay, range, field of
+`Perception` is what `ConditionSettings` put between the world and the ADSs: delay, range, field of
 view, misses, noise.
 """
 
 from __future__ import annotations
 
 import math
-import random
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from types import SimpleNamespace
@@ -20,15 +19,42 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.cosim.contact import Body, within_a_turn
+from sumo_eval.cosim.contact import Body
 from sumo_eval.scenario.bodies import BODIES, CAR
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.road.reference_line import curvatures, map_places
 from sumo_eval.settings import ConditionSettings
+from sumo_eval.settings.random_streams import random_stream
 
 _tuple = tuple.__new__  # a NamedTuple's own constructor takes twice as long
 NO_LEAD_GAP = 1000.0  # m, what `signals` give as gap where no vehicle is ahead
 _COVERED = 0.8  # share of a vehicle's width behind a nearer one from which it is hidden
+# centre and corners of a body, in halves of its length and width
+_AHEAD, _LEFT = np.array([(0, 0), (1, 1), (1, -1), (-1, -1), (-1, 1)]).T[:, :, None, None]
+_DRAWN = 64  # steps for which random numbers are drawn at once
+_NOWHERE = Body(*[math.nan] * 7)
+
+
+def limits_of(it: ConditionSettings) -> tuple[float, ...]:
+    """Limits of perception: delay s, chance of a miss, noise m and m/s, range m, half the field of
+    view rad, whether vehicles hide others.
+    """
+    return (
+        it.perception_delay, it.dropout, it.position_noise, it.speed_noise,
+        it.sensor_range or math.inf, math.radians(it.field_of_view_deg or 360.0) / 2.0,
+        float(it.occlusion),
+    )  # fmt: skip
+
+
+_NO_LIMITS = limits_of(ConditionSettings())
+_CHANCE, _REACH = slice(1, 4), slice(4, 7)  # of the limits
+
+
+def sees_all(conditions: ConditionSettings) -> bool:
+    """Whether the conditions let an ADS see the world as it is."""
+    return limits_of(conditions) == _NO_LIMITS
+
+
 KINDS = {kind: number for number, kind in enumerate(BODIES)}
 """Numbers of the kinds of bodies, where only numbers can be shown; -1: no vehicle."""
 
@@ -161,46 +187,42 @@ class Observation:
 
     time: s since the start of the case.
     road: lanes and edges.
+    _ego: numbers of its `Body` and its acceleration, m/s2.
+    _look: numbers of the ego's body and those of the other vehicles as they are perceived, each
+        with its acceleration behind them; x is nan of one that is not seen.
     """
 
     time: float
     road: Road
     _ego: Sequence[float]
-    _acceleration: float
-    _look: Look
+    _look: tuple[Sequence[float], Sequence[Sequence[float]]]
     _task: Task
-    _kinds: Mapping[int, str]
+    _kinds: Sequence[str]
 
     def __init__(
-        self, time: float, road: Road, ego: Sequence[float], acceleration: float, look: Look,
+        self, time: float, road: Road, ego: Sequence[float],
+        look: tuple[Sequence[float], Sequence[Sequence[float]]],
         task: Task | None,
-        kinds: Mapping[int, str],
+        kinds: Sequence[str],
     ) -> None:  # fmt: skip
         own = self.__dict__  # a frozen dataclass's own constructor takes three times as long
-        own["_task"], own["_kinds"] = task or _NO_TASK, kinds
-        own["time"], own["road"], own["_ego"], own["_acceleration"], own["_look"] = (
-            time,
-            road,
-            ego,
-            acceleration,
-            look,
-        )
+        own["time"], own["road"], own["_ego"] = time, road, ego
+        own["_look"], own["_task"], own["_kinds"] = look, task or _NO_TASK, kinds
 
     @_Worked
     def ego(self) -> SeenEgo:
         """The ego's own state, now."""
-        x, y, heading, speed, length, width, _ = self._ego
-        return _tuple(
-            SeenEgo, (x, y, heading, speed, self._acceleration, _lane(y, self.road), length, width)
-        )
+        me = self._ego
+        return _tuple(SeenEgo, (*me[:4], me[7], _lane(me[1], self.road), me[4], me[5]))
 
     @_Worked
     def vehicles(self) -> tuple[SeenVehicle, ...]:
         """The other vehicles that are seen, the nearest along the road first."""
         me, others = self._look
-        kinds = self._kinds
         seen = [
-            _seen(number, me, other, self.road, kinds.get(number, CAR)) for number, other in others
+            _seen(number, me, other, self.road, self._kinds[number - 1])
+            for number, other in enumerate(others, 1)
+            if other[0] == other[0]  # nan: not seen
         ]
         return tuple(sorted(seen, key=lambda vehicle: (abs(vehicle.gap), vehicle.number)))
 
@@ -213,9 +235,9 @@ class Observation:
         my_x, my_y = me[0], me[1]
         half_length, half_width = _extent(me)
         nearest, least = None, math.inf
-        for number, other in others:
+        for number, other in enumerate(others, 1):
             x = other[0]
-            if x > my_x:
+            if x > my_x:  # which no nan is
                 half, half_other = _extent(other)
                 gap = abs(x - my_x) - half - half_length
                 if gap < least and abs(other[1] - my_y) < half_other + half_width:
@@ -223,7 +245,7 @@ class Observation:
         if nearest is None:
             return None
         number, other = nearest
-        return _seen(number, me, other, self.road, self._kinds.get(number, CAR))
+        return _seen(number, me, other, self.road, self._kinds[number - 1])
 
     @_Worked
     def neighbours(self) -> Mapping[str, SeenVehicle | None]:
@@ -499,137 +521,162 @@ class Observations:
         return np.clip(np.round(y / self.road.lane_width), 0, self.road.lanes - 1).astype(np.intp)
 
 
-class Look(NamedTuple):
-    """The ego and the numbered other vehicles as perceived at one instant, in the numbers of a
-    `Body`; behind those of other vehicles stands their acceleration, m/s2.
+class Perception:
+    """The eyes of ADSs in n cases with m actors each, all in one go.
+
+    conditions: of each case.
+    streams: names of the random numbers of each case: the same name, the same misses and noise.
     """
 
-    me: Sequence[float]
-    others: Sequence[tuple[int, Sequence[float]]]
+    _chance: NDArray[Any]  # of a miss, (n, steps, m)
+    _errors: NDArray[Any]  # m and m/s, (n, steps, m, 3)
+
+    def __init__(self, conditions: Sequence[ConditionSettings], streams: Sequence[str]) -> None:
+        self._limits = np.array([limits_of(it) for it in conditions])
+        self._used = (self._limits != _NO_LIMITS).any(axis=0)
+        self._random = [
+            random_stream(0, "perception", it) for it in streams if self._used[_CHANCE].any()
+        ]
+        self._delays = self._limits[:, 0].max(), self._limits[:, 0].min()
+        self._steps = 0
+        self._memory: deque[tuple[float, NDArray[Any], NDArray[Any]]] = deque()
+
+    def look(
+        self, time: float, egos: NDArray[Any], others: NDArray[Any]
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Egos and actors as they are seen at a step, as old as the perception delay makes them (at
+        the start: as old as there is); call once a step.
+
+        egos, others: numbers of bodies, (n, 7) and (n, m, 7); x is nan of an actor that is nowhere.
+        Returns copies; actors have an eighth number, the rate of the seen speed, m/s2, and x is
+        nan of those that are not seen.
+        """
+        seen = np.empty((*others.shape[:2], 8))
+        seen[..., :7] = others
+        if self._steps == 0:
+            # when each was last seen, s, and how fast, m/s
+            self._last = np.full((2, *others.shape[:2]), math.nan)
+        x, speed = seen[..., 0], seen[..., 3]
+        there = x == x  # which no nan is
+        if self._used[_REACH].any():
+            there &= self._within_reach(egos, others)
+        if self._random:
+            at = self._steps % _DRAWN
+            if at == 0:
+                self._draw(others.shape[1])
+            there &= self._chance[:, at] >= self._limits[:, 1, None]
+            errors = self._errors[:, at]
+            seen[..., :2] += errors[..., :2]
+            np.maximum(speed + errors[..., 2], 0.0, out=speed, where=errors[..., 2] != 0.0)
+        np.copyto(x, math.nan, where=~there)
+        when, last = self._last
+        since = time - when
+        seen[..., 7] = 0.0
+        np.divide(speed - last, since, out=seen[..., 7], where=since > 0.0)
+        np.copyto(when, time, where=there)
+        np.copyto(last, speed, where=there)
+        self._steps += 1
+        return self._late(time, egos.copy(), seen)
+
+    def keep(self, rows: NDArray[np.intp]) -> None:
+        """From now on these cases, in this order."""
+        self._limits = self._limits[rows]
+        self._memory = deque((time, egos[rows], seen[rows]) for time, egos, seen in self._memory)
+        if self._steps:
+            self._last = self._last[:, rows]
+            if self._random:
+                self._chance, self._errors = self._chance[rows], self._errors[rows]
+        self._random = [self._random[row] for row in rows.tolist() if self._random]
+
+    def _late(
+        self, time: float, egos: NDArray[Any], seen: NDArray[Any]
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Each case as it was seen its delay ago."""
+        memory = self._memory
+        memory.append((time, egos, seen))
+        longest, shortest = self._delays
+        while len(memory) > 1 and memory[1][0] <= time - longest + 1e-9:
+            memory.popleft()
+        if len(memory) == 1 or memory[1][0] > time - shortest + 1e-9:
+            return memory[0][1:]
+        limits = time - self._limits[:, 0] + 1e-9
+        places = np.searchsorted([it[0] for it in memory], limits, side="right") - 1
+        egos, seen = egos.copy(), seen.copy()
+        for place in np.unique(places).tolist():
+            rows = places == place
+            egos[rows], seen[rows] = (it[rows] for it in memory[max(place, 0)][1:])
+        return egos, seen
+
+    def _draw(self, actors: int) -> None:
+        """Draw the chances and errors of the coming steps, whatever the conditions use of them."""
+        shape = len(self._random), _DRAWN, actors
+        self._chance, self._errors = np.empty(shape), np.empty((*shape, 3))
+        for stream, chance, errors in zip(self._random, self._chance, self._errors, strict=True):
+            stream.random(out=chance)
+            stream.standard_normal(out=errors)
+        self._errors *= self._limits[:, None, None, [2, 2, 3]]
+
+    def _within_reach(self, egos: NDArray[Any], others: NDArray[Any]) -> NDArray[np.bool_]:
+        """Whether each actor is somewhere where it can be seen, (n, m)."""
+        x, y, heading, _, length, width, _ = others.transpose(2, 0, 1)
+        me_x, me_y, turned = egos.T[:3, :, None]
+        farthest, half_angle, hides = self._limits[:, _REACH].T[..., None]
+        reach = np.hypot(x - me_x, y - me_y) <= farthest
+        if self._used[5]:
+            half = 0.5 * egos[:, 4, None]
+            bumper_x, bumper_y = me_x + half * np.cos(turned), me_y + half * np.sin(turned)
+            along, across = 0.5 * length * _AHEAD, 0.5 * width * _LEFT
+            c, s = np.cos(heading), np.sin(heading)
+            points_y, points_x = y + along * s + across * c, x + along * c - across * s
+            angle = np.arctan2(points_y - bumper_y, points_x - bumper_x) - turned
+            angle -= math.tau * np.floor(angle / math.tau + 0.5)
+            reach &= (np.abs(angle) <= half_angle).any(axis=0)
+        if self._used[6]:
+            reach &= ~(_hidden(me_x, x, y, width) & (hides > 0.0))
+        return np.asarray(reach)
+
+
+def _hidden(
+    me_x: NDArray[Any], x: NDArray[Any], y: NDArray[Any], width: NDArray[Any]
+) -> NDArray[np.bool_]:
+    """Whether one nearer vehicle in front covers more than 80 % of the width, (n, m); lines of
+    sight run along the road.
+    """
+    left, right = y + width / 2.0, y - width / 2.0
+    shared = np.minimum(left[:, :, None], left[:, None]) - np.maximum(
+        right[:, :, None], right[:, None]
+    )
+    nearer = (me_x < x)[:, :, None] & (x[:, :, None] < x[:, None])
+    return np.asarray((nearer & (shared > _COVERED * width[:, None])).any(axis=1))
 
 
 class Senses:
     """The ADS's eyes in one case.
 
-    `stream` names the random numbers: the same name, the same misses and noise.
-
-    kinds: of the other vehicles, by name; a car where none is named.
+    kinds: of the other vehicles, by name.
     """
 
     def __init__(
         self, road: Road, conditions: ConditionSettings, stream: str, task: Task | None = None,
         kinds: Mapping[str, str] | None = None,
     ) -> None:  # fmt: skip
-        self._road, self._task = road, task
-        self._by_name, self._kinds = kinds or {}, dict[int, str]()
-        self._conditions = conditions
-        self._sees_all = not (
-            conditions.dropout
-            or conditions.position_noise
-            or conditions.speed_noise
-            or conditions.occlusion
-        ) and (conditions.sensor_range, conditions.field_of_view_deg) == (None, None)
-        self._numbers: dict[str, int] = {}
-        self._random = {
-            name: random.Random(f"{stream}/{name}")  # noqa: S311
-            for name in ("dropout", "position", "speed")
-        }
-        self._memory: deque[tuple[float, Look]] = deque()
-        # when each was last seen, s, and how fast, m/s
-        self._last: dict[int, tuple[float, float]] = {}
-        self._now: tuple[float, Body, float] = (0.0, Body(0.0, 0.0, 0.0, 0.0, 1.0, 1.0), 0.0)
+        self._road, self._task, self._kinds = road, task, kinds or {}
+        self._perception = Perception([conditions], [stream])
 
     def take_in(
         self, time: float, ego: Body, acceleration: float, others: Mapping[str, Body]
     ) -> None:
         """The world at a step; call once a step, before `observe`."""
-        for name in others:
-            if name not in self._numbers:
-                self._numbers[name] = len(self._numbers) + 1
-                self._kinds[self._numbers[name]] = self._by_name.get(name, CAR)
-        self._now = time, ego, acceleration
-        look = Look(ego, tuple(self._with_acceleration(time, self._perceived(ego, others))))
-        limit = time - self._conditions.perception_delay + 1e-9
-        self._memory.append((time, look))
-        while len(self._memory) > 1 and self._memory[1][0] <= limit:
-            self._memory.popleft()
+        self._kinds = self._kinds or dict.fromkeys(others, CAR)
+        actors = np.array([[others.get(name, _NOWHERE) for name in self._kinds]])
+        me, seen = self._perception.look(time, np.array([ego]), actors.reshape(1, -1, 7))
+        look = me[0].tolist(), seen[0].tolist()
+        now, kinds = (*ego, acceleration), tuple(self._kinds.values())
+        self._now = Observation(time, self._road, now, look, self._task, kinds)
 
     def observe(self) -> Observation:
-        """The present step, as old as the perception delay makes it (at the start: as old as there
-        is).
-        """
-        time, ego, acceleration = self._now
-        return Observation(
-            time, self._road, ego, acceleration, self._memory[0][1], self._task, self._kinds
-        )
-
-    def _with_acceleration(
-        self, time: float, seen: list[tuple[int, Body]]
-    ) -> Iterator[tuple[int, tuple[float, ...]]]:
-        for number, body in seen:
-            when, speed = self._last.get(number, (time, body.speed))
-            self._last[number] = time, body.speed
-            yield number, (*body, (body.speed - speed) / (time - when) if time > when else 0.0)
-
-    def _perceived(self, ego: Body, others: Mapping[str, Body]) -> list[tuple[int, Body]]:
-        if self._sees_all:
-            return [(self._numbers[name], other) for name, other in others.items()]
-        to, seen = self._conditions, []
-        for name, other in others.items():
-            missed = to.dropout > 0.0 and self._random["dropout"].random() < to.dropout
-            place, pace = self._random["position"], self._random["speed"]
-            errors = (
-                (place.gauss(0.0, to.position_noise), place.gauss(0.0, to.position_noise))
-                if to.position_noise
-                else ()
-            )
-            faster = pace.gauss(0.0, to.speed_noise) if to.speed_noise else 0.0
-            if (
-                missed
-                or not self._within_reach(ego, other)
-                or (to.occlusion and _hidden(ego, name, others))
-            ):
-                continue
-            if errors:
-                other = other._replace(x=other.x + errors[0], y=other.y + errors[1])
-            if faster:
-                other = other._replace(speed=max(other.speed + faster, 0.0))
-            seen.append((self._numbers[name], other))
-        return seen
-
-    def _within_reach(self, ego: Body, other: Body) -> bool:
-        to = self._conditions
-        if (
-            to.sensor_range is not None
-            and math.hypot(other.x - ego.x, other.y - ego.y) > to.sensor_range
-        ):
-            return False
-        if to.field_of_view_deg is None:
-            return True
-        x = ego.x + 0.5 * ego.length * math.cos(ego.heading)
-        y = ego.y + 0.5 * ego.length * math.sin(ego.heading)
-        half = math.radians(to.field_of_view_deg) / 2.0
-        points = ((other.x, other.y), *other.corners())
-        return any(
-            abs(within_a_turn(math.atan2(py - y, px - x) - ego.heading)) <= half
-            for px, py in points
-        )
-
-
-def _hidden(ego: Body, name: str, others: Mapping[str, Body]) -> bool:
-    """Whether one nearer vehicle in front covers more than 80 % of the width; lines of sight run
-    along the road.
-    """
-    other = others[name]
-    left, right = other.y + other.width / 2.0, other.y - other.width / 2.0
-    for nearer in others.values():
-        if ego.x < nearer.x < other.x:
-            shared = min(left, nearer.y + nearer.width / 2.0) - max(
-                right, nearer.y - nearer.width / 2.0
-            )
-            if shared > _COVERED * other.width:
-                return True
-    return False
+        """The present step."""
+        return self._now
 
 
 def _lane(y: float, road: Road) -> int:
@@ -687,7 +734,5 @@ _OF_A_PLACE = ("present", "gap", "speed", "relative_speed", "offset", "x", "y", 
 
 def signal_names() -> tuple[str, ...]:
     """The names of all `signals`."""
-    alone = Look(Body(0.0, 0.0, 0.0, 0.0, 1.0, 1.0), ())
-    return tuple(
-        Observation(0.0, Road("", 1.0, 1, 1.0, 0.0), alone.me, 0.0, alone, None, {}).signals()
-    )
+    me = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
+    return tuple(Observation(0.0, Road("", 1.0, 1, 1.0, 0.0), me, (me, ()), None, ()).signals())
