@@ -17,14 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cases import CaseResult, CaseTable, counts, point_numbers
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError, check_known
 from sumo_eval.method.score_terms import excess
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.report.bootstrap import COMPARED, paired_differences
 from sumo_eval.report.comparability import Difference, differences, refuse_unless_comparable
 from sumo_eval.report.gate_settings import TIMED, GateSettings
-from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
 from sumo_eval.trajectory import BoolArray, FloatArray
@@ -206,7 +205,9 @@ class AdsComparison:
 class Comparison:
     """Two runs side by side.
 
-    notes: sentences on what a reader would otherwise take for granted.
+    supposed: ADS of the new run -> ADS of the base, where each run has one ADS only, of another
+        name.
+    only_base, only_new: ADSs without a partner.
     """
 
     base_folder: str
@@ -215,8 +216,10 @@ class Comparison:
     confidence: float
     differences: tuple[Difference, ...]
     ads: tuple[AdsComparison, ...]
-    notes: tuple[str, ...]
-    unpaired: tuple[Unpaired, ...] = ()
+    supposed: Mapping[str, str]
+    only_base: tuple[str, ...]
+    only_new: tuple[str, ...]
+    unpaired: tuple[Unpaired, ...]
 
     @property
     def pairs(self) -> int:
@@ -282,7 +285,11 @@ def side_by_side(
     """Compare whatever two runs have in common, though it be nothing; what differs is listed and
     not refused.
     """
-    partners, notes = _partners(base, new, pairs or {})
+    olds, news = (list(dict.fromkeys(it.ads for it in run.scores)) for run in (base, new))
+    partners = _partners(olds, news, pairs or {})
+    alone = not partners and len(olds) == len(news) == 1
+    supposed = {news[0]: olds[0]} if alone else {}
+    partners |= supposed
     compared = []
     for score in new.scores:
         old = partners.get(score.ads)
@@ -292,14 +299,6 @@ def side_by_side(
             if len(paired.new_rows):
                 one = _compare_ads(base, new, paired, settings)
                 compared.append(AdsComparison(score.ads, old, score.scenario, *one))
-    every = [one.changed.paired for one in compared]
-    if unpaired := sum(len(one.lost) + len(one.added) for one in every):
-        notes.append(
-            f"{count(unpaired, 'case')} exist in one run only and are left out; every value is "
-            "over the rest."
-        )
-    if moved := sum(int(np.sum(one.base.safe != one.new.safe)) for one in every):
-        notes.append(f"{count(moved, 'case')} lie in another zone than in the base.")
     return Comparison(
         str(base.folder),
         str(base.manifest.get("created", "")),
@@ -307,7 +306,9 @@ def side_by_side(
         settings.confidence,
         differences(base, new),
         tuple(compared),
-        tuple(notes),
+        supposed,
+        tuple(name for name in olds if name not in partners.values()),
+        tuple(name for name in news if name not in partners),
         tuple(_unpaired(base, new, compared)),
     )
 
@@ -336,28 +337,13 @@ def _unpaired(
             yield Unpaired(score.ads, score.scenario, 0, added, 0, ())
 
 
-def _partners(
-    base: Evaluation, new: Evaluation, pairs: Mapping[str, str]
-) -> tuple[dict[str, str], list[str]]:
-    """ADS of the new run -> ADS of the base, and notes on ADSs that have no partner."""
-    olds = list(dict.fromkeys(score.ads for score in base.scores))
-    news = list(dict.fromkeys(score.ads for score in new.scores))
+def _partners(olds: Sequence[str], news: Sequence[str], pairs: Mapping[str, str]) -> dict[str, str]:
+    """ADS of the new run -> ADS of the base, by name where `pairs` has none."""
     for old, now in pairs.items():
-        for name, known in ((old, olds), (now, news)):
-            if name not in known:
-                raise unknown("ADS", name, known)
+        check_known("ADS", olds, old)
+        check_known("ADS", news, now)
     partners = {now: old for old, now in pairs.items()}
-    partners |= {name: name for name in news if name in olds and name not in partners}
-    notes = []
-    if not partners and len(olds) == len(news) == 1:
-        partners = {news[0]: olds[0]}
-        notes.append(f"`{news[0]}` is compared with `{olds[0]}`: each run has one ADS only.")
-    for name in news:
-        if name not in partners:
-            notes.append(f"ADS `{name}` is not in the base, so nothing is said of how it changed.")
-    gone = [name for name in olds if name not in partners.values()]
-    notes += [f"ADS `{name}` of the base is not in the new run." for name in gone]
-    return partners, notes
+    return {name: name for name in news if name in olds} | partners
 
 
 def _compare_ads(

@@ -34,7 +34,7 @@ from sumo_eval.report.people import people_context
 from sumo_eval.report.qualification import qualification_content
 from sumo_eval.report.readings import settings_content
 from sumo_eval.report.summary import summary_content
-from sumo_eval.report.terminal import moved_words, quantity_words, ways_to
+from sumo_eval.report.terminal import comparison_notes, moved_words, quantity_words, ways_to
 from sumo_eval.report.verdict import Beside as Beside
 from sumo_eval.report.verdict import verdict
 from sumo_eval.report.words import number, parts_of_total
@@ -83,7 +83,7 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
         "verdict": verdict(comparison, beside.gates, evaluation).sentence,
         "failed": any(gate.passed is False for gate in beside.gates),
         "comparison": comparison,
-        "notes": (*beside.notes, *(comparison.notes if comparison else ())),
+        "notes": (*beside.notes, *(comparison_notes(comparison) if comparison else ())),
         "gates": [
             (gate, beside.since.get(gate.name, ""), _alone(gate, comparison))
             for gate in sorted(beside.gates, key=lambda gate: order[gate.passed])

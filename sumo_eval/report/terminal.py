@@ -196,7 +196,7 @@ def comparison_lines(
         f"{'DIFFERS' if other.decides else 'differs'}: {one_line(other.words)}"
         for other in comparison.differences
     ]
-    lines += [one_line(note) for note in comparison.notes]
+    lines += map(one_line, comparison_notes(comparison))
     for one in comparison.ads:
         lines.append(
             f"{one_line(one.ads)} in {one.scenario}: {count(one.pairs, 'case')} side by side"
@@ -216,6 +216,22 @@ def comparison_lines(
         for name, change in one.quantities.items():
             lines.append(f"  {name}: {quantity_words(name, change, comparison.confidence)}")
     return [*lines, *gate_lines(gates, Path(comparison.new_folder))]
+
+
+def comparison_notes(comparison: Comparison) -> Iterator[str]:
+    """Which ADSs and cases of two runs are compared, where a reader would take it for granted."""
+    for new, base in comparison.supposed.items():
+        yield f"`{new}` is compared with `{base}`: each run has one ADS only."
+    for name in comparison.only_new:
+        yield f"ADS `{name}` is not in the base, so nothing is said of how it changed."
+    for name in comparison.only_base:
+        yield f"ADS `{name}` of the base is not in the new run."
+    every = [one.changed.paired for one in comparison.ads]
+    if unpaired := sum(len(one.lost) + len(one.added) for one in every):
+        cases = count(unpaired, "case")
+        yield f"{cases} exist in one run only and are left out; every value is over the rest."
+    if moved := sum(int((one.base.safe != one.new.safe).sum()) for one in every):
+        yield f"{count(moved, 'case')} lie in another zone than in the base."
 
 
 _SEEN = 5e-4

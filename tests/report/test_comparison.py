@@ -16,7 +16,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.report.comparison import Comparison, compare
 from sumo_eval.report.gate_settings import GateSettings
-from sumo_eval.report.terminal import moved_words
+from sumo_eval.report.terminal import comparison_notes, moved_words
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.kept_scores import RowWriter, table_of
 from sumo_eval.settings import AdsSettings
@@ -183,7 +183,7 @@ def test_cases_are_paired_by_their_values_not_by_their_order_or_number(
 def test_a_case_in_one_run_only_is_counted_and_said(evaluation: Evaluation) -> None:
     comparison = compare(evaluation, replace(evaluation, cases=evaluation.cases[1:]), GATE)
     assert len(comparison.ads[0].changed.paired.lost) == 1
-    assert any("exist in one run only" in note for note in comparison.notes)
+    assert any("exist in one run only" in note for note in comparison_notes(comparison))
 
 
 def test_an_ads_without_a_partner_is_said_and_a_pair_can_be_named(evaluation: Evaluation) -> None:
@@ -200,7 +200,7 @@ def test_an_ads_without_a_partner_is_said_and_a_pair_can_be_named(evaluation: Ev
     )
     comparison = compare(evaluation, renamed, GATE)
     assert {one.ads for one in comparison.ads} == {builders.HOSTILE}
-    assert any("`new` is not in the base" in note for note in comparison.notes)
+    assert any("`new` is not in the base" in note for note in comparison_notes(comparison))
     paired = compare(evaluation, renamed, GATE, pairs={builders.CALM: "new"})
     assert {(one.base_ads, one.ads) for one in paired.ads} >= {(builders.CALM, "new")}
     with pytest.raises(InputError, match=r"Unknown ADS `calmer`\. Did you mean `calm`"):
