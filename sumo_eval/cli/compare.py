@@ -63,14 +63,15 @@ def compare(
     """
     from sumo_eval.errors import InputError
     from sumo_eval.evaluation import refuse_to_score
+    from sumo_eval.nightly.gates import judge
     from sumo_eval.record.run_folder import give_what_is_own
     from sumo_eval.report.assessed import write_assessed_report
-    from sumo_eval.report.comparison import compare as compare_runs
-    from sumo_eval.report.gate_settings import read_gate
-    from sumo_eval.report.gates import failed, judge
+    from sumo_eval.report.gate_result import failed
     from sumo_eval.report.junit import comparison_suites, write_junit
     from sumo_eval.report.sections import Beside
     from sumo_eval.report.terminal import comparison_lines
+    from sumo_eval.scoring.comparison import compare as compare_runs
+    from sumo_eval.scoring.gate_settings import read_gate
 
     settings = read_gate(gate)
     if not all(all(pair.partition("=")) for pair in pairs):
@@ -149,8 +150,8 @@ def nightly(
     from sumo_eval.cli.stopping import Stopping
     from sumo_eval.nightly.morning import morning_lines, tell_github
     from sumo_eval.nightly.night import run_night
-    from sumo_eval.report.gate_settings import read_gate
     from sumo_eval.report.terminal import closing_lines, comparison_lines
+    from sumo_eval.scoring.gate_settings import read_gate
 
     settings = read_gate(gate)
     with Progress() as progress:

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.evaluation import score
 from sumo_eval.nightly.history import Accepted, History, Night, is_begun, open_history
-from sumo_eval.report.comparison import Comparison, side_by_side
 from sumo_eval.report.gate_result import CaseChange
-from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.comparison import Comparison, side_by_side
+from sumo_eval.scoring.gate_settings import GateSettings
 
 MOST_DIGITS = 5  # of an age
 NIGHT = "night.json"

@@ -17,9 +17,9 @@ import numpy as np
 from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError
 from sumo_eval.report.gate_result import GateResult
-from sumo_eval.report.gate_settings import NearMissSettings
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import SCORES
+from sumo_eval.scoring.gate_settings import NearMissSettings
 
 HISTORY = "history.sqlite"
 FORMAT_VERSION = 1

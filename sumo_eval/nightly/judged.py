@@ -10,16 +10,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from sumo_eval.nightly.bases import Bases, find_bases, pin_of, pinned_by_itself
+from sumo_eval.nightly.gates import judge
 from sumo_eval.nightly.history import Accepted, History, Night, ShakyCase
 from sumo_eval.nightly.repeats import AGAIN, bad_again, keys_of, repeats_of, shaky_cases
+from sumo_eval.nightly.rule_limits import EVERYWHERE, judge_pairs, judge_rule
 from sumo_eval.record.progress import Progress
-from sumo_eval.report.gate_result import GateResult
-from sumo_eval.report.gate_settings import GateSettings
-from sumo_eval.report.gates import failed, judge
-from sumo_eval.report.rule import Noise, only_improved
-from sumo_eval.report.rule_limits import EVERYWHERE, judge_pairs, judge_rule
+from sumo_eval.report.gate_result import GateResult, failed
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.gate_settings import GateSettings
+from sumo_eval.scoring.rule import Noise, only_improved
 
 
 @dataclass(frozen=True, slots=True)

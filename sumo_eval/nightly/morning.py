@@ -14,13 +14,12 @@ from typing import Any
 from sumo_eval.nightly.bases import NIGHT
 from sumo_eval.nightly.history import Night
 from sumo_eval.nightly.judged import JudgedNight, Since
-from sumo_eval.report.comparison import builds_besides
-from sumo_eval.report.gate_result import GateResult
-from sumo_eval.report.gates import failed
+from sumo_eval.report.gate_result import GateResult, failed
 from sumo_eval.report.page import REPORT, case_key
 from sumo_eval.report.terminal import gate_lines, ways_to, worst_lines
 from sumo_eval.report.words import one_line
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.comparison import builds_besides
 
 SUMMARY = "summary.md"
 CHAT = "chat.json"

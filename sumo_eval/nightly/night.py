@@ -47,14 +47,14 @@ from sumo_eval.record.run_folder import FACTS, is_run
 from sumo_eval.record.store import Store
 from sumo_eval.report.assessed import write_assessed_report
 from sumo_eval.report.explain import known_case
-from sumo_eval.report.gate_settings import GateSettings
-from sumo_eval.report.gates import failed
+from sumo_eval.report.gate_result import failed
 from sumo_eval.report.junit import JUNIT, comparison_suites, run_suites, score_parts, write_junit
 from sumo_eval.report.sections import Beside
 from sumo_eval.report.summary import first_case
 from sumo_eval.report.tables import write_tables
 from sumo_eval.report.verdict import verdict
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.gate_settings import GateSettings
 from sumo_eval.settings.config import read_evaluation
 from sumo_eval.whatif.search import CaseLevers, WhatIf
 

@@ -20,9 +20,11 @@ from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.record.recording import Planner, planner
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
-from sumo_eval.report.comparison import Comparison
-from sumo_eval.report.gate_settings import GateSettings
-from sumo_eval.report.rule import (
+from sumo_eval.report.words import point
+from sumo_eval.results import Evaluation
+from sumo_eval.scoring.comparison import Comparison
+from sumo_eval.scoring.gate_settings import GateSettings
+from sumo_eval.scoring.rule import (
     Ends,
     Noise,
     Repeats,
@@ -32,8 +34,6 @@ from sumo_eval.report.rule import (
     severity_limit,
     worse_ends,
 )
-from sumo_eval.report.words import point
-from sumo_eval.results import Evaluation
 from sumo_eval.settings.random_streams import random_stream
 
 AGAIN = "again"  # folder beside the nights in which cases are driven once more; gone afterwards

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.words import point
 
 MOST_NAMED = 5  # cases of a failed limit that are shown with their values
+CANNOT_SEE = "cannot see a change"
 MOST_KEYS = 1_000  # cases that a failed limit names by key
 
 
@@ -67,3 +69,8 @@ class GateResult:
     def name(self) -> tuple[str, str, str]:
         """Identity of the limit across nights: ADS, scenario, quantity."""
         return self.ads, self.scenario, self.quantity
+
+
+def failed(results: Sequence[GateResult]) -> tuple[GateResult, ...]:
+    """The gates that did not hold."""
+    return tuple(result for result in results if result.passed is False)

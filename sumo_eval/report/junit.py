@@ -24,8 +24,7 @@ from lxml import etree
 
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.errors import InputError
-from sumo_eval.report.comparison import AdsComparison, ChangedCase, Comparison
-from sumo_eval.report.gates import GateResult
+from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.tables import write_tables
 from sumo_eval.report.terminal import worst_lines
 from sumo_eval.report.words import (
@@ -39,6 +38,7 @@ from sumo_eval.report.words import (
 )
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import SCORES
+from sumo_eval.scoring.comparison import AdsComparison, ChangedCase, Comparison
 from sumo_eval.scoring.findings import findings
 from sumo_eval.settings import ReportSettings
 

@@ -17,16 +17,8 @@ from typing import Any
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.checks import checks_content
-from sumo_eval.report.comparison import (
-    BETTER,
-    WORSE,
-    AdsComparison,
-    Comparison,
-    QuantityChange,
-)
 from sumo_eval.report.confidence_section import confidence_content
-from sumo_eval.report.gate_settings import HIGHER_IS_BETTER
-from sumo_eval.report.gates import GateResult
+from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus, sentences
 from sumo_eval.report.levers_section import levers_content
 from sumo_eval.report.opinion_section import opinion_content
@@ -39,7 +31,15 @@ from sumo_eval.report.verdict import Beside as Beside
 from sumo_eval.report.verdict import verdict
 from sumo_eval.report.words import number, parts_of_total
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.comparison import (
+    BETTER,
+    WORSE,
+    AdsComparison,
+    Comparison,
+    QuantityChange,
+)
 from sumo_eval.scoring.findings import findings
+from sumo_eval.scoring.gate_settings import HIGHER_IS_BETTER
 from sumo_eval.scoring.preventability import preventability, reference_ads
 
 MOST_LEDGER_CASES = 5  # of one line of the ledger

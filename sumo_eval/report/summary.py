@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.cases import CaseResult
-from sumo_eval.report.comparison import builds_besides
 from sumo_eval.report.headline import headline, ranked
 from sumo_eval.report.page import case_key
 from sumo_eval.report.verdict import Beside, verdict
 from sumo_eval.report.words import cause_words, count, number, span
 from sumo_eval.results import Evaluation, RankedAds
+from sumo_eval.scoring.comparison import builds_besides
 from sumo_eval.scoring.findings import findings, unevaluated
 
 MOST_CHANGES = 4  # failed limits whose worst case is named

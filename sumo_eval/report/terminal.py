@@ -9,12 +9,10 @@ from itertools import chain, islice
 from pathlib import Path
 
 from sumo_eval.report.checks import check_lines
-from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
-from sumo_eval.report.gates import GateResult, failed
+from sumo_eval.report.gate_result import CANNOT_SEE, GateResult, failed
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.report.page import REPORT, case_key
 from sumo_eval.report.qualification import qualification_sentence
-from sumo_eval.report.rule_limits import CANNOT_SEE
 from sumo_eval.report.verdict import verdict
 from sumo_eval.report.words import (
     REASON_WITHOUT_C,
@@ -40,6 +38,7 @@ from sumo_eval.results import (
     ScenarioResult,
 )
 from sumo_eval.scoring.case_terms import SCORES
+from sumo_eval.scoring.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
 from sumo_eval.scoring.findings import findings, unevaluated
 from sumo_eval.text import without_numbers
 

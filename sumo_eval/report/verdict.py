@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from sumo_eval.report.comparison import Comparison
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.comparison import Comparison
 
 if TYPE_CHECKING:
     # scipy, which a look at a report does without

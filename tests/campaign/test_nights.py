@@ -19,10 +19,15 @@ import pytest
 
 import sumo_eval
 from sumo_eval.cases import CaseResult, CaseTable
-from sumo_eval.report.comparison import Comparison, side_by_side
-from sumo_eval.report.gate_settings import GateSettings, MeasureSettings
-from sumo_eval.report.gates import failed, judge
-from sumo_eval.report.rule import (
+from sumo_eval.nightly.gates import judge
+from sumo_eval.report.gate_result import failed
+from sumo_eval.results import Evaluation
+from sumo_eval.scenario.catalogue import load
+from sumo_eval.scenario.sampling.request import Request
+from sumo_eval.scenario.sampling.samples import sample
+from sumo_eval.scoring.comparison import Comparison, side_by_side
+from sumo_eval.scoring.gate_settings import GateSettings, MeasureSettings
+from sumo_eval.scoring.rule import (
     Ends,
     Noise,
     Repeats,
@@ -31,10 +36,6 @@ from sumo_eval.report.rule import (
     severity_limit,
     worse_ends,
 )
-from sumo_eval.results import Evaluation
-from sumo_eval.scenario.catalogue import load
-from sumo_eval.scenario.sampling.request import Request
-from sumo_eval.scenario.sampling.samples import sample
 
 SIZES = tuple(int(text) for text in os.environ.get("SUMO_EVAL_NIGHT_CASES", "18 62").split())
 SETTINGS = GateSettings(resamples=100)
@@ -135,7 +136,7 @@ def watched() -> tuple[MeasureSettings, ...]:
 
 def worse_beyond(comparison: Comparison) -> bool:
     """Whether any case is worse beyond the tolerance of anything that the rule watches."""
-    from sumo_eval.report.rule import newly_bad, tally
+    from sumo_eval.scoring.rule import newly_bad, tally
 
     near, shift = SETTINGS.near_miss.measure, SETTINGS.shift.measure
     ads = comparison.ads[0].ads

@@ -27,7 +27,7 @@ from sumo_eval import open_run
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.nightly.history import Night, open_history
 from sumo_eval.nightly.night import _clear_away, _prune, run_night
-from sumo_eval.report.gate_settings import GateSettings
+from sumo_eval.scoring.gate_settings import GateSettings
 
 
 def nights(history: Path) -> list[Night]:

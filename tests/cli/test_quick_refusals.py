@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from sumo_eval.cli import main
 from sumo_eval.extras.figures import style
 from sumo_eval.record import cluster, loops
-from sumo_eval.report.gates import GateResult
+from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.terminal import gate_lines
 from sumo_eval.scenario.shipped_files import scenario_files
 

@@ -35,11 +35,11 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.extras.openscenario.points import read_mapping
 from sumo_eval.extras.rates.campaign import read_campaign
 from sumo_eval.extras.wheel.plan import read_study
-from sumo_eval.report.gate_settings import read_gate
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.formats import expanded
 from sumo_eval.scenario.sampling.samples import sample
+from sumo_eval.scoring.gate_settings import read_gate
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.settings.config import settings_from
 

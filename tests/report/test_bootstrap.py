@@ -12,9 +12,9 @@ import pytest
 from sumo_eval.cases import CaseResult
 from sumo_eval.method.anthropomorphic import exposure_weighted_index
 from sumo_eval.method.collision_avoidance import collision_avoidance_index
-from sumo_eval.report.bootstrap import paired_differences
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms
+from sumo_eval.scoring.confidence.paired_differences import paired_differences
 from sumo_eval.scoring.confidence.resamples import one_list, resamples
 from sumo_eval.settings import MethodSettings
 

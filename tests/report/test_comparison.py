@@ -14,10 +14,10 @@ from report_cases import hit, pick, with_case
 from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.report.comparison import Comparison, compare
-from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.terminal import comparison_notes, moved_words
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.comparison import Comparison, compare
+from sumo_eval.scoring.gate_settings import GateSettings
 from sumo_eval.scoring.kept_scores import RowWriter, table_of
 from sumo_eval.settings import AdsSettings
 

@@ -11,8 +11,11 @@ import pytest
 from report_cases import hit, pick, with_case
 
 from sumo_eval.errors import InputError
-from sumo_eval.report.comparison import compare
-from sumo_eval.report.gate_settings import (
+from sumo_eval.nightly.gates import judge
+from sumo_eval.report.gate_result import GateResult, failed
+from sumo_eval.results import Evaluation
+from sumo_eval.scoring.comparison import compare
+from sumo_eval.scoring.gate_settings import (
     HIGHER_IS_BETTER,
     GateSettings,
     LimitSettings,
@@ -21,8 +24,6 @@ from sumo_eval.report.gate_settings import (
     ShiftSettings,
     read_gate,
 )
-from sumo_eval.report.gates import GateResult, failed, judge
-from sumo_eval.results import Evaluation
 
 OFF = {
     "outcome": OutcomeSettings(on=False),

@@ -10,13 +10,13 @@ import junitparser
 import pytest
 from report_cases import hit, pick, with_case
 
-from sumo_eval.report.comparison import compare
-from sumo_eval.report.gate_settings import GateSettings, LimitSettings
-from sumo_eval.report.gates import judge
+from sumo_eval.nightly.gates import judge
 from sumo_eval.report.junit import comparison_suites, run_suites, score_parts, write_junit
 from sumo_eval.report.words import number, point
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.comparison import compare
 from sumo_eval.scoring.findings import unevaluated
+from sumo_eval.scoring.gate_settings import GateSettings, LimitSettings
 from sumo_eval.settings import ReportSettings
 
 

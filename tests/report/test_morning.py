@@ -14,17 +14,18 @@ from report_cases import pick, with_case
 
 from sumo_eval.errors import InputError
 from sumo_eval.nightly.bases import Bases, accept, pin_of
+from sumo_eval.nightly.gates import judge
 from sumo_eval.nightly.history import Night, open_history
 from sumo_eval.nightly.judged import JudgedNight, Since, new_first, new_pin
 from sumo_eval.nightly.morning import github_annotations, write_night
+from sumo_eval.nightly.rule_limits import judge_rule
 from sumo_eval.nightly.trend import write_trend
-from sumo_eval.report.comparison import Comparison, compare
-from sumo_eval.report.gate_settings import GateSettings, LimitSettings
-from sumo_eval.report.gates import failed, judge
+from sumo_eval.report.gate_result import failed
 from sumo_eval.report.junit import comparison_suites, write_junit
-from sumo_eval.report.rule import Noise, Repeats
-from sumo_eval.report.rule_limits import judge_rule
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.comparison import Comparison, compare
+from sumo_eval.scoring.gate_settings import GateSettings, LimitSettings
+from sumo_eval.scoring.rule import Noise, Repeats
 
 SETTINGS = GateSettings(resamples=100)
 FIRST, SECOND = "2026-11-24T02-00-00Z", "2026-11-25T02-00-00Z"

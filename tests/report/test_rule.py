@@ -11,15 +11,19 @@ import pytest
 from report_cases import hit, pick, with_case
 
 from sumo_eval.cases import CaseResult
-from sumo_eval.report.comparison import compare
-from sumo_eval.report.gate_settings import (
+from sumo_eval.nightly.gates import judge
+from sumo_eval.nightly.rule_limits import judge_pairs
+from sumo_eval.report.gate_result import GateResult, failed
+from sumo_eval.report.verdict import verdict
+from sumo_eval.results import Evaluation
+from sumo_eval.scoring.comparison import compare
+from sumo_eval.scoring.gate_settings import (
     GateSettings,
     MeasureSettings,
     NearMissSettings,
     NoiseSettings,
 )
-from sumo_eval.report.gates import GateResult, failed, judge
-from sumo_eval.report.rule import (
+from sumo_eval.scoring.rule import (
     Ends,
     Noise,
     Repeats,
@@ -32,9 +36,6 @@ from sumo_eval.report.rule import (
     tolerance,
     worsening,
 )
-from sumo_eval.report.rule_limits import judge_pairs
-from sumo_eval.report.verdict import verdict
-from sumo_eval.results import Evaluation
 
 SETTINGS = GateSettings(resamples=100)
 GAP = MeasureSettings("min_gap", 0.1, 0.1, zone=2.0)

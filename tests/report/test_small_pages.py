@@ -15,13 +15,13 @@ from report_cases import hit, pick, with_case
 
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.run_folder import FACTS
-from sumo_eval.report.comparison import compare
-from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.html import Beside, write_comparison, write_report
 from sumo_eval.report.points_page import write_points
 from sumo_eval.results import Evaluation, NotComputed
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import Sample
+from sumo_eval.scoring.comparison import compare
+from sumo_eval.scoring.gate_settings import GateSettings
 
 
 @pytest.mark.campaign

@@ -14,7 +14,7 @@ from page_checks import holds_what_every_page_holds, saved_table
 from sumo_eval.errors import InputError
 from sumo_eval.nightly.history import HISTORY, Night, open_history
 from sumo_eval.nightly.trend import HEIGHT, TOP, _ticks, charts, write_trend
-from sumo_eval.report.gates import GateResult
+from sumo_eval.report.gate_result import GateResult
 from sumo_eval.results import Evaluation
 
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")

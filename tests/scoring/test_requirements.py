@@ -11,13 +11,13 @@ import pytest
 
 from sumo_eval import evaluate
 from sumo_eval.errors import InputError
-from sumo_eval.report.gate_settings import GateSettings, LimitSettings
-from sumo_eval.report.gates import judge
+from sumo_eval.nightly.gates import judge
 from sumo_eval.report.junit import run_suites
 from sumo_eval.report.tables import write_tables
 from sumo_eval.report.words import score_note
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.requirement import requirement
+from sumo_eval.scoring.gate_settings import GateSettings, LimitSettings
 from sumo_eval.scoring.requirements import series_of
 from sumo_eval.trajectory import Trajectory
 

@@ -17,9 +17,9 @@ import sumo_eval
 from sumo_eval.cases import CaseResult
 from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.record.store import open_store
-from sumo_eval.report.gate_settings import TIMED
 from sumo_eval.report.tables import write_tables
 from sumo_eval.results import Counted, Evaluation, NotComputed, ScenarioResult
+from sumo_eval.scoring.gate_settings import TIMED
 
 CUT_OUT = "front_vehicle_cut_out"
 

@@ -11,9 +11,9 @@ import pytest
 import sumo_eval
 from sumo_eval.errors import InputError
 from sumo_eval.method.severity import injury_risk
-from sumo_eval.report.comparability import differences
 from sumo_eval.report.tables import write_tables
 from sumo_eval.results import BeyondRange, Evaluation
+from sumo_eval.scoring.comparability import differences
 
 OWN = """
 def by_speed(contact):

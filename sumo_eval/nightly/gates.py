@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from itertools import islice, product
 
 import numpy as np
 
 from sumo_eval.cases import CaseTable
-from sumo_eval.report.comparison import AdsComparison, Change, Comparison, QuantityChange
-from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange
-from sumo_eval.report.gate_result import GateResult as GateResult
-from sumo_eval.report.gate_settings import (
+from sumo_eval.nightly.rule_limits import end_change, judge_rule
+from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, GateResult
+from sumo_eval.report.words import REASON_WITHOUT_T, count, not_computed, number, reason_without
+from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.scoring.case_terms import SCORES
+from sumo_eval.scoring.comparison import AdsComparison, Change, Comparison, QuantityChange
+from sumo_eval.scoring.gate_settings import (
     HIGHER_COLUMNS,
     HIGHER_IS_BETTER,
     OF_THE_COMPARISON,
@@ -20,11 +23,7 @@ from sumo_eval.report.gate_settings import (
     GateSettings,
     LimitSettings,
 )
-from sumo_eval.report.rule import QUIET, Noise
-from sumo_eval.report.rule_limits import end_change, judge_rule
-from sumo_eval.report.words import REASON_WITHOUT_T, count, not_computed, number, reason_without
-from sumo_eval.results import Evaluation, ScenarioResult
-from sumo_eval.scoring.case_terms import SCORES
+from sumo_eval.scoring.rule import QUIET, Noise
 from sumo_eval.trajectory import FloatArray
 
 _CHANGES: dict[str, Change] = {
@@ -61,11 +60,6 @@ def judge(
             cases = new.cases_of(score.ads, score.scenario)
             results += _judge_cases(limit, score, cases, beside)
     return tuple(results)
-
-
-def failed(results: Sequence[GateResult]) -> tuple[GateResult, ...]:
-    """The gates that did not hold."""
-    return tuple(result for result in results if result.passed is False)
 
 
 # --- numbers of an ADS ----------------------------------------------------------------------------

@@ -21,11 +21,11 @@ from sumo_eval.errors import InputError, check_known
 from sumo_eval.method.score_terms import excess
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
-from sumo_eval.report.bootstrap import COMPARED, paired_differences
-from sumo_eval.report.comparability import Difference, differences, refuse_unless_comparable
-from sumo_eval.report.gate_settings import TIMED, GateSettings
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
+from sumo_eval.scoring.comparability import Difference, differences, refuse_unless_comparable
+from sumo_eval.scoring.confidence.paired_differences import COMPARED, paired_differences
+from sumo_eval.scoring.gate_settings import TIMED, GateSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 IntArray = NDArray[np.intp]

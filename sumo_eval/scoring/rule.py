@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sumo_eval.cases import CaseTable, Column
-from sumo_eval.report.comparison import AdsComparison, Comparison, Paired
-from sumo_eval.report.gate_settings import (
+from sumo_eval.scoring.comparison import AdsComparison, Comparison, Paired
+from sumo_eval.scoring.gate_settings import (
     LAST_DIGIT,
     TIMED,
     GateSettings,

@@ -8,10 +8,11 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 
 from sumo_eval.cases import CaseResult
-from sumo_eval.report.comparison import Comparison
-from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, GateResult
-from sumo_eval.report.gate_settings import GateSettings
-from sumo_eval.report.rule import (
+from sumo_eval.report.gate_result import CANNOT_SEE, MOST_KEYS, MOST_NAMED, CaseChange, GateResult
+from sumo_eval.report.words import cause_words, count, number
+from sumo_eval.scoring.comparison import Comparison
+from sumo_eval.scoring.gate_settings import GateSettings
+from sumo_eval.scoring.rule import (
     ENDS,
     Noise,
     Tally,
@@ -22,7 +23,6 @@ from sumo_eval.report.rule import (
     newly_bad,
     tallies,
 )
-from sumo_eval.report.words import cause_words, count, number
 
 WORDS = {
     "min_gap": ("smallest gap", "m"), "min_ttc": ("smallest TTC", "s"), "pet": ("PET", "s"),
@@ -35,7 +35,6 @@ WORDS = {
 """Name and unit of what the rule watches by default."""
 
 EVERYWHERE = "all scenarios"
-CANNOT_SEE = "cannot see a change"
 
 
 def judge_rule(comparison: Comparison, settings: GateSettings, noise: Noise) -> list[GateResult]:
