@@ -296,7 +296,8 @@ class Recording:
     error_place: str = ""  # `my_ads.py:42 in act`: where in the user's code an exception came from
     # of an ADS that asks SUMO, beside others of its cases: "batched", or "compared" with it alone
     batched: str = ""
-    # (steps, 2), m/s2 and rad, of a contact of an ego that the vehicle model moved throughout
+    # of a contact (steps, 2), m/s2 and rad; where not the vehicle model moves all of a simulation,
+    # (steps, 6): x, y and heading on the map, speed, acceleration, steering
     commands: FloatArray | None = field(default=None, compare=False, repr=False)
 
     def same_motion(self, other: Recording) -> bool:

@@ -40,7 +40,7 @@ from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, h
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LeftTheRoadError
 from sumo_eval.cosim.latency import EVERY
 from sumo_eval.cosim.plans import Wheel
-from sumo_eval.cosim.records import COMMAND, PLANT, REASONS, Records, numbers_of
+from sumo_eval.cosim.records import COMMAND, MODEL, NEXT, PLANT, REASONS, Records, numbers_of
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.step_rules import stop_rows
 from sumo_eval.cosim.sumo.insides import simulation_time
@@ -57,6 +57,7 @@ from sumo_eval.trajectory import Alone, EndReason
 _LONGEST_WORDS = SENTENCE - 20  # characters of an adapter's sentence, to which the time is added
 _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
 ASKS_SUMO = Alone("asks_sumo")
+_STANDS = 1e-3  # m in a step; who drives less does not turn either
 KEPT = 0.75  # share of the rows that must still be live, or the ended ones are given up
 
 
@@ -206,7 +207,6 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
             if world.steps % EVERY == 0:
                 world.latencies.time_fixed_work()
             driver.step(world, world.steps * step)
-            world.keep_commands()
             now, sampling = after * step, after % every == 0
             if sampling:
                 world.room_for_samples()
@@ -382,7 +382,9 @@ class Rules(EgoControl):
 
 
 class Replay(NamedTuple):
-    """Commands of a drive, (steps, 2), given up to step `until`; from there on full braking."""
+    """Commands of a drive, (steps, 2), or where it was, (steps, 6), up to step `until`; from there
+    on full braking.
+    """
 
     commands: NDArray[np.float64]
     until: int
@@ -397,9 +399,11 @@ class Replays(EgoControl):
     def __init__(self, replays: Sequence[Replay], terms: Terms) -> None:
         super().__init__(terms)
         longest = max(len(it.commands) for it in replays)
-        self._commands = np.zeros((len(replays), longest + 1, 2))
+        # the states of an ego that the vehicle model did not move, then its command
+        self._commands = np.zeros((len(replays), longest + 1, 6))
         for row, it in enumerate(replays):
-            self._commands[row, : len(it.commands)] = it.commands
+            self._commands[row, : len(it.commands), -it.commands.shape[1] :] = it.commands
+        self._moved = np.array([it.commands.shape[1] > 2 for it in replays])
         self._until = np.array([it.until for it in replays])
 
     def begin(self, world: World, stage: Stage) -> None:
@@ -407,15 +411,28 @@ class Replays(EgoControl):
         super().begin(world, stage)
         stage.take_charge(world)
         self._strongest = np.array([its.vehicle.max_deceleration for its in world.each])
+        if world.cases[0].road.bent and self._moved.any():
+            self._commands[self._moved, :, -1] = self._steering(world)[self._moved]
+
+    def _steering(self, world: World) -> NDArray[np.float64]:
+        """The wheel that turns the vehicle as it turned in each step, rad."""
+        heading, speed = self._commands[..., 2], self._commands[..., 3]
+        turned = np.diff(heading, axis=1, prepend=heading[:, :1])
+        way = np.maximum(speed * world.settings.step, _STANDS)
+        vehicle = world.settings.vehicle
+        return np.arctan(vehicle.wheelbase * turned / way) * vehicle.steering_ratio
 
     def step(self, world: World, time: float) -> None:
         """The command of this step, or full braking."""
-        rows, command = world.rows, world.egos["command"]
-        now = self._commands[rows, min(world.steps, self._commands.shape[1] - 1)]
+        rows, egos = world.rows, world.egos
         brakes = world.steps >= self._until[rows]
-        straight = 0.0 if not world.cases[0].road.bent else command["steering"]
-        command["acceleration"] = np.where(brakes, -self._strongest[rows], now[:, 0])
-        command["steering"] = np.where(brakes, straight, now[:, 1])
+        goes_on, numbers, command = ~brakes, numbers_of(egos), egos["command"]
+        now = self._commands[rows, min(world.steps, self._commands.shape[1] - 1)][goes_on]
+        numbers[goes_on, NEXT], numbers[goes_on, COMMAND] = now, now[:, -2:]
+        egos["placed"] = np.where(self._moved[rows] & goes_on, PLANT, MODEL)
+        command["acceleration"][brakes] = -self._strongest[rows][brakes]
+        if not world.cases[0].road.bent:
+            command["steering"][brakes] = 0.0
         # full braking is no reason to continue once the ego stands
         world.egos["settled"] = brakes
 

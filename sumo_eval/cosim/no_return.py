@@ -1,7 +1,8 @@
 """The point of no return of a contact: the last step from which full braking still avoids it.
 
-The ADS is not asked again. Its recorded commands are replayed up to a step, then the ego brakes as
-strongly as it can, with the wheel straight. Steering away is not considered.
+The ADS is not asked again. Its recorded commands, or where SUMO or a plant moved it, are replayed
+up to a step, then the ego brakes as strongly as it can, with the wheel straight. Steering away is
+not considered.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ def with_no_return(
     )
     for (place, found, hit), last in zip(hits, search.last_steps(), strict=True):
         commands = np.empty((0, 2)) if found.commands is None else found.commands
-        braking = np.flatnonzero(commands[:, 0] <= -BRAKES)
+        braking = np.flatnonzero(commands[:, -2] <= -BRAKES)
         first = round(float(braking[0]) * settings.step, 6) if len(braking) else NEVER
         time = last if last < 0.0 else round(last * settings.step, 6)
         clip = Clip(NO_RETURN, 1, time, first, hit.time)

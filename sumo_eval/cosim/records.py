@@ -100,6 +100,12 @@ way: as in `_WAY`."""
 _COMMAND = EGO.fields["command"][1] // 8  # type: ignore[index]
 COMMAND = slice(_COMMAND, _COMMAND + 2)
 """Place of the command in the numbers of an ego."""
+_ON_MAP = EGO.fields["map"][1] // 8  # type: ignore[index]
+MOTION = [*range(_ON_MAP, _ON_MAP + 3), 3, 7, 8]
+"""Places of x, y and heading on the map, speed, acceleration and steering: as in `_NEXT`."""
+_AHEAD = EGO.fields["next"][1] // 8  # type: ignore[index]
+NEXT = slice(_AHEAD, _AHEAD + 6)
+"""Place of a plant's next state."""
 
 OTHER = np.dtype(
     [

@@ -27,6 +27,7 @@ from sumo_eval.cosim.records import (
     EGO,
     LIMITS,
     MODEL,
+    MOTION,
     MOVER,
     OTHER,
     PLACES,
@@ -144,10 +145,11 @@ class World:
         self.tell = np.zeros((n * (1 + m), 8))
         self._sampled, self._room = 1, 64
         self.samples = np.zeros((n, 1 + m, self._room, len(CHANNELS)))
-        self._commands = np.full((n, self._room, 2), np.nan)
-        self._commanded = numbers_of(self.egos)[:, COMMAND]
         self._batched = "batched" if placed == SUMO and n > 1 else ""
-        self._models = placed == MODEL and settings.plant is None  # the vehicle model moves all
+        models = placed == MODEL and settings.plant is None  # the vehicle model moves all
+        self._numbers = numbers_of(self.egos)
+        self._kept: Any = COMMAND if models else MOTION
+        self._commands = np.zeros((n, self._room, 2 if models else 6))
         self._codes: dict[Any, Any] = {}  # the rules of a step as machine code for these arrays
         self.reacts = any(case.reacts for case in cases)
         self._stack = np.zeros((DEEPEST, 3))
@@ -195,21 +197,11 @@ class World:
         now = steps * step
         return self.let_leave(now, told, as_read) if self.may_leave(now) else (told, ())
 
-    def keep_commands(self) -> None:
-        """Keep what the egos are commanded in this step; nan of one that SUMO or a plant moves."""
-        if not self._models and not np.count_nonzero(self.egos["placed"]):
-            return
-        while self.steps >= self._commands.shape[1]:
-            unknown = np.full_like(self._commands, np.nan)
-            self._commands = np.concatenate([self._commands, unknown], 1)
-        if self._models:
-            self._commands[:, self.steps] = self._commanded
-            return
-        moved = self.egos["placed"] == MODEL
-        self._commands[moved, self.steps] = self._commanded[moved]
-
     def see(self, *, sampling: bool = False, as_read: bool = False) -> int:
         """Take in what SUMO shows at the end of the step; how many cases have ended."""
+        if self.steps >= self._commands.shape[1]:
+            self._commands = np.concatenate([self._commands, np.zeros_like(self._commands)], 1)
+        self._commands[:, self.steps] = self._numbers[:, self._kept]
         self.steps += 1
         ended: int = self._run(
             see_rows, self.scenes, self.scenario, self.line, self.steps, int(sampling), int(as_read)
@@ -323,7 +315,7 @@ class World:
         if len(self.scenario) > 2:
             self.scenario = self.scenario.reshape(-1, 2)[rows].reshape(-1)
         self.players, self._codes = self.players.of(rows), {}
-        self._commanded = numbers_of(self.egos)[:, COMMAND]
+        self._numbers = numbers_of(self.egos)
 
     def end(self, row: int) -> int:
         """Take down what a case that has ended leaves behind; its number."""
@@ -350,9 +342,7 @@ class World:
         if hit is not None and hit.side == "rear" and actors[int(ego["struck"])].model is not None:
             self.note(case, "struck_from_behind", hit.relative_speed, self._in_its_lane_for(row))
         counts = self.others["samples"][row].tolist()
-        commands = None
-        if hit is not None and self.steps <= self._commands.shape[1]:
-            commands = self._commands[row, : self.steps].copy()
+        commands = None if hit is None else self._commands[row, : self.steps].copy()
         self.ended[case] = partial(
             Recording,
             self._trajectory(row, 0, int(ego["samples"]), vehicle),
@@ -360,7 +350,7 @@ class World:
             hit,
             reason,
             self._clips(row, case),
-            commands=None if commands is None or np.isnan(commands).any() else commands,
+            commands=commands,
         )
         return case
 

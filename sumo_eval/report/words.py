@@ -163,7 +163,7 @@ _CAUSES = {
     "weak": "braked in time, not hard enough: full braking from {last} on avoids it",
     "never_braked": "did not brake: full braking from {last} on avoids it",
     "unavoidable_by_braking": "full braking from the start does not avoid it",
-    "not_repeatable": "no point of no return: its commands alone do not repeat the drive",
+    "not_repeatable": "no point of no return: its replay is another drive",
 }
 
 

@@ -9,7 +9,7 @@ from sumo_eval.cosim.simulation import simulate, simulate_many, simulate_togethe
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import Request, sample
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.trajectory import NEVER, NO_RETURN, UNKNOWN
+from sumo_eval.trajectory import NEVER, NO_RETURN
 
 USUAL = SimulationSettings()
 STRONGEST, RAMP = USUAL.vehicle.max_deceleration, USUAL.vehicle.brake_build_up
@@ -20,8 +20,20 @@ def clip_of(recording):
     return clip
 
 
+def drives_on(traci, ego, time):
+    traci.vehicle.setSpeed(ego, 25.0)
+
+
+def changes_lane(traci, ego, time):
+    """By SUMO's own control: to the left, and more slowly from 1.5 s on."""
+    traci.vehicle.setSpeed(ego, 25.0 if time < 1.5 else 20.0)
+    if time == 0.5:
+        traci.vehicle.changeLane(ego, 1, 2.0)
+
+
 @pytest.mark.parametrize("closing", [5.0, 10.0, 20.0])
-def test_constant_speeds_have_the_closed_form(closing):
+@pytest.mark.parametrize("controller", ["no_reaction", drives_on])
+def test_constant_speeds_have_the_closed_form(controller, closing):
     """Braking with a linear ramp needs D Tr - a Tr^2 / 6 + (D - a Tr / 2)^2 / (2 a)."""
     needed = (
         closing * RAMP
@@ -29,7 +41,7 @@ def test_constant_speeds_have_the_closed_form(closing):
         + (closing - STRONGEST * RAMP / 2) ** 2 / (2 * STRONGEST)
     )
     concrete = case(lead(60.0, speed=25.0 - closing), speed=25.0)
-    (found,) = with_no_return([simulate(concrete, "no_reaction")], [concrete], USUAL)
+    (found,) = with_no_return([simulate(concrete, controller)], [concrete], USUAL)
     exact = (60.0 - needed) / closing
     assert exact - USUAL.step - 1e-6 <= clip_of(found).first_time <= exact
     assert clip_of(found).requested == NEVER
@@ -57,13 +69,23 @@ def test_braking_avoids_up_to_the_point_and_not_afterwards():
     assert looked_at == 3
 
 
-def test_without_room_nothing_helps_and_sumo_does_not_repeat():
+def test_an_ego_that_sumo_moves_is_replayed_where_it_was():
+    concrete = case(lead(60.0, speed=5.0, y=3.5), speed=25.0)
+    drive = simulate(concrete, changes_lane)
+    (found,) = with_no_return([drive], [concrete], USUAL)
+    steps, last = len(drive.commands), round(clip_of(found).first_time / USUAL.step)
+    tried = [last, last + 1, steps]
+    braked = list(
+        simulate_together([concrete] * 3, [Replay(drive.commands, step) for step in tried], USUAL)
+    )
+    assert [it.collision is None for it in braked] == [True, False, False]
+    assert repr(braked[-1].collision) == repr(drive.collision)
+    assert braked[-1].ego.x.tobytes() == drive.ego.x.tobytes()
+    assert clip_of(found).requested == 1.5
+
+
+def test_without_room_nothing_helps():
     tight = case(lead(2.0, speed=5.0), speed=25.0)
-    (found,) = with_no_return([simulate(tight, "no_reaction")], [tight], USUAL)
-    assert clip_of(found).first_time == NEVER
-
-    def drives_on(traci, ego, time):
-        traci.vehicle.setSpeed(ego, 25.0)
-
-    (found,) = with_no_return([simulate(tight, drives_on)], [tight], USUAL)
-    assert clip_of(found).first_time == UNKNOWN
+    for controller in ("no_reaction", drives_on):
+        (found,) = with_no_return([simulate(tight, controller)], [tight], USUAL)
+        assert clip_of(found).first_time == NEVER
