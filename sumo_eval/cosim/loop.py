@@ -39,7 +39,7 @@ from sumo_eval.cosim.doors.observation import (
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, heeding
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LeftTheRoadError
 from sumo_eval.cosim.latency import EVERY
-from sumo_eval.cosim.plans import Wheel
+from sumo_eval.cosim.plans import Executor
 from sumo_eval.cosim.records import COMMAND, MODEL, NEXT, PLANT, REASONS, Records, numbers_of
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.step_rules import stop_rows
@@ -464,8 +464,8 @@ class Policies(EgoControl):
         ]
         self._perception = Perception(conditions, streams) if self._limited.any() else None
         self._took = [0.0] * len(world.cases)
-        self._wheels = [
-            Wheel(its, partial(world.note, case), world.cases[case].road.line)
+        self._executors = [
+            Executor(its, partial(world.note, case), world.cases[case].road.line)
             for case, its in enumerate(world.each)
         ]
         self.keep(world, world.rows)
@@ -559,7 +559,7 @@ class OneEach(Policies):
             asked = now()
             try:
                 if world.steps % terms.every:
-                    command = self._wheels[case].command(None, egos[row], time)
+                    command = self._executors[case].command(None, egos[row], time)
                     given.append((command.acceleration, command.steering))
                     asked_rows.append(row)
                     self._took[case] = 0.0
@@ -573,9 +573,9 @@ class OneEach(Policies):
                 if terms.every == 1 and type(action) is float and -math.inf < action < math.inf:
                     answer = action, 0.0
                 else:
-                    wheel = self._wheels[case]
-                    wanted = None if action is None and wheel.holds_plan else as_command(action)
-                    command = wheel.command(wanted, egos[row], time)
+                    executor = self._executors[case]
+                    wanted = None if action is None and executor.holds_plan else as_command(action)
+                    command = executor.command(wanted, egos[row], time)
                     answer = command.acceleration, command.steering
                 took = now() - asked
                 if took > terms.step_timeout:

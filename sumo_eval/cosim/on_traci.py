@@ -48,7 +48,7 @@ from sumo_eval.cosim.loop import (
     note_unlimited,
     with_time,
 )
-from sumo_eval.cosim.plans import HOLD, Wheel, wanted
+from sumo_eval.cosim.plans import HOLD, Executor, checked_answer
 from sumo_eval.cosim.records import MODEL, STRAIGHT, SUMO
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, LEFT_BATCH, Stage
 from sumo_eval.cosim.step_rules import goes_straight
@@ -187,7 +187,7 @@ class _Hook:
         self._settled = getattr(self.target, "settled", None) if decides else None
         concrete = world.cases[case]
         self.road, self._bent = concrete.road, concrete.road.bent
-        self._wheel = Wheel(settings, partial(world.note, case), concrete.road.line)
+        self._wheel = Executor(settings, partial(world.note, case), concrete.road.line)
         conditions = settings.conditions
         self._actuation = Actuation(conditions, lambda *clip: world.note(case, *clip))
         self._at_once = conditions.actuation_delay == 0.0 and conditions.step_budget is None
@@ -316,7 +316,7 @@ class _Hook:
         try:
             if type(answer) is Command:  # nearly every answer of nearly every ADS
                 return self._wheel.command(answer, self._state, time)
-            asked = None if answer is HOLD and self._wheel.holds else wanted(answer)
+            asked = None if answer is HOLD and self._wheel.holds else checked_answer(answer)
             return self._wheel.command(asked, self._state, time)
         except ControllerError as error:
             raise with_time(error, f"at {time:.2f} s") from error

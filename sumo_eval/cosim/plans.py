@@ -1,7 +1,7 @@
 """Plans, speeds and pedals, which an ADS may ask for, and how they are carried out.
 
 A stated tracker drives plans, a first-order law takes up speeds, a linear map reads pedals. One
-`Wheel` a case holds what was asked for until it is replaced.
+`Executor` a case holds what was asked for until it is replaced.
 """
 
 from __future__ import annotations
@@ -21,18 +21,20 @@ from sumo_eval.errors import ControllerError, said
 from sumo_eval.scenario.road.reference_line import Piece, curvatures
 from sumo_eval.settings import SimulationSettings
 
-_NO_WAY = 1e-6  # m, points closer than this are one place
+_SAME_PLACE = 1e-6  # m, points closer than this are one place
+_SAME_TIME = 1e-9  # s, rounding of sums of steps
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """Where the ego's centre shall be when, until another plan replaces it.
+    """Places of the ego's centre over time. It holds until another plan replaces it.
 
     time: s since the start of the case, increasing.
     x, y: m in road coordinates.
-    heading: rad, by default where the path goes.
-    speed: m/s, by default what the places and times come to. Sequences or arrays of equal lengths,
-        (n,).
+    heading: rad, by default the direction of the path.
+    speed: m/s, by default that of the places and times.
+
+    All are sequences or arrays of the same length, (n,).
     """
 
     time: Any
@@ -46,12 +48,13 @@ Wanted = Command | Pedals | Plan
 """The wishes of an ADS."""
 
 HOLD = object()
-"""The answer of an adapter: what was asked for still holds."""
+"""An adapter's answer that what was asked for still holds; an ADS itself returns None for that."""
 
 
-def wanted(answer: object) -> Command | Pedals | Plan:
-    """The answer of an ADS, if it is one that can be carried out; its numbers are looked at
-    then.
+def checked_answer(answer: object) -> Wanted:
+    """The answer of an ADS, if its kind can be carried out; `Executor.command` checks its numbers.
+
+    Raises ControllerError for any other, and for `HOLD`, which needs something in force.
     """
     if isinstance(answer, Command | Pedals | Plan):
         return answer
@@ -61,10 +64,10 @@ def wanted(answer: object) -> Command | Pedals | Plan:
     raise ControllerError(f"The ADS must return a Command, Pedals, a Plan or None, got {kind}")
 
 
-class Wheel:
+class Executor:
     """Carries out what the ADS of one case asks for.
 
-    note: puts on record what, the value asked for, the value got.
+    note: records an event: its name, the value asked for, the value got.
     line: the road's, where it is curved.
     """
 
@@ -75,111 +78,108 @@ class Wheel:
         line: tuple[Piece, ...] = (),
     ) -> None:
         self._line = line
-        self._law, self._vehicle, self._step = settings.tracker, settings.vehicle, settings.step
+        self._gains, self._vehicle, self._step = settings.tracker, settings.vehicle, settings.step
         self._note = note
-        self._track: _Track | None = None
-        self._last: Command | Pedals | None = None
+        self._in_force: _Track | Command | Pedals | None = None
 
     @property
     def holds(self) -> bool:
         """Whether something that was asked for is in force."""
-        return self._track is not None or self._last is not None
+        return self._in_force is not None
 
     @property
     def holds_plan(self) -> bool:
         """Whether a plan is in force."""
-        return self._track is not None
+        return isinstance(self._in_force, _Track)
 
     def release(self) -> None:
         """Nothing is in force."""
-        self._track = self._last = None
+        self._in_force = None
 
     def command(self, asked: Wanted | None, ego: Sequence[float], time: float) -> Command:
-        """The acceleration and wheel angle for the step that begins at `time` s; None: what was
-        asked for still holds.
+        """The acceleration and wheel angle for the step that begins at `time` s.
 
+        asked: None: what was asked for still holds (`holds`).
         ego: centre x, y m, heading rad, speed m/s, and whatever else is known of it.
         Raises ControllerError for what no vehicle can be asked for.
         """
-        if isinstance(asked, Plan):
-            self._track, self._last = _Track(asked, ego, self._vehicle.wheelbase), None
-        elif asked is not None:
-            self._track, self._last = None, asked
-        if self._track is not None:
-            return self._along(self._track, ego, time)
-        last = self._last
-        if isinstance(last, Pedals):
-            return self._pedals(last)
-        assert last is not None
-        acceleration, steering, speed = _read(last)
+        if asked is not None:
+            wheelbase = self._vehicle.wheelbase
+            self._in_force = _Track(asked, ego, wheelbase) if isinstance(asked, Plan) else asked
+        held = self._in_force
+        if isinstance(held, _Track):
+            return self._along(held, ego, time)
+        if isinstance(held, Pedals):
+            return self._pedals(held)
+        assert held is not None
+        acceleration, steering, speed = _read(held)
         if speed is not None:  # first order: dv/dt = (v_wanted - v) / T
-            acceleration = (_finite("speed", speed, "Command") - ego[3]) / self._law.speed_time
-        if (
-            type(acceleration) is float
+            acceleration = (_finite("speed", speed, "Command") - ego[3]) / self._gains.speed_time
+        if (  # the usual case, fast; a class of the ADS's own may answer otherwise when read again
+            type(held) is Command
+            and speed is None
+            and type(acceleration) is float
             and type(steering) is float
             and math.isfinite(acceleration + steering)
         ):
-            # a class of the ADS's own may answer otherwise when it is read again
-            return (
-                last if type(last) is Command and speed is None else Command(acceleration, steering)
-            )
+            return held
         return Command(
             _finite("acceleration", acceleration, "Command"),
             _finite("steering", steering, "Command"),
         )
 
     def _pedals(self, asked: Pedals) -> Command:
-        """throttle x the strongest drive - brake x the strongest braking; steer x the end stop of
-        the wheel.
+        """acceleration = throttle * max_acceleration - brake * max_deceleration; wheel angle =
+        steer * end stop, positive to the left.
         """
-        limits = self._vehicle
+        limits, values = self._vehicle, []
         for name, least in (("throttle", 0.0), ("brake", 0.0), ("steer", -1.0)):
             value = _finite(name, getattr(asked, name), "pedals")
             if not least <= value <= 1.0:
                 raise ControllerError(
                     f"`{name}` of the ADS's pedals must be within {least:g}..1, got {shown(value)}"
                 )
-        pushed = (
-            float(asked.throttle) * limits.max_acceleration
-            - float(asked.brake) * limits.max_deceleration
-        )
-        return Command(
-            pushed, float(asked.steer) * math.radians(limits.max_steering_wheel_angle_deg)
-        )
+            values.append(value)
+        throttle, brake, steer = values
+        acceleration = throttle * limits.max_acceleration - brake * limits.max_deceleration
+        return Command(acceleration, steer * math.radians(limits.max_steering_wheel_angle_deg))
 
     def _along(self, track: _Track, ego: Sequence[float], time: float) -> Command:
-        """The tracker: Stanley's law for the front axle, and for the speed feed-forward with
-        feedback of both errors.
+        """The tracker: Stanley's law for the front axle, feed-forward and feedback for the speed.
 
-        wheel angle = ratio (theta - heading + atan(k e / (v_s + v)) + atan(wheelbase x curvature of
-        the road)),
-        e: the path to the left of the front axle, m, theta: its direction there. Source: Hoffmann,
-            Tomlin, Montemerlo, Thrun, ACC 2007.
-        acceleration = dv_plan/dt + k_v (v_plan - v) + k_s s, s: how far the ego is behind the plan,
-        m.
+        wheel angle = ratio (theta - heading + atan(k e / (v_s + v)) + atan(wheelbase * curvature))
+        acceleration = dv_plan/dt + k_v (v_plan - v) + k_s s
+
+        e: m from the front axle to the path, positive where the path is to the left.
+        theta: direction of the path beside the front axle, rad.
+        curvature: of the road's centre line, 1/m.
+        s: m by which the ego is behind the plan.
+        k: `steering_gain`, v_s: `softening_speed`, k_v: `speed_gain`, k_s: `position_gain`.
+
+        Source: Hoffmann, Tomlin, Montemerlo, Thrun, ACC 2007.
         """
-        x, y, heading = ego[:3]
-        law, limits = self._law, self._vehicle
-        plan = track.at(time)
-        there_x, there_y, direction = plan[:3]
-        speed, planned = ego[3], plan[3]
-        if time > track.end + 1e-9:
+        x, y, heading, speed = ego[:4]
+        gains, limits = self._gains, self._vehicle
+        plan_x, plan_y, direction, plan_speed = track.at(time)
+        if time > track.end + _SAME_TIME:
             self._note("plan_ended", track.end, time)
-        ahead, left = there_x - x, there_y - y
-        self._note("plan_error", 0.0, math.sqrt(ahead * ahead + left * left))
-        behind = ahead * math.cos(direction) + left * math.sin(direction)
-        faster = (track.at(time + self._step)[3] - planned) / self._step
-        acceleration = faster + law.speed_gain * (planned - speed) + law.position_gain * behind
+        dx, dy = plan_x - x, plan_y - y
+        self._note("plan_error", 0.0, math.sqrt(dx * dx + dy * dy))
+        behind = dx * math.cos(direction) + dy * math.sin(direction)
+        planned = (track.at(time + self._step)[3] - plan_speed) / self._step
+        acceleration = (
+            planned + gains.speed_gain * (plan_speed - speed) + gains.position_gain * behind
+        )
         half = 0.5 * limits.wheelbase
         front = x + half * math.cos(heading)
-        found = track.beside(front, y + half * math.sin(heading))
-        if found is None:  # a plan to stay where it is says nothing of a direction
+        path = track.beside(front, y + half * math.sin(heading))
+        if path is None:  # a plan to stay where it is says nothing of a direction
             return Command(acceleration, 0.0)
-        theta, aside = found
+        theta, aside = path
         turn = within_a_turn(theta - heading) + math.atan2(
-            law.steering_gain * aside, law.softening_speed + speed
+            gains.steering_gain * aside, gains.softening_speed + speed
         )
-        if self._line:  # theta and the heading are along a road that turns itself
+        if self._line:  # both angles are relative to the road: it needs a wheel angle of its own
             turn += math.atan(limits.wheelbase * float(curvatures(self._line, front)))
         return Command(acceleration, turn * limits.steering_ratio)
 
@@ -197,18 +197,18 @@ class _Track:
                     f"`{name}` of the ADS's Plan must have as many values as `time`, {len(time)}, "
                     f"got {len(values)}"
                 )
-        late = next((i for i, (one, two) in enumerate(pairwise(time)) if not two > one), None)
-        if late is not None:
-            raise ControllerError(
-                f"`time` of the ADS's Plan must increase, got {time[late + 1]:g} s behind "
-                f"{time[late]:g} s"
-            )
+        for before, after in pairwise(time):
+            if not after > before:
+                raise ControllerError(
+                    f"`time` of the ADS's Plan must increase, got {after:g} s behind {before:g} s"
+                )
         self.end = time[-1]
         self._time, self._x, self._y = time, x, y
+        ego_heading, ego_speed = ego[2:4]
         self._heading = (
-            _directions(x, y, ego[2]) if heading is None else np.unwrap(heading).tolist()
+            _directions(x, y, ego_heading) if heading is None else np.unwrap(heading).tolist()
         )
-        self._speed = _speeds(time, x, y, ego[3]) if speed is None else speed
+        self._speed = _speeds(time, x, y, ego_speed) if speed is None else speed
         half = 0.5 * wheelbase
         self._front_x = [
             at + half * math.cos(psi) for at, psi in zip(x, self._heading, strict=True)
@@ -217,11 +217,12 @@ class _Track:
             at + half * math.sin(psi) for at, psi in zip(y, self._heading, strict=True)
         ]
         self._tangent = _directions(self._front_x, self._front_y, self._heading[0])
-        self._now = self._place = 0  # the segments where it was last: time and places go on
+        # segments of the last answers, from which a search goes forward only
+        self._segment_in_time = self._segment_in_place = 0
 
     def at(self, time: float) -> tuple[float, float, float, float]:
-        """x, y, heading and speed at a time; before its first and behind its last point straight on
-        at that speed.
+        """x, y, heading and speed at a time; outside the plan's times along the straight line
+        through its first or last point, at that point's speed.
         """
         times, last = self._time, len(self._time) - 1
         if last == 0 or time <= times[0] or time >= times[last]:
@@ -234,10 +235,10 @@ class _Track:
                 psi,
                 self._speed[i],
             )
-        i = self._now
+        i = self._segment_in_time
         while times[i + 1] < time:
             i += 1
-        self._now = max(i - 1, 0)
+        self._segment_in_time = max(i - 1, 0)  # one back: the tracker looks a step ahead
         share = (time - times[i]) / (times[i + 1] - times[i])
 
         def within(values: Sequence[float]) -> float:
@@ -246,57 +247,60 @@ class _Track:
         return within(self._x), within(self._y), within(self._heading), within(self._speed)
 
     def beside(self, x: float, y: float) -> tuple[float, float] | None:
-        """Direction of the front axle's path beside a place, rad, and how far it is to the left of
-        it, m.
+        """Direction of the front axle's path beside a place, rad, and m by which the path lies to
+        the left of the place; None where the path has no length.
         """
-        xs, ys, i = self._front_x, self._front_y, self._place
-        last = len(xs) - 2
-        on = None
-        while i <= last:
+        xs, ys = self._front_x, self._front_y
+        beside = None
+        # the first segment, from the last one on, whose end is not behind the place
+        for i in range(self._segment_in_place, len(xs) - 1):
             along_x, along_y = xs[i + 1] - xs[i], ys[i + 1] - ys[i]
             square = along_x * along_x + along_y * along_y
-            if square > _NO_WAY * _NO_WAY:
+            if square > _SAME_PLACE * _SAME_PLACE:
                 share = ((x - xs[i]) * along_x + (y - ys[i]) * along_y) / square
-                on = i, share, (along_x * (ys[i] - y) - along_y * (xs[i] - x)) / math.sqrt(square)
+                across = along_x * (ys[i] - y) - along_y * (xs[i] - x)  # cross product
+                beside = i, share, across / math.sqrt(square)
                 if share <= 1.0:
                     break
-            i += 1
-        if on is None:
+        if beside is None:
             return None
-        self._place, share, left = on
+        i, share, left = beside
+        self._segment_in_place = i
         share = min(max(share, 0.0), 1.0)
-        theta = self._tangent[self._place]
-        return theta + share * (self._tangent[self._place + 1] - theta), left
+        theta = self._tangent[i]
+        return theta + share * (self._tangent[i + 1] - theta), left
 
 
-def _directions(x: Sequence[float], y: Sequence[float], at_rest: float) -> list[float]:
-    """Where a path goes at each of its points, rad, without jumps: from the point before to the
+def _directions(x: Sequence[float], y: Sequence[float], if_still: float) -> list[float]:
+    """Direction of a path at each of its points, rad, without jumps: from the point before to the
     point behind.
+
+    if_still: of the points before the first movement.
     """
     found: list[float] = []
-    last = at_rest
+    last = if_still
     for i in range(len(x)):
         a, b = max(i - 1, 0), min(i + 1, len(x) - 1)
         along, across = x[b] - x[a], y[b] - y[a]
-        if abs(along) > _NO_WAY or abs(across) > _NO_WAY:
+        if abs(along) > _SAME_PLACE or abs(across) > _SAME_PLACE:
             last += within_a_turn(math.atan2(across, along) - last)
         found.append(last)
-    # the ends turn on as the path does beside them
-    for end, one in ((0, 1), (-1, -2)) if len(x) > 2 else ():
-        if math.hypot(x[one] - x[end], y[one] - y[end]) > _NO_WAY:
-            found[end] += found[end] - found[one]
+    if len(x) > 2:  # the chord at an end has the direction half a segment inwards: extrapolate
+        for end, inner in ((0, 1), (-1, -2)):
+            if math.hypot(x[inner] - x[end], y[inner] - y[end]) > _SAME_PLACE:
+                found[end] += found[end] - found[inner]
     return found
 
 
 def _speeds(
-    time: Sequence[float], x: Sequence[float], y: Sequence[float], alone: float
+    time: Sequence[float], x: Sequence[float], y: Sequence[float], ego_speed: float
 ) -> list[float]:
-    """Speeds that places and times come to, m/s; of a single point the one that the ego has."""
+    """Speeds of the places over the times, m/s; of a single point the one that the ego has."""
     if len(time) == 1:
-        return [alone]
+        return [ego_speed]
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     speeds: list[float] = np.gradient(way, time, edge_order=2 if len(time) > 2 else 1).tolist()
-    return [max(speed, 0.0) for speed in speeds]
+    return [max(speed, 0.0) for speed in speeds]  # second order may extrapolate below 0
 
 
 def _numbers(name: str, values: Any) -> list[float]:
@@ -318,9 +322,7 @@ def _finite(name: str, value: Any, owner: str) -> float:
 
 
 def _read(command: Command) -> tuple[Any, Any, Any]:
-    """Acceleration, steering and speed of a command, which may be of a class of the ADS's own
-    making.
-    """
+    """Acceleration, steering and speed of a command, whose class may be one of the ADS."""
     try:
         return command.acceleration, command.steering, command.speed
     except Exception as error:

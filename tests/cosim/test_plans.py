@@ -9,7 +9,7 @@ import pytest
 from cosim_cases import HALF_SECOND, case, lead
 
 from sumo_eval import Command, Plan
-from sumo_eval.cosim.plans import Wheel
+from sumo_eval.cosim.plans import Executor
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.settings import SimulationSettings, TrackerSettings
 
@@ -41,7 +41,9 @@ class ReadOnce(Command):
 
 
 def test_a_command_is_read_once_a_step():
-    assert Wheel(LONG, print).command(ReadOnce(0.0), (0.0, 0.0, 0.0, 9.0), 0.0).acceleration == -1.0
+    assert (
+        Executor(LONG, print).command(ReadOnce(0.0), (0.0, 0.0, 0.0, 9.0), 0.0).acceleration == -1.0
+    )
 
 
 def to_the_left(seen):
