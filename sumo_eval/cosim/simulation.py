@@ -2,9 +2,11 @@
 same bits.
 
 Cases on the same road with the same settings and as many actors can share one simulation, where
-the ADS looks through observations: baselines, synthetic drivers, and users' policies. An ADS that
-needs the simulation to itself (TraCI code, listeners, programs) is driven alone; when a batch fails
-as a whole, each of its cases is driven alone too. The caller receives how many, and why.
+the ADS looks through observations: baselines, synthetic drivers, and users' policies. A hook, the
+TraCI code of one function or class, shares a simulation too; some of its cases are driven alone as
+well and compared. An ADS that needs the simulation to itself (listeners, programs, TraCI code that
+keeps state) is driven alone; when a batch fails as a whole, each of its cases is driven alone too.
+The caller receives how many, and why.
 """
 
 from __future__ import annotations
@@ -71,7 +73,7 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import traceback_of
 from sumo_eval.trajectory import Alone, Recording
 
-__all__ = ["simulate", "simulate_many", "simulate_together"]
+__all__ = ["probable_end", "simulate", "simulate_many", "simulate_together"]
 
 _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
@@ -80,14 +82,14 @@ SORTED_AT_ONCE = 4096  # cases whose recordings are held until those before them
 # cases in one simulation: enough to share a step's fixed cost, few enough for the processor's
 # caches
 TOGETHER = 512
+HOOKS_TOGETHER = 256  # fewer of hooks, since SUMO itself moves all their vehicles
+# a hook that keeps state shows it in its first cases as a rule; the share finds later changes
+_COMPARED_FIRST, _COMPARED_LATER = 3, 0.01  # cases; share of the cases
 
 USUAL = SimulationSettings()  # checked once, and not for every case
-# cases of hooks in one simulation, whose every vehicle SUMO's driver models move
-HOOKS_TOGETHER = 256
 ON_TRACI = Alone("on_traci")
 ONE_OBJECT = Alone("one_object")
 NOT_TOGETHER = Alone("not_together")
-BATCH = Alone("batch")
 
 
 def simulate(
@@ -116,32 +118,32 @@ def simulate(
     until then is kept.
     """
     settings = concrete.simulation(settings or USUAL)
-    check_intervals(settings)
+    _check_intervals(settings)
     ads = load_controller(controller, folder)
-    every = _steps_between(controller, period, settings)
+    every = _steps_per_call(controller, period, settings)
     began = clock.perf_counter()
     plant = (
         None if settings.plant is None else FmuPlant(settings.plant, settings.plant.file, folder)
     )
     terms = Terms(step_timeout, plant, folder, every)
-    target = _target(ads)
-    if every > 1 and (Compiled.rides(target) or isinstance(ads, ListenerController)):
+    target = _driven_object(ads)
+    is_rule = Compiled.rides(target)
+    if every > 1 and (is_rule or isinstance(ads, ListenerController)):
         raise InputError("Baselines and step listeners drive at every step; they take no `period`.")
-    alone = Compiled.rides(target) or ads.is_policy
-    world = World([concrete], settings, MODEL if alone else SUMO)
+    on_traci = not (is_rule or ads.is_policy)
+    world = World([concrete], settings, SUMO if on_traci else MODEL)
     driver: EgoControl
-    if Compiled.rides(target):
+    if is_rule:
         driver = Rules([target], terms)
     elif ads.is_policy:
         driver = _policies([ads], [seed], terms)
     else:
         driver = OnTraci([ads], [seed], terms)
-    asks = not Compiled.rides(target)
     try:
-        with _opened(concrete, settings, ads, step_timeout, alone) as traci, seen_as_traci():
+        with _opened(concrete, settings, ads, step_timeout, on_traci) as traci, seen_as_traci():
             stage = Traffic if world.reacts else Stage
-            drive(world, driver, stage(traci, world, asked=asks, as_read=not alone))
-    except (ControllerError, SimulationError) as error:  # before the first step
+            drive(world, driver, stage(traci, world, asked=not is_rule, as_read=on_traci))
+    except (ControllerError, SimulationError) as error:  # of the opening: `drive` keeps its own
         break_off(world, error)
         world.end(0)
     world.logs[0] = world.logs.get(0, "") + getattr(ads, "log", "")
@@ -150,7 +152,7 @@ def simulate(
     return recording
 
 
-def _steps_between(
+def _steps_per_call(
     controller: ControllerLike, period: float | None, settings: SimulationSettings
 ) -> int:
     """Steps from one call of a controller to the next."""
@@ -161,8 +163,10 @@ def _steps_between(
     )
 
 
-def _target(ads: Adapter) -> Any:
-    """The user's own object or the baseline; None of a policy."""
+def _driven_object(ads: Adapter) -> Any:
+    """The user's object that is called at every step, or the baseline; None where the ADS is a
+    policy, which is driven through observations.
+    """
     return None if ads.is_policy else ads.target
 
 
@@ -181,28 +185,29 @@ def _opened(
     settings: SimulationSettings,
     ads: Adapter,
     step_timeout: float,
-    alone: bool,
+    on_traci: bool,
 ) -> AbstractContextManager[Any]:
     """The simulation of a single case.
 
-    alone: SUMO's own models are asked nothing.
+    on_traci: the ADS drives through TraCI, so that SUMO's own models may move the ego.
     """
     if isinstance(ads, TraciProgram):
         return served(concrete, settings, ads, step_timeout)
-    if alone and concrete.road.network is None:
-        asks = ads.is_policy  # and may look at SUMO's lanes
-        network = network_xml(plain(concrete.road)) if asks else shared_network_xml([concrete])
-        texts = network, shared_routes_xml([concrete], settings.vehicle, own_lanes=asks)
-        return running(*texts, settings, concrete.road, collisions="none")
     road = concrete.road
-    its_own = (
-        ads.vtype_on(road) if isinstance(ads, NativeModel) else own_vehicle_type(_target(ads), road)
-    )
-    return session(concrete, settings, its_own)
+    if not on_traci and road.network is None:
+        own = ads.is_policy  # may look at SUMO's lanes, so that it gets the road's own
+        network = network_xml(plain(road)) if own else shared_network_xml([concrete])
+        texts = network, shared_routes_xml([concrete], settings.vehicle, own_lanes=own)
+        return running(*texts, settings, road, collisions="none")
+    if isinstance(ads, NativeModel):
+        return session(concrete, settings, ads.vtype_on(road))
+    return session(concrete, settings, own_vehicle_type(_driven_object(ads), road))
 
 
-def check_intervals(settings: SimulationSettings) -> None:
-    """SUMO rounds its step to milliseconds, and a sample falls on a step."""
+def _check_intervals(settings: SimulationSettings) -> None:
+    """Raise InputError unless `step` is in whole milliseconds and `record_interval` in whole
+    steps.
+    """
     milliseconds = settings.step * 1000.0
     if round(milliseconds) < 1 or abs(milliseconds - round(milliseconds)) > 1e-6:
         raise must_be(
@@ -232,23 +237,23 @@ def simulate_many(
     folder: Path | None = None,
     alone: Counter[Alone] | None = None,
 ) -> Iterator[Recording]:
-    """Recordings of concrete scenarios in their order; other arguments and errors as in `simulate`.
+    """Recordings of concrete scenarios in their order; `folder` and errors as in `simulate`.
 
     controller: an ADS (a locator, a class or a function, so that every case gets a fresh one; an
         object that is given ready-made serves all cases in order), or a list with one controller
         for each case. Cases of one kind are driven together where the ADS and they allow it, in any
         order; all else one by one.
-    alone: counts these, by the reason.
+    alone: counts the cases that are driven one by one, by reason.
     """
     together = simulate_together(cases, controller, settings, terms=Terms(folder=folder))
     each = controller if isinstance(controller, list | tuple) else [controller] * len(cases)
-    for concrete, its_own, found in zip(cases, each, together, strict=True):
-        if isinstance(found, Recording):
-            yield found
+    for concrete, own_controller, drive_or_reason in zip(cases, each, together, strict=True):
+        if isinstance(drive_or_reason, Recording):
+            yield drive_or_reason
         else:
             if alone is not None:
-                alone[found] += 1
-            yield simulate(concrete, its_own, settings, folder=folder)
+                alone[drive_or_reason] += 1
+            yield simulate(concrete, own_controller, settings, folder=folder)
 
 
 def simulate_together(
@@ -262,143 +267,157 @@ def simulate_together(
     batches: bool = True,
 ) -> Iterator[Recording | Alone]:
     """Recordings of cases driven together, in their order; for one that has to be driven alone, the
-    reason. Those of a kind go together: as many other vehicles on one road. How many there are of a
-    stream depends on its density.
+    reason.
 
     terms: how long a step may take, and where relative paths start.
     seeds: of each case, of what the conditions leave to chance.
     wrap: put around the policy of each case.
-    batches: whether a policy over arrays may see many cases at once; its numbers may depend on
-        which.
+    batches: whether a policy over arrays may see many cases at once (its numbers may then depend
+        on its batch).
     """
     basis = settings or USUAL
-    check_intervals(basis)
-    given, terms = seeds or [0] * len(cases), terms or Terms()
-    folder = terms.folder
+    _check_intervals(basis)
+    seeds, terms = seeds or [0] * len(cases), terms or Terms()
     if isinstance(controller, list | tuple):
         if len(controller) != len(cases):
             each = f"one for each of the {len(cases)} cases"
             raise must_be("The controllers", "`simulate_many`", each, len(controller))
-        riders = [_rider(its_own, folder, wrap, batches, its_own=True) for its_own in controller]
+        manners = [_manner(it, terms.folder, wrap, batches, one_case=True) for it in controller]
     else:
-        terms = terms._replace(every=_steps_between(controller, None, basis))
-        riders = [_rider(controller, folder, wrap, batches)] * len(cases)
-    # a plant moves one ego, and a step's wall time is one case's own
-    as_usual = basis.plant is None and basis.conditions.step_budget is None
-
-    def kind(index: int) -> tuple[object, ...] | None:
-        concrete, rider = cases[index], riders[index]
-        if (
-            rider.why is not None
-            or not as_usual
-            or concrete.road.network is not None
-            or not _stands_on_its_road(concrete)
-            or (rider.is_hook and not _fits_beside_others(concrete, basis))
-        ):
-            return None
-        body = (
-            concrete.scenario, kind_of(concrete),
-            tuple([(it.body, it.model is None,
-                it.follows_at_once) for it in concrete.actors if concrete.lively]),
-        )  # fmt: skip
-        # SUMO's models and a policy over arrays know of one vehicle for all
-        one = bool(concrete.changes) and (concrete.reacts or rider.over_arrays)
-        names = tuple([it.name for it in concrete.actors]) if rider.is_hook else ()
-        return (*body, rider.kind, names, concrete.simulation(basis).vehicle if one else None)
+        terms = terms._replace(every=_steps_per_call(controller, None, basis))
+        manners = [_manner(controller, terms.folder, wrap, batches)] * len(cases)
 
     for window in _chunks(list(range(len(cases))), SORTED_AT_ONCE):
-        found: dict[int, Recording | Alone] = {}
+        drives: dict[int, Recording | Alone] = {}
         alike: dict[tuple[object, ...] | None, list[int]] = {}
         for index in window:
-            alike.setdefault(kind(index), []).append(index)
-        for key, members in alike.items():
-            if key is None:
-                found.update({index: riders[index].why or NOT_TOGETHER for index in members})
+            kind = _kind(cases[index], manners[index], basis)
+            alike.setdefault(kind, []).append(index)
+        for kind, members in alike.items():
+            if kind is None:
+                drives.update({index: manners[index].alone or NOT_TOGETHER for index in members})
                 continue
-            resolved = replace(cases[members[0]], changes=()).simulation(basis)
-            order = sorted(
+            # what the kind has in common; a case's own changes are per row
+            common = replace(cases[members[0]], changes=()).simulation(basis)
+            by_end = sorted(
                 members,
-                key=lambda index: probable_end(cases[index], decided=resolved.end_when_decided),
+                key=lambda index: probable_end(cases[index], decided=common.end_when_decided),
             )
-            size = HOOKS_TOGETHER if riders[members[0]].is_hook else TOGETHER
-            for part in _chunks(order, size):
-                made, batch = (
-                    [riders[index].make() for index in part],
+            size = TOGETHER if manners[members[0]].hook is None else HOOKS_TOGETHER
+            for part in _chunks(by_end, size):
+                driven = _drive_batch(
                     [cases[index] for index in part],
+                    [manners[index] for index in part],
+                    [seeds[index] for index in part],
+                    terms,
+                    common,
                 )
-                seeds_here = [given[index] for index in part]
-                if riders[part[0]].is_hook:
-                    driven: Sequence[Recording | Alone] = _hooks_together(
-                        batch, riders[part[0]], made, seeds_here, terms, resolved
-                    )
-                else:
-                    driver = (
-                        Rules(made, terms) if isinstance(made[0], Compiled)
-                        else Replays(made, terms) if isinstance(made[0], Replay)
-                        else _policies(made, seeds_here, terms)
-                    )  # fmt: skip
-                    driven = _together(batch, driver, resolved)
-                found.update(zip(part, driven, strict=True))
-        for index in window:  # a later batch may have shown what an earlier one did not
-            hook, recording = riders[index].hook, found.pop(index)
-            yield recording if hook is None else _KEEPS_STATE.get(hook, recording)
+                drives.update(zip(part, driven, strict=True))
+        # a later batch may have shown that a hook keeps state; drives of earlier windows are out
+        # already, each of them as it was
+        for index in window:
+            hook, drive_or_reason = manners[index].hook, drives.pop(index)
+            yield drive_or_reason if hook is None else _KEEPS_STATE.get(hook, drive_or_reason)
 
 
-class _Rider(NamedTuple):
-    """How a case is driven: `make` gives its driver, those of one kind can share a simulation.
+def _kind(
+    concrete: ConcreteScenario, manner: _Manner, basis: SimulationSettings
+) -> tuple[object, ...] | None:
+    """Cases of equal kinds share a simulation; None: one has to be driven alone.
 
-    why: it drives alone.
-    over_arrays: one policy drives all of them.
-    hook: the class or function that asks SUMO, which shows it its own row.
+    Kinds are equal only where driving together gives the same bits as driving alone: one road, as
+    many actors (of a stream, its density decides how many), and alike what SUMO sees of them.
+    """
+    if (
+        manner.alone is not None
+        or basis.plant is not None  # it moves one ego
+        or basis.conditions.step_budget is not None  # a step's wall time is one case's own
+        or concrete.road.network is not None
+        or not _has_actors_and_ego_on_road(concrete)
+        or (manner.hook is not None and not _fits_beside_others(concrete, basis))
+    ):
+        return None
+    lively = concrete.actors if concrete.lively else ()
+    # SUMO's models and a policy over arrays know of one vehicle for all
+    one_vehicle = bool(concrete.changes) and (concrete.reacts or manner.over_arrays)
+    return (
+        concrete.scenario, kind_of(concrete),
+        tuple([(it.body, it.model is None, it.follows_at_once) for it in lively]),
+        manner.driven,
+        () if manner.hook is None else tuple([it.name for it in concrete.actors]),
+        concrete.simulation(basis).vehicle if one_vehicle else None,
+    )  # fmt: skip
+
+
+def _drive_batch(
+    cases: list[ConcreteScenario],
+    manners: list[_Manner],
+    seeds: list[int],
+    terms: Terms,
+    settings: SimulationSettings,
+) -> Sequence[Recording | Alone]:
+    """The recording of each case of one kind, or why it has to be driven alone."""
+    made = [manner.make() for manner in manners]
+    if manners[0].hook is not None:
+        return _hooks_together(cases, manners[0], made, seeds, terms, settings)
+    if isinstance(made[0], Compiled):
+        return _together(cases, Rules(made, terms), settings)
+    if isinstance(made[0], Replay):
+        return _together(cases, Replays(made, terms), settings)
+    return _together(cases, _policies(made, seeds, terms), settings)
+
+
+class _Manner(NamedTuple):
+    """How an ADS drives a case.
+
+    driven: type of what drives; only equal ones share a simulation.
+    make: gives what drives one case.
+    alone: why it is driven alone; None: it may share a simulation.
+    over_arrays: one policy drives all cases at once.
+    hook: its class or function, where it is TraCI code that sees its own row of SUMO only.
     """
 
-    kind: type | None
+    driven: type | None
     make: Callable[[], Any]
-    why: Alone | None = None
+    alone: Alone | None = None
     over_arrays: bool = False
     hook: Any = None
 
-    @property
-    def is_hook(self) -> bool:
-        """Whether it asks SUMO."""
-        return self.hook is not None
 
-
-def _rider(
+def _manner(
     controller: ControllerLike, folder: Path | None, wrap: Callable[[Adapter], Adapter],
     batches: bool,
-    *, its_own: bool = False,
-) -> _Rider:  # fmt: skip
-    """How an ADS drives its cases.
+    *, one_case: bool = False,
+) -> _Manner:  # fmt: skip
+    """How an ADS drives its cases: replay, baseline, hook, policy over arrays, or plain policy.
 
-    its_own: the object serves this case and no other.
+    one_case: the controller serves one case only.
     """
 
-    def alone(why: Alone) -> _Rider:
-        return _Rider(None, lambda: None, why)
+    def alone(why: Alone) -> _Manner:
+        return _Manner(None, lambda: None, why)
 
     if isinstance(controller, Replay):
-        return _Rider(Replay, lambda: controller)
-    found, name, entry = controller, repr(controller), PLAIN
+        return _Manner(Replay, lambda: controller)
     if isinstance(controller, str):
         found, name, entry = (
-            find_controller(controller, folder),
-            controller,
-            split_entry(controller)[1],
-        )
+            find_controller(controller, folder), controller, split_entry(controller)[1],
+        )  # fmt: skip
+    else:
+        found, name, entry = controller, repr(controller), PLAIN
     if not entry.batch:
         return alone(Alone("asked", "batch=false"))
-    if its_own and entry.period:  # a batch has one period
+    if one_case and entry.period:  # a batch has one period
         return alone(Alone("asked", "period"))
     make = partial(adapted, found, name, entry.options)
     with seen_as_traci():
         ads: Any = make()
-    target = _target(ads)
+    target = _driven_object(ads)
     if Compiled.rides(target):
-        return _Rider(type(target), lambda: target)
+        return _Manner(type(target), lambda: target)
     if not ads.is_policy:
-        batches_hooks = isinstance(ads, ObjectController) and not _needs_all_of_sumo(found)
-        if not batches_hooks or getattr(found, "vehicle_type", None) is not None:
+        can_share = isinstance(ads, ObjectController) and not _reaches_libsumo(found)
+        if not can_share or getattr(found, "vehicle_type", None) is not None:
             return alone(ON_TRACI)
         if not inspect.isclass(found) and not inspect.isfunction(found):
             return alone(ONE_OBJECT)
@@ -406,23 +425,23 @@ def _rider(
             return alone(Alone("asked", "batch = False"))
         if found in _KEEPS_STATE:
             return alone(_KEEPS_STATE[found])
-        return _Rider(ObjectController, lambda: wrap(make()), hook=found)
-    if asks_traci(ads.target if ads.target is not None else ads.act):
+        return _Manner(ObjectController, lambda: wrap(make()), hook=found)
+    if _asks_traci(ads.target if ads.target is not None else ads.act):
         return alone(ASKS_SUMO)
-    if its_own:
-        return _Rider(type(ads), lambda: ads)
+    if one_case:
+        return _Manner(type(ads), lambda: ads)
     if takes_arrays(ads.target):
         all_of_them = wrap(ads)
         if not batches:
-            return alone(BATCH)
-        return _Rider(type(ads), lambda: all_of_them, over_arrays=True)
-    if ads.target is None or isinstance(found, type):
-        return _Rider(type(ads), lambda: wrap(make()))
+            return alone(Alone("batch"))
+        return _Manner(type(ads), lambda: all_of_them, over_arrays=True)
+    if ads.target is None or isinstance(found, type):  # a function or a class: fresh for each case
+        return _Manner(type(ads), lambda: wrap(make()))
     return alone(ONE_OBJECT)
 
 
-def _needs_all_of_sumo(hook: Any) -> bool:
-    """Whether a hook's code has libsumo itself, or functions of it that know no rows."""
+def _reaches_libsumo(hook: Any) -> bool:
+    """Whether a hook's code reaches libsumo past the view that shows each case its own row."""
     return any(
         it is libsumo or getattr(it, "__module__", "") == "libsumo.libsumo"
         for module in reached_modules(hook)
@@ -430,9 +449,9 @@ def _needs_all_of_sumo(hook: Any) -> bool:
     )
 
 
-def asks_traci(target: Any) -> bool:
-    """Whether the module of a policy has imported TraCI: it may ask SUMO, which then has to hold
-    its case alone.
+def _asks_traci(target: Any) -> bool:
+    """Whether the module of a policy holds TraCI: it may ask SUMO, which then has to hold its case
+    alone. A policy that imports it in another way is refused when it asks (`_Refused`).
     """
     function = getattr(target, "__func__", target)
     module = sys.modules.get(getattr(function, "__module__", "") or type(target).__module__)
@@ -448,8 +467,8 @@ def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
     """About when a case ends, s: cases that end together share a simulation, which lasts as long as
     its last.
 
-    When the ego is at the road's end if it stays behind the slowest that moves; of a case that ends
-    when it is `decided`, when the ego reaches another vehicle at the speeds of the start.
+    decided: cases end once they are decided: when the ego reaches an actor ahead at their first
+        speeds. Else: when it reaches the road's end at the lowest speed above 0.
     """
     ego, starts = concrete.ego, [actor.start for actor in concrete.actors]
     if decided:
@@ -463,9 +482,8 @@ def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
     return (concrete.road.length - ego.x) / min(speeds, default=math.inf)
 
 
-def _stands_on_its_road(concrete: ConcreteScenario) -> bool:
-    road = concrete.road
-    ego = concrete.ego
+def _has_actors_and_ego_on_road(concrete: ConcreteScenario) -> bool:
+    road, ego = concrete.road, concrete.ego
     return bool(concrete.actors) and bool(
         road.right_edge_at(ego.x) <= ego.y <= road.left_edge_at(ego.x)
     )
@@ -475,8 +493,8 @@ def _fits_beside_others(concrete: ConcreteScenario, basis: SimulationSettings) -
     """Whether SUMO finds the vehicles of a case on the same lanes beside others as alone."""
     road = concrete.road
     usual = replace(concrete, changes=()) if concrete.changes else concrete
-    its_own = concrete.simulation(basis).vehicle != usual.simulation(basis).vehicle
-    if road.shaped or concrete.reacts or its_own:
+    own_vehicle = concrete.simulation(basis).vehicle != usual.simulation(basis).vehicle
+    if road.shaped or concrete.reacts or own_vehicle:
         return False
     return all(
         it.heading == 0.0 and it.on_map is None and road.right_edge <= it.start.y <= road.left_edge
@@ -484,68 +502,62 @@ def _fits_beside_others(concrete: ConcreteScenario, basis: SimulationSettings) -
     )
 
 
-# how many cases of a hook were driven both ways, and why one drives all of them alone
 _COMPARED: WeakKeyDictionary[Any, int] = WeakKeyDictionary()
+"""By hook: how many of its cases were driven together and alone."""
 _KEEPS_STATE: WeakKeyDictionary[Any, Alone] = WeakKeyDictionary()
-_COMPARED_FIRST, _COMPARED_LATER = 3, 0.01  # cases; share of the cases
+"""By hook that keeps state: why all its cases are driven alone."""
 
 
 def _hooks_together(
     cases: Sequence[ConcreteScenario],
-    rider: _Rider,
+    manner: _Manner,
     made: Sequence[Adapter],
     seeds: Sequence[int],
     terms: Terms,
     settings: SimulationSettings,
 ) -> Sequence[Recording | Alone]:
     """The recording of each case of a hook, some of which were compared with those alone."""
-    hook = rider.hook
-    if why := _KEEPS_STATE.get(hook):
-        return [why] * len(cases)
-    before = kept_state(hook)
-    found = _together(cases, OnTraci(made, seeds, terms), settings)
-    changed = first_change(before, kept_state(hook)) or _difference(
-        cases, rider, seeds, terms, settings, found
-    )
-    if changed is None:
-        return found
-    why = _KEEPS_STATE[hook] = Alone("keeps_state", changed)
-    return [why] * len(cases)
+    hook = manner.hook
+    if hook not in _KEEPS_STATE:
+        before = kept_state(hook)
+        drives = _together(cases, OnTraci(made, seeds, terms), settings)
+        changed = first_change(before, kept_state(hook))
+        if changed is None:
+            changed = _difference(cases, manner, seeds, terms, settings, drives)
+        if changed is None:
+            return drives
+        _KEEPS_STATE[hook] = Alone("keeps_state", changed)
+    return [_KEEPS_STATE[hook]] * len(cases)
 
 
 def _difference(
     cases: Sequence[ConcreteScenario],
-    rider: _Rider,
+    manner: _Manner,
     seeds: Sequence[int],
     terms: Terms,
     settings: SimulationSettings,
-    found: list[Recording | Alone],
+    drives: list[Recording | Alone],
 ) -> str | None:
-    """Drive a few cases of a batch alone, too; which of them differs, None: none does."""
-    drive_alone = _as_alone(terms, settings)
-    for index in _chosen(rider.hook, found):
-        own, batched = drive_alone(cases[index], rider.make(), seed=seeds[index]), found[index]
-        if not (isinstance(batched, Recording) and own.same_motion(batched)):
-            return f"not seen where; {cases[index].label} differs alone"
-        found[index] = replace(batched, batched="compared")
-    return None
-
-
-def _as_alone(terms: Terms, settings: SimulationSettings) -> Callable[..., Recording]:
-    """`simulate` on the terms of a batch."""
-    period = terms.every * settings.step if terms.every > 1 else None
-    return partial(simulate, settings=settings, folder=terms.folder,
-        step_timeout=terms.step_timeout, period=period)  # fmt: skip
-
-
-def _chosen(hook: Any, found: Sequence[Recording | Alone]) -> list[int]:
-    """Cases of a batch to be driven alone, too, spread over it."""
-    batched = [index for index, one in enumerate(found) if isinstance(one, Recording)]
-    compared = _COMPARED.get(hook, 0)
+    """Drive a few cases of a batch, spread over it, alone as well; a half-sentence on the first
+    that differs, None where none does. Those that do not are marked as compared in `drives`.
+    """
+    batched = [index for index, drive in enumerate(drives) if isinstance(drive, Recording)]
+    compared = _COMPARED.get(manner.hook, 0)
+    # what lacks to the first few of a hook, a share of this batch, at least one
     wanted = max(_COMPARED_FIRST - compared, math.ceil(_COMPARED_LATER * len(batched)), 1)
     chosen = batched[:: max(len(batched) // wanted, 1)][:wanted]
-    _COMPARED[hook] = compared + len(chosen)
-    return chosen
+    _COMPARED[manner.hook] = compared + len(chosen)
+    for index in chosen:
+        own = simulate(
+            cases[index], manner.make(), settings, folder=terms.folder, seed=seeds[index],
+            step_timeout=terms.step_timeout,
+            period=terms.every * settings.step if terms.every > 1 else None,
+        )  # fmt: skip
+        together = drives[index]
+        if not (isinstance(together, Recording) and own.same_motion(together)):
+            return f"not found; {cases[index].label} is driven otherwise alone"
+        drives[index] = replace(together, batched="compared")
+    return None
 
 
 def _together(
@@ -563,11 +575,11 @@ def _together(
         with (
             running(*texts, settings, collisions="none") as traci,
             sharing() if asks else seen_as_traci(_Refused("traci")),
-            _little_garbage(),
+            _rare_garbage_collection(),
         ):
             stage = Traffic if world.reacts else Stage
             drive(world, driver, stage(traci, world, asked=asks, as_read=asks))
-    # logged in full and told, and each case is driven alone
+    # the log gets the traceback, the reason a sentence
     except Exception as error:  # noqa: BLE001
         _LOG.error(
             "%d cases that were driven together failed; each is driven alone.\n%s",
@@ -579,10 +591,8 @@ def _together(
 
 
 @contextmanager
-def _little_garbage() -> Iterator[None]:
-    """Python looks for cycles of garbage a hundredth as often: a batch's tuples and arrays
-    make none.
-    """
+def _rare_garbage_collection() -> Iterator[None]:
+    """Python looks for cycles of garbage a hundredth as often, of which a batch makes none."""
     before = gc.get_threshold()
     gc.set_threshold(100 * before[0], *before[1:])
     try:
