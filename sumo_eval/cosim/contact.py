@@ -2,9 +2,11 @@
 where and how fast.
 
 SUMO's own collision check sees lanes, not bodies, so the harness decides. Between two samples every
-pose moves linearly; conservative advancement finds the first touch without skipping a graze: bodies
-that are apart along one axis do not touch, so advancing by gap / (fastest closing of any two body
-points along that axis) jumps over no contact.
+pose moves linearly. Conservative advancement finds the first touch without skipping a graze:
+
+1. Find the axis along which the gap between the bodies is widest.
+2. No two points of them close along it faster than `closing`.
+3. So they do not touch before gap / closing: go there, and begin again.
 """
 
 from __future__ import annotations
@@ -16,7 +18,8 @@ from sumo_eval.kernels import kernel
 from sumo_eval.trajectory import Collision, Side
 
 TOUCH = 1e-6  # m, bodies closer than this touch
-TURN = 2.0 * math.pi  # rad
+FULL_TURN = 2.0 * math.pi  # rad
+_NEAR = 1e-3  # m; far above the touching tolerance, far below a body's size
 
 
 class Body(NamedTuple):
@@ -56,7 +59,9 @@ class Body(NamedTuple):
 @kernel
 def within_a_turn(angle: float) -> float:
     """An angle's direction as one within -pi..pi, rad."""
-    return angle if -math.pi <= angle <= math.pi else angle - TURN * math.floor(angle / TURN + 0.5)
+    if -math.pi <= angle <= math.pi:
+        return angle
+    return angle - FULL_TURN * math.floor(angle / FULL_TURN + 0.5)
 
 
 @kernel
@@ -80,22 +85,24 @@ def widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
     lb, wb = 0.5 * b.length, 0.5 * b.width
     along_a, across_a = dx * ca + dy * sa, dy * ca - dx * sa
     along_b, across_b = dx * cb + dy * sb, dy * cb - dx * sb
+    # half the extents of b along a's length and along a's width, and of a along b's
     reach_b, span_b = lb * cos_between + wb * sin_between, lb * sin_between + wb * cos_between
     reach_a, span_a = la * cos_between + wa * sin_between, la * sin_between + wa * cos_between
     gap, offset = abs(along_a) - la - reach_b, along_a
     x, y = ca, sa
-    other = abs(across_a) - wa - span_b
-    if other > gap:
-        gap, offset = other, across_a
+    candidate = abs(across_a) - wa - span_b
+    if candidate > gap:
+        gap, offset = candidate, across_a
         x, y = -sa, ca
-    other = abs(along_b) - lb - reach_a
-    if other > gap:
-        gap, offset = other, along_b
+    candidate = abs(along_b) - lb - reach_a
+    if candidate > gap:
+        gap, offset = candidate, along_b
         x, y = cb, sb
-    other = abs(across_b) - wb - span_a
-    if other > gap:
-        gap, offset = other, across_b
+    candidate = abs(across_b) - wb - span_a
+    if candidate > gap:
+        gap, offset = candidate, across_b
         x, y = -sb, cb
+    # from a to b
     return (gap, x, y) if offset >= 0.0 else (gap, -x, -y)
 
 
@@ -119,6 +126,7 @@ def share_at_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body)
     """Share of the step at which the bodies first touch; -1 when they do not."""
     shift_x = (b_after.x - b_before.x) - (a_after.x - a_before.x)
     shift_y = (b_after.y - b_before.y) - (a_after.y - a_before.y)
+    # a box in any direction stays within (length + width) / 2 of its centre
     reach = (
         0.5 * (a_after.length + a_after.width + b_after.length + b_after.width)
         + abs(shift_x)
@@ -126,31 +134,37 @@ def share_at_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body)
     )
     if abs(b_before.x - a_before.x) > reach or abs(b_before.y - a_before.y) > reach:
         return -1.0
+    # m that a corner moves at most by turning, of both bodies
     turning = abs(within_a_turn(a_after.heading - a_before.heading)) * radius(a_after)
     turning += abs(within_a_turn(b_after.heading - b_before.heading)) * radius(b_after)
     share = 0.0
     gap, x, y = widest_gap(a_before, b_before)
     while gap > TOUCH:
-        # m per step along the axis, never less than the true value
+        # bound on how much of the gap this step closes, m
         closing = turning - (shift_x * x + shift_y * y)
         if gap > closing * (1.0 - share):
             return -1.0
         share += gap / closing
         gap, x, y = widest_gap(between(a_before, a_after, share), between(b_before, b_after, share))
-    return min(share, 1.0)
+    return min(share, 1.0)  # the last advance may round past the step's end
 
 
 @kernel
 def keeps_apart(ego: Body, other: Body) -> bool:
-    """Whether two bodies that continue straight along the road at their speeds never touch."""
+    """Whether two bodies that continue straight along the road at their speeds never touch.
+
+    ego: of heading 0, straight along the road.
+
+    May be False where they do not touch, never True where they do.
+    """
     if other.heading != 0.0 or other.across != 0.0:
         return False
     ahead = other.x - ego.x
-    length = 0.5 * ego.length + 0.5 * other.length
+    touching = 0.5 * ego.length + 0.5 * other.length
     if abs(other.y - ego.y) >= 0.5 * ego.width + 0.5 * other.width:
         return True
-    return (ahead >= length and other.speed >= ego.speed) or (
-        -ahead >= length and other.speed <= ego.speed
+    return (ahead >= touching and other.speed >= ego.speed) or (
+        -ahead >= touching and other.speed <= ego.speed
     )
 
 
@@ -176,33 +190,22 @@ def _in_frame_of(body: Body, point: tuple[float, float]) -> tuple[float, float]:
 
 
 def bumper_overlap(ego: Body, other: Body) -> float:
-    """Share of the ego's bumper width that lies in front of (or behind) the other body, 0..1."""
+    """Share of the ego's width that the other body covers, seen along the ego's heading, 0..1."""
     across = [_in_frame_of(ego, corner)[1] for corner in other.corners()]
     half = 0.5 * ego.width
-    return min(max((min(max(across), half) - max(min(across), -half)) / ego.width, 0.0), 1.0)
+    left, right = min(max(across), half), max(min(across), -half)
+    return min(max((left - right) / ego.width, 0.0), 1.0)
 
 
 def struck_side(ego: Body, other: Body) -> Side:
     """Which face of the ego is touched; at a corner, the face towards which the other moves
     faster.
     """
-    reach = 1e-3  # m; far above the touching tolerance, far below a body's size
-    points = [
-        _in_frame_of(ego, corner) for corner in other.corners() if _inside(ego, corner, reach)
-    ]
-    points += [
-        _in_frame_of(ego, corner) for corner in ego.corners() if _inside(other, corner, reach)
-    ]
-    ahead = (
-        sum(point[0] for point in points) / len(points)
-        if points
-        else _in_frame_of(ego, (other.x, other.y))[0]
-    )
-    left = (
-        sum(point[1] for point in points) / len(points)
-        if points
-        else _in_frame_of(ego, (other.x, other.y))[1]
-    )
+    corners = [corner for corner in other.corners() if _inside(ego, corner)]
+    corners += [corner for corner in ego.corners() if _inside(other, corner)]
+    points = [_in_frame_of(ego, corner) for corner in corners or [(other.x, other.y)]]
+    ahead = sum(point[0] for point in points) / len(points)
+    left = sum(point[1] for point in points) / len(points)
     depths: dict[Side, float] = {
         "front": 0.5 * ego.length - ahead,
         "rear": 0.5 * ego.length + ahead,
@@ -210,12 +213,14 @@ def struck_side(ego: Body, other: Body) -> Side:
         "right": 0.5 * ego.width + left,
     }
     nearest = min(depths.values())
-    candidates = [side for side, depth in depths.items() if depth <= nearest + 2.0 * reach]
+    # both bodies count as this much larger
+    candidates = [side for side, depth in depths.items() if depth <= nearest + 2.0 * _NEAR]
     if len(candidates) == 1:
         return candidates[0]
     closing = (other.velocity[0] - ego.velocity[0], other.velocity[1] - ego.velocity[1])
     c, s = math.cos(ego.heading), math.sin(ego.heading)
     forward, leftward = closing[0] * c + closing[1] * s, closing[1] * c - closing[0] * s
+    # m/s, at which the other body moves into each face
     inward: dict[Side, float] = {
         "front": -forward,
         "rear": forward,
@@ -225,6 +230,6 @@ def struck_side(ego: Body, other: Body) -> Side:
     return max(candidates, key=lambda side: inward[side])
 
 
-def _inside(body: Body, point: tuple[float, float], reach: float) -> bool:
+def _inside(body: Body, point: tuple[float, float]) -> bool:
     ahead, left = _in_frame_of(body, point)
-    return abs(ahead) <= 0.5 * body.length + reach and abs(left) <= 0.5 * body.width + reach
+    return abs(ahead) <= 0.5 * body.length + _NEAR and abs(left) <= 0.5 * body.width + _NEAR
