@@ -19,6 +19,11 @@ JUMP_TOLERANCE = 0.01  # m, motion of one step that speed cannot explain
 BESIDE = 0.05  # m, nearer than this to where SUMO loses a vehicle it is kept
 
 
+def farthest_in(step: float) -> float:
+    """Distance that no road vehicle drives in a step, m: 100 m/s."""
+    return FASTEST * step * 0.1
+
+
 class LeftTheRoadError(Exception):
     """SUMO has lost the ego, because it has left the road."""
 

@@ -179,10 +179,12 @@ class Stage:
                 self.speeds.pop(name, None)
                 self._names = []
                 continue
-            self.calls.setSpeed(name, 0.0)
-            self.calls.moveToXY(
-                name, self._edge[number // self._width], -1, 10.0, ASIDE, STRAIGHT, self._keep
-            )
+            self._set_aside(name, self._edge[number // self._width])
+
+    def _set_aside(self, name: str, edge: str) -> None:
+        """Put a vehicle where SUMO has no lane for it, so that no other sees it."""
+        self.calls.setSpeed(name, 0.0)
+        self.calls.moveToXY(name, edge, -1, 10.0, ASIDE, STRAIGHT, self._keep)
 
     def begin_again(self, world: World, row: int) -> None:
         """Put the vehicles of a row whose case has begun where they are at the end of this, its

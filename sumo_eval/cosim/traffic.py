@@ -1,9 +1,9 @@
 """SUMO's side of cases in which vehicles react: SUMO drives them, and receives all else at every
 step.
 
-Those are put where they are at the begin of a step, with the speed that they have at the end, so
-that a follower sees the present. SUMO knows a body in one lane only. Here that is: the main one
-where the middle of its front is, and a second body, its shadow, in the lane over whose line it
+The others are put where they are at the begin of a step, with the speed that they have at the end,
+so that a follower sees the present. SUMO knows a body in one lane only. So a vehicle has two bodies
+here: one in the lane of the middle of its front, and a shadow in the lane over whose line it
 reaches (`SimulationSettings.seen_over_line`). A shadow that is not needed stands beside the road,
 where SUMO has lost it and no vehicle sees it.
 """
@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST
+from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST, farthest_in
 from sumo_eval.cosim.records import DEGREES, STRAIGHT
-from sumo_eval.cosim.stage import ASIDE, EXACT_SPEED_MODE, Stage, joined, lane_at
+from sumo_eval.cosim.stage import EXACT_SPEED_MODE, Stage, joined, lane_at
 from sumo_eval.cosim.sumo.session import NOWHERE
 from sumo_eval.cosim.sumo.shared_files import has_shadow, shadow_name
 from sumo_eval.cosim.world import World
@@ -28,36 +28,43 @@ from sumo_eval.scenario.played import HANDED_OVER
 from sumo_eval.scenario.road.reference_line import curvatures
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-_AS_TOLD_IN_A_CURVE = 0.1  # m: on top of that, lanes are polygons of 1 m
+_AS_TOLD_IN_A_CURVE = 0.1  # m: as on a straight road, and as much for lanes with sides of 1 m
 _ITS_OWN_SPEED_MODE = 31  # SUMO's default: as its model says
 
 
 class _OnLane(NamedTuple):
-    """Motion of a vehicle on a lane: begin, y: its place at the step's begin, m; along, before: its
-    speeds at the step's end and begin, m/s.
+    """A vehicle that is put on a lane.
 
-    lane, beside: of its body and of its shadow, -1: none.
+    number: of the vehicle in the world's flat order.
+    lane, shadow_lane: of its body and of its shadow, -1: none.
+    begin: position of its front along the lane at the step's begin, m.
+    y: across the road at the step's end, m.
+    along, speed_before: its speeds at the step's end and begin, m/s.
     """
 
     number: int
     lane: int
-    beside: int
+    shadow_lane: int
     begin: float
     y: float
     along: float
-    before: float
+    speed_before: float
 
 
 class Traffic(Stage):
-    """The running simulation of the cases of a world in which vehicles react."""
+    """The running simulation of the cases of a world in which vehicles react.
 
-    # m, that SUMO's own step may differ from ours within a step: it takes the mean of both speeds
+    asked, as_read: as of a `Stage`. With `as_read` SUMO receives positions on the map, as a TraCI
+        program puts them, and there are no shadows.
+    """
+
+    # m by which SUMO's place may differ after a step: it moves by the mean of both speeds
     tolerance = 0.05
 
     def __init__(
         self, traci: Any, world: World, *, asked: bool = False, as_read: bool = False
     ) -> None:
-        self._on_foot = [
+        self._on_foot = [  # by case, the ego first
             [False, *(actor.body in VULNERABLE for actor in case.actors)] for case in world.cases
         ]
         self._road = world.cases[0].road
@@ -66,9 +73,9 @@ class Traffic(Stage):
         super().__init__(traci, world, asked=asked, as_read=as_read)
 
     def keep(self, world: World) -> None:
-        """From now on these rows, in this order."""
+        """Keep only the rows that the world still has, in its order."""
         cases = world.rows.tolist()
-        self._count_reacting(world)
+        self._find_reacting(world)
         self._walks = np.array([walks for case in cases for walks in self._on_foot[case]])
         self._shadow_of = [
             shadow_name(name) if self._shadows and has_shadow(world.cases[case], j) else ""
@@ -80,21 +87,28 @@ class Traffic(Stage):
         lanes = range(self._road.lanes)
         self._lanes = [[f"{edge}_{lane}" for lane in lanes] for edge in self._edge]
 
-    def _count_reacting(self, world: World) -> None:
-        """Count the vehicles that SUMO drives."""
+    def _number(self, row: Any, actor: Any) -> Any:
+        """An actor's number, or the numbers of some, in the flat order in which egos come first."""
+        return row * self._width + 1 + actor
+
+    def _ground_of_lane(self, x: Any, y: Any) -> Any:
+        """Metres of ground along a metre of lane: 1 - curvature y."""
+        return 1.0 - curvatures(self._road.line, x) * y
+
+    def _find_reacting(self, world: World) -> None:
+        """Note the rows and columns of the vehicles that SUMO drives."""
         self._reacting = np.nonzero(world.players.plays["model"])
 
     def _hand_over(self, world: World) -> None:
         """Let SUMO drive the vehicles that have begun to follow in the last step."""
         present = (world.others["present"] == 1) & (world.egos["live"] == 1)[:, None]
-        late = np.argwhere((world.players.plays["model"] == HANDED_OVER) & present).tolist()
-        numbers = [row * self._width + 1 + j for row, j in late]
-        if self._handed.issuperset(self._flat[number] for number in numbers):
-            return
-        self._count_reacting(world)
-        for (row, j), number in zip(late, numbers, strict=True):
-            if self._flat[number] not in self._handed:
-                self._hand_over_one(number, row, world.others[row, j])
+        handed_over = np.argwhere((world.players.plays["model"] == HANDED_OVER) & present).tolist()
+        new = [(row, j) for row, j in handed_over
+               if self._flat[self._number(row, j)] not in self._handed]  # fmt: skip
+        if new:
+            self._find_reacting(world)
+        for row, j in new:
+            self._hand_over_one(self._number(row, j), row, world.others[row, j])
 
     def _hand_over_one(self, number: int, row: int, other: Any) -> None:
         calls, road, name = self.calls, self._road, self._flat[number]
@@ -103,8 +117,9 @@ class Traffic(Stage):
         if not self.as_read:
             self._hide_shadow(number)
             x, y, lane = float(other["x"]), float(other["y"]), int(lane_at(road, other["y"]))
-            inner = 1.0 - float(curvatures(road.line, x)) * y if self._bent else 1.0
-            calls.moveTo(name, self._lanes[row][lane], x + 0.5 * float(other["length"]) / inner)
+            ground = float(self._ground_of_lane(x, y)) if self._bent else 1.0
+            # SUMO's place is the front's, in metres of the lane
+            calls.moveTo(name, self._lanes[row][lane], x + 0.5 * float(other["length"]) / ground)
             calls.setLateralLanePosition(name, y - road.lane_width * lane)
         speed = float(other["speed"]) * math.cos(float(other["heading"]))
         calls.setPreviousSpeed(name, max(speed, 0.0))
@@ -114,7 +129,7 @@ class Traffic(Stage):
     def take_charge(self, world: World) -> None:
         """Take control of the vehicles that SUMO does not drive."""
         super().take_charge(world)
-        self._seen: set[str] = set()
+        self._shown_shadows: set[str] = set()
         calls = self.calls
         for name in filter(None, self._shadow_of):
             calls.setSpeedMode(name, EXACT_SPEED_MODE)
@@ -124,16 +139,15 @@ class Traffic(Stage):
             world.egos["stale"] = 1
 
     def closely(self, steps: int) -> bool:
-        """Vehicles that react see all at every step."""
+        """Whether SUMO receives everything: vehicles that react see all at every step."""
         return True
 
     def _hide(self, name: str) -> None:
-        self.calls.setSpeed(name, 0.0)
-        self.calls.moveToXY(name, self._edge[0], -1, 10.0, ASIDE, STRAIGHT, self._keep)
-        self._seen.discard(name)
+        self._set_aside(name, self._edge[0])  # of any row: it is on no lane
+        self._shown_shadows.discard(name)
 
     def _hide_shadow(self, number: int) -> None:
-        if self._shadow_of[number] in self._seen:
+        if self._shadow_of[number] in self._shown_shadows:
             self._hide(self._shadow_of[number])
 
     def put_aside(self, numbers: Sequence[int]) -> None:
@@ -153,67 +167,71 @@ class Traffic(Stage):
         told = world.tell[:count]
         number = told[:, 0].astype(np.intp)
 
-        def of_all(egos: Any, others: Any, name: str) -> FloatArray:
-            return joined(egos, others, name).ravel()[number]
-
         now, before = (world.egos, world.others), (world.egos["before"], world.others["before"])
-        half = 0.5 * of_all(*now, "length")
-        if self._bent:
-            y, along = told[:, 6], told[:, 7]
-            heading = of_all(*now, "heading")
+
+        def of_all(state: tuple[Any, Any], name: str) -> FloatArray:
+            return joined(*state, name).ravel()[number]
+
+        front_y, angle, speed = told[:, 2:5].T
+        s, d, ds_dt = told[:, 5:].T
+        half = 0.5 * of_all(now, "length")
+        if (
+            self._bent
+        ):  # as SUMO will move it, which knows the lane only: by the mean of both speeds
+            y, along, heading = d, ds_dt, of_all(now, "heading")
             names = (self._flat[n] for n in number.tolist())
             last = [self._told.get(name, v) for name, v in zip(names, along, strict=True)]
-            begin = told[:, 5] - 0.5 * (np.array(last) + along) * self._step
+            begin = s - 0.5 * (np.array(last) + along) * self._step
         else:
-            y, heading = told[:, 2], (STRAIGHT - told[:, 3]) / DEGREES
-            along = told[:, 4] * np.cos(heading)
-            begin = of_all(*before, "x") + half * np.cos(of_all(*before, "heading"))
+            y, heading = front_y, (STRAIGHT - angle) / DEGREES
+            along = speed * np.cos(heading)
+            begin = of_all(before, "x") + half * np.cos(of_all(before, "heading"))
         on_lanes = self._on_lanes_from(number, begin, y, heading)
         lane = lane_at(self._road, y)
-        wide = 0.5 * of_all(*now, "width") * np.abs(np.cos(heading))
-        wide += half * np.abs(np.sin(heading))
-        beside = self._lanes_beside(of_all(*now, "y"), wide, lane, world.settings.seen_over_line)
-        beside[~(on_lanes & self._has_shadow[number])] = -1
-        motions = zip(
-            on_lanes.tolist(), number.tolist(), lane.tolist(), beside.tolist(), begin.tolist(),
-            y.tolist(), np.maximum(along, 0.0).tolist(), of_all(*before, "speed").tolist(),
-            strict=True,
-        )  # fmt: skip
-        later = []
-        for k, (is_on_lane, *motion) in enumerate(motions):
-            if is_on_lane:
-                later.append(_OnLane(*motion))
-            else:
-                self._put_anywhere(motion[0], told[k, 1:5].tolist())
-        for it in later:
-            self._put_on_lane(it)
+        across = 0.5 * of_all(now, "width") * np.abs(np.cos(heading))
+        across += half * np.abs(np.sin(heading))
+        over_line = world.settings.seen_over_line
+        shadow_lane = self._shadow_lanes(of_all(now, "y"), across, lane, over_line)
+        shadow_lane[~(on_lanes & self._has_shadow[number])] = -1
+        for k in np.flatnonzero(~on_lanes).tolist():
+            self._move(int(number[k]), *told[k, 1:5].tolist())
+            self._hide_shadow(int(number[k]))
+        columns = (
+            number,
+            lane,
+            shadow_lane,
+            begin,
+            y,
+            np.maximum(along, 0.0),
+            of_all(before, "speed"),
+        )
+        for values in zip(*(column[on_lanes].tolist() for column in columns), strict=True):
+            self._put_on_lane(_OnLane(*values))
 
     def _on_lanes_from(
         self, number: NDArray[np.intp], begin: FloatArray, y: FloatArray, heading: FloatArray
     ) -> BoolArray:
-        """Vehicles that can be put on a lane: not on foot, nor beside the lanes, nor coming the
-        other way, nor driving off.
+        """Whether each can be put on a lane: no pedestrian, on the lanes, in their direction, and
+        not within a step of the network's end.
         """
         road = self._road
         inside = (y > road.right_edge + BESIDE) & (y < road.left_edge - BESIDE)
         inside &= (np.cos(heading) > 0.0) & (begin >= 0.0)
-        inside &= begin < road.length + road.run_out - FASTEST * self._step * 0.1
+        inside &= begin < road.length + road.run_out - farthest_in(self._step)
         return np.asarray(inside & ~self._walks[number])
 
-    def _lanes_beside(
-        self, y: FloatArray, wide: FloatArray, lane: NDArray[np.intp], over: float
+    def _shadow_lanes(
+        self, y: FloatArray, across: FloatArray, lane: NDArray[np.intp], over_line: float
     ) -> NDArray[np.intp]:
-        """The lane beside its own into which each body reaches further than the setting says, -1
-        without one.
+        """The lane beside its own into which each body reaches by more than `over_line`, m; of two
+        the left one, -1 without one.
+
+        across: half the extents of bodies across the road, m.
         """
         width, lanes = self._road.lane_width, self._road.lanes
-        left = (y + wide > width * (lane + 0.5) + over) & (lane + 1 < lanes)
-        right = (y - wide < width * (lane - 0.5) - over) & (lane > 0)
+        left = (y + across > width * (lane + 0.5) + over_line) & (lane + 1 < lanes)
+        right = (y - across < width * (lane - 0.5) - over_line) & (lane > 0)
         return np.where(left, lane + 1, np.where(right, lane - 1, -1))
-
-    def _put_anywhere(self, number: int, motion: Sequence[float]) -> None:
-        self._move(number, *motion)
-        self._hide_shadow(number)
 
     def _put_on_lane(self, it: _OnLane) -> None:
         """Put a vehicle and its shadow where they are at the step's begin, with the speed that they
@@ -223,13 +241,13 @@ class Traffic(Stage):
         if self._bent:
             self._told[name] = it.along
         self._put(name, it, it.lane)
-        if it.beside < 0:
+        if it.shadow_lane < 0:
             self._hide_shadow(it.number)
             return
-        if shadow not in self._seen:
-            self.calls.setPreviousSpeed(shadow, it.before)
-            self._seen.add(shadow)
-        self._put(shadow, it, it.beside)
+        if shadow not in self._shown_shadows:  # SUMO would think that it stood, as it did aside
+            self.calls.setPreviousSpeed(shadow, it.speed_before)
+            self._shown_shadows.add(shadow)
+        self._put(shadow, it, it.shadow_lane)
 
     def _put(self, name: str, it: _OnLane, lane: int) -> None:
         self.calls.moveTo(name, self._lanes[it.number // self._width][lane], it.begin)
@@ -244,7 +262,7 @@ class Traffic(Stage):
         rows, columns = self._reacting
         present = (world.egos["live"][rows] == 1) & (others["present"][rows, columns] == 1)
         rows, columns = rows[present], columns[present]
-        names = [self._flat[number] for number in (rows * self._width + 1 + columns).tolist()]
+        names = [self._flat[number] for number in self._number(rows, columns).tolist()]
         if not names:
             return
         try:
@@ -252,8 +270,9 @@ class Traffic(Stage):
         except self.traci.TraCIException:  # one of them has left the network
             shown = np.concatenate([self._shown_or_nowhere(name) for name in names])
         speed = shown[:, 3]
+        # on no lane SUMO shows an impossible speed; the inverted test finds a nan, too
         gone = (shown[:, 0] <= NOWHERE) | ~((speed > BACKWARDS) & (speed < FASTEST))
-        others["told"][rows, columns] = 1
+        others["told"][rows, columns] = 1  # moved in this step
         for k in np.flatnonzero(gone).tolist():
             others["present"][rows[k], columns[k]] = 0
             now = world.time + world.settings.step
@@ -262,8 +281,8 @@ class Traffic(Stage):
         world.put_on_map()
 
     def _shown(self, names: list[str]) -> FloatArray:
-        """x, y, angle and speed of vehicles; in a curve the place along its lane, as SUMO's drivers
-        know it, (n, 4).
+        """x, y, angle and speed of vehicles, (n, 4); in a curve x is the place along the lane, as
+        SUMO's drivers know it, and y and angle are not read.
         """
         calls, found = self.calls, np.full((len(names), 4), STRAIGHT)
         found[:, 3] = list(map(calls.getSpeed, names))
@@ -271,7 +290,7 @@ class Traffic(Stage):
             found[:, 0] = list(map(calls.getLanePosition, names))
             return found
         found[:, :2] = list(map(calls.getPosition, names))
-        if self.as_read:  # else nobody can have taken it out of its lane
+        if self.as_read:  # only TraCI code can turn it out of its lane
             found[:, 2] = list(map(calls.getAngle, names))
         return found
 
@@ -287,10 +306,11 @@ class Traffic(Stage):
         """Write to the world where those that react are."""
         others, at = world.others, (rows, columns)
         half, speed = 0.5 * others["length"][at], shown[:, 3]
-        if self._bent:  # a metre of lane is 1 - curvature y metres of ground
-            inner = 1.0 - curvatures(self._road.line, shown[:, 0]) * others["y"][at]
-            others["x"][at], others["heading"][at] = shown[:, 0] - half / inner, 0.0
-            speed = speed * inner
+        if self._bent:
+            # of the front: where a curve begins, that of the centre may differ by centimetres
+            ground = self._ground_of_lane(shown[:, 0], others["y"][at])
+            others["x"][at], others["heading"][at] = shown[:, 0] - half / ground, 0.0
+            speed = speed * ground
         else:
             heading = np.radians((STRAIGHT - shown[:, 2] + 180.0) % 360.0 - 180.0)
             others["x"][at] = shown[:, 0] - half * np.cos(heading)
@@ -310,29 +330,26 @@ class Traffic(Stage):
             for j in range(self._width):
                 body = world.egos[row] if j == 0 else world.others[row, j - 1]
                 name = self._flat[row * self._width + j]
-                if world.egos["reason"][row] or (j and not (body["present"] and body["told"] == 2)):
+                was_put = j == 0 or (body["present"] and body["told"] == 2)
+                if world.egos["reason"][row] or not was_put:
                     continue
                 if name not in self._told or self.calls.getLaneIndex(name) < 0:
                     continue
-                inner = 1.0 - float(curvatures(self._road.line, body["x"])) * float(body["y"])
-                ahead = 0.5 * float(body["length"]) * math.cos(float(body["heading"])) / inner
+                ground = float(self._ground_of_lane(body["x"], body["y"]))
+                ahead = 0.5 * float(body["length"]) * math.cos(float(body["heading"])) / ground
                 off = self.calls.getLanePosition(name) - float(body["x"]) - ahead
                 if not abs(off) <= _AS_TOLD_IN_A_CURVE:  # which also finds a nan
-                    self._fail(
-                        world,
-                        row,
-                        j,
-                        f"put {{}} {off:.3f} m along its lane from its place.",
-                    )
+                    words = f"put {{}} {off:.3f} m along its lane from its place."
+                    self._fail(world, row, j, words)
 
     def remove(self, world: World, row: int) -> None:
         """Remove the vehicles of a case that has ended from its batch."""
         if self._alone:
             return
-        gone = not world.others["present"][row].all()
-        held = set(self.traci.vehicle.getIDList()) if gone else None
+        some_gone = not world.others["present"][row].all()
+        held = set(self.traci.vehicle.getIDList()) if some_gone else None  # to ask is slow
         for number in range(row * self._width, (row + 1) * self._width):
             for name in (self._flat[number], self._shadow_of[number]):
                 if name and (held is None or name in held):
                     self.traci.vehicle.remove(name)
-                self._seen.discard(name)
+                self._shown_shadows.discard(name)
