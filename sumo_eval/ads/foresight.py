@@ -1,9 +1,9 @@
 """Knowledge of the ideal vehicle of Eq. 17 before a case begins: which vehicles it would touch, and
 from when on it can know this.
 
-Everything is worked out in continuous time from the scripts of the other vehicles, so that it does
-not depend on the simulation's step; only whether bodies touch is checked step by step, as the
-harness does it.
+Times of sight come from the scripts of the other vehicles, in continuous time, so that they do not
+depend on the simulation's step. Lively actors have no script: they are interpolated between steps.
+Contact is checked step by step, as the harness does it, clearances every `_LOOK`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from sumo_eval.ads.lane_change import shortest_duration, smooth_step
 from sumo_eval.ads.overtaking import CLEARANCE, EMERGENCY_GAP, EMERGENCY_LATERAL
 from sumo_eval.ads.perception import covers, safe_gap
 from sumo_eval.cosim.contact import Body, share_at_touch
-from sumo_eval.cosim.impossible import FASTEST
+from sumo_eval.cosim.impossible import farthest_in
 from sumo_eval.method.criticality import ideal_impact_speed
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Start
 from sumo_eval.scenario.road.reference_line import Piece, map_places
@@ -28,15 +28,14 @@ from sumo_eval.trajectory import FloatArray
 
 # s to a vehicle ahead in the lane that is entered: the least of UN R157 from 60 km/h on
 FOLLOWING_GAP = 1.6
-# s between two looks for the first sight of a hidden vehicle, whose instant is then bisected
+# s between two looks for a first sight, which is then bisected, and for clearances: a quick vehicle
+# of 40 m/s moves 2 m in it
 _LOOK = 0.05
 _HALVINGS = 30  # of `_LOOK`: to 5e-11 s
 _AHEAD = 0.01  # m on which the direction of a way is taken
-# m by which a way may be driven otherwise than it lies (0.002 in every scenario that ships)
-_STEERED = 0.005
-# m by which bodies on a bent road may be nearer to each other than their places along and across it
-# tell
-_BEND = 1.0
+_TRACKING_ERROR = 0.005  # m; a steered ego is at most this far off its way (0.002 as shipped)
+# m added to the reach on a curve, where bodies are nearer on the map than along and across the road
+_CURVE = 1.0
 
 
 Line = tuple[Piece, ...]
@@ -44,16 +43,16 @@ Line = tuple[Piece, ...]
 
 
 _Moving = Callable[[float], "_Shape"]
-"""Where a body is at a time."""
+"""Shape of a body at a time."""
 
 
 class Foresight(NamedTuple):
     """Knowledge of one other vehicle.
 
-    noticed: when its first change of state can be seen, s; inf where it never can.
+    noticed: when it is first seen after its state has begun to change, s; inf where it never is.
     meets: whether an ego that keeps its speed would touch it.
-    speed: its lowest speed along the road to come, m/s.
-    hidden: whether a nearer vehicle is what keeps it from being noticed at once.
+    speed: its lowest speed from now on, along the road, m/s.
+    hidden: whether a nearer vehicle hides it when its state begins to change.
     """
 
     noticed: float
@@ -71,24 +70,27 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
     speed, too.
     """
     ego, vehicle, step = concrete.ego, settings.vehicle, settings.step
-    on_the_road = (concrete.road.length - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
-    until = min(settings.time_limit, on_the_road)
-    found = tracks([concrete], [(vehicle.length, vehicle.width)], step, until)
-    theirs = [_Track(actor, step, found.others[0, j]) for j, actor in enumerate(concrete.actors)]
+    until = _end_at_its_speed(concrete, settings)
+    undisturbed = tracks([concrete], [(vehicle.length, vehicle.width)], step, until)
+    of_actors = zip(concrete.actors, undisturbed.others[0], strict=True)
+    theirs = [_Track(actor, step, rows) for actor, rows in of_actors]
     known = []
-    for actor, track, begins in zip(concrete.actors, theirs, found.begins[0].tolist(), strict=True):
+    for track, first_move in zip(theirs, undisturbed.begins[0].tolist(), strict=True):
+        actor = track.actor
         ahead = actor.start.x > ego.x
         slower = actor.start.speed * math.cos(actor.heading) < ego.speed
         caught_up = ahead and slower and _on_the_way(ego, actor, vehicle)
-        changes = 0.0 if caught_up or math.isinf(begins) else begins
-        nearer = [other.shape for other in theirs if other is not track]
-        noticed = first_sight(ego, settings, track.shape, nearer, changes, until)
-        # it will not drive into whoever keeps its speed
-        reacts = actor.model is not None and not ahead
-        meets = not reacts and _meets(ego, vehicle, track, until, concrete.road.line)
-        # it is let past: only who stands leads no one into it
+        # a slower one ahead is a hazard from the start; one that never moves otherwise, too
+        changes = 0.0 if caught_up or math.isinf(first_move) else first_move
+        others = [other.shape for other in theirs if other is not track]
+        noticed = first_sight(ego, settings, track.shape, others, changes, until)
+        # one that reacts, from behind, brakes for an ego that keeps its speed
+        yields = actor.model is not None and not ahead
+        meets = not yields and _meets(ego, vehicle, track, until, concrete.road.line)
+        # an ego that has to change lane lets pass what comes from behind, as if it stood
         passes = ego.way is not None and not ahead
-        known.append(Foresight(noticed, meets, 0.0 if passes else track.slowest, noticed > changes))
+        speed = 0.0 if passes else track.slowest
+        known.append(Foresight(noticed, meets, speed, hidden=noticed > changes))
     return tuple(known)
 
 
@@ -98,70 +100,74 @@ def evasion(
     known: Sequence[Foresight],
     deceleration: float,
 ) -> tuple[float, float, float, float]:
-    """The path (`PATH`) of an ideal vehicle that steers to the lane on its left, of offset 0 where
-    it brakes.
+    """The path of an ideal vehicle that steers to the lane on its left: y of its lane's centre,
+    offset, x of the begin and length, m (`lane_change.PATH`). Offset 0: it keeps its lane and
+    brakes.
 
-    It steers where a steady vehicle shows so late, from behind a nearer one, that braking with
-    `deceleration` (m/s2) from then on hits it, and where a lane change from then on at the speed it
-    has, as quick as those of the synthetic drivers, is clear of all vehicles to the end: by 0.3 m
-    across, and along the road of each that is not steady by `FOLLOWING_GAP` to the one ahead and 2
-    m to the one behind.
+    It steers where all of this holds:
+
+    - A steady vehicle shows late, from behind a nearer one.
+    - Braking with `deceleration` (m/s2) from then on hits it.
+    - A lane change from then on at its speed, as quick as those of the synthetic drivers, is clear
+      of every vehicle to the end: 0.3 m across or, along the road, `FOLLOWING_GAP` to one ahead and
+      2 m to one behind. To those that it goes round any gap along the road is enough.
 
     settings: those of the case.
     """
     ego, road, vehicle = concrete.ego, concrete.road, settings.vehicle
     lane = min(max(round(ego.y / road.lane_width), 0), road.lanes - 1)
-    straight = road.lane_width * lane, 0.0, 0.0, 1.0
-    others = list(zip(concrete.actors, known, strict=True))
-    round_whom = [
-        actor for actor, told in others
-        if told.meets and told.hidden and math.isfinite(told.noticed) and not actor.acts
-    ]  # fmt: skip
-    if not settings.ideal_steers or concrete.lively or lane + 1 == road.lanes or not round_whom:
+    straight = road.lane_width * lane, 0.0, 0.0, 1.0  # any length: it is divided by
+    suddenly_seen = {
+        actor: foresight.noticed for actor, foresight in zip(concrete.actors, known, strict=True)
+        if foresight.meets and foresight.hidden and math.isfinite(foresight.noticed)
+        and not actor.acts
+    }  # fmt: skip
+    if not settings.ideal_steers or concrete.lively or lane + 1 == road.lanes or not suddenly_seen:
         return straight
-    begin = min(told.noticed for actor, told in others if actor in round_whom)
-    at = ego.x + ego.speed * begin
+    begin = min(suddenly_seen.values())
+    begin_x, build_up = ego.x + ego.speed * begin, deceleration / vehicle.brake_jerk
     hits = [
         ideal_impact_speed(
             ego.speed, actor.start.speed,
-            actor.x(begin) - at - 0.5 * (vehicle.length + actor.length),
-            deceleration=deceleration, build_up=deceleration / vehicle.brake_jerk,
+            actor.x(begin) - begin_x - 0.5 * (vehicle.length + actor.length),
+            deceleration=deceleration, build_up=build_up,
         ) > 0.0
-        for actor in round_whom
+        for actor in suddenly_seen
     ]  # fmt: skip
     if not any(hits):
         return straight
     duration = shortest_duration(road.lane_width, EMERGENCY_LATERAL)
-    response = deceleration / vehicle.brake_jerk
-    until = min(settings.time_limit, (road.length - ego.x) / ego.speed)
-    for time in np.arange(0.0, until, _LOOK).tolist():
+    until = _end_at_its_speed(concrete, settings)
+
+    def clear(actor: Actor, time: float) -> bool:
+        """Whether an ego that changes lane is far enough from an actor at a time."""
         x = ego.x + ego.speed * time
         y = ego.y + road.lane_width * smooth_step((time - begin) / duration)
-        for actor in concrete.actors:
-            along = abs(actor.x(time) - x) - 0.5 * (vehicle.length + actor.length)
-            across = abs(actor.y(time) - y) - 0.5 * (vehicle.width + actor.width)
-            shown = actor not in round_whom
-            if time >= begin:
-                least = (
-                    0.0
-                    if not shown
-                    else FOLLOWING_GAP * ego.speed
-                    if actor.x(time) > x
-                    else EMERGENCY_GAP
-                )
-                clear = across >= CLEARANCE or along >= least
-            else:  # it would brake behind a vehicle that is too near
-                near = shown and actor.x(time) > x and across < 0.0
-                clear = not near or along >= safe_gap(
-                    ego.speed, actor.speed(time), deceleration, response
-                )
-            if not clear:
-                return straight
-    return straight[0], road.lane_width, at, duration * ego.speed
+        along = abs(actor.x(time) - x) - 0.5 * (vehicle.length + actor.length)
+        across = abs(actor.y(time) - y) - 0.5 * (vehicle.width + actor.width)
+        goes_round, is_ahead = actor in suddenly_seen, actor.x(time) > x
+        if time < begin:  # it would brake behind a vehicle that is too near
+            near = not goes_round and is_ahead and across < 0.0
+            gap = safe_gap(ego.speed, actor.speed(time), deceleration, build_up)
+            return not near or along >= gap
+        least = FOLLOWING_GAP * ego.speed if is_ahead else EMERGENCY_GAP
+        return across >= CLEARANCE or along >= (0.0 if goes_round else least)
+
+    times = np.arange(0.0, until, _LOOK).tolist()
+    if not all(clear(actor, time) for time in times for actor in concrete.actors):
+        return straight
+    return straight[0], road.lane_width, begin_x, duration * ego.speed
+
+
+def _end_at_its_speed(concrete: ConcreteScenario, settings: SimulationSettings) -> float:
+    """When an ego that keeps its speed is at the road's end, s; at most the time limit."""
+    ego = concrete.ego
+    to_the_end = (concrete.road.length - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
+    return min(settings.time_limit, to_the_end)
 
 
 def _on_the_way(ego: Start, actor: Actor, vehicle: VehicleSettings) -> bool:
-    """Whether another vehicle starts in a lane along which the ego drives."""
+    """Whether another vehicle starts with its body in a path that the ego drives."""
     lanes = [ego.y] if ego.way is None else [ego.y, ego.y + ego.way.offset]
     return min(abs(actor.start.y - y) for y in lanes) < 0.5 * (actor.width + vehicle.width)
 
@@ -169,7 +175,7 @@ def _on_the_way(ego: Start, actor: Actor, vehicle: VehicleSettings) -> bool:
 class _Track:
     """Another vehicle as it moves while the ego keeps its speed.
 
-    rows: at every step, as in `Tracks`.
+    rows: x, y, heading, speed and speed across at every step, as in `Tracks`.
     """
 
     def __init__(self, actor: Actor, step: float, rows: FloatArray) -> None:
@@ -181,8 +187,8 @@ class _Track:
         return Body(row[0], row[1], row[2], row[3], actor.length, actor.width, row[4])
 
     def shape(self, time: float) -> _Shape:
-        """Where it is and how far it reaches, at any time: between two steps, if its script says no
-        more.
+        """Where it is and how far it reaches, at any time; a lively vehicle, which has no script,
+        is interpolated between two steps.
         """
         actor = self.actor
         if actor.lively:
@@ -191,6 +197,7 @@ class _Track:
             between = self.rows[k] + (at - k) * (self.rows[k + 1] - self.rows[k])
             x, y, heading = between[:3].tolist()
         else:
+            # a sliding body keeps its heading
             across = 0.0 if actor.slides else actor.lateral_speed(time)
             x, y, heading = (
                 actor.x(time),
@@ -203,7 +210,7 @@ class _Track:
 
     @property
     def slowest(self) -> float:
-        """Its lowest speed along the road to come, m/s."""
+        """Its lowest speed from now on along the road, m/s; of one that brakes 0, as if it stopped."""
         if not self.actor.lively:
             return self.actor.start.speed if self.actor.braking is None else 0.0
         along = self.rows[:, 3] * np.cos(self.rows[:, 2]) - self.rows[:, 4] * np.sin(
@@ -219,12 +226,12 @@ def _meets(ego: Start, vehicle: VehicleSettings, track: _Track, until: float, li
     """
     rows, step = track.rows, track.step
     times = np.arange(len(rows)) * step
-    reach = (
-        0.5 * (vehicle.length + vehicle.width + track.actor.length + track.actor.width)
-        + FASTEST * step * 0.1
-    )
-    reach += _BEND if line else 0.0
+    reach = 0.5 * (
+        vehicle.length + vehicle.width + track.actor.length + track.actor.width
+    ) + farthest_in(step)
+    reach += _CURVE if line else 0.0
     places = ego.x_after(ego.speed * times)
+    # a body that touches within a step is near at both its ends: the reach has the step's motion
     near = np.abs(rows[:, 0] - places) < reach
     near &= np.abs(rows[:, 1] - ego.y_at(places)) < reach
     for k in np.flatnonzero(near[:-1] & near[1:]).tolist():
@@ -240,20 +247,20 @@ def _meets(ego: Start, vehicle: VehicleSettings, track: _Track, until: float, li
 def first_sight(
     ego: Start,
     settings: SimulationSettings,
-    it: _Moving,
+    watched: _Moving,
     others: Sequence[_Moving],
     time: float,
     until: float,
 ) -> float:
-    """When another vehicle, whose state changes at a time, can be seen from then on, s; inf if it
-    stays hidden.
+    """The first instant from `time` on at which a vehicle is not hidden, s; inf where it stays
+    hidden until `until`.
 
     It is hidden while a nearer one covers so much of its width that less than `ideal_visible_share`
     shows; the ego keeps its speed.
     """
 
     def hidden(when: float) -> bool:
-        return any(_hides(ego, settings, other(when), it(when), when) for other in others)
+        return any(_hides(ego, settings, other(when), watched(when), when) for other in others)
 
     while hidden(time):
         if time > until:
@@ -262,7 +269,10 @@ def first_sight(
         if not hidden(later):
             for _ in range(_HALVINGS):
                 middle = 0.5 * (time + later)
-                time, later = (middle, later) if hidden(middle) else (time, middle)
+                if hidden(middle):
+                    time = middle
+                else:
+                    later = middle
             return later
         time = later
     return time
@@ -272,17 +282,18 @@ def _hides(
     ego: Start, settings: SimulationSettings, nearer: _Shape, it: _Shape, time: float
 ) -> bool:
     """Whether one vehicle hides a farther one from the ego, as for the baselines
-    (`perception.is_in_sight`): looking along the road at a vehicle in its way, else along the
-    line to the vehicle. One that has come up to the other hides it no longer: bodies are solid,
-    and a collision is seen, also where a script drives through.
+    (`perception.is_in_sight`). One that has come up to the other hides it no longer: bodies are
+    solid, and a collision is seen, also where a script drives through.
     """
     eye = ego.x + ego.speed * time
     if not eye < nearer.x < it.x - nearer.half_length - it.half_length:
         return False
-    own, hiding = float(ego.y_at(eye)), 1.0 - settings.ideal_visible_share
+    own = float(ego.y_at(eye))
+    # in its way: parallel lines of sight; else lines from the eye
     in_the_way = abs(it.y - own) < it.half_width + 0.5 * settings.vehicle.width
     share = 1.0 if in_the_way else (nearer.x - eye) / (it.x - eye)
-    return covers(nearer.y, nearer.half_width, own, it.y, it.half_width, share, hiding)
+    hidden_share = 1.0 - settings.ideal_visible_share
+    return covers(nearer.y, nearer.half_width, own, it.y, it.half_width, share, hidden_share)
 
 
 class _Shape(NamedTuple):
@@ -297,16 +308,17 @@ class _Shape(NamedTuple):
 def _ego_body(ego: Start, vehicle: VehicleSettings, time: float, line: Line) -> Body:
     """The ego's body on the map.
 
-    Where it steers its rear axle is on the way, square to it, and it takes `_STEERED` more room to
-    each side: it brakes for vehicles that it would miss by less.
+    Where it steers its rear axle is on the way, square to it, and the body is larger by
+    `_TRACKING_ERROR` on each side, so that a near miss counts as contact.
     """
-    room = 2.0 * _STEERED if ego.way is not None else 0.0
+    room = 2.0 * _TRACKING_ERROR if ego.way is not None else 0.0
+    # the rear axle follows a line that turns; a straight road needs none, and keeps its bits
     half = 0.5 * vehicle.wheelbase if line or ego.way is not None else 0.0
     x = float(ego.x_after(ego.speed * time - half))
     heading, y = 0.0, ego.y
     if ego.way is not None:
-        y, ahead = ego.y_at(np.array([x, x + _AHEAD])).tolist()
-        heading = math.atan2(ahead - y, _AHEAD)
+        y, next_y = ego.y_at(np.array([x, x + _AHEAD])).tolist()
+        heading = math.atan2(next_y - y, _AHEAD)  # slope over `_AHEAD`
     axle = _on_the_map(
         Body(x, y, heading, ego.speed, vehicle.length + room, vehicle.width + room), line
     )
