@@ -39,21 +39,22 @@ EMERGENCY_LATERAL = 4.0
 # share of the strongest braking; needing more, braking alone is not relied on
 EMERGENCY_BRAKING = 0.8
 EMERGENCY_GAP = 2.0  # m left to a vehicle in the other lane after an evasion
-# m/s; nobody gains speed while he would not be clear of what he passes at this much more
+# m/s; an ego does not gain speed while it would not be clear of what it passes at this much more
 SPEED_RESERVE = 1.0
+BRAKE_BUILD_UP = 0.1  # s, in which the gap closes before brakes hold
 LEAST_LENGTH = 20.0  # m of road for a lane change at a crawl: a fifth of a car's tightest curve
-END_AHEAD = 10.0  # s before the end of the lane beside from which on nobody changes to it
-LEAST_SPEED = 2.0  # m/s, nobody overtakes from a slower roll
-COMES_TOWARDS = 1.0  # m/s against the ego's direction, faster than which somebody comes towards it
+END_AHEAD = 10.0  # s before the end of the lane beside from which on no ego changes to it
+LEAST_SPEED = 2.0  # m/s, an ego does not overtake from a slower roll
+COMES_TOWARDS = 1.0  # m/s against the ego's direction, faster than which a vehicle comes towards it
 # s, shortest headway accepted behind the vehicle in the other lane (LMRS: 0.56 s)
 AHEAD_HEADWAY = 0.6
 
-# UN R79, 5.6.4.7 (lane change, ACSF C): whoever comes from behind in the other lane need not brake
+# UN R79, 5.6.4.7 (lane change, ACSF C): a vehicle from behind in the other lane need not brake
 # harder than 3 m/s2, beginning 0.4 s after the ego's side has come to the line between the lanes,
 # to keep a headway of 1 s.
 REAR_DECELERATION = 3.0  # m/s2
 REAR_DELAY = 0.4  # s
-REAR_HEADWAY = 1.0  # s
+REAR_HEADWAY = 1.0  # s, at the ego's speed, which the vehicle behind then has
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,8 +110,9 @@ def overtake(
     that has to change lanes (`way`) does that and never overtakes.
 
     memory: of `OVERTAKING`, with the desired speed and the free acceleration of this step.
-    others: the vehicles known.
-    p: holds `idm` and `habits`.
+    me: the ego. others: the vehicles that it knows, watched: its memory of each (`WATCHED`).
+    p: parameters: `idm` and `habits`.
+    way: the lane change that the scenario asks of the ego. scenario: road, vehicle and step.
     """
     habits, idm, desired_speed = p.habits, p.idm, memory.desired_speed
     if memory.began == 0:
@@ -135,14 +137,14 @@ def overtake(
             wanted = min(wanted, behind_it)
     memory.passing = 0
     if memory.changing:
-        held = False
+        would_clip = False  # what it passes, if it were a little faster
         for j in range(len(others)):
             if _still_ahead(memory, me, others[j], scenario):
                 memory.passing = 1
-                held = held or _in_the_way(
+                would_clip = would_clip or _in_the_way(
                     memory, me, others[j], scenario, SPEED_RESERVE, CLEARANCE
                 )
-        if held and wanted > 0.0:
+        if would_clip and wanted > 0.0:
             return 0.0
     return wanted
 
@@ -154,11 +156,9 @@ def _has_left_lane(memory: Any, me: Any, road: Any) -> bool:
         return bool(lane + 1 < road.lanes)
     if not (lane > 0 or road.right_parted_until < me.x < road.right_parted_from):
         return False
-    first, last = (
-        max(road.left_is_open, road.left_parted_until),
-        min(road.left_closes, road.left_parted_from),
-    )
-    return bool(lane + 2 < road.lanes or first <= me.x < last - END_AHEAD * me.along)
+    begin = max(road.left_is_open, road.left_parted_until)
+    end = min(road.left_closes, road.left_parted_from)
+    return bool(lane + 2 < road.lanes or begin <= me.x < end - END_AHEAD * me.along)
 
 
 @kernel
@@ -289,12 +289,12 @@ def _is_time(me: Any, lead: Any, habits: Any) -> bool:
 
 @kernel
 def _needed_braking(lead: Any) -> float:
-    """Constant deceleration to the lead's speed just short of it, m/s2, less the time brakes take
-    to build up.
+    """Constant deceleration to the lead's speed just short of it, m/s2; of the gap less what closes
+    while brakes build up.
     """
     if lead.closing <= 0.0:
         return 0.0
-    room = lead.gap - 0.1 * lead.closing
+    room = lead.gap - BRAKE_BUILD_UP * lead.closing
     return float(lead.closing * lead.closing / (2.0 * room)) if room > 0.0 else math.inf
 
 
@@ -333,21 +333,20 @@ def _left_is_free(
     ahead, behind = neighbours(me, others, memory.path.start + scenario.road.lane_width, strip)
     if ahead >= 0:
         least = EMERGENCY_GAP if emergency else AHEAD_HEADWAY * me.along
-        if (
-            bumper_gap(me, others[ahead]) - max(me.along - others[ahead].along, 0.0) * duration
-            < least
-        ):
+        closed = max(me.along - others[ahead].along, 0.0) * duration
+        if bumper_gap(me, others[ahead]) - closed < least:
             return False
     if behind >= 0:
         closing = max(others[behind].along - me.along, 0.0)
-        # share of the way to the other lane
-        beside = 0.5 * (1.0 - scenario.vehicle.width / scenario.road.lane_width)
-        undiminished = duration * share_when_done(beside) + REAR_DELAY
-        braking = closing * closing / (2.0 * REAR_DECELERATION)
-        least = closing * undiminished + braking + me.along * REAR_HEADWAY
-        if gap_behind(me, others[behind]) < (
-            EMERGENCY_GAP + closing * duration if emergency else least
-        ):
+        if emergency:
+            least = EMERGENCY_GAP + closing * duration
+        else:
+            # share of the way to the other lane
+            beside = 0.5 * (1.0 - scenario.vehicle.width / scenario.road.lane_width)
+            undiminished = duration * share_when_done(beside) + REAR_DELAY
+            braking = closing * closing / (2.0 * REAR_DECELERATION)
+            least = closing * undiminished + braking + me.along * REAR_HEADWAY
+        if gap_behind(me, others[behind]) < least:
             return False
     return True
 

@@ -1,7 +1,7 @@
 """ADS `rss`: Responsibility-Sensitive Safety, as the JRC compares it with the models of UN
 Regulation No. 157.
 
-Unsafe is who is too close along the road and across it. Source: Shalev-Shwartz, Shammah, Shashua,
+A vehicle that is too close both along the road and across it is unsafe. Source: Shalev-Shwartz, Shammah, Shashua,
 arXiv:1708.06374; constants as in the JRC's implementation. docs/baselines.md lists the readings.
 """
 
@@ -41,7 +41,7 @@ def longitudinal_safe_distance(speed: float, other_speed: float) -> float:
 
     speed: v, other_speed: w, m/s.
     """
-    faster = speed + RESPONSE * ACCELERATION
+    faster = speed + RESPONSE * ACCELERATION  # squared as products, whose bits compiled code keeps
     driven = speed * RESPONSE + 0.5 * ACCELERATION * RESPONSE * RESPONSE
     return (
         driven
@@ -54,7 +54,7 @@ def longitudinal_safe_distance(speed: float, other_speed: float) -> float:
 def lateral_safe_distance(lateral_speed: float) -> float:
     """d_lat = mu + |(2 vy + ay rho) rho / 2| + (vy + ay rho)^2 / (2 ay), m.
 
-    lateral_speed: vy towards the ego, m/s.
+    lateral_speed: vy, m/s, without its sign: a vehicle that moves away counts as one that comes.
     """
     faster = lateral_speed + LATERAL_ACCELERATION * RESPONSE
     driven = math.fabs((2.0 * lateral_speed + LATERAL_ACCELERATION * RESPONSE) * RESPONSE / 2.0)
@@ -65,7 +65,7 @@ def lateral_safe_distance(lateral_speed: float) -> float:
 def rss_demand(scene: Any, after: float) -> float:
     """Deceleration demanded `after` s from now, if all vehicles continue as now, m/s2.
 
-    scene: as `brake` makes it.
+    scene: ego, memory and predictions of the others, scenario: as `brake` makes it.
     """
     own, known, others = scene[:3]
     foresee_all(own, known, others, after, scene[3].step)
@@ -87,14 +87,12 @@ def rss_demand(scene: Any, after: float) -> float:
 def responsibility_sensitive_safety(
     ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any
 ) -> None:
-    """0.774 g while unsafe, the speed kept while safe, decided at every step."""
+    """Brakes with `HUMAN_BRAKING`, `RESPONSE` s after it first became unsafe; else keeps its speed."""
     brake(rss_demand, ego, others, own, known, later, scenario[:1])
 
 
 class ResponsibilitySensitiveSafety(Compiled):
-    """ADS `rss`: full braking while a lead vehicle violates both distances, `RESPONSE` s after
-    one first did.
-    """
+    """ADS `rss`: full braking while a vehicle ahead violates both distances."""
 
     loop = staticmethod(each_row(responsibility_sensitive_safety))
     memory, known, numbers = SAFETY_MEMORY, SIGHTED, [BRAKES]
