@@ -47,7 +47,8 @@ _ROOMS = (
 )
 """Where kernels and the constants that are compiled into them stand."""
 
-_waiting: list[Callable[..., Any]] = []
+_unregistered: list[Callable[..., Any]] = []
+"""Kernels that were marked before numba was loaded."""
 
 
 def kernel(function: Function) -> Function:
@@ -57,7 +58,7 @@ def kernel(function: Function) -> Function:
     if "numba" in sys.modules and not INTERPRETED:
         _register(function)
     else:
-        _waiting.append(function)
+        _unregistered.append(function)
     return function
 
 
@@ -67,9 +68,7 @@ def rows(function: Function) -> Function:
 
     The arrays must always have the same types: every other type compiles the loop again.
     """
-    if INTERPRETED:
-        return cast("Function", _interpreted(function))
-    return cast("Function", Loop(function))
+    return cast("Function", _interpreted(function) if INTERPRETED else Loop(function))
 
 
 class Loop:
@@ -87,16 +86,14 @@ class Loop:
             self.compiled = _compiled(self.__wrapped__)  # type: ignore[attr-defined]
         return self.compiled(*arguments)
 
-    def of(self, *arguments: Any) -> Callable[..., Any]:
-        """The machine code for arguments of the types that these have, which does not look at the
-        types again.
-        """
+    def code_for(self, *arguments: Any) -> Callable[..., Any]:
+        """The machine code for arguments of the types that these have; it does not check them."""
         kinds = tuple(map(_kind_of, arguments))
         code = self.codes.get(kinds)
         if code is None:
             if self.compiled is None:
                 self.compiled = _compiled(self.__wrapped__)  # type: ignore[attr-defined]
-            # numba takes 20 ms for records
+            # of records it takes 20 ms, so that it is asked once a kind
             types = tuple(map(self.compiled.typeof_pyval, arguments))
             code = self.codes[kinds] = self.compiled.compile(types)
         return code
@@ -120,12 +117,11 @@ def interpreted(loop: Function) -> Function:
 
 
 def bound(loop: Function, *arguments: Any) -> Function:
-    """A loop over rows for a caller at every step, with arguments of one kind: a third of a call's
-    cost.
+    """A loop over rows for a caller at every step: it costs a third of an ordinary call.
 
-    Only for arrays of the same types and layout as these: they are not checked.
+    Only for arrays of the same types and layout as `arguments`: they are not checked.
     """
-    return cast("Function", loop.of(*arguments)) if isinstance(loop, Loop) else loop
+    return cast("Function", loop.code_for(*arguments)) if isinstance(loop, Loop) else loop
 
 
 def _compiled(function: Callable[..., Any]) -> Any:
@@ -144,12 +140,12 @@ def keep_code(loop: Any) -> Any:
 
 
 def _numba() -> Any:
-    # whose sines and powers have other last bits
+    # SVML's sines and powers have other last bits
     os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
     numba = importlib.import_module("numba")
     importlib.import_module("numba.extending")
-    while _waiting:
-        _register(_waiting.pop())
+    while _unregistered:
+        _register(_unregistered.pop())
     return numba
 
 

@@ -24,7 +24,7 @@ SMALLEST_OVERLAP = 0.5  # w of Eq. 15 lies in [0.5, 1]
 LOSS_CLASSES = ((15.0, 1.0), (8.0, 0.7), (0.0, 0.4))  # Eq. 14: U above this, m/s -> L
 LEAST_LOSS = 0.1  # Eq. 14: L otherwise
 MARCH = 1.0 / 250.0  # unit-box lengths between the samples of a ray
-AT_ONCE = 32  # steps of the march that are judged in one go
+AT_ONCE = 32  # steps of the march that are evaluated in one go: most rays end within few
 BISECTIONS = 40  # halvings of a step of the march: to the last digits
 SAME_POINT = 1e-12  # unit-box lengths
 _not_negative = partial(checks.not_negative, "a collision")
@@ -143,7 +143,7 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
 
     Marched in steps of MARCH (a gap in the zone narrower than that can be missed), then bisected.
     """
-    towards = np.where(direction > 0.0, 1.0 - start, start)
+    towards = np.where(direction > 0.0, 1.0 - start, start)  # distance to the box's face ahead
     moves = np.abs(direction) > SAME_POINT
     to_face = np.divide(towards, np.abs(direction), out=np.full(start.shape, np.inf), where=moves)
     to_box = np.maximum(to_face.min(axis=1), 1.0)  # t = 1 is x_i itself, which is in the box
@@ -156,14 +156,15 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
     low: FloatArray = np.zeros(len(start))
     high: FloatArray = to_box.copy()
     marching = np.arange(len(start))
-    # as many for every ray: r is that of the point alone
+    # the same steps for each ray: r must not depend on the other points
     steps = math.ceil(math.sqrt(start.shape[1]) / MARCH)
     for first in range(1, steps + 1, AT_ONCE):
         shares = np.arange(first, min(first + AT_ONCE, steps + 1)) / steps
+        # column 0: last t inside so far; column j: the j-th sample
         t = np.column_stack([low[marching], to_box[marching, None] * shares])
         samples = np.repeat(marching, len(shares)), t[:, 1:].ravel()
         stays = inside(*samples).reshape(-1, len(shares))
-        # steps before the first out
+        # samples inside before the first outside
         stayed = np.argmin(np.column_stack([stays, np.zeros(len(t), dtype=bool)]), axis=1)
         rows, leaves = np.arange(len(t)), stayed < len(shares)
         low[marching] = t[rows, stayed]
