@@ -210,7 +210,7 @@ class _Track:
 
     @property
     def slowest(self) -> float:
-        """Its lowest speed from now on along the road, m/s; of one that brakes 0, as if it stopped."""
+        """Its lowest speed from now on along the road, m/s; 0 of one that brakes."""
         if not self.actor.lively:
             return self.actor.start.speed if self.actor.braking is None else 0.0
         along = self.rows[:, 3] * np.cos(self.rows[:, 2]) - self.rows[:, 4] * np.sin(

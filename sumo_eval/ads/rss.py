@@ -1,8 +1,9 @@
 """ADS `rss`: Responsibility-Sensitive Safety, as the JRC compares it with the models of UN
 Regulation No. 157.
 
-A vehicle that is too close both along the road and across it is unsafe. Source: Shalev-Shwartz, Shammah, Shashua,
-arXiv:1708.06374; constants as in the JRC's implementation. docs/baselines.md lists the readings.
+A vehicle that is too close both along the road and across it is unsafe. Source: Shalev-Shwartz,
+Shammah, Shashua, arXiv:1708.06374; constants as in the JRC's implementation. docs/baselines.md
+lists the readings.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ def lateral_safe_distance(lateral_speed: float) -> float:
 def rss_demand(scene: Any, after: float) -> float:
     """Deceleration demanded `after` s from now, if all vehicles continue as now, m/s2.
 
-    scene: ego, memory and predictions of the others, scenario: as `brake` makes it.
+    scene: ego, memory and prediction of each actor, scenario: as `brake` makes it.
     """
     own, known, others = scene[:3]
     foresee_all(own, known, others, after, scene[3].step)
@@ -87,12 +88,12 @@ def rss_demand(scene: Any, after: float) -> float:
 def responsibility_sensitive_safety(
     ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any
 ) -> None:
-    """Brakes with `HUMAN_BRAKING`, `RESPONSE` s after it first became unsafe; else keeps its speed."""
+    """Brakes with `HUMAN_BRAKING`, `RESPONSE` s after it became unsafe; else keeps its speed."""
     brake(rss_demand, ego, others, own, known, later, scenario[:1])
 
 
 class ResponsibilitySensitiveSafety(Compiled):
-    """ADS `rss`: full braking while a vehicle ahead violates both distances."""
+    """ADS `rss`: full braking while an actor ahead violates both distances."""
 
     loop = staticmethod(each_row(responsibility_sensitive_safety))
     memory, known, numbers = SAFETY_MEMORY, SIGHTED, [BRAKES]

@@ -158,12 +158,13 @@ class Executor:
 
         Source: Hoffmann, Tomlin, Montemerlo, Thrun, ACC 2007.
         """
-        x, y, heading, speed = ego[:4]
-        gains, limits = self._gains, self._vehicle
-        plan_x, plan_y, direction, plan_speed = track.at(time)
+        x, y, heading = ego[:3]
+        speed, gains, limits = ego[3], self._gains, self._vehicle
+        plan = track.at(time)
+        direction, plan_speed = plan[2:]
         if time > track.end + _SAME_TIME:
             self._note("plan_ended", track.end, time)
-        dx, dy = plan_x - x, plan_y - y
+        dx, dy = plan[0] - x, plan[1] - y
         self._note("plan_error", 0.0, math.sqrt(dx * dx + dy * dy))
         behind = dx * math.cos(direction) + dy * math.sin(direction)
         planned = (track.at(time + self._step)[3] - plan_speed) / self._step

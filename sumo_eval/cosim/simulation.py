@@ -247,13 +247,12 @@ def simulate_many(
     """
     together = simulate_together(cases, controller, settings, terms=Terms(folder=folder))
     each = controller if isinstance(controller, list | tuple) else [controller] * len(cases)
-    for concrete, own_controller, drive_or_reason in zip(cases, each, together, strict=True):
-        if isinstance(drive_or_reason, Recording):
-            yield drive_or_reason
-        else:
+    for concrete, own_controller, drive in zip(cases, each, together, strict=True):
+        if isinstance(drive, Alone):
             if alone is not None:
-                alone[drive_or_reason] += 1
-            yield simulate(concrete, own_controller, settings, folder=folder)
+                alone[drive] += 1
+            drive = simulate(concrete, own_controller, settings, folder=folder)
+        yield drive
 
 
 def simulate_together(

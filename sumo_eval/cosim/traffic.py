@@ -1,7 +1,7 @@
 """SUMO's side of cases in which vehicles react: SUMO drives them, and receives all else at every
 step.
 
-The others are put where they are at the begin of a step, with the speed that they have at the end,
+All else is put where it is at the begin of a step, with the speed that it has at the end,
 so that a follower sees the present. SUMO knows a body in one lane only. So a vehicle has two bodies
 here: one in the lane of the middle of its front, and a shadow in the lane over whose line it
 reaches (`SimulationSettings.seen_over_line`). A shadow that is not needed stands beside the road,
@@ -82,7 +82,7 @@ class Traffic(Stage):
             for case in cases
             for j, name in enumerate(self.names[case])
         ]
-        self._has_shadow = np.array([bool(name) for name in self._shadow_of])
+        self._has_shadow = np.array(self._shadow_of) != ""
         super().keep(world)
         lanes = range(self._road.lanes)
         self._lanes = [[f"{edge}_{lane}" for lane in lanes] for edge in self._edge]
