@@ -247,12 +247,13 @@ def simulate_many(
     """
     together = simulate_together(cases, controller, settings, terms=Terms(folder=folder))
     each = controller if isinstance(controller, list | tuple) else [controller] * len(cases)
-    for concrete, own_controller, drive in zip(cases, each, together, strict=True):
-        if isinstance(drive, Alone):
-            if alone is not None:
-                alone[drive] += 1
-            drive = simulate(concrete, own_controller, settings, folder=folder)
-        yield drive
+    for concrete, own_controller, driven in zip(cases, each, together, strict=True):
+        if isinstance(driven, Recording):
+            yield driven
+            continue
+        if alone is not None:
+            alone[driven] += 1
+        yield simulate(concrete, own_controller, settings, folder=folder)
 
 
 def simulate_together(
