@@ -277,7 +277,8 @@ def _goes_along(ego: Any, shown: FloatArray, road: Any) -> bool:
 @kernel
 def _read_ego(ego: Any, shown: FloatArray, scenario: Any) -> bool:
     """Take in an ego that SUMO moved straight on along a lane; whether it did."""
-    at, x, speed, step = ego.map, shown[0] - 0.5 * ego.length, shown[3], scenario.step
+    at, step = ego.map, scenario.step
+    x, speed = shown[0] - 0.5 * ego.length, shown[3]
     motion = x - at.x, shown[1] - at.y, speed, ego.next.speed
     if not (
         _goes_along(ego, shown, scenario.road) and goes_straight(*motion, step, scenario.vehicle)

@@ -96,11 +96,9 @@ LIMITED = (
     "beyond_kinematic",
 )  # fmt: skip
 """Quantities that the vehicle model may have to limit, by the number of the clip."""
-(
-    _STEERING_ANGLE, _STEERING_RATE, _LATERAL_FRICTION, _ACCELERATION, _FRICTION, _SPEED,
-    _ACCELERATION_RATE,
-    _BEYOND_KINEMATIC,
-) = range(8)  # fmt: skip
+_STEERING_ANGLE, _STEERING_RATE, _LATERAL_FRICTION = range(3)
+_ACCELERATION, _FRICTION, _SPEED = range(3, 6)
+_ACCELERATION_RATE, _BEYOND_KINEMATIC = 6, 7
 
 
 @kernel

@@ -161,8 +161,8 @@ class Interface(Checked):
             value = read(seen, self.frame)
             absent = otherwise if feature.absent is None else feature.absent
             raw[:, column] = np.where(np.isfinite(value), value, absent)
-        offset, scale, low, high = self._scaling
-        np.clip(raw, low, high, out=raw)
+        (offset, scale), limits = self._scaling[:2], self._scaling[2:]
+        np.clip(raw, *limits, out=raw)
         return ((raw - offset) / scale).astype(np.float32)
 
     @cached_property

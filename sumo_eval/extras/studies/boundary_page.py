@@ -18,7 +18,8 @@ from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
-TRIALS, SUMMARY, PAGE, CHANCES = "trials.csv", "boundary.json", "boundary.html", "chances.csv"
+TRIALS, CHANCES = "trials.csv", "chances.csv"
+SUMMARY, PAGE = "boundary.json", "boundary.html"
 CELLS = 80  # on each axis of a map
 PANELS = (0.1, 0.3, 0.5, 0.7, 0.9)  # shares of the third parameter's range, one map each
 SHARE_POINTS = 8_192  # evenly spread, to measure shares of the space
@@ -57,12 +58,10 @@ def write_boundary(
 
     held: the parameters that the search held fixed, by name.
     """
-    paths = tuple(folder / name for name in (TRIALS, SUMMARY, PAGE, CHANCES))
-    trials_file, summary_file, page, chances_file = paths
     names, search = boundary.logical.names, boundary.search
     pairs = zip(search.points.tolist(), search.outcomes, strict=True)
     trials = [[*row, int(hit)] for row, hit in pairs]
-    write_csv(trials_file, [*names, "collided"], trials)
+    write_csv(folder / TRIALS, [*names, "collided"], trials)
     # a map lies at each of these shares of the third parameter's range, where there is one
     shares = PANELS if len(names) > 2 else (0.5,)
     chances = [
@@ -70,14 +69,15 @@ def write_boundary(
         for share in shares
         for row, chance in zip(*chances_on(boundary, share), strict=True)
     ]
-    write_csv(chances_file, [*names, "chance"], chances)
+    write_csv(folder / CHANCES, [*names, "chance"], chances)
     content = {**summary(boundary), "held": held}
-    write_page(summary_file, json.dumps(content, indent=2, allow_nan=False) + "\n", "The boundary")
+    summary_text = json.dumps(content, indent=2, allow_nan=False) + "\n"
+    write_page(folder / SUMMARY, summary_text, "The boundary")
     # from the files: they alone must be enough to draw the maps again
     title, panels = edge_panels(folder)
     line = "The line is where both outcomes are equally likely."
     write_study(
-        page,
+        folder / PAGE,
         kicker="The boundary of failure",
         title=title,
         sentences=[*sentences(boundary, held), line],
@@ -85,7 +85,7 @@ def write_boundary(
         rows=[[*names, "collided"], *([f"{value:g}" for value in row] for row in trials)],
         least_width=MAP_WIDTH * len(panels) if len(panels) > 1 else 300,
     )
-    return paths
+    return tuple(folder / name for name in (TRIALS, SUMMARY, PAGE, CHANCES))
 
 
 def chances_on(boundary: FailureBoundary, share: float) -> tuple[FloatArray, FloatArray]:
