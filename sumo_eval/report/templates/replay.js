@@ -307,8 +307,8 @@ const sumoReplay = (() => {
     outline(context, places);
     context.fillStyle = COLOURS.contact;
     context.font = `10px ${FONT}`;
-    context.textAlign = "center";
-    context.fillText("last moment to brake", places.reduce((sum, [x]) => sum + x, 0) / 4, Math.min(...places.map(([, y]) => y)) - 4);
+    context.textAlign = "right"; // behind the ego, where no vehicle covers the words
+    context.fillText("last moment to brake", Math.max(Math.min(...places.map(([x]) => x)) - 5, 108), places.reduce((sum, [, y]) => sum + y, 0) / 4 + 3);
     context.setLineDash([4, 3]);
     context.lineWidth = 2;
     context.strokeStyle = COLOURS.contact;
