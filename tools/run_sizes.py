@@ -31,7 +31,6 @@ from sumo_eval.report.evidence import write_evidence
 from sumo_eval.report.found_cases import nearest_cases
 from sumo_eval.report.html import write_report
 from sumo_eval.report.junit import run_suites, write_junit
-from sumo_eval.report.ledger import ledger
 from sumo_eval.report.people import people_rows, worst_cases
 from sumo_eval.report.sent_drives import Embedded
 from sumo_eval.report.shown_cases import shown_cases
@@ -47,6 +46,7 @@ from sumo_eval.scoring.confidence.intervals import REPLICATES, Judged, score_int
 from sumo_eval.scoring.confidence.resamples import strata
 from sumo_eval.scoring.findings import Findings
 from sumo_eval.scoring.kept_scores import KeptChunk, table_of
+from sumo_eval.scoring.ledger import ledger
 from sumo_eval.scoring.preventability import preventability
 from sumo_eval.scoring.quantities import combine
 from sumo_eval.scoring.steps import POINTS_AT_ONCE

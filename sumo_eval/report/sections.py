@@ -19,14 +19,20 @@ from sumo_eval.cases import CaseResult
 from sumo_eval.report.checks import checks_content
 from sumo_eval.report.confidence_section import confidence_content
 from sumo_eval.report.gate_result import GateResult
-from sumo_eval.report.ledger import Ledger, ledger, ledger_plus, sentences
 from sumo_eval.report.levers_section import levers_content
 from sumo_eval.report.opinion_section import opinion_content
 from sumo_eval.report.people import people_context
 from sumo_eval.report.qualification import qualification_content
 from sumo_eval.report.readings import settings_content
 from sumo_eval.report.summary import summary_content
-from sumo_eval.report.terminal import comparison_notes, moved_words, quantity_words, ways_to
+from sumo_eval.report.terminal import (
+    cause_of,
+    comparison_notes,
+    ledger_sentences,
+    moved_words,
+    quantity_words,
+    ways_to,
+)
 from sumo_eval.report.verdict import Beside as Beside
 from sumo_eval.report.verdict import verdict
 from sumo_eval.report.words import number, parts_of_total
@@ -40,6 +46,7 @@ from sumo_eval.scoring.comparison import (
 )
 from sumo_eval.scoring.findings import findings
 from sumo_eval.scoring.gate_settings import HIGHER_IS_BETTER
+from sumo_eval.scoring.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.scoring.preventability import preventability, reference_ads
 
 MOST_LEDGER_CASES = 5  # of one line of the ledger
@@ -147,8 +154,11 @@ def ledger_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
 
 
 def _ledger(found: Ledger) -> dict[str, Any]:
-    lines = [(line, list(line.worst(MOST_LEDGER_CASES))) for line in found.lines]
-    return {"of": found, "sentences": sentences(found), "lines": lines}
+    lines = [
+        (line, cause_of(line, found.score), list(line.worst(MOST_LEDGER_CASES)))
+        for line in found.lines
+    ]
+    return {"of": found, "sentences": ledger_sentences(found), "lines": lines}
 
 
 def preventability_content(evaluation: Evaluation, _: Beside) -> Mapping[str, Any]:

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from sumo_eval.report.checks import check_lines
 from sumo_eval.report.gate_result import CANNOT_SEE, GateResult, failed
-from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.report.page import REPORT, case_key
 from sumo_eval.report.qualification import qualification_sentence
 from sumo_eval.report.verdict import verdict
@@ -40,6 +39,7 @@ from sumo_eval.results import (
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
 from sumo_eval.scoring.findings import findings, unevaluated
+from sumo_eval.scoring.ledger import FULL, NOT_COMPUTED, Ledger, LedgerLine, ledger, ledger_plus
 from sumo_eval.text import without_numbers
 
 LONGEST_SENTENCE = 200  # characters of an error on a terminal; the report has all of it
@@ -348,14 +348,42 @@ def ledger_lines(evaluation: Evaluation) -> list[str]:
     ]
 
 
+def cause_of(line: LedgerLine, score: ScenarioResult) -> str:
+    """Why a line of the ledger gained or lost its points."""
+    if line.cause != NOT_COMPUTED:
+        return line.cause
+    reasons = {"T": REASON_WITHOUT_T, **{name: reason_without(name, score) for name in "HD"}}
+    return ": ".join(filter(None, (f"{line.term} {line.cause}", reasons.get(line.term))))
+
+
+def ledger_sentences(found: Ledger) -> list[str]:
+    """The lines that cost points, the costliest first: `H lost 6.1 of 50 points: plausibility in 14
+    cases.`
+    """
+    # terms of S begin with a line of gain, without cases
+    whole = {
+        line.term: line.points for line in found.lines if line.index > 0.0 and not line.entries
+    }
+    # less would print as 0.0
+    losses = [line for line in found.lines if line.points <= -0.05]
+    return [
+        f"{line.term} lost {-line.points:z.1f} of {whole.get(line.term, FULL):g} points: "
+        f"{cause_of(line, found.score)}"
+        + (f" in {count(line.cases, 'case')}" if line.cases else "")
+        + "."
+        for line in sorted(losses, key=lambda line: line.points)
+    ]
+
+
 def _ledger_lines(found: Ledger) -> list[str]:
     total = f"{found.total:z.2f}"
-    lines = [f"{one_line(found.ads)} in {found.scenario}: {found.name} = {total}"]
+    lines = [f"{one_line(found.score.ads)} in {found.score.scenario}: {found.name} = {total}"]
     for line in found.lines:
         cases = f", {count(line.cases, 'case')}" if line.entries else ""
         equation = f"Eq. {line.equation}: " if line.equation else ""
         lines.append(
-            f"  {line.points:+z8.2f}  {line.term} {line.index:+z.4f}  {equation}{line.words}{cases}"
+            f"  {line.points:+z8.2f}  {line.term} {line.index:+z.4f}  {equation}"
+            f"{cause_of(line, found.score)}{cases}"
         )
         lines += [
             f"            {points:+z8.2f}  {one_line(case.case)}: {one_line(point(case.values))}"

@@ -10,9 +10,9 @@ import pytest
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.report.failure_groups import failure_kinds
 from sumo_eval.report.headline import finding, harm_beside, headline, safety_words
-from sumo_eval.report.ledger import ledger_plus
 from sumo_eval.results import Evaluation, RankedAds, RankedPair, Ranking
 from sumo_eval.scoring.findings import findings
+from sumo_eval.scoring.ledger import ledger_plus
 
 NAME = builders.SCENARIOS[1]
 
@@ -91,7 +91,7 @@ def test_alarm_and_ledger_count_the_same_standing_cases(evaluation: Evaluation) 
         ],
     )
     (found,) = findings(odd)
-    lines = {line.words: line.cases for line in ledger_plus(found).lines}
+    lines = {line.cause: line.cases for line in ledger_plus(found).lines}
     assert lines["stands where the references drive"] == finding(odd, builders.CALM).stands == 2
 
 

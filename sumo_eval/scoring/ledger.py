@@ -1,0 +1,265 @@
+"""The ledger of a score: where every point went, term by term and case by case, adding up to the
+printed number.
+
+S+ is 100 times the product of T, A' and (a + b H) / 100. Each of the three costs its Shapley value
+of 100 - S+, which its cases share by what they take from T, A and H.
+
+S begins with what C = 1 and D = 1 would give. From it, each collision and each factor of a case's
+D_i take their part. A case loses 1 minus the product of its factors. A factor's part of that loss
+is its Shapley value (`score_terms.product_losses`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from sumo_eval.cases import CaseResult, CaseTable, IntArray
+from sumo_eval.method.score_terms import mean_shares, product_losses, worth
+from sumo_eval.results import ScenarioResult
+from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, NOTICEABLE, Findings
+from sumo_eval.trajectory import BoolArray, FloatArray
+
+FULL = 100.0  # points
+ROUNDING = 1e-9  # of an index or of points: less is only rounding
+WORTH_COUNTING = 1e-4  # of an index: a case that lost less is not one of the cases that lost
+NOT_COMPUTED = "not computed"  # cause of a line that takes a whole term
+
+Term = Literal["S+", "T", "A", "H", "C", "D"]
+
+
+@dataclass(frozen=True, slots=True)
+class LedgerLine:
+    """One term of the ledger.
+
+    cause: why the points were gained or lost, `NOT_COMPUTED` among them.
+    index: in units of T, A, H, C or D.
+    scale: points of S+ or S for 1 of the index.
+    entries: its cases, the costliest first.
+    parts: what each case adds to the index, (m,); a loss is negative.
+    cases: number of those that lost something worth counting.
+    equation: its number in the paper; empty for a term that is not the paper's.
+    """
+
+    term: Term
+    cause: str
+    index: float
+    entries: CaseTable
+    parts: FloatArray
+    cases: int
+    equation: str
+    scale: float = 1.0
+
+    @property
+    def points(self) -> float:
+        """Points of S+ or S."""
+        return self.index * self.scale
+
+    def worst(self, most: int) -> Iterator[tuple[CaseResult, float]]:
+        """The costliest cases that cost anything, each with its points."""
+        points = (self.parts[:most] * self.scale).tolist()
+        pairs = zip(self.entries[:most], points, strict=True)
+        return ((case, lost) for case, lost in pairs if lost < 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Ledger:
+    """Ledger of one score of one ADS in one logical scenario."""
+
+    name: Literal["S+", "S"]
+    score: ScenarioResult
+    lines: tuple[LedgerLine, ...]
+
+    @property
+    def total(self) -> float:
+        """The sum of all points, the score; rounding that would print as -0 is none."""
+        total = math.fsum(line.points for line in self.lines)
+        return 0.0 if abs(total) < ROUNDING else total
+
+
+_NONE: Final[Any] = np.empty(0, dtype=np.intp)
+_Lines = Iterable[LedgerLine]
+
+
+def ledger_plus(found: Findings) -> Ledger:
+    """100 points less what T, A' and (a + b H) / 100 take from S+ = T max(A', 0) (a + b H)."""
+    score, weights = found.score, found.settings.method.score
+    grade = max(score.avoidance_grade or 0.0, 0.0)
+    manner = (weights.a + weights.b * (score.human_likeness or 0.0)) / FULL
+    losses = product_losses(np.array([[score.task_share or 0.0, grade, manner]]))[0] * FULL
+
+    whole = _line(found, "S+", "the task driven without avoidable harm, as people drive", alone=1.0)
+    lines = _scaled(FULL, [whole])
+    terms = _task_lines, _avoided_lines, _human_lines
+    for term, lost in zip(terms, losses.tolist(), strict=True):
+        own = list(term(found))
+        # points for 1 of T, A or H, so that the lines of a term cost its Shapley value
+        taken = -math.fsum(line.index for line in own)
+        lines += _scaled(lost / taken if taken > 0.0 else 0.0, own)
+    return Ledger("S+", score, tuple(lines))
+
+
+def ledger(found: Findings) -> Ledger:
+    """Every term, scale and correction of S, Eq. 18."""
+    whole = worth(found.settings.method.score)
+    lines = _scaled(whole.c, _collision_lines(found)) + _scaled(whole.d, _likeness_lines(found))
+    return Ledger("S", found.score, tuple(lines))
+
+
+def _scaled(scale: float, lines: _Lines) -> list[LedgerLine]:
+    return [replace(line, scale=scale) for line in lines]
+
+
+def _line(
+    found: Findings, term: Term, cause: str, places: IntArray = _NONE, *,
+    lost: FloatArray = _NONE, alone: float = 0.0, equation: str = "",
+) -> LedgerLine:  # fmt: skip
+    """A line of cases.
+
+    lost: what each takes from the index, (m,).
+    alone: the index of a line without cases.
+    """
+    entries = found.cases[places]
+    order = np.lexsort((entries.case, -lost))  # by loss, then by name
+    index = math.fsum(-lost) if len(places) else alone
+    number = int(np.count_nonzero(lost >= WORTH_COUNTING))
+    return LedgerLine(term, cause, index, entries[order], -lost[order], number, equation)
+
+
+def _task_lines(found: Findings) -> _Lines:
+    cases = found.cases
+    if found.score.task_share is None:
+        yield _line(found, "T", NOT_COMPUTED, alone=-1.0)
+        return
+    shares = cases.task_share
+    lost = np.nan_to_num(_shares(cases, cases.safe & np.isfinite(shares)) * (1.0 - shares))
+    groups = {
+        "given up": cases.gave_up,
+        "a contact": cases.collided,
+        "left the road": cases.departed,
+        "stands where the references drive": found.stands,
+        "slower than the slowest reference": lost > 0.0,  # all that are left
+    }
+    yield from _first_of(found, "T", groups, lost, shares < 1.0 - NOTICEABLE)
+
+
+def _first_of(
+    found: Findings,
+    term: Term,
+    groups: Mapping[str, BoolArray],
+    lost: FloatArray,
+    counts: BoolArray,
+) -> _Lines:
+    """A line for each group: the cases of it that lost something and are in no group before it.
+
+    counts: which cases lost something worth counting, (n,).
+    """
+    left = lost > 0.0
+    for cause, belongs in groups.items():
+        places = np.flatnonzero(belongs & left)
+        left = left & ~belongs
+        if len(places):
+            line = _line(found, term, cause, places, lost=lost[places])
+            yield replace(line, cases=int(np.count_nonzero(counts[places])))
+
+
+def _avoided_lines(found: Findings) -> _Lines:
+    cases = found.cases
+    if found.score.avoided_share is None:
+        yield _line(found, "A", NOT_COMPUTED, alone=-1.0)
+        return
+    lost = np.nan_to_num(found.share_lost)
+    groups = {
+        "given up, which counts as doing nothing": cases.gave_up,
+        "collisions that the ADS caused: a vehicle that does nothing has none": cases.caused,
+        "collisions that the ideal vehicle avoids": cases.avoidable,
+        "collisions that the ideal vehicle has too, but softer": cases.unavoidable,
+        "left the road": cases.departed,
+    }
+    yield from _first_of(found, "A", groups, lost, lost >= WORTH_COUNTING)
+
+
+def _human_lines(found: Findings) -> _Lines:
+    cases, counted = found.cases, found.likened
+    if found.score.human_likeness is None:
+        yield _line(found, "H", NOT_COMPUTED, alone=-1.0)
+        return
+    weights, incident = _shares(cases, counted), cases.incident
+    hits = np.flatnonzero(counted & incident)
+    if len(hits):
+        cause = "an avoidable incident in a safe case"
+        yield _line(found, "H", cause, hits, lost=weights[hits])
+    yield from _factor_lines(found, "H", np.flatnonzero(counted & ~incident), weights)
+
+
+def _collision_lines(found: Findings) -> _Lines:
+    whole = "C = 1, no collision or none worse than the ideal vehicle's"
+    yield _line(found, "C", whole, alone=1.0, equation="17")
+    if found.score.c is None:
+        yield _line(found, "C", NOT_COMPUTED, alone=-1.0, equation="17")
+        return
+    shares, safe = found.collisions, found.cases.safe
+    ideal_collides = np.nan_to_num(found.cases.ideal_severity) != 0.0
+    groups = (
+        ("collisions in the safe zone", safe),
+        ("collisions that the ideal vehicle avoids", ~safe & ~ideal_collides),
+        ("collisions that the ideal vehicle only softens", ~safe & ideal_collides),
+    )
+    for cause, belongs in groups:
+        part = belongs[shares.places] & np.isfinite(shares.lost)
+        if part.any():
+            places, lost = shares.places[part], shares.lost[part]
+            yield _line(found, "C", cause, places, lost=lost, equation="14–17")
+
+
+def _likeness_lines(found: Findings) -> _Lines:
+    cases, whole = found.cases, "D = 1, within the drivers' own spread everywhere"
+    yield _line(found, "D", whole, alone=1.0, equation="13")
+    if found.score.d is None:
+        hits = np.flatnonzero(cases.voids_index)
+        # one of them alone would take D: they share the loss equally
+        each = np.full(len(hits), 1.0 / max(len(hits), 1))
+        yield _line(found, "D", NOT_COMPUTED, hits, lost=each, alone=-1.0, equation="18")
+        return
+    indexed = cases.counts_for_index & np.isfinite(cases.index)
+    yield from _factor_lines(found, "D", np.flatnonzero(indexed), _shares(cases, indexed))
+
+
+def _shares(cases: CaseTable, counted: BoolArray) -> FloatArray:
+    """Weight of each case in a mean over those that are counted, (n,)."""
+    weights = np.zeros(len(counted))
+    weights[counted] = mean_shares(cases.exposure[counted])
+    return weights
+
+
+def _factor_lines(
+    found: Findings, term: Literal["D", "H"], places: IntArray, weights: FloatArray
+) -> _Lines:
+    """A line for each factor of D_i, or of a case's human-likeness.
+
+    weights: each case's share of the mean, (n,).
+    """
+    if not len(places):
+        return
+    cases = found.cases
+    factors, equation, product = (
+        (FACTORS, "11–13", cases.index)
+        if term == "D"
+        else (LIKENESS_FACTORS, "", cases.human_likeness)
+    )
+    share = weights[places]
+    values = np.column_stack([getattr(cases, field)[places] for field in factors.values()])
+    losses = product_losses(values)
+    for column, name in enumerate(factors):
+        cause = name if name in ("similarity", "plausibility") else f"{name} factor"
+        lost = share * losses[:, column]
+        yield _line(found, term, cause, places, lost=lost, equation=equation)
+    # by what the index is below the product of its factors; above: negative, a gain
+    rest = share * (values.prod(axis=1) - product[places])
+    if (np.abs(rest) > ROUNDING).any():
+        cause = "the rest, not a product of the factors"
+        yield _line(found, term, cause, places, lost=rest, equation=equation)
