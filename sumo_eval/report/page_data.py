@@ -12,7 +12,6 @@ import numpy as np
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.method.point_criticality import exact_target
 from sumo_eval.method.zone_partition import ZonePartition
-from sumo_eval.report.failure_groups import failure_groups
 from sumo_eval.report.packing import packed_bytes
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, SentDrives
 from sumo_eval.report.shown_cases import Shown
@@ -20,6 +19,7 @@ from sumo_eval.report.words import (
     LOOKS,
     MEASURES,
     cause_words,
+    count,
     end_reason,
     index_note_words,
     severity_unit,
@@ -30,6 +30,7 @@ from sumo_eval.scenario.bodies import CAR
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.road.reference_line import knots_of
+from sumo_eval.scoring.failure_groups import FailureGroup, failure_groups
 from sumo_eval.scoring.findings import findings, mean_of
 from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.trajectory import FloatArray
@@ -144,7 +145,8 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
         "lattice": lattice(zones),
         "groups": [
             {
-                "ads": group.ads, "kind": group.kind, "words": group.words, "ranges": group.ranges,
+                "ads": group.ads, "kind": group.kind, "words": _group_words(group, logical),
+                "ranges": group.ranges,
                 "cases": [key for key in cases.case[group.places].tolist() if key in keys],
                 "size": len(group.places),
             }
@@ -155,6 +157,17 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
         ],
         "cases": rows,
     }  # fmt: skip
+
+
+def _group_words(group: FailureGroup, logical: LogicalScenario) -> str:
+    behind = {item.name: item.behind for item in logical.parameters}
+    where = ", ".join(
+        f"{name} {low:z.4g}{'' if low == high else f' to {high:z.4g}'}{behind[name]}"
+        for name, (low, high) in group.ranges.items()
+    )
+    there = f"{group.alike} of all {count(group.inside, 'case')} there"
+    words = "the only case there" if group.inside == 1 else there
+    return f"{where or 'anywhere in the space'}: {words}"
 
 
 def _mean_index(cases: CaseTable) -> float | None:

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.cases import CaseResult
-from sumo_eval.report.headline import headline, ranked
+from sumo_eval.report.headline import headline
 from sumo_eval.report.page import case_key
 from sumo_eval.report.verdict import Beside, verdict
 from sumo_eval.report.words import cause_words, count, number, span
 from sumo_eval.results import Evaluation, RankedAds
+from sumo_eval.scoring.behaviour import least_human, ranked, worst_case
 from sumo_eval.scoring.comparison import builds_besides
-from sumo_eval.scoring.findings import findings, unevaluated
+from sumo_eval.scoring.findings import unevaluated
 
 MOST_CHANGES = 4  # failed limits whose worst case is named
 WIDE = 20.0  # points of S+: an interval wider than this tells little
@@ -65,21 +66,6 @@ def first_case(evaluation: Evaluation, beside: Beside) -> str:
     return next(failing, worst.case if worst else "")
 
 
-def worst_case(evaluation: Evaluation, order: Sequence[str]) -> CaseResult | None:
-    """The case that takes most from A, of the first ADS that loses any: a collision, a departure or
-    a case given up; else the least human-like one of the first.
-    """
-    for ads in order:
-        worst: list[tuple[float, str, CaseResult]] = []
-        for one in findings(evaluation):
-            losses = np.nan_to_num(one.share_lost) if one.score.ads == ads else np.zeros(1)
-            if (most := float(losses.max(initial=0.0))) > 0.0:
-                worst += [(most, case.case, case) for case in one.cases[losses == most]]
-        if worst:
-            return max(worst)[2]
-    return _least_human(evaluation, order[0])
-
-
 def _looks(
     evaluation: Evaluation, worst: CaseResult | None, best: str
 ) -> Iterator[tuple[str, str]]:
@@ -88,23 +74,12 @@ def _looks(
         yield f"the worst collision, of {worst.ads}: {words}", f"#case:{case_key(worst.case)}"
     if missing := sum(map(len, unevaluated(evaluation))):
         yield f"{count(missing, 'case')} that could not be evaluated", "#missing"
-    least = _least_human(evaluation, best)
+    least = least_human(evaluation, best)
     if least is not None:
         at = ", ".join(f"{name} {value:z.4g}" for name, value in least.values.items())
         yield f"the least human-like case of {best}: {at}", f"#case:{case_key(least.case)}"
     if (evaluation.cases.collided | ~evaluation.cases.evaluated).any():
         yield "failures that are alike, in the maps", "#maps"
-
-
-def _least_human(evaluation: Evaluation, ads: str) -> CaseResult | None:
-    """The case without a collision in which an ADS is least human-like."""
-    least: list[tuple[float, str, CaseResult]] = []
-    for one in findings(evaluation):
-        likeness = np.where(one.cases.collided, np.inf, one.cases.human_likeness)
-        lowest = float(np.fmin.reduce(likeness, initial=np.inf))
-        if one.score.ads == ads and lowest < np.inf:
-            least += [(lowest, case.case, case) for case in one.cases[likeness == lowest]]
-    return min(least)[2] if least else None
 
 
 def _row(

@@ -12,9 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from sumo_eval.cases import CaseTable, IntArray, point_numbers
-from sumo_eval.method.score_terms import avoided_share_losses, exposure_mean, mean_shares, once
+from sumo_eval.method.score_terms import (
+    avoided_share_losses,
+    excess,
+    exposure_mean,
+    mean_shares,
+    once,
+)
 from sumo_eval.results import Evaluation, ScenarioResult
-from sumo_eval.scoring.case_terms import case_terms, ratios
+from sumo_eval.scoring.case_terms import CaseTerms, case_terms, ratios
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -81,11 +87,22 @@ class Findings:
         return np.asarray(self.slow & (self.cases.end_reason == "standstill"))
 
     @property
+    def terms(self) -> CaseTerms:
+        """Contributions of each case to the scores."""
+        return case_terms(self.cases, self.settings.method)
+
+    @property
+    def beyond(self) -> FloatArray:
+        """Severity of each case above the ideal vehicle's, max(0, U - Ug), (n,)."""
+        terms = self.terms
+        return excess(terms.severity, terms.ideal)
+
+    @property
     def share_lost(self) -> FloatArray:
         """Share that each case takes from A, (n,), together 1 - A; nan where it has no part in
         A.
         """
-        terms = case_terms(self.cases, self.settings.method)
+        terms = self.terms
         return avoided_share_losses(terms.severity, terms.ideal, terms.unreacting, terms.weight)
 
     @property
@@ -141,9 +158,10 @@ def mean_of(values: FloatArray, exposure: FloatArray) -> float | None:
     return None if np.isnan(mean) else mean
 
 
-def findings(evaluation: Evaluation) -> list[Findings]:
-    """Of every ADS in every scenario."""
-    return [Findings.of(evaluation, score) for score in evaluation.scores]
+def findings(evaluation: Evaluation, ads: str | None = None) -> list[Findings]:
+    """Of every ADS, or of one, in every scenario."""
+    scores = (score for score in evaluation.scores if ads in (None, score.ads))
+    return [Findings.of(evaluation, score) for score in scores]
 
 
 def unevaluated(evaluation: Evaluation) -> list[CaseTable]:

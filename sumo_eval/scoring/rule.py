@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.special import bdtr
 
 from sumo_eval.cases import CaseTable, Column
 from sumo_eval.scoring.comparison import AdsComparison, Comparison, Paired
@@ -84,9 +85,7 @@ def floor_of(differences: FloatArray, settings: NoiseSettings) -> float:
 
 def sign_test(worse: int, better: int) -> float:
     """P(Bin(W + B, 1/2) >= W): chance of W or more worse cases if nothing changed."""
-    from scipy.stats import binom  # 0.3 s, which only nights and comparisons need
-
-    return float(binom.sf(worse - 1, worse + better, 0.5))
+    return float(bdtr(better, worse + better, 0.5))
 
 
 def kept_margin(base: FloatArray, new: FloatArray, measure: MeasureSettings) -> FloatArray:

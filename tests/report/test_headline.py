@@ -8,9 +8,10 @@ import builders
 import pytest
 
 from sumo_eval.cases import CaseResult, CaseTable
-from sumo_eval.report.failure_groups import failure_kinds
-from sumo_eval.report.headline import finding, harm_beside, headline, safety_words
+from sumo_eval.report.headline import headline, safety_words
 from sumo_eval.results import Evaluation, RankedAds, RankedPair, Ranking
+from sumo_eval.scoring.behaviour import behaviour_of, harm_beside
+from sumo_eval.scoring.failure_groups import failure_kinds
 from sumo_eval.scoring.findings import findings
 from sumo_eval.scoring.ledger import ledger_plus
 
@@ -92,7 +93,9 @@ def test_alarm_and_ledger_count_the_same_standing_cases(evaluation: Evaluation) 
     )
     (found,) = findings(odd)
     lines = {line.cause: line.cases for line in ledger_plus(found).lines}
-    assert lines["stands where the references drive"] == finding(odd, builders.CALM).stands == 2
+    assert (
+        lines["stands where the references drive"] == behaviour_of(odd, builders.CALM).stands == 2
+    )
 
 
 def test_safety_in_a_test_engineers_words(evaluation: Evaluation) -> None:
@@ -100,19 +103,21 @@ def test_safety_in_a_test_engineers_words(evaluation: Evaluation) -> None:
     contact."""
     first, *rest = clean(evaluation, builders.CALM)
     one = of_one_scenario(evaluation, [replace(first, **HIT), *rest])  # type: ignore[arg-type]
-    assert safety_words(one, finding(one, builders.CALM)) == (
+    assert safety_words(one, behaviour_of(one, builders.CALM)) == (
         "1 avoidable collision in 4 cases, worst 43 km/h; "
         "as much excess impact speed as one 50 km/h contact every 5 cases of this grid"
     )
     # the ideal vehicle hits as well, by 6 m/s
     softer = {"ideal_severity": 6.0, "ideal_collided": True}
     harder = of_one_scenario(evaluation, [replace(first, **HIT | softer), *rest])  # type: ignore[arg-type]
-    assert safety_words(harder, finding(harder, builders.CALM)) == (
+    assert safety_words(harder, behaviour_of(harder, builders.CALM)) == (
         "no avoidable collision in 4 cases, yet as much impact speed above the ideal vehicle's "
         "as one 50 km/h contact every 9 cases of this grid"
     )
     none = of_one_scenario(evaluation, [first, *rest])
-    assert safety_words(none, finding(none, builders.CALM)) == "no avoidable collision in 4 cases"
+    assert (
+        safety_words(none, behaviour_of(none, builders.CALM)) == "no avoidable collision in 4 cases"
+    )
 
 
 @pytest.mark.parametrize(("hits", "words"), [(5, "Not told apart"), (6, "Told apart")])

@@ -17,11 +17,11 @@ from packed_pages import unpacked
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report import shown_cases as module
-from sumo_eval.report.failure_groups import failure_kinds
 from sumo_eval.report.found_cases import nearest_cases
 from sumo_eval.report.html import write_report
 from sumo_eval.report.shown_cases import TILES, density_maps, shown_cases
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.failure_groups import failure_kinds
 
 
 def test_a_page_that_holds_all_cases_leaves_none_out(evaluation: Evaluation) -> None:

@@ -9,12 +9,13 @@ import builders
 import numpy as np
 
 from sumo_eval.cases import CaseTable
-from sumo_eval.report.failure_groups import failure_groups
 from sumo_eval.report.headline import headline
-from sumo_eval.report.summary import summary_content, worst_case
+from sumo_eval.report.summary import summary_content
 from sumo_eval.report.verdict import Beside
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario import catalogue
+from sumo_eval.scoring.behaviour import worst_case
+from sumo_eval.scoring.failure_groups import failure_groups
 
 
 def test_worst_case_of_the_best_ads_comes_first(evaluation: Evaluation) -> None:

@@ -1,4 +1,4 @@
-"""Groups of similar failures: the parameter ranges that their cases share, as numbers and in words.
+"""Groups of similar failures: the parameter ranges that their cases share.
 
 Failures of one ADS and one kind are joined while they are neighbours among the driven points
 (single linkage in the unit box). The narrowest ranges that hold all cases of a group describe it,
@@ -12,14 +12,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sumo_eval.cases import CaseTable
-from sumo_eval.report.words import count
+from sumo_eval.cases import CaseTable, IntArray
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import BoolArray, FloatArray
-
-IntArray = NDArray[np.intp]
 
 MOST_GROUPS = 12  # of one logical scenario
 MOST_LINKED = 2_000  # failures of one kind that are compared pair by pair; more stand in one group
@@ -45,7 +41,6 @@ class FailureGroup:
     ranges: Mapping[str, tuple[float, float]]
     alike: int
     inside: int
-    words: str
 
 
 def failure_kinds(cases: CaseTable) -> tuple[IntArray, list[str]]:
@@ -81,7 +76,7 @@ def failure_groups(logical: LogicalScenario, cases: CaseTable) -> list[FailureGr
         for kind in set(np.unique(failed).tolist()) - {0}:
             alike = failed == kind
             groups += [
-                _described(logical, rows, group, alike, (ads, words[kind], own[group]))
+                _group(logical, rows, group, alike, (ads, words[kind], own[group]))
                 for group in _linked(logical, rows, np.flatnonzero(alike))
             ]
     groups.sort(key=lambda group: (_order(group.kind), -len(group.places)))
@@ -118,14 +113,14 @@ def _step(values: FloatArray) -> float:
     return float(max((levels[-1] - levels[0]) / 8.0, np.median(np.diff(levels))))
 
 
-def _described(
+def _group(
     logical: LogicalScenario,
     rows: FloatArray,
     group: IntArray,
     failed: BoolArray,
     whose: tuple[str, str, IntArray],
 ) -> FailureGroup:
-    """The group in words.
+    """A group with its ranges.
 
     rows: all points of the ADS, (n, k).
     group: which of them are in it.
@@ -137,11 +132,4 @@ def _described(
     inside = np.all((rows[:, narrow] >= least[narrow]) & (rows[:, narrow] <= most[narrow]), axis=1)
     alike, there = int(np.sum(inside & failed)), int(inside.sum())
     ranges = {logical.names[k]: (float(least[k]), float(most[k])) for k in narrow}
-    behind = {item.name: item.behind for item in logical.parameters}
-    where = ", ".join(
-        f"{name} {low:z.4g}{'' if low == high else f' to {high:z.4g}'}{behind[name]}"
-        for name, (low, high) in ranges.items()
-    )
-    words = "the only case there" if there == 1 else f"{alike} of all {count(there, 'case')} there"
-    words = f"{where or 'anywhere in the space'}: {words}"
-    return FailureGroup(*whose, ranges, alike, there, words)
+    return FailureGroup(*whose, ranges, alike, there)

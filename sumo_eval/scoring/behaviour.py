@@ -1,0 +1,132 @@
+"""How each ADS of a run behaves in all scenarios together, and its cases to look at first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sumo_eval.cases import CaseResult, point_numbers
+from sumo_eval.results import Evaluation, RankedAds
+from sumo_eval.scoring.findings import findings, mean_of
+
+
+@dataclass(frozen=True, slots=True)
+class Behaviour:
+    """One ADS in one scenario, or in all scenarios of a run; counts are numbers of cases.
+
+    stands, slower: safe cases in which it stands, or is slower, where the references drive.
+    worst: impact speed of the hardest avoidable collision, m/s; 0 without one.
+    excess: mean of max(0, U - Ug) by exposure, m/s; 0 where nothing could be evaluated.
+    grade, human: A' and H; None where they do not exist.
+    """
+
+    ads: str
+    cases: int
+    avoidable: int
+    departures: int
+    stands: int
+    slower: int
+    gave_up: int
+    not_evaluated: int
+    worst: float
+    excess: float
+    grade: float | None
+    human: float | None
+
+
+def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
+    """The ADSs in their order; without a ranking by their only score, or as they stand in the
+    evaluation.
+    """
+    if evaluation.ranking is not None and evaluation.ranking.ads:
+        return evaluation.ranking.ads
+    order = []
+    for ads in dict.fromkeys(score.ads for score in evaluation.scores):
+        scores = [score for score in evaluation.scores if score.ads == ads]
+        interval = scores[0].s_plus_interval if len(scores) == 1 else None
+        order.append(RankedAds(ads, None, _mean((it.s_plus, 1.0) for it in scores), interval))
+    return tuple(sorted(order, key=lambda one: -1.0 if one.s_plus is None else -one.s_plus))
+
+
+def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
+    """Behaviour of one ADS in all scenarios: sums, and means by the weights of the ranking."""
+    parts = findings(evaluation, ads)
+    scores = [one.score for one in parts]
+    by_scenario = {} if evaluation.ranking is None else evaluation.ranking.weights
+    weights = [by_scenario.get(score.scenario, 1.0) for score in scores]
+    stands = sum(int(one.stands.sum()) for one in parts)
+
+    def total(field: str) -> int:
+        return sum(getattr(score, field) for score in scores)
+
+    def mean(values: Iterable[float | None], *, known: bool = False) -> float | None:
+        pairs = zip(values, weights, strict=True)
+        return _mean(pair for pair in pairs if not known or pair[0] is not None)
+
+    return Behaviour(
+        ads,
+        cases=total("cases"),
+        avoidable=total("avoidable_collisions"),
+        departures=total("departures"),
+        stands=stands,
+        slower=sum(int(one.slow.sum()) for one in parts) - stands,
+        gave_up=total("gave_up"),
+        not_evaluated=total("not_evaluated"),
+        worst=max(
+            float(one.cases.impact_speed[one.cases.avoidable].max(initial=0.0)) for one in parts
+        ),
+        excess=mean(mean_of(one.beyond, one.cases.exposure) for one in parts) or 0.0,
+        grade=mean(score.avoidance_grade for score in scores),
+        human=mean((score.human_likeness for score in scores), known=True),
+    )
+
+
+def _mean(values: Iterable[tuple[float | None, float]]) -> float | None:
+    """The mean of (value, weight); None where a value is missing or nothing weighs."""
+    pairs = list(values)
+    whole = sum(weight for _, weight in pairs)
+    if not whole or any(value is None for value, weight in pairs if weight):
+        return None
+    return sum((value or 0.0) * weight for value, weight in pairs) / whole
+
+
+def harm_beside(evaluation: Evaluation, first: str, second: str) -> tuple[int, int]:
+    """In how many cases of both ADSs the first does less and more avoidable harm than the
+    second.
+    """
+    less = more = 0
+    for own, other in zip(findings(evaluation, first), findings(evaluation, second), strict=True):
+        ours, theirs = point_numbers([own.cases, other.cases])
+        here, there = np.intersect1d(ours, theirs, return_indices=True)[1:]
+        before, after = own.beyond[here], other.beyond[there]
+        less += int((before < after).sum())
+        more += int((before > after).sum())
+    return less, more
+
+
+def worst_case(evaluation: Evaluation, order: Sequence[str]) -> CaseResult | None:
+    """The case that takes most from A, of the first ADS that loses any: a collision, a departure or
+    a case given up; else the least human-like one of the first.
+    """
+    for ads in order:
+        worst: list[tuple[float, str, CaseResult]] = []
+        for one in findings(evaluation, ads):
+            losses = np.nan_to_num(one.share_lost)
+            if (most := float(losses.max(initial=0.0))) > 0.0:
+                worst += [(most, case.case, case) for case in one.cases[losses == most]]
+        if worst:
+            return max(worst)[2]
+    return least_human(evaluation, order[0])
+
+
+def least_human(evaluation: Evaluation, ads: str) -> CaseResult | None:
+    """The case without a collision in which an ADS is least human-like."""
+    least: list[tuple[float, str, CaseResult]] = []
+    for one in findings(evaluation, ads):
+        likeness = np.where(one.cases.collided, np.inf, one.cases.human_likeness)
+        lowest = float(np.fmin.reduce(likeness, initial=np.inf))
+        if lowest < np.inf:
+            least += [(lowest, case.case, case) for case in one.cases[likeness == lowest]]
+    return min(least)[2] if least else None
