@@ -51,11 +51,12 @@ def effect_words(answer: Answer, hit: Collision | None) -> str:
     lever = answer.lever
     unit = unit_of(lever)
     verb = "brings a collision" if hit is None else "avoids it"
-    start = f"{lever.recorded:z.5g}"
+    start = "no limit" if lever.unlimited else f"{lever.recorded:z.5g}"
+    ending = "" if lever.unlimited else unit
     if not answer.felt:
-        return f"{start}{unit}: not felt, the ADS sees the world as it is"
+        return f"{start}{ending}: not felt, the ADS sees the world as it is"
     if not answer.flips:
-        return f"{start}{unit}: none of {answer.tried} values {verb}"
+        return f"{start}{ending}: none of {answer.tried} values {verb}"
     flip, *rest = answer.flips
     more = f" and {len(rest) - MOST_CHANGES} more values" if len(rest) > MOST_CHANGES else ""
     values = ", ".join(f"{it.after:z.4g}" for it in rest[:MOST_CHANGES])

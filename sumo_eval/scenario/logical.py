@@ -26,6 +26,8 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 Values = Mapping[str, FloatArray]
 # of a range, to which drawn values are rounded: the last digit of a machine decides nothing
 DIGITS = 6
+ONLY = "only"
+"""Parameter of a file that has one case: it moves nothing."""
 
 
 @dataclass(frozen=True, slots=True)

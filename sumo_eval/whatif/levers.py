@@ -9,7 +9,7 @@ import numpy as np
 
 from sumo_eval.errors import InputError
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario
-from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.logical import ONLY, LogicalScenario
 from sumo_eval.settings import SimulationSettings
 
 VALUES = 33
@@ -34,6 +34,7 @@ class Lever:
 
     step: to which a change of outcome is located.
     recorded: value in the recorded case; the highest where there is no limit.
+    unlimited: whether there is none.
     listed: the only values that it has; none: all.
     """
 
@@ -44,6 +45,7 @@ class Lever:
     step: float
     recorded: float
     listed: tuple[float, ...] = ()
+    unlimited: bool = False
 
     def steps(self) -> list[float]:
         """All values that it can have."""
@@ -80,7 +82,8 @@ def levers_of(
         value = getattr(getattr(settings, group), setting)
         recorded = high if value is None else float(value)
         low, high = min(low, recorded), max(high, recorded)
-        levers.append(Lever(name, unit, low, high, step or settings.step, recorded))
+        step = step or settings.step
+        levers.append(Lever(name, unit, low, high, step, recorded, unlimited=value is None))
 
     concrete = logical.placed(values)
     speed, ahead = concrete.ego.speed, _ahead(concrete)
@@ -90,7 +93,7 @@ def levers_of(
         gap = _gap(concrete, ahead, settings)
         levers.append(Lever(_GAP, "m", min(0.0, gap), max(_FARTHEST, gap), 0.1, gap))
 
-    for item in logical.parameters:
+    for item in (it for it in logical.parameters if it.name != ONLY):
         step, value = (item.high - item.low) / _FINE, values[item.name]
         listed = tuple(item.values or ())
         levers.append(Lever(item.name, item.unit, item.low, item.high, step, value, listed))

@@ -31,6 +31,8 @@ from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.concrete import ConcreteScenario, lane_change
 from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.scenario.undisturbed import tracks
+from sumo_eval.settings import SimulationSettings
+from sumo_eval.whatif.levers import levers_of
 
 CATALOGUES = Path(__file__).parents[3] / "shared" / "data" / "catalogues"
 ALKS = CATALOGUES / "osc_alks" / "logical_scenarios"
@@ -134,6 +136,8 @@ def test_a_scenario_file_is_a_space_of_one_point_with_everybody_where_it_says(
     assert (other.start.x, other.start.y, other.start.speed) == pytest.approx((71.5, 3.75, 15.0))
     assert (other.length, other.width, logical.time_limit) == (6.0, 1.8, 30.0)
     assert (logical.road.lanes, logical.road.lane_width, logical.road.bent) == (2, 3.5, False)
+    levers = levers_of(logical, {"only": 0.0}, SimulationSettings())
+    assert "only" not in {it.name for it in levers} > {"ego_speed", "vehicle.friction"}
     assert scene.ego_body is not None
     assert scene.ego_body.length == 4.0
 

@@ -111,6 +111,7 @@ def test_a_collision_gets_a_table_and_json(night):
     lines = run("whatif", folder, hit).said
     assert "collision at" in lines
     assert "avoids it" in lines
+    assert "conditions.sensor_range      no limit: none of 33 values" in lines
     found = json.loads(run("whatif", folder, hit, "--lever", "lead_speed", "--json").said)
     (answer,) = found[hit]
     assert answer["flips"][0]["after"] > answer["lever"]["recorded"]

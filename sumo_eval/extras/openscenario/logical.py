@@ -28,6 +28,7 @@ from sumo_eval.input_file import input_file
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.scenario.first_places import misplaced
 from sumo_eval.scenario.logical import (
+    ONLY,
     Constraint,
     LogicalScenario,
     NamedSample,
@@ -49,7 +50,6 @@ _ROUND = 10.0  # m: a road's end is a multiple of it
 _ALONG = 0.5  # cosine of the largest angle to the road at which an actor still drives along it
 # m that the ego's front is before the road's end when the case ends: at the end SUMO takes it out
 _BEFORE_END = 5.0
-_ONLY = "only"
 _OPTIONS = {
     "ego": "the entity that the ADS drives (default: `Ego`, or the only one with a controller)",
     "map": "the OpenDRIVE file (.xodr) where the file names a simulator's map",
@@ -393,7 +393,7 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
     samples: tuple[NamedSample, ...] = ()
     constraints: tuple[Constraint, ...] = ()
     if not parts:
-        parts = [Parameter(_ONLY, 0.0, 1.0, 1.0, "1", "nothing: the file has one case", (0.0, 1.0))]
+        parts = [Parameter(ONLY, 0.0, 1.0, 1.0, "1", "nothing: the file has one case", (0.0, 1.0))]
         samples = (NamedSample("the_case", "the one case of the file", ((0.0,),)),)
     else:
         points = space.grid() if space.size <= _LOOKED_AT else ()

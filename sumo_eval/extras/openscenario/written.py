@@ -15,11 +15,11 @@ from sumo_eval.extras.openscenario.logical import Read, concrete
 from sumo_eval.report.page import write_page
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
+from sumo_eval.scenario.logical import ONLY
 from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.scenario.road.table import bend_name
 from sumo_eval.scenario.trigger import OF_ONE, OF_TWO
 
-_ONLY = "only"
 _OF_ONE = {op: name for name, op in OF_ONE.items()}
 _OF_TWO = {op: name for name, op in OF_TWO.items()}
 _JOINED = {
@@ -52,7 +52,7 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
                   f"{read.space.version}" + (f", at {label}" if label else ""),
         "zone": "none",
         "people": "drivers" if read.logical.has_drivers else "none",
-        "parameter": [{"name": _ONLY, "unit": "1", "low": 0.0, "high": 1.0, "step": 1.0,
+        "parameter": [{"name": ONLY, "unit": "1", "low": 0.0, "high": 1.0, "step": 1.0,
                        "about": "nothing: this is one case"}],
         "sample": [{"name": "the_case", "points": [[0.0]]}],
         "default_sample": "the_case",
@@ -106,7 +106,7 @@ def _piece(piece: Piece) -> dict[str, float]:
 
 def _ego(there: ConcreteScenario) -> dict[str, Any]:
     ego, body = there.ego, there.ego_body
-    found: dict[str, Any] = {"speed": f"{ego.speed!r} + 0 * {_ONLY}", "x": ego.x, "y": ego.y}
+    found: dict[str, Any] = {"speed": f"{ego.speed!r} + 0 * {ONLY}", "x": ego.x, "y": ego.y}
     return found if body is None else {**found, "length": body.length, "width": body.width}
 
 
