@@ -338,14 +338,17 @@ def _kind(
     ):
         return None
     lively = concrete.actors if concrete.lively else ()
-    # SUMO's models and a policy over arrays know of one vehicle for all
-    one_vehicle = bool(concrete.changes) and (concrete.reacts or manner.over_arrays)
+    # a policy over arrays knows of one vehicle for all, SUMO's models of its brakes
+    shared: object = None
+    if concrete.changes and (concrete.reacts or manner.over_arrays):
+        vehicle = concrete.simulation(basis).vehicle
+        shared = vehicle if manner.over_arrays else vehicle.max_deceleration
     return (
         concrete.scenario, kind_of(concrete),
         tuple([(it.body, it.model is None, it.follows_at_once) for it in lively]),
         manner.driven,
         () if manner.hook is None else tuple([it.name for it in concrete.actors]),
-        concrete.simulation(basis).vehicle if one_vehicle else None,
+        shared,
     )  # fmt: skip
 
 
