@@ -11,6 +11,7 @@ ends, or it is put on record (and stepping, starting and closing are left out). 
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -18,8 +19,6 @@ from types import ModuleType
 from typing import Any, Literal, NoReturn
 
 from sumo_eval.cosim.doors.traci_numbers import (
-    ARGUMENTS,
-    DURATIONS,
     HANDS_OVER,
     HEEDED_BY,
     IGNORED,
@@ -43,6 +42,8 @@ _HARMLESS = ("gui", "poi", "polygon", "route")  # domains in which writing chang
 _CLOCK = ("simulationStep", "step", "executeMove")
 _SHARED = MOTION - {"openGap"} | {
     "setSpeedMode", "setLaneChangeMode", "setColor", "setSignals", "setParameter", "setMaxSpeed",
+    "setAccel", "setDecel", "setEmergencyDecel", "setHeight", "setLength", "setMass",
+    "setMaxSpeedLat", "setWidth",
 }  # fmt: skip
 """Calls that write to the ego and concern no other case of the simulation."""
 # keepRoute of moveToXY: the nearest road of a case that is alone is that of its route
@@ -225,7 +226,6 @@ def heeding(concrete: ConcreteScenario) -> set[str]:
 
 
 def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
-    plain = ARGUMENTS["vehicle"].get(call, ())
     moves, ignored, hands_over = call in MOTION, call in IGNORED, call in HANDS_OVER
 
     def guarded(vehID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
@@ -248,23 +248,19 @@ def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Calla
             guard.heeding.add("model")
         return answer
 
-    if len(plain) != 1 or plain[0] in DURATIONS or ignored:
+    if call != "setSpeed":
         return guarded
-    direct, takes_effect_later = insides.direct(call, write), call == "setSpeed"
+    direct = insides.direct(call, write)
 
-    def quick(vehID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
-        # as nearly always: the ego, and a float that is finite
-        number: Any = args[0] if len(args) == 1 and not kwargs else None
-        usual = vehID == EGO and type(number) is float and number - number == 0.0
-        if not usual or (hands_over and number < 0.0):
-            return guarded(vehID, *args, **kwargs)
-        if moves:
+    def set_speed(vehID: str, speed: float) -> Any:  # noqa: N803 - TraCI's name
+        # as nearly always: the ego, and a finite float
+        if vehID == EGO and type(speed) is float and 0.0 <= speed < math.inf:
             guard.moved = True
-        if not takes_effect_later:
-            guard.speeds.pop(guard.names[vehID], None)
-        return direct(guard.names[vehID], number)
+            return direct(guard.names[vehID], speed)
+        return guarded(vehID, speed)
 
-    return quick
+    set_speed.__qualname__ = write.__qualname__  # in the error of a missing argument
+    return set_speed
 
 
 def _type_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
@@ -335,7 +331,7 @@ def _guarded_domain(guard: Guard, name: str, domain: type) -> type:
             guarded = _type_writer(guard, call, write)
         else:
             guarded = _world_writer(guard, name, call, write)
-        wrapped[call] = staticmethod(guarded)
+        wrapped[call] = guarded  # found sooner than a staticmethod
     return type(domain.__name__, (domain,), wrapped)
 
 

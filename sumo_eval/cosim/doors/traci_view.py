@@ -65,18 +65,19 @@ def _reading(guard: Guard, read: Callable[..., Any], direct: Callable[..., Any])
     def reading(name: Any, *args: Any, **kwargs: Any) -> Any:
         names = guard.names
         try:
-            if not args and not kwargs:
-                answer = direct(names[name])
-                if type(answer) is float:
-                    return answer
-            else:
-                inside = [names[it] if type(it) is str else it for it in (name, *args)]
-                answer = read(*inside, **kwargs)
-            return names.outside(answer)
+            inside = [names[it] if type(it) is str else it for it in (name, *args)]
+            return names.outside(read(*inside, **kwargs))
         except (libsumo.TraCIException, TypeError):
             guard.leave()
 
-    return reading
+    def quick(name: Any) -> Any:  # other arguments take as long again
+        try:
+            answer = direct(guard.names[name])
+            return answer if type(answer) is float else guard.names.outside(answer)
+        except (libsumo.TraCIException, TypeError):
+            guard.leave()
+
+    return quick if read.__code__.co_argcount == 1 else reading
 
 
 def _of_ego(guard: Guard, reading: Callable[..., Any]) -> Any:
@@ -112,8 +113,10 @@ def _nearest(guard: Guard, reading: Callable[..., Any]) -> Any:
     def nearest(vehID: Any, dist: Any = 100.0) -> Any:  # noqa: N803 - TraCI's name
         names = guard.names
         try:
-            ahead, gap = read(names[vehID], dist)
-            return (names.back[ahead], gap) if ahead else reading(vehID, dist)
+            ahead, gap = found = read(names[vehID], dist)
+            if ahead:
+                return names.back[ahead], gap
+            return None if libsumo.vehicle._legacyGetLeader else found
         except (libsumo.TraCIException, TypeError, KeyError):
             return reading(vehID, dist)
 
@@ -166,7 +169,7 @@ def _view(guard: Guard) -> list[tuple[Any, str, Any]]:
             if call.startswith("_") or isinstance(read, type) or not callable(read) or written:
                 continue
             if kind != "simulation" or call not in _OF_ALL_ROWS:
-                view.append((domain, call, staticmethod(_seen(guard, domain, call))))
+                view.append((domain, call, _seen(guard, domain, call)))
     return view
 
 
