@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_eval.cosim import records
 from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.controller import (
@@ -49,7 +50,7 @@ from sumo_eval.cosim.loop import (
     with_time,
 )
 from sumo_eval.cosim.plans import HOLD, Executor, checked_answer
-from sumo_eval.cosim.records import MODEL, STRAIGHT, SUMO
+from sumo_eval.cosim.records import COMMAND, MODEL, STRAIGHT, SUMO
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, LEFT_BATCH, Stage
 from sumo_eval.cosim.step_rules import goes_straight
 from sumo_eval.cosim.sumo.shared_files import suffix
@@ -65,6 +66,11 @@ _ALONG = 0.5  # rad, beside the road's line, within which SUMO finds a vehicle o
 _PLACE_TOLERANCE = 1e-3  # m
 # of the motion on a bend, by which SUMO's polylines and its stretching of lanes change it
 _CHORD_SHARE = 0.03
+# places of an ego's numbers, the last: its speed as SUMO counts it, without the sideways part
+_FRONT_X, _FRONT_Y, _MAP, _LANE_SPEED = (
+    records.EGO.fields[name][1] // 8 + after  # type: ignore[index]
+    for name, after in (("front_x", 0), ("front_y", 0), ("map", 0), ("next", 3))
+)
 
 
 class OnTraci(EgoControl):
@@ -193,15 +199,10 @@ class _Hook:
         self._at_once = conditions.actuation_delay == 0.0 and conditions.step_budget is None
 
     def _know_limits(self, world: World) -> None:
-        """Limits of the ego's motion, and where its numbers stand in a row."""
+        """Limits of the ego's motion."""
         settings = world.settings
         self._step, self._limits = settings.step, settings.vehicle
         self._half = 0.5 * settings.vehicle.length
-        places = {name: place[1] // 8 for name, place in (world.egos.dtype.fields or {}).items()}
-        self._front_x, self._front_y, self._commanded, self._map, ahead = (
-            places[name] for name in ("front_x", "front_y", "command", "map", "next")
-        )
-        self._lane_speed = ahead + 3  # of the ego as SUMO counts it, without the sideways part
 
     def watch(self, world: World, row: int) -> None:
         """Look at this row of the world's arrays from now on."""
@@ -348,10 +349,8 @@ class _Hook:
             self._placed[0] = MODEL
         self._stale[0] = 1  # SUMO hears of the ego at every step
         if self._plant is None:
-            state[self._commanded], state[self._commanded + 1] = (
-                command.acceleration,
-                command.steering,
-            )
+            at = COMMAND.start
+            state[at], state[at + 1] = command.acceleration, command.steering
         else:
             advance_plant(self._plant, world, command)
 
@@ -375,8 +374,8 @@ class _Hook:
     def _check_placed_ego(self, now: float) -> None:
         state = self._state
         GUARD.speeds.pop(self.ego, None)
-        state[self._lane_speed] = state[3]
-        front_x, front_y = state[self._front_x], state[self._front_y]
+        state[_LANE_SPEED] = state[3]
+        front_x, front_y = state[_FRONT_X], state[_FRONT_Y]
         x, y = self._calls.getPosition(self.ego)
         # which no nan is
         if not (abs(x - front_x) <= _PLACE_TOLERANCE and abs(y - front_y) <= _PLACE_TOLERANCE):
@@ -393,7 +392,7 @@ class _Hook:
         calls, state = self._calls, self._state
         front_x, front_y = calls.getPosition(self.ego)
         angle, speed = calls.getAngle(self.ego), calls.getSpeed(self.ego)
-        at = self._map
+        at = _MAP
         last_s, last_speed = state[0], state[3]
         last_x, last_y, last_heading = state[at], state[at + 1], state[at + 2]
         if not (
@@ -432,8 +431,8 @@ class _Hook:
             stretch = 1.0 - self._bend * place[1]
             moved_x, moved_y = math.hypot(moved_x, moved_y) / stretch, 0.0
         self._check_native_motion(moved_x, moved_y, speed, now)
-        acceleration = (speed - state[self._lane_speed]) / self._step
-        state[self._lane_speed] = speed
+        acceleration = (speed - state[_LANE_SPEED]) / self._step
+        state[_LANE_SPEED] = speed
         if self._stale[0]:
             self._stale[0] = 0
             if abs(math.remainder(heading - last_heading, math.tau)) > 1e-3 + abs(
@@ -459,8 +458,8 @@ class _Hook:
         x, y = position = calls.getPosition(ego)
         speed = calls.getSpeed(ego)
         GUARD.positions[ego], GUARD.speeds[ego] = position, speed
-        state, at = self._state, self._map
-        before = state[self._lane_speed]
+        state, at = self._state, _MAP
+        before = state[_LANE_SPEED]
         x -= self._half
         if (
             state[at + 2] != 0.0
@@ -470,7 +469,7 @@ class _Hook:
             )
         ):
             return False
-        state[self._lane_speed] = state[3] = speed
+        state[_LANE_SPEED] = state[3] = speed
         state[0], state[2], state[7] = x, 0.0, (speed - before) / self._step
         state[at] = x
         return True
@@ -484,7 +483,7 @@ class _Hook:
         """
         step, limits, sideways = self._step, self._limits, _SIDEWAYS_SPEED * self._step
         lowest, highest = -limits.max_deceleration, limits.max_acceleration
-        lane_speed = self._state[self._lane_speed]
+        lane_speed = self._state[_LANE_SPEED]
         gained = (speed - lane_speed) / step
         if not lowest - LIMIT_TOLERANCE <= gained <= highest + LIMIT_TOLERANCE:
             self._unphysical(

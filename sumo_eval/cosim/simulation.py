@@ -428,6 +428,8 @@ def _manner(
             return alone(Alone("asked", "batch = False"))
         if found in _KEEPS_STATE:
             return alone(_KEEPS_STATE[found])
+        if inspect.isfunction(found):
+            make = partial(ObjectController, found)  # type: ignore[assignment]
         return _Manner(ObjectController, lambda: wrap(make()), hook=found)
     if _asks_traci(ads.target if ads.target is not None else ads.act):
         return alone(ASKS_SUMO)
@@ -496,7 +498,9 @@ def _fits_beside_others(concrete: ConcreteScenario, basis: SimulationSettings) -
     """Whether SUMO finds the vehicles of a case on the same lanes beside others as alone."""
     road = concrete.road
     usual = replace(concrete, changes=()) if concrete.changes else concrete
-    own_vehicle = concrete.simulation(basis).vehicle != usual.simulation(basis).vehicle
+    own_vehicle = usual is not concrete and (
+        concrete.simulation(basis).vehicle != usual.simulation(basis).vehicle
+    )
     if road.shaped or concrete.reacts or own_vehicle:
         return False
     return all(
