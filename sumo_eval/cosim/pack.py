@@ -80,6 +80,7 @@ class Pack:
         for name in ("egos", "others", "clips", "seen"):
             getattr(world, name)[row] = getattr(fresh, name)[0]
         world.players = world.players.with_row(row, fresh.players)
+        world.gather()
         world.egos["begun"][row], world.none_leaves_before = world.steps, 0.0
 
     def step(self, commands: NDArray[np.float64]) -> NDArray[np.intp]:

@@ -82,7 +82,7 @@ SORTED_AT_ONCE = 4096  # cases whose recordings are held until those before them
 # cases in one simulation: enough to share a step's fixed cost, few enough for the processor's
 # caches
 TOGETHER = 512
-HOOKS_TOGETHER = 256  # fewer of hooks, since SUMO itself moves all their vehicles
+HOOKS_TOGETHER = 128  # fewer of hooks, since SUMO itself moves all their vehicles
 # a hook that keeps state shows it in its first cases as a rule; the share finds later changes
 _COMPARED_FIRST, _COMPARED_LATER = 3, 0.01  # cases; share of the cases
 
@@ -551,7 +551,7 @@ def _difference(
     batched = [index for index, drive in enumerate(drives) if isinstance(drive, Recording)]
     compared = _COMPARED.get(manner.hook, 0)
     # what lacks to the first few of a hook, a share of this batch, at least one
-    wanted = max(_COMPARED_FIRST - compared, math.ceil(_COMPARED_LATER * len(batched)), 1)
+    wanted = max(_COMPARED_FIRST - compared, round(_COMPARED_LATER * len(batched)), 1)
     chosen = batched[:: max(len(batched) // wanted, 1)][:wanted]
     _COMPARED[manner.hook] = compared + len(chosen)
     for index in chosen:

@@ -14,6 +14,7 @@ from itertools import chain, compress
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST, impossible
 from sumo_eval.cosim.records import STRAIGHT, SUMO
@@ -120,7 +121,8 @@ class Stage:
         self._live = np.flatnonzero(world.egos["live"])
         self._all = len(self._live) == len(world.rows)
         self._names: list[str] = []  # of those that are read at once
-        self._unread = list(range(self._width))
+        # rows of the unread vehicles, and places in these, the ego's first
+        self._unread = [(0, j) for j in range(self._width)]
 
     def take_charge(self, world: World) -> None:
         """Make SUMO obey, and fail the cases whose vehicles it has not placed as they are meant."""
@@ -226,19 +228,21 @@ class Stage:
         try:
             fronts, speeds, shown = _shown(self.calls, names)
         except self.traci.TraCIException:
-            self._unread = self._numbers.tolist()
+            self._unread = self._places_of(self._numbers)
             return None
-        self._unread = self._odd[: world.read(self._numbers, shown, self._odd)].tolist()
-        self._note(names, fronts, speeds)
-        return [row for row, j in self._unread_at() if j == 0]
+        odd = self._odd[: world.read(self._numbers, shown, self._odd)]
+        self._note(names, fronts, speeds, odd.tolist())
+        self._unread = self._places_of(odd)
+        return [row for row, j in self._unread if j == 0]
 
-    def _unread_at(self) -> list[tuple[int, int]]:
-        """Rows of the unread vehicles, and places in these, the ego's first."""
-        return [divmod(number, self._width) for number in self._unread]
+    def _places_of(self, numbers: NDArray[np.int64]) -> list[tuple[int, int]]:
+        return [divmod(number, self._width) for number in numbers.tolist()]
 
-    def _note(self, names: list[str], fronts: list[Any], speeds: list[float]) -> None:
+    def _note(
+        self, names: list[str], fronts: list[Any], speeds: list[float], odd: list[int]
+    ) -> None:
         """Note what was read, except the places of those that are unread, which are compared."""
-        last = [(name, self.fronts.get(name)) for name in map(self._flat.__getitem__, self._unread)]
+        last = [(name, self.fronts.get(name)) for name in map(self._flat.__getitem__, odd)]
         self.fronts |= zip(names, fronts, strict=True)
         self.fronts |= last
         self.speeds |= zip(names, speeds, strict=True)
@@ -257,7 +261,7 @@ class Stage:
             return
         calls, cells, present, far = self.calls, self._cells, self._present, self._far
         fronts, speeds = self.fronts, self.speeds
-        for row, j in self._unread_at():
+        for row, j in self._unread:
             name, j = self._flat[row * self._width + j], j - 1
             if j < 0:
                 continue

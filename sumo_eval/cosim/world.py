@@ -158,6 +158,7 @@ class World:
         for bodies in (self.egos, self.others):
             for name in ("x", "y", "heading", "speed"):
                 bodies["before"][name] = bodies[name]
+        self.gather()
         wake_rows(self.cast, 0.0, 0.0, self._stack, self.line)
         play_rows(self.cast, 0, settings.step, self.line)
         begin_rows(self.egos, self.others, self.seen, self.samples, self.scenario, self.line)
@@ -165,19 +166,17 @@ class World:
 
     def _run(self, loop: Callable[..., Any], *arguments: Any) -> Any:
         """Call a loop over the rows: bound, which takes a third of the time."""
-        if loop not in self._codes:
-            self._codes[loop] = bound(loop, *arguments)
-        return self._codes[loop](*arguments)
+        code = self._codes.get(loop)
+        if code is None:
+            code = self._codes[loop] = bound(loop, *arguments)
+        return code(*arguments)
 
-    @property
-    def scenes(self) -> Scenes:
-        """The arrays of all rows."""
-        return Scenes(self.egos, self.others, self.clips, self.seen, self.samples, self.shown)
-
-    @property
-    def cast(self) -> Cast:
-        """The vehicles of all rows."""
-        return Cast(self.egos, self.others, *self.players)
+    def gather(self) -> None:
+        """Put the arrays of all rows together, and the vehicles, after one has been replaced."""
+        self.scenes = Scenes(
+            self.egos, self.others, self.clips, self.seen, self.samples, self.shown
+        )
+        self.cast = Cast(self.egos, self.others, *self.players)
 
     def move(self, *, closely: bool, as_read: bool = False) -> tuple[int, Sequence[int]]:
         """Move all vehicles to the end of the coming step; how many rows of `tell` there are then,
@@ -306,6 +305,7 @@ class World:
             grown = np.zeros((rows, vehicles, self._room, self.samples.shape[3]))
             grown[:, :, :before] = self.samples
             self.samples = grown
+            self.gather()
 
     def keep(self, rows: NDArray[np.intp]) -> None:
         """Hold only these rows, in this order."""
@@ -316,6 +316,7 @@ class World:
             self.scenario = self.scenario.reshape(-1, 2)[rows].reshape(-1)
         self.players, self._codes = self.players.of(rows), {}
         self._numbers = numbers_of(self.egos)
+        self.gather()
 
     def end(self, row: int) -> int:
         """Take down what a case that has ended leaves behind; its number."""
