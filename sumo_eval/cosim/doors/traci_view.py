@@ -56,11 +56,8 @@ _OF_MODELS = frozenset(
 """Calls that SUMO's driver models answer, which are awake in the ego of a row alone."""
 
 
-def _reading(guard: Guard, read: Callable[..., Any], direct: Callable[..., Any]) -> Any:
-    """A call that reads from the row.
-
-    direct: what a call with one argument wraps.
-    """
+def _reading(guard: Guard, read: Callable[..., Any]) -> Any:
+    """A call that reads from the row."""
 
     def reading(name: Any, *args: Any, **kwargs: Any) -> Any:
         names = guard.names
@@ -70,14 +67,20 @@ def _reading(guard: Guard, read: Callable[..., Any], direct: Callable[..., Any])
         except (libsumo.TraCIException, TypeError):
             guard.leave()
 
-    def quick(name: Any) -> Any:  # other arguments take as long again
+    return reading
+
+
+def _reading_by_name(guard: Guard, read: Callable[[str], Any]) -> Any:
+    """A call that reads from the row and takes a name alone: in half the time."""
+
+    def reading(name: Any) -> Any:
         try:
-            answer = direct(guard.names[name])
+            answer = read(guard.names[name])
             return answer if type(answer) is float else guard.names.outside(answer)
         except (libsumo.TraCIException, TypeError):
             guard.leave()
 
-    return quick if read.__code__.co_argcount == 1 else reading
+    return reading
 
 
 def _of_ego(guard: Guard, reading: Callable[..., Any]) -> Any:
@@ -151,7 +154,9 @@ def _seen(guard: Guard, domain: Any, call: str) -> Any:
         return _listing(guard, domain.getIDList)
     if kind in _OF_A_ROW and call.startswith(_READS) and call not in _OF_MANY:
         read = getattr(domain, call)
-        reading = _reading(guard, read, insides.direct(call, read, kind))
+        by_name = read.__code__.co_argcount == 1
+        direct = insides.direct(call, read, kind)
+        reading = _reading_by_name(guard, direct) if by_name else _reading(guard, read)
         if call in _OF_MODELS and kind in ("vehicle", "vehicletype"):
             return _of_ego(guard, reading)
         return _QUICK[call](guard, reading) if kind == "vehicle" and call in _QUICK else reading
