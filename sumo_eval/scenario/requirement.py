@@ -29,7 +29,7 @@ SERIES = {
     "time": "since the start, s",
     "x": "centre along the road, m",
     "offset": "centre across the road from where the ego started, to the left, m",
-    "speed": "m/s",
+    "speed": "along its heading, m/s",
     "acceleration": "along the heading, m/s2",
     "jerk": "rate of the acceleration from sample to sample, m/s3",
     "lateral_speed": "across the road, m/s",
@@ -44,8 +44,8 @@ OUTCOMES = {
 }
 """Quantities of the whole drive that it may use."""
 OF_OTHERS = ("x", "y", "speed", "lateral_speed")
-"""Quantities of an actor at each moment that it may use, as `x(lead)`; y and lateral_speed are
-across the road, to the left of the right lane's centre line."""
+"""Quantities of an actor at each moment that it may use, as `x(lead)`; x and speed are along the
+road, y and lateral_speed across it, to the left of the right lane's centre line."""
 _OVER_TIME: dict[str, Callable[[FloatArray], Any]] = {
     "min": np.min,
     "max": np.max,
