@@ -1,10 +1,11 @@
 """ADSs in the order of S+ over all scenarios, and which of them can be told apart.
 
 Two ADSs drove the same points beside the same drivers, so what they have in common cancels in their
-difference, as it does not between two intervals. Each replicate gives the difference twice, with
-and without the one more case that every ADS receives (`intervals`); each end takes the one that
-speaks against it. Missing cases speak against the ADS that lacks them. One ADS under two names
-differs from itself by 0, exactly.
+difference, which a comparison of two intervals would not use. A replicate has two values of S+:
+`worse`, with the one more case that every ADS receives (`intervals`), and `better`, without. The
+lower end of an interval takes the smaller difference of the two, the upper end the larger. Missing
+cases count against the ADS that lacks them. One ADS under two names differs from itself by 0,
+exactly.
 
 S+ over several scenarios is the mean of theirs. A scenario without a safe point has no task to
 drive, no S+ and no part in the order. In one without people to compare with H counts 0, for every
@@ -26,29 +27,30 @@ from sumo_eval.scoring.confidence.intervals import LEVEL, ScoreIntervals
 from sumo_eval.settings import RankingSettings
 from sumo_eval.trajectory import FloatArray
 
-Found = Mapping[tuple[str, str], ScoreIntervals | None]
+Replicates = Mapping[tuple[str, str], ScoreIntervals | None]
+"""By (ADS, scenario)."""
 
 
-def rank(scores: Sequence[ScenarioResult], found: Found, settings: RankingSettings) -> Ranking:
-    """The ranking of an evaluation's ADSs.
+def rank(
+    scores: Sequence[ScenarioResult], replicates: Replicates, settings: RankingSettings
+) -> Ranking:
+    """The ranking of an evaluation's ADSs. Scenarios without any S+ are left out.
 
-    found: the replicates of each ADS in each scenario, by (ADS, scenario).
-
-    Scenarios without any S+ are left out.
+    An ADS shares the place of the one above it unless they are told apart, so the first and the
+    last ADS of one place may differ.
     """
     weights = scenario_weights(list(dict.fromkeys(score.scenario for score in scores)), settings)
-    weighing = [name for name, weight in weights.items() if weight > 0.0]
-    alone = {score.scenario for score in scores if score.nobody_compared}
-    bare = tuple(name for name in weighing if name in alone)
-    known = {score.scenario for score in scores if score.task_share is not None}
-    means = _Means({name: weights[name] for name in weighing if name in known})
+    weighted = [name for name, weight in weights.items() if weight > 0.0]
+    without_people = {score.scenario for score in scores if score.nobody_compared}
+    with_task = {score.scenario for score in scores if score.task_share is not None}
+    means = _Means({name: weights[name] for name in weighted if name in with_task})
     names = list(dict.fromkeys(score.ads for score in scores))
-    own = {name: {score.scenario: score for score in scores if score.ads == name} for name in names}
-    totals = {name: total for name in names if (total := means.total(own[name])) is not None}
-    spreads = {
-        name: means.spread({scenario: found.get((name, scenario)) for scenario in weights})
-        for name in names
-    }
+    results_of: dict[str, dict[str, ScenarioResult]] = {name: {} for name in names}
+    for score in scores:
+        results_of[score.ads][score.scenario] = score
+    all_totals = {name: means.total(results_of[name]) for name in names}
+    totals = {name: total for name, total in all_totals.items() if total is not None}
+    spreads = {name: means.spread(name, replicates) for name in names}
     ranked = sorted(totals, key=lambda name: (-totals[name], name))
     pairs = [
         _pair((above, below), totals[above] - totals[below], spreads)
@@ -56,17 +58,23 @@ def rank(scores: Sequence[ScenarioResult], found: Found, settings: RankingSettin
     ]
     apart = {(pair.above, pair.below): pair.told_apart for pair in pairs}
     rows, place = [], 0
-    for number, name in enumerate(ranked, start=1):
-        if number == 1 or apart[ranked[number - 2], name]:
+    ones_above = [None, *ranked]
+    for number, (above, name) in enumerate(zip(ones_above, ranked, strict=False), start=1):
+        if above is None or apart[above, name]:
             place = number
-        interval = _interval(own[name], totals[name], spreads[name], means)
-        results = [own[name][scenario] for scenario in means.weights]
-        from_a, from_h = (
-            means.of(getattr(score, part) for score in results) for part in ("a_points", "h_points")
-        )
-        rows.append(RankedAds(name, place, totals[name], interval, from_a, from_h))
-    rows += [RankedAds(name, None, None, None) for name in sorted(set(names) - set(ranked))]
-    taskless = tuple(name for name in weighing if name not in known)
+        results = [results_of[name][scenario] for scenario in means.weights]
+        rows.append(
+            RankedAds(
+                name, place, totals[name],
+                _interval(results, totals[name], spreads[name]),
+                a_points=means.of(score.a_points for score in results),
+                h_points=means.of(score.h_points for score in results),
+            )
+        )  # fmt: skip
+    unranked = sorted(set(names) - set(ranked))
+    rows += [RankedAds(name, place=None, s_plus=None, interval=None) for name in unranked]
+    bare = tuple(name for name in weighted if name in without_people)
+    taskless = tuple(name for name in weighted if name not in with_task)
     return Ranking(weights, LEVEL, tuple(rows), tuple(pairs), bare, taskless)
 
 
@@ -80,10 +88,10 @@ class _Means:
     weights: Mapping[str, float]
 
     def of(self, values: Iterable[Any]) -> Any:
-        """The mean of values, one a scenario: numbers or arrays."""
+        """The mean of values, one a scenario in the order of `weights`: numbers or arrays."""
         weights = self.weights.values()
-        pairs = zip(weights, values, strict=True)
-        return sum(weight * value for weight, value in pairs) / sum(weights)
+        weighted = zip(weights, values, strict=True)
+        return sum(weight * value for weight, value in weighted) / sum(weights)
 
     def total(self, scores: Mapping[str, ScenarioResult]) -> float | None:
         """S+ of one ADS; None where it has none in a scenario.
@@ -93,15 +101,21 @@ class _Means:
         plus = [scores[name].s_plus if name in scores else None for name in self.weights]
         return None if not plus or None in plus else float(self.of(plus))
 
-    def spread(self, found: Mapping[str, ScoreIntervals | None]) -> _Spread | None:
-        """`total` of every replicate; None where a scenario has no replicates."""
-        known = [one for name in self.weights if (one := found.get(name)) is not None]
-        if not known or len(known) < len(self.weights):
+    def spread(self, ads: str, replicates: Replicates) -> _Spread | None:
+        """The mean S+ of one ADS in every replicate; None where a scenario has no replicates.
+
+        A replicate without safe points has no S+, of no ADS: there it counts 0 for all.
+        """
+        found = [replicates.get((ads, scenario)) for scenario in self.weights]
+        known = [one for one in found if one is not None]
+        if not known or len(known) < len(found):
             return None
-        parts = [
-            (np.nan_to_num(one.worse), np.nan_to_num(one.better), *one.missing) for one in known
-        ]
-        return _Spread(*map(self.of, zip(*parts, strict=True)))
+        return _Spread(
+            worse=self.of(np.nan_to_num(one.worse) for one in known),
+            better=self.of(np.nan_to_num(one.better) for one in known),
+            lower=self.of(one.missing[0] for one in known),
+            higher=self.of(one.missing[1] for one in known),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,7 +123,7 @@ class _Spread:
     """One ADS's mean S+ in every replicate, (m,).
 
     worse, better: with one more case and without.
-    lower, higher: how far missing cases may move it.
+    lower, higher: how far missing cases may move it, at most 0 and at least 0.
     """
 
     worse: FloatArray
@@ -119,27 +133,28 @@ class _Spread:
 
 
 def _interval(
-    own: Mapping[str, ScenarioResult], total: float, spread: _Spread | None, means: _Means
+    results: Sequence[ScenarioResult], total: float, spread: _Spread | None
 ) -> tuple[float, float] | None:
-    """Of one ADS's mean: that of its replicates; in a single scenario the interval that its S+ has
-    there.
+    """The interval of one ADS's mean S+; of a single scenario that of S+ there, so that ranking and
+    scores agree.
     """
-    if len(means.weights) == 1:
-        return own[next(iter(means.weights))].s_plus_interval
+    if len(results) == 1:
+        return results[0].s_plus_interval
     if spread is None:
         return None
     low, high = _percentiles(spread.worse + spread.lower, spread.better + spread.higher)
-    return min(low, total), max(high, total)
+    return min(low, total), max(high, total)  # the value itself is always inside
 
 
 def _pair(
     names: tuple[str, str], difference: float, spreads: Mapping[str, _Spread | None]
 ) -> RankedPair:
+    """The difference of two ADSs' S+ with its interval; told apart where that is above 0."""
     first, second = (spreads[name] for name in names)
     if first is None or second is None:
         return RankedPair(*names, difference, None, False)
     both = np.stack([first.worse - second.worse, first.better - second.better])
-    low, high = _percentiles(
+    low, high = _percentiles(  # missing cases: worst for one, best for the other
         both.min(axis=0) + first.lower - second.higher,
         both.max(axis=0) + first.higher - second.lower,
     )
