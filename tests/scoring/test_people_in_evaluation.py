@@ -14,7 +14,7 @@ from sumo_eval.cli import main
 from sumo_eval.evaluation import score
 from sumo_eval.extras.studies.calibration import calibrate
 from sumo_eval.extras.studies.opinion import compare_opinion, read_ratings
-from sumo_eval.extras.studies.sensitivity import NO_WHEEL, sensitivity, sensitivity_lines
+from sumo_eval.extras.studies.sensitivity import K3_LEFT_OUT, sensitivity, sensitivity_lines
 from sumo_eval.report.words import score_note
 from sumo_eval.results import PlausibleTo
 
@@ -279,7 +279,7 @@ def test_a_table_of_the_runs_own_drivers_needs_twenty(runs):
 def test_the_ranking_under_other_constants(runs):
     out, _, _ = runs["fill"]
     rows = sensitivity(out, lambda stage, done, total: None, constants=("k2", "a"))
-    assert sensitivity_lines(rows, by_wheel=False) == [*sensitivity_lines(rows), NO_WHEEL]
+    assert sensitivity_lines(rows, k3=False) == [*sensitivity_lines(rows), K3_LEFT_OUT]
     assert {(row.constant, row.index) for row in rows} == {
         ("k2", "D"),
         ("k2", "H"),

@@ -225,19 +225,18 @@ def sensitivity(run: Path, constants: tuple[str, ...]) -> None:
     """Score RUN again with k1..k4, the deviation floors and a (b = 100 - a) changed; a table and a
     plot in RUN.
     """
-    from sumo_eval.extras.studies.sensitivity import sensitivity as respond
     from sumo_eval.extras.studies.sensitivity import (
+        k3_counts,
         sensitivity_lines,
-        without_the_wheel,
         write_sensitivity_plot,
     )
+    from sumo_eval.extras.studies.sensitivity import sensitivity as respond
     from sumo_eval.extras.studies.tables import write_rows
     from sumo_eval.record.run_folder import read_settings
 
     with Progress() as progress:
         rows = respond(run, progress, constants=constants) if constants else respond(run, progress)
-    by_wheel = not without_the_wheel(read_settings(run))
-    say(sensitivity_lines(rows, by_wheel=by_wheel))
+    say(sensitivity_lines(rows, k3=k3_counts(read_settings(run))))
     write_rows(rows, run / "sensitivity.csv")
     write_sensitivity_plot(rows, run / "sensitivity.html")
     tell(f"Table and plot: {run / 'sensitivity.csv'}, {run / 'sensitivity.html'}")

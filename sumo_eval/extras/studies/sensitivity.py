@@ -8,7 +8,7 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -21,13 +21,13 @@ from sumo_eval.method.score_terms import ordering_score, paper_score
 from sumo_eval.report.study_page import write_study
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import EvaluationSettings
+from sumo_eval.trajectory import FloatArray
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-BASE = "as scored"
 FACTORS = (0.5, 2.0)
-_D_PATHS = {
+_SETTING_OF = {
     "k1": "method.anthropomorphic.field.k1",
     "k2": "method.anthropomorphic.field.k2",
     "k3": "method.anthropomorphic.steering_threshold_deg",
@@ -37,24 +37,24 @@ _D_PATHS = {
 }
 """Constants that move D and H: name -> path of the setting."""
 
-NO_WHEEL = (
-    "k3 moves nothing here: a steering operation is a lateral manoeuvre, and k3 is a threshold of "
-    'the steering wheel (`method.anthropomorphic.steering_rule = "wheel"`).'
+K3_LEFT_OUT = (
+    "k3 is left out: it is a threshold only where "
+    '`method.anthropomorphic.steering_rule = "wheel"`; here a steering operation is a lateral '
+    "manoeuvre."
 )
-"""Why the default leaves k3 out."""
 
 _LIKENESSES = {"D": "d", "H": "human_likeness"}
 _TOTALS = {"S": "s", "S+": "s_plus"}
 """Scores that the constants move: name -> field of ScenarioResult; a moves S and S+, the rest D and
 H."""
 
-# the drivers' own scores are not used here
-_NO_BANDS = "method.anthropomorphic.band_slice_spacing=100.0"
-_POINTS = (10.0, 25.0, 50.0, 75.0, 90.0)
-
+# coarse slices for the bands of the drivers' own scores, which take long and are not used here
+_COARSE_BANDS = "method.anthropomorphic.band_slice_spacing=100.0"
+_VALUES_OF_A = (10.0, 25.0, 50.0, 75.0, 90.0)  # points for collision avoidance, of 100
+_PANELS_ACROSS, _PANEL_WIDTH, _PANEL_HEIGHT, _MARGIN = 4, 260, 240, 80  # px, but the first
 
 Scores = dict[str, float]
-"""Of each ADS, nan where not computed."""
+"""Score by ADS, nan where not computed."""
 
 
 class SensitivityRow(NamedTuple):
@@ -64,8 +64,8 @@ class SensitivityRow(NamedTuple):
     value: of the constant.
     scores: in the order of `ads`, nan where not computed.
     ranking: names, best first.
-    tau: Kendall's tau with the ranking as scored, 1 where it is the same; nan where fewer than two
-        ADSs can be ranked.
+    tau: Kendall's tau-b of the scores with those as scored, 1 where no score changes; nan where
+        fewer than two ADSs can be ranked, or where all tie.
     """
 
     scenario: str
@@ -81,50 +81,50 @@ class SensitivityRow(NamedTuple):
 def sensitivity(
     run: Path, progress: Callable[[str, int, int], None], *, constants: Sequence[str] = ()
 ) -> list[SensitivityRow]:
-    """Score a run again with each constant halved and doubled, and with other shares of the points.
+    """Score a run again with each constant halved and doubled, and with other values of a.
 
     constants: any of k1, k2, k3, k4, `centre floor`, `field floor`, a (b = 100 - a); none: all that
-        can move a score of this run (`without_the_wheel`).
+        can move a score of this run (`k3_counts`).
     Raises InputError for others.
     """
-    known = (*_D_PATHS, "a")
+    known = (*_SETTING_OF, "a")
     for name in constants:
         if name not in known:
             raise InputError(
                 f"A constant of the sensitivity must be one of {', '.join(known)}, got {name!r}."
             )
-    base = score(run, [_NO_BANDS])
-    if not constants:
-        silent = {"k3"} if without_the_wheel(base.settings) else set()
-        constants = [name for name in known if name not in silent]
-    wanted = [(name, factor) for name in constants if name in _D_PATHS for factor in FACTORS]
-    variants = [(name, _value(base, name), base) for name in constants if name in _D_PATHS]
-    for done, (name, factor) in enumerate(wanted, start=1):
+    base = score(run, [_COARSE_BANDS])
+    chosen = constants or [name for name in known if name != "k3" or k3_counts(base.settings)]
+    changed = [name for name in chosen if name in _SETTING_OF]
+    # as scored, the middle value of each constant
+    variants = [(name, _value(base, name), base) for name in changed]
+    for done, (name, factor) in enumerate(itertools.product(changed, FACTORS), start=1):
         value = _value(base, name) * factor
-        variants.append((name, value, score(run, [_NO_BANDS, f"{_D_PATHS[name]}={value!r}"])))
-        progress("sensitivity", done, len(wanted))
+        again = score(run, [_COARSE_BANDS, f"{_SETTING_OF[name]}={value!r}"])
+        variants.append((name, value, again))
+        progress("sensitivity", done, len(changed) * len(FACTORS))
     rows = []
     for scenario in dict.fromkeys(result.scenario for result in base.scores):
-        for index, field in _TOTALS.items() if "a" in constants else ():
-            standing = _scores(base, scenario, field)
-            for a in _POINTS:
+        for index, field in _TOTALS.items():
+            as_scored = _scores(base, scenario, field)
+            for a in _VALUES_OF_A if "a" in chosen else ():
                 scores = _with_points(base, scenario, a, index)
-                rows.append(_row((scenario, "a", a, index), scores, standing))
+                rows.append(_row((scenario, "a", a, index), scores, as_scored))
         for index, field in _LIKENESSES.items():
-            standing = _scores(base, scenario, field)
+            as_scored = _scores(base, scenario, field)
             for name, value, evaluation in variants:
                 scores = _scores(evaluation, scenario, field)
-                rows.append(_row((scenario, name, value, index), scores, standing))
+                rows.append(_row((scenario, name, value, index), scores, as_scored))
     return sorted(rows, key=lambda row: (row.scenario, row.constant, row.index, row.value))
 
 
-def without_the_wheel(settings: EvaluationSettings) -> bool:
-    """Whether steering operations are lateral manoeuvres, for which k3 sets no threshold."""
-    return settings.method.anthropomorphic.steering_rule == "manoeuvre"
+def k3_counts(settings: EvaluationSettings) -> bool:
+    """Whether k3 is a threshold: steering operations are turns of the wheel, not manoeuvres."""
+    return settings.method.anthropomorphic.steering_rule != "manoeuvre"
 
 
 def _value(evaluation: Evaluation, constant: str) -> float:
-    value = operator.attrgetter(_D_PATHS[constant])(evaluation.settings)
+    value = operator.attrgetter(_SETTING_OF[constant])(evaluation.settings)
     assert isinstance(value, float)
     return value
 
@@ -136,26 +136,31 @@ def _scores(evaluation: Evaluation, scenario: str, field: str) -> Scores:
 
 
 def _with_points(evaluation: Evaluation, scenario: str, a: float, index: str) -> Scores:
-    """S+ or S of every ADS with a points for collisions and 100 - a for likeness."""
+    """S+ or S of every ADS with `a` points for collision avoidance, and the rest of 100, b, for
+    likeness.
+    """
     points = replace(evaluation.settings.method.score, a=a)
-    names: tuple[str, ...] = ("c", "d")
-    total: Any = paper_score
-    if index == "S+":
-        names, total = ("task_share", "avoidance_grade", "human_likeness"), ordering_score
-    terms = [_scores(evaluation, scenario, name) for name in names]
-    return {
-        ads: float(total(*(np.array([term[ads]]) for term in terms), points)[0]) for ads in terms[0]
-    }
+
+    def of(name: str) -> FloatArray:
+        return np.array([*_scores(evaluation, scenario, name).values()])
+
+    if index == "S":
+        totals = paper_score(of("c"), of("d"), points)
+    else:
+        terms = of("task_share"), of("avoidance_grade"), of("human_likeness")
+        totals = ordering_score(*terms, points)
+    return dict(zip(_scores(evaluation, scenario, "c"), totals.tolist(), strict=True))
 
 
 def _row(key: tuple[str, str, float, str], now: Scores, before: Scores) -> SensitivityRow:
     """key: scenario, constant, its value and the index."""
     ranked = [ads for ads in now if np.isfinite(now[ads])]
     both = [ads for ads in ranked if np.isfinite(before[ads])]
-    first, second = ([scores[ads] for ads in both] for scores in (before, now))
+    scores_before, scores_now = [before[ads] for ads in both], [now[ads] for ads in both]
     tau = math.nan
-    if len(both) >= 2:
-        tau = 1.0 if first == second else float(stats.kendalltau(first, second).statistic)
+    if len(both) >= 2:  # kendalltau is nan where all tie
+        same = scores_before == scores_now
+        tau = 1.0 if same else float(stats.kendalltau(scores_before, scores_now).statistic)
     ranking = tuple(sorted(ranked, key=lambda ads: -now[ads]))
     return SensitivityRow(*key, tuple(now), tuple(now.values()), ranking, tau)
 
@@ -173,21 +178,17 @@ def _table(rows: Sequence[SensitivityRow]) -> list[tuple[str, ...]]:
     return table
 
 
-def sensitivity_lines(rows: Sequence[SensitivityRow], *, by_wheel: bool = True) -> list[str]:
+def sensitivity_lines(rows: Sequence[SensitivityRow], *, k3: bool = True) -> list[str]:
     """The table for a terminal.
 
-    by_wheel: whether k3 is a threshold of this run; where not, a sentence reports it.
+    k3: whether it counts in this run (`k3_counts`); where not, a sentence reports it.
     """
-    return [*aligned(_table(rows)), *([] if by_wheel else [NO_WHEEL])]
-
-
-_ACROSS = 4
-"""Panels in a row."""
+    return [*aligned(_table(rows)), *([] if k3 else [K3_LEFT_OUT])]
 
 
 def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
-    """Charts for each scenario, of the totals, of D and of H; in them one panel for each constant:
-    the ADSs' scores against it.
+    """For each scenario three charts: the totals, D and H. A chart has a panel for each constant,
+    with the ADSs' scores over it.
     """
     charts: dict[str, list[SensitivityRow]] = {}
     for row in rows:
@@ -203,7 +204,7 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
         ],
         figures={caption: _chart(part) for caption, part in charts.items()},
         rows=_table(rows),
-        least_width=260 * _ACROSS,
+        least_width=_PANEL_WIDTH * _PANELS_ACROSS,
     )
 
 
@@ -214,13 +215,12 @@ def _chart(rows: Sequence[SensitivityRow]) -> go.Figure:
         groups.setdefault(f"{row.index} over {row.constant}", []).append(row)
     panels = []
     for title, part in groups.items():
-        values, scores = (
-            [row.value for row in part],
-            zip(*(row.scores for row in part), strict=True),
-        )
+        values = [row.value for row in part]
+        scores = zip(*(row.scores for row in part), strict=True)  # of one ADS over the values
         marks = [
-            Marks(ads, values, each, colour, "-")
-            for ads, each, colour in zip(part[0].ads, scores, itertools.cycle(COLOURS))
+            Marks(ads, values, ys, colour, "-")
+            for ads, ys, colour in zip(part[0].ads, scores, itertools.cycle(COLOURS))
         ]
         panels.append(Panel(marks, title=title))
-    return on_page(panels, _ACROSS, 240 * -(-len(panels) // _ACROSS) + 80)
+    height = _PANEL_HEIGHT * -(-len(panels) // _PANELS_ACROSS) + _MARGIN
+    return on_page(panels, _PANELS_ACROSS, height)
