@@ -1,6 +1,6 @@
 """The command line.
 
-A command's file is imported when the command is named, so that `--help` answers at once.
+A command's file is imported when the command is named; the list of all commands imports them all.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _CORE: Final = {
 }
 """The files of this folder, and the commands that each defines."""
 
-_FILES: Final = {name: file for file, names in _CORE.items() for name in names}
+_FILE_OF: Final = {name: file for file, names in _CORE.items() for name in names}
 
 GROUP: Final = "sumo_eval.commands"
 """Entry points of packages that bring further commands: a name and a click command.
@@ -54,12 +54,9 @@ TASKS: Final = {
     "Believe the tool": ("qualify",),
     "Write an ADS or a scenario": ("import", "check", "schema", "bench"),
 }
-"""Tasks of users, and the commands for each."""
+"""Sections of the help and their commands, those of our extras too; any other is under `FURTHER`."""
 
 FURTHER: Final = "From other packages"
-
-_MMAP_THRESHOLD: Final = -3  # of mallopt
-_LARGE: Final = 2 << 20  # bytes
 
 MEANT: Final = {
     "run": "evaluate simulate start execute go resume launch",
@@ -93,7 +90,7 @@ MEANT: Final = {
     "schema": "json editor autocomplete",
     "bench": "benchmark speed performance profile",
 }
-"""Words that people type for a command, by what it does."""
+"""Every command of ours, and words that users type for it."""
 
 
 class _Group(click.Group):
@@ -105,8 +102,8 @@ class _Group(click.Group):
         return commands()
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name in _FILES:
-            command = getattr(import_module(f"sumo_eval.cli.{_FILES[cmd_name]}"), cmd_name)
+        if cmd_name in _FILE_OF:
+            command = getattr(import_module(f"sumo_eval.cli.{_FILE_OF[cmd_name]}"), cmd_name)
         elif cmd_name in _plugins():
             command = _loaded(_plugins()[cmd_name])
         else:
@@ -118,13 +115,8 @@ class _Group(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         refuse_command(args)
-        if (
-            args
-            and not args[0].startswith("-")
-            and args[0] not in _FILES
-            and args[0] not in _plugins()
-        ):
-            if args[0] in MEANT:  # ours, of a copy whose entry points are older than its sources
+        if args and not args[0].startswith("-") and args[0] not in commands():
+            if args[0] in MEANT:  # ours, whose entry point is not installed yet
                 raise click.UsageError(
                     f"Command `{args[0]}` is not installed: run `pip install -e .` again."
                 )
@@ -133,14 +125,12 @@ class _Group(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The commands by task, each in one line that is not cut."""
-        ours, there = {name for names in TASKS.values() for name in names}, commands()
-        for task, names in (
-            *TASKS.items(),
-            (FURTHER, tuple(name for name in there if name not in ours)),
-        ):
-            if shown := [(name, self._line(ctx, name)) for name in names if name in there]:
+        further = tuple(name for name in commands() if name not in MEANT)
+        for task, names in {**TASKS, FURTHER: further}.items():
+            installed = [name for name in names if name in commands()]
+            if installed:
                 with formatter.section(task):
-                    formatter.write_dl(shown)
+                    formatter.write_dl([(name, self._line(ctx, name)) for name in installed])
 
     def _line(self, ctx: click.Context, name: str) -> str:
         try:
@@ -151,14 +141,14 @@ class _Group(click.Group):
         return command.get_short_help_str(limit=WHOLE)
 
     def main(self, args: Any = None, *rest: Any, **named: Any) -> Any:
-        if args is None:
+        if args is None:  # from a shell, not from a caller in Python
             _read_utf8()
         return super().main(args, *rest, **named)
 
     def invoke(self, ctx: click.Context) -> Any:
         _one_thread()
         _give_memory_back()
-        # else Python looks through all that was imported before it lets go of it, for 0.2 s
+        # else Python searches all objects for garbage at exit, 0.2 s for nothing
         atexit.register(gc.freeze)
         try:
             return super().invoke(ctx)
@@ -166,7 +156,7 @@ class _Group(click.Group):
             tell(f"sumo-eval: {stop}", err=True)
             sys.exit(INTERRUPTED)
         except SumoEvalError as error:
-            if "sumo_eval.record.children" in sys.modules:
+            if "sumo_eval.record.children" in sys.modules:  # it would load for seconds
                 import_module("sumo_eval.record.children").cool_down()
             _refuse(str(error))
         except OSError as error:
@@ -193,19 +183,19 @@ def _nearest(name: str) -> str:
 
 def commands() -> list[str]:
     """The names of all commands, ours in the order of the help, then those of other packages."""
-    known = {*_FILES, *_plugins()}
+    known = {*_FILE_OF, *_plugins()}
     ours = [name for names in TASKS.values() for name in names if name in known]
     return [*ours, *sorted(known - set(ours))]
 
 
 @cache
 def _plugins() -> dict[str, EntryPoint]:
-    """Commands that installed packages bring, by name; the first of each name, none instead of
-    our own.
+    """Commands that installed packages bring, by name: the first found of each, and none of a name
+    of the core.
     """
     found: dict[str, EntryPoint] = {}
     for point in entry_points(group=GROUP):
-        if point.name not in _FILES:
+        if point.name not in _FILE_OF:
             found.setdefault(point.name, point)
     return found
 
@@ -226,17 +216,19 @@ def _loaded(point: EntryPoint) -> click.Command:
 
 
 def _read_utf8() -> None:
-    """Begin again in UTF-8 where names of files are not: a path with other letters could not be
-    written anywhere.
+    """Restart Python in UTF-8 mode where names of files are in another encoding, in which some paths
+    could not be printed or stored.
     """
     if sys.getfilesystemencoding().lower() != "utf-8" and not sys.flags.utf8_mode:
-        words = [sys.executable, "-X", "utf8", *sys.orig_argv[1:]]
-        os.execve(sys.executable, words, {**os.environ, "PYTHONUTF8": "1"})  # noqa: S606
+        arguments = [sys.executable, "-X", "utf8", *sys.orig_argv[1:]]
+        os.execve(sys.executable, arguments, {**os.environ, "PYTHONUTF8": "1"})  # noqa: S606
 
 
 def _one_thread() -> None:
-    """Of linear algebra, before it is loaded: the matrices here are small, threads would only wait
-    for each other, and their number would change sums by a bit. What the user has set stays.
+    """Limit linear algebra to one thread, before numpy is loaded. What the user has set stays.
+
+    The matrices here are small: threads would only wait for each other, and their number would
+    change sums by a bit.
     """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
@@ -248,9 +240,10 @@ def _give_memory_back() -> None:
     The GNU C library keeps what it has once given, in holes between smaller things: 100 MB of a
     page of a million cases. Other C libraries have no such setting.
     """
-    # TypeError: a system whose libraries have no common name
+    mmap_threshold = -3  # M_MMAP_THRESHOLD of malloc.h
+    # TypeError: Windows, where there is no CDLL(None)
     with suppress(OSError, AttributeError, TypeError):
-        ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE)
+        ctypes.CDLL(None).mallopt(mmap_threshold, 2 << 20)  # arrays of more than 2 MiB
 
 
 def _refuse(sentence: str) -> NoReturn:
@@ -260,6 +253,9 @@ def _refuse(sentence: str) -> NoReturn:
 
 
 def _stdout_to_nowhere() -> None:
+    """Put the null device in place of a stdout that cannot be written, so that the interpreter's own
+    flush at exit does not fail.
+    """
     with suppress(OSError, ValueError):  # a stdout that is closed, or no file
         try:
             sys.stdout.flush()
@@ -277,5 +273,6 @@ def main() -> None:
     """Score automated driving systems over the whole parameter space of logical scenarios, in
     simulation with SUMO.
 
-    Exit status: 0 done, 1 a gate failed, 2 the input is wrong, 3 some cases could not be evaluated.
+    Exit status: 0 done, 1 a gate failed, 2 the input is wrong, 3 some cases could not be evaluated,
+    130 stopped, 141 stdout was closed.
     """

@@ -1,4 +1,5 @@
-"""The tape of a drive: the command of every step; repeating them gives the same bytes.
+"""The tape of a drive: the command of every step; repeating them gives the same recording, byte for
+byte.
 
 A tape is a text file, a JSON value a line: a head, a row for each step, notes in between, and the
 result. A line is written when its step is driven, so a machine that goes down loses a step and no
@@ -31,8 +32,13 @@ from sumo_eval.trajectory import CHANNELS, Recording
 FORMAT = 1
 OWN_WISH = "quit"  # why a drive was left, where the driver wished it
 ROW = ("acceleration", "steering", "seen", "kind", "keys", "steer", "throttle", "brake", "late")
-"""Of a step: the command, m/s2 and rad; the state that the driver had seen; input of hands and
-feet; lateness, s."""
+"""Of a step.
+
+acceleration, steering: the command, m/s2 and rad.
+seen: number of the state that the driver had seen.
+kind: of the device, with its keys or its steer, throttle and brake.
+late: s by which the step was late.
+"""
 
 
 class LeftTheWheelError(ControllerError):
@@ -44,8 +50,9 @@ class Tape(NamedTuple):
 
     head: scenario, values, settings and versions of the drive.
     rows: of `ROW`, a step each.
-    notes: pauses and other incidents, by step.
-    came_of_it: end reason, digest and qualities; None where the machine went down before the end.
+    notes: pauses and the like, by step.
+    came_of_it: its result, under `end` in the file: end reason, digest and quality of the drive;
+        None where the machine went down before the end.
     """
 
     head: Mapping[str, Any]
@@ -71,7 +78,7 @@ class Writer:
         self._file.flush()
 
     def note(self, step: int, what: str, **more: Any) -> None:
-        """Write an incident before a step."""
+        """Write a note that belongs before a step."""
         self.line({"note": what, "step": step, **more})
 
     def close(self) -> None:
@@ -80,7 +87,7 @@ class Writer:
 
 
 def json_lines(path: Path, what: str) -> list[Any]:
-    """The value of each line; a last one that was cut off was not written.
+    """The value of each line; a last line that was cut off is left out.
 
     what: names the file in sentences.
     """
@@ -102,11 +109,14 @@ def read_tape(path: Path) -> Tape:
 
     Raises InputError naming file and line; a last line that was cut off in its middle is ignored.
     """
-    head, *values = json_lines(path, "tape") or [None]
+    head, *values = json_lines(path, "tape") or [None]  # of an empty file
     if not isinstance(head, dict) or head.get("format") != FORMAT:
         raise InputError(f"{path} must be a tape of a drive of format {FORMAT}.")
-    rows, notes, end = [], [], None
+    rows: list[tuple[Any, ...]] = []
+    notes: list[Mapping[str, Any]] = []
+    end = None
     for number, value in enumerate(values, 2):
+        # a repetition needs the command only
         if isinstance(value, list) and len(value) == len(ROW) and all(map(_finite, value[:2])):
             rows.append(tuple(value))
         elif isinstance(value, dict) and "note" in value:
@@ -136,7 +146,8 @@ def head_of(
     concrete: ConcreteScenario, settings: SimulationSettings, **more: Any
 ) -> dict[str, Any]:
     """The head of a tape that begins now: all that a repetition needs."""
-    plain = (
+    # all others are at their defaults in a person's drive, or the scenario has them
+    kept = (
         "step", "record_interval", "time_limit", "standstill_speed", "standstill_time",
         "lane_change_duration",
     )  # fmt: skip
@@ -144,20 +155,22 @@ def head_of(
         "scenario": concrete.scenario,
         "values": dict(concrete.values),
         "simulation": {
-            **{name: getattr(settings, name) for name in plain},
+            **{name: getattr(settings, name) for name in kept},
             "vehicle": asdict(settings.vehicle),
         },
         **more,
         "begun": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": {**{name: version(name) for name in ("sumo_eval", "libsumo")},
-            "python": sys.version.split()[0]},
+        "versions": {
+            "sumo_eval": version("sumo_eval"), "libsumo": version("libsumo"),
+            "python": sys.version.split()[0],
+        },
     }  # fmt: skip
 
 
 class Player:
     """Commands, (acceleration, steering) a step, instead of a driver.
 
-    left: they ended before the drive did.
+    left: why the drive was left; empty while it continues.
     """
 
     def __init__(self, commands: Iterable[Sequence[float]]) -> None:
@@ -165,11 +178,12 @@ class Player:
         self.left = ""
 
     def act(self, seen: object) -> Command:
-        """The next command; behind the last the drive is left, as it was."""
-        for row in self._commands:
-            return Command(*row)
-        self.left = OWN_WISH
-        raise LeftTheWheelError("The tape is over")
+        """The next command; after the last it leaves the drive, as the driver did."""
+        row = next(self._commands, None)
+        if row is None:
+            self.left = OWN_WISH
+            raise LeftTheWheelError("The tape is over")
+        return Command(*row)
 
 
 def drive_again(tape: Tape, concrete: ConcreteScenario) -> Recording:
@@ -180,8 +194,8 @@ def drive_again(tape: Tape, concrete: ConcreteScenario) -> Recording:
 
 
 def with_quit(recording: Recording, left: str) -> Recording:
-    """The recording of a drive that was left: its end reason is `quit`, which no ADS under test can
-    return; the error states why, unless it was the driver's own wish.
+    """The recording; of a drive that was left with the end reason `quit`, which no ADS under test
+    can return. The error states why, unless it was the driver's own wish.
 
     left: why; empty: the drive came to its end.
     """
@@ -192,7 +206,10 @@ def with_quit(recording: Recording, left: str) -> Recording:
 
 
 def digest(recording: Recording) -> str:
-    """SHA-256 of every vehicle's every sample, of the contact and of how the drive ended."""
+    """SHA-256 of every vehicle's every sample, of the contact and of how the drive ended.
+
+    A tape holds it, so that another channel in `CHANNELS` needs another `FORMAT`.
+    """
     sha = hashlib.sha256()
     for name, it in sorted({"ego": recording.ego, **recording.actors}.items()):
         sha.update(f"{name} {it.length!r} {it.width!r} {len(it)}".encode())
@@ -227,11 +244,13 @@ def again(path: Path) -> Repetition:
             f"The head of {path} must name a concrete scenario: {said(error)}."
         ) from error
     recording = drive_again(tape, find(str(use), path.parent).concrete(**point))
-    same, steps = None, f"{len(tape.rows)} steps of {tape.head['simulation']['step']:g} s"
-    words = "broke off: no bytes to compare with"
-    if tape.came_of_it is not None:
-        same = digest(recording) == tape.came_of_it.get("digest")
+    steps = f"{len(tape.rows)} steps of {tape.head['simulation']['step']:g} s"
+    end = tape.came_of_it
+    same = None if end is None else digest(recording) == end.get("digest")
+    if same is None:
+        words = "broke off: no bytes to compare with"
+    elif same:
         words = "comes to the same bytes"
-        if not same:
-            words = f"comes to OTHER bytes; versions then: {tape.head.get('versions')}"
+    else:
+        words = f"comes to OTHER bytes; versions then: {tape.head.get('versions')}"
     return Repetition(same, recording, f"The tape of {steps} ({recording.end_reason}) {words}.")
