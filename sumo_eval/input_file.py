@@ -34,7 +34,7 @@ def input_file(path: Path, what: str) -> Path:
         mode = os.stat(path).st_mode
     except FileNotFoundError:
         raise InputError(f"There is no {clean(f'{what} {path}')}.{_nearest(path)}") from None
-    except (OSError, ValueError) as error:  # a path can hold what no path may, too
+    except (OSError, ValueError) as error:  # ValueError: a NUL byte in the path
         raise _unreadable(path, what, error) from error
 
     if stat.S_ISDIR(mode):
@@ -56,7 +56,7 @@ def read_input(path: Path, what: str, largest: int = LARGEST) -> bytes:
     except OSError as error:
         raise _unreadable(path, what, error) from error
     if len(content) > largest:
-        raise InputError(f"{named(path, what)} must be at most {largest // 1_000_000} MB.")
+        raise InputError(f"{named(path, what)} must be at most {largest / 1e6:g} MB.")
     return content
 
 

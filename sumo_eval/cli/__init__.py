@@ -54,7 +54,7 @@ TASKS: Final = {
     "Believe the tool": ("qualify",),
     "Write an ADS or a scenario": ("import", "check", "schema", "bench"),
 }
-"""Sections of the help and their commands, those of our extras too; any other is under `FURTHER`."""
+"""Sections of the help and their commands, extras included; any other is under `FURTHER`."""
 
 FURTHER: Final = "From other packages"
 
@@ -90,7 +90,7 @@ MEANT: Final = {
     "schema": "json editor autocomplete",
     "bench": "benchmark speed performance profile",
 }
-"""Every command of ours, and words that users type for it."""
+"""Our commands, and words that users type for each."""
 
 
 class _Group(click.Group):
@@ -216,8 +216,8 @@ def _loaded(point: EntryPoint) -> click.Command:
 
 
 def _read_utf8() -> None:
-    """Restart Python in UTF-8 mode where names of files are in another encoding, in which some paths
-    could not be printed or stored.
+    """Restart Python in UTF-8 mode where names of files are in another encoding, in which some
+    paths could not be printed or stored.
     """
     if sys.getfilesystemencoding().lower() != "utf-8" and not sys.flags.utf8_mode:
         arguments = [sys.executable, "-X", "utf8", *sys.orig_argv[1:]]
@@ -253,8 +253,8 @@ def _refuse(sentence: str) -> NoReturn:
 
 
 def _stdout_to_nowhere() -> None:
-    """Put the null device in place of a stdout that cannot be written, so that the interpreter's own
-    flush at exit does not fail.
+    """Put the null device in place of a stdout that cannot be written, so that the interpreter's
+    own flush at exit does not fail.
     """
     with suppress(OSError, ValueError):  # a stdout that is closed, or no file
         try:

@@ -28,7 +28,7 @@ _LINES = 20  # of what an ADS printed
 
 
 def _of_a_run(name: str) -> Callable[[], float]:
-    """A limit as `[run]` has it by default."""
+    """The default of a limit of `[run]`, which is read once a command needs it."""
 
     def default() -> float:
         from sumo_eval.settings import RunSettings
@@ -80,8 +80,9 @@ def check(what: str, step_timeout: float, case_timeout: float, seed: int) -> Non
     refuse_a_bare_file(file)
     if file.endswith(".toml") and not _has_scheme(file):
         if _is_scenario(Path(file)):
-            _check_scenario(what)
-        _check_evaluation(Path(what))
+            _check_scenario(what)  # each ends the command
+        else:
+            _check_evaluation(Path(what))
     _check_controller(what, step_timeout, case_timeout, seed)
 
 
@@ -174,7 +175,8 @@ def _check_scenario(use: str) -> NoReturn:
     path = Path(file)
     scenario = ScenarioSettings(path.name + use.removeprefix(file))
     alone = EvaluationSettings("check", (scenario,), (AdsSettings("idm", "idm"),))
-    # the file is asked everywhere
+    # a sample as a run has it, whose criticality is looked at for at most this many points;
+    # `check_file` below searches the whole space
     space = space_of(Resolved.of(alone, path.parent.resolve()), 0, looked_at=_ASKED)
     logical = space.logical
     refuse_impossible_zones(logical, alone.method.zones)
@@ -201,12 +203,13 @@ def _check_controller(locator: str, step_timeout: float, case_timeout: float, se
         # what cannot be loaded is refused before anything is compiled
         check_apart(locator, (), Path.cwd())
         with Progress() as progress:
-            ready({WORLD}, progress)  # else the first drive would wait for it, and be told as slow
+            ready({WORLD}, progress)  # else the first drive would wait for it, and count as slow
     findings, printed = check_apart(locator, cases, Path.cwd(), step_timeout, case_timeout)
     if printed:
         tell(f"It printed:\n{last_lines(printed, _LINES)}", err=True)
     for finding, after in zip(findings, [*findings[1:], None], strict=True):
         tell(f"{finding.kind:4}  {finding.text}")
+        # once below findings of one remedy
         if finding.mend and (after is None or after.mend != finding.mend):
             tell(f"      -> {finding.mend}")
     failed = sum(finding.kind == "FAIL" for finding in findings)
@@ -249,8 +252,8 @@ def _check_evaluation(path: Path) -> None:
         refuse_impossible_zones(space.logical, settings.method.zones)
         return f"{len(space.points)} points of {', '.join(space.logical.names)}"
 
-    def planned(words: str, **part: Any) -> str:
-        planner(Resolved(replace(bare, **part), source, {}))
+    def check_planned(words: str, **part: Any) -> str:
+        planner(Resolved(replace(bare, **part), source, {}))  # refuses what a run would refuse
         return words
 
     def ranking() -> str:
@@ -270,11 +273,11 @@ def _check_evaluation(path: Path) -> None:
         *([("qualification", qualification)] if settings.run.qualification else []),
         *((f"scenario {entry.use}", partial(points, entry)) for entry in settings.scenario),
         *(
-            (f"ADS {ads.name}", partial(planned, ads.controller, ads=(ads,)))
+            (f"ADS {ads.name}", partial(check_planned, ads.controller, ads=(ads,)))
             for ads in settings.ads
         ),
-        ("vehicle model", partial(planned, vehicle, simulation=settings.simulation)),
-        ("drivers", partial(planned, drivers.source, drivers=drivers)),
+        ("vehicle model", partial(check_planned, vehicle, simulation=settings.simulation)),
+        ("drivers", partial(check_planned, drivers.source, drivers=drivers)),
     ]
     wrong = _count_mistakes(parts)
     if drivers.source == "recorded" and not wrong:

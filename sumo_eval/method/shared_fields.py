@@ -6,15 +6,17 @@ halved again and again. What lies further than its own length from a box is summ
 nodes only, and a polynomial through the nodes gives it at every point of the box; what is near is
 summed at the points themselves.
 
-The result is that of `trajectory_field.trajectory_fields` to 1e-11, relative. The summand's
-singularities are the sample itself (along x) and the places above and below it in the complex plane
-of y. From a box of length L
-whose far samples begin
-one length away they lie on Bernstein ellipses of 3 + sqrt(8) = 5.8 along x and L/h + sqrt((L/h)^2 +
-1) >= 6.5 across a strip of half-width h <= L/3.2: 16 nodes along x and at most 14 across leave
-6.5e-12 of each sample's field, about; found is 2.6e-12 (k1 = 0.5) to 6e-12 (k1 = 1). Where that
-does not hold (large constants, vectors, points off it),
-or does not pay, the plain sum is taken.
+The result is that of `trajectory_field.trajectory_fields` to 1e-11, relative. The summand is
+singular at the sample itself (along x) and above and below it in the complex plane of y. Far
+samples of a box of length L begin one length away, in a strip of half-width h <= L/3.2. So these
+places lie on Bernstein ellipses of
+
+- along x: 3 + sqrt(8) = 5.8, for which 16 nodes are enough,
+- across: L/h + sqrt((L/h)^2 + 1) >= 6.5, for which at most 14 are.
+
+They leave 6.5e-12 of each sample's field, about; found is 2.6e-12 (k1 = 0.5) to 6e-12 (k1 = 1).
+Where that does not hold (large constants, vectors, points off it), or does not pay, the plain sum
+is taken.
 """
 
 from __future__ import annotations
@@ -35,7 +37,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
 NODES = 16  # in a box, along x
 REACH = 1.0  # lengths of a box from which on a sample is far from it
-# a box is at least this much longer than half as wide; shorter ones cost more than they save
+# least length of a box over the strip's half-width; shorter ones cost more than they save
 SLENDER = 3.2
 LEFT = 6.5e-12  # of a sample's field, about, is what the nodes across leave
 LARGEST_K1 = 1.0  # a field that decays faster is summed plainly
@@ -179,28 +181,23 @@ class SharedFields:
 
         Errors as in `trajectory_fields`.
         """
-        prepared = [self._prepare(place) if self._by_boxes else None for place in places]
-        boxed = [number for number, one in enumerate(prepared) if one is not None]
-        fields, inside = np.empty((len(places), *y.shape)), self._stretch.holds(x, y)
-        if boxed and inside.any():
-            _put_by_boxes(
-                self._stretch,
-                x,
-                y,
-                np.flatnonzero(inside),
-                [one for one in prepared if one is not None],
-                float(self._constants.k1),
-                [fields[number] for number in boxed],
-            )
+        from sumo_eval.method.field_loops import put_field
+
+        inside, everywhere = self._stretch.holds(x, y), np.full(len(x), True)
         points = np.stack((np.broadcast_to(x[:, None], y.shape), y), axis=-1)
-        plain = [number for number, one in enumerate(prepared) if one is None]
-        for numbers, rows in ((boxed, ~inside), (plain, np.full(len(x), True))):
-            if numbers and rows.any():
-                chosen = [self._trajectories[places[number]] for number in numbers]
-                summed = trajectory_fields(points[rows].reshape(-1, 2), chosen, self._constants)
-                fields[np.ix_(np.array(numbers), rows)] = summed.reshape(
-                    len(numbers), -1, y.shape[1]
-                )
+        into = None
+        if self._by_boxes and inside.any():
+            into = _point_rows(self._stretch, points, np.flatnonzero(inside))
+        fields = np.empty((len(places), *y.shape))
+        for place, field in zip(places, fields, strict=True):
+            one = None if into is None else self._prepare(place)
+            if one is not None:
+                put_field(into, one.samples, one.near, one.far, float(self._constants.k1), field)
+            rest = everywhere if one is None else ~inside
+            if rest.any():
+                drives = [self._trajectories[place]]
+                plain = trajectory_fields(points[rest].reshape(-1, 2), drives, self._constants)
+                field[rest] = plain.reshape(-1, y.shape[1])
         return fields
 
     def _prepared(self, place: int) -> _Prepared | None:
@@ -218,31 +215,18 @@ class SharedFields:
         return _Prepared(samples, near[-(2**self._stretch.levels) :], far)
 
 
-def _put_by_boxes(
-    stretch: Stretch,
-    x: FloatArray,
-    y: FloatArray,
-    rows: NDArray[np.int64],
-    prepared: Sequence[_Prepared],
-    k1: float,
-    fields: Sequence[FloatArray],
-) -> None:
-    """Put the fields of `prepared` at some of the rows, all inside the stretch, into `fields`."""
-    from sumo_eval.method.field_loops import put_field
-
+def _point_rows(stretch: Stretch, points: FloatArray, rows: NDArray[np.int64]) -> PointRows:
+    """Some rows of points (s, k, 2), all inside the stretch, box after box."""
     number = 2**stretch.levels
-    order = rows[np.argsort(x[rows], kind="stable")]
-    x, y = x[order], y[order]
+    order = rows[np.argsort(points[rows, 0, 0], kind="stable")]
+    points = points[order]
+    x, y = points[:, 0, 0], points[..., 1]
     boxes = (x - stretch.west) / (stretch.length / number)
     box = np.minimum(boxes.astype(np.int64), number - 1)
     starts = np.searchsorted(box, np.arange(number + 1))
     along = chebyshev.chebvander(2.0 * (boxes - box) - 1.0, NODES - 1) @ _nodes()[2]
-    shares = np.ascontiguousarray(along.T)
     across = np.ascontiguousarray((y.T - stretch.middle) / stretch.half)
-    points = np.stack((np.broadcast_to(x[:, None], y.shape), y), axis=-1)
-    into = PointRows(points, order, starts, shares, across)
-    for one, field in zip(prepared, fields, strict=True):
-        put_field(into, one.samples, one.near, one.far, k1, field)
+    return PointRows(points, order, starts, np.ascontiguousarray(along.T), across)
 
 
 def _pays(points: int, stretch: Stretch) -> bool:
@@ -250,7 +234,7 @@ def _pays(points: int, stretch: Stretch) -> bool:
     levels = stretch.levels
     if levels == 0:
         return False
-    # what is summed for a box, in its lengths: at its nodes or at its points
+    # each box sums, at its nodes and at its points, the samples over this many of its lengths
     reached = 1.0 + 2.0 * REACH
     nodes = NODES * sum(_boxes(stretch).grid.counts.tolist())
     return bool(reached * (nodes + points / 2**levels) < points)

@@ -145,7 +145,7 @@ def _end_family() -> None:
 def family(pid: int | None = None) -> list[int]:
     """Every process below one, by default below this one."""
     below = _children(os.getpid() if pid is None else pid)
-    for child in below:  # grows meanwhile
+    for child in below:  # the list grows by the children of each
         below += _children(child)
     return below
 
@@ -171,18 +171,17 @@ def _children(pid: int) -> list[int]:
 def _held(limit: float) -> float:
     """Memory that everything below this process holds, bytes, shared mappings included.
 
-    The sum of the resident sets counts what several share once for each: where that decides, every
-    page is divided among those who share it.
+    Resident sets count a shared page once per process. Only where their sum is over the limit is
+    each page divided among its processes (Pss), which is slower.
     """
     below = family()
-    held = sum(memory(pid, 1) for pid in below)
+    held = sum(map(resident, below))
     return sum(map(_proportional, below)) if held > limit and len(below) > 1 else held
 
 
-def memory(pid: int, column: int) -> float:
-    """Memory of a process, bytes, by the column of statm: 1 its resident set, 2 the part of it that
-    belongs to files or is shared.
-    """
+def resident(pid: int, *, shared: bool = False) -> float:
+    """Resident set of a process, bytes, or the part of it that belongs to files or is shared."""
+    column = 2 if shared else 1  # of statm
     with suppress(OSError, IndexError), open(f"/proc/{pid}/statm") as file:
         return float(int(file.read().split()[column]) * _PAGE)
     return 0.0
@@ -193,7 +192,7 @@ def _proportional(pid: int) -> float:
         for line in file:
             if line.startswith("Pss:"):
                 return 1024.0 * int(line.split()[1])
-    return memory(pid, 1)  # another user's process, or a kernel without this file
+    return resident(pid)  # another user's process, or a kernel without this file
 
 
 def _prctl(option: int, value: int) -> None:
@@ -208,7 +207,7 @@ def keep_open(*kept: int) -> None:
     """Close every descriptor of this process but these and the standard ones."""
     last = -1
     for number in sorted({0, 1, 2, *kept}):
-        if number > last + 1:  # of an empty range at 0, Python would make one without end
+        if number > last + 1:  # Python takes closerange(0, 0) for all descriptors
             os.closerange(last + 1, number)
         last = number
     os.closerange(last + 1, max(os.sysconf("SC_OPEN_MAX"), last + 1))

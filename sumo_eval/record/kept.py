@@ -25,7 +25,8 @@ from sumo_eval.trajectory import (
 
 EGO = "ego"
 
-# the others lose nothing that matters in single precision: 1e-7 of a lane, a speed, an angle
+# x reaches kilometres; the others lose nothing that matters in single precision: 1e-7 of a lane, a
+# speed, an angle
 _DOUBLE = ("time", "x")
 _SINGLE = tuple(name for name in CHANNELS if name not in _DOUBLE)
 _SAMPLE_BYTES = 8 * len(_DOUBLE) + 4 * len(_SINGLE)

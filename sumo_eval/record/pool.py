@@ -35,9 +35,9 @@ from sumo_eval.record.hygiene import (
     MEGABYTE,
     Report,
     keep_open,
-    memory,
     processor_time,
     read_report,
+    resident,
     scratch_folder,
     supervise,
 )
@@ -482,7 +482,7 @@ def _limit_memory(megabytes: float) -> None:
     """
     import resource
 
-    limit = max(int(megabytes * MEGABYTE - memory(os.getpid(), 2)), 1)
+    limit = max(int(megabytes * MEGABYTE - resident(os.getpid(), shared=True)), 1)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
 
 

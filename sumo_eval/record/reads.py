@@ -33,7 +33,7 @@ ABSENT, WRITTEN, UNKNOWN = "-", "", "?"
 """In place of a hash: no such file, one that the ADS writes, one that may have been changed after
 it was loaded."""
 LOST = "a file that no process lived to tell"
-"""In place of a path, where all processes of an ADS were lost."""
+"""In place of a path, where all processes of an ADS were lost before they could report."""
 
 _PACKAGE = str(Path(__file__).parent.parent)
 _PYTHON = (".py", ".pyw", ".pyc")
@@ -51,6 +51,7 @@ FileOfAds = tuple[str, str, str]
 State = tuple[int, int, int, int] | None
 """Time of the last change, size, inode and mode."""
 NEVER: State = (-1, -1, -1, -1)
+"""Of a file that has not been looked at."""
 
 
 class _Watch:
@@ -71,9 +72,12 @@ class _Watch:
         self._known: set[File] = set()
         self._new: list[File] = []
         self._modules = 0
-        for place, was in before._known if before is not None else ():
+        if before is None:
+            return
+        for place, was in before._known:
             if was != WRITTEN:  # what was loaded then may still be in memory
-                self._note(place, was if content(place, _state(place)) == was else UNKNOWN)
+                same = content(place, _state(place)) == was
+                self._note(place, was if same else UNKNOWN)
 
     def opens(self, path: Any, flags: int) -> None:
         """Note a file that is opened now."""
@@ -149,9 +153,11 @@ class _Watch:
         """Beginnings of the paths of what is installed, of caches, and of this process's own
         temporary files.
         """
-        scratch = os.path.join(tempfile.tempdir or "", "")
-        own = f"{os.sep}{SCRATCH_PREFIX}" in scratch and not self.folder.startswith(scratch)
-        return (*_INSTALLED, scratch) if own else _INSTALLED
+        temporary = tempfile.tempdir
+        if temporary is None or f"{os.sep}{SCRATCH_PREFIX}" not in temporary:
+            return _INSTALLED
+        scratch = os.path.join(temporary, "")
+        return _INSTALLED if self.folder.startswith(scratch) else (*_INSTALLED, scratch)
 
     def _look_at_modules(self) -> None:
         """Note modules that were loaded before anything was watched, as those of a script that
@@ -192,8 +198,8 @@ def begin(folder: Path, files: Iterable[Path] = ()) -> None:
 
 
 def begin_run() -> None:
-    """Forget versions of files that an earlier run in this process read, and that are not there any
-    more.
+    """At the start of a run, in the owner, which may have driven in an earlier one: forget versions
+    of files that are not there any more, and watch again from the next `begin` on.
     """
     global _watch
     if _watch is not None:
@@ -311,6 +317,7 @@ class OneVersion:
         new = []
         for path, found in sorted(files, key=lambda file: file[1] != WRITTEN):
             before = self._files.get((locator, path))
+            # known, or less certain than what is known: WRITTEN wins over all, UNKNOWN over a hash
             if before in (found, WRITTEN) or (before == UNKNOWN and found != WRITTEN):
                 continue
             if before is not None and found not in (WRITTEN, UNKNOWN):

@@ -1,8 +1,8 @@
 """The rest of an `[[ads]]` entry: how often a controller is asked, and what its constructor is
 given.
 
-In one text with the locator: `my_ads.py:Planner?period=0.2&options.gain=2`. Loading that a class
-asks for once a process happens here too, and its time is counted apart from driving.
+In one text with the locator: `my_ads.py:Planner?period=0.2&options.gain=2`. A class may load what
+its objects share once a process; that happens here too, and its time is counted apart from driving.
 """
 
 from __future__ import annotations
@@ -22,19 +22,22 @@ from urllib.parse import unquote_plus
 from sumo_eval.errors import InputError, must_be, said, unknown
 
 _PERIOD, _BATCH, _OPTION = "period", "batch", "options."
-# a command or a value may hold others
+# a command, or a value, may hold a `?` of its own: only one before such a key begins the entry
 _ENTRY = re.compile(rf"\?(?=([^?]*&)?({_PERIOD}=|{_BATCH}=|{re.escape(_OPTION)}))")
 LOAD_ONCE = "load_once"
 """The name of a class method that loads what all objects of the class share."""
 
-_loaded: dict[type, tuple[Mapping[str, Any], float]] = {}
-"""Options and time, s, of the last `LOAD_ONCE` of a class in this process."""
-_unreported: list[type] = []
+_loaded_with: dict[type, Mapping[str, Any]] = {}
+"""Options of the last `LOAD_ONCE` of a class in this process."""
+_unreported: list[str] = []
+"""Sentences on what was loaded."""
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """period: s between two calls; 0: every step.
+    """The rest of an `[[ads]]` entry.
+
+    period: s between two calls; 0, the default that none can name: every step.
     options: keyword arguments of the constructor.
     batch: whether its cases may share a simulation.
     """
@@ -86,7 +89,8 @@ def made_absolute(locator: str, folder: Path) -> str:
     A program of `exec:` and `traci:` is run in `folder` by way of `env -C`.
     """
     bare = split_entry(locator)[0]
-    if bare != locator and not bare.partition(":")[2].count("?"):  # the entry goes with it as it is
+    has_query = "?" in bare.partition(":")[2]  # of `onnx:` or `sumo:`, with the entry's keys among
+    if bare != locator and not has_query:  # the entry stays as it is
         return made_absolute(bare, folder) + locator[len(bare) :]
     scheme, _, rest = locator.partition(":")
     if scheme in ("exec", "traci") and rest:
@@ -157,7 +161,7 @@ def made(kind: type, options: Mapping[str, Any], described: str) -> Any:
 
 def _load_once(kind: type, options: Mapping[str, Any], described: str) -> None:
     load = getattr(kind, LOAD_ONCE, None)
-    if not callable(load) or (kind in _loaded and _loaded[kind][0] == options):
+    if not callable(load) or _loaded_with.get(kind) == options:
         return
     began = clock.perf_counter()
     try:
@@ -166,17 +170,15 @@ def _load_once(kind: type, options: Mapping[str, Any], described: str) -> None:
         raise
     except BaseException as error:
         raise InputError(f"ADS `{described}`: `{LOAD_ONCE}` failed: {said(error)}.") from error
-    _loaded[kind] = options, clock.perf_counter() - began
-    _unreported.append(kind)
+    _loaded_with[kind] = options
+    took = clock.perf_counter() - began
+    _unreported.append(f"Loading {kind.__name__} took {took:.2f} s, once in this process.\n")
 
 
 def loading() -> str:
     """A sentence on what has been loaded in this process since this was asked last; "" where
     nothing was.
     """
-    new = list(dict.fromkeys(_unreported))
+    sentences = "".join(_unreported)
     _unreported.clear()
-    return "".join(
-        f"Loading {kind.__name__} took {_loaded[kind][1]:.2f} s, once in this process.\n"
-        for kind in new
-    )
+    return sentences

@@ -6,9 +6,9 @@ The table beside the model is `cosim.doors.features`'; a different one is named 
 extra `onnx`.
 
 A network's last bits may depend on how many rows it is given at once. So every model is given
-blocks of `BLOCK` rows, filled up with zeros, on one thread, and a case's answer does not depend on
-its company as far as the runtime treats the rows of a block alike; tests hold it for dense
-networks.
+blocks of `BLOCK` rows (or as many as it is made for), filled up with zeros, on one thread, and a
+case's answer does not depend on its company as far as the runtime treats the rows of a block alike;
+tests hold it for dense networks.
 """
 
 from __future__ import annotations
@@ -45,7 +45,10 @@ class OnnxPolicy:
         self._session = _session(model)
         self._input, self._dtype, self._rows = self._checked_input()
         self._output = self._checked_output(output)
-        self._every, self._held = 1, np.zeros((0, 2))
+        self._every, self._held = (
+            1,
+            np.zeros((0, 2)),
+        )  # steps that an answer holds; by case, answers
 
     def _checked_input(self) -> tuple[str, Any, int]:
         owner, given = f"model {self._name}", self._session.get_inputs()
@@ -73,7 +76,7 @@ class OnnxPolicy:
         return str(it.name)
 
     def reset(self, briefing: Briefing) -> None:
-        """How many steps an answer holds."""
+        """Begin a batch: for how many of its steps an answer holds."""
         period = self.interface.period
         self._every = 1 if period is None else round(period / briefing.step)
         if period is not None and (

@@ -20,9 +20,9 @@ from typing import Any, Literal, NoReturn
 
 from sumo_eval.cosim.doors.traci_numbers import (
     HANDS_OVER,
-    HEEDED_BY,
     IGNORED,
     MOTION,
+    WHY_IGNORED,
     breach,
     shown,
 )
@@ -102,7 +102,7 @@ class Guard:
 
         others: names of the other vehicles, which are their types'.
 
-        heeding: which of `HEEDED_BY` there is.
+        heeding: which of `WHY_IGNORED` there is.
         """
         self.others = frozenset(others)
         self.step = step
@@ -197,7 +197,7 @@ class Guard:
     def ignored(self) -> dict[str, str]:
         """Why SUMO ignored calls of this case, by call."""
         return {
-            call: HEEDED_BY[IGNORED[call]]
+            call: WHY_IGNORED[IGNORED[call]]
             for call in self.asked
             if IGNORED[call] not in self.heeding
         }
@@ -216,7 +216,7 @@ class Guard:
 
 
 def heeding(concrete: ConcreteScenario) -> set[str]:
-    """Which of `HEEDED_BY` a case has from its start."""
+    """Which of `WHY_IGNORED` a case has from its start."""
     drives = any(actor.model is not None for actor in concrete.actors)
     return {
         by

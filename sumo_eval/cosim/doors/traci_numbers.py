@@ -26,11 +26,10 @@ _NO_NUMBER = re.compile(r"[+-]?(nan(\(\w*\))?|inf(inity)?)", re.IGNORECASE)  # a
 _WORDS = re.compile(r"[\s,;]+")
 
 _SHARED = {
-    "setAccel": "accel", "setActionStepLength": "actionStepLength "
-                                                "resetActionOffset", "setApparentDecel": "decel",
-    "setBoardingDuration": "boardingDuration", "setColor": "color", "setDecel": "decel",
-    "setEmergencyDecel": "decel",
-    "setEmissionClass": "clazz", "setHeight": "height", "setImpatience": "impatience",
+    "setAccel": "accel", "setActionStepLength": "actionStepLength resetActionOffset",
+    "setApparentDecel": "decel", "setBoardingDuration": "boardingDuration", "setColor": "color",
+    "setDecel": "decel", "setEmergencyDecel": "decel", "setEmissionClass": "clazz",
+    "setHeight": "height", "setImpatience": "impatience",
     "setImperfection": "imperfection", "setLateralAlignment": "latAlignment", "setLength": "length",
     "setMass": "mass", "setMaxSpeed": "speed", "setMaxSpeedLat": "speed", "setMinGap": "minGap",
     "setMinGapLat": "minGapLat", "setParameter": "key value", "setShapeClass": "shapeClass",
@@ -38,8 +37,7 @@ _SHARED = {
 }  # fmt: skip
 _ADD = (
     "routeID typeID depart departLane departPos departSpeed arrivalLane arrivalPos arrivalSpeed "
-    "fromTaz toTaz line "
-    "personCapacity personNumber"
+    "fromTaz toTaz line personCapacity personNumber"
 )
 _STOP = "edgeID pos laneIndex duration flags startPos until"
 _STOP_AT = "stopID duration until flags"
@@ -50,20 +48,20 @@ _VEHICLE = _SHARED | {
     "changeTarget": "edgeID", "deactivateGapControl": "", "dispatchTaxi": "reservations",
     "insertStop": f"nextStopIndex {_STOP} teleport", "moveTo": "laneID pos reason",
     "moveToXY": "edgeID laneIndex x y angle keepRoute matchThreshold",
-    "openGap": "newTimeHeadway newSpaceHeadway duration changeRate maxDecel "
-               "referenceVehID", "remove": "reason",
+    "openGap": "newTimeHeadway newSpaceHeadway duration changeRate maxDecel referenceVehID",
+    "remove": "reason",
     "replaceStop": f"nextStopIndex {_STOP} teleport", "requestToC": "leadTime", "rerouteEffort": "",
     "rerouteParkingArea": "parkingAreaID", "rerouteTraveltime": "currentTravelTimes", "resume": "",
-    "setAcceleration": "acceleration duration", "setAdaptedTraveltime": "edgeID time begTime "
-                                                                        "endTime",
+    "setAcceleration": "acceleration duration",
+    "setAdaptedTraveltime": "edgeID time begTime endTime",
     "setBusStop": _STOP_AT, "setChargingStationStop": _STOP_AT, "setContainerStop": _STOP_AT,
     "setEffort": "edgeID effort begTime endTime", "setLaneChangeMode": "laneChangeMode",
     "setLateralLanePosition": "posLat", "setLine": "line", "setParkingAreaStop": _STOP_AT,
     "setPreviousSpeed": "speed acceleration", "setRoute": "edgeList", "setRouteID": "routeID",
     "setRoutingMode": "routingMode", "setSignals": "signals", "setSpeed": "speed",
     "setSpeedMode": "speedMode",
-    "setStop": _STOP, "setStopParameter": "nextStopIndex param value "
-                                          "customParam", "setType": "typeID",
+    "setStop": _STOP, "setStopParameter": "nextStopIndex param value customParam",
+    "setType": "typeID",
     "setVia": "edgeList", "slowDown": "speed duration",
 }  # fmt: skip
 _TYPE = _SHARED | {"copy": "newTypeID", "setScale": "value", "setSpeedDeviation": "deviation"}
@@ -81,16 +79,15 @@ MOTION = frozenset(
 )  # fmt: skip
 """Calls that move a vehicle: for an ego that has a `Command` for the same step they do nothing."""
 
-HEEDED_BY = {
+WHY_IGNORED = {
     "nothing": "no case has a lateral resolution, and none draws speeds again",
     "model": "only SUMO's own model heeds it, which never drove the ego: setSpeed(ego, -1) hands "
     "it over",
     "traffic": "only vehicles that SUMO drives heed it, and there are none",
     "network": "this road has one way, no junction and no limit that the ego could heed",
 }
-"""Why SUMO ignores a call, by what heeds it.
-
-network: a user's own, of which nothing is known here.
+"""Why SUMO ignores a call, by what would heed it. On a network of the user's own nothing is known
+of `network`.
 """
 IGNORED = {
     call: by
@@ -120,15 +117,13 @@ DURATIONS = frozenset(
         "endTime"}
 )  # fmt: skip
 """Names of arguments that are durations or times, s."""
+# calls that may leave their durations out
 _OPTIONAL = frozenset(
     {
-        "insertStop",
-        "replaceStop",
-        "setStop",
-        *(call for call, names in _VEHICLE.items() if names is _STOP_AT),
+        "insertStop", "replaceStop", "setStop", "setAdaptedTraveltime", "setEffort",
+        *(call for call, names in _VEHICLE.items() if names == _STOP_AT),
     }
-    | {"setAdaptedTraveltime", "setEffort"}
-)  # calls that may leave their durations out
+)  # fmt: skip
 _NUMBERS_IN_TEXT = frozenset(
     {"value", "depart", "departPos", "departSpeed", "arrivalPos", "arrivalSpeed"}
 )
@@ -164,13 +159,13 @@ def _is_finite(value: object, *, in_text: bool) -> bool:
     """Whether every number in a value is finite; what holds no number is."""
     if isinstance(value, str):
         return not in_text or not any(map(_reads_as_no_number, _WORDS.split(value)))
-    if isinstance(value, numbers.Real):
-        return finite_number(value, truth=True) is not None
     if hasattr(value, "tolist"):
         value = value.tolist()
+    if isinstance(value, numbers.Real):
+        return finite_number(value, truth=True) is not None
     if isinstance(value, list | tuple | set | frozenset):
         return all(_is_finite(each, in_text=in_text) for each in value)
-    return not isinstance(value, float) or math.isfinite(value)
+    return True
 
 
 def _reads_as_no_number(word: str) -> bool:
@@ -185,7 +180,7 @@ def _reads_as_no_number(word: str) -> bool:
 def _can_last(call: str, value: object) -> bool:
     seconds = finite_number(value, truth=True)
     if seconds is None:
-        return True  # no number, which libsumo says
+        return True  # not a number: libsumo refuses it itself
     return 0.0 <= seconds <= LONGEST or (call in _OPTIONAL and seconds == _UNSAID)
 
 
@@ -195,16 +190,12 @@ def _no_such_lane(call: str, name: str, given: Mapping[str, object]) -> Breach |
     """
     try:
         if call in ("changeLane", "moveToXY"):
-            return _no_such_index(
-                "laneIndex", given, -1 if call == "moveToXY" else 0, _lanes(name) - 1
-            )
+            least = -1 if call == "moveToXY" else 0
+            return _no_such_index("laneIndex", given, least, _lanes(name) - 1)
         if call == "changeLaneRelative":
             here = libsumo.vehicle.getLaneIndex(name)
-            return (
-                None
-                if here < 0
-                else _no_such_index("indexOffset", given, -here, _lanes(name) - 1 - here)
-            )
+            if here >= 0:
+                return _no_such_index("indexOffset", given, -here, _lanes(name) - 1 - here)
         if call == "moveTo" and isinstance(given.get("laneID"), str):
             lane, place = str(given["laneID"]), finite_number(given.get("pos"), truth=True)
             if lane not in libsumo.lane.getIDList():

@@ -7,7 +7,7 @@ needs them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -69,7 +69,7 @@ class RunExposure(NamedTuple):
     unsupported_share: of the possible space, outside the data's support; None without data.
     """
 
-    density: Any
+    density: Callable[[Values], FloatArray]
     about: str
     recorded: RecordedExposure | None = None
     unsupported_share: float | None = None
@@ -99,7 +99,10 @@ class RunExposure(NamedTuple):
 def exposure_of(
     logical: LogicalScenario, settings: ExposureSettings, drivers: DriverSettings, source: Path
 ) -> RunExposure:
-    """The exposure that the settings ask for. `source`: where relative paths start."""
+    """The exposure that the settings ask for.
+
+    source: folder where relative paths start.
+    """
     if settings.kind == "scenario":
         return RunExposure(logical.exposure, logical.exposure_about)
     if settings.kind == "uniform":

@@ -24,11 +24,17 @@ from sumo_eval.trajectory import Trajectory
 
 # in a folder of the user's own drives: which file was driven in which concrete scenario
 NAMED_CASES = "cases.csv"
+_LEAST_SPACING = 1.0  # m between the lanes 0 and 1; less is no lane
+_STANDS = 0.1  # m/s
 
 
 class People(NamedTuple):
     """Sources of a reference: recorded driving, its events, and drives that the user recorded in
     named cases.
+
+    tracks: by (recording, vehicle).
+    centres: y of a lane's middle, m, by (recording, lane).
+    named, folder: the user's table of cases, and where its files are.
     """
 
     recordings: Recordings | None = None
@@ -108,15 +114,17 @@ def reference(
     tolerance = {name: own.get(name, within) for name, within in match.tolerance.items()}
     names = list(tolerance)
     wanted = [concrete.values[name] for name in names]
-    off = ((events[names] - wanted).abs() / list(tolerance.values())).to_numpy()
-    near = np.flatnonzero(np.all(off <= 1.0, axis=1))
-    near = near[np.argsort(np.linalg.norm(off[near], axis=1), kind="stable")]
+    in_tolerances = ((events[names] - wanted).abs() / list(tolerance.values())).to_numpy()
+    near = np.flatnonzero(np.all(in_tolerances <= 1.0, axis=1))
+    near = near[np.argsort(np.linalg.norm(in_tolerances[near], axis=1), kind="stable")]
     drives: dict[str, Trajectory] = {}
     for event in events.iloc[near].itertuples():
         track = people.tracks[(str(event.recording), str(event.ego))]
-        name = str(track["driver"].iloc[0] or "") or f"{event.recording}/{event.ego}"
+        name = track["driver"].iloc[0] or f"{event.recording}/{event.ego}"
+        if name in drives:
+            continue
         drive = _aligned(track, float(event.start), concrete, people)  # type: ignore[arg-type]
-        if name not in drives and _covers(drive, concrete, settings.coverage):
+        if _covers(drive, concrete, settings.coverage):
             drives[name] = drive
     return Reference(tuple(drives.values()), tuple(drives))
 
@@ -132,16 +140,14 @@ def _aligned(
     last = np.flatnonzero(x >= concrete.road.length)
     recording, lane = str(rows["recording"].iloc[0]), int(rows["lane"].iloc[0])
     centre = people.centres.get((recording, lane), 0.0)
-    width = concrete.road.lane_width
     right, left = (people.centres.get((recording, number), np.nan) for number in (0, 1))
-    # lanes without a neighbour are as wide as the scenario's
-    stretch = width / (left - right) if left - right >= 1.0 else 1.0
+    spacing = left - right  # of all lanes: those of a road are alike
+    # lanes without a neighbour (nan) are as wide as the scenario's
+    stretch = concrete.road.lane_width / spacing if spacing >= _LEAST_SPACING else 1.0
     y = concrete.ego.y + stretch * (rows["y"] - centre)
     moved = rows.assign(t=rows["t"] - rows["t"].iloc[0], x=x, y=y)
-    length, width = (float(rows[name].iloc[0]) for name in ("length", "width"))
-    return _trajectory(
-        moved.iloc[: int(last[0]) + 1 if last.size else None], length=length, width=width
-    )
+    body = {name: float(rows[name].iloc[0]) for name in ("length", "width")}
+    return _trajectory(moved.iloc[: int(last[0]) + 1 if last.size else None], **body)
 
 
 def _trajectory(rows: pd.DataFrame, **body: float) -> Trajectory:
@@ -158,7 +164,7 @@ def _trajectory(rows: pd.DataFrame, **body: float) -> Trajectory:
 def _covers(drive: Trajectory, concrete: ConcreteScenario, coverage: float) -> bool:
     road = concrete.road.length - concrete.ego.x
     return len(drive) > 1 and bool(
-        drive.speed[-1] < 0.1 or drive.x.max() - concrete.ego.x >= coverage * road
+        drive.speed[-1] < _STANDS or drive.x.max() - concrete.ego.x >= coverage * road
     )
 
 

@@ -28,14 +28,12 @@ from sumo_eval.cli.sentences import say, tell
     help="With --out: a parameter of the point.",
 )
 @flag("--conformity", help="List what of OpenSCENARIO plays, is ignored and is refused.")
-@flag("--steps", hidden=True)  # removed: refused with what replaces it
 def import_(
     file: str | None,
     folder: str | None,
     out: Path | None,
     values: tuple[str, ...],
     conformity: bool,
-    steps: bool,
 ) -> None:
     """Say what is understood of FILE, and what does not play.
 
@@ -56,8 +54,6 @@ def import_(
 
     if conformity:
         click.echo(table())
-    if steps:
-        refuse_use_case("--steps")
     if file is None:
         if not conformity:
             raise click.UsageError("Missing argument 'FILE'.")

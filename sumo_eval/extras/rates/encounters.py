@@ -311,18 +311,19 @@ def fit_smooth_step(
     minimize: Any = optimize.minimize
     across = y - y.mean()
 
-    def fit(guess: FloatArray) -> tuple[float, float]:
-        """Sum of squares, and the offset that has the least."""
-        share = smooth_step((time - guess[0]) / max(abs(guess[1]), 0.1))
+    def fit(values: FloatArray) -> tuple[float, float]:
+        """Sum of squares of a begin and a duration, and the offset that has the least."""
+        share = smooth_step((time - values[0]) / max(abs(values[1]), INTERVAL))
         share = share - share.mean()
         spread = float((share**2).sum())
         offset = float((share * across).sum()) / spread if spread > 0.0 else 0.0
         rest = across - offset * share
         return float(rest @ rest), offset
 
-    begin = np.array([onset - 0.1 * duration, 1.2 * max(duration, 0.5)])
+    # begin and duration: a smooth step begins before its onset is seen, and ends later
+    guess = np.array([onset - 0.1 * duration, 1.2 * max(duration, 0.5)])
     options = {"xatol": 1e-3, "fatol": 1e-9}
-    best = minimize(lambda guess: fit(guess)[0], begin, method="Nelder-Mead", options=options).x
+    best = minimize(lambda values: fit(values)[0], guess, method="Nelder-Mead", options=options).x
     return float(best[0]), float(abs(best[1])), fit(best)[1]
 
 

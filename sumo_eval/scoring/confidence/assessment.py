@@ -134,6 +134,7 @@ def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
     """
     moved, whole = np.zeros(len(terms.exposure)), worth(method.score)
     hit = np.isfinite(terms.ratio) & np.isfinite(terms.weight)
+    # a void case leaves no D, which then no case moves
     counted = np.isfinite(terms.index) & ~terms.voids.any()
     for part, points, weights, values in (
         (hit, whole.c, terms.weight, terms.ratio),
@@ -152,13 +153,13 @@ def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] 
     loss: L (n,), 0 without a collision.
     name: of the random stream.
 
-    Where no case with exposure, or every one, collided, all replicates are alike. There the limit
-    is the exact binomial one for the effective number of cases n: ((1 - level) / 2)^(1 / n) below
-    the other end.
+    Where no case with exposure, or every one, collided, all replicates are alike. Then the other
+    end is the exact binomial limit for n effective cases: 1 - ((1 - level) / 2)^(1 / n) away.
     """
     n = len(exposure)
     if n < 2 or not exposure.sum() > 0.0:
-        raise must_be("The cases", "a risk", "at least 2, with exposure above 0", n)
+        got = f"{n} with exposure {exposure.sum():g}"
+        raise must_be("The cases", "a risk", "at least 2, with exposure above 0", got)
     hit = (loss > 0.0).astype(np.float64)
     terms = np.column_stack([exposure, exposure * hit, exposure * loss])
     sums = np.zeros((REPLICATES, 3))

@@ -36,8 +36,8 @@ def rank(
 ) -> Ranking:
     """The ranking of an evaluation's ADSs. Scenarios without any S+ are left out.
 
-    An ADS shares the place of the one above it unless they are told apart, so the first and the
-    last ADS of one place may differ.
+    An ADS shares the place of the one above it unless their difference is above 0, so the first and
+    the last ADS of one place may differ.
     """
     weights = scenario_weights(list(dict.fromkeys(score.scenario for score in scores)), settings)
     weighted = [name for name, weight in weights.items() if weight > 0.0]
