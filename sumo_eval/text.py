@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
@@ -97,6 +97,11 @@ def words_of(value: object, most: int = WORDS) -> str:
     # `__str__` is the user's code
     except BaseException as error:  # noqa: BLE001
         return f"(its text is not available: __str__ raised {kind_of(error)})"
+
+
+def point_words(values: Mapping[str, float]) -> str:
+    """`ego_speed=30, gap=40`: a point."""
+    return ", ".join(f"{name}={value:g}" for name, value in values.items())
 
 
 def capitalised(text: str) -> str:

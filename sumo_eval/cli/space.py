@@ -11,6 +11,7 @@ import click
 from sumo_eval.cli import out_folder
 from sumo_eval.cli.options import SEED, count_option, path_option
 from sumo_eval.cli.sentences import tell
+from sumo_eval.text import point_words
 
 
 @click.command(epilog="Example: sumo-eval scenarios")
@@ -49,10 +50,7 @@ def partition(scenario: str) -> None:
     share = f"{result.hazardous_share:z.1%} of {result.sampled} grid points"
     tell(f"{logical.name}: {result.zones} hazardous zone(s), {share}")
     for point in result.most_dangerous:
-        tell(
-            "  most dangerous point: "
-            + ", ".join(f"{name}={value:g}" for name, value in point.items())
-        )
+        tell(f"  most dangerous point: {point_words(point)}")
     tell(
         f"  on the wrong side of the exact boundary: {result.boundary_error:z.2%} of the possible "
         "points"

@@ -26,6 +26,7 @@ from sumo_eval.scenario import LogicalScenario, Parameter
 from sumo_eval.scenario.sampling.drawn_points import steadily
 from sumo_eval.scenario.sampling.grid import decimal, evenly, mesh
 from sumo_eval.settings import ZoneSettings
+from sumo_eval.text import point_words
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 IntArray = NDArray[np.intp]
@@ -242,18 +243,13 @@ def partition(
         zones = replace(zones, most_dangerous=worst, boundary=crossings)
         deepest = surface.value(logical.to_unit([logical.row(point) for point in worst]))
         notes += [
-            f"The GP has the most dangerous point {_words(worst[number])} near its zone's edge: "
+            f"The GP has the most dangerous point {point_words(worst[number])} near its zone's edge: "
             "the weights r near that zone are uncertain."
             for number in np.flatnonzero(deepest > -SHALLOW)
         ]
     # a scenario without a criterion says itself that it has no zones
     judged = logical.approach or logical.search or logical.margin
     return replace(zones, notes=tuple(notes) if judged else ())
-
-
-def _words(point: dict[str, float]) -> str:
-    """A point as `gap=3, speed=20`."""
-    return ", ".join(f"{name}={value:g}" for name, value in point.items())
 
 
 def refuse_impossible_zones(

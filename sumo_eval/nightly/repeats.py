@@ -20,7 +20,6 @@ from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.record.recording import Planner, planner
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
-from sumo_eval.report.words import point
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import Comparison
 from sumo_eval.scoring.gate_settings import GateSettings
@@ -35,6 +34,7 @@ from sumo_eval.scoring.rule import (
     worse_ends,
 )
 from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.text import point_words
 
 AGAIN = "again"  # folder beside the nights in which cases are driven once more; gone afterwards
 
@@ -153,7 +153,7 @@ def shaky_cases(done: Evaluation, bad: Mapping[str, int], settings: GateSettings
     """Those of the rerun cases that were not bad in all of their drives."""
     some = {case for case, drives in bad.items() if drives <= settings.outcome.repeats}
     rows = (row for row in done.cases if row.case in some) if some else ()
-    return {ShakyCase(row.ads, row.scenario, point(row.values)) for row in rows}
+    return {ShakyCase(row.ads, row.scenario, point_words(row.values)) for row in rows}
 
 
 def keys_of(done: Evaluation, shaky: Collection[ShakyCase]) -> frozenset[str]:
@@ -163,5 +163,5 @@ def keys_of(done: Evaluation, shaky: Collection[ShakyCase]) -> frozenset[str]:
     return frozenset(
         row.case
         for row in done.cases
-        if ShakyCase(row.ads, row.scenario, point(row.values)) in shaky
+        if ShakyCase(row.ads, row.scenario, point_words(row.values)) in shaky
     )

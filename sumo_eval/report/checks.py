@@ -9,8 +9,9 @@ from heapq import nsmallest
 from typing import Any
 
 from sumo_eval.report.verdict import Beside
-from sumo_eval.report.words import count, point
+from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.text import point_words
 
 PASSED, FAILED, NOT_EVALUATED = "passed", "failed", "not evaluated"
 MOST_LINES = 40  # of a terminal; checks.csv has all
@@ -56,7 +57,7 @@ def checked_cases(
                 if case.requirements_missed is None
                 else tuple(filter(None, case.requirements_missed.split("; ")))
             )
-            yield CheckedCase(case.case, case.scenario, case.ads, point(case.values), missed)
+            yield CheckedCase(case.case, case.scenario, case.ads, point_words(case.values), missed)
 
 
 def check_lines(evaluation: Evaluation) -> Iterator[str]:

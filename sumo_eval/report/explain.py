@@ -32,7 +32,6 @@ from sumo_eval.report.words import (
     notes_sentence,
     number,
     placed,
-    point,
     ratio_of,
     reason_without,
     severity_unit,
@@ -40,6 +39,7 @@ from sumo_eval.report.words import (
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, Findings
+from sumo_eval.text import point_words
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 ROUNDING = 1e-9
@@ -79,7 +79,7 @@ def explain_case(
         fact = store.fact(key)
         assert fact is not None, "every case is of a recorded drive"
         return [
-            f"{case.case}: {case.ads} in {case.scenario} at {point(case.values)}",
+            f"{case.case}: {case.ads} in {case.scenario} at {point_words(case.values)}",
             f"  {case.outcome}; {end_reason(case)}"
             + (f" after {case.simulated_time:z.2f} s" if case.simulated_time is not None else "")
             + (f"; {placed(case.error, case)}" if case.error else ""),
@@ -168,7 +168,7 @@ def _weight(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
     exit_at = f", zone's boundary at {away / weight:z.4f}" if weight > 0.0 else ""
     yield (
         f"Eq. 16: r = |x - x*| / |b - x*| = {weight:z.4f}: {away:z.4f} unit-box lengths from x* "
-        f"({point(star)}){exit_at}"
+        f"({point_words(star)}){exit_at}"
     )
 
 

@@ -7,8 +7,9 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.report.words import count, one_line, point
+from sumo_eval.report.words import count, one_line
 from sumo_eval.results import Evaluation
+from sumo_eval.text import point_words
 
 
 def nearest_cases(
@@ -51,4 +52,4 @@ def nearest_cases(
         yield f"{one_line(one)} in {name}, {count(len(cases), 'case')}:"
         for place in order:
             case = cases[place]
-            yield f"  {one_line(case.case)}: {point(case.values)}; {case.outcome}, {case.zone} zone"
+            yield f"  {one_line(case.case)}: {point_words(case.values)}; {case.outcome}, {case.zone} zone"

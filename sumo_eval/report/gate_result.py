@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sumo_eval.cases import CaseResult
-from sumo_eval.report.words import point
+from sumo_eval.text import point_words
 
 MOST_NAMED = 5  # cases of a failed limit that are shown with their values
 CANNOT_SEE = "cannot see a change"
@@ -29,7 +29,7 @@ class CaseChange:
     @classmethod
     def of(cls, case: CaseResult, before: float | str | None, after: float | str) -> CaseChange:
         """That of a row of the new run."""
-        return cls(case.case, point(case.values), before, after)
+        return cls(case.case, point_words(case.values), before, after)
 
     @property
     def words(self) -> str:

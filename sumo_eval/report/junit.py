@@ -33,7 +33,6 @@ from sumo_eval.report.words import (
     explain_s_plus,
     number,
     placed,
-    point,
     why_missing,
 )
 from sumo_eval.results import Evaluation, ScenarioResult
@@ -41,6 +40,7 @@ from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.comparison import AdsComparison, ChangedCase, Comparison
 from sumo_eval.scoring.findings import findings
 from sumo_eval.settings import ReportSettings
+from sumo_eval.text import point_words
 
 JUNIT = "junit.xml"
 TestVerdict = Literal["passed", "failure", "error", "skipped"]
@@ -216,7 +216,7 @@ def _element(test: Test, classname: str) -> etree._Element:
 
 def _case_test(case: CaseResult, missing: bool, report: ReportSettings) -> Test:
     reason = placed(why_missing(case), case) if missing else ""
-    result = partial(Test, point(case.values), seconds=case.wall_time or 0.0)
+    result = partial(Test, point_words(case.values), seconds=case.wall_time or 0.0)
     if not case.evaluated:
         text = "\n".join(filter(None, (reason, *_task_and_harm(case))))
         return result("error", case.status, _first_line(reason or case.status), text)
@@ -266,7 +266,7 @@ def _task_and_harm(case: CaseResult) -> Iterator[str]:
 
 
 def _change_test(case: CaseResult, change: ChangedCase | None) -> Test:
-    result = partial(Test, point(case.values))
+    result = partial(Test, point_words(case.values))
     if change is None or not change.worse:
         return result("passed")
     name = change.change

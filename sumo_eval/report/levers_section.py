@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from sumo_eval.report.page import case_key
 from sumo_eval.report.verdict import Beside
-from sumo_eval.report.words import cause_words, point
+from sumo_eval.report.words import cause_words
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.contact_cause import cause_of_contact
+from sumo_eval.text import point_words
 from sumo_eval.trajectory import Collision
 
 if TYPE_CHECKING:  # they load the simulator, which a look at a report does not need
@@ -29,7 +30,7 @@ def levers_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
     fact = found.fact
     return {
         "found": found,
-        "title": f"{fact.driver} in {fact.scenario} at {point(fact.values)}",
+        "title": f"{fact.driver} in {fact.scenario} at {point_words(fact.values)}",
         "address": f"#case:{case_key(fact.case)}",
         "ends": ends_words(fact.collision),
         "cause": cause_words(cause_of_contact(fact)) if fact.collision else "",

@@ -12,8 +12,9 @@ from sumo_eval.report.citation import citation
 from sumo_eval.report.headline import headline
 from sumo_eval.report.score_table import FIRST, MORE, WORDS, cells_of
 from sumo_eval.report.terminal import closing_lines
-from sumo_eval.report.words import number, point
+from sumo_eval.report.words import number
 from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.text import point_words
 
 
 def html_table(evaluation: Evaluation) -> str:
@@ -59,7 +60,7 @@ def score_html(score: ScenarioResult) -> str:
 def case_html(case: CaseResult) -> str:
     """One case: where it lies, how it ended, what it was worth."""
     return _column({
-        "case": case.case, "ADS": case.ads, "scenario": case.scenario, "at": point(case.values),
+        "case": case.case, "ADS": case.ads, "scenario": case.scenario, "at": point_words(case.values),
         "zone": case.zone, "outcome": case.outcome, "U": number(case.severity, 2),
         "Ug": number(case.ideal_severity, 2), "D_i": number(case.index, 3),
         "in H": number(case.human_likeness, 3),

@@ -14,7 +14,8 @@ from markupsafe import Markup
 
 from sumo_eval.errors import InputError, said
 from sumo_eval.report.packing import plotly
-from sumo_eval.report.words import interval_words, number, percent, point, span
+from sumo_eval.report.words import interval_words, number, percent, span
+from sumo_eval.text import point_words
 
 if TYPE_CHECKING:
     import jinja2
@@ -57,7 +58,7 @@ def _environment() -> jinja2.Environment:
         "ends": interval_words,
         "span": span,
         "percent": percent,
-        "point": point,
+        "point": point_words,
         "key": case_key,
     }
     made.globals |= {"asset": asset, "plotly": plotly}

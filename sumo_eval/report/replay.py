@@ -19,10 +19,11 @@ from sumo_eval.report.packing import packed_json
 from sumo_eval.report.page import template, write_page
 from sumo_eval.report.page_data import drawn_bodies, drawn_road
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact_of, encode_trajectories
-from sumo_eval.report.words import cause_words, point
+from sumo_eval.report.words import cause_words
 from sumo_eval.scenario.concrete import RECORDED_EVERY
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.contact_cause import cause_of_contact
+from sumo_eval.text import point_words
 from sumo_eval.trajectory import Trajectory
 
 ROLES_BESIDE: Final[tuple[Role, ...]] = ("ads", "human", "ideal")
@@ -60,7 +61,7 @@ def write_replay(
         "trajectories": encode_trajectories(trajectories),
     }  # fmt: skip
     page = template("replay.html.j2").render(
-        title=f"{fact.driver} in {fact.scenario}", point=point(fact.values), case=fact.case,
+        title=f"{fact.driver} in {fact.scenario}", point=point_words(fact.values), case=fact.case,
               end=fact.end_reason or "",
         status=fact.status, drivers=len(ghosts), data=packed_json(data),
         cause=cause_words(cause_of_contact(fact)) if fact.collision else "",

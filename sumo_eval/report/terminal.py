@@ -24,7 +24,6 @@ from sumo_eval.report.words import (
     one_line,
     parts_of_total,
     people_sentence,
-    point,
     reason_without,
     score_note,
     why_missing,
@@ -40,7 +39,7 @@ from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
 from sumo_eval.scoring.findings import findings, unevaluated
 from sumo_eval.scoring.ledger import FULL, NOT_COMPUTED, Ledger, LedgerLine, ledger, ledger_plus
-from sumo_eval.text import without_numbers
+from sumo_eval.text import point_words, without_numbers
 
 LONGEST_SENTENCE = 200  # characters of an error on a terminal; the report has all of it
 MOST_LISTED = 5  # kinds of cases that could not be evaluated; the report lists the cases
@@ -208,7 +207,7 @@ def comparison_lines(
             for item in islice(found, MOST_CHANGES):
                 by = "".join(f", {words}" for words in moved_words(item))
                 lines.append(
-                    f"    {one_line(item.new.case)}: {one_line(point(item.new.values))}{by}"
+                    f"    {one_line(item.new.case)}: {one_line(point_words(item.new.values))}{by}"
                 )
             if len(found) > MOST_CHANGES:
                 lines.append(f"    and {len(found) - MOST_CHANGES} more, all in the report.")
@@ -386,7 +385,7 @@ def _ledger_lines(found: Ledger) -> list[str]:
             f"{cause_of(line, found.score)}{cases}"
         )
         lines += [
-            f"            {points:+z8.2f}  {one_line(case.case)}: {one_line(point(case.values))}"
+            f"            {points:+z8.2f}  {one_line(case.case)}: {one_line(point_words(case.values))}"
             for case, points in line.worst(MOST_ENTRIES)
         ]
     return [*lines, f"  {total:>8}  {found.name}, the sum"]

@@ -41,6 +41,7 @@ from sumo_eval.scoring.contact_cause import ContactCause
 from sumo_eval.scoring.findings import Findings, findings, people_behind
 from sumo_eval.scoring.preventability import Verdict, reference_ads
 from sumo_eval.settings import EvaluationSettings
+from sumo_eval.text import point_words
 
 REASON_WITHOUT_C = "no case that tells how collisions are avoided could be evaluated"
 REASON_WITHOUT_T = "no safe case could be compared with a reference"
@@ -244,11 +245,6 @@ def count(n: int, noun: str, nouns: str | None = None) -> str:
     return f"{n} {noun if n == 1 else nouns or noun + 's'}"
 
 
-def point(values: Mapping[str, float]) -> str:
-    """`ego_speed=30, gap=40`: a point in words."""
-    return ", ".join(f"{name}={value:g}" for name, value in values.items())
-
-
 def collision_words(known: bool) -> str:
     """Name of the collision probability.
 
@@ -404,7 +400,7 @@ def _most_from(name: str, case: CaseResult, lost: float, of: float) -> str:
     """Which case took most from a score, if it is worth naming."""
     if not (lost and lost >= SHARE_WORTH_NAMING * of):
         return ""
-    return f" {point(case.values)} took the most from {name}: {lost:z.3f} of {of:z.3f}."
+    return f" {point_words(case.values)} took the most from {name}: {lost:z.3f} of {of:z.3f}."
 
 
 def explain_h(found: Findings) -> str:

@@ -23,6 +23,7 @@ from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.road.lanes import EVERYWHERE, Crossing, LaneSpan, missing_at
 from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.settings import SimulationSettings, VehicleSettings
+from sumo_eval.text import point_words
 from sumo_eval.trajectory import FloatArray
 
 
@@ -481,7 +482,7 @@ class ConcreteScenario:
     @property
     def label(self) -> str:
         """`ego_speed=30, gap=40`: the point in words."""
-        return ", ".join(f"{name}={value:g}" for name, value in self.values.items())
+        return point_words(self.values)
 
     def ego_vehicle(self, vehicle: VehicleSettings) -> VehicleSettings:
         """The ego of these settings, with the body that the scenario prescribes."""

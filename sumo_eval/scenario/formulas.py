@@ -21,6 +21,7 @@ from sumo_eval.scenario.joint import Joint, of_values
 from sumo_eval.scenario.logical import Parameter, Values
 from sumo_eval.scenario.units import refuse_unit
 from sumo_eval.settings.checked import hints_of
+from sumo_eval.text import point_words
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 Formula = str | float
@@ -147,10 +148,8 @@ class LimitedFormula:
         wanted = "a number" if endless else "finite"
         wanted += f" and at least {least:g}" if least > -math.inf else ""
         wanted += f" and above {above:g}" if above > -math.inf else ""
-        at = ", ".join(f"{name}={value:g}" for name, value in known.items())
-        raise must_be(
-            f"{self.what} = `{self.expression.text}`", self.owner, wanted, f"{found:g} at {at}"
-        )
+        what, got = f"{self.what} = `{self.expression.text}`", f"{found:g} at {point_words(known)}"
+        raise must_be(what, self.owner, wanted, got)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from sumo_eval.scenario.concrete import CHANGES, Actor, ConcreteScenario, EgoBod
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.requirement import Requirements
 from sumo_eval.settings import About, Checked, Positive
+from sumo_eval.text import point_words
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 Values = Mapping[str, FloatArray]
@@ -379,8 +380,7 @@ class LogicalScenario:
         arrays = {name: np.float64(value) for name, value in point.items()}
         for constraint in self.constraints:
             if not np.asarray(constraint.holds(arrays)).all():  # type: ignore[arg-type]
-                at = ", ".join(f"{name}={value:g}" for name, value in point.items())
-                raise must_be("The point", owner, constraint.about, at)
+                raise must_be("The point", owner, constraint.about, point_words(point))
         exposure = float(np.asarray(self.exposure(arrays)))  # type: ignore[arg-type]
         return replace(self.placed(point), exposure=exposure)
 

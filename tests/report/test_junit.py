@@ -12,12 +12,13 @@ from report_cases import hit, pick, with_case
 
 from sumo_eval.nightly.gates import judge
 from sumo_eval.report.junit import comparison_suites, run_suites, score_parts, write_junit
-from sumo_eval.report.words import number, point
+from sumo_eval.report.words import number
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import compare
 from sumo_eval.scoring.findings import unevaluated
 from sumo_eval.scoring.gate_settings import GateSettings, LimitSettings
 from sumo_eval.settings import ReportSettings
+from sumo_eval.text import point_words
 
 
 def read(path: Path) -> dict[str, dict[str, str]]:
@@ -61,7 +62,7 @@ def test_every_case_is_a_test_with_the_verdict_of_the_table(
                 if case.case in missing
                 else "passed"
             )
-            assert tests[point(case.values)] == expected, case.case
+            assert tests[point_words(case.values)] == expected, case.case
 
 
 def test_a_suite_names_s_plus_and_its_parts(evaluation: Evaluation, tmp_path: Path) -> None:
@@ -87,7 +88,7 @@ def test_a_suite_names_s_plus_and_its_parts(evaluation: Evaluation, tmp_path: Pa
         assert said["S+ of its parts"].startswith("S+ ")
     left, gave_up = (
         next(case.result[0] for suite in xml for case in suite
-             if suite.name == f"{one.ads} in {one.scenario}" and case.name == point(one.values))
+             if suite.name == f"{one.ads} in {one.scenario}" and case.name == point_words(one.values))
         for one in (safe, other)
     )  # fmt: skip
     assert isinstance(left, junitparser.Failure)
@@ -123,14 +124,16 @@ def test_an_unavoidable_collision_passes_unless_the_setting_says_any(
     assert softened
     for case in softened:
         suite = f"{case.ads} in {case.scenario}"
-        assert (strict[suite][point(case.values)], mild[suite][point(case.values)]) == (
+        assert (strict[suite][point_words(case.values)], mild[suite][point_words(case.values)]) == (
             "failure",
             "passed",
         )
     avoidable = next(
         case for case in evaluation.cases if case.collided and case.ideal_severity == 0.0
     )
-    assert mild[f"{avoidable.ads} in {avoidable.scenario}"][point(avoidable.values)] == "failure"
+    assert (
+        mild[f"{avoidable.ads} in {avoidable.scenario}"][point_words(avoidable.values)] == "failure"
+    )
 
 
 def test_a_failure_says_whether_the_collision_was_avoidable_or_caused(
@@ -154,7 +157,7 @@ def test_a_failure_says_whether_the_collision_was_avoidable_or_caused(
         if case.avoidable:
             kind = "caused" if case.caused else "avoidable"
             kinds.add(kind)
-            message = said[f"{case.ads} in {case.scenario}", point(case.values)]
+            message = said[f"{case.ads} in {case.scenario}", point_words(case.values)]
             assert message.startswith(f"{kind} collision of {case.ads} in the {case.zone} zone")
     assert kinds == {"caused", "avoidable"}
 
@@ -189,7 +192,7 @@ def test_a_comparison_has_a_suite_of_gates_and_one_test_a_case(
     assert found["gates"][f"collided of {case.ads} in {case.scenario}"] == "failure"
     beside = found[f"{case.ads} in {case.scenario} beside the base"]
     assert [name for name, verdict in beside.items() if verdict == "failure"] == [
-        point(case.values)
+        point_words(case.values)
     ]
     skipped = read(
         write_junit(comparison_suites(None, judge(other, None, limited)), tmp_path / "junit.xml")
@@ -204,4 +207,4 @@ def test_whatever_a_controller_says_the_file_stays_xml(
     broken = next(case for case in evaluation.cases if case.status == "crashed")
     other = with_case(evaluation, broken.case, lambda case: replace(case, error=text))
     found = read(write_junit(run_suites(other), tmp_path / "junit.xml"))
-    assert found[f"{broken.ads} in {broken.scenario}"][point(broken.values)] == "error"
+    assert found[f"{broken.ads} in {broken.scenario}"][point_words(broken.values)] == "error"

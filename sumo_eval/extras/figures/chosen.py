@@ -11,9 +11,9 @@ from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
-from sumo_eval.report.words import point as point_words
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scenario.road.reference_line import Piece
+from sumo_eval.text import point_words
 from sumo_eval.trajectory import Trajectory
 
 

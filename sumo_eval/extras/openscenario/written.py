@@ -19,6 +19,7 @@ from sumo_eval.scenario.logical import ONLY
 from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.scenario.road.table import bend_name
 from sumo_eval.scenario.trigger import OF_ONE, OF_TWO
+from sumo_eval.text import point_words
 
 _OF_ONE = {op: name for name, op in OF_ONE.items()}
 _OF_TWO = {op: name for name, op in OF_TWO.items()}
@@ -43,7 +44,7 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
             'the OpenSCENARIO file itself: `use = "FILE.xosc"`.'
         )
     there = concrete(read, point)
-    label = ", ".join(f"{name}={value:g}" for name, value in point.items())
+    label = point_words(point)
     names = _names(there.actors)
     return {
         "name": re.sub(r"\W", "_", read.logical.name),

@@ -13,8 +13,8 @@ from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.record.run_folder import FACTS, resolved_run
 from sumo_eval.record.store import EGO, open_store
 from sumo_eval.report.study_page import write_study
-from sumo_eval.report.words import point
 from sumo_eval.scenario.concrete import departures
+from sumo_eval.text import point_words
 from sumo_eval.trajectory import FloatArray
 
 PAGE = "departure.html"
@@ -78,7 +78,7 @@ def departures_in(run: Path) -> list[SceneDrive]:
             apart = departures(places, drive.time, drive.x, drive.y)
             drives.append(
                 SceneDrive(
-                    fact.driver, fact.scenario, point(fact.values), drive.time, apart,
+                    fact.driver, fact.scenario, point_words(fact.values), drive.time, apart,
                     over[0] if over else None, fact.end_reason or fact.status,
                 )
             )  # fmt: skip
