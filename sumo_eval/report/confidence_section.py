@@ -9,6 +9,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sumo_eval.report.page import CONFIDENCE, write_page
 from sumo_eval.report.verdict import Beside
 from sumo_eval.results import Evaluation
@@ -96,20 +98,17 @@ def _picture(pair: PairCoverage) -> dict[str, Any]:
     rows, columns = pair.counts.shape
     most = max(float(pair.counts.max()), 1.0)
     cells = []
-    for row in range(rows):
-        for column in range(columns):
-            count = int(pair.counts[row, column])
-            shade = 0.0 if count <= 0 else 0.25 + 0.75 * count / most
-            cells.append(
-                {
-                    "x": CELL * column,
-                    "y": CELL * (rows - 1 - row),
-                    "opacity": f"{shade:z.2f}",
-                    "kind": "impossible" if count < 0 else "empty" if count == 0 else "hit",
-                    "words": "no possible point" if count < 0 else f"{count} points",
-                    "row": (column + 1, row + 1, None if count < 0 else count),
-                }
-            )
+    for (row, column), number in np.ndenumerate(pair.counts):
+        count = int(number)
+        shade = 0.0 if count <= 0 else 0.25 + 0.75 * count / most
+        cells.append({
+            "x": CELL * column,
+            "y": CELL * (rows - 1 - row),
+            "opacity": f"{shade:z.2f}",
+            "kind": "impossible" if count < 0 else "empty" if count == 0 else "hit",
+            "words": "no possible point" if count < 0 else f"{count} points",
+            "row": (column + 1, row + 1, None if count < 0 else count),
+        })  # fmt: skip
     return {
         "x": pair.x,
         "y": pair.y,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import closing
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,6 @@ from sumo_eval.report.words import (
     severity_unit,
 )
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, Findings
 from sumo_eval.text import point_words
 from sumo_eval.trajectory import BoolArray, FloatArray
@@ -85,15 +85,19 @@ def explain_case(
             + (f"; {placed(case.error, case)}" if case.error else ""),
             *(f"  {line}" for line in driving_words(evaluation, case, fact, zones.logical, store)),
             "",
-            *(f"  {line}" for line in _zone(case, zones)),
-            *(f"  {line}" for line in _collision(case, fact, found, zones)),
-            *(f"  {line}" for line in _likeness(case, fact, found, evaluation, zones, store)),
-            *(f"  {line}" for line in _task(case, found)),
-            *(f"  {line}" for line in _avoided(case, found)),
-            *(f"  {line}" for line in _human(case, found)),
-            *(f"  {line}" for line in _measures(case)),
-            f"  {explain_s_plus(found)}",
-            f"  Eq. 18: {explain_s(found)}",
+            *(
+                f"  {line}"
+                for line in chain(
+                    _zone(case, zones),
+                    _collision(case, fact, found, zones),
+                    _likeness(case, fact, found, evaluation, zones, store),
+                    _task(case, found),
+                    _avoided(case, found),
+                    _human(case, found),
+                    _measures(case),
+                    (explain_s_plus(found), f"Eq. 18: {explain_s(found)}"),
+                )
+            ),
         ]
 
 
@@ -263,7 +267,7 @@ def _avoided(case: CaseResult, found: Findings) -> Iterator[str]:
             "evaluated"
         )
         return
-    unit, terms = severity_unit(found.settings), case_terms(found.cases, found.settings.method)
+    unit, terms = severity_unit(found.settings), found.terms
     row = int(np.flatnonzero(found.cases.case == case.case)[0])
     u, ideal, nothing = (
         float(part[row]) for part in (terms.severity, terms.ideal, terms.unreacting)

@@ -11,9 +11,10 @@ from pathlib import Path
 from sumo_eval.cosim.doors.entry import made_absolute
 from sumo_eval.cosim.openscenario import opendrive_xml, openscenario_xml
 from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError
 from sumo_eval.record import run_folder
 from sumo_eval.record.store import Fact, open_store
+from sumo_eval.report.explain import known_case
 from sumo_eval.scenario.catalogue import is_file
 from sumo_eval.settings import (
     EvaluationSettings,
@@ -23,7 +24,6 @@ from sumo_eval.settings import (
 )
 from sumo_eval.settings.config import to_toml
 from sumo_eval.text import cell
-from sumo_eval.trajectory import Trajectory
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,10 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
     """
     resolved = run_folder.resolved_run(run)
     settings, source = resolved.settings, resolved.source
-    fact, driven = _fact(run, case)
+    fact = known_case(run, case)
+    with open_store(run / run_folder.FACTS) as store:  # no trajectories of one that did not start
+        started = fact.simulated_time is not None and not store.is_discarded(case)
+        driven = dict(store.trajectories(case)) if started else None
     entry, logical = next(named for named in resolved.entries if named[1].name == fact.scenario)
     concrete = replace(logical.concrete(**fact.values), exposure=fact.exposure)
     simulation = concrete.simulation(settings.simulation)
@@ -85,18 +88,6 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
     except OSError as error:
         raise InputError(f"The case cannot be written into {out}: {error}.") from error
     return Exported(tuple(out / name for name in (*texts, f"{stem}.csv")), line)
-
-
-def _fact(run: Path, case: str) -> tuple[Fact, dict[str, Trajectory] | None]:
-    """The record of a case, and its trajectories; None for a case that did not start or whose
-    trajectories are discarded.
-    """
-    with open_store(run / run_folder.FACTS) as store:
-        fact = store.fact(case)
-        if fact is None or fact.role != "ads":
-            raise unknown(f"case of run {run}", case, [known for known, _, _ in store.names("ads")])
-        driven = fact.simulated_time is not None and not store.is_discarded(case)
-        return fact, dict(store.trajectories(case)) if driven else None
 
 
 def _evaluation(

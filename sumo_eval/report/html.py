@@ -17,6 +17,7 @@ from sumo_eval.cases import OUTCOMES, CaseTable
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.citation import citation
+from sumo_eval.report.gate_result import failed
 from sumo_eval.report.packing import packed_json
 from sumo_eval.report.page import REPORT, template, write_page
 from sumo_eval.report.page_data import View, choose_view, page_data, told_cases
@@ -113,7 +114,7 @@ def _shared(
     missing = unevaluated(evaluation)
     number_missing = sum(map(len, missing))
     avoidable = sum(score.avoidable_collisions for score in evaluation.scores)
-    failed = sum(gate.passed is False for gate in beside.gates)
+    bad = len(failed(beside.gates))
     return {
         "case_page": "",
         "name": evaluation.name,
@@ -148,7 +149,7 @@ def _shared(
         "badges": {
             "missing": count(number_missing, "case") if number_missing else "",
             "collisions": f"{avoidable} avoidable" if avoidable else "",
-            "change": f"{count(failed, 'gate')} failed" if failed else "",
+            "change": f"{count(bad, 'gate')} failed" if bad else "",
         },
         "citation": citation(evaluation),
     }

@@ -112,21 +112,13 @@ def _warnings(cases: CaseTable) -> tuple[str, ...]:
 
     cases: these.
     """
-    told = []
-    thin = sum(note is not None for note in cases.reference_note)
-    outside, bimodal, unusual = (
-        int(np.count_nonzero(flags))
-        for flags in (cases.exposure_note != "", cases.bimodal, cases.manoeuvre_share == 0.0)
+    said = (
+        ("Reference too thin in {}.", sum(note is not None for note in cases.reference_note)),
+        ("{} outside the support of the recorded exposure.", (cases.exposure_note != "").sum()),
+        (f"In {{}} {TWO_GROUPS}", cases.bimodal.sum()),
+        ("In {} no driver made the ADS's manoeuvre.", (cases.manoeuvre_share == 0.0).sum()),
     )
-    if thin:
-        told.append(f"Reference too thin in {count(thin, 'case')}.")
-    if outside:
-        told.append(f"{count(outside, 'case')} outside the support of the recorded exposure.")
-    if bimodal:
-        told.append(f"In {count(bimodal, 'case')} {TWO_GROUPS}")
-    if unusual:
-        told.append(f"In {count(unusual, 'case')} no driver made the ADS's manoeuvre.")
-    return tuple(told)
+    return tuple(words.format(count(int(number), "case")) for words, number in said if number)
 
 
 def worst_cases(evaluation: Evaluation) -> CaseTable:

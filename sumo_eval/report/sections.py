@@ -18,7 +18,7 @@ from typing import Any
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.checks import checks_content
 from sumo_eval.report.confidence_section import confidence_content
-from sumo_eval.report.gate_result import GateResult
+from sumo_eval.report.gate_result import GateResult, failed
 from sumo_eval.report.levers_section import levers_content
 from sumo_eval.report.opinion_section import opinion_content
 from sumo_eval.report.people import people_context
@@ -88,7 +88,7 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
     order = {False: 0, True: 1, None: 2}
     return {
         "verdict": verdict(comparison, beside.gates, evaluation).sentence,
-        "failed": any(gate.passed is False for gate in beside.gates),
+        "failed": bool(failed(beside.gates)),
         "comparison": comparison,
         "notes": (*beside.notes, *(comparison_notes(comparison) if comparison else ())),
         "gates": [

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -86,11 +86,10 @@ def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> Se
     """
     runs = MOST_BYTES // BYTES_OF_A_RUN
     with open_store(facts) as store:
+        points = {name: _points_of(store, cases, name) for name, cases in cases_of.items()}
         while True:
-            embedded = worth_embedding(cases_of, store, runs)
-            found = {
-                name: _drives(name, store, embedded, cases) for name, cases in cases_of.items()
-            }
+            embedded = worth_embedding(cases_of, points, store, runs)
+            found = {name: _drives(name, store, embedded, its) for name, its in points.items()}
             size = sum(
                 len(table["data"]) + BYTES_OF_A_RUN_BEYOND * len(table["beyond"])
                 for table in (one.trajectories for one in found.values())
@@ -101,16 +100,15 @@ def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> Se
     return SentDrives(embedded, found)
 
 
-def _drives(scenario: str, store: Store, embedded: Embedded, cases: Sequence[CaseResult]) -> Drives:
+def _drives(scenario: str, store: Store, embedded: Embedded, points: Mapping[str, int]) -> Drives:
+    """The drives of a page's cases, by their points."""
     trajectories: list[Trajectory] = []
     rows: list[dict[str, Any]] = []
-    points = _points_of(store, {one.case for one in cases}, scenario)
     there = set(points.values())
     numbers = {
         at: drives for at, drives, _ in store.drivers_at_points(scenario, RECORDED) if at in there
     }
-    for case in (one.case for one in cases):
-        number = points[case]
+    for case, number in points.items():
         here = (scenario, number) in embedded.points
         recorded = store.trajectories(case) if here else {}
         vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
@@ -134,7 +132,10 @@ def _drives(scenario: str, store: Store, embedded: Embedded, cases: Sequence[Cas
 
 
 def worth_embedding(
-    cases_of: Mapping[str, Sequence[CaseResult]], store: Store, most_runs: int
+    cases_of: Mapping[str, Sequence[CaseResult]],
+    points_of: Mapping[str, Mapping[str, int]],
+    store: Store,
+    most_runs: int,
 ) -> Embedded:
     """The points whose trajectories travel in the page: all, or as many as `most_runs` allows, the
     most telling first.
@@ -142,12 +143,12 @@ def worth_embedding(
     Collisions and cases that could not be evaluated come first, without their drivers where not all
     fit, then the least human-like.
 
-    cases_of: those that the page has, by scenario.
+    cases_of: those that the page has, by scenario. points_of: their points, by case.
     """
     runs: dict[Role, Counter[Point]] = {"ads": Counter(), "human": Counter()}
     tells: dict[Point, float] = {}
     for name, cases in cases_of.items():
-        points = _points_of(store, {case.case for case in cases}, name)
+        points = points_of[name]
         there = set(points.values())
         for role, counts in runs.items():
             counts.update((name, at) for _, at, _ in store.names(role, name) if at in there)
@@ -194,11 +195,12 @@ def contact_of(fact: Fact, ego: Trajectory) -> dict[str, Any] | None:
     return contact(fact.collision, ego, cause_of_contact(fact).no_return_time)
 
 
-def _points_of(store: Store, cases: Set[str], scenario: str) -> dict[str, int]:
-    """The points of some of a scenario's cases, by case; no more is held of the facts: there may be
-    millions.
+def _points_of(store: Store, cases: Sequence[CaseResult], scenario: str) -> dict[str, int]:
+    """The points of some of a scenario's cases, by case in their order; no more is held of the
+    facts: there may be millions.
     """
-    return {case: number for case, number, _ in store.names("ads", scenario) if case in cases}
+    points = dict.fromkeys((one.case for one in cases), -1)
+    return points | {case: at for case, at, _ in store.names("ads", scenario) if case in points}
 
 
 def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.cases import CaseResult
+from sumo_eval.report.gate_result import failed
 from sumo_eval.report.headline import headline
 from sumo_eval.report.page import case_key
 from sumo_eval.report.verdict import Beside, verdict
@@ -29,8 +30,8 @@ def summary_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
     scenarios = [zone.scenario for zone in evaluation.zones]
     ends = [one.interval or (0.0, np.inf) for one in order]
     digits = 0 if any(high - low > WIDE for low, high in ends) else 1
-    failed = [gate for gate in beside.gates if gate.passed is False]
-    failing = [(gate, gate.worst[0]) for gate in failed if gate.worst]
+    bad = failed(beside.gates)
+    failing = [(gate, gate.worst[0]) for gate in bad if gate.worst]
     worst = worst_case(evaluation, [one.ads for one in order])
     changes = [
         (f"{gate.quantity} of {gate.ads}: {one.point}: {one.words}", f"#case:{case_key(one.case)}")
@@ -45,8 +46,8 @@ def summary_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
     compared = comparison is not None or bool(beside.gates)
     return {
         "verdict": verdict(comparison, beside.gates, evaluation).sentence if compared else "",
-        "failed": bool(failed),
-        "failures": [(beside.since.get(gate.name, ""), gate) for gate in failed],
+        "failed": bool(bad),
+        "failures": [(beside.since.get(gate.name, ""), gate) for gate in bad],
         "beside": notes,
         "answers": said.answers,
         "alarms": said.alarms,
@@ -61,7 +62,7 @@ def first_case(evaluation: Evaluation, beside: Beside) -> str:
     """Key of the case to look at first: the worst of the first failed limit that names any, else
     of the run.
     """
-    failing = (one.case for gate in beside.gates if gate.passed is False for one in gate.worst[:1])
+    failing = (one.case for gate in failed(beside.gates) for one in gate.worst[:1])
     worst = worst_case(evaluation, [one.ads for one in ranked(evaluation)])
     return next(failing, worst.case if worst else "")
 

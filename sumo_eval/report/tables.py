@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
+
+from pydantic_core import from_json, to_json
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.checks import checked_cases
@@ -106,7 +108,7 @@ def scores_json(evaluation: Evaluation) -> dict[str, Any]:
         "severity": evaluation.manifest.get("severity", {}),
         "points": {"a": settings.method.score.a, "b": settings.method.score.b},
         "drivers": {"source": settings.drivers.source, "count": settings.drivers.count},
-        "recorded_people": [asdict(one) for one in people_behind(evaluation)],
+        "recorded_people": people_behind(evaluation),
         "not_evaluated": evaluation.not_evaluated,
         "scores": [
             asdict(score)
@@ -117,26 +119,13 @@ def scores_json(evaluation: Evaluation) -> dict[str, Any]:
             }
             for score in evaluation.scores
         ],
-        "ranking": None if evaluation.ranking is None else asdict(evaluation.ranking),
+        "ranking": evaluation.ranking,
         "preventability": {
             "reference": reference_ads(settings) or "ideal vehicle",
-            "rows": [asdict(row) for row in preventability(evaluation)],
+            "rows": preventability(evaluation),
         },
-        "exposure": dict(evaluation.exposures),
-        "zones": [asdict(zone) for zone in evaluation.zones],
+        "exposure": evaluation.exposures,
+        "zones": evaluation.zones,
     }
-    plain: dict[str, Any] = _plain(content)
+    plain: dict[str, Any] = from_json(to_json(content, inf_nan_mode="null"))
     return plain
-
-
-def _plain(value: Any) -> Any:
-    """A value made of dicts, lists, texts and finite numbers only; None for a number that is not
-    finite.
-    """
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

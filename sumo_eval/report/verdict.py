@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from sumo_eval.report.gate_result import GateResult
+from sumo_eval.report.gate_result import GateResult, failed
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import Comparison
@@ -60,7 +60,7 @@ def verdict(
 
 
 def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tuple[Word, str]:
-    bad = [gate for gate in gates if gate.passed is False]
+    bad = failed(gates)
     limits = f"{count(len(bad), 'limit')} failed"
     if comparison is None:
         alone = "there is no earlier good run to compare with"

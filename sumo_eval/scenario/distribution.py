@@ -7,6 +7,7 @@ this module.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -36,11 +37,7 @@ class Distribution:
         """
         known = _continuous()
         check_known(f"distribution of {owner}", known, name)
-        shapes = [
-            part.strip()
-            for part in (getattr(_stats(), name).shapes or "").split(",")
-            if part.strip()
-        ]
+        shapes = re.findall(r"\w+", getattr(_stats(), name).shapes or "")
         allowed = [*shapes, "loc", "scale"]
         check_known(f"argument of distribution `{name}` of {owner}", allowed, *arguments)
         for shape in shapes:
