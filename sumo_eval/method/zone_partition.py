@@ -243,8 +243,8 @@ def partition(
         zones = replace(zones, most_dangerous=worst, boundary=crossings)
         deepest = surface.value(logical.to_unit([logical.row(point) for point in worst]))
         notes += [
-            f"The GP has the most dangerous point {point_words(worst[number])} near its zone's edge: "
-            "the weights r near that zone are uncertain."
+            f"The GP has the most dangerous point {point_words(worst[number])} near its zone's "
+            "edge: the weights r near that zone are uncertain."
             for number in np.flatnonzero(deepest > -SHALLOW)
         ]
     # a scenario without a criterion says itself that it has no zones

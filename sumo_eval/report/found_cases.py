@@ -52,4 +52,5 @@ def nearest_cases(
         yield f"{one_line(one)} in {name}, {count(len(cases), 'case')}:"
         for place in order:
             case = cases[place]
-            yield f"  {one_line(case.case)}: {point_words(case.values)}; {case.outcome}, {case.zone} zone"
+            at = f"{one_line(case.case)}: {point_words(case.values)}"
+            yield f"  {at}; {case.outcome}, {case.zone} zone"

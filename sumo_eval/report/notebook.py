@@ -60,7 +60,8 @@ def score_html(score: ScenarioResult) -> str:
 def case_html(case: CaseResult) -> str:
     """One case: where it lies, how it ended, what it was worth."""
     return _column({
-        "case": case.case, "ADS": case.ads, "scenario": case.scenario, "at": point_words(case.values),
+        "case": case.case, "ADS": case.ads, "scenario": case.scenario,
+        "at": point_words(case.values),
         "zone": case.zone, "outcome": case.outcome, "U": number(case.severity, 2),
         "Ug": number(case.ideal_severity, 2), "D_i": number(case.index, 3),
         "in H": number(case.human_likeness, 3),

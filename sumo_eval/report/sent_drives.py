@@ -67,6 +67,12 @@ class Drives:
     rows: Sequence[Mapping[str, Any]]
     drivers: Mapping[int, Sequence[int]]
 
+    @property
+    def bytes(self) -> int:
+        """Size of the trajectories in the page, about."""
+        table = self.trajectories
+        return len(table["data"]) + BYTES_OF_A_RUN_BEYOND * len(table["beyond"])
+
 
 @dataclass(frozen=True, slots=True)
 class SentDrives:
@@ -86,14 +92,11 @@ def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> Se
     """
     runs = MOST_BYTES // BYTES_OF_A_RUN
     with open_store(facts) as store:
-        points = {name: _points_of(store, cases, name) for name, cases in cases_of.items()}
+        points = _points_of(store, cases_of)
         while True:
             embedded = worth_embedding(cases_of, points, store, runs)
             found = {name: _drives(name, store, embedded, its) for name, its in points.items()}
-            size = sum(
-                len(table["data"]) + BYTES_OF_A_RUN_BEYOND * len(table["beyond"])
-                for table in (one.trajectories for one in found.values())
-            )
+            size = sum(one.bytes for one in found.values())
             if size <= MOST_BYTES or not embedded.points:
                 break
             runs = int(runs * 0.95 * MOST_BYTES / size)  # as many as fit, by what these really took
@@ -195,12 +198,16 @@ def contact_of(fact: Fact, ego: Trajectory) -> dict[str, Any] | None:
     return contact(fact.collision, ego, cause_of_contact(fact).no_return_time)
 
 
-def _points_of(store: Store, cases: Sequence[CaseResult], scenario: str) -> dict[str, int]:
-    """The points of some of a scenario's cases, by case in their order; no more is held of the
-    facts: there may be millions.
+def _points_of(
+    store: Store, cases_of: Mapping[str, Sequence[CaseResult]]
+) -> dict[str, dict[str, int]]:
+    """The points of some cases, by scenario and case in their order; no more is held of the facts:
+    there may be millions.
     """
-    points = dict.fromkeys((one.case for one in cases), -1)
-    return points | {case: at for case, at, _ in store.names("ads", scenario) if case in points}
+    points = {name: dict.fromkeys((one.case for one in its), -1) for name, its in cases_of.items()}
+    for name, own in points.items():
+        own |= {case: at for case, at, _ in store.names("ads", name) if case in own}
+    return points
 
 
 def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:

@@ -385,7 +385,7 @@ def _ledger_lines(found: Ledger) -> list[str]:
             f"{cause_of(line, found.score)}{cases}"
         )
         lines += [
-            f"            {points:+z8.2f}  {one_line(case.case)}: {one_line(point_words(case.values))}"
+            f"            {points:+z8.2f}  {one_line(f'{case.case}: {point_words(case.values)}')}"
             for case, points in line.worst(MOST_ENTRIES)
         ]
     return [*lines, f"  {total:>8}  {found.name}, the sum"]
