@@ -8,8 +8,9 @@ not considered.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,6 +34,15 @@ _LATE = 64  # steps before a contact among which most points of no return lie
 _SAME = 1e-6  # s and m/s, contacts that differ by less are one
 
 
+class _Contact(NamedTuple):
+    """A contact, its case and the recorded commands that led to it, as in `Replay`."""
+
+    case: ConcreteScenario
+    recording: Recording
+    hit: Collision
+    commands: FloatArray
+
+
 def with_no_return(
     recordings: Sequence[Recording | Alone],
     cases: Sequence[ConcreteScenario],
@@ -40,91 +50,62 @@ def with_no_return(
 ) -> list[Recording | Alone]:
     """The recordings, those with a contact with the clip `NO_RETURN`."""
     marked = list(recordings)
-    hits = [
-        (place, found, found.collision)
-        for place, found in enumerate(recordings)
-        if isinstance(found, Recording) and found.collision is not None
-    ]
-    search = _Search(
-        [cases[place] for place, _, _ in hits], [found for _, found, _ in hits], settings
-    )
-    for (place, found, hit), last in zip(hits, search.last_steps(), strict=True):
-        commands = np.empty((0, 2)) if found.commands is None else found.commands
+    contacts = {
+        place: _Contact(
+            case, it, it.collision, np.empty((0, 2)) if it.commands is None else it.commands
+        )
+        for place, (it, case) in enumerate(zip(recordings, cases, strict=True))
+        if isinstance(it, Recording) and it.collision is not None
+    }
+    for place, last in _last_steps(contacts, settings).items():
+        _, recording, hit, commands = contacts[place]
         braking = np.flatnonzero(commands[:, -2] <= -BRAKES)
         first = round(float(braking[0]) * settings.step, 6) if len(braking) else NEVER
         time = last if last < 0.0 else round(last * settings.step, 6)
         clip = Clip(NO_RETURN, 1, time, first, hit.time)
-        marked[place] = replace(found, clips=(*found.clips, clip))
+        marked[place] = replace(recording, clips=(*recording.clips, clip))
     return marked
 
 
-class _Search:
-    """Replays of contacts of one ADS."""
+def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) -> dict[int, float]:
+    """Of each contact the last step from which braking avoids it, by bisection."""
+    # what the conditions did is in the commands
+    plain = replace(settings, conditions=ConditionSettings(), plant=None, end_when_decided=True)
 
-    def __init__(
-        self,
-        cases: Sequence[ConcreteScenario],
-        recordings: Sequence[Recording],
-        settings: SimulationSettings,
-    ) -> None:
-        self._cases, self._recordings = cases, recordings
-        # what the conditions did is in the commands
-        self._settings = replace(
-            settings, conditions=ConditionSettings(), plant=None, end_when_decided=True
-        )
+    def braked(steps: Mapping[int, int]) -> dict[int, Collision | Alone | None]:
+        """The contacts of replays that brake from these steps on."""
+        replays = [Replay(contacts[i].commands, step) for i, step in steps.items()]
+        found = simulate_together([contacts[i].case for i in steps], replays, plain)
+        hits = (it if isinstance(it, Alone) else it.collision for it in found)
+        return dict(zip(steps, hits, strict=True))
 
-    def last_steps(self) -> list[float]:
-        """Of each contact the last step from which braking avoids it, by bisection."""
-        last = np.full(len(self._cases), UNKNOWN)
-        known = [i for i, it in enumerate(self._recordings) if it.commands is not None]
-        high = {i: len(self._commands(i)) for i in known}
-        replayed = self._drive(known, [high[i] for i in known])
-        known = [i for i, hit in zip(known, replayed, strict=True) if self._repeats(i, hit)]
-        last[known] = NEVER
-        low: dict[int, int] = {}
-        # most points of no return are some seconds before the contact
-        for before in (_LATE, math.inf):
-            tried = [int(max(high[i] - before, 0)) for i in known]
-            self._try(known, tried, low, high)
-            known = [i for i in known if i not in low]
-        while wide := [i for i in low if high[i] - low[i] > 1]:
-            self._try(wide, [(low[i] + high[i]) // 2 for i in wide], low, high)
-        last[list(low)] = list(low.values())
-        found: list[float] = last.tolist()
-        return found
+    def narrow(steps: Mapping[int, int]) -> None:
+        for i, hit in braked(steps).items():
+            (low if _avoids(hit, contacts[i].hit) else high)[i] = steps[i]
 
-    def _try(
-        self, which: Sequence[int], steps: Sequence[int], low: dict[int, int], high: dict[int, int]
-    ) -> None:
-        """Brake each contact from a step on, which then is its new `low` or `high`."""
-        for i, step, hit in zip(which, steps, self._drive(which, steps), strict=True):
-            (low if self._avoids(i, hit) else high)[i] = step
+    last = dict.fromkeys(contacts, UNKNOWN)
+    low: dict[int, int] = {}
+    high = {i: len(it.commands) for i, it in contacts.items() if len(it.commands)}
+    known = [i for i, hit in braked(high).items() if _is_same(hit, contacts[i].hit)]
+    # most points of no return are some seconds before the contact
+    for before in (_LATE, math.inf):
+        narrow({i: int(max(high[i] - before, 0)) for i in known if i not in low})
+    while wide := [i for i in low if high[i] - low[i] > 1]:
+        narrow({i: (low[i] + high[i]) // 2 for i in wide})
+    return last | dict.fromkeys(known, NEVER) | low
 
-    def _commands(self, i: int) -> FloatArray:
-        commands = self._recordings[i].commands
-        assert commands is not None
-        return commands
 
-    def _drive(self, which: Sequence[int], until: Sequence[int]) -> list[Collision | Alone | None]:
-        """The contacts of these replays, each braked from its step on."""
-        replays = [Replay(self._commands(i), step) for i, step in zip(which, until, strict=True)]
-        found = simulate_together([self._cases[i] for i in which], replays, self._settings)
-        return [it if isinstance(it, Alone) else it.collision for it in found]
+def _is_same(hit: Collision | Alone | None, was: Collision) -> bool:
+    return (
+        isinstance(hit, Collision)
+        and hit.other == was.other
+        and abs(hit.time - was.time) < _SAME
+        and abs(hit.relative_speed - was.relative_speed) < _SAME
+    )
 
-    def _repeats(self, i: int, hit: Collision | Alone | None) -> bool:
-        was = self._recordings[i].collision
-        return (
-            was is not None
-            and isinstance(hit, Collision)
-            and hit.other == was.other
-            and abs(hit.time - was.time) < _SAME
-            and abs(hit.relative_speed - was.relative_speed) < _SAME
-        )
 
-    def _avoids(self, i: int, hit: Collision | Alone | None) -> bool:
-        """Whether the contact is gone: one that runs into the braking ego is another."""
-        was = self._recordings[i].collision
-        assert was is not None
-        if isinstance(hit, Collision):
-            return hit.side == "rear" and was.side != "rear"
-        return hit is None
+def _avoids(hit: Collision | Alone | None, was: Collision) -> bool:
+    """Whether the contact is gone: one that runs into the braking ego is another."""
+    if isinstance(hit, Collision):
+        return hit.side == "rear" and was.side != "rear"
+    return hit is None
