@@ -50,15 +50,9 @@ class Lever:
     def steps(self) -> list[float]:
         """All values that it can have."""
         whole = round((self.high - self.low) / self.step)
-        return list(self.listed) or [self._at(place) for place in range(whole + 1)]
-
-    def between(self, one: float, two: float) -> list[float]:
-        """All steps between two values."""
-        if self.listed:
-            return []
-        first, last = ((it - self.low) / self.step for it in sorted((one, two)))
-        inside = range(int(first + 1e-6) + 1, int(np.ceil(last - 1e-6)))
-        return [self._at(place) for place in inside]
+        return list(self.listed) or [
+            round(min(self.low + place * self.step, self.high), 9) for place in range(whole + 1)
+        ]
 
     def place(self, value: float) -> float:
         """Place of a value in the range, 0 to 1."""
@@ -67,9 +61,6 @@ class Lever:
     def share(self, value: float) -> float:
         """Change to a value as a share of the range."""
         return abs(self.place(value) - self.place(self.recorded))
-
-    def _at(self, place: float) -> float:
-        return round(min(self.low + place * self.step, self.high), 9)
 
 
 def levers_of(
@@ -86,11 +77,13 @@ def levers_of(
         levers.append(Lever(name, unit, low, high, step, recorded, unlimited=value is None))
 
     concrete = logical.placed(values)
-    speed, ahead = concrete.ego.speed, _ahead(concrete)
-    if speed > 0.0 and not concrete.ego.lateral_speed:
-        levers.append(Lever(_SPEED, "m/s", 0.0, max(_FASTEST, speed), 0.05, speed))
+    ego, ahead = concrete.ego, _ahead(concrete)
+    if ego.speed > 0.0 and not ego.lateral_speed:
+        levers.append(Lever(_SPEED, "m/s", 0.0, max(_FASTEST, ego.speed), 0.05, ego.speed))
     if ahead is not None:
-        gap = _gap(concrete, ahead, settings)
+        # from the ego's front to the rear of the actor
+        bodies = ahead.length + concrete.ego_vehicle(settings.vehicle).length
+        gap = ahead.start.x - ego.x - bodies / 2.0
         levers.append(Lever(_GAP, "m", min(0.0, gap), max(_FARTHEST, gap), 0.1, gap))
 
     for item in (it for it in logical.parameters if it.name != ONLY):
@@ -132,10 +125,11 @@ def moved(
     if lever.name == _SPEED:
         return replace(usual, ego=replace(usual.ego, speed=value))
     if lever.name == _GAP:
-        ahead, farther = _ahead(usual), value - lever.recorded
-        return replace(
-            usual, actors=tuple(_farther(it, farther) if it == ahead else it for it in usual.actors)
-        )
+        ahead = _ahead(usual)
+        assert ahead is not None
+        start = replace(ahead.start, x=ahead.start.x + value - lever.recorded)
+        farther = replace(ahead, start=start)
+        return replace(usual, actors=tuple(farther if it == ahead else it for it in usual.actors))
     return replace(usual, changes=(*usual.changes, (lever.name, value)))
 
 
@@ -148,13 +142,3 @@ def _ahead(concrete: ConcreteScenario) -> Actor | None:
         if it.start.x > ego.x and abs(it.start.y - ego.y) < half and it.on_map is None
     ]
     return min(ahead, key=lambda it: it.start.x, default=None)
-
-
-def _gap(concrete: ConcreteScenario, ahead: Actor, settings: SimulationSettings) -> float:
-    """From the ego's front to the rear of an actor ahead at the start, m."""
-    length = concrete.ego_vehicle(settings.vehicle).length
-    return ahead.start.x - concrete.ego.x - (ahead.length + length) / 2.0
-
-
-def _farther(actor: Actor, distance: float) -> Actor:
-    return replace(actor, start=replace(actor.start, x=actor.start.x + distance))

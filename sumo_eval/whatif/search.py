@@ -84,30 +84,23 @@ class WhatIf:
         self._locators = {ads.name: ads.locator for ads in settings.ads}
         self._drives = 0
 
-    def levers(self, fact: Fact, name: str | None = None) -> list[Lever]:
-        """The levers of a case, or the one with a name."""
-        logical = self._run.scenarios[fact.scenario]
-        levers = levers_of(logical, fact.values, self._run.settings.simulation)
-        if name is None:
-            return levers
-        found = [lever for lever in levers if name in (lever.name, lever.name.split(".")[-1])]
-        if not found:
-            raise unknown(f"lever of `{fact.scenario}`", name, [lever.name for lever in levers])
-        return found
-
     def answers(self, fact: Fact, name: str | None = None, *, fine: bool = True) -> CaseLevers:
-        """Effects of all levers.
+        """Effects of all levers, or of the one with a name.
 
         fine: locate the nearest changes to a step.
         Raises InputError for a case that was not evaluated or does not repeat.
         """
-        levers, self._drives = self.levers(fact, name), 0
+        logical = self._run.scenarios[fact.scenario]
+        known = levers_of(logical, fact.values, self._run.settings.simulation)
+        levers = [it for it in known if name in (None, it.name, it.name.split(".")[-1])]
+        if name is not None and not levers:
+            raise unknown(f"lever of `{fact.scenario}`", name, [it.name for it in known])
+        self._drives = 0
         if fact.status not in EVALUATED:
             raise InputError(
                 f"Case `{fact.case}` must have an outcome to change, got {fact.status}: "
                 f"{fact.error or 'no reason is recorded'}"
             )
-        logical = self._run.scenarios[fact.scenario]
         asked = [
             (lever, value)
             for lever in levers
@@ -119,9 +112,19 @@ class WhatIf:
         _fill(lines, asked, outcomes)
         if fine:
             self._locate(fact, lines)
-        seen = not any(_is_unseen(it) for it in outcomes if it is not None)
+        clips = {
+            clip.what
+            for it in outcomes
+            if it is not None and it.recording is not None
+            for clip in it.recording.clips
+        }
         answers = [
-            Answer(lever, _flips(lever, line), len(line), seen or lever.name not in _PERCEIVED)
+            Answer(
+                lever,
+                _flips(lever, line),
+                len(line),
+                _UNSEEN not in clips or lever.name not in _PERCEIVED,
+            )
             for lever, line in lines.items()
         ]
         ordered = tuple(sorted(answers, key=lambda answer: answer.share))
@@ -141,14 +144,15 @@ class WhatIf:
         inside = [
             (lever, value)
             for lever, flip in _nearest(lines)
-            for value in lever.between(flip.before, flip.after)
+            for value in lever.steps()
+            if min(flip.before, flip.after) < value < max(flip.before, flip.after)
         ]
         _fill(lines, inside, self._outcomes(fact, inside))
         ends = [
             (lever, value) for lever, flip in _nearest(lines) for value in (flip.before, flip.after)
         ]
         for (lever, value), it in zip(ends, self._outcomes(fact, ends), strict=True):
-            if it is None or _hit(it) != lines[lever][value]:
+            if it is None or (it.status == "collision") != lines[lever][value]:
                 raise InputError(
                     f"Case `{fact.case}` with {lever.name} = {value:g} does not repeat: its ADS "
                     "must do the same in every drive."
@@ -179,7 +183,7 @@ def _fill(
 ) -> None:
     for (lever, value), it in zip(asked, outcomes, strict=True):
         if it is not None and value != lever.recorded:
-            lines[lever][value] = _hit(it)
+            lines[lever][value] = it.status == "collision"
 
 
 def _check_repeats(fact: Fact, now: Outcome | None) -> None:
@@ -195,15 +199,6 @@ def _check_repeats(fact: Fact, now: Outcome | None) -> None:
 
 def _words(hit: Collision | None) -> str:
     return "no contact" if hit is None else f"a contact at {hit.time:.3f} s"
-
-
-def _hit(outcome: Outcome) -> bool:
-    return outcome.status == "collision"
-
-
-def _is_unseen(outcome: Outcome) -> bool:
-    clips = () if outcome.recording is None else outcome.recording.clips
-    return any(clip.what == _UNSEEN for clip in clips)
 
 
 def _flips(lever: Lever, line: Line) -> tuple[Flip, ...]:
