@@ -18,7 +18,6 @@ from sumo_eval.cli.sentences import show, tell
 from sumo_eval.errors import InputError
 
 if TYPE_CHECKING:
-    from sumo_eval.record.store import Fact
     from sumo_eval.whatif.search import Answer, CaseLevers
 
 _BAR = 20  # characters of a whole range
@@ -35,6 +34,8 @@ def whatif(
     run: Path, case: str | None, lever: str | None, all_collisions: bool, as_json: bool
 ) -> None:
     """Find the least change of each lever that removes the collision of CASE, or brings one."""
+    from sumo_eval.record.run_folder import FACTS
+    from sumo_eval.record.store import open_store
     from sumo_eval.report.explain import known_case
     from sumo_eval.whatif.search import WhatIf
 
@@ -43,7 +44,8 @@ def whatif(
     search = WhatIf(run)
     if case is None:
         found = []
-        facts = _collisions(run)
+        with open_store(run / FACTS) as store:
+            facts = [fact for fact in store.facts("ads") if fact.collision is not None]
         with Progress() as progress:
             for number, fact in enumerate(facts, start=1):
                 found.append(search.answers_or_why_not(fact, lever, fine=False))
@@ -63,15 +65,6 @@ def whatif(
 
 def _plain(answer: Answer) -> dict[str, object]:
     return {**asdict(answer), "share": answer.share if answer.flips else None}
-
-
-def _collisions(run: Path) -> list[Fact]:
-    """The drives of ADSs with a contact, in order."""
-    from sumo_eval.record.run_folder import FACTS
-    from sumo_eval.record.store import open_store
-
-    with open_store(run / FACTS) as store:
-        return [fact for fact in store.facts("ads") if fact.collision is not None]
 
 
 def _table(found: CaseLevers) -> Iterator[str]:
@@ -104,7 +97,8 @@ def _table_of_all(found: Sequence[CaseLevers]) -> Iterator[str]:
         for it in chain.from_iterable(one.answers for one in cases):
             shares.setdefault(it.lever.name, []).extend([it.share] * bool(it.flips))
         for name, all_of in sorted(shares.items(), key=lambda pair: -len(pair[1])):
-            half = (
-                f", half of them by at most {100.0 * median(all_of or [0.0]):z.0f} % of its range"
+            yield f"  {name:<28} avoids {len(all_of)}" + (
+                f", half of them by at most {100.0 * median(all_of):z.0f} % of its range"
+                if all_of
+                else ""
             )
-            yield f"  {name:<28} avoids {len(all_of)}{half if all_of else ''}"
