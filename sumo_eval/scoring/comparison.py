@@ -297,8 +297,7 @@ def side_by_side(
             tables = [base.cases_of(old, score.scenario), new.cases_of(score.ads, score.scenario)]
             paired = _paired(*tables)
             if len(paired.new_rows):
-                one = _compare_ads(base, new, paired, settings)
-                compared.append(AdsComparison(score.ads, old, score.scenario, *one))
+                compared.append(_compare_ads(base, new, paired, settings))
     return Comparison(
         str(base.folder),
         str(base.manifest.get("created", "")),
@@ -348,18 +347,21 @@ def _partners(olds: Sequence[str], news: Sequence[str], pairs: Mapping[str, str]
 
 def _compare_ads(
     base: Evaluation, new: Evaluation, paired: Paired, settings: GateSettings
-) -> tuple[int, Changes, dict[str, QuantityChange], dict[str, tuple[int, int]]]:
-    """The fields of `AdsComparison` behind its names."""
-    tables = paired.base, paired.new
+) -> AdsComparison:
+    """The cases of an ADS in a scenario, pair by pair."""
+    first, tables = paired.new[0], (paired.base, paired.new)
     terms = [case_terms(tables[k], run.settings.method) for k, run in enumerate((base, new))]
     then, now = (
         counts(it) | {"requirements_missed": int(np.sum(it.requirements_missed != ""))}
         for it in tables
     )
-    return (
+    return AdsComparison(
+        first.ads,
+        paired.base[0].ads,
+        first.scenario,
         identical_pairs(paired, base.folder, new.folder),
         _changes(paired, terms, settings),
-        _quantity_changes(terms[0], terms[1], base, new, settings),
+        _quantity_changes(terms, base, new, settings),
         {name: (then[name], now[name]) for name in then},
     )
 
@@ -453,12 +455,11 @@ def _changes(paired: Paired, terms: Sequence[CaseTerms], settings: GateSettings)
 
 
 def _quantity_changes(
-    before: CaseTerms, after: CaseTerms, base: Evaluation, new: Evaluation, settings: GateSettings
+    terms: Sequence[CaseTerms], base: Evaluation, new: Evaluation, settings: GateSettings
 ) -> dict[str, QuantityChange]:
-    methods = base.settings.method, new.settings.method
-    old, now = point_values(before, methods[0]), point_values(after, methods[1])
-    resampling = settings.resamples, settings.seed
-    drawn = paired_differences((before, methods[0]), (after, methods[1]), *resampling)
+    runs = list(zip(terms, (base.settings.method, new.settings.method), strict=True))
+    old, now = (point_values(*run) for run in runs)
+    drawn = paired_differences(runs[0], runs[1], settings.resamples, settings.seed)
     tail = (1.0 - settings.confidence) / 2.0
     changes = {}
     for name, score in COMPARED.items():
