@@ -480,6 +480,12 @@ class Store:
             self._check_one(fact.case)
         return facts
 
+    def driven_at(self, scenario: str, point: int, *roles: Role) -> list[Fact]:
+        """Drives of roles at a point that ended well and whose trajectories are there."""
+        here = range(point, point + 1)
+        drives = chain.from_iterable(self.facts_at(here, role, scenario) for role in roles)
+        return [one for one in drives if one.status == "ok" and not self.is_discarded(one.case)]
+
     def fact(self, case: str) -> Fact | None:
         """One recorded case; None where there is none of that name."""
         self._check_one(case)

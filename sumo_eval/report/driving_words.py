@@ -88,19 +88,9 @@ def driving_words(
 
 def _scene(case: CaseResult, fact: Fact, store: Store) -> CaseDrives:
     vehicles = store.trajectories(case.case)
-    points = range(fact.point, fact.point + 1)
-    drives = [
-        *store.facts_at(points, "human", case.scenario),
-        *store.facts_at(points, "task_reference", case.scenario),
-    ]
-    beside = {
-        one.driver: store.trajectory(one.case)
-        for one in drives
-        if one.status == "ok" and not store.is_discarded(one.case)
-    }
-    humans = tuple(
-        beside[one.driver] for one in drives if one.role == "human" and one.driver in beside
-    )
+    drives = store.driven_at(case.scenario, fact.point, "human", "task_reference")
+    beside = {one.driver: store.trajectory(one.case) for one in drives}
+    humans = tuple(beside[one.driver] for one in drives if one.role == "human")
     return CaseDrives(case, vehicles.pop(EGO), vehicles, humans, beside)
 
 

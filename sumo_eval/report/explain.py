@@ -204,10 +204,8 @@ def _likeness(
             "(`[run] keep`)"
         )
         return
-    drives = store.facts_at(range(fact.point, fact.point + 1), "human", case.scenario)
-    job = PointJob(
-        tuple(one.case for one in drives if one.status == "ok"), zones.logical.road, (case.case,)
-    )
+    drives = store.driven_at(case.scenario, fact.point, "human")
+    job = PointJob(tuple(one.case for one in drives), zones.logical.road, (case.case,))
     settings = evaluation.settings.method.anthropomorphic
     with closing(KeptResults(evaluation.folder)) as kept:
         (result,) = compute_points(store.path, [job], settings, map, lambda done: None, kept)

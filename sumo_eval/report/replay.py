@@ -44,10 +44,9 @@ def write_replay(
         if beside is not None:
             views.append(_view(_companion(fact, store, beside), store, trajectories))
         ghosts = []
-        for driver in store.facts_at(range(fact.point, fact.point + 1), "human", fact.scenario):
-            if driver.status == "ok":
-                ghosts.append(len(trajectories))
-                trajectories.append(store.trajectory(driver.case))
+        for driver in store.driven_at(fact.scenario, fact.point, "human"):
+            ghosts.append(len(trajectories))
+            trajectories.append(store.trajectory(driver.case))
     concrete = logical.concrete(**fact.values)
     if concrete.ego.recorded:
         ghosts.append(len(trajectories))

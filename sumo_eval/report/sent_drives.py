@@ -126,11 +126,9 @@ def _drives(scenario: str, store: Store, embedded: Embedded, points: Mapping[str
         })  # fmt: skip
     drivers: dict[int, list[int]] = {}
     for number in sorted(number for name, number in embedded.with_drivers if name == scenario):
-        for fact in store.facts_at(range(number, number + 1), "human", scenario):
-            # D_i is made of those that ended well
-            if fact.status == "ok" and not store.is_discarded(fact.case):
-                drivers.setdefault(number, []).append(len(trajectories))
-                trajectories.append(store.trajectory(fact.case))
+        for driver in store.driven_at(scenario, number, "human"):  # D_i is made of these
+            drivers.setdefault(number, []).append(len(trajectories))
+            trajectories.append(store.trajectory(driver.case))
     return Drives(encode_trajectories(trajectories), rows, drivers)
 
 
