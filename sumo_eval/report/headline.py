@@ -29,10 +29,12 @@ MOST_NAMED = 3
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """answers: (question, answer).
+    """order: the ADSs in their order, each with its behaviour.
+    answers: (question, answer).
     alarms: (ADS, what its cases must be looked at for).
     """
 
+    order: tuple[tuple[RankedAds, Behaviour], ...]
     answers: tuple[tuple[str, str], ...]
     alarms: tuple[tuple[str, str], ...]
 
@@ -47,9 +49,8 @@ def headline(evaluation: Evaluation) -> Headline:
         ("Most human" if many else "Human-likeness", _most_human(known)),
         ("Best by S+" if many else "S+", _best(evaluation, order)),
     )
-    return Headline(
-        answers, tuple((one.ads, words) for one in known if (words := "; ".join(alarms(one))))
-    )
+    look = tuple((one.ads, words) for one in known if (words := "; ".join(alarms(one))))
+    return Headline(tuple(zip(order, known, strict=True)), answers, look)
 
 
 def alarms(found: Behaviour) -> list[str]:

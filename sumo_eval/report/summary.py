@@ -16,7 +16,7 @@ from sumo_eval.report.page import case_key
 from sumo_eval.report.verdict import Beside, verdict
 from sumo_eval.report.words import cause_words, count, number, span
 from sumo_eval.results import Evaluation, RankedAds
-from sumo_eval.scoring.behaviour import least_human, ranked, worst_case
+from sumo_eval.scoring.behaviour import Behaviour, least_human, ranked, worst_case
 from sumo_eval.scoring.comparison import builds_besides
 from sumo_eval.scoring.findings import unevaluated
 
@@ -26,7 +26,8 @@ WIDE = 20.0  # points of S+: an interval wider than this tells little
 
 def summary_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
     """Content of templates/sections/summary.html.j2."""
-    order, said, comparison = ranked(evaluation), headline(evaluation), beside.comparison
+    said, comparison = headline(evaluation), beside.comparison
+    order = [one for one, _ in said.order]
     scenarios = [zone.scenario for zone in evaluation.zones]
     ends = [one.interval or (0.0, np.inf) for one in order]
     digits = 0 if any(high - low > WIDE for low, high in ends) else 1
@@ -53,7 +54,7 @@ def summary_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
         "alarms": said.alarms,
         "worst": first_case(evaluation, beside),
         "looks": [*changes, *_looks(evaluation, worst, order[0].ads)],
-        "rows": [_row(evaluation, one, scenarios, digits) for one in order],
+        "rows": [_row(evaluation, *one, scenarios, digits) for one in said.order],
         "scenarios": scenarios,
     }
 
@@ -84,18 +85,15 @@ def _looks(
 
 
 def _row(
-    evaluation: Evaluation, one: RankedAds, scenarios: Sequence[str], digits: int
+    evaluation: Evaluation,
+    one: RankedAds,
+    behaviour: Behaviour,
+    scenarios: Sequence[str],
+    digits: int,
 ) -> dict[str, Any]:
-    scores = {score.scenario: score for score in evaluation.scores if score.ads == one.ads}
-    points = {name: score.s_plus for name, score in scores.items()}
-    names = {"collisions": "collisions", "avoidable": "avoidable_collisions", "cases": "cases",
-             "departures": "departures", "missing": "not_evaluated"}  # fmt: skip
-    sums = {
-        name: sum(getattr(score, field) for score in scores.values())
-        for name, field in names.items()
-    }
-    return sums | {
-        "ads": one.ads,
+    points = {it.scenario: it.s_plus for it in evaluation.scores if it.ads == one.ads}
+    return {
+        "of": behaviour,
         "place": "–" if one.place is None else str(one.place),
         "s_plus": number(one.s_plus, digits),
         "interval": span(one.interval, 0),

@@ -24,6 +24,7 @@ class Behaviour:
 
     ads: str
     cases: int
+    collisions: int
     avoidable: int
     departures: int
     stands: int
@@ -68,6 +69,7 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
     return Behaviour(
         ads,
         cases=total("cases"),
+        collisions=total("collisions"),
         avoidable=total("avoidable_collisions"),
         departures=total("departures"),
         stands=stands,

@@ -45,7 +45,9 @@ def test_departures_stand_beside_collisions(evaluation: Evaluation) -> None:
         evaluation, scores=tuple(replace(score, departures=2) for score in evaluation.scores)
     )
     for row in summary_content(left, Beside())["rows"]:
-        assert row["departures"] == 2 * sum(score.ads == row["ads"] for score in left.scores) > 0
+        assert (
+            row["of"].departures == 2 * sum(score.ads == row["of"].ads for score in left.scores) > 0
+        )
 
 
 def test_what_to_look_at_leads_to_cases_of_the_run(evaluation: Evaluation) -> None:
