@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from types import FunctionType
 from typing import Any
+from weakref import proxy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +82,8 @@ class OnTraci(EgoControl):
 
     def __init__(self, ads: Sequence[Adapter], seeds: Sequence[int], terms: Terms) -> None:
         super().__init__(terms)
-        self._hooks = [_Hook(self, *it, terms) for it in zip(ads, seeds, strict=True)]
+        # a circle would keep a batch's arrays until Python looks for circles
+        self._hooks = [_Hook(proxy(self), *it, terms) for it in zip(ads, seeds, strict=True)]
         self._alone = len(ads) == 1
 
     def begin(self, world: World, stage: Stage) -> None:

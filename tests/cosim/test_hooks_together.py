@@ -139,6 +139,20 @@ def asks_for_all(traci, ego, time):
         traci.vehicle.setSpeed(ego, 12.0 + traci.simulation.getMinExpectedNumber())
 
 
+def subscribes(traci, ego, time):
+    vehicle = traci.vehicle
+    if vehicle.getSpeed(ego) < 15.0:
+        vehicle.subscribe(ego, [traci.constants.VAR_SPEED])
+        vehicle.setSpeed(ego, vehicle.getSubscriptionResults(ego).get(0x40, 9.0) - 0.1)
+
+
+def subscribes_to_all_near(traci, ego, time):
+    vehicle = traci.vehicle
+    if vehicle.getSpeed(ego) < 15.0:
+        vehicle.subscribeContext(ego, traci.constants.CMD_GET_VEHICLE_VARIABLE, 200.0)
+        vehicle.setSpeed(ego, 10.0 - len(vehicle.getContextSubscriptionResults(ego)))
+
+
 def goes_round_the_guard(traci, ego, time):
     import libsumo
 
@@ -169,6 +183,8 @@ class Closes:
         jumps,
         hands_over,
         asks_for_all,
+        subscribes,
+        subscribes_to_all_near,
         goes_round_the_guard,
         prints,
         Closes,
