@@ -76,14 +76,16 @@ class Loop:
 
     def __init__(self, function: Callable[..., Any]) -> None:
         functools.update_wrapper(self, function)
-        self.compiled: Any = None
         self.codes: dict[tuple[Any, ...], Callable[..., Any]] = {}
+
+    @functools.cached_property
+    def compiled(self) -> Any:
+        """numba's dispatcher."""
+        # set by update_wrapper
+        return _compiled(self.__wrapped__)  # type: ignore[attr-defined]
 
     def __call__(self, *arguments: Any) -> Any:
         """The loop itself."""
-        if self.compiled is None:
-            # set by update_wrapper
-            self.compiled = _compiled(self.__wrapped__)  # type: ignore[attr-defined]
         return self.compiled(*arguments)
 
     def code_for(self, *arguments: Any) -> Callable[..., Any]:
@@ -91,8 +93,6 @@ class Loop:
         kinds = tuple(map(_kind_of, arguments))
         code = self.codes.get(kinds)
         if code is None:
-            if self.compiled is None:
-                self.compiled = _compiled(self.__wrapped__)  # type: ignore[attr-defined]
             # of records it takes 20 ms, so that it is asked once a kind
             types = tuple(map(self.compiled.typeof_pyval, arguments))
             code = self.codes[kinds] = self.compiled.compile(types)

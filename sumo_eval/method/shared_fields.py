@@ -270,7 +270,8 @@ def _nodes() -> tuple[FloatArray, FloatArray, FloatArray]:
     """Chebyshev points; values there to values at those of the left and the right half, (2, p, p);
     and to the coefficients of a Chebyshev series, (p, p).
     """
-    nodes, series = chebyshev.chebpts1(NODES), _to_series(chebyshev.chebpts1(NODES))
+    nodes = chebyshev.chebpts1(NODES)
+    series = _to_series(nodes)
     halves = [chebyshev.chebvander(0.5 * (nodes + side), NODES - 1) @ series for side in (-1, 1)]
     return nodes, np.array(halves), series
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote_plus
 
-from sumo_eval.errors import InputError, must_be, said, unknown
+from sumo_eval.errors import InputError, check_known, must_be, said
 
 _PERIOD, _BATCH, _OPTION = "period", "batch", "options."
 # a command, or a value, may hold a `?` of its own: only one before such a key begins the entry
@@ -129,9 +129,7 @@ def check_options(kind: Any, options: Mapping[str, Any], described: str) -> None
         if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)
     ]
     if not any(p.kind == p.VAR_KEYWORD for p in signature.parameters.values()):
-        for name in options:
-            if name not in known:
-                raise unknown(f"option of ADS `{described}`", name, known)
+        check_known(f"option of ADS `{described}`", known, *options)
 
 
 def steps_between(period: float, step: float, owner: str) -> int:
@@ -150,9 +148,7 @@ def made(kind: type, options: Mapping[str, Any], described: str) -> Any:
     _load_once(kind, options, described)
     try:
         return kind(**options)
-    except KeyboardInterrupt:
-        raise
-    except InputError:  # of an adapter, in words
+    except (KeyboardInterrupt, InputError):  # an adapter's own sentence
         raise
     except BaseException as error:
         how = f"with the options {', '.join(options)}" if options else "without arguments"

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from sumo_eval.cosim.doors.controller import Briefing, PolicyController
 from sumo_eval.cosim.doors.features import Interface, read_interface
 from sumo_eval.cosim.doors.observation import Observations
-from sumo_eval.errors import ControllerError, InputError, must_be, needs_extra, said, unknown
+from sumo_eval.errors import ControllerError, InputError, check_known, must_be, needs_extra, said
 from sumo_eval.input_file import input_file
 
 BLOCK = 32  # rows that a model is given at once
@@ -67,9 +67,9 @@ class OnnxPolicy:
     def _checked_output(self, output: str | None) -> str:
         owner, given = f"model {self._name}", self._session.get_outputs()
         names = [it.name for it in given]
-        if output is not None and output not in names:
-            raise unknown(f"output of {owner}", output, names)
-        it = given[names.index(output or names[0])]
+        output = names[0] if output is None else output
+        check_known(f"output of {owner}", names, output)
+        it = given[names.index(output)]
         self._chosen = it.type == "tensor(int64)" and self.interface.choices is not None
         if it.type not in _DTYPES and not self._chosen:
             raise must_be(f"The output `{it.name}`", owner, "of float or double numbers", it.type)
@@ -138,15 +138,10 @@ def from_locator(text: str, folder: Path | None) -> PolicyController:
         raise must_be(
             "The options", f"ADS `onnx:{text}`", "of the form features=FILE&output=NAME", query
         ) from None
-    for key in options:
-        if key not in ("features", "output"):
-            raise unknown(f"option of ADS `onnx:{text}`", key, ("features", "output"))
+    check_known(f"option of ADS `onnx:{text}`", ("features", "output"), *options)
     model = (folder or Path.cwd()) / file
-    table = (
-        (folder or Path.cwd()) / options["features"]
-        if "features" in options
-        else model.with_suffix(".toml")
-    )
+    # beside the model, unless it is named
+    table = (folder or Path.cwd()) / options.get("features", Path(file).with_suffix(".toml"))
     policy = OnnxPolicy(model, table, options.get("output"))
     # over arrays, as `batch` says
     return PolicyController(policy.act, policy)  # type: ignore[arg-type]

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.scenario.logical import LogicalScenario, Values, uniform_exposure
 from sumo_eval.settings import DeclaredDistribution, DriverSettings, ExposureSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
@@ -152,8 +152,7 @@ def fit_exposure(
     least = _EVENTS_A_PARAMETER * k
     if n < least:
         raise must_be("The number of recorded events", "an exposure", f"at least {least}", n)
-    fold = np.arange(n) % FOLDS
-    fitted = [events, *(events[fold != number] for number in range(FOLDS))]
+    fitted = [events, *(train for train, _ in _folds(events))]
     if any(np.linalg.matrix_rank(part - part.mean(axis=0), tol=_SAME) < k for part in fitted):
         raise InputError(
             f"The recorded events of an exposure must vary in each of {', '.join(names)} on its "
@@ -180,10 +179,15 @@ def unsupported_share(model: RecordedExposure, logical: LogicalScenario) -> floa
     return float(np.mean(~model.supported(points[logical.feasible(points)])))
 
 
-def _held_out(events: FloatArray, fit: Any) -> float:
-    """Mean log density of each event under a fit without its fold; every fifth event is a fold."""
+def _folds(events: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    """For each fold, which is every fifth event, the other events and its own."""
     fold = np.arange(len(events)) % FOLDS
-    logs = [fit(events[fold != number])(events[fold == number]) for number in range(FOLDS)]
+    return [(events[fold != number], events[fold == number]) for number in range(FOLDS)]
+
+
+def _held_out(events: FloatArray, fit: Any) -> float:
+    """Mean log density of each event under a fit without its fold."""
+    logs = [fit(train)(test) for train, test in _folds(events)]
     return float(np.concatenate(logs).mean())
 
 
@@ -204,9 +208,7 @@ def _declared(
         raise InputError(
             f"The declared exposure of scenario `{logical.name}` must name at least one parameter."
         )
-    for name in declared:
-        if name not in logical.names:
-            raise unknown(f"parameter of scenario `{logical.name}`", name, logical.names)
+    check_known(f"parameter of scenario `{logical.name}`", logical.names, *declared)
 
     def density(values: Values) -> FloatArray:
         product = uniform_exposure(values)

@@ -16,7 +16,7 @@ from sumo_eval.drivers.recorded.events import Events, extract_events, lane_centr
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
 from sumo_eval.drivers.recorded.matching import known_match, matching_events
 from sumo_eval.drivers.recorded.recordings import Recordings, read_csv
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError, check_known
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import Counterpart
 from sumo_eval.settings import DriverSettings
@@ -177,13 +177,8 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
     rows = people.named[people.named["scenario"] == concrete.scenario].copy()
     if rows.empty:
         return None
-    for name in concrete.values:
-        if name not in rows:
-            raise unknown(
-                f"parameter column of {people.folder / NAMED_CASES}",
-                name,
-                [str(c) for c in rows.columns],
-            )
+    columns = [str(column) for column in rows]
+    check_known(f"parameter column of {people.folder / NAMED_CASES}", columns, *concrete.values)
     names, values = list(concrete.values), list(concrete.values.values())
     checked_numbers(rows, names, people.folder / NAMED_CASES, rows=(rows.index + 2).tolist())
     here = rows[((rows[names] - values).abs() < 1e-6).all(axis=1)]

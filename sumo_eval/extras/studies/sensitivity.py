@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -190,10 +190,11 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
     """For each scenario three charts: the totals, D and H. A chart has a panel for each constant,
     with the ADSs' scores over it.
     """
-    charts: dict[str, list[SensitivityRow]] = {}
+    charts: dict[str, dict[str, list[SensitivityRow]]] = {}  # by caption, by title of the panel
     for row in rows:
         index = " and ".join(_TOTALS) if row.index in _TOTALS else row.index
-        charts.setdefault(f"{row.scenario}: {index}", []).append(row)
+        chart = charts.setdefault(f"{row.scenario}: {index}", {})
+        chart.setdefault(f"{row.index} over {row.constant}", []).append(row)
     write_study(
         path,
         kicker="Sensitivity",
@@ -202,19 +203,16 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
             "Each constant is moved alone. Where the lines of two ADSs cross, it decides which of "
             "them is better."
         ],
-        figures={caption: _chart(part) for caption, part in charts.items()},
+        figures={caption: _chart(chart) for caption, chart in charts.items()},
         rows=_table(rows),
         least_width=_PANEL_WIDTH * _PANELS_ACROSS,
     )
 
 
-def _chart(rows: Sequence[SensitivityRow]) -> go.Figure:
-    """One panel for each score and constant of these."""
-    groups: dict[str, list[SensitivityRow]] = {}
-    for row in rows:
-        groups.setdefault(f"{row.index} over {row.constant}", []).append(row)
+def _chart(chart: Mapping[str, Sequence[SensitivityRow]]) -> go.Figure:
+    """A panel for each score and constant."""
     panels = []
-    for title, part in groups.items():
+    for title, part in chart.items():
         values = [row.value for row in part]
         scores = zip(*(row.scores for row in part), strict=True)  # of one ADS over the values
         marks = [

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -20,6 +19,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from sumo_eval.cosim.doors.traci_numbers import finite_number
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerError, InputError, must_be, said
@@ -117,7 +117,10 @@ def read_tape(path: Path) -> Tape:
     end = None
     for number, value in enumerate(values, 2):
         # a repetition needs the command only
-        if isinstance(value, list) and len(value) == len(ROW) and all(map(_finite, value[:2])):
+        if (
+            isinstance(value, list) and len(value) == len(ROW)
+            and None not in map(finite_number, value[:2])
+        ):  # fmt: skip
             rows.append(tuple(value))
         elif isinstance(value, dict) and "note" in value:
             notes.append(value)
@@ -127,10 +130,6 @@ def read_tape(path: Path) -> Tape:
             what = "a step, a note or the end of a drive"
             raise must_be(f"Line {number}", str(path), what, value)
     return Tape(head, tuple(rows), tuple(notes), end)
-
-
-def _finite(value: Any) -> bool:
-    return isinstance(value, int | float) and math.isfinite(value)
 
 
 def settings_of(head: Mapping[str, Any]) -> SimulationSettings:

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.wheel.page import drive_view, page, replay, sheet
 from sumo_eval.extras.wheel.quality import Quality, quality_of
 from sumo_eval.extras.wheel.tape import Writer, digest, head_of, read_tape
@@ -44,9 +44,7 @@ def concrete_of(logical: LogicalScenario, values: Mapping[str, float]) -> Concre
     """The concrete scenario at the given values; each other parameter in the middle of its
     range.
     """
-    for name in values:
-        if name not in logical.names:
-            raise unknown(f"parameter of scenario `{logical.name}`", name, logical.names)
+    check_known(f"parameter of scenario `{logical.name}`", logical.names, *values)
     middle = {it.name: (it.low + it.high) / 2.0 for it in logical.parameters}
     return logical.concrete(**{**middle, **values})
 

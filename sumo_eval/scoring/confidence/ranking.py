@@ -44,13 +44,15 @@ def rank(
     without_people = {score.scenario for score in scores if score.nobody_compared}
     with_task = {score.scenario for score in scores if score.task_share is not None}
     means = _Means({name: weights[name] for name in weighted if name in with_task})
-    names = list(dict.fromkeys(score.ads for score in scores))
-    results_of: dict[str, dict[str, ScenarioResult]] = {name: {} for name in names}
+    results_of: dict[str, dict[str, ScenarioResult]] = {}
     for score in scores:
-        results_of[score.ads][score.scenario] = score
-    all_totals = {name: means.total(results_of[name]) for name in names}
-    totals = {name: total for name, total in all_totals.items() if total is not None}
-    spreads = {name: means.spread(name, replicates) for name in names}
+        results_of.setdefault(score.ads, {})[score.scenario] = score
+    totals = {}
+    for name, results in results_of.items():
+        total = means.total(results)
+        if total is not None:
+            totals[name] = total
+    spreads = {name: means.spread(name, replicates) for name in totals}
     ranked = sorted(totals, key=lambda name: (-totals[name], name))
     pairs = [
         _pair((above, below), totals[above] - totals[below], spreads)
@@ -62,16 +64,16 @@ def rank(
     for number, (above, name) in enumerate(zip(ones_above, ranked, strict=False), start=1):
         if above is None or apart[above, name]:
             place = number
-        results = [results_of[name][scenario] for scenario in means.weights]
+        weighted_results = [results_of[name][scenario] for scenario in means.weights]
         rows.append(
             RankedAds(
                 name, place, totals[name],
-                _interval(results, totals[name], spreads[name]),
-                a_points=means.of(score.a_points for score in results),
-                h_points=means.of(score.h_points for score in results),
+                _interval(weighted_results, totals[name], spreads[name]),
+                a_points=means.of(score.a_points for score in weighted_results),
+                h_points=means.of(score.h_points for score in weighted_results),
             )
         )  # fmt: skip
-    unranked = sorted(set(names) - set(ranked))
+    unranked = sorted(results_of.keys() - totals.keys())
     rows += [RankedAds(name, place=None, s_plus=None, interval=None) for name in unranked]
     bare = tuple(name for name in weighted if name in without_people)
     taskless = tuple(name for name in weighted if name not in with_task)
