@@ -172,14 +172,16 @@ def _on_the_way(ego: Start, actor: Actor, vehicle: VehicleSettings) -> bool:
     return min(abs(actor.start.y - y) for y in lanes) < 0.5 * (actor.width + vehicle.width)
 
 
-class _Track:
+class _Track(NamedTuple):
     """Another vehicle as it moves while the ego keeps its speed.
 
+    step: s between two rows.
     rows: x, y, heading, speed and speed across at every step, as in `Tracks`.
     """
 
-    def __init__(self, actor: Actor, step: float, rows: FloatArray) -> None:
-        self.actor, self.step, self.rows = actor, step, rows
+    actor: Actor
+    step: float
+    rows: FloatArray
 
     def body(self, k: int) -> Body:
         """The body after k steps."""

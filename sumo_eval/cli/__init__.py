@@ -201,17 +201,13 @@ def _plugins() -> dict[str, EntryPoint]:
 
 
 def _loaded(point: EntryPoint) -> click.Command:
+    what = f"Command `{point.name}`, `{point.value}`,"
     try:
         command = point.load()
     except Exception as error:  # of a package that is not ours
-        raise InputError(
-            f"Command `{point.name}`, `{point.value}`, cannot be loaded: {said(error)}."
-        ) from error
+        raise InputError(f"{what} cannot be loaded: {said(error)}.") from error
     if not isinstance(command, click.Command):
-        kind = type(command).__name__
-        raise InputError(
-            f"Command `{point.name}`, `{point.value}`, must be a click command, got {kind}."
-        )
+        raise InputError(f"{what} must be a click command, got {type(command).__name__}.")
     return command
 
 

@@ -96,37 +96,32 @@ def sensitivity(
     base = score(run, [_COARSE_BANDS])
     chosen = constants or [name for name in known if name != "k3" or k3_counts(base.settings)]
     changed = [name for name in chosen if name in _SETTING_OF]
-    # as scored, the middle value of each constant
-    variants = [(name, _value(base, name), base) for name in changed]
-    for done, (name, factor) in enumerate(itertools.product(changed, FACTORS), start=1):
-        value = _value(base, name) * factor
-        again = score(run, [_COARSE_BANDS, f"{_SETTING_OF[name]}={value!r}"])
-        variants.append((name, value, again))
-        progress("sensitivity", done, len(changed) * len(FACTORS))
+    variants = []
+    for name in changed:
+        as_scored = float(operator.attrgetter(_SETTING_OF[name])(base.settings))
+        variants.append((name, as_scored, base))
+        for value in (as_scored * factor for factor in FACTORS):
+            again = score(run, [_COARSE_BANDS, f"{_SETTING_OF[name]}={value!r}"])
+            variants.append((name, value, again))
+            progress("sensitivity", len(variants), len(changed) * (1 + len(FACTORS)))
     rows = []
     for scenario in dict.fromkeys(result.scenario for result in base.scores):
         for index, field in _TOTALS.items():
-            as_scored = _scores(base, scenario, field)
+            before = _scores(base, scenario, field)
             for a in _VALUES_OF_A if "a" in chosen else ():
                 scores = _with_points(base, scenario, a, index)
-                rows.append(_row((scenario, "a", a, index), scores, as_scored))
+                rows.append(_row((scenario, "a", a, index), scores, before))
         for index, field in _LIKENESSES.items():
-            as_scored = _scores(base, scenario, field)
+            before = _scores(base, scenario, field)
             for name, value, evaluation in variants:
                 scores = _scores(evaluation, scenario, field)
-                rows.append(_row((scenario, name, value, index), scores, as_scored))
+                rows.append(_row((scenario, name, value, index), scores, before))
     return sorted(rows, key=lambda row: (row.scenario, row.constant, row.index, row.value))
 
 
 def k3_counts(settings: EvaluationSettings) -> bool:
     """Whether k3 is a threshold: steering operations are turns of the wheel, not manoeuvres."""
     return settings.method.anthropomorphic.steering_rule != "manoeuvre"
-
-
-def _value(evaluation: Evaluation, constant: str) -> float:
-    value = operator.attrgetter(_SETTING_OF[constant])(evaluation.settings)
-    assert isinstance(value, float)
-    return value
 
 
 def _scores(evaluation: Evaluation, scenario: str, field: str) -> Scores:
