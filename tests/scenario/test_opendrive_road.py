@@ -44,6 +44,13 @@ def written(tmp_path: Path, **parts: object) -> Path:
     return path
 
 
+def test_a_comment_before_a_shape_is_skipped(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    plain = read_opendrive(path)
+    path.write_text(path.read_text().replace("<line/>", "<!-- straight --><line/>"))
+    assert read_opendrive(path) == plain
+
+
 @needs_catalogues
 @pytest.mark.parametrize(
     ("name", "radius"),

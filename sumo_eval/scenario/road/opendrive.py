@@ -177,7 +177,7 @@ def reference_line(road: etree._Element, owner: str) -> tuple[tuple[Piece, ...],
         if begin is None:
             begin = place
         _check_joint(pieces, begin, place, owner)
-        shape = geometry[0] if len(geometry) else geometry
+        shape = next(geometry.iterfind("*"), geometry)
         kind = str(shape.tag)
         length = _number(geometry, "length", owner)
         if kind == "paramPoly3":
