@@ -190,6 +190,11 @@ def test_shares_of_a_distribution_are_of_its_range():
     assert decay.quantile(0.5, 0.0, math.log(2.0)) == pytest.approx(-math.log(0.75))
 
 
+def test_an_even_exposure_gives_any_count():
+    drawn = draw(space(axis("a")), "exposure", 2**18 + 1)
+    assert (len(drawn.points), drawn.notes) == (2**18 + 1, ())
+
+
 def test_an_exposure_that_no_parameter_has_alone_is_drawn_as_well():
     # p(a, b) ~ a b on the unit square: E[a] = 2/3, E[a b] = 4/9
     both = space(axis("a"), axis("b"), exposure=lambda values: values["a"] * values["b"])

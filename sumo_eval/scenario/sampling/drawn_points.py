@@ -99,7 +99,8 @@ def _drawn(
     """
     count = request.wanted(logical)
     stream = request.stream(logical, label)
-    shares = _sobol(len(logical.names), min(max(1024, CANDIDATES * count), MOST_CANDIDATES), stream)
+    candidates = max(min(max(1024, CANDIDATES * count), MOST_CANDIDATES), count)
+    shares = _sobol(len(logical.names), candidates, stream)
     points, density = logical.from_shares(shares), np.ones(len(shares))
     for column, item in enumerate(logical.parameters):
         if item.distribution is not None and not item.values:
