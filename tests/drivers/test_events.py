@@ -12,7 +12,7 @@ from drivers.real_data import needs_recordings, recording
 
 from sumo_eval.drivers.recorded.events import extract_events
 from sumo_eval.drivers.recorded.importing import import_recordings
-from sumo_eval.drivers.recorded.recordings import Recordings
+from sumo_eval.drivers.recorded.recordings import Recordings, read_csv
 from sumo_eval.scenario.concrete import smooth_step
 
 
@@ -131,6 +131,14 @@ def test_a_braking_lead():
     assert event.t == pytest.approx(5.0, abs=0.15)
     gentle = track("lead", 40.0, lambda t: 25.0 - 0.8 * min(max(t - 5.0, 0.0), 5.0))
     assert events_of(track("ego", 0.0, 24.0), gentle).tables["lead_braking"].empty
+
+
+def test_a_track_of_one_sample_is_left_out(tmp_path):
+    one = track("other", 50.0, 15.0).head(1)
+    pd.concat([track("ego", 0.0, 20.0), one]).to_csv(tmp_path / "table.csv", index=False)
+    read = read_csv(tmp_path / "table.csv")
+    assert extract_events(read).vehicles == 1
+    assert read.notes[0].startswith("1 tracks of less than two samples")
 
 
 def test_a_lane_that_is_kept_for_less_than_a_second_does_not_count():
