@@ -591,6 +591,14 @@ def changed(folder: Path, *changes: tuple[str, str], **parts: object) -> Path:
     return path
 
 
+@pytest.mark.parametrize("shape", ["linear", "cubic", "step"])
+def test_a_change_of_speed_in_0_s_is_a_step(tmp_path: Path, shape: str) -> None:
+    timed = BRAKE.replace('"linear"', f'"{shape}"').replace('"rate"\nvalue="5"', '"time" value="0"')
+    path = changed(tmp_path, events=TIMED.format(n=1, action=timed, delay=0, when=AT.format(2)))
+    (act,) = find(str(path)).concrete(only=0.0).actors[0].acts
+    assert (act.kind, act.begin, act.acceleration) == (played.SPEED, 2.0, pytest.approx(15e6))
+
+
 def test_starts_depend_on_each_other_in_any_order(tmp_path: Path) -> None:
     """The ego 50 m behind a vehicle whose place and speed come later in the file."""
     later = (EGO_PLACE, '<RelativeLanePosition entityRef="Other" dLane="0" ds="-50"/>'), (

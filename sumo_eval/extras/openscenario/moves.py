@@ -170,7 +170,8 @@ class Moves:
             return Span(begin, begin.time)
         if unsure:
             return self._from_any_speed(dynamics, entity, begin, speed)
-        rate = change / AT_ONCE if shape == "step" else self._rate(dynamics, entity, begin, speed)
+        step = is_step(dynamics)
+        rate = change / AT_ONCE if step else self._rate(dynamics, entity, begin, speed)
         if rate == 0.0:  # it never gets there
             return Span(begin, NEVER)
         lasts = change / rate
@@ -178,7 +179,7 @@ class Moves:
             raise dynamics.fault(_STEADY)
         entity.begins["speed"] = begin
         act = Act(played.SPEED, 0.0, 0.0, speed, 0.0, rate)
-        if shape in _STRONGEST:
+        if shape in _STRONGEST and not step:
             shares = _SHARES * _SHARES * (3.0 - 2.0 * _SHARES)
             if shape == "sinusoidal":
                 shares = 0.5 * (1.0 - np.cos(math.pi * _SHARES))
