@@ -591,6 +591,21 @@ def changed(folder: Path, *changes: tuple[str, str], **parts: object) -> Path:
     return path
 
 
+def test_no_synchronization_after_a_change_of_speed(tmp_path: Path) -> None:
+    """Its place is the start and the speed times 6 s only where the speed was the same."""
+    place = '<LanePosition roadId="0" laneId="{}" s="{}"/>'
+    meet = f"""<SynchronizeAction masterEntityRef="Ego"><TargetPositionMaster>{place.format(-1, 220)}
+    </TargetPositionMaster><TargetPosition>{place.format(1, 220)}</TargetPosition></SynchronizeAction>"""
+    events = [
+        TIMED.format(n=n, action=action, delay=0, when=AT.format(at))
+        for n, action, at in ((1, BRAKE, 2), (2, meet, 6))
+    ]
+    (act,) = find(str(changed(tmp_path, events=events[1]))).concrete(only=0.0).actors[0].acts
+    assert act.table == ((4.0, 15.0),)
+    with pytest.raises(InputError, match=r"the place of `Other` when this begins is unknown"):
+        find(str(changed(tmp_path, events="".join(events))))
+
+
 @pytest.mark.parametrize("shape", ["linear", "cubic", "step"])
 def test_a_change_of_speed_in_0_s_is_a_step(tmp_path: Path, shape: str) -> None:
     timed = BRAKE.replace('"linear"', f'"{shape}"').replace('"rate"\nvalue="5"', '"time" value="0"')

@@ -503,6 +503,8 @@ class Moves:
             )
         if master is not self.ego or master.speed <= 0.0:
             raise element.fault("its master must be the ego and move at the start")
+        if begin.time > 0.0 and any(act.kind in _SPEEDS for act in entity.acts):
+            raise element.fault(f"the place of `{entity.name}` when this begins is unknown")
         goal, start = (
             self.places.spot(element.child("TargetPositionMaster")).pose,
             master.placed(element).pose,
