@@ -287,6 +287,25 @@ def test_what_cannot_be_used_is_refused(files, change, sentence):
     assert sentence in str(caught.value)
 
 
+def test_only_holds_truth_values_and_parameters_that_do_not_vary(files):
+    lanes, text = elements("1", "-1"), DETERMINISTIC.replace("RelativeLaneId", "Lit")
+    (files / "variation.xosc").write_text(text.replace(lanes, elements("true", "false")))
+    declared = '<ParameterDeclaration name="{}" parameterType="string" value="{}"/>'
+    more = "".join(declared.format(*it) for it in (("Lit", "true"), ("wide", "2")))
+    (files / "Concrete" / "cut_in.xosc").write_text(
+        DECLARATIONS.replace("</ParameterDeclarations>", f"{more}</ParameterDeclarations>")
+    )
+    mapping = MAPPING.replace("RelativeLaneId = 1", "Lit = false\nwide = 10.0")
+    (files / "mapping.toml").write_text(mapping.replace('"dx0_m"', '"wide"'))
+    chosen = points(files)
+    assert "[only] keeps 5250 of 10500 combinations." in chosen.notes
+    assert set(chosen.points[:, 2].tolist()) == {10.0}
+
+    (files / "mapping.toml").write_text(mapping.replace("false", '"off"'))
+    with pytest.raises(InputError, match=r"\[only\] of mapping mapping.toml keeps no combination"):
+        points(files)
+
+
 def test_without_the_scenario_file_there_are_no_constraints_and_that_is_said(files):
     (files / "Concrete" / "cut_in.xosc").unlink()
     assert any("no constraint groups" in note for note in points(files).notes)

@@ -99,7 +99,11 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
     for name, expression in mapping.parameters.items():
         checked_names(expression, theirs, f"`{name}` of mapping {request.file}")
     check_known(f"parameter in [only] of mapping {request.file}:", theirs, *mapping.only)
-    kept = [item for item in variation.combinations if item | mapping.only == mapping.only | item]
+    # also of a parameter that the file declares and does not vary
+    held = [(item, item | mapping.only) for item in variation.combinations]
+    kept = [whole for item, whole in held if whole == whole | item]
+    if not kept:
+        raise InputError(f"[only] of mapping {request.file} keeps no combination.")
     allowed = [item for item in map(variation.completed, kept) if item is not None]
     if not allowed:
         raise InputError(
@@ -142,7 +146,10 @@ def read_mapping(path: Path, logical: LogicalScenario) -> SpaceMapping:
                 f"`{name}` of scenario `{logical.name}` is missing in [parameters] of {owner}."
             )
     parameters = {name: number(table.parameters[name], owner) for name in logical.names}
-    only = {name: plain(str(value)) for name, value in table.only.items()}
+    only = {
+        name: plain(str(value).lower() if isinstance(value, bool) else str(value))
+        for name, value in table.only.items()
+    }
     return SpaceMapping(path.parent / table.distribution, parameters, only)
 
 
