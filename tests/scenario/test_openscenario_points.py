@@ -1,11 +1,15 @@
 """OpenSCENARIO parameter variations, in the layouts of the published ALKS set, become points of our
 spaces."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.points import read_variation
+from sumo_eval.extras.openscenario.scene import FileOptions
+from sumo_eval.extras.openscenario.space import read_space
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sampling.samples import sample
@@ -285,6 +289,31 @@ def test_what_cannot_be_used_is_refused(files, change, sentence):
     with pytest.raises(InputError) as caught:
         points(files)
     assert sentence in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("tag", "numbers"),
+    [
+        ("LogNormalDistribution", 'expectedValue="0" variance="1"'),
+        ("PoissonDistribution", 'expectedValue="-1"'),
+        ("NormalDistribution", 'expectedValue="1" variance="-1"'),
+    ],
+)
+def test_a_distribution_that_does_not_exist_is_refused(files, tag, numbers):
+    (files / "variation.xosc").write_text(stochastic(("Ve0_kph", f"<{tag} {numbers}/>")))
+    with pytest.raises(InputError, match=rf"<{tag}>: `\w+` must be (above|at least) 0"):
+        read_variation(files / "variation.xosc", None, 1)
+
+
+def test_weights_of_one_value_add_up_and_are_not_negative(files):
+    values = '<Element value="10" weight="1"/><Element value="20" weight="1"/>'
+    for weight, weights in ((2, (3.0, 1.0)), (-2, None)):
+        again = f'<Element value="10" weight="{weight}"/>'
+        given = f"<ProbabilityDistributionSet>{values}{again}</ProbabilityDistributionSet>"
+        path = files / f"weights{weight}.xosc"
+        path.write_text(stochastic(("Ve0_kph", given)))
+        with nullcontext() if weights else pytest.raises(InputError, match="weights must be"):
+            assert read_space(path, FileOptions()).axes[0].weights == weights
 
 
 def test_only_holds_truth_values_and_parameters_that_do_not_vary(files):

@@ -236,10 +236,13 @@ def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
     if kind.tag not in ("NormalDistribution", "LogNormalDistribution", "PoissonDistribution"):
         raise kind.unsupported()
     low, high = (-math.inf, math.inf) if kind.find("Range") is None else range_of(kind)
-    mean, variance = kind.number("expectedValue"), kind.number("variance", 0.0)
+    normal, variance = kind.tag == "NormalDistribution", kind.number("variance", 0.0)
+    mean = kind.number("expectedValue") if normal else kind.above_zero("expectedValue")
+    if variance < 0.0:
+        raise kind.fault(f"`variance` must be at least 0, got {variance:g}")
     drawn: list[Value] = []
     for _ in range(1000):  # rejection: a value outside the Range is drawn again
-        if kind.tag == "NormalDistribution":
+        if normal:
             values = stream.normal(mean, math.sqrt(variance), runs)
         elif kind.tag == "PoissonDistribution":
             values = stream.poisson(mean, runs).astype(np.float64)

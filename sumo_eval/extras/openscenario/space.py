@@ -247,8 +247,12 @@ def _drawn(element: Node) -> Axis:
     """A stochastic distribution: a range with a density, sampled as the evaluation says."""
     name, kind = element.attribute("parameterName"), element.only()
     if kind.tag == "ProbabilityDistributionSet":
-        parts = kind.all("Element")
-        weight_of = {plain(it.attribute("value")): it.number("weight") for it in parts}
+        weight_of: dict[Value, float] = {}
+        for part in kind.all("Element"):
+            value = plain(part.attribute("value"))
+            weight_of[value] = weight_of.get(value, 0.0) + part.number("weight")
+        if min(weight_of.values(), default=0.0) < 0.0:
+            raise kind.fault("its weights must be at least 0")
         axis = _values(kind, name, list(weight_of))
         return replace(axis, weights=tuple(weight_of[row[0][1]] for _, row in axis.choices))
     if kind.tag not in ("UniformDistribution", "NormalDistribution"):
