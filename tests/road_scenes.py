@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.cosim.doors.controller import Briefing
-from sumo_eval.cosim.vehicle_model import LIMITED, Clipped, Command, EgoState, move
+from sumo_eval.cosim.vehicle_model import LIMITED, Command, EgoState, move
 from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.scenario import Actor, ConcreteScenario, LogicalScenario, Road, Start, catalogue
 from sumo_eval.settings import VehicleSettings
@@ -21,7 +21,7 @@ BRIEFING = Briefing("test", ROAD, VehicleSettings(), 0.05)
 
 def advance(
     state: EgoState, command: Command, limits: VehicleSettings, step: float
-) -> tuple[EgoState, tuple[Clipped, ...]]:
+) -> tuple[EgoState, tuple[tuple[str, float, float], ...]]:
     """The state one `step` (s) later and every limit that the command ran into; see `move`."""
     clips: Any = [SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0) for _ in LIMITED]
     x, y, heading, speed, acceleration, wheel = state

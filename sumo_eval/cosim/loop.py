@@ -327,15 +327,13 @@ def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
     before = EgoState(
         *ego["map"].tolist(), *(float(ego[name]) for name in ("speed", "acceleration", "steering"))
     )
-    state, clips = plant.advance(before, command, world.settings.step)
+    state = plant.advance(before, command, world.settings.step)
     moved = math.hypot(state.x - before.x, state.y - before.y)
     if not (moved < FASTEST * world.settings.step and BACKWARDS < state.speed < FASTEST):
         raise SimulationError(
             f"The vehicle model moved `{EGO}` {moved:g} m in the step after {world.time:.2f} s, "
             f"to the speed {state.speed:g} m/s; no vehicle is faster than {FASTEST:g} m/s."
         )
-    for what, requested, applied in clips:
-        world.note(0, what, requested, applied)
     world.egos["next"][0] = tuple(state)
     world.egos["placed"][0] = PLANT
 

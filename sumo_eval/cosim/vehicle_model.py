@@ -86,10 +86,6 @@ class EgoState(NamedTuple):
     steering_wheel_angle: float = 0.0
 
 
-Clipped = tuple[str, float, float]
-"""The limited quantity, the value asked for, the value granted."""
-
-
 LIMITED = (
     "steering_angle", "steering_rate", "lateral_friction", "acceleration", "friction", "speed",
     "acceleration_rate",

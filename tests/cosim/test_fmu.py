@@ -91,7 +91,7 @@ def test_a_vehicle_model_starts_in_the_direction_of_the_case(fmus):
     settings = PlantSettings(file="Car.fmu", parameters={"v0": "speed"})
     plant = FmuPlant(settings, settings.file, fmus)
     north = EgoState(5.0, 7.0, math.pi / 2, speed=20.0)
-    state, _ = plant.advance(north, Command(0.0), 0.05)
+    state = plant.advance(north, Command(0.0), 0.05)
     plant.close()
     assert state[:4] == pytest.approx((5.0, 8.0, math.pi / 2, 20.0))
 

@@ -38,7 +38,7 @@ from sumo_eval.cosim.doors.observation import (
     signal_names,
 )
 from sumo_eval.cosim.plans import HOLD, Plan
-from sumo_eval.cosim.vehicle_model import Clipped, Command, EgoState
+from sumo_eval.cosim.vehicle_model import Command, EgoState
 from sumo_eval.errors import (
     ControllerError,
     InputError,
@@ -523,9 +523,7 @@ class FmuPlant:
         self._offset: tuple[complex, float] | None = None  # x + y i, m, and heading, rad
         self._time = 0.0
 
-    def advance(
-        self, state: EgoState, command: Command, step: float
-    ) -> tuple[EgoState, tuple[Clipped, ...]]:
+    def advance(self, state: EgoState, command: Command, step: float) -> EgoState:
         """The state one step later."""
         signals = {
             "acceleration": command.acceleration, "steering": command.steering, "time": self._time,
@@ -564,7 +562,7 @@ class FmuPlant:
             speed=found["speed"],
             acceleration=found.get("acceleration", (found["speed"] - state.speed) / step),
             steering_wheel_angle=found.get("steering_wheel_angle", command.steering),
-        ), ()  # an FMU reports no clips
+        )
 
     def close(self) -> None:
         """Free the instance."""
