@@ -118,7 +118,8 @@ def check_controller(
     driven = cases[: len(first)]
     findings += _ends(driven, first)
     clock = _projected(driven, first, settings, step_timeout, case_timeout)
-    left_out = [] if len(driven) == len(cases) else [_left_out(len(driven), len(cases))]
+    words = f"{len(driven)} of {len(cases)} cases were driven: they took more than {_PATIENCE:g} s"
+    left_out = [] if len(driven) == len(cases) else [Finding("note", words)]
     if any(finding.kind == "FAIL" for finding in findings):
         return [*findings, *left_out, *clock]
     findings.append(Finding("ok", "commands are finite numbers"))
@@ -137,12 +138,6 @@ def check_controller(
         )
     findings.append(_latency((*first, *again), settings.step))
     return [*findings, *left_out, *clock]
-
-
-def _left_out(driven: int, cases: int) -> Finding:
-    return Finding(
-        "note", f"{driven} of {cases} cases were driven: they took more than {_PATIENCE:g} s"
-    )
 
 
 def _projected(

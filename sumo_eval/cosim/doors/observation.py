@@ -310,20 +310,12 @@ class Observation:
     @property
     def left_edge(self) -> float:
         """From the ego's centre to the left edge of the road there, m."""
-        edge = (
-            float(self.road.left_edge_at(self._ego[0])) if self.road.spans else self.road.left_edge
-        )
-        return edge - self._ego[1]
+        return float(self.road.left_edge_at(self._ego[0])) - self._ego[1]
 
     @property
     def right_edge(self) -> float:
         """From the ego's centre to the right edge of the road there, m."""
-        edge = (
-            float(self.road.right_edge_at(self._ego[0]))
-            if self.road.spans
-            else self.road.right_edge
-        )
-        return self._ego[1] - edge
+        return self._ego[1] - float(self.road.right_edge_at(self._ego[0]))
 
     @property
     def curvature(self) -> float:
