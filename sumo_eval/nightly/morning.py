@@ -141,7 +141,7 @@ def _context(judged: JudgedNight) -> list[str]:
 def github_annotations(gates: Sequence[GateResult]) -> list[str]:
     """GitHub's workflow commands, one for each limit that failed."""
     return [
-        f"::error title={_command(f'{gate.quantity} of {gate.ads}')}::"
+        f"::error title={_command(f'{gate.quantity} of {gate.ads}', ':,')}::"
         + _command("\n".join([gate.sentence, *worst_lines(gate, None)]))
         for gate in failed(gates)
     ]
@@ -184,7 +184,9 @@ def _escaped(text: str) -> str:
     return " ".join(text.split())
 
 
-def _command(text: str) -> str:
-    for mark, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A"), (":", "%3A"), (",", "%2C")):
-        text = text.replace(mark, code)
-    return text
+def _command(text: str, besides: str = "") -> str:
+    """Text in a workflow command.
+
+    besides: what ends a property; GitHub decodes it there alone.
+    """
+    return "".join(f"%{ord(it):02X}" if it in f"%\r\n{besides}" else it for it in text)
