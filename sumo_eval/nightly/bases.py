@@ -115,6 +115,8 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
     """
     if not reason.strip():
         raise InputError("--reason must say why the night is accepted, got an empty text.")
+    if until is not None and until < _now()[:10]:
+        raise InputError(f"--until must be today (UTC) or later, got {until}.")
     # refuses a folder without a history
     with open_history(history, create=is_begun(history)) as lines:
         nights = {one.night: one for one in lines.nights()}

@@ -71,12 +71,13 @@ def test_accept_keeps_what_when_and_why(evaluation: Evaluation, tmp_path: Path) 
         None,
         False,
     )
-    for name, reason, words in (
-        (LATER, " ", "--reason must say why"),
-        ("2026-11-25T02-00-01Z", "x", "Did you mean"),
+    for name, reason, until, words in (
+        (LATER, " ", None, "--reason must say why"),
+        (LATER, "x", "2020-12-31", "--until must be today"),
+        ("2026-11-25T02-00-01Z", "x", None, "Did you mean"),
     ):
         with pytest.raises(InputError, match=words):
-            accept(tmp_path, name, reason, None)
+            accept(tmp_path, name, reason, until)
 
 
 def test_a_failure_says_since_when_without_a_break(evaluation: Evaluation, tmp_path: Path) -> None:
