@@ -107,6 +107,7 @@ def run_night(
                 stopping,
             )
             judged = judge_night(history, lines, done, gate, progress)
+            discard_trajectories(done)  # not before: cases that are rerun need the drivers'
             notes += [*again, *judged.bases.notes]
             comparison, gates = judged.bases.comparison, judged.gates
             write_tables(done)
@@ -209,9 +210,7 @@ def _evaluated(
             f"Night {folder.name} was not continued: {error} It stays; without --resume it is "
             "removed and a new one begins."
         ) from error
-    done = score(folder, progress=progress, resolved=run)
-    discard_trajectories(done)
-    return done, recorded.notes
+    return score(folder, progress=progress, resolved=run), recorded.notes
 
 
 def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet) -> list[Night]:

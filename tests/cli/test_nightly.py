@@ -27,6 +27,7 @@ from sumo_eval import open_run
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.nightly.history import Night, open_history
 from sumo_eval.nightly.night import _clear_away, _prune, run_night
+from sumo_eval.record.store import open_store
 from sumo_eval.scoring.gate_settings import GateSettings
 
 
@@ -580,8 +581,9 @@ def test_a_link_in_place_of_a_stopped_night_is_not_followed(tmp_path: Path) -> N
 
 def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path: Path) -> None:
     """At one of three points the ADS sleeps and shakes: no two drives are alike, and all five
-    collide."""
+    collide. Trajectories that the night does not keep are there until it is judged."""
     file, history = evaluation(tmp_path, "2"), tmp_path / "history"
+    file.write_text(f'{file.read_text()}keep = "none"\n')
     shaking = "Command(acceleration=__import__('random').SystemRandom().uniform(-0.3, 0.3)"
     module = tmp_path / "my_ads.py"
     module.write_text(module.read_text().replace("Command(acceleration=0.0", shaking))
@@ -596,3 +598,5 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path: Path) -> Non
         ("collided", told["night"])
     ]
     assert not (history / "again").exists()
+    with open_store(result.report.parent / "facts.sqlite") as store:
+        assert store.is_discarded(result.judged.gates[0].cases[0])
