@@ -9,7 +9,7 @@ from itertools import islice, product
 import numpy as np
 
 from sumo_eval.cases import CaseTable
-from sumo_eval.nightly.rule_limits import end_change, judge_rule
+from sumo_eval.nightly.rule_limits import EVERYWHERE, end_change, judge_rule
 from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, GateResult
 from sumo_eval.report.words import REASON_WITHOUT_T, count, not_computed, number, reason_without
 from sumo_eval.results import Evaluation, ScenarioResult
@@ -43,7 +43,7 @@ def judge(
     comparison None: there is no base.
 
     noise: what is known of ADSs that do not repeat. A limit on missed requirements in all scenarios
-        is about those that have some, if any has.
+        is about those that have some, if any has. One on what the run has not is not evaluated.
     """
     compared = {(one.ads, one.scenario): one for one in comparison.ads} if comparison else {}
     requiring = {score.scenario for score in new.scores if score.requirements_missed is not None}
@@ -59,6 +59,12 @@ def judge(
         else:
             cases = new.cases_of(score.ads, score.scenario)
             results += _judge_cases(limit, score, cases, beside)
+    there = {who for one in new.scores for who in product((one.ads, None), (one.scenario, None))}
+    for limit in settings.limit:
+        if (limit.ads, limit.scenario) not in there:
+            where = limit.ads or "every ADS", limit.scenario or EVERYWHERE
+            none = f"{limit.quantity}: the run has no case of {where[0]} in {where[1]}"
+            results.append(GateResult(limit.quantity, *where, None, none))
     return tuple(results)
 
 
@@ -83,7 +89,7 @@ def _judge(
     for bound, sign, words in ((limit.at_least, 1.0, "at least"), (limit.at_most, -1.0, "at most")):
         if bound is None:
             continue
-        known = "not computed" if value is None else _number(quantity, value)
+        known = "not computed" if value is None or np.isnan(value) else _number(quantity, value)
         sentence = f"{quantity} is {known}; it must be {words} {bound:g}"
         slack = limit.tolerance * max(1.0, abs(bound))
         ok = value is not None and sign * (value - bound) >= -slack

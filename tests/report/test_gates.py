@@ -3,6 +3,7 @@ without a base."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -145,6 +146,17 @@ def test_an_index_that_is_not_computed_any_more_fails(evaluation: Evaluation) ->
     assert "not computed any more" in result.sentence
 
 
+def test_a_limit_on_what_the_run_has_not_says_so(evaluation: Evaluation) -> None:
+    for limit in (
+        LimitSettings("collisions", ads="misspelt", at_most=0.0),
+        LimitSettings("collisions", scenario="misspelt", at_most=0.0),
+    ):
+        (found,) = judged(evaluation, evaluation, limit)
+        assert found.passed is None
+        assert "the run has no case of" in found.sentence
+        assert "misspelt" in found.sentence
+
+
 def test_without_a_base_only_limits_on_values_are_evaluated(evaluation: Evaluation) -> None:
     settings = GateSettings(
         limit=(LimitSettings("new_collisions", at_most=0.0), LimitSettings("S", at_least=100.0))
@@ -156,6 +168,9 @@ def test_without_a_base_only_limits_on_values_are_evaluated(evaluation: Evaluati
 
 
 def test_a_value_that_is_missing_cannot_be_at_least_something(evaluation: Evaluation) -> None:
+    lost = with_scores(evaluation, collision_probability=math.nan)
+    limit = LimitSettings("collision_probability", at_most=1.0)
+    assert "is not computed;" in failed(judged(lost, lost, limit))[0].sentence
     settings = GateSettings(limit=(LimitSettings("D", at_least=0.0),))
     results = judge(with_scores(evaluation, d=None), None, settings)
     assert all(result.passed is False for result in results)
