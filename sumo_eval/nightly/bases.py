@@ -155,7 +155,10 @@ def _limits(record: Path) -> list[dict[str, Any]]:
     """A night's failed limits, as its `night.json` has them; none without that file."""
     if not record.is_file():
         return []
-    limits: list[dict[str, Any]] = json.loads(record.read_text(encoding="utf-8"))["failed"]
+    try:
+        limits: list[dict[str, Any]] = json.loads(record.read_text(encoding="utf-8"))["failed"]
+    except ValueError as error:  # a night that was stopped while it wrote
+        raise InputError(f"{record} is damaged: {error}. Accept another night.") from error
     return limits
 
 

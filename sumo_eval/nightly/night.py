@@ -359,10 +359,9 @@ def _prune(history: Path, lines: History, keep: int) -> list[str]:
     nights = [night for night in lines.nights() if not night.imported]
     kept = {night.night for night in nights[-keep:]}
     kept |= {night.night for night in [night for night in nights if night.good][-1:]}
-    accepted = lines.accepted()
-    # the second: after expiry
-    for counting in (in_force(accepted), [pin for pin in accepted if pin.until is None]):
-        kept |= {pin.night for pin in counting[-1:]}
+    pins = in_force(lines.accepted())
+    for day in {pin.until or "" for pin in pins}:  # the last of each acceptance
+        kept |= {pin.night for pin in in_force(pins, day or "9999-12-31")[-1:]}
     notes, removed = [], 0
     for night in nights:
         folder = history / night.folder

@@ -56,6 +56,23 @@ def test_an_expired_acceptance_gives_way_to_the_one_before() -> None:
     assert pinned_by_itself("c", "only improved", second).until == "2026-11-25"
 
 
+def test_pruning_keeps_each_night_that_will_be_the_pin(
+    evaluation: Evaluation, tmp_path: Path
+) -> None:
+    """The last acceptance counts until January, the one before until March, then the first."""
+    names = [f"2026-11-{day}T02-00-00Z" for day in range(20, 25)]
+    for name in names:
+        add(tmp_path, name, evaluation)
+    with open_history(tmp_path, create=True) as lines:
+        for name, until in zip(
+            names, (None, "2998-12-31", "2999-03-31", "2999-01-31"), strict=False
+        ):
+            lines.accept(Accepted(name, "2026-11-25", "on purpose", until, itself=False))
+        _prune(tmp_path, lines, keep=1)
+    left = sorted(path.name for path in (tmp_path / "nights").iterdir())
+    assert left == [names[0], *names[2:]]
+
+
 def test_accept_keeps_what_when_and_why(evaluation: Evaluation, tmp_path: Path) -> None:
     add(tmp_path, TODAY, evaluation)
     add(tmp_path, LATER, evaluation, FAILED)
@@ -78,6 +95,9 @@ def test_accept_keeps_what_when_and_why(evaluation: Evaluation, tmp_path: Path) 
     ):
         with pytest.raises(InputError, match=words):
             accept(tmp_path, name, reason, until)
+    (tmp_path / "nights" / LATER / "night.json").write_text('{"night"')
+    with pytest.raises(InputError, match="is damaged"):
+        accept(tmp_path, LATER, "x", None)
 
 
 def test_a_failure_says_since_when_without_a_break(evaluation: Evaluation, tmp_path: Path) -> None:
