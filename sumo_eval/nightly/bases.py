@@ -106,7 +106,7 @@ class Acceptance(NamedTuple):
 
 
 def accept(history: Path, night: str | None, reason: str, until: str | None) -> Acceptance:
-    """Accept a night as a base, by default the newest.
+    """Accept a night as a base, by default the newest that ran.
 
     until: the last day on which that counts.
 
@@ -124,7 +124,8 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
             raise InputError(
                 f"The history in {history} has no night yet; accept one after it has run."
             )
-        name = next(reversed(nights)) if night is None else Path(night).name
+        ran = [name for name, one in nights.items() if not one.imported] or [*nights]
+        name = ran[-1] if night is None else Path(night).name
         if name not in nights:
             raise unknown("night", name, nights)
         if not (history / nights[name].folder).is_dir():

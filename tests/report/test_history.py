@@ -22,11 +22,13 @@ FAILED = GateResult(
 )
 
 
-def add(history: Path, name: str, evaluation: Evaluation, *gates: GateResult) -> None:
+def add(
+    history: Path, name: str, evaluation: Evaluation, *gates: GateResult, imported: bool = False
+) -> None:
     (history / "nights" / name).mkdir(parents=True)
     status = 1 if gates else 0
     night = Night(
-        name, "made", f"nights/{name}", 1.0, status, None, "verdict", "0.1", "1.28", False
+        name, "made", f"nights/{name}", 1.0, status, None, "verdict", "0.1", "1.28", imported
     )
     with open_history(history, create=True) as lines:
         lines.add(night, evaluation, gates)
@@ -76,6 +78,7 @@ def test_pruning_keeps_each_night_that_will_be_the_pin(
 def test_accept_keeps_what_when_and_why(evaluation: Evaluation, tmp_path: Path) -> None:
     add(tmp_path, TODAY, evaluation)
     add(tmp_path, LATER, evaluation, FAILED)
+    add(tmp_path, FUTURE, evaluation, imported=True)
     night, accepted, _ = accept(tmp_path, None, "softer on purpose", None)
     assert night.night == LATER
     assert accepted == [f"{builders.CALM} in {builders.SCENARIOS[0]}: smallest gap: 1 nearer"]
