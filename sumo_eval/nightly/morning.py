@@ -184,9 +184,9 @@ def _escaped(text: str) -> str:
     return " ".join(text.split())
 
 
-def _command(text: str, besides: str = "") -> str:
+def _command(text: str, also: str = "") -> str:
     """Text in a workflow command.
 
-    besides: what ends a property; GitHub decodes it there alone.
+    also: further signs that are encoded, those that end a property; GitHub decodes it there alone.
     """
-    return "".join(f"%{ord(it):02X}" if it in f"%\r\n{besides}" else it for it in text)
+    return "".join(f"%{ord(it):02X}" if it in f"%\r\n{also}" else it for it in text)
