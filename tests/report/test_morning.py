@@ -15,7 +15,7 @@ from report_cases import pick, with_case
 from sumo_eval.errors import InputError
 from sumo_eval.nightly.bases import Bases, accept, pin_of
 from sumo_eval.nightly.gates import judge
-from sumo_eval.nightly.history import Night, open_history
+from sumo_eval.nightly.history import Accepted, Night, open_history
 from sumo_eval.nightly.judged import JudgedNight, Since, new_first, new_pin
 from sumo_eval.nightly.morning import github_annotations, write_night
 from sumo_eval.nightly.rule_limits import judge_rule
@@ -229,8 +229,8 @@ def test_an_acceptance_of_yesterday_counts_no_more(evaluation: Evaluation, tmp_p
             lines.add(night(name), evaluation, ())
     for until, pinned in (("2999-01-01", SECOND), ("2026-11-24", FIRST)):
         accept(tmp_path, FIRST, "begun", None)
-        accept(tmp_path, SECOND, "softer brakes", until)
         with open_history(tmp_path) as lines:
+            lines.accept(Accepted(SECOND, FIRST, "softer brakes", until, itself=False))
             pin = pin_of(lines)
         assert pin is not None
         assert pin.night == pinned
