@@ -149,11 +149,11 @@ def charts(
             for value in of_scenario
             if value.quantity == quantity and value.value is not None
         }
-        limits = {
-            (gate.night, gate.ads): gate.threshold
+        limits = [
+            (gate.night, gate.ads, gate.threshold)
             for gate in gates
             if (gate.scenario, gate.quantity) == (scenario, quantity) and gate.threshold is not None
-        }
+        ]
         if series:
             axes = TrendChart(title, unit, (), (), 0.0, (), dates)
             drawn.append(_drawn(axes, names, nights, series, limits))
@@ -170,10 +170,14 @@ def _place(number: int, nights: int) -> float:
 
 
 def _drawn(
-    axes: TrendChart, names: Sequence[str], nights: Sequence[Night], series: Series, limits: Series
+    axes: TrendChart,
+    names: Sequence[str],
+    nights: Sequence[Night],
+    series: Series,
+    limits: Sequence[tuple[str, str, float]],
 ) -> TrendChart:
-    """A chart with its lines and gates."""
-    values = [*series.values(), *limits.values()]
+    """A chart with its lines and gates: nights, ADSs and bounds."""
+    values = [*series.values(), *(bound for _, _, bound in limits)]
     ticks = _ticks(min(values), max(values), least=1.0 if axes.unit == "cases" else 0.0)
     at = {night.night: round(_place(place, len(nights)), 2) for place, night in enumerate(nights)}
     colours, dashes = dict(zip(names, cycle(COLOURS))), dict(zip(names, cycle(DASHES)))
@@ -199,7 +203,7 @@ def _drawn(
 
     gates = (
         (point(night, f"gate of {ads}", limit), colours[ads])
-        for (night, ads), limit in limits.items()
+        for night, ads, limit in limits
         if ads in colours
     )
     return replace(

@@ -4,6 +4,7 @@ on them."""
 from __future__ import annotations
 
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 
 import builders
@@ -124,6 +125,9 @@ def test_a_quantity_that_was_not_computed_breaks_the_line_and_a_gate_is_a_stroke
     )
     assert [len(part) for part in chart.lines[0].parts] == [1, 1]
     assert len(chart.gates) == 3
+    two = [*gates, *(replace(gate, threshold=50.0) for gate in gates)]
+    twice = charts(builders.SCENARIOS[0], nights, gap, two)
+    assert {len(one.gates) for one in twice if one.title == chart.title} == {6}
     assert all(
         TOP <= point.y <= HEIGHT for line in chart.lines for part in line.parts for point in part
     )
