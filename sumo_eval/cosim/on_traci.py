@@ -9,9 +9,9 @@ harness watches that it moves as a vehicle can. What is called through TraCI is 
 from __future__ import annotations
 
 import math
-import time as clock
 from collections.abc import Callable, Sequence
 from functools import partial
+from time import perf_counter
 from types import FunctionType
 from typing import Any
 from weakref import proxy
@@ -107,7 +107,7 @@ class OnTraci(EgoControl):
         for case, hook in enumerate(self._hooks):
             hook.take(world, stage, case)
         self.keep(world, world.rows)
-        self._each(world, _Hook.begin, world)
+        self._each(world, _Hook.begin, 0.0)
 
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
         """From now on these rows, in this order."""
@@ -116,14 +116,14 @@ class OnTraci(EgoControl):
             hook.watch(world, row)
 
     def _each(
-        self, world: World, do: Callable[..., None], *arguments: Any, rows: Any = None
+        self, world: World, do: Callable[[Any, World, float], None], time: float, rows: Any = None
     ) -> None:
         """Do something with the hooks of rows; one with anything out of the ordinary leaves.
 
         rows: None: those that drive on.
         """
         if self._alone:
-            do(self._rows[0], *arguments)
+            do(self._rows[0], world, time)
             return
         guard = GUARD
         if rows is None:
@@ -132,7 +132,7 @@ class OnTraci(EgoControl):
             hook = self._rows[row]
             guard.names = hook.names
             try:
-                do(hook, *arguments)
+                do(hook, world, time)
             except KeyboardInterrupt:
                 raise
             except BaseException:  # noqa: BLE001 - the case alone says what it is
@@ -143,14 +143,14 @@ class OnTraci(EgoControl):
 
     def step(self, world: World, time: float) -> None:
         """One step of each ADS."""
-        self._each(world, _Hook.step, world, time)
+        self._each(world, _Hook.step, time)
         if not self._alone:
             self._check_clock(world, time)
 
     def after(self, world: World, now: float) -> None:
         """Read the egos that SUMO moved."""
         rows = None if self._alone else self._stage.read_at_once(world)
-        self._each(world, _Hook.after, now, rows=rows)
+        self._each(world, _Hook.after, now, rows)
 
     def release(self, world: World, row: int) -> None:
         """Close the ADS and remove its listeners."""
@@ -158,7 +158,7 @@ class OnTraci(EgoControl):
         if self._alone:
             self._close_guarded(world, row, hook.ads.close, hook.target)
         else:
-            self._each(world, lambda hook: hook.ads.close(), rows=[row])
+            self._each(world, lambda hook, *_: hook.ads.close(), 0.0, [row])
         super().release(world, row)
 
 
@@ -184,7 +184,8 @@ class _Hook:
         self._native = isinstance(self.ads, NativeModel)
         plain = type(self.ads) is ObjectController and type(self.target) is FunctionType
         self._act = self.target if plain else self.ads.step
-        self._know_limits(world)
+        self._step, self._limits = world.settings.step, world.settings.vehicle
+        self._half = 0.5 * self._limits.length
         self._take_wheel(world)
 
     def _take_wheel(self, world: World) -> None:
@@ -200,12 +201,6 @@ class _Hook:
         self._actuation = Actuation(conditions, lambda *clip: world.note(case, *clip))
         self._at_once = conditions.actuation_delay == 0.0 and conditions.step_budget is None
 
-    def _know_limits(self, world: World) -> None:
-        """Limits of the ego's motion."""
-        settings = world.settings
-        self._step, self._limits = settings.step, settings.vehicle
-        self._half = 0.5 * settings.vehicle.length
-
     def watch(self, world: World, row: int) -> None:
         """Look at this row of the world's arrays from now on."""
         self._row, self._mine = row, world.egos[row : row + 1]
@@ -216,7 +211,7 @@ class _Hook:
         self._stale = self._mine["stale"].data
         self._settles = self._mine["settled"].data
 
-    def begin(self, world: World) -> None:
+    def begin(self, world: World, time: float) -> None:
         """Reset the ADS."""
         concrete, settings = world.cases[self._case], world.each[self._case]
         self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
@@ -230,8 +225,8 @@ class _Hook:
         briefing = make_briefing(concrete, settings, self._terms)
         error = error_of(self.ads.reset, briefing, TRACI, EGO)
         if error is not None:
-            self._blamed(error, "in reset", 0.0)
-        self._driver._check_clock(world, 0.0)
+            self._blamed(error, "in reset", time)
+        self._driver._check_clock(world, time)
 
     def _blamed(self, error: BaseException, when: str, time: float) -> None:
         """Put an exception of the user's code in words; a refused call is reported by the check of
@@ -285,7 +280,7 @@ class _Hook:
 
     def _ask(self, time: float) -> Command | None:
         """The answer of the ADS as a command, after its listeners."""
-        answer, asked = None, clock.perf_counter()
+        answer, asked = None, perf_counter()
         GUARD.moved = False
         try:
             if not GUARD.shared:
@@ -296,7 +291,7 @@ class _Hook:
         except BaseException as error:  # noqa: BLE001 - `_blamed` raises it, put in words
             self._blamed(error, f"at {time:.2f} s", time)
         finally:
-            took = clock.perf_counter() - asked
+            took = perf_counter() - asked
             if self._waits:
                 took += self.ads.took  # type: ignore[attr-defined]
             self._latencies.append(took)
@@ -356,7 +351,7 @@ class _Hook:
         else:
             advance_plant(self._plant, world, command)
 
-    def after(self, now: float) -> None:
+    def after(self, world: World, now: float) -> None:
         """Read the ego that SUMO moved; where the vehicle model moves it, SUMO must show the
         same.
         """
