@@ -141,7 +141,8 @@ def task_words(scene: CaseDrives, logical: LogicalScenario) -> _Said:
     if share is None or share >= LOW or scene.case.incident or not asked or not len(asked.places):
         return
     own = times_at(scene.ego, asked.places)
-    who = _people(scene, "reference car")
+    who = count(len(scene.drivers), "driver")
+    who += " and the reference car" if len(scene.beside) > len(scene.drivers) else ""
     reached = np.flatnonzero(np.isfinite(own))
     whole = asked.places[-1] - begin
     if len(reached) < len(own):
@@ -155,11 +156,6 @@ def task_words(scene: CaseDrives, logical: LogicalScenario) -> _Said:
         return
     late = f"Needed {own[-1]:z.1f} s for {whole:z.0f} m; the slowest of {who} needed"
     yield f"{late} {asked.slowest[-1]:z.1f} s.", float(own[int(np.argmax(own - asked.slowest))])
-
-
-def _people(scene: CaseDrives, car: str) -> str:
-    drivers = count(len(scene.drivers), "driver")
-    return f"{drivers} and the {car}" if len(scene.beside) > len(scene.drivers) else drivers
 
 
 def likeness_words(scene: CaseDrives, people: Quantiles) -> _Said:

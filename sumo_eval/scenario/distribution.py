@@ -35,9 +35,10 @@ class Distribution:
 
         Raises InputError for a name that scipy.stats does not have and for wrong arguments.
         """
-        known = _continuous()
-        check_known(f"distribution of {owner}", known, name)
-        shapes = re.findall(r"\w+", getattr(_stats(), name).shapes or "")
+        stats = _stats()
+        every = (it for it, found in vars(stats).items() if isinstance(found, stats.rv_continuous))
+        check_known(f"distribution of {owner}", sorted(every), name)
+        shapes = re.findall(r"\w+", getattr(stats, name).shapes or "")
         allowed = [*shapes, "loc", "scale"]
         check_known(f"argument of distribution `{name}` of {owner}", allowed, *arguments)
         for shape in shapes:
@@ -77,13 +78,6 @@ class Distribution:
 
     def _frozen(self) -> Any:
         return getattr(_stats(), self.name)(**dict(self.arguments))
-
-
-def _continuous() -> list[str]:
-    stats = _stats()
-    return sorted(
-        name for name in dir(stats) if isinstance(getattr(stats, name), stats.rv_continuous)
-    )
 
 
 def _stats() -> Any:
