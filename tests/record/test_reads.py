@@ -339,3 +339,16 @@ def test_process_that_is_lost_leaves_what_others_had_read(tmp_path: Path) -> Non
     lost = ADS.replace("return self.plan()", "os._exit(3)")
     sumo_eval.evaluate(written(tmp_path / "source", lost), tmp_path / "run")
     assert "3 recorded cases" in stale(tmp_path)[0], "no process lived to tell what it had read"
+
+
+def test_every_written_file_counts_as_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reads, "_MOST_REPORTED", 1)
+    watch = reads._Watch(tmp_path)
+    for name in ("a.txt", "b.txt"):
+        (tmp_path / name).write_text(name)
+        watch.write(str(tmp_path / name))
+        watch.read(str(tmp_path / name))
+    noted = {path: found for path, found in watch.report() if path.endswith(".txt")}
+    assert noted == {"a.txt": reads.WRITTEN}

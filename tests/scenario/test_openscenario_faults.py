@@ -28,6 +28,20 @@ def said(path: Path) -> str:
     return result.stderr.strip()
 
 
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("osc_alks --out a.toml", "`--out` is for one file"),
+        ("osc_alks?speed=1", "Options `?` are for one file"),
+        ("a.xosc --set speed=1", "got no `--out`"),
+        ("a.xosc --folder .", "`--folder` is for a catalogue"),
+    ],
+)
+def test_options_that_import_would_ignore_are_refused(words: str, sentence: str) -> None:
+    result = CliRunner().invoke(main, ["import", *words.split()])
+    assert (result.exit_code, sentence in " ".join(result.stderr.split())) == (2, True)
+
+
 def change(path: Path, old: str, new: str) -> Path:
     """The same file with a part of its text replaced."""
     text = path.read_text(encoding="utf-8")
