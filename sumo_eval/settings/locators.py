@@ -14,7 +14,7 @@ from typing import Any
 
 from sumo_eval.errors import InputError, did_you_mean, said
 from sumo_eval.gone import MODULES
-from sumo_eval.input_file import input_file
+from sumo_eval.input_file import hash_of
 from sumo_eval.text import words_of
 
 
@@ -37,7 +37,7 @@ def load_object(locator: str, folder: Path | None, kind: str) -> Any:
     found: Any = module
     for part in name.split("."):
         if not hasattr(found, part):
-            public = [known for known in vars(found) if not known.startswith("_")]
+            public = [known for known in dir(found) if not known.startswith("_")]
             raise InputError(f"{owner}: `{place}` has no `{name}`.{did_you_mean(part, public)}")
         found = getattr(found, part)
     return found
@@ -63,10 +63,12 @@ def _load_file(place: str, folder: Path | None, owner: str) -> ModuleType:
     if not path.exists():
         raise InputError(f"{owner}: there is no file {path}.")
     try:
-        input_file(path, "file")
+        content = hash_of(path, "file")
     except InputError as error:
         raise InputError(f"{owner}: {error}") from None
-    name = f"_sumo_eval_file_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
+    # with its content: a file that was edited meanwhile, as beside a notebook, is another module
+    digest = hashlib.sha256(bytes(path) + content.encode()).hexdigest()[:12]
+    name = f"_sumo_eval_file_{path.stem}_{digest}"
     if name in sys.modules:
         return sys.modules[name]
     _make_importable(path.parent)

@@ -17,6 +17,7 @@ from sumo_eval.settings import (
     DriverSettings,
     FieldSettings,
     RunSettings,
+    SamplingSettings,
     ScoreSettings,
     SimulationSettings,
     VehicleSettings,
@@ -98,6 +99,9 @@ def test_about_knows_unit_symbol_and_equation():
         (AnthropomorphicSettings, {"points_per_side": 2.5}, "must be a whole number, got 2.5"),
         (ScoreSettings, {"a": 100.1}, "`a` of `ScoreSettings` must be at most 100, got 100.1"),
         (DriverSettings, {"count": 1}, "`count` of `DriverSettings` must be at least 2, got 1"),
+        (SamplingSettings, {"count": "5"}, "`count` of `SamplingSettings` must be a whole number, "
+                                           "got '5'"),
+        (SamplingSettings, {"aim": "risk"}, "must be one of 's_plus', 'boundary', got 'risk'"),
         (DriverSettings, {"source": 3}, "`source` of `DriverSettings` must be a text, got 3"),
         (RunSettings, {"workers": 0}, "`workers` of `RunSettings` must be at least 1, got 0"),
         (ZoneSettings, {"target": "labels"}, "`target` of `ZoneSettings` must be one of "
