@@ -120,6 +120,10 @@ def _rules(cls: Any) -> tuple[_Rule, ...]:
     for item in fields(cls):
         hint = hints_of(cls)[item.name]
         base = get_args(hint)[0] if get_origin(hint) is Annotated else hint
+        optional = type(None) in get_args(base)
+        kinds = set(get_args(base)) - {type(None)}
+        if optional and len(kinds) == 1:
+            base = kinds.pop()
         choices = get_args(base) if get_origin(base) is Literal else ()
         kind, words = _KINDS.get(base, (object, ""))
         bounds = tuple(
@@ -128,5 +132,5 @@ def _rules(cls: Any) -> tuple[_Rule, ...]:
             for bound, attribute, holds, words in _CHECKS
             if isinstance(extra, bound)
         )
-        found.append(_Rule(item.name, type(None) in get_args(base), choices, kind, words, bounds))
+        found.append(_Rule(item.name, optional, choices, kind, words, bounds))
     return tuple(found)
