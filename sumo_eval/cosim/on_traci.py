@@ -196,7 +196,7 @@ class _Hook:
         self._settled = getattr(self.target, "settled", None) if decides else None
         concrete = world.cases[case]
         self.road, self._bent = concrete.road, concrete.road.bent
-        self._wheel = Executor(settings, partial(world.note, case), concrete.road.line)
+        self._executor = Executor(settings, partial(world.note, case), concrete.road.line)
         conditions = settings.conditions
         self._actuation = Actuation(conditions, lambda *clip: world.note(case, *clip))
         self._at_once = conditions.actuation_delay == 0.0 and conditions.step_budget is None
@@ -262,7 +262,7 @@ class _Hook:
 
     def _held(self, time: float) -> Command | None:
         """Command between two calls."""
-        if not self._wheel.holds:
+        if not self._executor.holds:
             return None
         return self._actuation.pass_on(self._obeyed(HOLD, time), time, 0.0)
 
@@ -302,7 +302,7 @@ class _Hook:
         if not GUARD.shared:
             self._driver._check_clock(self._world, time)
         if answer is None:
-            self._wheel.release()
+            self._executor.release()
             return None if self._at_once else self._actuation.pass_on(None, time, took)
         command = self._obeyed(answer, time)
         if GUARD.moved:
@@ -313,9 +313,9 @@ class _Hook:
         """Command to the vehicle."""
         try:
             if type(answer) is Command:  # nearly every answer of nearly every ADS
-                return self._wheel.command(answer, self._state, time)
-            asked = None if answer is HOLD and self._wheel.holds else checked_answer(answer)
-            return self._wheel.command(asked, self._state, time)
+                return self._executor.command(answer, self._state, time)
+            asked = None if answer is HOLD and self._executor.holds else checked_answer(answer)
+            return self._executor.command(asked, self._state, time)
         except ControllerError as error:
             raise with_time(error, f"at {time:.2f} s") from error
 
