@@ -447,6 +447,15 @@ class Evaluation:
         """The cases of all ADSs in one scenario."""
         return self.cases.part(scenario)
 
+    @property
+    def ads_names(self) -> list[str]:
+        """Names of its ADSs, in the order of the scores."""
+        return list(dict.fromkeys(score.ads for score in self.scores))
+
+    def scores_in(self, scenario: str) -> list[ScenarioResult]:
+        """The results of all ADSs in one scenario."""
+        return [score for score in self.scores if score.scenario == scenario]
+
     def case(self, key: str) -> CaseResult | None:
         """A case by its key; None where there is none."""
         return next(iter(self.cases[np.flatnonzero(self.cases.case == key)]), None)

@@ -92,7 +92,7 @@ def checks_content(evaluation: Evaluation, _: Beside) -> Mapping[str, Any] | Non
 def _table(evaluation: Evaluation, scenario: str) -> dict[str, Any]:
     """The table of one scenario."""
     checks = evaluation.checks[scenario]
-    scores = [score for score in evaluation.scores if score.scenario == scenario]
+    scores = evaluation.scores_in(scenario)
     names = [score.ads for score in scores]
     failed, passed = Counter[tuple[str, str]](), Counter[str]()
     points: set[int] = set()

@@ -28,7 +28,7 @@ def nearest_cases(
     Raises InputError for one that the run does not have.
     """
     scenarios = evaluation.scenarios
-    everybody = list(dict.fromkeys(score.ads for score in evaluation.scores))
+    everybody = evaluation.ads_names
     having = [name for name, logical in scenarios.items() if values.keys() <= set(logical.names)]
     name = scenario or next(iter((*having, *scenarios)))
     logical = scenarios.get(name)

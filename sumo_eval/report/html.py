@@ -182,7 +182,7 @@ def _group(
     logical = zones.logical
     cases = evaluation.cases_in(logical.name)
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
-    scores = [score for score in evaluation.scores if score.scenario == logical.name]
+    scores = evaluation.scores_in(logical.name)
     judged = {str(one) for score in scores for one in np.unique(verdicts(evaluation, score))}
     # Chunk by chunk: words of a million cases would be 50 MB.
     outcomes = {one for chunk in cases.chunks for one in CaseTable([chunk]).outcome.tolist()}
@@ -220,8 +220,7 @@ def _left_out(
         return {"left_out": 0}
     tables = {
         one.ads: evaluation.cases_of(one.ads, one.scenario)
-        for one in evaluation.scores
-        if one.scenario == logical.name
+        for one in evaluation.scores_in(logical.name)
     }
     there = sum(shown.number(cases) for cases in tables.values())
     find = " ".join(f"{item.name}={(item.low + item.high) / 2.0:g}" for item in logical.parameters)

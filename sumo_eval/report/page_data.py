@@ -119,7 +119,7 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
     drawn = replace(view, fixed=telling or view.fixed)  # computed where the page opens
     rows = [_case(case, logical.row(case.values), view) | beside for case, beside in told]
     keys = {row["key"] for row in rows}
-    everybody = [score.ads for score in evaluation.scores if score.scenario == logical.name]
+    everybody = [score.ads for score in evaluation.scores_in(logical.name)]
     dangerous = [logical.row(values) for values in zones.most_dangerous]
     return {
         "name": logical.name,

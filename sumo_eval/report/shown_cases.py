@@ -59,10 +59,7 @@ def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str
 
     named: cases of failed limits, which tell more than all others.
     """
-    every = {
-        zone.scenario: [one for one in evaluation.scores if one.scenario == zone.scenario]
-        for zone in evaluation.zones
-    }
+    every = {zone.scenario: evaluation.scores_in(zone.scenario) for zone in evaluation.zones}
     numbers = {
         name: sum(len(evaluation.cases_of(one.ads, name)) for one in scores)
         for name, scores in every.items()

@@ -44,7 +44,7 @@ def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
     if evaluation.ranking is not None and evaluation.ranking.ads:
         return evaluation.ranking.ads
     order = []
-    for ads in dict.fromkeys(score.ads for score in evaluation.scores):
+    for ads in evaluation.ads_names:
         scores = [score for score in evaluation.scores if score.ads == ads]
         interval = scores[0].s_plus_interval if len(scores) == 1 else None
         order.append(RankedAds(ads, None, _mean((it.s_plus, 1.0) for it in scores), interval))

@@ -285,7 +285,7 @@ def side_by_side(
     """Compare whatever two runs have in common, though it be nothing; what differs is listed and
     not refused.
     """
-    olds, news = (list(dict.fromkeys(it.ads for it in run.scores)) for run in (base, new))
+    olds, news = base.ads_names, new.ads_names
     partners = _partners(olds, news, pairs or {})
     alone = not partners and len(olds) == len(news) == 1
     supposed = {news[0]: olds[0]} if alone else {}

@@ -108,7 +108,7 @@ def further_round(
     assert points.stratum is not None
     assert points.stands_for is not None
     method, everybody = done.settings.method, np.arange(len(points.points))
-    scores = [score for score in done.scores if score.scenario == logical.name]
+    scores = done.scores_in(logical.name)
     rows = [done.cases_of(score.ads, logical.name) for score in scores]
     places = [everybody for _ in scores]
     stands = standing(sampling, points, scores, rows, places, method, logical.name)
