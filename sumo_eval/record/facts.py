@@ -183,12 +183,6 @@ def record_facts(
         _begun(folder, run, spaces, another_round=another_round) as store,
     ):
         remember(folder, settings, source)
-        before = store.noted(run_folder.SHARD)
-        if before not in ("", shard):
-            raise InputError(
-                f"Run {folder} is shard {before}; it cannot continue as shard {shard}."
-            )
-        refuse_to_lose_cases(store, spaces, settings, folder)
         notes = find_stale(store, source)
         store.remove_stale()
         store.unseal()
@@ -234,7 +228,18 @@ def compile_loops(
 def _begun(
     folder: Path, run: Resolved, spaces: Sequence[Space], *, another_round: bool = False
 ) -> Iterator[Store]:
-    """The store of a run folder that is filled with its other files."""
+    """The store of a run folder that is filled with its other files.
+
+    Raises InputError for a run that cannot continue as this one, before a file of it changes.
+    """
+    if run_folder.is_run(folder):
+        shard = "{}/{}".format(*run.shard)
+        with open_store(folder / run_folder.FACTS, create=True, checked=True) as store:
+            if (before := store.noted(run_folder.SHARD)) not in ("", shard):
+                raise InputError(
+                    f"Run {folder} is shard {before}; it cannot continue as shard {shard}."
+                )
+            refuse_to_lose_cases(store, spaces, run.settings, folder)
     run_folder.create(
         folder, run.settings, run.source, map(_middle, spaces), another_round=another_round
     )

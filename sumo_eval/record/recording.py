@@ -322,11 +322,11 @@ def refuse_to_lose_cases(
     """A resumed run keeps what it has: refuses an evaluation that leaves out cases of ADSs
     that are recorded.
     """
-    counts = {space.logical.name: len(space.points) for space in spaces}
+    numbers = {space.logical.name: space.numbers for space in spaces}
     drivers = {ads.name for ads in settings.ads}
     for scenario in sorted({row[0] for row in store.counts()}):
         for case, point, driver in store.names("ads", scenario):
-            if driver not in drivers or point >= counts.get(scenario, 0):
+            if driver not in drivers or point not in numbers.get(scenario, ()):
                 raise InputError(
                     f"Run {run} holds cases that this evaluation does not choose, e.g. {case}: "
                     "a run keeps its cases. Give the changed evaluation a folder of its own."

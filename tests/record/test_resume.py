@@ -131,11 +131,17 @@ def test_a_module_that_the_ads_imports_is_part_of_it(tmp_path: Path) -> None:
 
 
 def test_resuming_with_fewer_cases_is_refused_and_loses_none(whole: Path) -> None:
-    before = digest(whole)
-    run = Resolved.of(read_evaluation(whole / "evaluation.toml"), whole.parent)
-    fewer = replace(run, settings=replace(run.settings, ads=run.settings.ads[:1]))
-    with pytest.raises(InputError, match="a run keeps its cases"):
-        record_facts(fewer, whole, resume=True)
+    before, written = digest(whole), whole / "evaluation.toml"
+    run, text = Resolved.of(read_evaluation(written), whole.parent), written.read_text()
+    settings = run.settings
+    every = [f"{settings.scenario[0].use}-0000-{ads.name}" for ads in settings.ads]
+    narrow = replace(settings, run=replace(settings.run, only=tuple(every)))
+    for fewer in (replace(settings, ads=settings.ads[:1]), narrow):
+        with pytest.raises(InputError, match="a run keeps its cases"):
+            record_facts(replace(run, settings=fewer), whole, resume=True)
+        with pytest.raises(InputError, match="cannot continue as shard 1/2"):
+            record_facts(replace(run, shard=(1, 2)), whole, resume=True)
+        assert (digest(whole), written.read_text()) == (before, text)
     record_facts(run, whole, resume=True)
     assert digest(whole) == before
 
