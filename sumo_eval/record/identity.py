@@ -109,14 +109,11 @@ def files_identity(ads: AdsSettings, source: Path) -> str:
 def people_identity(settings: DriverSettings, source: Path) -> str:
     """How recorded people are chosen, and hashes of the files that they are in."""
     folder = source / settings.cases
-    files = [source / name for name in settings.recordings]
-    files += sorted(folder.rglob("*.csv")) if settings.cases else []
-    return _text(
-        {
-            "settings": repr(settings),
-            "files": {str(file): hash_of(file, "file") for file in files if file.is_file()},
-        }
-    )
+    files = {name: source / name for name in settings.recordings}
+    cases = sorted(folder.rglob("*.csv")) if settings.cases else []
+    files |= {f"{settings.cases}/{file.relative_to(folder)}": file for file in cases}
+    hashes = {name: hash_of(file, "file") for name, file in files.items() if file.is_file()}
+    return _text({"settings": repr(settings), "files": hashes})
 
 
 def with_fingerprint(

@@ -6,7 +6,8 @@ import shutil
 from pathlib import Path
 
 import sumo_eval
-from sumo_eval.record.identity import sources_of_facts
+from sumo_eval.record.identity import people_identity, sources_of_facts
+from sumo_eval.settings import DriverSettings
 
 PACKAGE = Path(sumo_eval.__file__).parent
 
@@ -29,3 +30,15 @@ def test_facts_depend_on_the_code_that_makes_them_and_on_the_scenario_files(tmp_
     (copy / "report" / "html.py").unlink()  # the report makes no facts
     changed = {name for name, found in sources_of_facts(copy).items() if found != as_it_was[name]}
     assert changed == {"scenario/files/cut_in.toml"}
+
+
+def test_recorded_drivers_are_the_same_in_any_folder(tmp_path: Path) -> None:
+    settings = DriverSettings(recordings=("a.csv",), cases="cases")
+    identities = []
+    for folder in (tmp_path / "one", tmp_path / "other"):
+        for name in ("a.csv", "cases/inner/b.csv"):
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(name)
+        identities.append(people_identity(settings, folder))
+    (folder / name).write_text("changed")
+    assert identities[0] == identities[1] != people_identity(settings, folder)
