@@ -661,6 +661,7 @@ def along(begin: int, end: int, place: str) -> str:
     '<Orientation h="0.5"/></GeoPosition>',
     along(0, 900, '<FromLaneCoordinates pathS="70" laneId="1" laneOffset="0.25"/>'),
     along(900, 0, '<FromRoadCoordinates pathS="830" t="-2"/>'),
+    along(900, 0, '<FromLaneCoordinates pathS="830" laneId="1" laneOffset="0.25"/>'),
 ])  # fmt: skip
 @pytest.mark.parametrize("shape", ["<line/>", '<arc curvature="0.000001"/>'])
 def test_every_kind_of_position_is_one_place(tmp_path: Path, place: str, shape: str) -> None:

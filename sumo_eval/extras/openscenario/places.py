@@ -3,8 +3,8 @@
 The place of an entity is that of its reference point (the rear axle of a vehicle,
 `BoundingBox/Center` says where the body's centre lies from there). Without an <Orientation> it
 points along the road's reference line, in left lanes too: the UN R157 file with the ego in lane 4
-drives that way. Along a route numbers of lanes and offsets are those of a road that leads the way
-the route goes.
+drives that way. Along a route, the number and the offset of a lane are those of its road, and t is
+to the left of where the route goes.
 """
 
 from __future__ import annotations
