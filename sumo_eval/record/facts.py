@@ -315,10 +315,13 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
         folders[shard] = folder
     count = max(n for _, n in folders)
     missing = [f"{i}/{count}" for i in range(1, count + 1) if (i, count) not in folders]
-    if missing or len(folders) != count:
+    if missing:
         raise InputError(
             f"To merge, every shard of {count} must be there; missing: {', '.join(missing)}."
         )
+    for (i, n), folder in folders.items():
+        if n != count:
+            raise InputError(f"{folder} is shard {i}/{n}, among shards of {count}.")
     run = Resolved.of(settings, Path(manifest["source_folder"]))
     with run_folder.only_writer(out, resume=False), _begun(out, run, _spaces(run)) as store:
         if run_folder.give_what_is_own(*shards):
