@@ -164,3 +164,10 @@ def test_rooms_of_input_open_files_one_way() -> None:
         if OPENS.search(line) and not any(word in line for word in ALLOWED)
     ]
     assert not wrong
+
+
+def test_events_of_a_spreadsheet_with_a_byte_order_mark_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "events.csv"
+    path.write_text("a\n1\n2\n4\n", encoding="utf-8-sig")
+    joint = read_joint(path, "copula", ["a"], ([0.0], [5.0]), None)
+    assert joint.events == ((1.0,), (2.0,), (4.0,))

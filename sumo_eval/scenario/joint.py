@@ -278,7 +278,7 @@ def read_joint(
 ) -> Joint:
     """The joint distribution over the events in a CSV file with a column for each of `names`."""
     try:
-        with input_file(path, "file of events").open(encoding="utf-8", newline="") as file:
+        with input_file(path, "file of events").open(encoding="utf-8-sig", newline="") as file:
             rows = list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"The events {path} cannot be read: {error}.") from error
