@@ -341,6 +341,10 @@ def test_what_the_environment_cannot_do_is_refused() -> None:
         make("sumo_eval/cut_in-v0", interface=Interface(RAW.features, RAW.actions, period=0.07))
     with pytest.raises(InputError, match=r"Unknown feature `lead\.gab`\. Did you mean `lead\.gap`"):
         Feature("lead.gab")
+    many = make_vec("sumo_eval/cut_in-v0", num_envs=2)
+    many.reset()
+    with pytest.raises(InputError, match=r"must be 2 x 1 numbers, got \(2, 3\)"):
+        many.step(np.zeros((2, 3)))
     with pytest.raises(InputError, match="must be reset before its first step"):
         make("sumo_eval/cut_in-v0").unwrapped.step(np.zeros(1))
 

@@ -37,7 +37,11 @@ def _action_space(interface: Interface) -> gymnasium.Space[Any]:
 def _answers(interface: Interface, actions: Any, count: int) -> Floats:
     """Actions of the action space as a policy's answers, (count, width)."""
     if interface.choices is None:
-        return np.asarray(actions, dtype=np.float64).reshape(count, -1)
+        values = np.asarray(actions, dtype=np.float64)
+        if values.size != count * interface.width:
+            wanted = f"{count} x {interface.width} numbers"
+            raise must_be("The actions", "an environment", wanted, values.shape)
+        return values.reshape(count, -1)
     index = np.asarray(actions).reshape(count)
     if index.dtype.kind not in "iu" or not ((index >= 0) & (index < interface.width)).all():
         wanted = f"whole numbers from 0 to {interface.width - 1}"
