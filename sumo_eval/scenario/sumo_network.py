@@ -83,7 +83,7 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
         if not lanes[-1]:
             raise InputError(f"Edge `{name}` of {owner} must have a lane on which a car may drive.")
         for lane in lanes[-1]:
-            if not 0.0 < lane.width < math.inf:
+            if lane.width <= 0.0:
                 raise must_be(f"The width of lane `{lane.id}`", owner, "above 0 m", lane.width)
             if len(lane.shape) < 2 or lane.shape[0] == lane.shape[-1]:
                 must = "a line from one place to another"
@@ -403,7 +403,7 @@ def _lanes(edge: etree._Element) -> list[_Lane]:
             _Lane(
                 str(lane.get("id")),
                 _index(lane.get("index", "0"), f"The index of lane {shown(str(lane.get('id')))}"),
-                float(lane.get("width", str(_DEFAULT_LANE_WIDTH))),
+                _number(lane.get("width", str(_DEFAULT_LANE_WIDTH)), "The width of a lane"),
                 _points(lane.get("shape", "")),
             )
             for lane in edge.iter("lane")
@@ -443,8 +443,18 @@ def _turn(lane: _Lane) -> Turn:
 
 
 def _points(text: str) -> tuple[Point, ...]:
-    xy = [part.split(",") for part in text.split()]
-    return tuple((float(part[0]), float(part[1])) for part in xy)
+    xy = [[*part.split(","), ""] for part in text.split()]
+    return tuple((_number(x, "x of a shape"), _number(y, "y of a shape")) for x, y, *_ in xy)
+
+
+def _number(text: str, what: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise must_be(what, "the network", "a finite number", text)
+    return value
 
 
 def _text(points: Sequence[Point]) -> str:

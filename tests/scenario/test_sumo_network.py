@@ -219,6 +219,17 @@ def test_a_lane_index_must_be_a_small_number(tmp_path, index):
         read_road(path, ["m"], 280.0)
 
 
+@pytest.mark.parametrize("text", ["wide", "nan"])
+def test_lengths_of_a_network_must_be_numbers(tmp_path, text):
+    path = edge_of(tmp_path / "own.net.xml", CAR, CAR)
+    for old, new in (('width="3.2"', f'width="{text}"'), (' shape="0', f' shape="{text}')):
+        assert old in path.read_text()
+        wrong = tmp_path / "wrong.net.xml"
+        wrong.write_text(path.read_text().replace(old, new, 1))
+        with pytest.raises(InputError, match="of the network must be a finite number"):
+            read_road(wrong, ["m"], 280.0)
+
+
 def test_lanes_of_different_widths_are_listed(tmp_path):
     path = edge_of(tmp_path / "own.net.xml", ('allow="pedestrian"', 2.0), ("", 3.2), ("", 3.5))
     with pytest.raises(InputError, match=r"must have one width, got m_1 3\.2 m, m_2 3\.5 m"):
