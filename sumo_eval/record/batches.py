@@ -10,10 +10,12 @@ in one call, stay together.
 from __future__ import annotations
 
 import math
+import pickle
+import zlib
 from collections import defaultdict, deque
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import islice
+from itertools import chain, islice
 from operator import itemgetter
 
 from sumo_eval.cosim.simulation import probable_end
@@ -31,6 +33,7 @@ LEAST = 32
 _BATCHES_AHEAD = 4
 _MOST_AHEAD = 16_384  # cases that are held ready at most
 _SHARES = 2  # batches that a worker would take of the rest, were they all as large as the next one
+_LOOSE = 256  # ended cases of a hook that are held as they are: compressed, one takes 20 bytes
 _CUT = 4  # by how much batches of a kind get smaller after a lost one
 
 
@@ -56,6 +59,7 @@ class Batches:
         self._in_time: dict[Kind, int] = {}  # size beyond which batches of a kind take too long
         # cases of hooks that ended in batches, and why all cases run alone, by the ADS's locator
         self._beside = defaultdict[str, list[Case]](list)
+        self._compressed = defaultdict[str, list[bytes]](list)
         self._keeps_state: dict[str, Alone] = {}
         self._last: Kind | None = None  # of the case that was made ready last
 
@@ -157,7 +161,9 @@ class Batches:
     def _rerun_alone(self, locator: str, why: Alone) -> None:
         """Run all cases of an ADS alone, those too that have ended in batches."""
         self._keeps_state[locator] = why
-        for case in self._beside.pop(locator, ()):
+        held = map(zlib.decompress, self._compressed.pop(locator, ()))
+        # made here, of this process's own cases
+        for case in chain(*map(pickle.loads, held), self._beside.pop(locator, ())):
             self.run_alone(case, why)
 
     def note_batched(self, case: Case) -> bool:
@@ -166,7 +172,11 @@ class Batches:
         """
         why = self._keeps_state.get(case.controller)
         if why is None:
-            self._beside[case.controller].append(case)
+            loose = self._beside[case.controller]
+            loose.append(case)
+            if len(loose) == _LOOSE:
+                self._compressed[case.controller].append(zlib.compress(pickle.dumps(loose), 1))
+                loose.clear()
         else:
             self.run_alone(case, why)
         return why is None

@@ -349,7 +349,10 @@ def test_score_says_which_drives_left_their_batch(tmp_path: Path) -> None:
     assert not any("could not share" in score_note(note) for note in idm.notes)
 
 
-def test_finished_batches_run_again_alone_once_state_shows(tmp_path: Path) -> None:
+def test_finished_batches_run_again_alone_once_state_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sumo_eval.record.batches._LOOSE", 3)
     (tmp_path / "mine.py").write_text(
         "SLOW = []\n"
         "def step(traci, ego, time):\n"
