@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.cases import CaseResult
 from sumo_eval.errors import unknown
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP
 from sumo_eval.method.point_criticality import criticality
-from sumo_eval.method.score_terms import excess, mean_shares, worth
+from sumo_eval.method.score_terms import excess, worth
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.human_reference import PointJob, compute_points
 from sumo_eval.record.kept_results import KeptResults
@@ -150,7 +150,7 @@ def _collision(
     yield f"Eq. 17: the ideal vehicle {best}: {what} = {ratio:z.4f}{capped}"
     yield from _weight(case, zones)
     counted = found.cases.collided & np.isfinite(found.cases.ideal_severity)
-    weights, share = _share(case, found.cases, counted, found.cases.weight)
+    weights, share = _share(case, found, counted, found.cases.weight)
     whole = worth(found.settings.method.score)
     yield (
         f"Eq. 17: of 1 - C = {1.0 - (found.score.c or 0.0):z.4f} this case took r (1 - {what}) / "
@@ -213,7 +213,7 @@ def _likeness(
     yield from _factors(index)
     if abs(index.value - case.index) > ROUNDING:
         yield f"WARNING: the score has D_i = {case.index:z.6f}, which this arithmetic does not give"
-    exposures, share = _share(case, found.cases, found.indexed, found.cases.exposure)
+    exposures, share = _share(case, found, found.indexed, found.cases.exposure)
     of = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
     whole = worth(found.settings.method.score)
     yield (
@@ -303,8 +303,7 @@ def _task(case: CaseResult, found: Findings) -> Iterator[str]:
     score = found.score
     beside = f"`{score.task_reference}` and the drivers" if score.task_reference else "the drivers"
     why = " for its incident" if case.incident else ""
-    counted = found.cases.safe & np.isfinite(found.cases.task_share)
-    exposures, share = _share(case, found.cases, counted, found.cases.exposure)
+    exposures, share = _share(case, found, found.tasked, found.cases.exposure)
     yield (
         f"T: t_i = {case.task_share:z.4f}{why}, mean over the way of min(1, time of the slowest of "
         f"{beside} / own time); of 1 - T = {1.0 - (score.task_share or 0.0):z.4f} this case took "
@@ -334,7 +333,7 @@ def _human(case: CaseResult, found: Findings) -> Iterator[str]:
             f"{' x '.join(number(value, 4) for value in factors)} = {case.human_likeness:z.4f}; "
             "plausibility: 1 where at least 5 % of recorded people go to such extremes"
         )
-    exposures, share = _share(case, found.cases, found.likened, found.cases.exposure)
+    exposures, share = _share(case, found, found.likened, found.cases.exposure)
     if math.fsum(exposures) > 0.0:
         yield (
             f"H: share of the mean {share:z.5f} ({len(exposures)} cases); of H = "
@@ -345,15 +344,15 @@ def _human(case: CaseResult, found: Findings) -> Iterator[str]:
 
 
 def _share(
-    case: CaseResult, cases: CaseTable, counted: BoolArray, weights: FloatArray
+    case: CaseResult, found: Findings, counted: BoolArray, weights: FloatArray
 ) -> tuple[list[float], float]:
-    """The weights of the cases that a mean is over, and what this case weighs in it.
+    """The weights of the cases that a mean is over, and the share of this case in it.
 
     counted: those, (n,).
     """
-    known = np.nan_to_num(weights[counted])
-    here = cases.case[counted] == case.case
-    return known.tolist(), float(mean_shares(known)[here][0])
+    here = found.cases.case == case.case
+    known = np.nan_to_num(weights[counted]).tolist()
+    return known, float(found.shares(counted, weights)[here][0])
 
 
 def _measures(case: CaseResult) -> Iterator[str]:

@@ -127,6 +127,17 @@ class Findings:
         return np.isfinite(self.cases.human_likeness)
 
     @property
+    def tasked(self) -> BoolArray:
+        """Which cases T is the mean of, (n,)."""
+        return np.asarray(self.cases.safe & np.isfinite(self.cases.task_share))
+
+    def shares(self, counted: BoolArray, weights: FloatArray) -> FloatArray:
+        """Share of each case in a mean over those that are counted, (n,)."""
+        found = np.zeros(len(counted))
+        found[counted] = mean_shares(np.nan_to_num(weights[counted]))
+        return found
+
+    @property
     def factor_means(self) -> dict[str, float]:
         """Mean of every factor of D_i over the safe cases that have one, by exposure; empty without
         any.

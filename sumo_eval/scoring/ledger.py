@@ -19,7 +19,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from sumo_eval.cases import CaseResult, CaseTable, IntArray
-from sumo_eval.method.score_terms import mean_shares, product_losses, worth
+from sumo_eval.method.score_terms import product_losses, worth
 from sumo_eval.results import ScenarioResult
 from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, NOTICEABLE, Findings
 from sumo_eval.trajectory import BoolArray, FloatArray
@@ -136,7 +136,7 @@ def _task_lines(found: Findings) -> _Lines:
         yield _line(found, "T", NOT_COMPUTED, alone=-1.0)
         return
     shares = cases.task_share
-    lost = np.nan_to_num(_shares(cases, cases.safe & np.isfinite(shares)) * (1.0 - shares))
+    lost = np.nan_to_num(found.shares(found.tasked, cases.exposure) * (1.0 - shares))
     groups = {
         "given up": cases.gave_up,
         "a contact": cases.collided,
@@ -188,7 +188,7 @@ def _human_lines(found: Findings) -> _Lines:
     if found.score.human_likeness is None:
         yield _line(found, "H", NOT_COMPUTED, alone=-1.0)
         return
-    weights, incident = _shares(cases, counted), cases.incident
+    weights, incident = found.shares(counted, cases.exposure), cases.incident
     hits = np.flatnonzero(counted & incident)
     if len(hits):
         cause = "an avoidable incident in a safe case"
@@ -226,14 +226,8 @@ def _likeness_lines(found: Findings) -> _Lines:
         yield _line(found, "D", NOT_COMPUTED, hits, lost=each, alone=-1.0, equation="18")
         return
     indexed = cases.counts_for_index & np.isfinite(cases.index)
-    yield from _factor_lines(found, "D", np.flatnonzero(indexed), _shares(cases, indexed))
-
-
-def _shares(cases: CaseTable, counted: BoolArray) -> FloatArray:
-    """Weight of each case in a mean over those that are counted, (n,)."""
-    weights = np.zeros(len(counted))
-    weights[counted] = mean_shares(cases.exposure[counted])
-    return weights
+    shares = found.shares(indexed, cases.exposure)
+    yield from _factor_lines(found, "D", np.flatnonzero(indexed), shares)
 
 
 def _factor_lines(
