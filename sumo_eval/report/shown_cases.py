@@ -115,15 +115,22 @@ def density_maps(
         f"{item.name} ({item.low:g} to {item.high:g}{item.behind})" for item in (up, across)
     )
     most = int(number.max(initial=0))
-    pictures = (
-        (f"how many cases, up to {most:,} in a tile", "number of cases", "--c",
-         number / max(most, 1), number, number),
-        (f"share of them that collided, up to {share.max(initial=0.0):z.0%}",
-         "share that collided", "--hit", share, hits, share),
-    )  # fmt: skip
     return [
-        (f"{shown}; {axes}", _tiles(shade, its, said, colour, f"{words}, {axes}", (across, up)))
-        for shown, words, colour, shade, its, said in pictures
+        (
+            f"how many cases, up to {most:,} in a tile; {axes}",
+            _tiles(
+                number / max(most, 1),
+                number,
+                number,
+                "--c",
+                f"number of cases, {axes}",
+                (across, up),
+            ),
+        ),
+        (
+            f"share of them that collided, up to {share.max(initial=0.0):z.0%}; {axes}",
+            _tiles(share, hits, share, "--hit", f"share that collided, {axes}", (across, up)),
+        ),
     ]
 
 
