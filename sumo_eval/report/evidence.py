@@ -17,11 +17,10 @@ from typing import Any, Literal
 import numpy as np
 
 from sumo_eval.cases import CaseTable
-from sumo_eval.errors import InputError
 from sumo_eval.input_file import hash_of
 from sumo_eval.record.run_folder import EVALUATION, EXPOSURES, FACTS, MANIFEST
 from sumo_eval.report.checks import FAILED, PASSED, checked_cases
-from sumo_eval.report.page import template
+from sumo_eval.report.page import template, write_page
 from sumo_eval.report.qualification import holds, qualification_sentence
 from sumo_eval.report.words import count, people_sentence, reference_sentence
 from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
@@ -105,16 +104,11 @@ def evidence_of(evaluation: Evaluation) -> Evidence:
 def write_evidence(evaluation: Evaluation, out: Path) -> tuple[Path, Path]:
     """Write `evidence.html` and `evidence.json` into a folder and return their paths."""
     found = evidence_of(evaluation)
-    text = template("evidence.html.j2").render(found=found)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / PAGE).write_text(text, encoding="utf-8")
-        (out / PLAIN).write_text(
-            json.dumps(found.plain(), indent=2, allow_nan=False) + "\n", encoding="utf-8"
-        )
-    except OSError as error:
-        raise InputError(f"The evidence cannot be written into {out}: {error}.") from error
-    return out / PAGE, out / PLAIN
+    page = template("evidence.html.j2").render(found=found)
+    plain = json.dumps(found.plain(), indent=2, allow_nan=False)
+    contents = {PAGE: page, PLAIN: f"{plain}\n"}
+    html, data = (write_page(out / name, text, "The file") for name, text in contents.items())
+    return html, data
 
 
 def _claims(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult) -> Iterator[Claim]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 import shlex
 from dataclasses import dataclass, replace
@@ -11,10 +10,10 @@ from pathlib import Path
 from sumo_eval.cosim.doors.entry import made_absolute
 from sumo_eval.cosim.openscenario import opendrive_xml, openscenario_xml
 from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
-from sumo_eval.errors import InputError
 from sumo_eval.record import run_folder
 from sumo_eval.record.store import Fact, open_store
 from sumo_eval.report.explain import known_case
+from sumo_eval.report.page import write_csv, write_page
 from sumo_eval.scenario.catalogue import is_file
 from sumo_eval.settings import (
     EvaluationSettings,
@@ -77,17 +76,9 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
     known = fact.exposure > 0.0  # a sample whose exposures are all 0 is refused
     columns = [*logical.names, *(["exposure"] if known else [])]
     values = [*(fact.values[name] for name in logical.names), *([fact.exposure] if known else [])]
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        for name, text in texts.items():
-            (out / name).write_text(text, encoding="utf-8")
-        with (out / f"{stem}.csv").open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file, lineterminator="\n").writerows(
-                [[cell(name) for name in columns], [repr(value) for value in values]]
-            )
-    except OSError as error:
-        raise InputError(f"The case cannot be written into {out}: {error}.") from error
-    return Exported(tuple(out / name for name in (*texts, f"{stem}.csv")), line)
+    paths = [write_page(out / name, text, "The file") for name, text in texts.items()]
+    points = write_csv(out / f"{stem}.csv", map(cell, columns), [map(repr, values)])
+    return Exported((*paths, points), line)
 
 
 def _evaluation(

@@ -31,6 +31,7 @@ def write_page(path: Path, page: str, what: str) -> Path:
     what: it is, as a sentence begins that says that it cannot be written.
     """
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(page, encoding="utf-8")
     except OSError as error:
         raise InputError(f"{what} {path} cannot be written: {error}.") from error
