@@ -54,7 +54,10 @@ def find_bases(history: Path, lines: History, done: Evaluation, settings: GateSe
     notes: list[str] = []
     accepted = {pin.night for pin in in_force(lines.accepted())}
     good = [night for night in nights if night.good or night.night in accepted]
-    last, comparison = _first_usable(history, good[::-1], done, settings, notes)
+    kept = [night for night in good[::-1] if (history / night.folder).is_dir()]
+    if good and not kept:
+        notes.append("The folders of all good nights are gone.")
+    last, comparison = _first_usable(history, kept, done, settings, notes)
 
     pin = pin_of(lines)
     pinned_night = next(
@@ -63,9 +66,9 @@ def find_bases(history: Path, lines: History, done: Evaluation, settings: GateSe
     pinned = None
     if pinned_night is not None and pinned_night != last:
         pinned_night, pinned = _first_usable(history, [pinned_night], done, settings, notes)
-    return Bases(
-        last, pinned_night, comparison, pinned, tuple(notes), unusable=bool(good) and last is None
-    )
+    # once, of a pin that was tried as the last good night before
+    said, unusable = tuple(dict.fromkeys(notes)), bool(good) and last is None
+    return Bases(last, pinned_night, comparison, pinned, said, unusable)
 
 
 def _first_usable(

@@ -9,12 +9,20 @@ import builders
 import pytest
 
 from sumo_eval.errors import InputError
-from sumo_eval.nightly.bases import accept, finished_within, in_force, pin_of, pinned_by_itself
+from sumo_eval.nightly.bases import (
+    accept,
+    find_bases,
+    finished_within,
+    in_force,
+    pin_of,
+    pinned_by_itself,
+)
 from sumo_eval.nightly.history import Accepted, Night, open_history
 from sumo_eval.nightly.judged import failing_since
 from sumo_eval.nightly.night import _prune, _size
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.gate_settings import GateSettings
 
 FUTURE, TODAY, LATER = "2999-01-01T02-00-00Z", "2026-11-25T02-00-00Z", "2026-11-26T02-00-00Z"
 FAILED = GateResult(
@@ -73,6 +81,24 @@ def test_pruning_keeps_each_night_that_will_be_the_pin(
         _prune(tmp_path, lines, keep=1)
     left = sorted(path.name for path in (tmp_path / "nights").iterdir())
     assert left == [names[0], *names[2:]]
+
+
+def test_a_night_that_is_no_base_is_named_once_a_gone_one_not(
+    evaluation: Evaluation, tmp_path: Path
+) -> None:
+    for name in (FUTURE, TODAY, LATER):
+        add(tmp_path, name, evaluation)
+    (tmp_path / "nights" / FUTURE).rmdir()
+    with open_history(tmp_path) as lines:
+        lines.accept(pinned_by_itself(LATER, "first", None))
+        bases = find_bases(tmp_path, lines, evaluation, GateSettings())
+        assert [note.split()[1] for note in bases.notes] == [LATER, TODAY]
+        assert bases.unusable
+        for name in (TODAY, LATER):
+            (tmp_path / "nights" / name).rmdir()
+        bases = find_bases(tmp_path, lines, evaluation, GateSettings())
+    assert bases.notes[0] == "The folders of all good nights are gone."
+    assert bases.unusable
 
 
 def test_accept_keeps_what_when_and_why(evaluation: Evaluation, tmp_path: Path) -> None:
