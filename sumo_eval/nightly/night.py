@@ -207,8 +207,8 @@ def _evaluated(
         if not resume:
             raise
         raise InputError(
-            f"Night {folder.name} was not continued: {error} It stays; without --resume it is "
-            "removed and a new one begins."
+            f"Night {folder.name} was not continued: {error} It stays; without --resume a new one "
+            "begins, and this one is removed unless its run is complete."
         ) from error
     return score(folder, progress=progress, resolved=run), recorded.notes
 
