@@ -80,9 +80,11 @@ def compare(
     for run in (base, new):  # what is wrong with one is told before hours are spent on the other
         refuse_to_score(run)
     before, after = scored(base), scored(new)
-    partners = dict(_names(pair, before, after) for pair in pairs)
+    partners = [_names(pair, before, after) for pair in pairs]
+    if any(len(set(side)) < len(partners) for side in zip(*partners, strict=True)):
+        raise InputError(f"An ADS may stand in one --pair only, got {' '.join(pairs)!r}.")
     comparison = compare_runs(
-        before, after, settings, pairs=partners, accept_differences=accept_differences
+        before, after, settings, pairs=dict(partners), accept_differences=accept_differences
     )
     gates = judge(after, comparison, settings)
     if junit is not None:

@@ -95,6 +95,7 @@ def test_a_wrong_pair_and_a_folder_without_a_run_are_refused(builds: Path) -> No
     for arguments, sentence in (
         (("--pair", "mine"), "A pair must have the form BASE=NEW"),
         (("--pair", "mine=yours"), "Unknown ADS `yours`"),
+        (("--pair", "mine=mine", "--pair", "mine=yours"), "An ADS may stand in one --pair"),
         (("--gate", "missing.toml"), "There is no gate file missing.toml."),
     ):
         done = sumo_eval("compare", builds / "base", builds / "repeat", *arguments)
