@@ -606,6 +606,20 @@ def test_no_synchronization_after_a_change_of_speed(tmp_path: Path) -> None:
         find(str(changed(tmp_path, events="".join(events))))
 
 
+def test_a_harder_brake_follows_a_gentle_one(tmp_path: Path) -> None:
+    """15 m/s from 2 s on by 1 m/s2, and from 4 s on by 5 m/s2: it stands at 4 + 13 / 5 = 6.6 s."""
+    gentle = BRAKE.replace('\nvalue="5"', '\nvalue="1"')
+    events = [
+        TIMED.format(n=n, action=action, delay=0, when=AT.format(2 * n))
+        for n, action in ((1, gentle), (2, BRAKE), (2, BRAKE.replace("linear", "cubic")))
+    ]
+    path = changed(tmp_path, events="".join(events[:2]))
+    other = simulate(find(str(path)).concrete(only=0.0), "no_reaction").actors["Other"]
+    assert np.interp((4.0, 5.6, 6.7), other.time, other.speed) == pytest.approx((13, 5, 0), abs=0.1)
+    with pytest.raises(InputError, match="only a linear change by `rate` is supported then"):
+        find(str(changed(tmp_path, events=events[0] + events[2])))
+
+
 @pytest.mark.parametrize("shape", ["linear", "cubic", "step"])
 def test_a_change_of_speed_in_0_s_is_a_step(tmp_path: Path, shape: str) -> None:
     timed = BRAKE.replace('"linear"', f'"{shape}"').replace('"rate"\nvalue="5"', '"time" value="0"')

@@ -160,7 +160,10 @@ class Moves:
         if target.flag("continuous"):
             return self._match_speed(target, dynamics, entity, begin, speed)
         shape = dynamics.one_of("dynamicsShape", _SHAPES)
-        change = abs(speed - entity.pace)
+        # amid a change, its speed is between those two; the farther one bounds the time
+        between = (entity.pace, entity.before) if _changes(entity, begin) else (entity.pace,)
+        first = max(between, key=lambda it: abs(it - speed))
+        change = abs(speed - first)
         if target.tag == "RelativeTargetSpeed":
             other = self.places.referred(target)
             if other is not self.ego and self._unsure(other, begin, _SPEEDS):
@@ -186,7 +189,7 @@ class Moves:
             speeds = entity.pace + (speed - entity.pace) * shares
             table = zip((_SHARES * change / rate).tolist(), speeds.tolist(), strict=True)
             act = Act(played.BY_TIME, table=tuple(table))
-        entity.pace = speed
+        entity.before, entity.pace = first, speed
         entity.steady = begin.time + lasts if begin.known else 0.0
         return self._add(entity, begin, act, lasts)
 
@@ -220,14 +223,15 @@ class Moves:
     def _rate(self, dynamics: Node, entity: Entity, begin: Moment, speed: float) -> float:
         """The mean rate of a change of speed, m/s2."""
         kind = dynamics.one_of("dynamicsDimension", ("rate", "time", "distance"))
-        if kind == "rate":
-            return abs(dynamics.number("value")) / _PEAKS[dynamics.text("dynamicsShape")]
-        change, value = abs(speed - entity.pace), dynamics.above_zero("value")
-        if begin.known and begin.time < entity.steady - SAME:
+        shape = dynamics.text("dynamicsShape")
+        if (kind, shape) != ("rate", "linear") and _changes(entity, begin):
             raise dynamics.fault(
                 f"`{entity.name}` still changes its speed when this begins, at {begin.time:g} s: "
-                "only a change by `rate` is supported then"
+                "only a linear change by `rate` is supported then"
             )
+        if kind == "rate":
+            return abs(dynamics.number("value")) / _PEAKS[shape]
+        change, value = abs(speed - entity.pace), dynamics.above_zero("value")
         # the mean speed of every shape is halfway
         return change / value * (1.0 if kind == "time" else 0.5 * (speed + entity.pace))
 
@@ -358,7 +362,7 @@ class Moves:
             value = abs(offset - entity.moved) / value * _PEAKS[shape]
         elif kind == "distance":
             entity.begins["across"] = begin
-            changes = begin.known and begin.time < entity.steady - SAME
+            changes = _changes(entity, begin)
             if entity.pace <= 0.0 or changes or entity.begins.get("speed") == begin:
                 raise dynamics.fault(_STEADY)
             value /= entity.pace
@@ -544,6 +548,11 @@ class Moves:
                 return final, rest.number("time") * final
             return final, rest.number("distance")
         return final, 0.0
+
+
+def _changes(entity: Entity, begin: Moment) -> bool:
+    """Whether an earlier change of speed by time is under way when a move begins."""
+    return begin.known and begin.time < entity.steady - SAME
 
 
 def target_speed(action: Node, places: Places) -> float:

@@ -76,7 +76,8 @@ class Entity:
     on_map: its path is straight on the map, not along the road, which is curved.
 
     acts: its moves by the file so far. waits: actions of Init that set its speed and were
-    not done. pace: its speed by its moves so far, m/s, from `steady` s on. moved: to the left of
+    not done. pace: its speed by its moves so far, m/s, from `steady` s on; before: the speed that
+    changes to it. moved: to the left of
     its start, m. busy_until: end of its last lateral move, s. begins: the moment of its last change
     of `speed`, and of its last lateral move by distance, `across`.
     """
@@ -97,6 +98,7 @@ class Entity:
     acts: list[Act] = field(default_factory=list)
     waits: int = 0
     pace: float = 0.0
+    before: float = 0.0
     steady: float = 0.0
     moved: float = 0.0
     busy_until: float = 0.0
