@@ -168,7 +168,7 @@ def with_changes(settings: EvaluationSettings, changes: Sequence[str]) -> Evalua
             raise InputError(f"A change must have the form key=value, got {change!r}.")
         try:
             value = toml_from(f"value = {text}", f"`--set {shown(change)}`")["value"]
-        except InputError:  # `--set ads.name=mine`: text needs no quotes
+        except InputError:  # `--set report.reference=mine`: text needs no quotes
             value = text
         *parents, last = path.strip().split(".")
         place: Any = content
