@@ -33,7 +33,8 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 JointKind = Literal["kde", "copula"]
 GRID = 1025  # places at which a copula's one-dimensional densities are kept
-MASS_DRAWS = 32_768  # by which the share of a KDE within its box is found
+# draws by which the share of a KDE within its box is found, and after which it counts as none
+MASS_DRAWS = 32_768
 LEAST_SHARE = 1e-9  # of probability: normal scores lie within +-6
 
 
@@ -112,11 +113,12 @@ class Joint:
                 stream.standard_normal((count, len(self.names))) @ prepared.root.T
             )
         parts: list[FloatArray] = []
-        have = 0
+        have = drawn = 0
         while have < count:
             rows = prepared.draw(2 * count, stream)
+            drawn += len(rows)
             rows = rows[self._inside(rows)]
-            if not len(rows):
+            if not have + len(rows) and drawn >= MASS_DRAWS:
                 raise InputError(
                     f"No draw of the joint distribution {self.source} lies within the ranges."
                 )

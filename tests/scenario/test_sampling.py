@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Approach, LogicalScenario, Parameter, Road, Start, catalogue
+from sumo_eval.scenario.joint import Joint
 from sumo_eval.scenario.sampling.drawn_points import steadily
 from sumo_eval.scenario.sampling.samples import central_point, grid, sample
 
@@ -191,3 +192,15 @@ def test_the_additive_recurrence_fills_the_box_evenly():
     cells = np.floor(steadily(2, 1000) * 10.0).astype(int)
     counts = np.bincount(10 * cells[:, 0] + cells[:, 1], minlength=100)
     assert (counts.min() >= 6, counts.max() <= 14, counts.sum()) == (True, True, 1000)
+
+
+def test_one_draw_of_a_joint_density_with_little_mass_inside():
+    events = tuple((float(number), float(number % 3)) for number in range(20))
+    stream = np.random.default_rng(0)
+    narrow = Joint("kde", ("a", "b"), events, (8.9, 0.9), (9.1, 1.1))
+    (point,) = narrow.draw(1, stream)
+    assert (point >= narrow.low).all()
+    assert (point <= narrow.high).all()
+    nowhere = Joint("kde", ("a", "b"), events, (800.0, 0.9), (900.0, 1.1))
+    with pytest.raises(InputError, match="No draw of the joint distribution"):
+        nowhere.draw(1, stream)
