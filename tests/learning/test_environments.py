@@ -353,3 +353,11 @@ def test_every_scenario_is_registered_once() -> None:
     sumo_eval.extras.gym.register()
     for scenario in scenarios():
         assert f"sumo_eval/{scenario}-v0" in gymnasium.registry
+
+
+def test_the_first_reset_begins_all_whatever_its_mask() -> None:
+    vector = make_vec("sumo_eval/cut_in-v0", num_envs=3)
+    _, masked = vector.reset(seed=4, options={"reset_mask": np.zeros(3, dtype=np.bool_)})
+    _, again = vector.reset(seed=4)
+    assert masked["values"].tolist() == again["values"].tolist()
+    assert len({tuple(values.items()) for values in masked["values"]}) == 3

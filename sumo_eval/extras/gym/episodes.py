@@ -125,22 +125,21 @@ class Episodes:
         generators: list[np.random.Generator],
         options: Mapping[str, Any],
     ) -> None:
-        """Restart these episodes, each at a point drawn by its generator.
+        """Restart these episodes, at first all, each at a point drawn by its generator.
 
         options: see `point`.
         """
-        cases = {
-            row: self.logical.concrete(**self.point(generators[row], options))
-            for row in rows.tolist()
-        }
         if self._pack is None:
-            first = next(iter(cases.values()))
-            every = [cases.get(row, first) for row in range(self.count)]
-            self._pack, cases = Pack(every, self.settings, sumo=self._sumo), {}
-            self._start_speeds[:] = [concrete.ego.speed for concrete in every]
-        for row, concrete in cases.items():
-            self._pack.restart(row, concrete)
-            self._start_speeds[row] = concrete.ego.speed
+            rows = np.arange(self.count)  # a pack begins as a whole
+        cases = [
+            self.logical.concrete(**self.point(generators[row], options)) for row in rows.tolist()
+        ]
+        if self._pack is None:
+            self._pack = Pack(cases, self.settings, sumo=self._sumo)
+        else:
+            for row, concrete in zip(rows.tolist(), cases, strict=True):
+                self._pack.restart(row, concrete)
+        self._start_speeds[rows] = [concrete.ego.speed for concrete in cases]
         self._answered[rows] = 0
 
     def point(self, generator: np.random.Generator, options: Mapping[str, Any]) -> dict[str, float]:
