@@ -23,7 +23,7 @@ COMMANDS = {
     "bench --whole": "`time sumo-eval run --out DIR` measures a whole evaluation, and `run` says "
     "when each stage ends",
     "nightly --install": "copy the files for cron, systemd or GitHub from docs/examples/nights",
-    "import --steps": "write them as `[[require]]` of a scenario file",
+    "import --steps": "write the `Then` lines of a use case as `[[require]]` of a scenario file",
     "humans coverage": "a run counts the recorded people behind each D_i: `recorded_drivers` in "
     "cases.csv",
     "humans population": "docs/explanation/drivers.md has the comparison; its script: `git show "

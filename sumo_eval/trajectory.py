@@ -296,8 +296,9 @@ class Recording:
     error_place: str = ""  # `my_ads.py:42 in act`: where in the user's code an exception came from
     # of an ADS that asks SUMO, beside others of its cases: "batched", or "compared" with it alone
     batched: str = ""
-    # of a contact (steps, 2), m/s2 and rad; where not the vehicle model moves all of a simulation,
-    # (steps, 6): x, y and heading on the map, speed, acceleration, steering
+    # of a contact: acceleration and steering, (steps, 2), m/s2 and rad; in a simulation whose egos
+    # others than the vehicle model may move, x, y and heading on the map and speed before these,
+    # (steps, 6)
     commands: FloatArray | None = field(default=None, compare=False, repr=False)
 
     def same_motion(self, other: Recording) -> bool:

@@ -38,8 +38,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let each test process collect from another folder on: what one of them has compiled, the
-    others read."""
+    """Let each test process begin with another folder, so that it reads what the others have
+    compiled."""
     gc.disable()  # until all is collected: nothing of it goes
     process = getattr(config, "workerinput", None)
     if process is not None and [Path(argument).resolve() for argument in config.args] == [TESTS]:

@@ -397,7 +397,8 @@ class Replays(EgoControl):
     def __init__(self, replays: Sequence[Replay], terms: Terms) -> None:
         super().__init__(terms)
         longest = max(len(it.commands) for it in replays)
-        # the states of an ego that the vehicle model did not move, then its command
+        # x, y, heading and speed of an ego that the vehicle model did not move; acceleration and
+        # steering of every one
         self._commands = np.zeros((len(replays), longest + 1, 6))
         for row, it in enumerate(replays):
             self._commands[row, : len(it.commands), -it.commands.shape[1] :] = it.commands

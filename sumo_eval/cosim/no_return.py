@@ -51,11 +51,9 @@ def with_no_return(
     """The recordings, those with a contact with the clip `NO_RETURN`."""
     marked = list(recordings)
     contacts = {
-        place: _Contact(
-            case, it, it.collision, np.empty((0, 2)) if it.commands is None else it.commands
-        )
+        place: _Contact(case, it, it.collision, it.commands)
         for place, (it, case) in enumerate(zip(recordings, cases, strict=True))
-        if isinstance(it, Recording) and it.collision is not None
+        if isinstance(it, Recording) and it.collision is not None and it.commands is not None
     }
     for place, last in _last_steps(contacts, settings).items():
         _, recording, hit, commands = contacts[place]
@@ -85,7 +83,7 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
 
     last = dict.fromkeys(contacts, UNKNOWN)
     low: dict[int, int] = {}
-    high = {i: len(it.commands) for i, it in contacts.items() if len(it.commands)}
+    high = {i: len(it.commands) for i, it in contacts.items()}
     known = [i for i, hit in braked(high).items() if _is_same(hit, contacts[i].hit)]
     # most points of no return are some seconds before the contact
     for before in (_LATE, math.inf):

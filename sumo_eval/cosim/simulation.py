@@ -550,7 +550,7 @@ def _difference(
     """
     batched = [index for index, drive in enumerate(drives) if isinstance(drive, Recording)]
     compared = _COMPARED.get(manner.hook, 0)
-    # what lacks to the first few of a hook, a share of this batch, at least one
+    # those still missing of a hook's first few, or a share of this batch; at least one
     wanted = max(_COMPARED_FIRST - compared, round(_COMPARED_LATER * len(batched)), 1)
     chosen = batched[:: max(len(batched) // wanted, 1)][:wanted]
     _COMPARED[manner.hook] = compared + len(chosen)

@@ -175,9 +175,8 @@ class Traffic(Stage):
         front_y, angle, speed = told[:, 2:5].T
         s, d, ds_dt = told[:, 5:].T
         half = 0.5 * of_all(now, "length")
-        if (
-            self._bent
-        ):  # as SUMO will move it, which knows the lane only: by the mean of both speeds
+        if self._bent:
+            # as SUMO will move it, which knows the lane only: by the mean of both speeds
             y, along, heading = d, ds_dt, of_all(now, "heading")
             names = (self._flat[n] for n in number.tolist())
             last = [self._told.get(name, v) for name, v in zip(names, along, strict=True)]

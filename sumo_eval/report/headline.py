@@ -49,8 +49,8 @@ def headline(evaluation: Evaluation) -> Headline:
         ("Most human" if many else "Human-likeness", _most_human(known)),
         ("Best by S+" if many else "S+", _best(evaluation, order)),
     )
-    look = tuple((one.ads, words) for one in known if (words := "; ".join(alarms(one))))
-    return Headline(tuple(zip(order, known, strict=True)), answers, look)
+    alarmed = tuple((one.ads, words) for one in known if (words := "; ".join(alarms(one))))
+    return Headline(tuple(zip(order, known, strict=True)), answers, alarmed)
 
 
 def alarms(found: Behaviour) -> list[str]:

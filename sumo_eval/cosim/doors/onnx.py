@@ -45,10 +45,8 @@ class OnnxPolicy:
         self._session = _session(model)
         self._input, self._dtype, self._rows = self._checked_input()
         self._output = self._checked_output(output)
-        self._every, self._held = (
-            1,
-            np.zeros((0, 2)),
-        )  # steps that an answer holds; by case, answers
+        self._every = 1  # steps that an answer holds
+        self._held = np.zeros((0, 2))  # by case
 
     def _checked_input(self) -> tuple[str, Any, int]:
         owner, given = f"model {self._name}", self._session.get_inputs()
