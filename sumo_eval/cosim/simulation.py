@@ -373,14 +373,14 @@ def _drive_batch(
 class _Manner(NamedTuple):
     """How an ADS drives a case.
 
-    driven: type of what drives; only equal ones share a simulation.
+    driven: type of what drives, of arrays the policy's `id`; only equal ones share a simulation.
     make: gives what drives one case.
     alone: why it is driven alone; None: it may share a simulation.
     over_arrays: one policy drives all cases at once.
     hook: its class or function, where it is TraCI code that sees its own row of SUMO only.
     """
 
-    driven: type | None
+    driven: type | int | None
     make: Callable[[], Any]
     alone: Alone | None = None
     over_arrays: bool = False
@@ -433,13 +433,14 @@ def _manner(
         return _Manner(ObjectController, lambda: wrap(make()), hook=found)
     if _asks_traci(ads.target if ads.target is not None else ads.act):
         return alone(ASKS_SUMO)
-    if one_case:
-        return _Manner(type(ads), lambda: ads)
     if takes_arrays(ads.target):
         all_of_them = wrap(ads)
         if not batches:
             return alone(Alone("batch"))
-        return _Manner(type(ads), lambda: all_of_them, over_arrays=True)
+        # of several given in a list each has its own cases
+        return _Manner(id(ads.target), lambda: all_of_them, over_arrays=True)
+    if one_case:
+        return _Manner(type(ads), lambda: ads)
     if ads.target is None or isinstance(found, type):  # a function or a class: fresh for each case
         return _Manner(type(ads), lambda: wrap(make()))
     return alone(ONE_OBJECT)

@@ -323,6 +323,17 @@ def test_a_policy_over_arrays_drives_as_one_over_single_observations(scenario, a
     assert not alone
 
 
+def test_each_of_several_policies_over_arrays_drives_its_own_case(alone):
+    class Brakes(AllAtOnce):
+        def act(self, seen):
+            return np.full(len(seen.number), -3.0)
+
+    cases, given = [case(lead(50.0))] * 3, [AllAtOnce(), Brakes(), OneByOne()]
+    for one, ads in zip(simulate_many(cases, given, SHORT), given, strict=True):
+        assert everything(one) == everything(simulate(cases[0], ads, SHORT))
+    assert not alone
+
+
 def test_a_policy_over_arrays_that_gives_too_few_actions_fails_all_cases_of_the_call():
     class TooFew(AllAtOnce):
         def act(self, seen):
