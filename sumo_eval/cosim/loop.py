@@ -569,10 +569,11 @@ class OneEach(Policies):
                         time, self._road, egos[row], look, self._tasks[case], self._kinds[case]
                     )
                 )
+                executor = self._executors[case]
                 if terms.every == 1 and type(action) is float and -math.inf < action < math.inf:
+                    executor.release()
                     answer = action, 0.0
                 else:
-                    executor = self._executors[case]
                     wanted = None if action is None and executor.holds_plan else as_command(action)
                     command = executor.command(wanted, egos[row], time)
                     answer = command.acceleration, command.steering

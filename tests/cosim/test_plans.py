@@ -113,6 +113,16 @@ def test_a_plan_holds_until_it_is_replaced_and_any_other_answer_replaces_it():
     assert found.ego.acceleration[-1] == -2.0
 
 
+@pytest.mark.parametrize("other", [-2.0, Command(-2.0)])
+def test_a_plan_that_was_replaced_does_not_come_back(other):
+    def act(seen):
+        if seen.time == 0.0:
+            return to_the_left(seen)
+        return other if seen.time < 0.06 else None
+
+    assert "got None" in simulate(case(), act, HALF_SECOND).error
+
+
 def test_nothing_to_hold_is_an_error():
     assert "must be a Command" in simulate(case(), lambda seen: None, HALF_SECOND).error
 
