@@ -477,6 +477,7 @@ class Policies(EgoControl):
         self._ego_values = numbers_of(world.egos)[:, :8]
         self._commands = numbers_of(world.egos)[:, COMMAND]
         self._other_values = numbers_of(world.others)[:, :, :8]
+        self._present = world.others["present"]
 
     def _fail(
         self, world: World, rows: Sequence[int], error: BaseException, when: str, target: Any
@@ -501,6 +502,9 @@ class Policies(EgoControl):
     def _look(self, time: float) -> tuple[list[Any], list[Any], list[Any]]:
         """Egos as they are, egos and actors as they are seen, by row."""
         egos, others = self._ego_values.tolist(), self._other_values
+        if not self._present.all():  # some have left the road
+            others = others.copy()
+            others[self._present == 0, 0] = math.nan
         if self._perception is None:
             return egos, egos, others.tolist()
         mes, seen = self._perception.look(time, self._ego_values[:, :7], others[..., :7])

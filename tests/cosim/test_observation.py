@@ -419,3 +419,28 @@ def test_numbers_stay_with_their_vehicles():
     _, shown = seen_by(None, case(*actors))
     assert {(v.number, v.speed) for seen in shown for v in seen.vehicles} == {(1, 25.0), (2, 10.0)}
     assert isinstance(shown[0], Observation)
+
+
+def test_law_no_policy_sees_a_vehicle_that_has_left_the_road():
+    shown = []
+
+    class Arrays:
+        batch = True
+
+        def act(self, seen):
+            shown.append((seen.time, np.isfinite(seen.vehicles.x).any()))
+            return np.zeros(len(seen.number))
+
+    def single(seen):
+        shown.append((seen.time, bool(seen.vehicles)))
+        return 0.0
+
+    leaver = case(Actor("gone", Start(280.0, 0.0, 20.0)))
+    short = replace(leaver, road=replace(ROAD, length=300.0, run_out=0.0))
+    limits = ConditionSettings(sensor_range=500.0)
+    for policy, conditions in ((Arrays(), None), (single, None), (single, limits)):
+        shown.clear()
+        settings = SimulationSettings(time_limit=2.0, conditions=conditions or ConditionSettings())
+        assert simulate(short, policy, settings).error is None
+        assert [seen for time, seen in shown if time < 0.8] == [True] * 16
+        assert not any(seen for time, seen in shown if time > 1.0)

@@ -451,7 +451,8 @@ class Observations:
             lateral_speed=others["speed"] * s + others["across"] * c,
             lane=self._lanes(others["y"]),
             acceleration=others["rate"],
-            **{name: others[name] for name in ("length", "width", "x", "y", "heading")},
+            x=seen["x"],
+            **{name: others[name] for name in ("length", "width", "y", "heading")},
         )
 
     @cached_property
