@@ -12,6 +12,7 @@ import pytest
 from lxml import etree
 
 from sumo_eval import Command
+from sumo_eval.cosim.doors.features import Action, Feature, Interface
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.sumo.sumo_files import network_xml
 from sumo_eval.scenario import ConcreteScenario, catalogue
@@ -67,6 +68,27 @@ def test_an_ego_that_stays_in_a_lane_that_ends_leaves_the_road_where_its_centre_
     lanes = [((0.0, 0.0), (660.0, 0.0)), ((0.0, 3.5), (3000.0, 3.5)), ((0.0, 7.0), (3000.0, 7.0))]
     assert ads.told == ((1000.0, 3.5), (440.0, 660.0), lanes)
     assert (ads.edges[0], min(ads.edges) < 0.0 < ads.edges[-1] + 0.2) == (-1.75, True)
+
+
+def test_law_a_policy_over_arrays_is_shown_the_edges_that_others_are() -> None:
+    wanted = Interface((Feature("left_edge"), Feature("right_edge")), (Action("acceleration"),))
+    shown: list[list[float]] = [[], []]
+
+    class Arrays:
+        batch = True
+
+        def act(self, seen: Any) -> Any:
+            shown[0] += wanted.show(seen)[0].tolist()
+            return np.zeros(1)
+
+    def single(seen: Any) -> float:
+        shown[1] += [seen.left_edge, seen.right_edge]
+        return 0.0
+
+    for policy in (Arrays(), single):
+        simulate(case("exit"), policy)
+    assert shown[0] == pytest.approx(shown[1], abs=1e-5)
+    assert len(set(shown[1])) > 2
 
 
 def test_missing_an_exit_is_reported_by_the_case() -> None:

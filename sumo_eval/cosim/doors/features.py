@@ -270,8 +270,8 @@ def _reader(name: str) -> tuple[Callable[[Observations, str], Floats], float]:
 
 _ALONE: Mapping[str, Callable[[Observations, str], Floats]] = {
     "time": lambda seen, frame: np.full(len(seen.number), seen.time),
-    "left_edge": lambda seen, frame: seen.road.left_edge - seen.ego.y,
-    "right_edge": lambda seen, frame: seen.ego.y - seen.road.right_edge,
+    "left_edge": lambda seen, frame: seen.road.left_edge_at(seen.ego.x) - seen.ego.y,
+    "right_edge": lambda seen, frame: seen.ego.y - seen.road.right_edge_at(seen.ego.x),
     "lane_offset": lambda seen, frame: seen.ego.y - seen.road.lane_width * seen.ego.lane,
 }
 
