@@ -240,32 +240,35 @@ def _fault(case: ConcreteScenario, recording: Recording, count: int, cases: int)
     return Finding("FAIL", f"{where}: {recording.error}{log}", mend)
 
 
+def _worst(recordings: Sequence[Recording], whats: Sequence[str]) -> dict[str, Clip]:
+    """The worst clips of these kinds: those whose two values are farthest apart."""
+    clips = [clip for it in recordings for clip in it.clips if clip.what in whats]
+    clips.sort(key=lambda clip: (abs(clip.requested - clip.applied), abs(clip.requested)))
+    return dict(sorted({clip.what: clip for clip in clips}.items()))
+
+
+def _said(clip: Clip) -> str:
+    return _WORDS[clip.what].format(requested=clip.requested, applied=clip.applied)
+
+
 def _in_range(recordings: Sequence[Recording]) -> Finding:
-    worst = [
-        clip for recording in recordings for clip in recording.clips if clip.what in _OUT_OF_RANGE
-    ]
+    worst = _worst(recordings, _OUT_OF_RANGE)
     if not worst:
         return Finding("ok", "commands are within what the vehicle can do")
-    said = {
-        clip.what: _WORDS[clip.what].format(requested=clip.requested, applied=clip.applied)
-        for clip in worst
-    }
     logs = {
         line
         for recording in recordings
         for line in recording.log.splitlines()
         if line.startswith("SUMO ignored ")
     }
-    text = "; ".join([*said.values(), *sorted(line.rstrip(".") for line in logs)])
-    if any(clip.what in _COMMANDS for clip in worst):
+    text = "; ".join([*map(_said, worst.values()), *sorted(line.rstrip(".") for line in logs)])
+    if any(what in worst for what in _COMMANDS):
         mend = (
             "the vehicle does what it can, and every case counts that as clips; if that was not "
             "intended: "
             "acceleration is in m/s2, steering is the steering WHEEL's angle in rad"
         )
-        if any(
-            clip.what == "acceleration" and abs(clip.requested) > _NO_ACCELERATION for clip in worst
-        ):
+        if "acceleration" in worst and abs(worst["acceleration"].requested) > _NO_ACCELERATION:
             mend += "; for a speed at once return Command(speed=wanted) instead of (wanted - v)/dt"
         return Finding("warn", text, mend)
     return Finding(
@@ -277,18 +280,10 @@ def _in_range(recordings: Sequence[Recording]) -> Finding:
 
 def _planned(recordings: Sequence[Recording]) -> list[Finding]:
     """How far the vehicle was from what its ADS planned at worst, where it plans."""
-    worst: dict[str, Clip] = {}
-    for clip in (
-        clip for recording in recordings for clip in recording.clips if clip.what in _OF_A_PLAN
-    ):
-        if clip.what not in worst or abs(clip.applied) > abs(worst[clip.what].applied):
-            worst[clip.what] = clip
+    worst = _worst(recordings, _OF_A_PLAN)
     if not worst:
         return []
-    text = "; ".join(
-        _WORDS[what].format(requested=clip.requested, applied=clip.applied)
-        for what, clip in worst.items()
-    )
+    text = "; ".join(map(_said, worst.values()))
     if worst["plan_error"].applied > _FAR_FROM_A_PLAN or "plan_ended" in worst:
         return [Finding("warn", text, "a Plan is in road coordinates and in s since the start of "
                                       "the case, from where "
