@@ -147,7 +147,7 @@ class Compiled:
 
     def step(self, traci: Any, ego: str, time: float) -> Command:
         """One row of the loop, with what TraCI shows."""
-        calls = vehicles(traci)
+        calls, gone = vehicles(traci), traci.TraCIException
         if self._names is None:
             self._names = tuple(name for name in traci.vehicle.getIDList() if name != ego)
             self._own = type(self).arrays([self], self._scenario, len(self._names))
@@ -158,7 +158,7 @@ class Compiled:
             ]
         sized = zip((ego, *self._names), self._sizes, strict=True)
         bodies = np.array(
-            [(*_pose(calls, name, size[0]), *size, 0.0) for name, size in sized], BODY
+            [(*_pose(calls, name, size[0], gone), *size, 0.0) for name, size in sized], BODY
         )
         movers = np.zeros(len(bodies), MOVER)
         rear = 0.5 * float(self._scenario["vehicle"]["wheelbase"][0])
@@ -196,11 +196,16 @@ class Compiled:
         return bool(self._egos["settled"][0])
 
 
-def _pose(calls: Any, name: str, length: float) -> tuple[float, float, float, float]:
+def _pose(
+    calls: Any, name: str, length: float, gone: type[Exception]
+) -> tuple[float, float, float, float]:
     """Centre, heading and speed of a vehicle of which SUMO shows the front bumper and an angle
-    clockwise from north.
+    clockwise from north; nan of one that has left.
     """
-    x, y = calls.getPosition(name)
+    try:
+        x, y = calls.getPosition(name)
+    except gone:
+        return (math.nan,) * 4
     heading = np.radians(90.0 - calls.getAngle(name))
     return (
         x - 0.5 * length * np.cos(heading),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cosim_cases import case, lead
+from cosim_cases import ROAD, case, lead
 
 from sumo_eval import Command
 from sumo_eval.ads.r157_careful_driver import CarefulDriver
@@ -19,6 +19,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.worker import run_case
 from sumo_eval.scenario import Actor, Start, brake_to_stop, catalogue, constant_lateral, lane_change
+from sumo_eval.scenario.road.reference_line import arc
 from sumo_eval.scenario.sampling.samples import Request, sample
 from sumo_eval.settings import ConditionSettings, RunSettings, SimulationSettings
 from sumo_eval.trajectory import CHANNELS, Alone, Recording
@@ -403,6 +404,20 @@ class Apart:
 class Subclass(CarefulDriver):
     def step(self, traci, ego, time):
         return Command(-1.0)
+
+
+class ThroughTraci(CarefulDriver):
+    def step(self, traci, ego, time):
+        return super().step(traci, ego, time)
+
+
+@pytest.mark.parametrize("line", [(), (arc(400.0, 500.0),)])
+def test_law_a_baseline_through_traci_drives_on_when_a_vehicle_has_left(line):
+    road = replace(ROAD, length=300.0, run_out=0.0, line=line)
+    short = replace(case(lead(150.0, speed=40.0)), road=road)
+    for ads in (CarefulDriver, ThroughTraci):
+        found = simulate(short, ads)
+        assert (found.end_reason, found.error) == ("road_end", None)
 
 
 def test_a_subclass_that_decides_otherwise_is_asked(alone):
