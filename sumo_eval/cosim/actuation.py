@@ -5,73 +5,58 @@ command takes.
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.settings import ConditionSettings
 
-Clip = Callable[[str, float, float], None]
-"""Puts on record: what, the value asked for, the value that held."""
-
-# before the first command has arrived: the speed is kept, the wheel is straight
-_NEUTRAL = Command(0.0)
 _ROUNDING = 1e-9  # s
 
 
 class Actuation:
-    """Commands of one case under `actuation_delay` and `step_budget`."""
+    """Commands of cases on their way to the vehicles, under `actuation_delay` and `step_budget`.
 
-    def __init__(self, conditions: ConditionSettings, clip: Clip) -> None:
-        self._delay = conditions.actuation_delay
-        self._budget = conditions.step_budget
-        self._clip = clip
-        self._last = _NEUTRAL
-        self._under_way: deque[tuple[float, Command]] = deque([(float("-inf"), _NEUTRAL)])
-
-    def pass_on(self, command: Command | None, time: float, took: float) -> Command | None:
-        """The command that reaches the vehicle at `time` s.
-
-        took: wall time of the ADS's step, s.
-
-        A step that was late leaves the last command in force. What an ADS tells SUMO itself cannot
-        be held back.
-        """
-        if self._budget is not None and took > self._budget:
-            self._clip("late_command", took, self._budget)
-            command = None if command is None else self._last
-        if command is None:
-            if self._delay > 0.0:
-                self._clip("actuation_not_delayed", self._delay, 0.0)
-            return None
-        self._last = command
-        if self._delay == 0.0:
-            return command
-        self._under_way.append((time, command))
-        while len(self._under_way) > 1 and self._under_way[1][0] <= time - self._delay + _ROUNDING:
-            self._under_way.popleft()
-        return self._under_way[0][1]
-
-
-class Delays:
-    """Commands of a batch on their way to the vehicles.
-
-    delays: of each case, s.
+    conditions: of each case; only a case alone has a budget.
     step: of the simulation, s.
     kind: of a command in the records of egos.
+    note: puts on record of a case alone: what, the value asked for, the value that held.
     """
 
-    def __init__(self, delays: Sequence[float], step: float, kind: np.dtype[np.void]) -> None:
-        self._steps = np.array([max(math.ceil((it - _ROUNDING) / step), 0) for it in delays])
-        # a ring over the last steps; a command that was never given is neutral
-        self._under_way = np.zeros((self._steps.max() + 1, len(delays)), kind)
+    def __init__(
+        self,
+        conditions: Sequence[ConditionSettings],
+        step: float,
+        kind: np.dtype[np.void],
+        note: Callable[[str, float, float], None],
+    ) -> None:
+        self._steps = np.array(
+            [max(math.ceil((it.actuation_delay - _ROUNDING) / step), 0) for it in conditions]
+        )
+        self._budget, self._note = conditions[0].step_budget, note
+        # a ring over the last steps; before the first command the speed is kept, the wheel straight
+        self._given = np.zeros((self._steps.max() + 1, len(conditions)), kind)
+        self._late = False
 
-    def pass_on(self, commands: NDArray[np.void], cases: NDArray[np.intp], now: int) -> None:
-        """Replace commands of cases, (n,), by those that arrive in step `now`."""
-        slots = len(self._under_way)
-        if slots > 1:
-            self._under_way[now % slots, cases] = commands
-            commands[:] = self._under_way[(now - self._steps[cases]) % slots, cases]
+    def pass_on(
+        self, commands: NDArray[np.void], cases: Any, now: int, took: float | None, *,
+        given: bool = True,
+    ) -> None:  # fmt: skip
+        """Replace commands of cases, (n,), by those that arrive in step `now`.
+
+        took: wall time of the ADS's step, s; None: it was not asked, and a late command stays late.
+        given: whether there are new commands; else, or where they are late, the last ones hold.
+        """
+        slots = len(self._given)
+        if self._budget is not None:
+            if took is not None:
+                self._late = took > self._budget
+                if self._late:
+                    self._note("late_command", took, self._budget)
+        elif slots == 1:
+            return
+        new = commands if given and not self._late else self._given[(now - 1) % slots, cases]
+        self._given[now % slots, cases] = new
+        commands[:] = self._given[(now - self._steps[cases]) % slots, cases]

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.cosim.actuation import Actuation, Delays
+from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.doors.controller import (
     Briefing,
@@ -96,15 +96,10 @@ class EgoControl:
     def begin(self, world: World, stage: Stage) -> None:
         """Before the first step."""
         self._traci, self._clock = stage.traci, simulation_time(stage.traci)
-        conditions = world.each[0].conditions
-        # only a case alone has a budget
-        self._budgeted = (
-            None
-            if conditions.step_budget is None
-            else Actuation(conditions, partial(world.note, 0))
+        conditions = [its.conditions for its in world.each]
+        self.actuation = Actuation(
+            conditions, world.settings.step, world.egos["command"].dtype, partial(world.note, 0)
         )
-        delays = [its.conditions.actuation_delay for its in world.each]
-        self._delays = Delays(delays, world.settings.step, world.egos["command"].dtype)
 
     def step(self, world: World, time: float) -> None:
         """Write the egos' commands, or fail rows."""
@@ -121,18 +116,12 @@ class EgoControl:
         if self._terms.plant is not None:
             self._closed(world, row, self._terms.plant.close, "sim_error")
 
-    def _pass_on(self, world: World, time: float, took: Callable[[int], float]) -> None:
+    def _pass_on(self, world: World, took: float | None) -> None:
         """Replace the commands by those that reach the vehicles, or by the plant's next state.
 
-        took: of a case, s.
+        took: of a case, s; None: it was not asked.
         """
-        if self._budgeted is not None:
-            command = Command(*world.egos["command"][0].tolist())
-            arrived = self._budgeted.pass_on(command, time, took(0))
-            assert arrived is not None
-            world.egos["command"][0] = arrived.acceleration, arrived.steering
-        else:
-            self._delays.pass_on(world.egos["command"], world.rows, world.steps)
+        self.actuation.pass_on(world.egos["command"], world.rows, world.steps, took)
         if self._terms.plant is not None:
             advance_plant(self._terms.plant, world, Command(*world.egos["command"][0].tolist()))
 
@@ -369,7 +358,7 @@ class Rules(EgoControl):
         self._code(*arguments)
         took = (clock.perf_counter() - asked) / world.going
         world.latencies.shared.append(took)
-        self._pass_on(world, time, lambda case: took)
+        self._pass_on(world, took)
 
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
         """Keep the memory of these rows."""
@@ -462,7 +451,6 @@ class Policies(EgoControl):
             for seed, it in zip(self._seeds, world.cases, strict=True)
         ]
         self._perception = Perception(conditions, streams) if self._limited.any() else None
-        self._took = [0.0] * len(world.cases)
         self._executors = [
             Executor(its, partial(world.note, case), world.cases[case].road.line)
             for case, its in enumerate(world.each)
@@ -552,7 +540,7 @@ class OneEach(Policies):
     def step(self, world: World, time: float) -> None:
         """Ask each of them."""
         egos, mes, others = self._look(time)
-        given, asked_rows = [], []
+        given, asked_rows, took = [], [], None
         now, terms = clock.perf_counter, self._terms
         if self._alone:
             GUARD.heard()
@@ -565,7 +553,6 @@ class OneEach(Policies):
                     command = self._executors[case].command(None, egos[row], time)
                     given.append((command.acceleration, command.steering))
                     asked_rows.append(row)
-                    self._took[case] = 0.0
                     continue
                 look = mes[row], others[row]
                 action = policy.act(
@@ -593,7 +580,6 @@ class OneEach(Policies):
                 self._fail(world, [row], error, f"at {time:.2f} s", policy.target)
                 continue
             world.latencies.own[case].append(took)
-            self._took[case] = took
             given.append(answer)
             asked_rows.append(row)
             if self._any_settles and (settled := self._settled[case]) is not None:
@@ -601,7 +587,7 @@ class OneEach(Policies):
         if given:
             self._commands[asked_rows] = given
         self._check(world, time)
-        self._pass_on(world, time, self._took.__getitem__)
+        self._pass_on(world, took)
 
     def release(self, world: World, row: int) -> None:
         """Close the row's policy."""
@@ -666,7 +652,7 @@ class OverArrays(Policies):
             return
         took = (clock.perf_counter() - asked) / len(live)
         world.latencies.shared.append(took)
-        self._pass_on(world, time, lambda case: took)
+        self._pass_on(world, took)
 
     def _command(self, world: World, live: NDArray[np.intp], seen: Observations) -> None:
         """Write the policy's commands for the rows that are live."""

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim import records
-from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.controller import (
     Adapter,
@@ -197,9 +196,8 @@ class _Hook:
         concrete = world.cases[case]
         self.road, self._bent = concrete.road, concrete.road.bent
         self._executor = Executor(settings, partial(world.note, case), concrete.road.line)
-        conditions = settings.conditions
-        self._actuation = Actuation(conditions, lambda *clip: world.note(case, *clip))
-        self._at_once = conditions.actuation_delay == 0.0 and conditions.step_budget is None
+        self._delay, budget = settings.conditions.actuation_delay, settings.conditions.step_budget
+        self._at_once = self._delay == 0.0 and budget is None
 
     def watch(self, world: World, row: int) -> None:
         """Look at this row of the world's arrays from now on."""
@@ -248,7 +246,9 @@ class _Hook:
         if self._senses is not None:
             self._look(self._senses, world, time)
         try:
-            command = self._ask(time) if world.steps % self._every == 0 else self._held(time)
+            command, took = self._ask(time) if world.steps % self._every == 0 else self._held(time)
+            if not self._at_once:
+                command = self._arriving(world, command, took)
             if command is not None:
                 self._take_over(world, command)
             elif self._placed[0] != SUMO or GUARD.moded or self._plant is not None:
@@ -260,11 +260,24 @@ class _Hook:
         if self._settled is not None:
             self._settles[0] = bool(self._settled())
 
-    def _held(self, time: float) -> Command | None:
+    def _held(self, time: float) -> tuple[Command | None, None]:
         """Command between two calls."""
-        if not self._executor.holds:
-            return None
-        return self._actuation.pass_on(self._obeyed(HOLD, time), time, 0.0)
+        return (self._obeyed(HOLD, time) if self._executor.holds else None), None
+
+    def _arriving(
+        self, world: World, command: Command | None, took: float | None
+    ) -> Command | None:
+        """The command that reaches the vehicle.
+
+        What an ADS tells SUMO itself cannot be held back.
+        """
+        due, given = self._mine["command"], command is not None
+        if command is not None:
+            due[0] = command.acceleration, command.steering
+        elif took is not None and self._delay > 0.0:
+            world.note(self._case, "actuation_not_delayed", self._delay, 0.0)
+        self._driver.actuation.pass_on(due, [self._case], world.steps, took, given=given)
+        return Command(*due[0].tolist()) if given else None
 
     def _look(self, senses: Senses, world: World, time: float) -> None:
         """Show the senses what is there."""
@@ -278,8 +291,8 @@ class _Hook:
         me = self._state[:8].tolist()
         senses.take_in(time, Body(*me[:7]), me[7], here)
 
-    def _ask(self, time: float) -> Command | None:
-        """The answer of the ADS as a command, after its listeners."""
+    def _ask(self, time: float) -> tuple[Command | None, float]:
+        """The answer of the ADS as a command, after its listeners, and its wall time, s."""
         answer, asked = None, perf_counter()
         GUARD.moved = False
         try:
@@ -303,11 +316,11 @@ class _Hook:
             self._driver._check_clock(self._world, time)
         if answer is None:
             self._executor.release()
-            return None if self._at_once else self._actuation.pass_on(None, time, took)
+            return None, took
         command = self._obeyed(answer, time)
         if GUARD.moved:
             self._world.note(self._case, "dropped_traci_call", 1.0, 0.0)
-        return self._actuation.pass_on(command, time, took)
+        return command, took
 
     def _obeyed(self, answer: object, time: float) -> Command:
         """Command to the vehicle."""

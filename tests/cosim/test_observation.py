@@ -378,6 +378,22 @@ def test_a_late_command_is_dropped_the_last_one_holds_and_it_is_counted():
     assert (found.ego.acceleration[2:] == -4.0).all()  # as at 0.2 s
 
 
+@pytest.mark.parametrize("door", [False, True])
+def test_a_late_command_stays_dropped_until_the_next_call(door):
+    import time as clock
+
+    def command(time):
+        if time > 0.1:
+            clock.sleep(0.1)
+        return Command(4.0 if time > 0.1 else -4.0)
+
+    traci, policy = lambda traci, ego, time: command(time), lambda seen: command(seen.time)
+    budget = replace(HALF_SECOND, conditions=ConditionSettings(step_budget=0.08))
+    found = simulate(case(), traci if door else policy, budget, period=0.2)
+    assert {clip.what: clip.count for clip in found.clips}["late_command"] == 2
+    assert (found.ego.acceleration[1:] == -4.0).all()
+
+
 def test_what_an_ads_tells_sumo_itself_cannot_be_held_back_and_that_is_on_record():
     delayed = replace(HALF_SECOND, conditions=ConditionSettings(actuation_delay=0.2))
     found = simulate(case(), lambda traci, ego, time: traci.vehicle.setSpeed(ego, 15.0), delayed)
