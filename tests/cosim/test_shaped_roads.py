@@ -70,7 +70,7 @@ def test_an_ego_that_stays_in_a_lane_that_ends_leaves_the_road_where_its_centre_
     assert (ads.edges[0], min(ads.edges) < 0.0 < ads.edges[-1] + 0.2) == (-1.75, True)
 
 
-def test_law_a_policy_over_arrays_is_shown_the_edges_that_others_are() -> None:
+def test_law_arrays_of_policies_have_the_edges_of_others() -> None:
     wanted = Interface((Feature("left_edge"), Feature("right_edge")), (Action("acceleration"),))
     shown: list[list[float]] = [[], []]
 

@@ -324,7 +324,7 @@ def test_a_policy_over_arrays_drives_as_one_over_single_observations(scenario, a
     assert not alone
 
 
-def test_each_of_several_policies_over_arrays_drives_its_own_case(alone):
+def test_law_each_policy_over_arrays_drives_its_own_case(alone):
     class Brakes(AllAtOnce):
         def act(self, seen):
             return np.full(len(seen.number), -3.0)
@@ -412,7 +412,7 @@ class ThroughTraci(CarefulDriver):
 
 
 @pytest.mark.parametrize("line", [(), (arc(400.0, 500.0),)])
-def test_law_a_baseline_through_traci_drives_on_when_a_vehicle_has_left(line):
+def test_law_a_baseline_in_traci_goes_on_when_one_has_left(line):
     road = replace(ROAD, length=300.0, run_out=0.0, line=line)
     short = replace(case(lead(150.0, speed=40.0)), road=road)
     for ads in (CarefulDriver, ThroughTraci):
