@@ -246,7 +246,8 @@ def ideal_impact_speed(
     on_plateau = np.sqrt(np.maximum(after_ramp**2 - 2.0 * strength * (left - ramp_length), 0.0))
 
     stop_in_ramp = 2.0 / 3.0 * closing * np.sqrt(2.0 * closing * ramp / strength)
-    share = np.divide(left, stop_in_ramp, out=np.ones(left.shape), where=stop_in_ramp > 0.0)
+    shares = np.ones(np.broadcast(left, stop_in_ramp).shape)
+    share = np.divide(left, stop_in_ramp, out=shares, where=stop_in_ramp > 0.0)
     cubic_root = closing * (1.0 - 4.0 * np.sin(np.arcsin(np.clip(share, 0.0, 1.0)) / 3.0) ** 2)
     on_ramp = np.where(share < 1.0, cubic_root, 0.0)
 

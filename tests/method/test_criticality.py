@@ -252,6 +252,11 @@ def test_published_zone_boundaries():
 def test_arrays_broadcast_and_scalars_stay_scalars():
     assert max_inverse_ttc(np.full((4, 1), 20.0), np.zeros(3), 50.0).shape == (4, 3)
     assert ideal_impact_speed(20.0, [0.0, 10.0], [[10.0], [30.0]], deceleration=5).shape == (2, 2)
+    own = {"deceleration": [4.0, 8.0], "build_up": [[0.0], [0.6], [2.0]]}
+    assert ideal_impact_speed(20.0, 0.0, 15.0, **own).tolist() == [
+        [ideal_impact_speed(20, 0, 15, deceleration=a, build_up=t) for a in own["deceleration"]]
+        for (t,) in own["build_up"]
+    ]
     for value in (
         max_inverse_ttc(20, 0, 50),
         ideal_impact_speed(20, 0, 5, deceleration=5),
