@@ -93,7 +93,8 @@ def coordinates(
         return np.stack(better.of(logical.columns(points)), axis=-1)
 
     low, high = raw(training).min(axis=0), raw(training).max(axis=0)
-    return lambda unit: (raw(logical.from_unit(unit)) - low) / (high - low)
+    span = np.where(high > low, high - low, 1.0)
+    return lambda unit: (raw(logical.from_unit(unit)) - low) / span
 
 
 def fit(
@@ -118,7 +119,7 @@ def fit(
     if hazardous.all() or not hazardous.any():
         side, level = ("hazardous", -1.0) if hazardous[0] else ("safe", 1.0)
         nothing = np.empty(0)
-        return Surface(unit[:0], nothing, np.full(k, np.inf), 0.0, 0.0, level), [
+        return Surface(unit[:0], nothing, np.full(k, np.inf), 0.0, 0.0, level, better), [
             f"All {n} training points are {side}: no GP is fitted, and the whole space counts as "
             "such."
         ]

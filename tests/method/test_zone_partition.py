@@ -429,6 +429,13 @@ def test_too_few_training_points_are_noted():
     assert any("% of the space in the wrong zone" in note for note in zones.notes)
 
 
+@pytest.mark.parametrize("gaps", [[100.0], [0.0], range(0, 101, 10)])
+def test_better_coordinates_may_be_constant_or_unlearnt(gaps):
+    points = [[20.0, 10.0, gap, 1.0] for gap in gaps]
+    zones = partition(load("cut_in"), QUICK, points=points)
+    assert zones.hazardous(points).tolist() == zones.exactly_hazardous(points).tolist()
+
+
 def test_hazard_between_training_points_that_are_all_safe_is_noted():
     zones = partition(CUT_OUT, QUICK, points=[[10.0, 0.0, 120.0], [10.0, 20.0, 20.0]])
     assert zones.zones == 0
