@@ -86,26 +86,23 @@ def _of(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) ->
     delays = [float(search.delay(point)) for point in values]
     if search.conflict:
         return conflict_criticality(placed, search.obstacle, delays, size, settings)
-    fastest = max(concrete.ego.speed for concrete in placed)
-    slowest_begin = logical.time_limit or _LONGEST
-    until = min(
-        slowest_begin,
-        _LONGEST,
-        max(delays) + fastest / settings.deceleration + _waits(logical, placed),
-    )
+    longest = min(logical.time_limit or _LONGEST, _LONGEST)
+    until = [
+        min(longest, delay + concrete.ego.speed / settings.deceleration + _wait(logical, concrete))
+        for concrete, delay in zip(placed, delays, strict=True)
+    ]
     met = meetings(
         placed, [size] * len(placed), _FINER, until, settings.deceleration, search.obstacle, delays
     )
     return met[:, :3].T
 
 
-def _waits(logical: LogicalScenario, placed: Sequence[ConcreteScenario]) -> float:
+def _wait(logical: LogicalScenario, concrete: ConcreteScenario) -> float:
     """How long the obstacle may take to begin, s: until the ego has come to the end of the road at
     its speed.
     """
-    slowest = min(max(concrete.ego.speed, 1.0) for concrete in placed)
-    longest = max((logical.road.length - concrete.ego.x) / slowest for concrete in placed)
-    return min(longest, _LONGEST) if math.isfinite(longest) else _LONGEST
+    wait = (logical.road.length - concrete.ego.x) / max(concrete.ego.speed, 1.0)
+    return min(wait, _LONGEST) if math.isfinite(wait) else _LONGEST
 
 
 def crossing_conflict(
@@ -202,10 +199,14 @@ def conflict_criticality(
     """
     strength, never = settings.deceleration, np.full(len(placed), np.inf)
     speeds = np.array([concrete.ego.speed for concrete in placed])
-    until = float(np.max(_begins(placed, other) + np.array(delays) + speeds / strength)) + HORIZON
-    found = tracks(placed, [size] * len(placed), STEP, min(until, _LONGEST))
+    until = _begins(placed, other) + np.array(delays) + speeds / strength + HORIZON
+    until = np.minimum(until, _LONGEST)
+    found = tracks(placed, [size] * len(placed), STEP, float(until.max()))
+    # A case ends at its own time: nothing may depend on the cases searched with it.
+    late = np.arange(found.others.shape[2]) > np.ceil(until / STEP - 1e-9)[:, None]
+    np.copyto(found.others[..., 0], np.inf, where=late[:, None])
     first = found.begins[:, other]
-    brakes = np.where(np.isinf(first), 0.0, first) + np.array(delays)
+    brakes = np.where(first > until, 0.0, first) + np.array(delays)
     searched = _with_all(placed, found, size, _braked(placed, found, never, strength), 0)
     at = np.flatnonzero(np.isinf(searched[0]))
     searched[:2] = 0.0

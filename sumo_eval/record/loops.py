@@ -125,7 +125,7 @@ def _load_ahead() -> None:
     """Zones of what is played, foresight, and curves."""
     played, size = [_concrete(0.01)], (4.0, 2.0)
     conflict_criticality(played, 0, [0.0], size, ZoneSettings())
-    meetings(played, [size], 0.1, 0.1, 5.0, 0, [0.0])
+    meetings(played, [size], 0.1, [0.1], 5.0, 0, [0.0])
     frame_places((arc(10.0, 100.0),), 1.0, 0.0)
 
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from sumo_eval.kernels import interpreted, kernel, rows
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -79,19 +80,19 @@ def tracks(
 class Braking(NamedTuple):
     """Ideal braking of egos, each `delays` s after the first move of actor number `obstacle`.
 
-    deceleration: m/s2. step: s between two looks; looks: how many. delays: (n,).
+    deceleration: m/s2. step: s between two looks; looks: how many, (n,). delays: (n,).
     """
 
     deceleration: float
     obstacle: int
     delays: FloatArray
     step: float
-    looks: int
+    looks: NDArray[np.int64]
 
 
 def meetings(
     concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, float]], step: float,
-    until: float,
+    until: ArrayLike,
     deceleration: float, obstacle: int, delays: Sequence[float],
 ) -> FloatArray:  # fmt: skip
     """Largest inverse TTC, 1/s, impact speed, m/s, and smallest gap, m, if the ego brakes ideally.
@@ -102,6 +103,7 @@ def meetings(
     where both touch.
 
     step: s between two looks.
+    until: s, one a case: its own, because nothing may depend on the cases searched with it.
     """
     after = np.array(delays, dtype=np.float64)
     braking = Braking(deceleration, obstacle, after, step, _looks(until, step))
@@ -110,8 +112,9 @@ def meetings(
     return met
 
 
-def _looks(until: float, step: float) -> int:
-    return max(math.ceil(until / step - 1e-9), 1) + 1
+def _looks(until: ArrayLike, step: float) -> Any:
+    steps = np.ceil(np.asarray(until) / step - 1e-9)
+    return np.maximum(steps, 1.0).astype(np.int64) + 1
 
 
 def _begun(concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, float]]) -> Cast:
@@ -213,7 +216,7 @@ def _meet_rows(
         case = case_of(cast, i)
         ego, other = case.egos[0], case.others[obstacle]
         met[i, 2] = math.inf
-        for k in range(braking.looks):
+        for k in range(braking.looks[i]):
             now = k * step
             if math.isinf(ego.brakes_from):
                 ego.brakes_from = _braking_from(

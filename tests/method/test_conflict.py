@@ -16,6 +16,7 @@ from sumo_eval.method.conflict import (
     crossing_conflict,
 )
 from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc
+from sumo_eval.method.point_criticality import criticality
 from sumo_eval.scenario import ConcreteScenario, catalogue
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.settings import ZoneSettings
@@ -164,3 +165,12 @@ def test_whose_way_conflicts_is_the_obstacle_of_a_conflict_or_who_crosses() -> N
         point = dict(zip(logical.names, [one.low for one in logical.parameters], strict=True))
         assert conflicting(logical, logical.placed(point)) == expected, name
         assert (conflict_at(logical, point) is None) == (expected is None), name
+
+
+@pytest.mark.parametrize("name", ["lane_drop_cut", "leaving_traffic"])
+def test_criticality_does_not_depend_on_the_points_beside(name):
+    logical = catalogue.load(name)
+    points = logical.from_unit(np.random.default_rng(3).random((40, len(logical.parameters))))
+    points = points[logical.feasible(points)]
+    alone = [criticality(logical, point[None], ZONES) for point in points]
+    np.testing.assert_array_equal(criticality(logical, points, ZONES), np.concatenate(alone, 1))
