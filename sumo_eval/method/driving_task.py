@@ -112,8 +112,12 @@ def times_at(drive: Trajectory, places: FloatArray) -> FloatArray:
     did.
     """
     furthest = np.maximum.accumulate(drive.x)
-    later = np.append(True, furthest[1:] > furthest[:-1])
-    found = np.interp(places, furthest[later], drive.time[later] - drive.time[0], right=np.inf)
+    rises = furthest[1:] > furthest[:-1]
+    first, last = np.append(True, rises), np.append(rises, False)
+    # a vehicle that stood goes on from its last sample there, not from its first
+    x = np.where(first, furthest, np.nextafter(furthest, np.inf))
+    known = first | last
+    found = np.interp(places, x[known], drive.time[known] - drive.time[0], right=np.inf)
     return np.asarray(found)
 
 

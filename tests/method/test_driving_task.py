@@ -77,6 +77,11 @@ def test_times_at_places() -> None:
     np.testing.assert_allclose(found, [1.0, 2.5, np.inf])
 
 
+def test_place_beyond_a_stop_is_reached_after_it() -> None:
+    halting = Trajectory([0.0, 5.0, 64.0, 65.0, 66.0], [0.0, 49.9, 49.9, 49.9, 60.0], np.zeros(5))
+    np.testing.assert_allclose(times_at(halting, np.array([49.0, 50.0])), [4.91, 65.01], atol=1e-3)
+
+
 def test_a_reference_has_1_and_half_its_speed_has_a_half() -> None:
     fast, slow = drive(20.0, 10.0), drive(10.0, 20.0)
     assert share(fast, fast) == 1.0
