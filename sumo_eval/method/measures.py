@@ -374,9 +374,8 @@ def _around(time: FloatArray, at: int) -> FloatArray:
 
 def _poses(one: Trajectory, times: FloatArray) -> FloatArray:
     """x, y and heading at times within its recording, (n, 3)."""
-    return np.stack(
-        [np.interp(times, one.time, channel) for channel in (one.x, one.y, one.heading)], axis=1
-    )
+    channels = (one.x, one.y, np.unwrap(one.heading))
+    return np.stack([np.interp(times, one.time, channel) for channel in channels], axis=1)
 
 
 def _separation(

@@ -323,7 +323,7 @@ def test_law_turning_and_moving_the_scene_leaves_its_pet(angle: float) -> None:
             one,
             x=7.0 + c * one.x - s * one.y,
             y=-3.0 + s * one.x + c * one.y,
-            heading=one.heading + angle,
+            heading=one.heading + angle + math.tau * (np.arange(len(one)) % 2),
         )
 
     ego, other = straight(0.0, 0.0, 12.0), straight(53.0, -40.0, 6.0, math.radians(70.0))
