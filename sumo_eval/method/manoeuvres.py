@@ -21,6 +21,7 @@ import numpy as np
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
+ROUNDING = 1e-6  # s, of sample times
 Manoeuvre = tuple[int, ...]
 """The lane of the start, and the first other one; 0 is the right lane."""
 
@@ -50,7 +51,7 @@ def manoeuvre_of(trajectory: Trajectory, road: Road, keeping_time: float) -> Man
     lane = np.round(trajectory.y / road.lane_width).astype(np.int64)
     starts = np.flatnonzero(np.append(True, np.diff(lane) != 0))
     ends = np.append(starts[1:], lane.size - 1)
-    kept = trajectory.time[ends] - trajectory.time[starts] >= keeping_time
+    kept = trajectory.time[ends] - trajectory.time[starts] >= keeping_time - ROUNDING
     visited = lane[starts[kept]].tolist() or [int(lane[0])]
     return (visited[0], *[lane for lane in visited if lane != visited[0]][:1])
 

@@ -61,6 +61,12 @@ def test_a_manoeuvre_is_the_first_change_of_lane_and_a_touch_does_not_count():
     there_and_back = drive(begin=1.0)
     y = there_and_back.y - 3.5 * smooth_step((there_and_back.time - 10.0) / 5.0)
     assert manoeuvre_of(Trajectory(there_and_back.time, there_and_back.x, y), ROAD, 1.0) == (0, 1)
+    for begin in range(10, 60):
+        for samples, visited in ((10, (0, 1)), (9, (0,))):
+            y = np.zeros(100)
+            y[begin + 1 : begin + 1 + samples] = 3.5
+            visit = Trajectory(0.1 * np.arange(100), 2.0 * np.arange(100), y)
+            assert manoeuvre_of(visit, ROAD, 1.0) == visited
     touch = np.where((there_and_back.time > 5.0) & (there_and_back.time < 5.8), 2.0, 0.0)
     assert manoeuvre_of(Trajectory(there_and_back.time, there_and_back.x, touch), ROAD, 1.0) == (0,)
 
