@@ -211,5 +211,6 @@ def _table(
     reached, share = reached[last & np.isfinite(reached)], share[last & np.isfinite(reached)]
     if reached.size < 2:
         return None
-    levels = np.array([share[0], *(level for level in LEVELS if share[0] < level <= share[-1])])
+    between = [level for level in LEVELS if share[0] < level <= share[-1]]
+    levels = np.array([share[0], *(between or share[-1:])])  # a slope needs two
     return tuple(levels.tolist()), tuple(np.interp(levels, share, reached).tolist())

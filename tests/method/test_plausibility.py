@@ -192,6 +192,13 @@ def test_a_table_of_people_is_their_own_shares():
     assert "min_ttc" not in table.values, "nobody ever closed in: there is nothing to compare with"
 
 
+def test_most_people_may_share_the_most_extreme_value():
+    drives = [CALM | {"max_deceleration": 2.0 if n < 15 else 1.0} for n in range(25)]
+    table = quantiles_of(drives, list(map(str, range(25))))
+    shares = [table.share("max_deceleration", strong) for strong in (0.9, 1.0, 2.0, 2.5, 3.0)]
+    assert shares == pytest.approx([1.0, 1.0, 0.6, 0.3, 0.0])
+
+
 def test_every_person_weighs_the_same_however_often_recorded():
     drives = [CALM | {"max_deceleration": 0.1 * (n + 1)} for n in range(40)]
     people = [str(n) for n in range(40)]
