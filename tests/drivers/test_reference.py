@@ -103,6 +103,9 @@ def test_drives_in_named_cases_are_taken_as_they_are(tmp_path):
     found = reference(LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0), people, settings)
     assert found.names == ("ben",)
     assert found.drives[0].y.tolist() == [0.3] * 50
+    (folder / "ben.csv").write_text((folder / "ben.csv").read_text().replace("ben,", ","))
+    nameless = reference(LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0), people, settings)
+    assert nameless.names == ("ben",), "the file names its driver where the column is empty"
     assert (
         reference(LOGICAL.concrete(ego_speed=25.0, lead_speed=10.0), people, settings).drives == ()
     )

@@ -195,12 +195,12 @@ def _drives_in(path: Path) -> Sequence[tuple[str, Trajectory]]:
     table = read_table(path, ("t", "x", "y"))
     channels = [name for name in ("heading", "speed", "acceleration") if name in table]
     checked_numbers(table, ["t", "x", "y", *channels], path)
-    if "driver" not in table:
-        table["driver"] = path.stem
+    table["driver"] = table.get("driver")
     drives = []
-    for who, rows in table.groupby("driver", sort=False):
+    for named, rows in table.groupby("driver", sort=False, dropna=False):
+        who = path.stem if pd.isna(named) else str(named)
         try:
-            drives.append((str(who), _trajectory(rows)))
+            drives.append((who, _trajectory(rows)))
         except InputError as error:
             raise InputError(f"Driver `{who}` in {path}: {error}") from error
     return drives
