@@ -18,7 +18,6 @@ centres, road coordinates.
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -75,7 +74,7 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
     double = rows.duplicated(keys)
     parts, holes, too_short = [], 0, 0
     for _, track in rows[~double].groupby(keys[:2], sort=False):
-        hole = track["t"].diff() > LONGEST_HOLE
+        hole = track["t"].diff() > LONGEST_HOLE + 1e-6
         holes += int(hole.sum())
         for number, piece in track.groupby(hole.cumsum()):
             even = _on_the_clock(piece)
@@ -145,13 +144,11 @@ def write_csv(recordings: Recordings, path: Path) -> None:
     """Write a canonical table as CSV (or .csv.gz); the file appears whole or not at all."""
     with writing(f"The recordings in {path}"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, partial = tempfile.mkstemp(suffix="".join(path.suffixes), dir=path.parent)
-        os.close(handle)
-        try:
+        # in a folder: a temporary file would be its owner's alone
+        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+            partial = Path(folder) / path.name
             cells(recordings.table.round(_DECIMALS)).to_csv(partial, index=False)
-            os.replace(partial, path)
-        finally:
-            Path(partial).unlink(missing_ok=True)
+            partial.replace(path)
 
 
 def read_csv(path: Path) -> Recordings:
