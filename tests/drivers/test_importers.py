@@ -16,6 +16,7 @@ from sumo_eval.drivers.recorded.importing import FORMATS, each_of, import_record
 from sumo_eval.drivers.recorded.recordings import COLUMNS, read_csv, write_csv
 from sumo_eval.errors import InputError
 
+FCD = "timestep_time;vehicle_angle;vehicle_id;vehicle_speed;vehicle_x;vehicle_y\n"
 OWN = "recording,vehicle,t,x,y,length,width\n"
 NO_ANGLE = (
     "<fcd-export><timestep time='0'><vehicle id='a' x='1' y='2' speed='3'/></timestep></fcd-export>"
@@ -224,6 +225,7 @@ def test_levelx_facts_that_cannot_be_used_are_refused(tmp_path):
 def test_the_own_table_comes_back_as_it_was_written(tmp_path):
     first = import_recordings("csv", [_plain(tmp_path / "plain.csv")])
     write_csv(first, tmp_path / "again.csv.gz")
+    assert (tmp_path / "again.csv.gz").stat().st_mode == (tmp_path / "plain.csv").stat().st_mode
     again = read_csv(tmp_path / "again.csv.gz")
     assert list(again.table.columns) == list(COLUMNS)
     assert again.table["speed"].to_numpy() == pytest.approx(20.0)
@@ -239,6 +241,9 @@ def test_a_hole_in_a_track_makes_two_tracks_and_is_said(tmp_path):
     found = import_recordings("csv", [tmp_path / "hole.csv"])
     assert sorted(found.table["vehicle"].unique()) == ["a", "a#2", "b"]
     assert any("1 holes" in note for note in found.notes)
+    slow = table[table["vehicle"] == "a"].assign(t=lambda rows: np.round(5.0 * rows["t"] + 0.1, 3))
+    slow.to_csv(tmp_path / "slow.csv", index=False)
+    assert import_recordings("csv", [tmp_path / "slow.csv"]).vehicles == 1, "2 Hz have no holes"
 
 
 @pytest.mark.parametrize(
@@ -256,6 +261,8 @@ def test_a_hole_in_a_track_makes_two_tracks_and_is_said(tmp_path):
         ("commonroad", "x.xml", "<commonRoad timeStepSize='0.1'>\n<dynamic", "is not well-formed "
                                                                              "XML"),
         ("sumo_fcd", "x.xml", NO_ANGLE, "must have `angle`"),
+        ("commonroad", "x.xml", "<commonRoad timeStepSize='nan'/>", "must be a number, got 'nan'"),
+        ("sumo_fcd", "x.csv", FCD + "0;;;;;\n1;90;a;oops;2;3\n", "`speed` in row 3 of"),
         ("openacc", "x.csv", "a,b\n1,2\n", "must begin with the five rows"),
         ("dlr_highway", "x.csv", "timestamp,id\n1,2\n", "must have the columns `center_easting`"),
         ("hihgD", "x.csv", "", "Did you mean `highd`?"),

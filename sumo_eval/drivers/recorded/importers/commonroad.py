@@ -17,7 +17,7 @@ from lxml import etree
 from scipy.spatial import cKDTree
 
 from sumo_eval.drivers.recorded.importers.files import reading_xml
-from sumo_eval.drivers.recorded.importers.tables import Samples
+from sumo_eval.drivers.recorded.importers.tables import LARGEST, Samples
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
 from sumo_eval.trajectory import FloatArray
@@ -150,7 +150,10 @@ def _value(state: Any, place: str, path: Path) -> float:
 
 def _number(text: str | None, path: Path, element: Any, what: str) -> float:
     try:
-        return float(text or "")
+        number = float(text or "")
+        if not abs(number) <= LARGEST:
+            raise ValueError
+        return number
     except ValueError:
         raise InputError(
             f"`{what}` of the element in row {element.sourceline} of {path} must be a number, got "
