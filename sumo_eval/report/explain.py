@@ -302,7 +302,7 @@ def _task(case: CaseResult, found: Findings) -> Iterator[str]:
         return
     score = found.score
     beside = f"`{score.task_reference}` and the drivers" if score.task_reference else "the drivers"
-    why = " for its incident" if case.incident else ""
+    why = " for its incident" if case.incident or case.struck_from_behind else ""
     exposures, share = _share(case, found, found.tasked, found.cases.exposure)
     yield (
         f"T: t_i = {case.task_share:z.4f}{why}, mean over the way of min(1, time of the slowest of "

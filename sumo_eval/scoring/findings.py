@@ -77,9 +77,10 @@ class Findings:
 
     @property
     def slow(self) -> BoolArray:
-        """Which safe cases without an incident are slower than the slowest reference, (n,)."""
+        """Which safe cases without any contact are slower than the slowest reference, (n,)."""
         cases = self.cases
-        return np.asarray(cases.safe & ~cases.incident & (cases.task_share < 1.0 - NOTICEABLE))
+        late = cases.counts_for_index & (cases.task_share < 1.0 - NOTICEABLE)
+        return np.asarray(late & ~cases.incident)
 
     @property
     def stands(self) -> BoolArray:

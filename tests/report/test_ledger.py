@@ -8,6 +8,7 @@ from dataclasses import replace
 import builders
 import pytest
 
+from sumo_eval.cases import CaseTable
 from sumo_eval.report.terminal import ledger_sentences as sentences
 from sumo_eval.report.words import explain_a
 from sumo_eval.results import Evaluation, ScenarioResult
@@ -120,6 +121,23 @@ def test_a_case_given_up_costs_points_of_t(evaluation: Evaluation) -> None:
     ]
     assert line.entries.status.tolist() == ["crashed"]
     assert line.points < 0.0
+
+
+def test_a_case_struck_from_behind_is_a_cause_of_its_own_in_t(evaluation: Evaluation) -> None:
+    score = evaluation.score(builders.CALM, builders.SCENARIOS[0])
+    rows = list(Findings.of(evaluation, score).cases)
+    hit = next(row for row in rows if row.counts_for_index and not row.incident)
+    struck = replace(hit, struck_from_behind=True, task_share=0.0)
+    rows[rows.index(hit)] = struck
+    found = Findings(
+        combine(score.ads, score.scenario, rows, evaluation.settings.method),
+        CaseTable.of(rows),
+        evaluation.settings,
+    )
+    lines = {line.cause: line for line in ledger_plus(found).lines if line.term == "T"}
+    (line,) = [line for cause, line in lines.items() if cause.startswith("struck from behind")]
+    assert line.entries.case.tolist() == [struck.case]
+    assert not found.slow[rows.index(struck)]
 
 
 def test_an_a_below_zero_is_shown_and_taken_as_zero(evaluation: Evaluation) -> None:
