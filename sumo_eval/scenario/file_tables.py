@@ -39,7 +39,7 @@ from sumo_eval.scenario.road.opendrive import ReadRoad, read_opendrive
 from sumo_eval.scenario.road.table import PieceTable, bend_name, check_line, line_of
 from sumo_eval.scenario.streams import StreamTable
 from sumo_eval.scenario.sumo_network import read_road
-from sumo_eval.scenario.units import check_unit, check_uses, factor_to
+from sumo_eval.scenario.units import check_unit, check_uses, factor_to, in_own_unit
 from sumo_eval.scenario.vehicle_tables import EgoTable, Placement, VehicleTable
 from sumo_eval.scenario.zone_table import ZoneTable
 from sumo_eval.settings import About, Checked, Positive
@@ -296,7 +296,7 @@ class SampleTable(Checked):
         for further, row in itertools.product(itertools.product(*self.each.values()), self.points):
             if len(row) != len(columns):
                 raise must_be("Each point", owner, f"{len(columns)} numbers", list(row))
-            scaled = [value * factor for value, factor in zip(row, factors, strict=True)]
+            scaled = itertools.starmap(in_own_unit, zip(row, factors, strict=True))
             values = dict(zip(given, (*further, *scaled), strict=True))
             values |= {name: quantity.at(values) for name, quantity in derived.items()}
             points.append(tuple(values[name] for name in units))

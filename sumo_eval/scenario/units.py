@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
@@ -53,6 +54,17 @@ def factor_to(own: str, unit: str, column: str) -> float:
     ) is None:
         raise unknown(f"unit of {column}:", unit, factors)
     return factors[name]
+
+
+def in_own_unit(value: float, factor: float) -> float:
+    """A number in another unit; one of few digits stays one.
+
+    35 cm are 0.35 m, not the product 0.35000000000000003, which is beyond a bound of 0.35 m.
+    """
+    product = value * factor
+    short = round(product, 9)
+    is_short = factor != 1.0 and math.isclose(short, product, rel_tol=1e-15)
+    return short if is_short else product
 
 
 def refuse_unit(formula: str | float, owner: str) -> None:

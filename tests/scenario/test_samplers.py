@@ -27,6 +27,7 @@ from sumo_eval.scenario.sampling.combinations import tuples_of
 from sumo_eval.scenario.sampling.listed_points import from_csv
 from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sampling.samples import all_methods, sample
+from sumo_eval.scenario.units import factor_to, in_own_unit
 
 CUT_IN, CUT_OUT = catalogue.load("cut_in"), catalogue.load("front_vehicle_cut_out")
 DRAWN = ("latin_hypercube", "sobol", "halton", "exposure", "exposure_danger")
@@ -240,6 +241,15 @@ def test_points_from_a_csv_in_any_order_of_columns(tmp_path):
     assert chosen.refused.tolist() == [[10.0, 10.0, 30.0]]  # the obstacle must be slower
     assert chosen.exposure.tolist() == [0.25, 2.0]
     assert chosen.notes == ("Columns of points.csv that name no parameter: name.",)
+
+
+def test_law_a_number_of_few_digits_in_another_unit_stays_one():
+    """35 cm lie within a bound of 0.35 m, 21.6 km/h within 6 m/s."""
+    centimetres, kilometres = factor_to("m", "cm", "gap"), factor_to("m/s", "km/h", "speed")
+    for number in range(1, 2_000):
+        assert in_own_unit(float(number), centimetres) == number / 100.0
+        assert in_own_unit(number * 18 / 10.0, kilometres) == number / 2.0
+    assert in_own_unit(0.1 + 0.2, 1.0) == 0.1 + 0.2
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from sumo_eval.errors import InputError, did_you_mean, must_be, said
 from sumo_eval.input_file import input_file
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.request import Drawn, Request, owner_of
-from sumo_eval.scenario.units import factor_to
+from sumo_eval.scenario.units import factor_to, in_own_unit
 from sumo_eval.settings.locators import load_object
 from sumo_eval.text import clean, from_cell, shown
 
@@ -60,7 +60,10 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
         row = dict(zip(header, line, strict=False))
         table.append(
             [
-                _real(row.get(name), f"`{name}` in line {number}", owner) * factors.get(name, 1.0)
+                in_own_unit(
+                    _real(row.get(name), f"`{name}` in line {number}", owner),
+                    factors.get(name, 1.0),
+                )
                 for name in names
             ]
         )
