@@ -281,16 +281,17 @@ def read_joint(
     """The joint distribution over the events in a CSV file with a column for each of `names`."""
     try:
         with input_file(path, "file of events").open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.DictReader(file))
+            lines = csv.DictReader(file)
+            rows = [(lines.line_num, row) for row in lines]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"The events {path} cannot be read: {error}.") from error
-    if missing := [f"`{name}`" for name in names if not rows or name not in rows[0]]:
+    if missing := [f"`{name}`" for name in names if not rows or name not in rows[0][1]]:
         what = (
             f"a column {missing[0]}" if len(missing) == 1 else f"the columns {', '.join(missing)}"
         )
         raise InputError(f"The events {path} must have {what}.")
     events = []
-    for number, row in enumerate(rows, start=2):
+    for number, row in rows:
         try:
             events.append(tuple(float(row[name]) for name in names))
         except (TypeError, ValueError):

@@ -249,7 +249,7 @@ def test_a_hole_in_a_track_makes_two_tracks_and_is_said(tmp_path):
 @pytest.mark.parametrize(
     ("form", "name", "text", "words"),
     [
-        ("csv", "x.csv", OWN + "r,a,0,1,2,4,2\nr,a,0.1,oops,2,4,2\n", "`x` in row 3 of"),
+        ("csv", "x.csv", OWN + "r,a,0,1,2,4,2\n\n \nr,a,0.1,oops,2,4,2\n", "`x` in row 5 of"),
         ("csv", "x.csv", "recording,vehicle,time,x,y,length,width\nr,a,0,1,2,4,2\n",
             "must have a column `t`"),
         ("csv", "x.csv", "vehicel,time\na,0\n",

@@ -262,6 +262,7 @@ def test_law_a_number_of_few_digits_in_another_unit_stays_one():
         ("gap,ego_speed,obstacle_speed\n", "must have at least one row"),
         ("gap,ego_speed,obstacle_speed\n60,20,\n", "`obstacle_speed` in line 2 of the points"),
         ("gap,ego_speed,obstacle_speed\n60,20,5\n60,nan,5\n", "`ego_speed` in line 3"),
+        ("\ngap,ego_speed,obstacle_speed\n\n60,20,5\n\n60,nan,5\n", "`ego_speed` in line 6"),
         ("gap,ego_speed,obstacle_speed\n60,20,5\n160,20,5\n", "`gap` of point 2"),
         ("gap,ego_speed,obstacle_speed,exposure\n60,20,5,-1\n", "`exposure` of the points"),
     ],

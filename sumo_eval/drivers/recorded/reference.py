@@ -180,7 +180,7 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
     columns = [str(column) for column in rows]
     check_known(f"parameter column of {people.folder / NAMED_CASES}", columns, *concrete.values)
     names, values = list(concrete.values), list(concrete.values.values())
-    checked_numbers(rows, names, people.folder / NAMED_CASES, rows=(rows.index + 2).tolist())
+    checked_numbers(rows, names, people.folder / NAMED_CASES)
     here = rows[((rows[names] - values).abs() < 1e-6).all(axis=1)]
     if here.empty:
         return None

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
+from sumo_eval.drivers.recorded.importers.tables import checked_numbers, line_of_row, read_table
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.studies.tables import aligned
@@ -72,10 +72,13 @@ def read_ratings(path: Path) -> pd.DataFrame:
     for row in np.flatnonzero(~table["score"].between(LEAST, MOST)):
         got = table["score"].iloc[row]
         raise InputError(
-            f"`score` in row {row + 2} of {path} must be within {LEAST:g}..{MOST:g}, got {got:g}."
+            f"`score` in row {line_of_row(path, row)} of {path} must be within {LEAST:g}..{MOST:g}, "
+            f"got {got:g}."
         )
     for row in np.flatnonzero(table.duplicated(["rater", "ads", "scenario"])):
-        raise InputError(f"Row {row + 2} of {path} rates what its rater has rated in a row above.")
+        raise InputError(
+            f"Row {line_of_row(path, row)} of {path} rates what its rater has rated in a row above."
+        )
     return table
 
 

@@ -34,10 +34,11 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
     owner = f"the points {path}"
     try:
         with input_file(path, "file of points").open(newline="", encoding="utf-8-sig") as file:
-            titles, *lines = [line for line in csv.reader(file) if line] or [[]]
+            rows = csv.reader(file)
+            (_, head), *lines = [(rows.line_num, line) for line in rows if line] or [(0, [])]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"The points {path} cannot be read: {error}.") from error
-    titles = [from_cell(title.strip()) for title in titles]
+    titles = [from_cell(title.strip()) for title in head]
     header, factors = _columns(logical, titles, owner)
     if missing := [name for name in logical.names if name not in header]:
         what = "a column" if len(missing) == 1 else "the columns"
@@ -52,7 +53,7 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
         )
     names = [*logical.names, *({EXPOSURE} & set(header))]
     table = []
-    for number, line in enumerate(lines, 2):
+    for number, line in lines:
         if len(line) > len(header):
             raise InputError(
                 f"Line {number} of the points {path} must have {len(header)} values, got more."

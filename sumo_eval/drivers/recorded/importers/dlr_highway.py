@@ -11,7 +11,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.tables import Samples, checked_numbers, read_table
+from sumo_eval.drivers.recorded.importers.tables import (
+    Samples,
+    checked_numbers,
+    line_of_row,
+    read_table,
+)
 from sumo_eval.errors import InputError
 
 _CLASSES = ("pedestrian", "bicycle", "motorbike", "car", "van", "truck")
@@ -32,7 +37,7 @@ def read(path: Path) -> Samples:
     if time.isna().any():
         bad = int(np.flatnonzero(time.isna())[0])
         raise InputError(
-            f"`timestamp` in row {bad + 2} of {path} must be a time, got "
+            f"`timestamp` in row {line_of_row(path, bad)} of {path} must be a time, got "
             f"{rows['timestamp'].iloc[bad]!r}."
         )
     likely = np.argmax(rows[[f"classifications_{name}" for name in _CLASSES]].to_numpy(), axis=1)

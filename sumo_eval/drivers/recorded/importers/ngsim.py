@@ -45,7 +45,7 @@ def read(path: Path) -> Samples:
         require_columns(rows, _NEEDED, path)
     else:
         rows = read_table(path, (), sep=r"\s+", header=None, names=list(_ORIGINAL))
-    checked_numbers(rows, _NEEDED, path, first_row=2 if has_heading else 1)
+    checked_numbers(rows, _NEEDED, path, heading=int(has_heading))
     rows["place"] = rows["Location"].astype(str) if "Location" in rows else path.stem
     rows = rows.sort_values(["place", "Vehicle_ID", "Global_Time"], kind="stable")
     # Another vehicle under the same id: its clock jumps, or its body is another one.

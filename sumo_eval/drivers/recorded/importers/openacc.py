@@ -40,7 +40,7 @@ def read(path: Path) -> Samples:
     require(known, path, "must begin with the five rows of OpenACC's head")
     names = [name for name in head["Vehicle_order"] if name]
     rows = read_table(path, ("Time",), skiprows=_HEAD_ROWS)
-    checked_numbers(rows, ("Time",), path, first_row=_HEAD_ROWS + 2)
+    checked_numbers(rows, ("Time",), path, heading=_HEAD_ROWS + 1)
     places = sorted(
         int(str(name).removeprefix("Speed")) for name in rows if str(name).startswith("Speed")
     )

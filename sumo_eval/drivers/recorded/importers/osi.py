@@ -54,7 +54,8 @@ def read(path: Path) -> Samples:
         rows = pd.DataFrame(list(_objects(path)), columns=list(_COLUMNS))
     if rows.empty:
         raise InputError(f"{path} must hold GroundTruth with moving objects, got none.")
-    checked_numbers(rows, ["t", "x", "y", "length", "width", "heading", "speed"], path)
+    numbers = ["t", "x", "y", "length", "width", "heading", "speed"]
+    checked_numbers(rows, numbers, path, rows=range(1, len(rows) + 1))
     kinds = rows.groupby("vehicle")[["type", "subtype"]].first()
     bodies = rows.groupby("vehicle")[["length", "width"]].median()
     reasons = {

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+import gzip
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -59,13 +62,14 @@ def checked_numbers(
     columns: Sequence[str],
     path: Path,
     *,
-    first_row: int = 2,
+    heading: int = 1,
     rows: Sequence[int] | None = None,
 ) -> None:
     """Make `columns` finite numbers in place.
 
-    first_row: line of the file in which the first row stands; rows: of each, where they are not
-        in order.
+    table: of `read_table`, or rows of it with their index.
+    heading: as in `line_of_row`.
+    rows: lines of the file in which the rows stand, where it is no CSV.
     """
     for name in columns:
         numbers = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64)
@@ -75,9 +79,24 @@ def checked_numbers(
             wrong = "a number, got " + ("nothing" if pd.isna(got) else repr(str(got)))
             if np.isfinite(number):
                 wrong = f"at most {LARGEST:g} in size, got {number:g}"
-            row = first_row + place if rows is None else rows[place]
+            row = (
+                line_of_row(path, int(table.index[place]), heading) if rows is None else rows[place]
+            )
             raise InputError(f"`{name}` in row {row} of {path} must be {wrong}.")
         table[name] = numbers
+
+
+def line_of_row(path: Path, row: int, heading: int = 1) -> int:
+    """The line of a CSV file in which a row of its table ends, as an editor counts; pandas skips
+    blank lines.
+
+    heading: lines before the first row that are not blank.
+    """
+    opened = gzip.open if path.suffix == ".gz" else open
+    with opened(path, "rt", encoding="utf-8", errors="replace", newline="") as file:
+        lines = csv.reader(file)
+        filled = (lines.line_num for cells in lines if len(cells) > 1 or "".join(cells).strip())
+        return next(itertools.islice(filled, heading + row, None))
 
 
 def add_motion(table: pd.DataFrame, names: Sequence[str], owner: str) -> list[str]:
