@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
-from sumo_eval.cli.finish import scored, show_scores
+from sumo_eval.cli.exit_status import DONE, GATE_FAILED
+from sumo_eval.cli.finish import leave, scored, show_scores
 from sumo_eval.cli.options import (
     GATE,
     WORKERS,
@@ -97,7 +97,7 @@ def compare(
     if with_report:
         report = write_assessed_report(after, Beside(comparison, gates))
         tell(f"The report is {report}")
-    sys.exit(GATE_FAILED if failed(gates) else NOT_EVALUATED if after.not_evaluated else DONE)
+    leave(after, GATE_FAILED if failed(gates) else DONE)
 
 
 def _names(pair: str, base: Evaluation, new: Evaluation) -> tuple[str, str]:
@@ -171,7 +171,7 @@ def nightly(
     say(tell_github(result))
     tell(f"The report is {result.report}")
     tell(f"The trend is {result.trend}")
-    sys.exit(result.night.exit_status)
+    leave(result.evaluation, result.night.exit_status)
 
 
 @click.command(

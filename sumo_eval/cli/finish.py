@@ -71,9 +71,12 @@ def finish(
     show_scores(evaluation, everything)
     *closing, where = closing_lines(evaluation)
     say((*closing, *notes, where))
-    if not evaluation.not_evaluated:
-        sys.exit(DONE)
-    if evaluation.settings.run.incomplete == "gate":
+    leave(evaluation, DONE)
+
+
+def leave(evaluation: Evaluation, status: int) -> NoReturn:
+    """Leave with the status of the gates, or with that of cases that could not be evaluated."""
+    if evaluation.not_evaluated and evaluation.settings.run.incomplete == "gate":
         tell("The gate failed: `run.incomplete` allows no case that could not be evaluated.")
         sys.exit(GATE_FAILED)
-    sys.exit(NOT_EVALUATED)
+    sys.exit(status or (NOT_EVALUATED if evaluation.not_evaluated else DONE))

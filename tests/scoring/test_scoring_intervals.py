@@ -219,3 +219,6 @@ def test_a_setting_decides_whether_an_incomplete_score_fails_the_gate(
     assert done.returncode == status, done.stderr
     assert "– (0.000..1.000)" in done.stdout
     assert ("The gate failed" in done.stdout) == (setting == "gate")
+    beside = sumo_eval_cli("compare", tmp_path / "run", tmp_path / "run")
+    assert beside.returncode == status, beside.stderr
+    assert ("The gate failed" in beside.stdout) == (setting == "gate")
