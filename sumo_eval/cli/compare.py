@@ -24,7 +24,7 @@ from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 
 if TYPE_CHECKING:
-    from sumo_eval.results import Evaluation
+    from collections.abc import Sequence
 
 
 @click.command(
@@ -61,7 +61,6 @@ def compare(
     Exit status: 0 the gate holds, 1 it does not, 2 the runs cannot be compared, 3 cases of NEW
     could not be evaluated.
     """
-    from sumo_eval.errors import InputError
     from sumo_eval.evaluation import refuse_to_score
     from sumo_eval.nightly.gates import judge
     from sumo_eval.record.run_folder import give_what_is_own
@@ -74,17 +73,13 @@ def compare(
     from sumo_eval.scoring.gate_settings import read_gate
 
     settings = read_gate(gate)
-    if not all(all(pair.partition("=")) for pair in pairs):
-        raise InputError(f"A pair must have the form BASE=NEW, got {' '.join(pairs)!r}.")
     give_what_is_own(base, new)
     for run in (base, new):  # what is wrong with one is told before hours are spent on the other
         refuse_to_score(run)
+    partners = _partners(pairs, base, new)
     before, after = scored(base), scored(new)
-    partners = [_names(pair, before, after) for pair in pairs]
-    if any(len(set(side)) < len(partners) for side in zip(*partners, strict=True)):
-        raise InputError(f"An ADS may stand in one --pair only, got {' '.join(pairs)!r}.")
     comparison = compare_runs(
-        before, after, settings, pairs=dict(partners), accept_differences=accept_differences
+        before, after, settings, pairs=partners, accept_differences=accept_differences
     )
     gates = judge(after, comparison, settings)
     if junit is not None:
@@ -100,11 +95,26 @@ def compare(
     leave(after, GATE_FAILED if failed(gates) else DONE)
 
 
-def _names(pair: str, base: Evaluation, new: Evaluation) -> tuple[str, str]:
-    """The two ADSs of a pair BASE=NEW, each of whose names may hold a `=` itself."""
-    splits = [(pair[:i], pair[i + 1 :]) for i, sign in enumerate(pair) if sign == "="]
-    olds, news = ({score.ads for score in run.scores} for run in (base, new))
-    return next((names for names in splits if names[0] in olds and names[1] in news), splits[0])
+def _partners(pairs: Sequence[str], base: Path, new: Path) -> dict[str, str]:
+    """ADSs that belong together, BASE=NEW each; the names of both may hold a `=` themselves."""
+    from sumo_eval.errors import InputError, check_known
+    from sumo_eval.record.run_folder import read_settings
+
+    listed, partners = " ".join(pairs), []
+    olds, news = ([ads.name for ads in read_settings(run).ads] for run in (base, new))
+    for pair in pairs:
+        splits = [(pair[:i], pair[i + 1 :]) for i, sign in enumerate(pair) if sign == "="]
+        splits = [names for names in splits if all(names)]
+        if not splits:
+            raise InputError(f"A pair must have the form BASE=NEW, got {listed!r}.")
+        known = (names for names in splits if names[0] in olds and names[1] in news)
+        old, now = next(known, splits[0])
+        check_known("ADS", olds, old)
+        check_known("ADS", news, now)
+        partners.append((old, now))
+    if any(len(set(side)) < len(partners) for side in zip(*partners, strict=True)):
+        raise InputError(f"An ADS may stand in one --pair only, got {listed!r}.")
+    return dict(partners)
 
 
 @click.command(

@@ -92,15 +92,18 @@ def test_other_settings_are_refused_and_with_consent_shown(builds: Path, tmp_pat
 
 
 def test_a_wrong_pair_and_a_folder_without_a_run_are_refused(builds: Path) -> None:
+    kept = builds / "repeat" / "kept.sqlite"
+    kept.unlink()
     for arguments, sentence in (
         (("--pair", "mine"), "A pair must have the form BASE=NEW"),
         (("--pair", "mine=yours"), "Unknown ADS `yours`"),
-        (("--pair", "mine=mine", "--pair", "mine=yours"), "An ADS may stand in one --pair"),
+        (("--pair", "mine=mine", "--pair", "mine=mine"), "An ADS may stand in one --pair"),
         (("--gate", "missing.toml"), "There is no gate file missing.toml."),
     ):
         done = sumo_eval("compare", builds / "base", builds / "repeat", *arguments)
         assert done.returncode == 2
         assert sentence in done.stderr
+    assert not kept.exists(), "they are refused before anything is scored"
     assert "is not a run folder" in sumo_eval("compare", builds, builds / "base").stderr
 
 
