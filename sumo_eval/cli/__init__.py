@@ -11,7 +11,8 @@ import errno
 import gc
 import os
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
@@ -150,24 +151,35 @@ class _Group(click.Group):
         _give_memory_back()
         # else Python searches all objects for garbage at exit, 0.2 s for nothing
         atexit.register(gc.freeze)
-        try:
+        with _told():
             return super().invoke(ctx)
-        except StoppedError as stop:
-            tell(f"sumo-eval: {stop}", err=True)
-            sys.exit(INTERRUPTED)
-        except SumoEvalError as error:
-            if "sumo_eval.record.children" in sys.modules:  # it would load for seconds
-                import_module("sumo_eval.record.children").cool_down()
-            _refuse(str(error))
-        except OSError as error:
-            _stdout_to_nowhere()  # else the interpreter would try to write there again when it ends
-            if error.errno == errno.EPIPE:
-                sys.exit(NOT_READ)
-            place = f" ({clean(str(error.filename), 200)})" if error.filename else ""
-            _refuse(f"{error.strerror or error}{place}. What was finished before is kept.")
-        except KeyboardInterrupt:
-            tell("Stopped by Ctrl-C.", err=True)
-            sys.exit(INTERRUPTED)
+
+    def make_context(self, *args: Any, **named: Any) -> click.Context:
+        with _told():  # it prints `--help` and `--version`
+            return super().make_context(*args, **named)
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """Errors as a sentence and an exit status."""
+    try:
+        yield
+    except StoppedError as stop:
+        tell(f"sumo-eval: {stop}", err=True)
+        sys.exit(INTERRUPTED)
+    except SumoEvalError as error:
+        if "sumo_eval.record.children" in sys.modules:  # it would load for seconds
+            import_module("sumo_eval.record.children").cool_down()
+        _refuse(str(error))
+    except OSError as error:
+        _stdout_to_nowhere()  # else the interpreter would try to write there again when it ends
+        if error.errno == errno.EPIPE:
+            sys.exit(NOT_READ)
+        place = f" ({clean(str(error.filename), 200)})" if error.filename else ""
+        _refuse(f"{error.strerror or error}{place}. What was finished before is kept.")
+    except KeyboardInterrupt:
+        tell("Stopped by Ctrl-C.", err=True)
+        sys.exit(INTERRUPTED)
 
 
 def _nearest(name: str) -> str:

@@ -101,8 +101,9 @@ def in_a_shell(line: str, folder: Path, **variables: str) -> subprocess.Complete
     )  # fmt: skip
 
 
-def test_closed_pipe_is_no_failed_gate(tmp_path: Path) -> None:
-    done = in_a_shell("sumo-eval schema evaluation | true; exit ${PIPESTATUS[0]}", tmp_path)
+@pytest.mark.parametrize("command", ["schema evaluation", "--help", "--version"])
+def test_closed_pipe_is_no_failed_gate(command: str, tmp_path: Path) -> None:
+    done = in_a_shell(f"sumo-eval {command} | true; exit ${{PIPESTATUS[0]}}", tmp_path)
     assert (done.returncode, done.stderr) == (141, "")
 
 
