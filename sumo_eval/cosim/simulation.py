@@ -563,7 +563,7 @@ def _difference(
         )  # fmt: skip
         together = drives[index]
         if not (isinstance(together, Recording) and own.same_motion(together)):
-            return f"not found; {cases[index].label} is driven otherwise alone"
+            return f"not found; {cases[index].label} drives differently when it is alone"
         drives[index] = replace(together, batched="compared")
     return None
 

@@ -276,7 +276,7 @@ class Counts:
     [
         (caches, "CACHE"), (remembers, "remembers"), (draws, "GENERATOR"), (Counts, "Counts"),
         (sets_variables, "os.environ"), (rebinds, "CALLS"), (enclosing, "encloses"),
-        (writes_files, "is driven otherwise alone"),
+        (writes_files, "drives differently when it is alone"),
     ],
 )  # fmt: skip
 def test_shared_state_drives_each_case_alone_and_is_named(hook, name, tmp_path, monkeypatch):
