@@ -19,7 +19,7 @@ import shutil
 import sqlite3
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -338,7 +338,7 @@ def _room(history: Path, lines: History, stopped: str | None = None) -> None:
     """
     finished = [history / night.folder for night in lines.nights() if not night.imported]
     last = next((folder for folder in reversed(finished) if folder.is_dir()), None)
-    needed = FIRST_NIGHT_ROOM if last is None else int(SPARE * _size(last))
+    needed = FIRST_NIGHT_ROOM if last is None else int(SPARE * (_size(last) + _discarded(last)))
     needed -= 0 if stopped is None else _size(history / NIGHTS / stopped)
     free = shutil.disk_usage(history).free
     if free < needed:
@@ -350,6 +350,13 @@ def _room(history: Path, lines: History, stopped: str | None = None) -> None:
 
 def _size(folder: Path) -> int:
     return sum(path.lstat().st_size for path in folder.rglob("*"))  # a link may lead nowhere
+
+
+def _discarded(folder: Path) -> int:
+    """Bytes of the trajectories that a night held until it was scored."""
+    with suppress(InputError), closing(Store(folder / FACTS)) as store:
+        return store.discarded_size
+    return 0
 
 
 def _prune(history: Path, lines: History, keep: int) -> list[str]:

@@ -66,6 +66,7 @@ which were discarded."""
 _TABLES = ("facts", "circumstances", "latencies", "trajectories")
 _SEAL = "seal"
 _CONTENT = "content"  # the seal before trajectories were discarded
+_DISCARDED = "discarded bytes"
 # bytes: damage and edits are found; who can write the file can also write a hash that fits
 _HASH_SIZE = 16
 # files that this process has checked: path, size, time of last change
@@ -304,12 +305,24 @@ class Store:
                     (_hash(fact, circumstance[:-1], ()), fact[0]),
                 )
                 cases += 1
-            write('DELETE FROM trajectories WHERE "case" IN (SELECT "case" FROM let_go)')
-            for name, value in ((_SEAL, self._sealed()), (_CONTENT, content)):
+            gone = 'FROM trajectories WHERE "case" IN (SELECT "case" FROM let_go)'
+            (size,) = self._first(f"SELECT total(length(data)) {gone}")
+            size = self.discarded_size + int(size)
+            write(f"DELETE {gone}")
+            for name, value in (
+                (_SEAL, self._sealed()),
+                (_CONTENT, content),
+                (_DISCARDED, str(size)),
+            ):
                 write("INSERT OR REPLACE INTO about VALUES (?,?)", (name, value))
         for _ in self._read("VACUUM"):  # a file does not shrink by itself
             pass
         return cases
+
+    @property
+    def discarded_size(self) -> int:
+        """Bytes of the trajectories that were discarded."""
+        return int(self.noted(_DISCARDED) or 0)
 
     def is_discarded(self, case: str) -> bool:
         """Whether the trajectories of a case were deleted after it was scored."""

@@ -579,7 +579,9 @@ def test_a_link_in_place_of_a_stopped_night_is_not_followed(tmp_path: Path) -> N
     assert notes == ["Night a was stopped before its end; its folder could not be removed."]
 
 
-def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path: Path) -> None:
+def test_a_noisy_ads_is_found_and_its_new_collision_rerun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """At one of three points the ADS sleeps and shakes: no two drives are alike, and all five
     collide. Trajectories that the night does not keep are there until it is judged."""
     file, history = evaluation(tmp_path, "2"), tmp_path / "history"
@@ -600,3 +602,8 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path: Path) -> Non
     assert not (history / "again").exists()
     with open_store(result.report.parent / "facts.sqlite") as store:
         assert store.is_discarded(result.judged.gates[0].cases[0])
+    files = sum(path.stat().st_size for path in result.report.parent.rglob("*"))
+    free = shutil._ntuple_diskusage(0, 0, int(1.5 * files))  # without what was discarded
+    monkeypatch.setattr("shutil.disk_usage", lambda _: free)
+    with pytest.raises(InputError, match="The night was not begun: it may need"):
+        run_night(file, history, GateSettings(resamples=100))
