@@ -69,16 +69,14 @@ def read_ratings(path: Path) -> pd.DataFrame:
     checked_numbers(table, ["score"], path)
     for name in ("rater", "ads", "scenario"):
         table[name] = table[name].astype(str)
-    for row in np.flatnonzero(~table["score"].between(LEAST, MOST)):
-        got = table["score"].iloc[row]
+    for row in np.flatnonzero(~table["score"].between(LEAST, MOST)).tolist():
+        line, got = line_of_row(path, row), table["score"].iloc[row]
         raise InputError(
-            f"`score` in row {line_of_row(path, row)} of {path} must be within {LEAST:g}..{MOST:g}, "
-            f"got {got:g}."
+            f"`score` in row {line} of {path} must be within {LEAST:g}..{MOST:g}, got {got:g}."
         )
-    for row in np.flatnonzero(table.duplicated(["rater", "ads", "scenario"])):
-        raise InputError(
-            f"Row {line_of_row(path, row)} of {path} rates what its rater has rated in a row above."
-        )
+    for row in np.flatnonzero(table.duplicated(["rater", "ads", "scenario"])).tolist():
+        line = line_of_row(path, row)
+        raise InputError(f"Row {line} of {path} rates what its rater has rated in a row above.")
     return table
 
 
