@@ -220,7 +220,8 @@ class CaseResult(Outcome):
     the conflict area, if neither reacts.
 
     struck_from_behind: a vehicle that reacts ran into the ego's rear and is at fault; such a case
-        is not `collided`. Its task_share is 0: any contact ends the drive, whoever is at fault.
+        is not `collided`. Its task_share is 0: any contact ends the drive,
+        whichever vehicle is at fault.
 
     Safe-zone cases: drivers that D_i is computed from, recorded people among them;
 

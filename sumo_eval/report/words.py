@@ -625,7 +625,7 @@ _COUNTED = {
     "outside_support": "{number} of {of} cases lie outside the support of the recorded exposure.",
     "struck_from_behind": "In {cases} an actor that reacts ran into the ego's rear: its own fault, "
     "counted apart, no collision for C and A (`method.collision.rear_end`). Its t_i is 0: any "
-    "contact ends the drive, whoever is at fault.",
+    "contact ends the drive, whichever vehicle is at fault.",
     "gentler_than_ideal": "In {hits} the ADS hit more softly than the ideal vehicle; each has the "
     "ratio 1.",
     "references_collide": "The space is called safe at {of_points}, yet drivers or the reference "

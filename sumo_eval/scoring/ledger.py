@@ -140,7 +140,7 @@ def _task_lines(found: Findings) -> _Lines:
     groups = {
         "given up": cases.gave_up,
         "a contact": cases.collided,
-        "struck from behind: the drive ends there, whoever is at fault": cases.struck_from_behind,
+        "struck from behind, which ends the drive": cases.struck_from_behind,
         "left the road": cases.departed,
         "stands where the references drive": found.stands,
         "slower than the slowest reference": lost > 0.0,  # all that are left

@@ -69,7 +69,7 @@ def checked_numbers(
 
     table: of `read_table`, or rows of it with their index.
     heading: as in `line_of_row`.
-    rows: lines of the file in which the rows stand, where it is no CSV.
+    rows: lines in which the rows stand, of a file in another format than CSV.
     """
     for name in columns:
         numbers = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64)
