@@ -108,7 +108,7 @@ def _cell(value: Any) -> str:
 def amount(value: float, digits: int = 3) -> str:
     """A number in `digits`, a large one written out: 168,000."""
     shown = f"{value:z.{digits}g}"
-    return f"{float(shown):,.0f}" if abs(value) >= 1000.0 else shown
+    return f"{float(shown):,.0f}" if abs(float(shown)) >= 1000.0 else shown
 
 
 def interval(low: float, high: float, digits: int = 3) -> str:
