@@ -80,6 +80,12 @@ def test_the_file_and_the_terminal_say_what_of_the_road_is_not_written(
     assert ROAD_AS_WRITTEN in told.output
 
 
+def test_ego_stands_in_its_place_at_the_begin_of_the_scene(tmp_path: Path) -> None:
+    """`rear` is at 101.6 s where the ego was at 100 s."""
+    found = write_scene(recorded(), tmp_path / "scene.toml", "ego", span=(101.6, 110.0))
+    assert (found.others, found.left_out) == (3, {FAR: 1})
+
+
 def test_without_a_model_no_vehicle_reacts_and_one_point_is_left(tmp_path: Path) -> None:
     path = tmp_path / "scene.toml"
     write_scene(recorded(), path, "ego", span=(None, 120.0))

@@ -120,7 +120,10 @@ def write_scene(
     clock = np.arange(round((last - first) / INTERVAL) + 1) * INTERVAL
     seconds = float(clock[-1])
     mine = _track(own, first, lowest, "ego")
-    at = np.column_stack([np.interp(clock, mine.time, mine.x), np.interp(clock, mine.time, mine.y)])
+    speed = _speed(mine, 0.0)
+    # before and after the scene it is not there
+    x, y = (np.interp(clock, mine.time, values) for values in (mine.x, mine.y))
+    mine = mine._replace(time=clock, x=x, y=y)
     left_out: Counter[str] = Counter()
     actors: list[_Track] = []
     continued = 0
@@ -131,7 +134,7 @@ def write_scene(
         whole = _continued(track)
         if len(rows) < round(1.0 / INTERVAL):
             left_out[SHORT] += 1
-        elif np.abs(track.x - np.interp(track.time, clock, at[:, 0])).min() > REACH:
+        elif np.abs(track.x - np.interp(track.time, clock, x)).min() > REACH:
             left_out[FAR] += 1
         elif any(_overlap(whole, other) for other in (mine, *actors)):
             left_out[IN_ANOTHER] += 1
@@ -159,9 +162,9 @@ def write_scene(
         "constraint": [] if model else [never],
         "road": {"lanes": lanes, "lane_width": width, "length": round(road, 1)},
         "end": {"x": round(road - BEHIND / 2.0, 1), "time": round(seconds, 1)},
-        "ego": {"speed": round(_speed(mine, 0.0), 3), "x": round(at[0, 0] + shift, 3),
-            "y": round(at[0, 1], 3), "length": mine.length, "width": mine.width,
-            "recorded": [[round(x + shift, 3), round(y, 3)] for x, y in at.tolist()]},
+        "ego": {"speed": round(speed, 3), "x": round(x[0] + shift, 3),
+            "y": round(y[0], 3), "length": mine.length, "width": mine.width,
+            "recorded": np.column_stack([x + shift, y]).round(3).tolist()},
         "vehicle": [_vehicle(track, shift, width, lanes, model or "IDM") for track in actors],
     }  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
