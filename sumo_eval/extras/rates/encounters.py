@@ -339,7 +339,9 @@ def _cut_in(traffic: RecordedTraffic, event: Event, change: RecordedLaneChange) 
     part = _part(traffic, change.vehicle, begin, duration)
     pair = _Pair(traffic, event["ego"], begin, part)
     values = pair.values | {"duration": duration}
-    return values, pair.motion(change.to, -float(np.sign(offset)))
+    # the scenario shows a ramp on the right, another lane on the left
+    mirror = 1.0 if change.origin < 0 else -1.0
+    return values, pair.motion(change.to, mirror * float(np.sign(offset)))
 
 
 def _cut_out(traffic: RecordedTraffic, event: Event, change: RecordedLaneChange) -> Measurement:
