@@ -20,7 +20,7 @@ from sumo_eval.cli import main
 from sumo_eval.drivers.recorded.importing import import_recordings
 from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.extras.rates.command import called
-from sumo_eval.extras.rates.encounters import LEAD_MOVES, find_encounters
+from sumo_eval.extras.rates.encounters import LEAD_MOVES, Encounters, find_encounters
 from sumo_eval.extras.rates.intervals import (
     end_interval,
     kolmogorov,
@@ -29,7 +29,7 @@ from sumo_eval.extras.rates.intervals import (
     rank_correlation,
     rate_interval,
 )
-from sumo_eval.extras.rates.learned import learn, measure
+from sumo_eval.extras.rates.learned import fold_of, learn, measure
 from sumo_eval.extras.rates.scenes import content_of
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.concrete import smooth_step
@@ -346,6 +346,35 @@ def test_events_that_are_all_alike_give_no_file_and_still_say_how_many_are_neede
     assert met.logical is None
     assert met.needed == 5 * 5  # five events for each of five parameters
     assert not list(tmp_path.iterdir())
+
+
+def test_law_constraints_that_leave_too_few_events_are_counted(tmp_path):
+    found = find_encounters([braking_leader(0.0)])
+    stream = np.random.default_rng(1)
+    names = ("ego_speed", "closing_speed", "gap", "duration", "acceleration")
+    rows = [dict(zip(names, stream.uniform(3.0, 5.0, 5), strict=True)) for _ in range(60)]
+    for row in rows[9:]:  # of a vehicle that would stand, or drive backwards
+        row["closing_speed"] += 3.0
+    met = measure(Encounters("cut_in", rows=rows), found, tmp_path, "made up")
+    assert met.logical is None
+    assert np.count_nonzero(~met.kept) >= 51
+
+
+def test_events_of_one_ego_are_held_out_too():
+    assert set(fold_of([{"recording": "r", "ego": "e"}] * 9)) == set(range(5))
+
+
+def test_vehicle_from_a_ramp_moves_from_the_right_as_in_its_file():
+    time = np.round(np.arange(0.0, 25.05, 0.1), 1)
+    change = smooth_step((time - 8.0) / 5.0)
+    for side, class_ in ((-1.0, "merging"), (1.0, "cut_in")):
+        tracks = {
+            "ego": (28.0 * time, 0.0 * time),
+            "other": (35.0 + 26.0 * time, 3.5 * side * (1.0 - change)),
+            "beside": (26.0 * time - 300.0, 3.5 * side + 0.0 * time),
+        }
+        (motion,) = find_encounters([recordings_of(time, tracks, 3.5)]).classes[class_].motions
+        assert (motion.y[0], motion.y[-1]) == (pytest.approx(3.5 * side), pytest.approx(0.0))
 
 
 def test_no_learnt_vehicle_is_faster_than_roads_allow():

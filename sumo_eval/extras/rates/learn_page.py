@@ -166,9 +166,11 @@ def sentences(lesson: Lesson) -> list[str]:
         rate, low, high = learnt.measured.rate
         events, rows = learnt.encounters.events, learnt.encounters.rows
         if learnt.logical is None:
+            against = int((~learnt.measured.kept).sum())
+            ruled_out = f" ({against} of them against a constraint)" if against else ""
             result = (
-                f"{len(rows)} with all parameters, {learnt.measured.needed} are needed: no "
-                "scenario file."
+                f"{len(rows)} with all parameters{ruled_out}, {learnt.measured.needed} are needed: "
+                "no scenario file."
             )
         else:
             best, fitted = learnt.models[0], len(learnt.replay)

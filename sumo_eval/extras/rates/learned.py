@@ -184,7 +184,7 @@ def measure(encounters: Encounters, survey: Survey, folder: Path, source: str) -
     rows = rows[kept]
     if len(rows) < needed:
         path.unlink()
-        return few
+        return few._replace(kept=kept)
     pairs = list(itertools.combinations(range(len(free)), 2))
     each = of_each(2 * len(free) + len(pairs) + 1)
     ends = {
@@ -285,10 +285,13 @@ def _range(values: FloatArray, quantity: Quantity) -> tuple[float, float]:
 # --- held out -------------------------------------------------------------------------------------
 
 
-def fold_of(sources: Sequence[Mapping[str, Any]]) -> FloatArray:
-    """The fold of each event, by the ego that had it: no vehicle is in two."""
+def fold_of(sources: Sequence[Mapping[str, Any]]) -> np.ndarray:
+    """The fold of each event, by the ego that had it: no vehicle is in two; by its number where
+    the egos are all in one.
+    """
     egos = (f"{source['recording']}/{source['ego']}" for source in sources)
-    return np.array([zlib.crc32(ego.encode()) % FOLDS for ego in egos])
+    folds = np.array([zlib.crc32(ego.encode()) % FOLDS for ego in egos])
+    return folds if np.ptp(folds) else np.arange(len(folds)) % FOLDS
 
 
 def _named(model: str) -> tuple[JointKind, float | None]:
@@ -301,7 +304,7 @@ def choose_model(
     rows: FloatArray,
     names: Sequence[str],
     box: tuple[Sequence[float], Sequence[float]],
-    folds: FloatArray,
+    folds: np.ndarray,
 ) -> tuple[Fit, ...]:
     """Every model on vehicles that it was not fitted to, the best first, the even density last.
 
