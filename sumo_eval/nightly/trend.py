@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.nightly.history import GateLine, History, Night, Value
+from sumo_eval.nightly.history import GATE_FAILED, GateLine, History, Night, Value
 from sumo_eval.report.page import REPORT, template, write_page
 
 TREND = "trend.html"
@@ -123,7 +123,7 @@ def failed_nights(nights: Sequence[Night]) -> list[dict[str, Any]]:
             "words": f"{_date(night.night)} failed: {night.verdict}",
         }
         for place, night in enumerate(nights)
-        if not night.imported and night.exit_status > 0
+        if night.exit_status == GATE_FAILED
     ]
 
 

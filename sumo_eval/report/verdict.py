@@ -52,10 +52,12 @@ class Beside:
 def verdict(
     comparison: Comparison | None, gates: Sequence[GateResult], evaluation: Evaluation
 ) -> Verdict:
-    """Limits, changes, and avoidable collisions of the newer run."""
+    """Limits, changes, avoidable collisions and cases without an outcome of the newer run."""
     word, standing = _standing(comparison, gates)
     avoidable = sum(score.avoidable_collisions for score in evaluation.scores)
     hit = count(avoidable, "avoidable collision") if avoidable else "no avoidable collision"
+    if missing := evaluation.not_evaluated:
+        hit += f", {count(missing, 'case')} not evaluated"
     return Verdict(word, f"{standing}; {hit}.")
 
 
@@ -67,12 +69,16 @@ def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tup
         return "first", f"NOT GOOD: {limits}; {alone}" if bad else f"FIRST: {alone}"
 
     base = Path(comparison.base_folder).name
+    pins = {gate.against for gate in bad}
+    than = f"the accepted {pins.pop()}" if bad and "" not in pins else base
     if bad and all(gate.quantity == "pairs" for gate in bad):
-        return "incomplete", f"INCOMPLETE beside {base}: {bad[0].sentence}"
+        return "incomplete", f"INCOMPLETE beside {than}: {bad[0].sentence}"
     worse, better, pairs = comparison.worse, comparison.better, comparison.pairs
     moved = f"outcome or likeness worse in {count(worse, 'case')}, better in {better}"
     if bad:
-        return "worse", f"WORSE than {base}: {limits}; {moved}"
+        how = "NOT GOOD beside" if all(gate.own for gate in bad) else "WORSE than"
+        moved = moved if than == base else f"beside {base} {moved}"
+        return "worse", f"{how} {than}: {limits}; {moved}"
     equal = "equal to the last bit"
     if comparison.identical:
         return "same", f"THE SAME as {base}: {count(pairs, 'case')} {equal}"

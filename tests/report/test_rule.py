@@ -12,7 +12,7 @@ from report_cases import hit, pick, with_case
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.nightly.gates import judge
-from sumo_eval.nightly.rule_limits import judge_pairs
+from sumo_eval.nightly.rule_limits import EVERYWHERE, judge_pairs
 from sumo_eval.report.gate_result import GateResult, failed
 from sumo_eval.report.verdict import verdict
 from sumo_eval.results import Evaluation
@@ -276,6 +276,27 @@ def test_the_same_is_said_of_equal_bits_alone(evaluation: Evaluation) -> None:
         evaluation, case.case, lambda one: replace(one, latency_median=1.0, wall_time=9.0)
     )
     assert told(slower).startswith("same: THE SAME as"), "no two drives take the same time"
+
+
+def test_the_verdict_names_the_run_that_a_limit_failed_beside(evaluation: Evaluation) -> None:
+    """The base, the accepted night where only that comparison failed, or neither."""
+    comparison = compare(evaluation, evaluation, SETTINGS)
+    failure = GateResult("min_gap", builders.CALM, EVERYWHERE, False, "nearer")
+    lost = replace(failure, quantity="pairs", against="night")
+    folder = evaluation.folder.name
+    for gates, words in (
+        ([failure], f"WORSE than {folder}: 1 limit failed; outcome"),
+        (
+            [replace(failure, against="night")],
+            f"WORSE than the accepted night: 1 limit failed; beside {folder} outcome",
+        ),
+        ([replace(failure, own=True)], f"NOT GOOD beside {folder}: 1 limit failed; outcome"),
+        ([lost], "INCOMPLETE beside the accepted night: nearer"),
+    ):
+        assert verdict(comparison, gates, evaluation).sentence.startswith(words)
+    assert verdict(comparison, (), evaluation).sentence.endswith(
+        f", {evaluation.not_evaluated} cases not evaluated."
+    )
 
 
 def test_a_slower_ads_fails_and_a_loaded_machine_does_not(evaluation: Evaluation) -> None:

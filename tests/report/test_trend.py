@@ -14,7 +14,7 @@ from page_checks import holds_what_every_page_holds, saved_table
 
 from sumo_eval.errors import InputError
 from sumo_eval.nightly.history import HISTORY, Night, open_history
-from sumo_eval.nightly.trend import HEIGHT, TOP, _ticks, charts, write_trend
+from sumo_eval.nightly.trend import HEIGHT, TOP, _ticks, charts, failed_nights, write_trend
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.results import Evaluation
 
@@ -149,6 +149,12 @@ def test_a_history_of_earlier_nights_without_the_newer_quantities_still_reads(
     assert "Avoided share A" not in {
         chart.title for chart in charts(builders.SCENARIOS[0], nights, only, [])
     }
+
+
+def test_only_nights_of_a_failed_limit_are_marked_as_failed() -> None:
+    """Status 3: cases without an outcome, in a good night."""
+    nights = [night(f"2026-01-0{status + 1}T02-00-00Z", status) for status in (0, 1, 3)]
+    assert [bar["words"][:23] for bar in failed_nights(nights)] == ["2026-01-02 02:00 failed"]
 
 
 def value_without(value: object) -> tuple[object, ...]:

@@ -13,7 +13,7 @@ from sumo_eval.extras.figures.style import look_of, on_paper
 from sumo_eval.extras.panels import Marks, Panel
 from sumo_eval.extras.studies.boundary_page import edge_panels
 from sumo_eval.extras.studies.opinion import opinion_panels
-from sumo_eval.nightly.history import open_history
+from sumo_eval.nightly.history import GATE_FAILED, open_history
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,7 +52,7 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
             y = [np.nan if value.value is None else value.value for value in own]
             colour, marker, line = look_of(who, everybody)
             marks.append(Marks(who, [at[value.night] for value in own], y, colour, line, marker))
-        failed = [at[night.night] for night in nights if not night.good]
+        failed = [at[night.night] for night in nights if night.exit_status == GATE_FAILED]
         panels.append(Panel(marks, y=quantity, verticals=failed))
     panels[-1] = replace(panels[-1], x="night (grey: one that failed)")
     figure = on_paper(
