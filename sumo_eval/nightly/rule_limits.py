@@ -9,7 +9,7 @@ from functools import partial
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.gate_result import CANNOT_SEE, MOST_KEYS, MOST_NAMED, CaseChange, GateResult
-from sumo_eval.report.words import cause_words, count, number
+from sumo_eval.report.words import cause_words, count, severity_words
 from sumo_eval.scoring.comparison import Comparison
 from sumo_eval.scoring.gate_settings import GateSettings
 from sumo_eval.scoring.rule import (
@@ -104,12 +104,14 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
         for quantity, worse in newly_bad(one, settings, repeats).items():
             paired = one.changed.paired
             rows = [(paired.base[pair], paired.new[pair]) for pair in worse.which[:MOST_KEYS]]
-            changes = [end_change(old, now) for old, now in rows]
+            changes = [end_change(old, now, one.unit) for old, now in rows]
             keys = [change.case for change in changes]
             shaky = [key for key in keys if repeats.noisy and is_shaky(key, settings, noise)]
             bad = tuple(change for change in changes if change.case not in shaky)
             number = len(worse.which) - len(shaky)
-            sentence = _outcome_words(quantity, number, settings) + _shaky_words(shaky, noise)
+            sentence = _outcome_words(quantity, number, settings, one.unit) + _shaky_words(
+                shaky, noise
+            )
             yield GateResult(
                 quantity, one.ads, one.scenario, not number, sentence, float(number), 0.0,
                 tuple(change.case for change in bad), bad[:MOST_NAMED],
@@ -126,12 +128,12 @@ def is_shaky(case: str, settings: GateSettings, noise: Noise) -> bool:
     )
 
 
-def _outcome_words(quantity: str, number: int, settings: GateSettings) -> str:
+def _outcome_words(quantity: str, number: int, settings: GateSettings, unit: str) -> str:
     if not number:
         return f"{quantity}: no case"
     if quantity == "severity":
         return (
-            f"U rose by more than {settings.outcome.severity_by:g} m/s in {count(number, 'case')}"
+            f"U rose by more than {settings.outcome.severity_by:g}{unit} in {count(number, 'case')}"
         )
     return f"{count(number, 'case')} {ENDS[quantity]}, not so in the base"
 
@@ -146,15 +148,18 @@ def _shaky_words(shaky: Sequence[str], noise: Noise) -> str:
     )
 
 
-def end_change(old: CaseResult, now: CaseResult) -> CaseChange:
-    """How a case ended before and ends now, with the cause of a contact."""
+def end_change(old: CaseResult, now: CaseResult, unit: str) -> CaseChange:
+    """How a case ended before and ends now, with the cause of a contact.
+
+    unit: of U.
+    """
     cause = f"; {words}" if now.collided and (words := cause_words(now)) else ""
-    return CaseChange.of(now, _end_words(old), f"{_end_words(now)}{cause}")
+    return CaseChange.of(now, _end_words(old, unit), f"{_end_words(now, unit)}{cause}")
 
 
-def _end_words(case: CaseResult) -> str:
+def _end_words(case: CaseResult, unit: str) -> str:
     """`contact with U 5.0 m/s`, `left the road`, `ads_error`, `misses: gap`, `ok`."""
-    ends = [f"contact with U {number(case.severity, 1)} m/s"] if case.collided else []
+    ends = [f"contact with U {severity_words(case.severity, unit)}"] if case.collided else []
     ends += ["left the road"] if case.departed else []
     ends += [case.status] if not case.evaluated else []
     ends += [f"misses: {case.requirements_missed}"] if case.requirements_missed else []

@@ -108,13 +108,11 @@ def _zone(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
     peak = "unbounded, ideal braking hits" if math.isinf(largest) else f"{largest:z.4f} 1/s"
     yield (
         f"Eqs. 1-6: largest inverse TTC under ideal braking with {settings.deceleration:g} m/s2: "
-        f"{peak}; hazardous from {settings.critical_inverse_ttc:g} 1/s"
+        f"{peak}; hazardous from {settings.critical_inverse_ttc:g} 1/s: the {case.zone} zone"
     )
     learnt = float(zones.predicted(row))
-    yield (
-        f"Eqs. 7-8: y = {learnt:+z.4f}, {'above' if learnt > 0.0 else 'not above'} 0: the "
-        f"{case.zone} zone"
-    )
+    side = "safe" if learnt > 0.0 else "hazardous"
+    yield f"Eqs. 7-8: y = {learnt:+z.4f}: {side} as learnt, for maps and weights"
 
 
 def _collision(
@@ -131,9 +129,12 @@ def _collision(
         floor = f" (recorded {hit.overlap:z.3f}, at least {used:g})"
     yield (
         f"Eq. 15: U = |({own[0]:z.3f}, {own[1]:z.3f}) - ({other[0]:z.3f}, {other[1]:z.3f})| / w = "
-        f"{hit.relative_speed:z.3f} / {used:z.3f}{floor} = {number(case.severity, 3)} m/s, with "
+        f"{hit.relative_speed:z.3f} / {used:z.3f}{floor} = {hit.relative_speed / used:z.3f} m/s, with "
         f"`{hit.other}` at t = {hit.time:z.2f} s"
     )
+    chosen = found.settings.method.collision
+    if not chosen.unit:
+        yield f"`{chosen.severity}` replaces U: {number(case.severity, 4)}"
     yield f"Eq. 14: L = {number(case.loss, 1)}"
     if case.ideal_severity is None:
         why = because(case.ideal_error)
@@ -142,10 +143,9 @@ def _collision(
             f"part in C.{why}"
         )
         return
-    loss = found.settings.method.collision.loss
-    ratio, ideal = ratio_of(case, loss), case.ideal_severity
-    what = "Ug/U" if loss == "severity" else "Lg/L"
-    best = f"hits with Ug = {ideal:z.3f} m/s" if ideal else "avoids, Ug = 0"
+    ratio, ideal = ratio_of(case, chosen.loss), case.ideal_severity
+    what = "Ug/U" if chosen.loss == "severity" else "Lg/L"
+    best = f"hits with Ug = {ideal:z.3f}{chosen.unit}" if ideal else "avoids, Ug = 0"
     capped = ", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else ""
     yield f"Eq. 17: the ideal vehicle {best}: {what} = {ratio:z.4f}{capped}"
     yield from _weight(case, zones)

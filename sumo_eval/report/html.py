@@ -41,7 +41,6 @@ from sumo_eval.report.words import (
     reason_without,
     reference_sentence,
     score_note,
-    severity_unit,
     why_missing,
 )
 from sumo_eval.results import Evaluation
@@ -125,7 +124,7 @@ def _shared(
         "term": term,
         "digits": SCORES,
         "glossary": GLOSSARY,
-        "unit": severity_unit(settings),
+        "unit": settings.method.collision.unit,
         "groups": [
             _group(index, evaluation, partitions[zone.scenario], in_page[zone.scenario])
             for index, zone in enumerate(evaluation.zones)

@@ -33,6 +33,7 @@ from sumo_eval.report.words import (
     explain_s_plus,
     number,
     placed,
+    severity_words,
     why_missing,
 )
 from sumo_eval.results import Evaluation, ScenarioResult
@@ -72,11 +73,11 @@ def run_suites(evaluation: Evaluation) -> Suites:
     """A suite for each ADS in each logical scenario, with a test for each case or for each cell of
     the space.
     """
-    report = evaluation.settings.report
+    report, unit = evaluation.settings.report, evaluation.settings.method.collision.unit
     suites: dict[tuple[str, str], Iterable[Test]] = {}
     for one in findings(evaluation):
         tests: Iterable[Test] = map(
-            partial(_case_test, report=report), one.cases, one.missing.tolist()
+            partial(_case_test, report=report, unit=unit), one.cases, one.missing.tolist()
         )
         if report.junit == "cell":
             tests = _by_cell(one.cases, tests, report.junit_cells)
@@ -136,7 +137,7 @@ def _change_tests(one: AdsComparison) -> Iterator[Test]:
     """A test for each pair, in the order of the new run."""
     places = {pair: place for place, pair in enumerate(one.changed.which.tolist())}
     for pair, case in enumerate(one.changed.paired.new):
-        yield _change_test(case, one.changed[places[pair]] if pair in places else None)
+        yield _change_test(case, one.changed[places[pair]] if pair in places else None, one.unit)
 
 
 def write_junit(suites: Suites, path: Path, properties: Properties | None = None) -> Path:
@@ -214,58 +215,57 @@ def _element(test: Test, classname: str) -> etree._Element:
     return item
 
 
-def _case_test(case: CaseResult, missing: bool, report: ReportSettings) -> Test:
+def _case_test(case: CaseResult, missing: bool, report: ReportSettings, unit: str) -> Test:
     reason = placed(why_missing(case), case) if missing else ""
     result = partial(Test, point_words(case.values), seconds=case.wall_time or 0.0)
     if not case.evaluated:
-        text = "\n".join(filter(None, (reason, *_task_and_harm(case))))
+        text = "\n".join(filter(None, (reason, *_task_and_harm(case, unit))))
         return result("error", case.status, _first_line(reason or case.status), text)
     if case.status == "off_road" or case.departed:
-        return result("failure", "off_road", f"{case.ads} left the road", _facts(case))
+        return result("failure", "off_road", f"{case.ads} left the road", _facts(case, unit))
     # Where the ideal vehicle's case is not known, the collision cannot count as unavoidable.
     if case.collided and (report.junit_failures == "any" or not case.unavoidable):
         which = "collision" if case.kind == "not known" else f"{case.kind} collision"
         speed = number(case.impact_speed, 1)
         message = f"{which} of {case.ads} in the {case.zone} zone at {speed} m/s"
-        return result("failure", "collision", message, _facts(case))
+        return result("failure", "collision", message, _facts(case, unit))
     if case.requirements_missed:
         message = f"{case.ads} misses: {case.requirements_missed}"
-        return result("failure", "requirement", message, _facts(case))
+        return result("failure", "requirement", message, _facts(case, unit))
     if reason:
         return result("error", "not_evaluated", _first_line(reason), reason)
     return result("passed")
 
 
-def _facts(case: CaseResult) -> str:
+def _facts(case: CaseResult, unit: str) -> str:
     lines = [f"case {case.case}", f"end: {end_reason(case)}"]
     if case.collided:
         severities = case.ideal_severity, case.no_reaction_severity
-        ideal, nothing = (
-            "not known" if value is None else f"{number(value, 2)} m/s" for value in severities
-        )
+        ideal, nothing = (severity_words(value, unit, 2) for value in severities)
         lines.append(
-            f"U = {number(case.severity, 2)} m/s, Ug of the ideal vehicle = {ideal}, U0 of doing "
+            f"U = {severity_words(case.severity, unit, 2)}, Ug of the ideal vehicle = {ideal}, U0 of doing "
             f"nothing = {nothing}, overlap {number(case.overlap, 2)}, hit at the {case.side}"
         )
-    return "\n".join([*lines, *_task_and_harm(case)])
+    return "\n".join([*lines, *_task_and_harm(case, unit)])
 
 
-def _task_and_harm(case: CaseResult) -> Iterator[str]:
+def _task_and_harm(case: CaseResult, unit: str) -> Iterator[str]:
     """Parts of the case in T, A' and H, as far as it has any."""
     if case.departed:
         yield (
             f"left the road at {number(case.departure_time, 1)} s, "
-            f"{number(case.departure_speed, 1)} m/s: U = {number(case.departure_severity, 2)} m/s"
+            f"{number(case.departure_speed, 1)} m/s: U = {severity_words(case.departure_severity, unit, 2)}"
         )
     if case.gave_up:
-        yield f"giving up counts as doing nothing: U = {number(case.no_reaction_severity, 2)} m/s"
+        harm = severity_words(case.no_reaction_severity, unit, 2)
+        yield f"giving up counts as doing nothing: U = {harm}"
     parts = (("t of T", case.task_share), ("h of H", case.human_likeness))
     known = [f"{name} = {number(value, 3)}" for name, value in parts if value is not None]
     if known:
         yield ", ".join(known)
 
 
-def _change_test(case: CaseResult, change: ChangedCase | None) -> Test:
+def _change_test(case: CaseResult, change: ChangedCase | None, unit: str) -> Test:
     result = partial(Test, point_words(case.values))
     if change is None or not change.worse:
         return result("passed")
@@ -278,7 +278,7 @@ def _change_test(case: CaseResult, change: ChangedCase | None) -> Test:
         if change.by is None
         else f" than in the base by {abs(change.by):z.3g}"
     )
-    return result("failure", name.replace(" ", "_"), name + than, _facts(case))
+    return result("failure", name.replace(" ", "_"), name + than, _facts(case, unit))
 
 
 def _by_cell(cases: CaseTable, tests: Iterable[Test], cells: int) -> Iterator[Test]:

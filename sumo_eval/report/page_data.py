@@ -22,7 +22,6 @@ from sumo_eval.report.words import (
     count,
     end_reason,
     index_note_words,
-    severity_unit,
     why_missing,
 )
 from sumo_eval.results import Evaluation
@@ -70,7 +69,7 @@ def page_data(
         "field": asdict(field),
         "channels": CHANNEL_STEPS,
         "folder": str(evaluation.folder),
-        "severityUnit": severity_unit(evaluation.settings),
+        "severityUnit": evaluation.settings.method.collision.unit,
         "verdicts": {verdict: asdict(look) for verdict, look in LOOKS.items()},
         "embedded": len(sent.embedded.points),
         "embeddedDrivers": len(sent.embedded.with_drivers),
@@ -198,7 +197,7 @@ def _case(case: CaseResult, row: FloatArray, view: View) -> dict[str, Any]:
         "cause": cause_words(case),
         "time": case.simulated_time,
         "latency": case.latency_max,
-        "kind": "unavoidable" if case.kind == "not known" else case.kind,
+        "kind": "undecided" if case.kind == "not known" else case.kind,
         "index_note": index_note_words(case),
         "ttc": case.min_ttc,
         "measures": [row for row in measures if row[1] is not None],

@@ -35,7 +35,7 @@ from sumo_eval.report.terminal import (
 )
 from sumo_eval.report.verdict import Beside as Beside
 from sumo_eval.report.verdict import verdict
-from sumo_eval.report.words import number, parts_of_total
+from sumo_eval.report.words import number, parts_of_total, severity_words
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import (
     BETTER,
@@ -86,6 +86,7 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
         *islice((case for one in ads for case in one.changed.better), MOST_CHANGED),
     ]
     order = {False: 0, True: 1, None: 2}
+    unit = evaluation.settings.method.collision.unit
     return {
         "verdict": verdict(comparison, beside.gates, evaluation).sentence,
         "failed": bool(failed(beside.gates)),
@@ -99,9 +100,9 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
         "cases": [
             {
                 "it": item,
-                "by": ", ".join(moved_words(item)),
-                "base": _outcome(item.base),
-                "new": _outcome(item.new),
+                "by": ", ".join(moved_words(item, unit)),
+                "base": _outcome(item.base, unit),
+                "new": _outcome(item.new, unit),
             }
             for item in changed[:MOST_CHANGED]
         ],
@@ -136,9 +137,9 @@ def _standing(name: str, value: QuantityChange) -> str:
     return "good" if (value.difference > 0.0) == (name in HIGHER_IS_BETTER) else "bad"
 
 
-def _outcome(case: CaseResult) -> str:
+def _outcome(case: CaseResult, unit: str) -> str:
     if case.severity is not None:
-        return f"U {number(case.severity, 1)} m/s"
+        return f"U {severity_words(case.severity, unit)}"
     values = ("H_i", case.human_likeness), ("D_i", case.index)
     likeness = [f"{name} {number(value, 3)}" for name, value in values if value is not None]
     return ", ".join([case.status, *likeness])

@@ -205,7 +205,7 @@ def comparison_lines(
                 continue
             lines.append(f"  {kind}: {len(found)}")
             for item in islice(found, MOST_CHANGES):
-                by = "".join(f", {words}" for words in moved_words(item))
+                by = "".join(f", {words}" for words in moved_words(item, one.unit))
                 lines.append(
                     f"    {one_line(item.new.case)}: {one_line(point_words(item.new.values))}{by}"
                 )
@@ -236,12 +236,14 @@ _SEEN = 5e-4
 """Smallest change that shows in three decimals; smaller ones are not listed."""
 
 
-def moved_words(item: ChangedCase) -> list[str]:
+def moved_words(item: ChangedCase, unit: str) -> list[str]:
     """By how much what the change is about moved, and everything else in the case that moves a
     score.
+
+    unit: of U.
     """
     about_impact = item.change in ("harsher", "softer")
-    words = [f"U {item.by:+z.3g} m/s"] if about_impact and item.by is not None else []
+    words = [f"U {item.by:+z.3g}{unit}"] if about_impact and item.by is not None else []
     return [*words, *(f"{name} {by:+z.3g}" for name, by in item.moved.items() if abs(by) >= _SEEN)]
 
 

@@ -347,11 +347,16 @@ def placed(sentence: str, case: CaseResult) -> str:
 
 
 def severity_unit(settings: EvaluationSettings) -> str:
-    """Unit of U, Ug, U0 and the regret, with a blank before it; a loss in 0..1 in their place has
-    none.
+    """Unit of the U, Ug and U0 that A compares, and of the regret, behind a blank; a loss in 0..1
+    has none.
     """
     chosen = settings.method.collision
-    return " m/s" if chosen.severity == "severity" and chosen.loss == "severity" else ""
+    return chosen.unit if chosen.loss == "severity" else ""
+
+
+def severity_words(value: float | None, unit: str, digits: int = 1) -> str:
+    """`5.0 m/s`; a loss in 0..1, which has no unit, with three decimals."""
+    return "not known" if value is None else number(value, digits if unit else 3) + unit
 
 
 # --- why A, H and S+ are what they are ------------------------------------------------------------

@@ -185,6 +185,7 @@ class AdsComparison:
     changed: the worst first.
     quantities: those of `bootstrap.COMPARED` over the pairs.
     counts: how many pairs are collisions and the like, in the base and in the new run.
+    unit: of U.
     """
 
     ads: str
@@ -194,6 +195,7 @@ class AdsComparison:
     changed: Changes
     quantities: Mapping[str, QuantityChange]
     counts: Mapping[str, tuple[int, int]]
+    unit: str
 
     @property
     def pairs(self) -> int:
@@ -363,6 +365,7 @@ def _compare_ads(
         _changes(paired, terms, settings),
         _quantity_changes(terms, base, new, settings),
         {name: (then[name], now[name]) for name in then},
+        new.settings.method.collision.unit,
     )
 
 

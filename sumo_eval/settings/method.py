@@ -234,6 +234,11 @@ class CollisionSettings(Checked):
         if self.severity == "eq14":  # two names of one choice
             object.__setattr__(self, "loss", "class")
 
+    @property
+    def unit(self) -> str:
+        """Unit of U, Ug and U0 behind a blank; none of what replaces them by a loss in 0..1."""
+        return " m/s" if self.severity in ("severity", "eq14") else ""
+
 
 @dataclass(frozen=True, slots=True)
 class PlausibilitySettings(Checked):

@@ -102,7 +102,7 @@ def test_a_case_that_is_less_human_only_in_h_is_found_with_what_it_moved(
     (item,) = (item for one in compare(evaluation, other, GATE).ads for item in one.changed.worse)
     assert (item.change, item.by) == ("less human", pytest.approx(-0.2))
     assert item.moved == {"H_i": pytest.approx(-0.2)}
-    assert moved_words(item) == ["H_i -0.2"]
+    assert moved_words(item, " m/s") == ["H_i -0.2"]
 
 
 def test_a_new_collision_says_by_how_much_the_regret_grew(evaluation: Evaluation) -> None:

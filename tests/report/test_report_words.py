@@ -15,7 +15,11 @@ import pytest
 from sumo_eval.cases import CaseTable
 from sumo_eval.method.anthropomorphic import IndexNote, NoteKind
 from sumo_eval.method.collision_avoidance import collision_avoidance_index
+from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.nightly.rule_limits import end_change
 from sumo_eval.report import words
+from sumo_eval.report.explain import _zone
+from sumo_eval.report.junit import _facts
 from sumo_eval.report.words import (
     count,
     explain_c,
@@ -25,6 +29,7 @@ from sumo_eval.report.words import (
     notes_sentence,
     number,
     percent,
+    severity_words,
 )
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.findings import Findings, unevaluated
@@ -194,3 +199,32 @@ def test_no_number_is_shown_as_minus_zero() -> None:
     for room in ("report", "cli", "nightly", "studies"):
         for file in (Path(words.__file__).parents[1] / room).glob("*.py"):
             assert not found.findall(file.read_text(encoding="utf-8")), file
+
+
+def test_a_loss_in_place_of_u_has_no_unit_anywhere(evaluation: Evaluation) -> None:
+    """An injury risk of 0.05 is not 0.1 m/s, in JUnit, changes and limits alike."""
+    collision = CollisionSettings(severity="injury:car_driver")
+    method = replace(evaluation.settings.method, collision=collision)
+    risky = replace(evaluation, settings=replace(evaluation.settings, method=method))
+    case = next(one for one in evaluation.cases if one.collided)
+    case = replace(case, severity=0.05, ideal_severity=0.0, no_reaction_severity=0.2)
+    assert "U = 0.050, Ug of the ideal vehicle = 0.000, U0 of doing nothing = 0.200" in _facts(
+        case, risky.settings.method.collision.unit
+    )
+    assert end_change(case, case, collision.unit).before == "contact with U 0.050"
+    assert severity_words(5.0, evaluation.settings.method.collision.unit) == "5.0 m/s"
+    assert CollisionSettings(severity="eq14").unit == " m/s", "L is computed from U"
+
+
+def test_the_zone_of_a_case_is_that_of_its_criticality(
+    evaluation: Evaluation, partitions: dict[str, ZonePartition]
+) -> None:
+    """Also where the learnt boundary has the point on its other side."""
+    zones = partitions[CUT_OUT]
+    rows = zones.logical.from_unit(np.random.default_rng(1).random((4_000, 3)))
+    row = rows[zones.exactly_hazardous(rows) & ~zones.hazardous(rows)][0]
+    values = dict(zip(zones.logical.names, row.tolist(), strict=True))
+    case = replace(evaluation.cases_in(CUT_OUT)[0], values=values, zone="hazardous")
+    exact, learnt = _zone(case, zones)
+    assert exact.endswith("hazardous from 0.7 1/s: the hazardous zone")
+    assert learnt.endswith("safe as learnt, for maps and weights")

@@ -33,10 +33,13 @@
   const pointWords = (scenario, values) =>
     scenario.parameters.map((parameter, k) => `${parameter.name} ${short(values[k])}`).join(", ");
 
+  /** U in words; a loss in 0..1, which has no unit, with three decimals. */
+  const severity = (value) => `${fixed(value, data.severityUnit ? 1 : 3)}${data.severityUnit}`;
+
   function caseHover(scenario, item) {
     const lines = scenario.parameters.map((p, k) => `${plain(p.name)} = ${short(item.values[k])} ${plain(p.unit)}`);
     lines.push(`<b>${item.outcome}</b>, ${item.zone} zone`);
-    if (item.outcome === "collision") lines.push(`U = ${fixed(item.severity, 1)} m/s, ideal ${fixed(item.ideal_severity, 1)} m/s`);
+    if (item.outcome === "collision") lines.push(`U = ${severity(item.severity)}, ideal ${severity(item.ideal_severity)}`);
     if (item.index !== null) lines.push(`D<sub>i</sub> = ${fixed(item.index, 3)}`);
     return lines.join("<br>");
   }
@@ -418,7 +421,7 @@
     };
     const more = sumoPage.button("Show all", () => { most = Infinity; show(); });
     const columns = (item) => [...item.values.map((value) => [short(value), "n"]), [item.zone, ""], [item.outcome === "collision" ? `${item.kind} collision` : item.outcome, ""],
-      [fixed(item.severity, 1), "n"], [fixed(item.human_likeness, 3), "n"], [fixed(item.index, 3), "n"]];
+      [fixed(item.severity, data.severityUnit ? 1 : 3), "n"], [fixed(item.human_likeness, 3), "n"], [fixed(item.index, 3), "n"]];
     const heads = () => [...scenario.parameters.map((parameter) => [label(parameter), "n"]), ["zone", ""], ["outcome", ""], [`U${data.severityUnit ? "," : ""}${data.severityUnit}`, "n"], ["in H", "n"], ["D_i", "n"]];
     function show() {
       if (!box.open) return;
@@ -585,14 +588,14 @@
           const most = term() === "avoided" ? 1 : Math.max(1e-9, ...known);
           card.querySelector("[data-most]").textContent = short(+most.toPrecision(3));
           const found = casesOf(of, view, ads, (item) => shows(item) && item[term()] !== null);
-          const look = (item) => ({ z: item[term()], word: fixed(item[term()], term() === "severity" ? 1 : 2), text: caseHover(of, item) });
+          const look = (item) => ({ z: item[term()], word: fixed(item[term()], term() === "severity" && data.severityUnit ? 1 : 2), text: caseHover(of, item) });
           return [tiles(of, view, found, look, { colorscale: CIVIDIS, zmin: 0, zmax: most })];
         },
       });
       const hardest = Math.max(...scenario.cases.map((item) => item.severity ?? 0));
       const [severity, ttc] = ["severity", "ttc"].map((name) => card.querySelector(`[data-of=${name}]`));
       whenSeen(severity, () => histogram(severity, scenario, {
-        value: (item) => item.severity, high: Math.max(5, Math.ceil(hardest / 5) * 5), bins: 15, digits: 1, axis: "U, m/s", count: "collisions",
+        value: (item) => item.severity, high: data.severityUnit ? Math.max(5, Math.ceil(hardest / 5) * 5) : 1, bins: 15, digits: data.severityUnit ? 1 : 2, axis: `U${data.severityUnit ? "," : ""}${data.severityUnit}`, count: "collisions",
       }));
       whenSeen(ttc, () => histogram(ttc, scenario, { value: (item) => item.ttc, high: 10, bins: 20, digits: 1, axis: "TTC, s", count: "cases" }));
     }
@@ -643,8 +646,8 @@
   }
 
   /** Ug or U0 in words. */
-  function reference(severity) {
-    return severity === null ? "not known" : severity === 0 ? "0, avoids" : `${fixed(severity, 1)}${data.severityUnit}`;
+  function reference(value) {
+    return value === null ? "not known" : value === 0 ? "0, avoids" : severity(value);
   }
 
   function facts(scenario, item) {
@@ -657,7 +660,7 @@
       rows.push(
         ["impact speed", `${fixed(item.impact_speed, 1)} m/s`], ["overlap", `${fixed(100 * item.overlap, 0)} %`], ["side hit", item.side],
         ["kind of collision", item.ideal_severity === null ? "ideal vehicle not known" : item.kind],
-        ["severity U", `${fixed(item.severity, 1)}${data.severityUnit}`], ["loss L", fixed(item.loss, 1)],
+        ["severity U", severity(item.severity)], ["loss L", fixed(item.loss, 1)],
         ["ideal vehicle's Ug", reference(item.ideal_severity)], ["doing nothing, U0", reference(item.no_reaction_severity)],
         ["weight r", fixed(item.weight, 3)], ["A lost", fixed(item.aLost, 4)], ["C lost", fixed(item.lost, 4)],
       );
