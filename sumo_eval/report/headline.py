@@ -79,13 +79,15 @@ def safety_words(evaluation: Evaluation, found: Behaviour) -> str:
         return hits
     spaces = {score.scenario for score in evaluation.scores}
     grids = "this grid" if len(spaces) == 1 else "these grids"
-    every = max(CONTACT / found.excess, 1.0)
+    every = CONTACT / found.excess
+    often = f"one 50 km/h contact every {every:z.0f} cases"
+    often = often if every >= 1.5 else f"{1.0 / every:z.1f} contacts at 50 km/h a case"
     speed = (
         "; as much excess impact speed"
         if hit
         else ", yet as much impact speed above the ideal vehicle's"
     )
-    return f"{hits}{speed} as one 50 km/h contact every {every:z.0f} cases of {grids}"
+    return f"{hits}{speed} as {often} of {grids}"
 
 
 def _safest(evaluation: Evaluation, every: Sequence[Behaviour]) -> str:

@@ -29,6 +29,7 @@ from sumo_eval.report.terminal import (
     cause_of,
     comparison_notes,
     ledger_sentences,
+    ledger_words,
     moved_words,
     quantity_words,
     ways_to,
@@ -159,7 +160,8 @@ def _ledger(found: Ledger) -> dict[str, Any]:
         (line, cause_of(line, found.score), list(line.worst(MOST_LEDGER_CASES)))
         for line in found.lines
     ]
-    return {"of": found, "sentences": ledger_sentences(found), "lines": lines}
+    words = ledger_words(found, 1)
+    return {"of": found, "sentences": ledger_sentences(found), "lines": lines, "words": words}
 
 
 def preventability_content(evaluation: Evaluation, _: Beside) -> Mapping[str, Any]:

@@ -376,9 +376,16 @@ def ledger_sentences(found: Ledger) -> list[str]:
     ]
 
 
+def ledger_words(found: Ledger, digits: int) -> str:
+    """`S+ = 63.3`, or that there is none."""
+    value = found.score.s_plus if found.name == "S+" else found.score.s
+    known = f"= {found.total:z.{digits}f}" if value is not None else "is not computed"
+    return f"{found.name} {known}"
+
+
 def _ledger_lines(found: Ledger) -> list[str]:
-    total = f"{found.total:z.2f}"
-    lines = [f"{one_line(found.score.ads)} in {found.score.scenario}: {found.name} = {total}"]
+    who = f"{one_line(found.score.ads)} in {found.score.scenario}"
+    lines = [f"{who}: {ledger_words(found, 2)}"]
     for line in found.lines:
         cases = f", {count(line.cases, 'case')}" if line.entries else ""
         equation = f"Eq. {line.equation}: " if line.equation else ""
@@ -390,4 +397,4 @@ def _ledger_lines(found: Ledger) -> list[str]:
             f"            {points:+z8.2f}  {one_line(f'{case.case}: {point_words(case.values)}')}"
             for case, points in line.worst(MOST_ENTRIES)
         ]
-    return [*lines, f"  {total:>8}  {found.name}, the sum"]
+    return [*lines, f"  {found.total:z8.2f}  {found.name}, the sum"]

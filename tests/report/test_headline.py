@@ -114,6 +114,12 @@ def test_safety_in_a_test_engineers_words(evaluation: Evaluation) -> None:
         "no avoidable collision in 4 cases, yet as much impact speed above the ideal vehicle's "
         "as one 50 km/h contact every 9 cases of this grid"
     )
+    # 27.8 m/s in every case
+    fast = [replace(case, **HIT | {"severity": 100.0 / 3.6}) for case in (first, *rest)]  # type: ignore[arg-type]
+    every = of_one_scenario(evaluation, fast)
+    assert safety_words(every, behaviour_of(every, builders.CALM)).endswith(
+        "as much excess impact speed as 2.0 contacts at 50 km/h a case of this grid"
+    )
     none = of_one_scenario(evaluation, [first, *rest])
     assert (
         safety_words(none, behaviour_of(none, builders.CALM)) == "no avoidable collision in 4 cases"

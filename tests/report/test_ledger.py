@@ -10,6 +10,7 @@ import pytest
 
 from sumo_eval.cases import CaseTable
 from sumo_eval.report.terminal import ledger_sentences as sentences
+from sumo_eval.report.terminal import ledger_words
 from sumo_eval.report.words import explain_a
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.findings import Findings
@@ -29,6 +30,13 @@ def test_the_lines_add_up_to_the_printed_scores(evaluation: Evaluation) -> None:
         assert found.total == pytest.approx(score.s, abs=1e-9)
         assert index(found, "C") == pytest.approx(score.c or 0.0, abs=1e-12)
         assert index(found, "D") == pytest.approx(score.d or 0.0, abs=1e-12)
+
+
+def test_a_ledger_of_no_score_says_that_there_is_none(evaluation: Evaluation) -> None:
+    score = replace(evaluation.scores[0], s_plus=None, s=0.0)
+    found = Findings.of(evaluation, score)
+    assert ledger_words(ledger_plus(found), 1) == "S+ is not computed"
+    assert ledger_words(ledger(found), 1).startswith("S = ")
 
 
 def test_every_line_with_cases_is_the_sum_of_its_cases(evaluation: Evaluation) -> None:
