@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from pathlib import Path
 
 import commands
@@ -103,6 +104,13 @@ def test_axes_hold_what_is_drawn_and_no_more(done: Evaluation) -> None:
     assert mesh.get_clim()[0] > 0.0
 
 
+def test_an_ads_without_an_outcome_has_no_boundary(done: Evaluation) -> None:
+    first = done.ads_names[0]
+    cases = [replace(it, status="sim_error") if it.ads == first else it for it in done.cases]
+    figure = draw(replace(done, cases=tuple(cases)), "boundary")
+    assert f"{first}: 0 of 0 collide" in figure.legends[0].get_texts()[0].get_text()
+
+
 @pytest.mark.campaign
 def test_a_map_of_four_parameters_is_the_slice_with_most_collisions(tmp_path: Path) -> None:
     """Two levels of cut_in: `no_reaction` collides nowhere at the slow lateral speed and a gap of 0
@@ -126,6 +134,8 @@ def test_a_history_of_nights_is_drawn(done: Evaluation, tmp_path: Path) -> None:
     import_runs(history, [done.folder])
     figure = draw(history, "trend", ads="idm")
     assert [panel.get_ylabel() for panel in figure.axes]
+    lines = [line for panel in figure.axes for line in panel.lines]
+    assert not [line for line in lines if line.get_linewidth() == 3.0], "no gate: it did not fail"
     save(figure, tmp_path / "trend.pdf")
 
 

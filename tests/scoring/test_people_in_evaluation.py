@@ -261,6 +261,8 @@ def test_peoples_opinion_beside_the_scores(runs, tmp_path):
     )
     assert result.exit_code == 0, result.output
     assert (tmp_path / "plot.html").stat().st_size > 1000
+    alike = read_ratings(path).assign(score=5.0)
+    assert compare_opinion(score(out), alike).concordance is None
     path.write_text("rater,ads,scenario,score\nann,idm,front_vehicle_low_speed,11\n")
     result = CliRunner().invoke(main, ["humans", "opinion", str(out), str(path)])
     assert (result.exit_code, "`score` in row 2 of" in result.output) == (2, True)

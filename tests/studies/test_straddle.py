@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sumo_eval.errors import InputError
-from sumo_eval.extras.studies.straddle import BoundarySearch
+from sumo_eval.extras.studies.straddle import POOL, BoundarySearch
 from sumo_eval.scenario import Approach, Constraint, LogicalScenario, Parameter, Road, Start
 
 
@@ -33,6 +33,14 @@ def slanting_interval(points):
 def two_pieces(points):
     a, b = points[:, 0], points[:, 1]
     return (np.hypot(a - 2.5, b - 7.0) < 1.8) | (a + 0.3 * b > 9.0)
+
+
+def test_a_space_without_an_untried_point_asks_for_none():
+    search = BoundarySearch(square("a", "b"))
+    points = search.ask(POOL)
+    search.tell(points[::40], slanting_interval(points[::40]))
+    search.skip(points)
+    assert not len(search.ask(1))
 
 
 def run(logical, truth, budget, seed=1):

@@ -364,6 +364,7 @@ def boundary(asked: Asked) -> Figure:
     for who in names:
         own = [row for row in rows if row.ads == who]
         points = np.array([zones.logical.row(row.values) for row in own])
+        points = points.reshape(-1, len(zones.logical.names))
         places = exact_target(zones.logical, points, zones.settings)
         order = np.argsort(places)
         hit = np.array([row.collided for row in own], dtype=np.float64)[order]

@@ -51,8 +51,9 @@ class Opinion(NamedTuple):
 
     rows: one for each rated ADS and scenario.
     correlations: Spearman's rho with each of `INDEXES`; None where fewer than 3 rows have the
-        score.
-    concordance: Kendall's W between the raters who rated everything; None for fewer than two.
+        score, or all are alike.
+    concordance: Kendall's W between the raters who rated everything; None for fewer than two, or
+        where each gave one score to all.
     """
 
     rows: tuple[RatedScore, ...]
@@ -102,10 +103,16 @@ def compare_opinion(evaluation: Evaluation, ratings: pd.DataFrame) -> Opinion:
     for name in INDEXES:
         pairs = [(row.scores[name], row.opinion) for row in rows if row.scores[name] is not None]
         enough = len(pairs) >= 3
-        correlations[name] = rank_correlation(*zip(*pairs, strict=True)) if enough else None
+        correlations[name] = _known(rank_correlation(*zip(*pairs, strict=True))) if enough else None
     table = ratings.pivot_table(index="rater", columns=["ads", "scenario"], values="score").dropna()
     enough = min(table.shape) >= 2
-    return Opinion(tuple(rows), correlations, concordance(table.to_numpy()) if enough else None)
+    between = _known(concordance(table.to_numpy())) if enough else None
+    return Opinion(tuple(rows), correlations, between)
+
+
+def _known(found: Agreement) -> Agreement | None:
+    """An agreement; None where all values are alike, so that there is none."""
+    return None if np.isnan(found.value) else found
 
 
 def opinion_lines(opinion: Opinion) -> list[str]:
@@ -118,7 +125,7 @@ def opinion_lines(opinion: Opinion) -> list[str]:
         table.append((row.ads, row.scenario, mean, str(row.raters), *scores))
     lines = aligned(table)
     for name, rho in opinion.correlations.items():
-        words = "fewer than 3 rated scores, no correlation."
+        words = "fewer than 3 rated scores, or all alike: no correlation."
         if rho is not None:
             ends = rank_interval(rho.value, rho.n)
             within = "" if ends is None else f" [{ends[0]:z.2f}, {ends[1]:z.2f}]"
@@ -127,7 +134,10 @@ def opinion_lines(opinion: Opinion) -> list[str]:
                 f"(p = {rho.p_value:z.3g})."
             )
         lines.append(f"{name}: {words}")
-    between, words = opinion.concordance, "fewer than two rated everything, no concordance."
+    between, words = (
+        opinion.concordance,
+        "fewer than two rated everything, or each all alike: no concordance.",
+    )
     if between is not None:
         words = (
             f"Kendall's W {between.value:z.3f} of {between.n} who rated everything "

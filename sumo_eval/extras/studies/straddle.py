@@ -75,7 +75,7 @@ class BoundarySearch:
         """
         tried = {tuple(row) for row in self.points.tolist()} | self._skipped
         untried = np.array([row for row in self._pool.tolist() if tuple(row) not in tried])
-        if self._model is None:
+        if self._model is None or not len(untried):
             return untried[:n]
         unit = self.logical.to_unit(untried)
         mean, variance, covariance = self._latent(unit)
