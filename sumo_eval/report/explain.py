@@ -129,8 +129,8 @@ def _collision(
         floor = f" (recorded {hit.overlap:z.3f}, at least {used:g})"
     yield (
         f"Eq. 15: U = |({own[0]:z.3f}, {own[1]:z.3f}) - ({other[0]:z.3f}, {other[1]:z.3f})| / w = "
-        f"{hit.relative_speed:z.3f} / {used:z.3f}{floor} = {hit.relative_speed / used:z.3f} m/s, with "
-        f"`{hit.other}` at t = {hit.time:z.2f} s"
+        f"{hit.relative_speed:z.3f} / {used:z.3f}{floor} = {hit.relative_speed / used:z.3f} m/s, "
+        f"with `{hit.other}` at t = {hit.time:z.2f} s"
     )
     chosen = found.settings.method.collision
     if not chosen.unit:

@@ -28,6 +28,7 @@ from sumo_eval.report.words import (
     EXPLAIN,
     EXPLAIN_PAPER,
     FACTORS,
+    GIVEN_UP,
     GLOSSARY,
     LIKENESS_FACTORS,
     LOOKS,
@@ -138,6 +139,7 @@ def _shared(
             (case, why_missing(case)) for case in islice(chain.from_iterable(missing), MOST_LISTED)
         ],
         "all_missing": number_missing,
+        "given_up": GIVEN_UP,
         "index_notes": index_notes(evaluation),
         "synthetic": synthetic and not nobody_drove(evaluation),
         "exposure_known": known,

@@ -240,11 +240,11 @@ def _case_test(case: CaseResult, missing: bool, report: ReportSettings, unit: st
 def _facts(case: CaseResult, unit: str) -> str:
     lines = [f"case {case.case}", f"end: {end_reason(case)}"]
     if case.collided:
-        severities = case.ideal_severity, case.no_reaction_severity
-        ideal, nothing = (severity_words(value, unit, 2) for value in severities)
+        severities = case.severity, case.ideal_severity, case.no_reaction_severity
+        hit, ideal, nothing = (severity_words(value, unit, 2) for value in severities)
         lines.append(
-            f"U = {severity_words(case.severity, unit, 2)}, Ug of the ideal vehicle = {ideal}, U0 of doing "
-            f"nothing = {nothing}, overlap {number(case.overlap, 2)}, hit at the {case.side}"
+            f"U = {hit}, Ug of the ideal vehicle = {ideal}, U0 of doing nothing = {nothing}, "
+            f"overlap {number(case.overlap, 2)}, hit at the {case.side}"
         )
     return "\n".join([*lines, *_task_and_harm(case, unit)])
 
@@ -252,9 +252,10 @@ def _facts(case: CaseResult, unit: str) -> str:
 def _task_and_harm(case: CaseResult, unit: str) -> Iterator[str]:
     """Parts of the case in T, A' and H, as far as it has any."""
     if case.departed:
+        harm = severity_words(case.departure_severity, unit, 2)
         yield (
             f"left the road at {number(case.departure_time, 1)} s, "
-            f"{number(case.departure_speed, 1)} m/s: U = {severity_words(case.departure_severity, unit, 2)}"
+            f"{number(case.departure_speed, 1)} m/s: U = {harm}"
         )
     if case.gave_up:
         harm = severity_words(case.no_reaction_severity, unit, 2)

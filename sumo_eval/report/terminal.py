@@ -14,6 +14,7 @@ from sumo_eval.report.page import REPORT, case_key
 from sumo_eval.report.qualification import qualification_sentence
 from sumo_eval.report.verdict import verdict
 from sumo_eval.report.words import (
+    GIVEN_UP,
     REASON_WITHOUT_C,
     REASON_WITHOUT_T,
     WITHOUT_REFERENCE_CAR,
@@ -110,7 +111,7 @@ def _missing_lines(evaluation: Evaluation) -> Iterator[str]:
         first[key] = one_line(case.case), words
     if first:
         cases = count(len(first) + more.total(), "case")
-        yield f"{cases} could not be evaluated and left the means:"
+        yield f"{cases} could not be evaluated and left the means{GIVEN_UP}:"
     for key, (name, words) in first.items():
         yield f"  {name}{f' and {more[key]} more' if more[key] else ''}: {words}"
     if more[None]:

@@ -45,6 +45,7 @@ from sumo_eval.text import point_words
 
 REASON_WITHOUT_C = "no case that tells how collisions are avoided could be evaluated"
 REASON_WITHOUT_T = "no safe case could be compared with a reference"
+GIVEN_UP = " (cases given up count in T, A and H)"
 WITHOUT_REFERENCE_CAR = (
     "T compares with the drivers alone: this run was recorded without the reference car. "
     "`sumo-eval run --resume` adds it."
@@ -693,7 +694,8 @@ def score_note(note: ScoreNote) -> str:
             places = " and ".join(f"{number} in the {zone} zone" for zone, number in zones)
             missing = count(note.cases, "case")
             return (
-                f"{missing} could not be evaluated ({places}); the scores are means over the rest."
+                f"{missing} could not be evaluated ({places}); the scores are means over the rest"
+                f"{GIVEN_UP}."
             )
         case ReferenceMissing(who, reason, cases, example):
             drove, unknown = _REFERENCES[who]
