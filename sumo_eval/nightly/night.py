@@ -257,8 +257,12 @@ def _refuse_without_history(history: Path) -> None:
             f"The night was not begun: {history / NIGHTS} holds {count} and {history / HISTORY} "
             "is missing or empty. "
             "Put a copy of it back, begin in another folder, or make a new one of these nights: "
-            f"sumo-eval trend {history} --import {nights[-1]}. Nothing was removed."
+            f"{_importing(history, nights[-1])}. Nothing was removed."
         )
+
+
+def _importing(history: Path, night: Path) -> str:
+    return shlex.join(["sumo-eval", "trend", str(history), "--import", str(night)])
 
 
 def _stopped(history: Path, lines: History) -> str | None:
@@ -286,7 +290,7 @@ def _clear_away(history: Path, lines: History, but: str | None = None) -> list[s
         elif _is_complete(path):  # as when an old copy of the history was put back
             notes.append(
                 f"{path} is a complete run without a line in the history; it was left as it is. To "
-                f"add it: sumo-eval trend {history} --import {path}."
+                f"add it: {_importing(history, path)}."
             )
         elif _removed(path):
             notes.append(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import functools
+import shlex
 from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
@@ -61,6 +62,7 @@ def _environment() -> jinja2.Environment:
         "percent": percent,
         "point": point_words,
         "key": case_key,
+        "shell": shlex.quote,
     }
     made.globals |= {"asset": asset, "plotly": plotly}
     return made

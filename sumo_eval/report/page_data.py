@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -68,7 +69,7 @@ def page_data(
     return {
         "field": asdict(field),
         "channels": CHANNEL_STEPS,
-        "folder": str(evaluation.folder),
+        "folder": shlex.quote(str(evaluation.folder)),
         "severityUnit": evaluation.settings.method.collision.unit,
         "verdicts": {verdict: asdict(look) for verdict, look in LOOKS.items()},
         "embedded": len(sent.embedded.points),

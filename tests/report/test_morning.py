@@ -4,6 +4,7 @@ beside it."""
 from __future__ import annotations
 
 import json
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from sumo_eval.nightly.gates import judge
 from sumo_eval.nightly.history import Accepted, Night, open_history
 from sumo_eval.nightly.judged import JudgedNight, Since, new_first, new_pin
 from sumo_eval.nightly.morning import github_annotations, write_night
+from sumo_eval.nightly.night import _refuse_without_history
 from sumo_eval.nightly.rule_limits import judge_rule
 from sumo_eval.nightly.trend import write_trend
 from sumo_eval.report.gate_result import failed
@@ -256,3 +258,13 @@ def test_the_trend_shows_departures_builds_and_acceptance(
         f"{builders.CALM} abc",
     ):
         assert words in page
+
+
+def test_the_command_for_a_folder_with_a_blank_is_quoted(tmp_path: Path) -> None:
+    lost = tmp_path / "my nights" / "nights" / FIRST
+    lost.mkdir(parents=True)
+    with pytest.raises(InputError) as error:
+        _refuse_without_history(lost.parents[1])
+    _, _, command = str(error.value).partition("of these nights: ")
+    words = shlex.split(command.partition(". Nothing")[0])
+    assert words == ["sumo-eval", "trend", str(lost.parents[1]), "--import", str(lost)]
