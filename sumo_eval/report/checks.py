@@ -22,6 +22,7 @@ MOST_ROWS = 500  # of the page; checks.csv has all
 class CheckedCase:
     """A case of a scenario with requirements.
 
+    values: the point's, of which `point` has six digits.
     missed: names of those that its drive misses; None: not evaluated.
     """
 
@@ -29,6 +30,7 @@ class CheckedCase:
     scenario: str
     ads: str
     point: str
+    values: tuple[float, ...]
     missed: tuple[str, ...] | None
 
     @property
@@ -57,7 +59,8 @@ def checked_cases(
                 if case.requirements_missed is None
                 else tuple(filter(None, case.requirements_missed.split("; ")))
             )
-            yield CheckedCase(case.case, case.scenario, case.ads, point_words(case.values), missed)
+            point = point_words(case.values), tuple(case.values.values())
+            yield CheckedCase(case.case, case.scenario, case.ads, *point, missed)
 
 
 def check_lines(evaluation: Evaluation) -> Iterator[str]:
@@ -96,13 +99,13 @@ def _table(evaluation: Evaluation, scenario: str) -> dict[str, Any]:
     names = [score.ads for score in scores]
     failed, passed = Counter[tuple[str, str]](), Counter[str]()
     points: set[int] = set()
-    rows: dict[str, dict[str, CheckedCase]] = {}
+    rows: dict[tuple[float, ...], dict[str, CheckedCase]] = {}
     for one in checked_cases(evaluation, scores):
         failed.update((one.ads, name) for name in checks if one.verdict_of(name) == FAILED)
         passed[one.ads] += one.verdict == PASSED
-        points.add(hash(one.point))  # of a million points the texts would be 100 MB
-        if len(rows) < MOST_ROWS or one.point in rows:
-            rows.setdefault(one.point, {})[one.ads] = one
+        points.add(hash(one.values))  # of a million points the texts would be 100 MB
+        if len(rows) < MOST_ROWS or one.values in rows:
+            rows.setdefault(one.values, {})[one.ads] = one
     return {
         "scenario": scenario,
         "ads": names,
@@ -111,6 +114,9 @@ def _table(evaluation: Evaluation, scenario: str) -> dict[str, Any]:
         ],
         "passed": [passed[ads] for ads in names],
         "of": len(points),
-        "rows": [(point, [found.get(ads) for ads in names]) for point, found in rows.items()],
+        "rows": [
+            (next(iter(found.values())).point, [found.get(ads) for ads in names])
+            for found in rows.values()
+        ],
         "more": max(0, len(points) - MOST_ROWS),
     }

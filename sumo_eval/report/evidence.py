@@ -293,7 +293,7 @@ def _assumptions(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult
     yield (
         "Vehicles are rectangles on a single-track model, and SUMO moves actors by their scripts."
     )
-    if settings.simulation.conditions == type(settings.simulation.conditions)():
+    if not _limited(evaluation, score.scenario):
         yield "The ADS perceives without error and without delay: no conditions are set."
     if zone.zones == 0:
         yield "No hazardous zone was found or could be defined: every case counts as safe."
@@ -301,3 +301,10 @@ def _assumptions(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult
         yield qualification_sentence(evaluation.manifest)
     if score.not_evaluated:
         yield f"{count(score.not_evaluated, 'case')} could not be evaluated."
+
+
+def _limited(evaluation: Evaluation, scenario: str) -> bool:
+    """Whether conditions of perception are set, or varied by the scenario's parameters."""
+    conditions = evaluation.settings.simulation.conditions
+    names = evaluation.scenarios[scenario].names
+    return conditions != type(conditions)() or any(it.startswith("conditions.") for it in names)

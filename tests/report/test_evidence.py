@@ -16,10 +16,12 @@ import pytest
 from sumo_eval import evaluate, score
 from sumo_eval.errors import InputError
 from sumo_eval.record.qualification import read_qualification
+from sumo_eval.report.checks import checks_content
 from sumo_eval.report.evidence import evidence_of, write_evidence
 from sumo_eval.report.qualification import qualification_content, qualification_sentence
 from sumo_eval.report.terminal import closing_lines
 from sumo_eval.report.verdict import Beside
+from sumo_eval.results import Evaluation
 
 SCENE = """name = "approach"
 [[parameter]]
@@ -133,6 +135,30 @@ def test_nothing_is_claimed_of_harm_that_no_vehicle_could_do(run: Path) -> None:
         it for it in evidence_of(replace(whole, scores=(calm,))).claims if it.id.endswith("avoided")
     )
     assert (claim.claim, claim.verdict) == (f"{calm.ads} in approach had harm to avoid.", "open")
+
+
+def test_a_varied_condition_is_no_missing_condition(run: Path) -> None:
+    """`No conditions are set` would be false of a space with a parameter `conditions.`."""
+    whole = score(run)
+    logical = whole.scenarios["approach"]
+    delay = replace(logical.parameters[0], name="conditions.perception_delay")
+    varied = replace(logical, parameters=(*logical.parameters, delay))
+
+    def assumed(evaluation: Evaluation) -> str:
+        return " ".join(evidence_of(evaluation).claims[1].assumptions)
+
+    assert "no conditions are set" in assumed(whole)
+    assert "no conditions are set" not in assumed(replace(whole, scenarios={"approach": varied}))
+
+
+def test_points_alike_in_six_digits_are_two_rows_of_checks(run: Path) -> None:
+    whole = score(run)
+    near = {20.0: 40.00001, 60.0: 40.00002}
+    cases = [replace(it, values={"gap0": near[it.values["gap0"]]}) for it in whole.cases]
+    content = checks_content(replace(whole, cases=tuple(cases)), Beside())
+    assert content is not None
+    (table,) = content["tables"]
+    assert (table["of"], [point for point, _ in table["rows"]]) == (2, ["gap0=40", "gap0=40"])
 
 
 def test_the_report_carries_the_qualification_that_the_run_names(run: Path) -> None:
