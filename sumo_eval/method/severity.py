@@ -22,6 +22,7 @@ import math
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -236,6 +237,8 @@ EXAMPLE: Final = Collision(
 
 
 def _hash_of(function: object) -> str:
+    while isinstance(function, partial):  # itself of functools
+        function = function.func
     module = sys.modules.get(getattr(function, "__module__", ""))
     file = getattr(module, "__file__", None)
     return hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""

@@ -162,6 +162,16 @@ def test_a_contact_is_seen_from_the_ego():
     )
 
 
+def test_partial_function_is_identified_by_its_own_file(tmp_path):
+    hashes = set()
+    for name, of in (("one", 0.1), ("two", 0.2)):
+        lines = ["from functools import partial", "def loss(hit, of): return of",
+                 f"own = partial(loss, of={of})"]  # fmt: skip
+        (tmp_path / f"{name}.py").write_text("\n".join(lines))
+        hashes.add(severity_of(CollisionSettings(severity=f"{name}.py:own"), tmp_path).sha256)
+    assert len(hashes) == 2
+
+
 def test_an_own_function_replaces_u(folder):
     chosen = severity_of(CollisionSettings(severity="mine.py:by_closing_speed"), folder)
     assert chosen.of(EXAMPLE, "a case") == 20.0 / 40.0
