@@ -395,8 +395,9 @@ def _bend(path: Path, **columns) -> Path:
 
 
 def test_any_table_on_a_map_is_straightened_and_says_what_it_assumed_and_left_out(tmp_path):
-    recordings = import_recordings("map", [_bend(tmp_path / "bend.csv")])
+    recordings = import_recordings("map", [_bend(tmp_path / "bend.2.csv")])
     table = recordings.table
+    assert set(table["recording"]) == {"bend.2-1"}
     assert set(table["vehicle"]) == {f"v{number}" for number in range(8)}
     assert sorted(table["lane"].unique()) == [0, 1]
     for _, track in table.groupby("vehicle"):

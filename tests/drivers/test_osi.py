@@ -90,10 +90,11 @@ def is_the_scene(path: Path) -> None:
 
 @pytest.mark.parametrize("packed", [False, True])
 def test_a_trace_of_ground_truth_is_read_and_straightened(tmp_path, packed):
-    path = tmp_path / ("drive_gt_370.osi" + (".gz" if packed else ""))
+    path = tmp_path / ("drive_gt_3.7.0.osi" + (".gz" if packed else ""))
     content = trace(ground_truths())
     path.write_bytes(gzip.compress(content) if packed else content)
     is_the_scene(path)
+    assert set(osi.read(path)[0]["recording"]) == {"drive_gt_3.7.0"}
 
 
 def test_a_trace_of_sensor_views_is_read_by_its_name(tmp_path):

@@ -30,7 +30,7 @@ def read(path: Path) -> Samples:
     checked_numbers(rows, ["t", "x", "y", *(name for name in _KNOWN if name in rows)], path)
     notes = []
     if "recording" not in rows:
-        rows["recording"] = path.name.split(".")[0]
+        rows["recording"] = path.name.rpartition(".csv")[0] or path.stem
     for name in ("recording", "vehicle"):
         rows[name] = rows[name].astype(str)
     for name, size in (("length", LENGTH), ("width", WIDTH)):

@@ -77,7 +77,7 @@ def read(path: Path) -> Samples:
     classes = kinds["subtype"].map(CLASSES).fillna("other")
     bodies["class"] = classes.where(kinds["type"] != PEDESTRIAN, "pedestrian")
     rows = rows[["t", "vehicle", "x", "y", "heading", "speed"]].join(bodies, on="vehicle")
-    rows["recording"] = path.name.partition(".")[0]
+    rows["recording"] = path.name.removesuffix(next(filter(path.name.endswith, ENDINGS)))
     table = rows.astype({"vehicle": str})
     return table, notes
 
