@@ -96,9 +96,10 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
             f"The lanes of edges {', '.join(edges)} of {owner} must have one width, got {widths}."
         )
     _check_junctions(root, [by_id[name] for name in edges[1:]], owner)
+    links = [_links(root, one, other, owner) for one, other in itertools.pairwise(edges)]
     bare = path.name.removesuffix(".net.xml").removesuffix(".xml")
     if not _is_straight(lanes):
-        return _bent_road(root, network, lanes, end, owner, bare)
+        return _bent_road(root, network, lanes, links, end, bare)
     turn, places = _laid(lanes)
     length = turn(lanes[-1][0].shape[-1])[0]
     count = max(places.values()) + 1
@@ -214,13 +215,12 @@ def _bent_road(
     root: etree._Element,
     network: NetworkFile,
     lanes: Sequence[Sequence[_Lane]],
+    links: Sequence[_Link],
     end: float,
-    owner: str,
     bare: str,
 ) -> Road:
     """The road along curved edges: its line follows a lane that all of them have."""
-    edges, width = network.edges, lanes[0][0].width
-    links = [_links(root, one, other, owner) for one, other in itertools.pairwise(edges)]
+    edges, width, owner = network.edges, lanes[0][0].width, f"network {Path(network.path).name}"
     shifts = list(itertools.accumulate((link.shift for link in links), initial=0))
     there = [
         {shift + it.index for it in of_edge} for shift, of_edge in zip(shifts, lanes, strict=True)

@@ -1,6 +1,7 @@
 """A straight road in a network of the user's, wherever it lies and whichever way it goes."""
 
 import contextlib
+import itertools
 import math
 import random
 from dataclasses import replace
@@ -116,6 +117,7 @@ def test_a_scenario_file_names_a_network_of_its_folder(tmp_path, network):
     [
         ([], 600.0, "must name the `edges`"),
         (["raod"], 600.0, "Did you mean `road`?"),
+        (["road", "road"], 600.0, "Edge `road` of network town.net.xml must lead to edge `road`"),
         (["road", "side_road"], 600.0, "must have one width"),
         (["road"], 1200.0, "within the 1000.0 m of its edges"),
     ],
@@ -444,10 +446,18 @@ def test_the_outermost_lanes_of_a_network_begin_and_end_where_its_edges_meet(tmp
     }
     assert {float(part.split(",")[1]) for part in shapes["road0_0"].split()} == {3.5}
     assert {float(part.split(",")[1]) for part in shapes["road2_0"].split()} == {0.0}
+    odd, missing = ["road1", "road3", "road2"], "must lead to edge `road3`: no lane of it does"
+    with pytest.raises(InputError, match=missing):
+        read_road(path, odd, 300.0)
+    joined = "".join(
+        f'<connection from="{one}" to="{other}" fromLane="0" toLane="0"/>'
+        for one, other in itertools.pairwise(odd)
+    )
+    path.write_text(path.read_text(encoding="utf-8").replace("</net>", f"{joined}</net>"))
     with pytest.raises(
         InputError, match="must have the outermost lane that edges before and behind it have"
     ):
-        read_road(path, ["road1", "road3", "road2"], 300.0)
+        read_road(path, odd, 300.0)
 
 
 def test_a_vehicle_starts_in_the_lane_of_its_edge_where_the_right_hand_one_is_not_yet(tmp_path):
