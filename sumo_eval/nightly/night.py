@@ -97,7 +97,7 @@ def run_night(
                 f"Night {name} was stopped before its end and continued: recorded cases were not "
                 "rerun. How long the night took is not known."
             )
-        with _unfinished(history / NIGHTS / name):
+        with _unfinished(history / NIGHTS / name, resumed=stopped is not None):
             done, again = _evaluated(
                 evaluation,
                 history / NIGHTS / name,
@@ -107,7 +107,6 @@ def run_night(
                 stopping,
             )
             judged = judge_night(history, lines, done, gate, progress)
-            discard_trajectories(done)  # not before: cases that are rerun need the drivers'
             notes += [*again, *judged.bases.notes]
             comparison, gates = judged.bases.comparison, judged.gates
             write_tables(done)
@@ -126,6 +125,7 @@ def run_night(
         line = replace(line, base=None if base is None else base.night, wall_time=took)
         lines.add(line, done, gates, shaky=judged.shaky, pin=new_pin(line, judged, lines, gate))
         write_night(history, line, result.word, judged, notes)
+        notes += _discard(done)  # not before: a stopped night that continues needs the drivers'
         notes += _prune(history, lines, keep)
         trend = write_trend(history, lines)
         return NightResult(line, done, judged, tuple(notes), report, trend)
@@ -166,7 +166,7 @@ def _begin(history: Path, lines: History, notes: list[str], resume: bool) -> str
 
 
 @contextmanager
-def _unfinished(folder: Path) -> Iterator[None]:
+def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
     """Errors of a night that cannot be finished."""
     try:
         yield
@@ -174,6 +174,13 @@ def _unfinished(folder: Path) -> Iterator[None]:
         raise StoppedError(
             f"Stopped. The same command with --resume continues night {folder.name}."
         ) from None
+    except InputError as error:
+        if not resumed:
+            raise
+        raise InputError(
+            f"Night {folder.name} was not continued: {error} It stays; without --resume a new one "
+            "begins, and this one is removed unless its run is complete."
+        ) from error
     except (OSError, sqlite3.Error) as error:
         rest = "The same command with --resume continues."
         if (isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)) or getattr(
@@ -199,17 +206,9 @@ def _evaluated(
     """The night's cases driven, those that are not recorded yet, and scored; sentences on cases
     that were rerun.
     """
-    try:
-        run = resolve(evaluation, folder, resume, workers=workers)
-        with stopping() as asked:
-            recorded = record_rounds(run, folder, resume=resume, progress=progress, stopping=asked)
-    except InputError as error:
-        if not resume:
-            raise
-        raise InputError(
-            f"Night {folder.name} was not continued: {error} It stays; without --resume a new one "
-            "begins, and this one is removed unless its run is complete."
-        ) from error
+    run = resolve(evaluation, folder, resume, workers=workers)
+    with stopping() as asked:
+        recorded = record_rounds(run, folder, resume=resume, progress=progress, stopping=asked)
     return score(folder, progress=progress, resolved=run), recorded.notes
 
 
@@ -354,6 +353,17 @@ def _room(history: Path, lines: History, stopped: str | None = None) -> None:
 
 def _size(folder: Path) -> int:
     return sum(path.lstat().st_size for path in folder.rglob("*"))  # a link may lead nowhere
+
+
+def _discard(done: Evaluation) -> list[str]:
+    """Discard what the night does not keep; a sentence where that fails, since the night is in the
+    history.
+    """
+    try:
+        discard_trajectories(done)
+    except (InputError, OSError, sqlite3.Error) as error:
+        return [f"The trajectories of this night could not be discarded: {said(error)}."]
+    return []
 
 
 def _discarded(folder: Path) -> int:

@@ -583,7 +583,8 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At one of three points the ADS sleeps and shakes: no two drives are alike, and all five
-    collide. Trajectories that the night does not keep are there until it is judged."""
+    collide. Trajectories that the night does not keep are there until the night is over, so that
+    a stopped one can continue."""
     file, history = evaluation(tmp_path, "2"), tmp_path / "history"
     file.write_text(f'{file.read_text()}keep = "none"\n')
     shaking = "Command(acceleration=__import__('random').SystemRandom().uniform(-0.3, 0.3)"
@@ -591,7 +592,15 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(
     module.write_text(module.read_text().replace("Command(acceleration=0.0", shaking))
     run_night(file, history, GateSettings(resamples=100))
     plant(tmp_path, "30, 0:sleeps")
-    result = run_night(file, history, GateSettings(resamples=100))
+
+    def stop(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr("sumo_eval.nightly.night.write_assessed_report", stop)
+        with pytest.raises(StoppedError):
+            run_night(file, history, GateSettings(resamples=100))
+    result = run_night(file, history, GateSettings(resamples=100), resume=True)
     told = json.loads((result.report.parent / "night.json").read_text())
     assert (told["verdict"], told["exit_status"]) == ("worse", 1)
     assert (told["repeats"]["mine"]["cases"], told["repeats"]["mine"]["alike"]) == (3, 2)
