@@ -3,7 +3,9 @@
 import pytest
 from commands import sumo_eval
 
+from sumo_eval.extras.wheel.trip import concrete_of
 from sumo_eval.record import loops
+from sumo_eval.scenario import catalogue
 
 
 def test_ctrl_c_while_a_drive_compiles_stops_it_at_once(
@@ -19,3 +21,9 @@ def test_ctrl_c_while_a_drive_compiles_stops_it_at_once(
     )
     assert done.returncode == 130
     assert "Drive here" not in done.said
+
+
+def test_a_parameter_with_listed_values_begins_at_one_of_them() -> None:
+    """`side` is -1 or 1; between them there is no scene to drive."""
+    values = concrete_of(catalogue.load("exit_cut"), {}).values
+    assert values["side"] == 1.0

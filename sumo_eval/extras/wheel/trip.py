@@ -41,11 +41,14 @@ def settings_at(rate: int) -> SimulationSettings:
 
 
 def concrete_of(logical: LogicalScenario, values: Mapping[str, float]) -> ConcreteScenario:
-    """The concrete scenario at the given values; each other parameter in the middle of its
-    range.
+    """The concrete scenario at the given values; each other parameter in the middle of its range,
+    or of its listed values.
     """
     check_known(f"parameter of scenario `{logical.name}`", logical.names, *values)
-    middle = {it.name: (it.low + it.high) / 2.0 for it in logical.parameters}
+    middle = {
+        it.name: it.values[len(it.values) // 2] if it.values else (it.low + it.high) / 2.0
+        for it in logical.parameters
+    }
     return logical.concrete(**{**middle, **values})
 
 
