@@ -143,8 +143,8 @@ def _shaky_words(shaky: Sequence[str], noise: Noise) -> str:
         return ""
     named = ", ".join(f"{case} ({noise.bad.get(case, 1)})" for case in shaky[:MOST_NAMED])
     return (
-        "; not failed, because bad in some drives of this build only (in brackets how many): "
-        f"{named}"
+        "; not failed, because bad in some drives only, tonight (in brackets how many) or in an "
+        f"earlier night: {named}"
     )
 
 
