@@ -5,6 +5,7 @@ the ADS `idm`.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from dataclasses import fields as fields_of
 from typing import Any, ClassVar
@@ -51,6 +52,11 @@ class IdmParameters:
             value = getattr(self, item.name)
             if not (math.isfinite(value) and value > 0.0):
                 raise must_be(f"`{item.name}`", "the IDM", "a finite number greater than 0", value)
+
+    @classmethod
+    def of(cls, given: IdmParameters | Mapping[str, float] | None) -> IdmParameters:
+        """Those of an option, which is a table in an evaluation file."""
+        return given if isinstance(given, IdmParameters) else cls(**(given or {}))
 
 
 @kernel
@@ -337,8 +343,8 @@ class Idm(Compiled):
     numbers: ClassVar = [("idm", PARAMETERS), *flags("watches")]
     watches = False
 
-    def __init__(self, parameters: IdmParameters | None = None) -> None:
-        self.idm = parameters or IdmParameters()
+    def __init__(self, parameters: IdmParameters | Mapping[str, float] | None = None) -> None:
+        self.idm = IdmParameters.of(parameters)
 
 
 class Attentive(Idm):

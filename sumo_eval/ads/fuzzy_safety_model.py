@@ -173,5 +173,5 @@ class FuzzySafetyModel(Compiled):
     brakes = Brakes(REACTION, HUMAN_BRAKING, HUMAN_JERK)
 
     def __init__(self, standstill_gap: float = 0.01, as_coded: bool = False) -> None:
-        check_numbers("fsm", standstill_gap=standstill_gap)
+        check_numbers("fsm", standstill_gap=standstill_gap, as_coded=as_coded)
         self.standstill_gap, self.as_coded = standstill_gap, as_coded

@@ -5,6 +5,8 @@ else follows.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, ClassVar
 
 from sumo_eval.ads.braking import JUMP, first_instant
@@ -170,7 +172,9 @@ class LaneChanger(Compiled):
     numbers: ClassVar = [("idm", PARAMETERS), ("habits", HABITS)]
 
     def __init__(
-        self, habits: OvertakingHabits = SMOOTH, parameters: IdmParameters | None = None
+        self,
+        habits: OvertakingHabits | Mapping[str, Any] = SMOOTH,
+        parameters: IdmParameters | Mapping[str, float] | None = None,
     ) -> None:
-        self.habits = habits
-        self.idm = parameters or IdmParameters()
+        self.habits = habits if isinstance(habits, OvertakingHabits) else replace(SMOOTH, **habits)
+        self.idm = IdmParameters.of(parameters)

@@ -402,7 +402,7 @@ class CarefulDriver(Compiled):
         check_numbers(
             "careful_driver", wander=wander, evaluation=evaluation, reaction=reaction,
             lead_braking=lead_braking,
-            in_path_limit=in_path_limit,
+            in_path_limit=in_path_limit, aeb=aeb,
         )  # fmt: skip
         self.aeb = aeb
         self.wander = wander

@@ -8,6 +8,7 @@ from road_scenes import actor, case, cut_outs_at_the_edge, fresh, low_speed, mov
 
 from sumo_eval.ads.car_following import (
     FOLLOWED,
+    Idm,
     IdmParameters,
     constant_acceleration_heuristic,
     constant_speed_heuristic,
@@ -18,6 +19,10 @@ from sumo_eval.ads.car_following import (
     idm_acceleration,
     improved_idm_acceleration,
 )
+from sumo_eval.ads.fuzzy_safety_model import FuzzySafetyModel
+from sumo_eval.ads.lane_changer import LaneChanger
+from sumo_eval.ads.r157_careful_driver import CarefulDriver
+from sumo_eval.cosim.doors.entry import made
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 
@@ -172,3 +177,23 @@ def test_a_lead_that_hardly_brakes_is_almost_one_that_keeps_its_speed():
         assert constant_acceleration_heuristic(speed, gap, lead, 1e-9) == pytest.approx(
             steady, abs=1e-6
         )
+
+
+@pytest.mark.parametrize(
+    ("ads", "options", "wrong"),
+    [
+        (Idm, {"parameters": {"headway": 1.0}}, {"parameters": {"headwy": 1.0}}),
+        (LaneChanger, {"parameters": {"headway": 1.0}}, {"habits": 3}),
+        (LaneChanger, {"habits": {"duration": 5.0}}, {"habits": {"duration": 0.0}}),
+        (FuzzySafetyModel, {"as_coded": True}, {"as_coded": "no"}),
+        (CarefulDriver, {"aeb": True}, {"aeb": "false"}),
+    ],
+)
+def test_options_may_be_tables_and_wrong_ones_are_refused(ads, options, wrong):
+    ((name, value),) = options.items()
+    driver = made(ads, options, "a")
+    own = getattr(driver, {"parameters": "idm"}.get(name, name))
+    expected = value if isinstance(value, dict) else {}
+    assert {key: getattr(own, key) for key in expected} == expected
+    with pytest.raises(InputError):
+        made(ads, wrong, "a")
