@@ -35,6 +35,7 @@ JointKind = Literal["kde", "copula"]
 GRID = 1025  # places at which a copula's one-dimensional densities are kept
 # draws by which the share of a KDE within its box is found, and after which it counts as none
 MASS_DRAWS = 32_768
+LEAST_EIGENVALUE = 1e-9  # of a copula's correlation
 LEAST_SHARE = 1e-9  # of probability: normal scores lie within +-6
 
 
@@ -224,7 +225,10 @@ def _prepared(joint: Joint) -> _Prepared:
         densities[j] = np.exp(-0.5 * away**2) @ shares / (width * np.sqrt(2.0 * np.pi) * mass)
         rank = np.argsort(np.argsort(rows[:, j], kind="stable"), kind="stable")
         scores[:, j] = ndtri((rank + 0.5) / n)
-    root = np.asarray(np.linalg.cholesky(_correlation(scores, shares)), dtype=np.float64)
+    correlation = _correlation(scores, shares)
+    # that of parameters in one order is singular
+    lift = max(LEAST_EIGENVALUE - float(np.linalg.eigvalsh(correlation)[0]), 0.0)
+    root = np.asarray(np.linalg.cholesky(correlation + lift * np.eye(k)), dtype=np.float64)
     return _Prepared(rows, shares, root, grids, densities, distributions)
 
 

@@ -286,6 +286,16 @@ def test_a_narrow_joint_density_varies_as_much_as_its_events_any_other_more_and_
     assert np.all(np.abs(shares - whole) <= 5.0 * np.sqrt(whole / len(drawn)) + 1e-3)
 
 
+def test_copula_holds_parameters_that_are_in_one_order():
+    first = np.random.default_rng(1).uniform(1.0, 3.0, 40)
+    joint = Joint(
+        "copula", ("a", "b"), tuple(zip(first, first**3, strict=True)), (0.0, 0.0), (4.0, 30.0)
+    )
+    drawn = joint.draw(500, np.random.default_rng(2))
+    assert rank_correlation(*drawn.T)[0] > 0.999
+    assert np.isfinite(joint.density(drawn)).all()
+
+
 def test_events_that_lie_on_a_line_are_refused():
     from sumo_eval.errors import InputError
 
