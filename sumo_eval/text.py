@@ -137,7 +137,8 @@ def cell(value: Any) -> Any:
 
     Text that a spreadsheet would run as a formula gets a `'` before it.
     """
-    if isinstance(value, str) and value.startswith(_FORMULA) and not _is_number(value):
+    # one that has a quote already gets another, else `from_cell` would take the one it has
+    if isinstance(value, str) and value.lstrip("'").startswith(_FORMULA) and not _is_number(value):
         return f"'{value}"
     return value
 

@@ -166,7 +166,7 @@ def test_a_name_that_cannot_be_shown_is_refused() -> None:
             check_name("`name`", "an ADS", name)
 
 
-FORMULAS = ("=1+2", "+cmd", "-2+3", "@SUM(A1)", "\t=1", "\r=1", '=HYPERLINK("http://x")')
+FORMULAS = ("=1+2", "'=1+2", "+cmd", "-2+3", "@SUM(A1)", "\t=1", "\r=1", '=HYPERLINK("http://x")')
 
 
 @pytest.mark.parametrize("text", FORMULAS)
