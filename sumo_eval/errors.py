@@ -9,7 +9,7 @@ import itertools
 import re
 from collections.abc import Collection, Iterable, Sequence
 
-from sumo_eval.text import SENTENCE, clean, kind_of, shown, words_of
+from sumo_eval.text import SENTENCE, WORDS, clean, kind_of, shown, words_of
 
 
 class SumoEvalError(Exception):
@@ -87,7 +87,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     near = nearest(name, names)
     if near is not None:
         return f" Did you mean `{near}`?"
-    told = ", ".join(names)
+    told = ", ".join(name[:WORDS] for name in names)
     if len(told) > MOST_KNOWN:
         cut = told.rindex(", ", 0, MOST_KNOWN)
         told = f"{told[:cut]} and {len(names) - told[:cut].count(', ') - 1} more"
@@ -117,6 +117,7 @@ def install_command(extra: str) -> str:
     import sys
     from importlib.metadata import PackageNotFoundError, distribution
     from pathlib import Path
+    from urllib.parse import unquote
 
     name, editable = f"sumo_eval[{extra}]", ""
     try:
@@ -125,7 +126,7 @@ def install_command(extra: str) -> str:
         origin = {"url": Path(__file__).parents[1].as_uri(), "dir_info": {"editable": True}}
     url = str(origin.get("url", ""))
     if "dir_info" in origin and url.startswith("file://"):
-        name = f"{url.removeprefix('file://')}[{extra}]"
+        name = f"{unquote(url.removeprefix('file://'))}[{extra}]"
         editable = "-e " if origin["dir_info"].get("editable") else ""
     elif url:
         name = f"{name} @ {url}"

@@ -84,6 +84,8 @@ def test_a_list_of_known_names_ends_after_a_few():
     # A name takes 15 characters and 2 between: after 47 of them 47 * 17 - 2 = 797 of the 800 are
     # full.
     assert said.endswith("cut_in-0046-idm and 953 more.")
+    long = did_you_mean("nothere", ["x" * 900, *"abc", "y" * 900])
+    assert long.endswith(f"{'x' * 300}, a, b, c, {'y' * 300}.")
 
 
 def test_law_the_nearest_name_is_that_of_difflib_among_however_many():
@@ -122,7 +124,7 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it_from_where_t
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     origins = {
-        '{"url": "file:///home/me/sumo eval", "dir_info": {"editable": '
+        '{"url": "file:///home/me/sumo%20eval", "dir_info": {"editable": '
         "true}}": "-e '/home/me/sumo eval[fmu]'",
         '{"url": "file:///srv/sumo_eval", "dir_info": {}}': "'/srv/sumo_eval[fmu]'",
         '{"url": "https://host/s-1.whl", "archive_info": '
