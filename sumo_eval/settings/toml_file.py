@@ -59,7 +59,7 @@ def line_of(text: str, place: Sequence[str | int]) -> int | None:
     best = 0
     table: tuple[str | int, ...] = ()
     counts: dict[tuple[str | int, ...], int] = {}
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(text.split("\n"), start=1):  # as TOML and editors count
         if head := _HEAD.match(line):
             names: tuple[str | int, ...] = tuple(
                 part.strip(" \t\"'") for part in head["name"].split(".")

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_eval.errors import InputError
-from sumo_eval.settings.toml_file import DEEPEST, read_toml, toml_from
+from sumo_eval.settings.toml_file import DEEPEST, line_of, read_toml, toml_from
 
 DIGITS = "1" * 5_000
 WRONG = {
@@ -49,6 +49,10 @@ def test_what_cannot_be_used_is_refused(name: str) -> None:
     assert words in str(caught.value)
     assert str(caught.value).startswith("The file ")
     assert len(str(caught.value)) < 500
+
+
+def test_a_line_ends_where_toml_ends_it() -> None:
+    assert line_of("# one\u2028line\r\nname = 1\n", ("name",)) == 2
 
 
 def test_ordinary_content_is_read_as_it_is() -> None:
