@@ -13,9 +13,11 @@ def named_values(texts: Iterable[str], option: str) -> dict[str, float]:
     """
     from sumo_eval.errors import InputError
 
-    found = {}
+    found: dict[str, float] = {}
     for text in texts:
         name, _, value = (part.strip() for part in text.partition("="))
+        if name in found:
+            raise InputError(f"{option} must be given once, got `{name}` twice.")
         try:
             found[name] = float(value)
         except ValueError:

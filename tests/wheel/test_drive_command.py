@@ -17,6 +17,7 @@ from sumo_eval.cli import main
         (["nowhere_at_all"], "nowhere_at_all"),
         (["cut_in", "--rate", "30"], "one of 20, 50, 100 Hz, got 30"),
         (["cut_in", "--set", "gap"], "NAME=VALUE with a number"),
+        (["cut_in", "--set", "gap=3", "--set", "gap=4"], "must be given once, got `gap` twice"),
         (["cut_in", "--set", "gapp=3"], "Did you mean `gap`"),
         (["cut_in", "--set", "gap=1e9"], "gap"),
         (["nothing.jsonl"], "There is no tape nothing.jsonl"),
