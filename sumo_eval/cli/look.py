@@ -4,6 +4,7 @@ other tools.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import click
@@ -107,7 +108,8 @@ def replay(
         bodies = {actor.name: actor.body for actor in logical.placed(fact.values).actors}
         replay_in_gui(logical.road, vehicles, fact.collision, bodies=bodies)
         return
-    path = write_replay(run, logical, fact, out or run / f"replay-{case}.html", beside=beside)
+    name = re.sub(r"[^\w.+~-]", "_", case)  # that of an ADS may hold a `/`
+    path = write_replay(run, logical, fact, out or run / f"replay-{name}.html", beside=beside)
     tell(f"The replay is {path}")
     if opens:
         open_in_browser(path.resolve().as_uri())

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -184,3 +185,14 @@ def test_cases_that_cannot_be_evaluated_give_status_3_and_are_listed(tmp_path: P
     assert "no plan" in done.stdout
     assert "C of idm in front_vehicle_low_speed is not computed" in done.stdout
     assert "Traceback" not in done.stdout + done.stderr
+
+
+def test_a_replay_lies_in_its_run_whatever_the_ads_is_called(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fact, run = SimpleNamespace(scenario="s"), SimpleNamespace(scenarios={"s": None})
+    monkeypatch.setattr("sumo_eval.record.run_folder.resolved_run", lambda _: run)
+    monkeypatch.setattr("sumo_eval.report.replay.recorded", lambda *_: fact)
+    monkeypatch.setattr("sumo_eval.report.replay.write_replay", lambda *given, **_: given[3])
+    done = CliRunner().invoke(main, ["replay", str(tmp_path), "s-0000-idm/fast"])
+    assert done.output == f"The replay is {tmp_path / 'replay-s-0000-idm_fast.html'}\n"
