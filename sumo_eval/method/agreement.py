@@ -37,7 +37,7 @@ class Agreement(NamedTuple):
 def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
     """Spearman's rho of n scores and n opinions, -1..1; nan where either is constant.
 
-    scores, opinions: (n,), n at least 3.
+    scores, opinions: (n,), n at least 3; one with a nan has no rho and no p.
 
     p: of up to 8 pairs the share of all n! orders with as large a |rho|, ties included; of more by
         Student's t.
@@ -52,7 +52,7 @@ def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
             "equally long, at least 3",
             f"{first.shape} and {second.shape}",
         )
-    if np.ptp(first) == 0.0 or np.ptp(second) == 0.0:
+    if not (np.ptp(first) > 0.0 and np.ptp(second) > 0.0):
         return Agreement(float("nan"), float("nan"), first.size)
     found = stats.spearmanr(first, second)
     p_value = float(found.pvalue)

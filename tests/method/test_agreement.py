@@ -17,6 +17,7 @@ def test_spearmans_rho_by_hand():
     )
     assert rank_correlation([1.0, 2.0, 3.0], [9.0, 5.0, 1.0]).value == pytest.approx(-1.0)
     assert math.isnan(rank_correlation([1.0, 1.0, 1.0], [9.0, 5.0, 1.0]).value)
+    assert math.isnan(rank_correlation([1.0, 2.0, math.nan], [9.0, 5.0, 1.0]).p_value)
 
 
 def test_kendalls_w_by_hand():
