@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from pathlib import Path
 from typing import Any, Literal
 
@@ -169,7 +170,7 @@ def _collisions(
     it = found.collision_probability
     return _claim(
         score, "collisions",
-        claim=f"The collision share of {about} is below {it.high:z.3g} in this space under "
+        claim=f"The collision share of {about} is below {_outward(it.high, ROUND_CEILING)} in this space under "
               f"{under}.",
         verdict=(
             "not supported" if score.not_evaluated else "open" if it.high >= 1.0 else "supported"
@@ -240,7 +241,7 @@ def _avoided(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
     against = cases[cases.avoidable]
     return _claim(
         score, "avoided",
-        claim=f"{about} avoids at least {ends[0]:z.3g} of the harm that the ideal vehicle avoids "
+        claim=f"{about} avoids at least {_outward(ends[0], ROUND_FLOOR)} of the harm that the ideal vehicle avoids "
               "and a car that does nothing does not.",
         verdict="supported" if ends[0] > 0.0 else "open",
         argument="Lower end of the interval of A = 1 - sum w max(0, U - Ug) / sum w max(0, U0 - "
@@ -254,6 +255,11 @@ def _avoided(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
                   "level": LEVEL},
         against=against,
     )  # fmt: skip
+
+
+def _outward(end: float, rounding: str) -> str:
+    """An end of an interval in three digits, which never claim more than it does."""
+    return f"{float(Context(prec=3, rounding=rounding).create_decimal(repr(float(end)))):z.3g}"
 
 
 def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable) -> Claim:

@@ -233,12 +233,16 @@ span = partial(interval_words, to=" to ")
 
 
 def percent(share: float | None) -> str:
-    """A share with about three significant digits, e.g. `7.69 %`."""
+    """A share with about three significant digits, e.g. `7.69 %`, and more just below 1."""
     if share is None or not math.isfinite(share):
         return "not known"
-    value = 100.0 * share
-    digits = min(6, max(0, 2 - math.floor(math.log10(abs(value) or 1.0))))
-    return f"{float(f'{value:z.{digits}f}'):z.15g} %"
+    value = shown = 100.0 * share
+    for part in (value, 100.0 - value):
+        digits = min(6, max(0, 2 - math.floor(math.log10(abs(part) or 1.0))))
+        shown = float(f"{value:z.{digits}f}")
+        if shown != 100.0:
+            break
+    return f"{shown:z.15g} %"
 
 
 def count(n: int, noun: str, nouns: str | None = None) -> str:

@@ -8,6 +8,7 @@ import platform
 import shutil
 import sys
 from dataclasses import replace
+from decimal import ROUND_CEILING, ROUND_FLOOR
 from importlib.metadata import version
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from sumo_eval import evaluate, score
 from sumo_eval.errors import InputError
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.report.checks import checks_content
-from sumo_eval.report.evidence import evidence_of, write_evidence
+from sumo_eval.report.evidence import _outward, evidence_of, write_evidence
 from sumo_eval.report.qualification import qualification_content, qualification_sentence
 from sumo_eval.report.terminal import closing_lines
 from sumo_eval.report.verdict import Beside
@@ -233,3 +234,12 @@ def test_a_wrong_qualification_is_refused_before_any_drive(
     with pytest.raises(InputError, match=sentence):
         evaluate(content, tmp_path / "run")
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("end", "below", "at_least"),
+    [(0.49977, "0.5", "0.499"), (0.5, "0.5", "0.5"), (0.1, "0.1", "0.1"), (0.0, "0", "0"),
+     (-0.12345, "-0.123", "-0.124"), (1.2341e-7, "1.24e-07", "1.23e-07")],
+)  # fmt: skip
+def test_a_claim_rounds_to_the_side_that_claims_less(end: float, below: str, at_least: str) -> None:
+    assert (_outward(end, ROUND_CEILING), _outward(end, ROUND_FLOOR)) == (below, at_least)

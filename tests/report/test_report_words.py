@@ -182,6 +182,7 @@ def test_every_kind_of_note_has_a_sentence_with_its_numbers(kind: NoteKind) -> N
         (0.0, "0 %"),
         (0.0365, "3.65 %"),
         (0.5, "50 %"),
+        (0.9996, "99.96 %"),
         (1.0, "100 %"),
         (0.00012345, "0.0123 %"),
         (np.nan, "not known"),
