@@ -152,16 +152,15 @@ def _newly_bad_rows(
 def shaky_cases(done: Evaluation, bad: Mapping[str, int], settings: GateSettings) -> set[ShakyCase]:
     """Those of the rerun cases that were not bad in all of their drives."""
     some = {case for case, drives in bad.items() if drives <= settings.outcome.repeats}
-    rows = (row for row in done.cases if row.case in some) if some else ()
-    return {ShakyCase(row.ads, row.scenario, point_words(row.values)) for row in rows}
+    return {_place(row) for row in done.cases if row.case in some} if some else set()
+
+
+def _place(row: CaseResult) -> ShakyCase:
+    return ShakyCase(row.ads, row.scenario, point_words(row.values))
 
 
 def keys_of(done: Evaluation, shaky: Collection[ShakyCase]) -> frozenset[str]:
     """Tonight's keys of cases that were shaky before."""
     if not shaky:
         return frozenset()
-    return frozenset(
-        row.case
-        for row in done.cases
-        if ShakyCase(row.ads, row.scenario, point_words(row.values)) in shaky
-    )
+    return frozenset(row.case for row in done.cases if _place(row) in shaky)

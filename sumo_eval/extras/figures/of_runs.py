@@ -23,7 +23,9 @@ from sumo_eval.report.page_data import View, choose_view, slice_points, telling_
 from sumo_eval.report.words import LOOKS
 from sumo_eval.results import ScenarioResult
 from sumo_eval.scenario.road.reference_line import map_places
+from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.findings import Findings
+from sumo_eval.scoring.gate_settings import HIGHER_IS_BETTER
 from sumo_eval.scoring.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.trajectory import FloatArray, Trajectory
@@ -36,17 +38,8 @@ CELLS = 140  # on each axis of a map
 _STAIRS = 2  # cells beside what cannot be in which no learnt boundary is drawn
 MOST_COLUMNS = 4
 LEARNT = "#d55e00"  # colour of the learnt boundary
-INDEXES = {
-    "T": "task_share",
-    "A'": "avoidance_grade",
-    "A": "avoided_share",
-    "H": "human_likeness",
-    "C": "c",
-    "D": "d",
-    "S+": "s_plus",
-    "S": "s",
-}
-"""Scores of the intervals' figure by their symbol; the last two are of 100."""
+INDEXES = {name: SCORES[name][0] for name in HIGHER_IS_BETTER}
+"""Scores of the intervals' figure by their symbol."""
 
 
 def zone_map(asked: Asked) -> Figure:

@@ -18,18 +18,11 @@ from sumo_eval.method.agreement import Agreement, concordance, rank_correlation,
 from sumo_eval.report.opinion_section import OPINION, opinion_content
 from sumo_eval.report.study_page import write_study
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.case_terms import SCORES
+from sumo_eval.scoring.gate_settings import HIGHER_IS_BETTER
 
 LEAST, MOST = 1.0, 10.0
-INDEXES = {
-    "S+": "s_plus",
-    "T": "task_share",
-    "A'": "avoidance_grade",
-    "A": "avoided_share",
-    "H": "human_likeness",
-    "S": "s",
-    "D": "d",
-    "C": "c",
-}
+INDEXES = {name: SCORES[name][0] for name in HIGHER_IS_BETTER}
 """Scores that ratings are compared with: name -> field of ScenarioResult."""
 
 
