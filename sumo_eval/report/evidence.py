@@ -170,8 +170,8 @@ def _collisions(
     it = found.collision_probability
     return _claim(
         score, "collisions",
-        claim=f"The collision share of {about} is below {_outward(it.high, ROUND_CEILING)} in this space under "
-              f"{under}.",
+        claim=f"The collision share of {about} is below "
+              f"{_outward(it.high, ROUND_CEILING)} in this space under {under}.",
         verdict=(
             "not supported" if score.not_evaluated else "open" if it.high >= 1.0 else "supported"
         ),
@@ -241,8 +241,8 @@ def _avoided(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
     against = cases[cases.avoidable]
     return _claim(
         score, "avoided",
-        claim=f"{about} avoids at least {_outward(ends[0], ROUND_FLOOR)} of the harm that the ideal vehicle avoids "
-              "and a car that does nothing does not.",
+        claim=f"{about} avoids at least {_outward(ends[0], ROUND_FLOOR)} of the harm that the "
+              "ideal vehicle avoids and a car that does nothing does not.",
         verdict="supported" if ends[0] > 0.0 else "open",
         argument="Lower end of the interval of A = 1 - sum w max(0, U - Ug) / sum w max(0, U0 - "
                  "Ug) over all evaluated cases; cases without an outcome count as worst.",
