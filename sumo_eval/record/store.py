@@ -88,7 +88,11 @@ FIX = "Take the file from a copy of the run, or run the evaluation again into a 
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """One recorded case, without its trajectories."""
+    """One recorded case, without its trajectories.
+
+    alone: why it was not simulated together with others, an `Alone` as JSON; "": no reason.
+    batched: as in `Recording`.
+    """
 
     case: str
     scenario: str
@@ -113,12 +117,18 @@ class Fact:
     latency_p99: float | None
     latency_reference: float | None
     alone: str
+    batched: str
 
 
 _COLUMNS = [field.name for field in fields(Fact)]
+# one column of the file holds the company of a case: why it had none, as JSON, or how it shared SUMO
+_OF_COMPANY = {
+    "alone": "CASE WHEN alone LIKE '{%' THEN alone ELSE '' END",
+    "batched": "CASE WHEN alone LIKE '{%' THEN '' ELSE alone END",
+}
 _SELECT_FACTS = (
     # in brackets: SQLite takes a quoted name that it does not know for a text
-    f"SELECT {', '.join(f'[{name}]' for name in _COLUMNS)} FROM facts "  # noqa: S608
+    f"SELECT {', '.join(_OF_COMPANY.get(it, f'[{it}]') for it in _COLUMNS)} FROM facts "  # noqa: S608
     'LEFT JOIN circumstances USING ("case") LEFT JOIN latencies USING ("case") WHERE '
 )
 
@@ -721,8 +731,8 @@ def _rows(outcome: Outcome) -> tuple[Sequence[Row], ...]:
         case.fingerprint,
     )
     times = list(map(_real, (kept.wall_time, *kept.controller_latency)))
-    alone = outcome.batched if outcome.alone is None else json.dumps(_plain(outcome.alone))
-    circumstance = (case.key, outcome.log, *times[:3], outcome.error_place, alone)
+    company = outcome.batched if outcome.alone is None else json.dumps(_plain(outcome.alone))
+    circumstance = (case.key, outcome.log, *times[:3], outcome.error_place, company)
     drives = sorted(kept.drives.items())
     digest = _hash(fact, circumstance, drives)
     trajectories = [(case.key, *drive) for drive in drives]

@@ -78,7 +78,7 @@ class Remarks:
         for fact in facts:
             clips = {clip.what: clip for clip in fact.clips}
             self._left += LEFT_THE_NETWORK in clips
-            self._batched[_batched(fact)] += 1
+            self._batched[fact.batched] += 1
             if IN_BLOCK in clips:
                 self._blocks[int(clips[IN_BLOCK].requested)] += 1
             if fact.collision is not None:
@@ -116,11 +116,6 @@ class Remarks:
         yield from reference_notes(cases)
         if reasons := sorted((reason, number) for reason, number in self._beyond.items() if reason):
             yield BeyondRange(space.severity.name, tuple(reasons))
-
-
-def _batched(fact: Fact) -> str:
-    """As in `CaseResult`."""
-    return fact.alone if fact.alone in BATCHED else ""
 
 
 def struck_by_other(fact: Fact, space: ScenarioRun) -> bool:
@@ -232,7 +227,6 @@ def tabulate(
             }
         row = CaseResult(
             ads=fact.driver,
-            batched=_batched(fact),
             zone=zone,
             collided=hit is not None and not struck,
             struck_from_behind=struck,
