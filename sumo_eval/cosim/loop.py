@@ -33,7 +33,9 @@ from sumo_eval.cosim.doors.observation import (
     Observations,
     Perception,
     kinds_of,
+    present,
     sees_all,
+    stream_of,
     task_of,
 )
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, heeding
@@ -443,13 +445,10 @@ class Policies(EgoControl):
         interference = world.settings.conditions.interference
         GUARD.begin(names, world.settings.step, interference, heeding(world.cases[0]))
         self._tasks = [task_of(concrete) for concrete in world.cases]
-        self._kinds = [tuple(kinds_of(concrete).values()) for concrete in world.cases]
+        self._kinds = [kinds_of(concrete) for concrete in world.cases]
         conditions = [its.conditions for its in world.each]
         self._limited = np.array([not sees_all(it) for it in conditions])
-        streams = [
-            f"{seed}/{it.scenario}/{it.label}"
-            for seed, it in zip(self._seeds, world.cases, strict=True)
-        ]
+        streams = list(map(stream_of, self._seeds, world.cases))
         self._perception = Perception(conditions, streams) if self._limited.any() else None
         self._executors = [
             Executor(its, partial(world.note, case), world.cases[case].road.line)
@@ -489,10 +488,7 @@ class Policies(EgoControl):
 
     def _look(self, time: float) -> tuple[list[Any], list[Any], list[Any]]:
         """Egos as they are, egos and actors as they are seen, by row."""
-        egos, others = self._ego_values.tolist(), self._other_values
-        if not self._present.all():  # some have left the road
-            others = others.copy()
-            others[self._present == 0, 0] = math.nan
+        egos, others = self._ego_values.tolist(), present(self._other_values, self._present)
         if self._perception is None:
             return egos, egos, others.tolist()
         mes, seen = self._perception.look(time, self._ego_values[:, :7], others[..., :7])

@@ -21,13 +21,15 @@ from numpy.typing import NDArray
 
 from sumo_eval.cosim import records
 from sumo_eval.cosim.contact import Body
-from sumo_eval.cosim.doors.controller import (
-    Adapter,
-    NativeModel,
-    ObjectController,
-    ObservingController,
+from sumo_eval.cosim.doors.controller import Adapter, NativeModel, ObjectController
+from sumo_eval.cosim.doors.observation import (
+    Observation,
+    Perception,
+    kinds_of,
+    present,
+    stream_of,
+    task_of,
 )
-from sumo_eval.cosim.doors.observation import Senses, kinds_of, task_of
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, Names, RefusedCallError, heeding
 from sumo_eval.cosim.impossible import (
     BACKWARDS,
@@ -50,7 +52,7 @@ from sumo_eval.cosim.loop import (
     with_time,
 )
 from sumo_eval.cosim.plans import HOLD, Executor, checked_answer
-from sumo_eval.cosim.records import COMMAND, MODEL, STRAIGHT, SUMO
+from sumo_eval.cosim.records import COMMAND, MODEL, STRAIGHT, SUMO, numbers_of
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, LEFT_BATCH, Stage
 from sumo_eval.cosim.step_rules import goes_straight
 from sumo_eval.cosim.sumo.shared_files import suffix
@@ -99,7 +101,7 @@ class OnTraci(EgoControl):
         self._begin_each(world, stage)
 
     def _begin_each(self, world: World, stage: Stage) -> None:
-        if not isinstance(self._hooks[0].ads, ObservingController):
+        if not self._hooks[0].ads.observes:
             note_unlimited(world)  # TraCI shows everything
         for case in () if self._alone else world.errors:
             world.leave(case, LEFT_BATCH)
@@ -169,7 +171,6 @@ class _Hook:
         self._step_timeout, self._plant, self._folder, self._every = terms
         self._waits = hasattr(ads, "took")  # for a program that drives in its own time
         self.target = ads.target
-        self._senses: Senses | None = None
         self._bend = 0.0  # 1/m, the road's curvature beside the ego
 
     # -- the ADS -----------------------------------------------------------------------------------
@@ -215,11 +216,12 @@ class _Hook:
         self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
         if self._native:
             self._calls.setSpeed(self.ego, -1)
-        if isinstance(self.ads, ObservingController):
-            stream = f"{self._seed}/{concrete.scenario}/{concrete.label}"
-            self._senses = self.ads.senses = Senses(
-                concrete.road, settings.conditions, stream, task_of(concrete), kinds_of(concrete)
-            )
+        if self.ads.observes:
+            streams = [stream_of(self._seed, concrete)]
+            self._perception = Perception([settings.conditions], streams)
+            self._task, self._kinds = task_of(concrete), kinds_of(concrete)
+            me: Any = proxy(self)  # no circle, see `OnTraci`
+            self._act = lambda *_: me.ads.act(me._seen)
         briefing = make_briefing(concrete, settings, self._terms)
         error = error_of(self.ads.reset, briefing, TRACI, EGO)
         if error is not None:
@@ -243,8 +245,8 @@ class _Hook:
         """One step of the ADS: an exception, an unusable answer or a slow one is its fault, and
         ends the case so.
         """
-        if self._senses is not None:
-            self._look(self._senses, world, time)
+        if self.ads.observes:
+            self._look(world, time)
         try:
             command, took = self._ask(time) if world.steps % self._every == 0 else self._held(time)
             if not self._at_once:
@@ -279,17 +281,15 @@ class _Hook:
         self._driver.actuation.pass_on(due, [self._case], world.steps, took, given=given)
         return Command(*due[0].tolist()) if given else None
 
-    def _look(self, senses: Senses, world: World, time: float) -> None:
-        """Show the senses what is there."""
-        names = [actor.name for actor in world.cases[0].actors]
-        actors = world.others[0]
-        here = {
-            name: Body(*actor.tolist()[:7])
-            for name, actor, there in zip(names, actors, actors["present"].tolist(), strict=True)
-            if there
-        }
-        me = self._state[:8].tolist()
-        senses.take_in(time, Body(*me[:7]), me[7], here)
+    def _look(self, world: World, time: float) -> None:
+        """Look at what is there, as the ADS is shown it."""
+        ego, others = numbers_of(world.egos), numbers_of(world.others)
+        there = present(others[..., :7], world.others["present"])
+        me, seen = self._perception.look(time, ego[:, :7], there)
+        look = me[0].tolist(), seen[0].tolist()
+        self._seen = Observation(
+            time, self.road, ego[0, :8].tolist(), look, self._task, self._kinds
+        )
 
     def _ask(self, time: float) -> tuple[Command | None, float]:
         """The answer of the ADS as a command, after its listeners, and its wall time, s."""

@@ -20,12 +20,9 @@ from sumo_eval.cosim.doors.controller import (
     Briefing,
     NativeModel,
     ObjectController,
-    ObservingController,
-    PolicyController,
     takes_arrays,
 )
 from sumo_eval.cosim.doors.json_lines import JsonLinesProgram
-from sumo_eval.cosim.doors.observation import Senses
 from sumo_eval.cosim.doors.traci_program import TraciProgram
 from sumo_eval.cosim.plans import Wanted
 from sumo_eval.errors import ControllerTimeoutError
@@ -62,12 +59,7 @@ def watched(controller: Adapter, limits: RunSettings) -> Adapter:
         return controller
     if isinstance(controller, ObjectController) and Compiled.rides(controller.target):
         return controller
-    kind = WatchedController
-    if isinstance(controller, PolicyController):
-        kind = WatchedPolicy
-    elif isinstance(controller, ObservingController):
-        kind = WatchedObserver
-    return kind(controller, limits)
+    return WatchedController(controller, limits)
 
 
 def interrupted(error: KeyboardInterrupt) -> RuntimeError:
@@ -89,6 +81,7 @@ class WatchedController(Adapter):
         self._limits = limits
         self._process = os.getpid()
         self.target = controller.target
+        self.is_policy, self.observes = controller.is_policy, controller.observes
         self._armed = (
             hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
         )
@@ -109,6 +102,15 @@ class WatchedController(Adapter):
         """
         asked: Wanted | None = self._in_time(self._controller.step, traci, ego, time)
         return asked
+
+    def act(self, seen: Any) -> Any:
+        """Ask the policy.
+
+        Raises ControllerTimeoutError when it is over its time.
+        """
+        if takes_arrays(self._controller):
+            self._allowed = self._limits.step_timeout * len(seen.number)
+        return self._in_time(self._controller.act, seen)
 
     def _in_time(self, ask: Callable[..., Any], *arguments: Any) -> Any:
         try:
@@ -145,38 +147,3 @@ class WatchedController(Adapter):
             self._controller.close()
         except KeyboardInterrupt as error:
             raise interrupted(error) from error
-
-
-class WatchedObserver(WatchedController, ObservingController):
-    """A controller that is shown Observations, with an alarm and a memory limit around each of its
-    steps.
-    """
-
-    @property
-    def senses(self) -> Senses:
-        """Sources of what the controller is shown."""
-        senses: Senses = self._controller.senses
-        return senses
-
-    @senses.setter
-    def senses(self, lent: Senses) -> None:
-        self._controller.senses = lent
-
-
-class WatchedPolicy(WatchedController):
-    """A policy, which is asked about what is seen, with an alarm and a memory limit around each of
-    its answers.
-
-    One over arrays may take as many times the limit as its answer is for cases.
-    """
-
-    is_policy = True
-
-    def act(self, seen: Any) -> Any:
-        """Ask the policy.
-
-        Raises ControllerTimeoutError when it is over its time.
-        """
-        if takes_arrays(self._controller):
-            self._allowed = self._limits.step_timeout * len(seen.number)
-        return self._in_time(self._controller.act, seen)

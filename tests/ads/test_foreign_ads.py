@@ -18,11 +18,11 @@ import numpy as np
 import pytest
 
 from sumo_eval.cosim.contact import Body
-from sumo_eval.cosim.doors.observation import Observation, Senses
+from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import Road
-from sumo_eval.settings import ConditionSettings, SimulationSettings
+from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
@@ -42,10 +42,9 @@ def drive(locator: str, concrete: Any = CUT_OUT, seconds: float = 20.0) -> Recor
 
 
 def seen(*others: Body, speed: float = 20.0, x: float = 100.0) -> Observation:
-    senses = Senses(ROAD, ConditionSettings(), "stream")
-    bodies = {f"other{number}": body for number, body in enumerate(others)}
-    senses.take_in(0.0, Body(x, 0.0, 0.0, speed, 4.5, 1.8), 0.0, bodies)
-    return senses.observe()
+    ego = (*Body(x, 0.0, 0.0, speed, 4.5, 1.8), 0.0)
+    look = ego, [(*body, 0.0) for body in others]
+    return Observation(0.0, ROAD, ego, look, None, ["car"] * len(others))
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from cosim_cases import HALF_SECOND, ROAD, case, lead
 
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.features import Action, Feature, Interface
-from sumo_eval.cosim.doors.observation import Observation, Senses, signal_names
+from sumo_eval.cosim.doors.observation import Observation, Perception, signal_names
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import InputError
@@ -25,10 +25,15 @@ def car(x, y=0.0, speed=10.0, heading=0.0):
     return Body(x, y, heading, speed, 4.5, 1.8)
 
 
-def look(others, conditions=None, stream="1"):
-    senses = Senses(ROAD, conditions or ConditionSettings(), stream)
-    senses.take_in(0.0, EGO, -1.0, others)
-    return senses.observe()
+def eyes(conditions=None):
+    return Perception([conditions or ConditionSettings()], ["1"])
+
+
+def look(others, conditions=None, own=None, time=0.0):
+    bodies = np.reshape(list(others.values()), (1, -1, 7))
+    me, seen = (own or eyes(conditions)).look(time, np.array([EGO]), bodies)
+    shown, kinds = (me[0].tolist(), seen[0].tolist()), ["car"] * len(others)
+    return Observation(time, ROAD, (*EGO, -1.0), shown, None, kinds)
 
 
 def seen_by(ads, concrete, **conditions):
@@ -81,7 +86,7 @@ def test_an_observation_is_frozen_and_worked_out_once_when_asked():
 
 def test_a_controller_that_takes_traci_is_shown_no_observation_and_none_is_made(monkeypatch):
     made = []
-    monkeypatch.setattr(Senses, "take_in", lambda *_: made.append(1))
+    monkeypatch.setattr(Perception, "look", lambda *_: made.append(1))
     simulate(case(lead(50.0)), lambda traci, ego, time: None, HALF_SECOND)
     assert made == []
 
@@ -269,11 +274,11 @@ def test_under_conditions_the_places_in_the_world_are_the_noisy_ones_and_the_lat
 
 
 def test_acceleration_under_noise_is_that_of_the_noisy_speeds():
-    senses, speeds, found = Senses(ROAD, ConditionSettings(speed_noise=0.2), "1"), [], []
+    own, speeds, found = eyes(ConditionSettings(speed_noise=0.2)), [], []
     for step in range(3):
-        senses.take_in(0.05 * step, EGO, 0.0, {"lead": car(84.5)})
-        speeds.append(senses.observe().lead.speed)
-        found.append(senses.observe().lead.acceleration)
+        lead = look({"lead": car(84.5)}, own=own, time=0.05 * step).lead
+        speeds.append(lead.speed)
+        found.append(lead.acceleration)
     assert found == pytest.approx(
         [0.0, (speeds[1] - speeds[0]) / 0.05, (speeds[2] - speeds[1]) / 0.05]
     )
@@ -316,10 +321,9 @@ def test_a_vehicle_behind_a_nearer_one_is_hidden_until_a_fifth_of_it_shows():
 
 def test_misses_and_noise_have_the_stated_size_and_leave_the_truth_alone():
     conditions = ConditionSettings(dropout=0.3, position_noise=0.5, speed_noise=0.2)
-    senses, gaps, speeds = Senses(ROAD, conditions, "1"), [], []
+    own, gaps, speeds = eyes(conditions), [], []
     for step in range(4000):
-        senses.take_in(0.05 * step, EGO, 0.0, {"lead": car(84.5)})
-        for vehicle in senses.observe().vehicles:
+        for vehicle in look({"lead": car(84.5)}, own=own, time=0.05 * step).vehicles:
             gaps.append(vehicle.gap - 30.0)
             speeds.append(vehicle.speed - 10.0)
     deviation = lambda values: math.sqrt(sum(v * v for v in values) / len(values))  # noqa: E731
@@ -339,12 +343,11 @@ def test_one_seed_is_one_drive_and_another_seed_another():
 
 def test_noise_does_not_depend_on_what_the_ads_looks_at():
     noisy = ConditionSettings(position_noise=1.0)
-    one, two = Senses(ROAD, noisy, "1"), Senses(ROAD, noisy, "1")
+    one, two = eyes(noisy), eyes(noisy)
     for step in range(3):
-        for senses in (one, two):
-            senses.take_in(0.05 * step, EGO, 0.0, {"lead": car(84.5)})
-        one.observe().plain()
-    assert one.observe().lead.gap == two.observe().lead.gap
+        mine, its = (look({"lead": car(84.5)}, own=it, time=0.05 * step) for it in (one, two))
+        mine.plain()
+    assert mine.lead.gap == its.lead.gap
 
 
 def test_that_traci_shows_everything_is_on_record_when_conditions_were_asked_for():

@@ -18,11 +18,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, cast
+from typing import Any, Protocol, cast
 from urllib.parse import parse_qsl
 
 from sumo_eval.cosim.doors.entry import check_options, made, split_entry
-from sumo_eval.cosim.doors.observation import Observation, Senses
+from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.doors.traci_module import TRACI, seen_as_traci
 from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
 from sumo_eval.cosim.plans import Plan, Wanted
@@ -88,7 +88,8 @@ class Adapter:
     """
 
     target: Any = None
-    is_policy: ClassVar[bool] = False  # whether it looks through observations and nothing else
+    is_policy = False  # whether it looks through observations and nothing else
+    observes = False  # whether its `act` is shown an Observation in place of `step`
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Nothing is kept between cases."""
@@ -136,21 +137,13 @@ class ListenerController(Adapter):
         """The harness removes the listeners."""
 
 
-class ObservingController(Adapter):
-    """Base of the adapters that are shown Observations; the harness lends the senses before
-    `reset`.
-    """
-
-    senses: Senses
-
-
 @dataclass(slots=True)
 class PolicyController(Adapter):
     """A policy: a function `(observation)`, or an object with `act(observation)`."""
 
     act: Callable[[Observation], Any]
     target: Any
-    is_policy: ClassVar[bool] = True
+    is_policy = True
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Pass the briefing on, when the object takes one."""

@@ -28,13 +28,12 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl
 
-from sumo_eval.cosim.doors.controller import Briefing, ObservingController
+from sumo_eval.cosim.doors.controller import Adapter, Briefing
 from sumo_eval.cosim.doors.observation import (
     KINDS,
     NO_LEAD_GAP,
     Observation,
     SeenVehicle,
-    Senses,
     signal_names,
 )
 from sumo_eval.cosim.plans import HOLD, Plan
@@ -419,17 +418,17 @@ def _objects(seen: Observation) -> dict[str, list[float]]:
 
 
 @dataclass(slots=True)
-class FmuController(ObservingController):
+class FmuController(Adapter):
     """An FMU as the ADS."""
 
     path: Path
     wiring: FmuSettings
-    senses: Senses = field(init=False, repr=False)
     _fmu: _Fmu = field(init=False)
     _step: float = 0.0
     _begun: bool = False
     _plans: bool = False
     _plan: float | None = None  # the number of the one in force
+    observes = True
 
     def __post_init__(self) -> None:
         kinds = ("speed", "throttle", *PLAN)  # outputs that say what the ADS answers with
@@ -465,16 +464,15 @@ class FmuController(ObservingController):
         """A fresh instance of the FMU is made at the first step, which knows the signals."""
         self._step, self._begun, self._plan = scenario.period, False, None
 
-    def step(self, traci: Any, ego: str, time: float) -> Any:
+    def act(self, seen: Observation) -> Any:
         """One step of the FMU: what is seen goes in, the command comes out."""
-        seen = self.senses.observe()
         signals: dict[str, Any] = dict(seen.signals())
         if self._fmu.sees_objects:
             signals |= _objects(seen)
         if not self._begun:
             self._begun = True
             self._fmu.begin(signals)
-        answer = self._fmu.step(signals, time, self._step)
+        answer = self._fmu.step(signals, seen.time, self._step)
         if self._plans:
             return self._planned(answer)
         return Command.pedals(**answer) if "throttle" in answer else Command(**answer)

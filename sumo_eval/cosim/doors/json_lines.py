@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.cosim.doors.child_program import ChildProgram, split_command
-from sumo_eval.cosim.doors.controller import Briefing, ObservingController
-from sumo_eval.cosim.doors.observation import Senses, lane_borders
+from sumo_eval.cosim.doors.controller import Adapter, Briefing
+from sumo_eval.cosim.doors.observation import Observation, lane_borders
 from sumo_eval.cosim.doors.traci_numbers import shown
 from sumo_eval.cosim.plans import HOLD, Plan
 from sumo_eval.cosim.vehicle_model import Command
@@ -43,17 +43,17 @@ _OF_A_PLAN = ("time", "x", "y", "heading", "speed")
 
 
 @dataclass(slots=True)
-class JsonLinesProgram(ObservingController):
+class JsonLinesProgram(Adapter):
     """A program that is asked once a step."""
 
     command: tuple[str, ...]
     folder: Path | None
     log: str = ""
-    senses: Senses = field(init=False, repr=False)
     options: dict[str, Any] = field(default_factory=dict)
     _program: ChildProgram | None = None
     _unread: bytes = b""
     _deadline: float = START_TIMEOUT
+    observes = True
 
     @classmethod
     def from_command(cls, command: str, folder: Path | None) -> JsonLinesProgram:
@@ -84,9 +84,9 @@ class JsonLinesProgram(ObservingController):
         self._ask(briefing, max(START_TIMEOUT, scenario.step_timeout))
         self._deadline = scenario.step_timeout
 
-    def step(self, traci: Any, ego: str, time: float) -> Any:
+    def act(self, seen: Observation) -> Any:
         """Send what is seen, read what is asked for."""
-        return _asked(self._ask({"type": "step", **self.senses.observe().plain()}, self._deadline))
+        return _asked(self._ask({"type": "step", **seen.plain()}, self._deadline))
 
     def close(self) -> None:
         """End of input, then the end of the program."""

@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.cosim.contact import Body
 from sumo_eval.scenario.bodies import BODIES, CAR
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.road.reference_line import curvatures, map_places
@@ -32,7 +31,6 @@ _COVERED = 0.8  # share of a vehicle's width behind a nearer one from which it i
 # centre and corners of a body, in halves of its length and width
 _AHEAD, _LEFT = np.array([(0, 0), (1, 1), (1, -1), (-1, -1), (-1, 1)]).T[:, :, None, None]
 _DRAWN = 64  # steps for which random numbers are drawn at once
-_NOWHERE = Body(*[math.nan] * 7)
 
 
 def limits_of(it: ConditionSettings) -> tuple[float, ...]:
@@ -73,9 +71,14 @@ class Task(NamedTuple):
 _NO_TASK = Task(math.nan, (math.nan, math.nan))
 
 
-def kinds_of(concrete: ConcreteScenario) -> dict[str, str]:
-    """Kinds of the other vehicles of a concrete scenario, by name (`scenario.bodies`)."""
-    return {actor.name: actor.body for actor in concrete.actors}
+def kinds_of(concrete: ConcreteScenario) -> tuple[str, ...]:
+    """Kinds of the other vehicles of a concrete scenario (`scenario.bodies`)."""
+    return tuple([actor.body for actor in concrete.actors])
+
+
+def stream_of(seed: int, concrete: ConcreteScenario) -> str:
+    """Name of the random numbers of what is seen in a case."""
+    return f"{seed}/{concrete.scenario}/{concrete.label}"
 
 
 def task_of(concrete: ConcreteScenario) -> Task:
@@ -643,33 +646,16 @@ def _hidden(
     return np.asarray((nearer & (shared > _COVERED * width[:, None])).any(axis=1))
 
 
-class Senses:
-    """The ADS's eyes in one case.
+def present(others: NDArray[Any], there: NDArray[Any]) -> NDArray[Any]:
+    """Numbers of actors, (n, m, k), with x nan of those that have left the road.
 
-    kinds: of the other vehicles, by name.
+    there: (n, m), 0 of those.
     """
-
-    def __init__(
-        self, road: Road, conditions: ConditionSettings, stream: str, task: Task | None = None,
-        kinds: Mapping[str, str] | None = None,
-    ) -> None:  # fmt: skip
-        self._road, self._task, self._kinds = road, task, kinds or {}
-        self._perception = Perception([conditions], [stream])
-
-    def take_in(
-        self, time: float, ego: Body, acceleration: float, others: Mapping[str, Body]
-    ) -> None:
-        """The world at a step; call once a step, before `observe`."""
-        self._kinds = self._kinds or dict.fromkeys(others, CAR)
-        actors = np.array([[others.get(name, _NOWHERE) for name in self._kinds]])
-        me, seen = self._perception.look(time, np.array([ego]), actors.reshape(1, -1, 7))
-        look = me[0].tolist(), seen[0].tolist()
-        now, kinds = (*ego, acceleration), tuple(self._kinds.values())
-        self._now = Observation(time, self._road, now, look, self._task, kinds)
-
-    def observe(self) -> Observation:
-        """The present step."""
-        return self._now
+    if there.all():
+        return others
+    others = others.copy()
+    others[there == 0, 0] = math.nan
+    return others
 
 
 def _lane(y: float, road: Road) -> int:
