@@ -229,23 +229,20 @@ class Stage:
             fronts, speeds, shown = _shown(self.calls, names)
         except self.traci.TraCIException:
             self._unread = self._places_of(self._numbers)
+            self.speeds.clear()
             return None
         odd = self._odd[: world.read(self._numbers, shown, self._odd)]
-        self._note(names, fronts, speeds, odd.tolist())
         self._unread = self._places_of(odd)
+        # places of actors that are still to be compared stay as they were
+        actors = [self._flat[row * self._width + j] for row, j in self._unread if j > 0]
+        last = [(name, self.fronts[name]) for name in actors]
+        self.fronts |= zip(names, fronts, strict=True)
+        self.fronts |= last
+        self.speeds |= zip(names, speeds, strict=True)
         return [row for row, j in self._unread if j == 0]
 
     def _places_of(self, numbers: NDArray[np.int64]) -> list[tuple[int, int]]:
         return [divmod(number, self._width) for number in numbers.tolist()]
-
-    def _note(
-        self, names: list[str], fronts: list[Any], speeds: list[float], odd: list[int]
-    ) -> None:
-        """Note what was read, except the places of those that are unread, which are compared."""
-        last = [(name, self.fronts.get(name)) for name in map(self._flat.__getitem__, odd)]
-        self.fronts |= zip(names, fronts, strict=True)
-        self.fronts |= last
-        self.speeds |= zip(names, speeds, strict=True)
 
     def _look_for_names(self, world: World) -> list[str]:
         there = np.pad(world.others["present"][self._live] == 1, ((0, 0), (1, 0)))

@@ -60,6 +60,14 @@ def moves(traci, ego, time):
     traci.vehicle.moveToXY(ego, "", -1, x + speed * step, y + 0.05 * step, 90.0, 2)
 
 
+def looks_where_it_is(traci, ego, time):
+    """Commands and TraCI in turns, by the place that it is shown."""
+    place = traci.vehicle.getPosition(ego)[0] % 7.0
+    if time > 1.0 and round(time / 0.1) % 4 == 0:
+        return Command(0.02 * place)
+    return traci.vehicle.setSpeed(ego, 15.0 + 0.1 * place)
+
+
 class Mixture:
     """Looks at its neighbours, with a state of its own."""
 
@@ -77,7 +85,8 @@ class Mixture:
 
 
 HOOKS = [
-    returns_commands, sets_speeds, slows_down, sets_accelerations, changes_lane, moves, Mixture,
+    returns_commands, sets_speeds, slows_down, sets_accelerations, changes_lane, moves,
+    looks_where_it_is, Mixture,
 ]  # fmt: skip
 
 
