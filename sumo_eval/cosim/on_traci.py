@@ -465,9 +465,7 @@ class _Hook:
     def _went_straight(self) -> bool:
         """Read an ego that SUMO moved along a straight lane, as nearly always; else leave it."""
         ego, calls = self.ego, self._calls
-        x, y = position = calls.getPosition(ego)
-        speed = calls.getSpeed(ego)
-        GUARD.positions[ego], GUARD.speeds[ego] = position, speed
+        (x, y), speed = calls.getPosition(ego), calls.getSpeed(ego)
         state, at = self._state, _MAP
         before = state[_LANE_SPEED]
         x -= self._half
