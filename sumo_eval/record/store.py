@@ -121,14 +121,14 @@ class Fact:
 
 
 _COLUMNS = [field.name for field in fields(Fact)]
-# one column of the file holds the company of a case: why it had none, as JSON, or how it shared SUMO
-_OF_COMPANY = {
+# one column of the file has the company of a case: why it had none, as JSON, or how it shared SUMO
+_SPLIT = {
     "alone": "CASE WHEN alone LIKE '{%' THEN alone ELSE '' END",
     "batched": "CASE WHEN alone LIKE '{%' THEN '' ELSE alone END",
 }
 _SELECT_FACTS = (
     # in brackets: SQLite takes a quoted name that it does not know for a text
-    f"SELECT {', '.join(_OF_COMPANY.get(it, f'[{it}]') for it in _COLUMNS)} FROM facts "  # noqa: S608
+    f"SELECT {', '.join(_SPLIT.get(it, f'[{it}]') for it in _COLUMNS)} FROM facts "  # noqa: S608
     'LEFT JOIN circumstances USING ("case") LEFT JOIN latencies USING ("case") WHERE '
 )
 
