@@ -132,13 +132,7 @@ def simulate(
         raise InputError("Baselines and step listeners drive at every step; they take no `period`.")
     on_traci = not (is_rule or ads.is_policy)
     world = World([concrete], settings, SUMO if on_traci else MODEL)
-    driver: EgoControl
-    if is_rule:
-        driver = Rules([target], terms)
-    elif ads.is_policy:
-        driver = _policies([ads], [seed], terms)
-    else:
-        driver = OnTraci([ads], [seed], terms)
+    driver = _control([target if is_rule else ads], [seed], terms)
     try:
         with _opened(concrete, settings, ads, step_timeout, on_traci) as traci, seen_as_traci():
             stage = Traffic if world.reacts else Stage
@@ -170,7 +164,14 @@ def _driven_object(ads: Adapter) -> Any:
     return None if ads.is_policy else ads.target
 
 
-def _policies(ads: Sequence[Any], seeds: Sequence[int], terms: Terms) -> EgoControl:
+def _control(ads: Sequence[Any], seeds: Sequence[int], terms: Terms) -> EgoControl:
+    """Control of the egos of cases by what drives each, all of one kind."""
+    if isinstance(ads[0], Compiled):
+        return Rules(ads, terms)
+    if isinstance(ads[0], Replay):
+        return Replays(ads, terms)
+    if not ads[0].is_policy:
+        return OnTraci(ads, seeds, terms)
     if takes_arrays(ads[0].target):
         if terms.every > 1:
             raise InputError(
@@ -363,11 +364,7 @@ def _drive_batch(
     made = [manner.make() for manner in manners]
     if manners[0].hook is not None:
         return _hooks_together(cases, manners[0], made, seeds, terms, settings)
-    if isinstance(made[0], Compiled):
-        return _together(cases, Rules(made, terms), settings)
-    if isinstance(made[0], Replay):
-        return _together(cases, Replays(made, terms), settings)
-    return _together(cases, _policies(made, seeds, terms), settings)
+    return _together(cases, _control(made, seeds, terms), settings)
 
 
 class _Manner(NamedTuple):
@@ -528,7 +525,7 @@ def _hooks_together(
     hook = manner.hook
     if hook not in _KEEPS_STATE:
         before = kept_state(hook)
-        drives = _together(cases, OnTraci(made, seeds, terms), settings)
+        drives = _together(cases, _control(made, seeds, terms), settings)
         changed = first_change(before, kept_state(hook))
         if changed is None:
             changed = _difference(cases, manner, seeds, terms, settings, drives)

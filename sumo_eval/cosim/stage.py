@@ -23,7 +23,6 @@ from sumo_eval.cosim.sumo.session import bend_tolerance, check_start
 from sumo_eval.cosim.sumo.shared_files import edge_name, vehicle_names
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import SimulationError
-from sumo_eval.scenario.concrete import Road
 from sumo_eval.trajectory import Alone, FloatArray
 
 # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
@@ -43,11 +42,6 @@ _KEEPS_ROUTE_OFF_ROAD = 3
 def joined(egos: Any, others: Any, name: str) -> FloatArray:
     """One field of the vehicles of rows, (n, 1 + m), the egos first."""
     return np.column_stack([egos[name], others[name]])
-
-
-def lane_at(road: Road, y: Any) -> Any:
-    """Number of the lane nearest to y, m."""
-    return np.clip(np.round(y / road.lane_width), 0, road.lanes - 1).astype(np.intp)
 
 
 def _shown(calls: Any, names: list[str]) -> tuple[list[Any], list[float], FloatArray]:

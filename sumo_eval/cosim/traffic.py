@@ -17,9 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_eval.cosim.doors.observation import lanes_at
 from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST, farthest_in
 from sumo_eval.cosim.records import DEGREES, STRAIGHT
-from sumo_eval.cosim.stage import EXACT_SPEED_MODE, Stage, joined, lane_at
+from sumo_eval.cosim.stage import EXACT_SPEED_MODE, Stage, joined
 from sumo_eval.cosim.sumo.session import NOWHERE
 from sumo_eval.cosim.sumo.shared_files import has_shadow, shadow_name
 from sumo_eval.cosim.world import World
@@ -116,7 +117,7 @@ class Traffic(Stage):
         calls.setSpeedMode(name, _ITS_OWN_SPEED_MODE)
         if not self.as_read:
             self._hide_shadow(number)
-            x, y, lane = float(other["x"]), float(other["y"]), int(lane_at(road, other["y"]))
+            x, y, lane = float(other["x"]), float(other["y"]), int(lanes_at(road, other["y"]))
             ground = float(self._ground_of_lane(x, y)) if self._bent else 1.0
             # SUMO's place is the front's, in metres of the lane
             calls.moveTo(name, self._lanes[row][lane], x + 0.5 * float(other["length"]) / ground)
@@ -186,7 +187,7 @@ class Traffic(Stage):
             along = speed * np.cos(heading)
             begin = of_all(before, "x") + half * np.cos(of_all(before, "heading"))
         on_lanes = self._on_lanes_from(number, begin, y, heading)
-        lane = lane_at(self._road, y)
+        lane = lanes_at(self._road, y)
         across = 0.5 * of_all(now, "width") * np.abs(np.cos(heading))
         across += half * np.abs(np.sin(heading))
         over_line = world.settings.seen_over_line

@@ -87,7 +87,7 @@ def task_of(concrete: ConcreteScenario) -> Task:
     """
     road, ego, way = concrete.road, concrete.ego, concrete.ego.way
     offset = 0.0 if way is None else way.offset
-    goal = road.length, road.lane_centre(_lane(ego.y + offset, road))
+    goal = road.length, road.lane_centre(lane_at(road, ego.y + offset))
     return Task(ego.speed, goal, None if way is None else (way.begin, way.by))
 
 
@@ -216,7 +216,7 @@ class Observation:
     def ego(self) -> SeenEgo:
         """The ego's own state, now."""
         me = self._ego
-        return _tuple(SeenEgo, (*me[:4], me[7], _lane(me[1], self.road), me[4], me[5]))
+        return _tuple(SeenEgo, (*me[:4], me[7], lane_at(self.road, me[1]), me[4], me[5]))
 
     @_Worked
     def vehicles(self) -> tuple[SeenVehicle, ...]:
@@ -430,7 +430,7 @@ class Observations:
         """x, y, heading, speed, acceleration, lane, length, width."""
         names = ("x", "y", "heading", "speed", "acceleration", "length", "width")
         return SimpleNamespace(
-            **{name: self._egos[name] for name in names}, lane=self._lanes(self._egos["y"])
+            **{name: self._egos[name] for name in names}, lane=lanes_at(self.road, self._egos["y"])
         )
 
     @cached_property
@@ -452,7 +452,7 @@ class Observations:
             overlaps=np.abs(seen["y"] - me["y"]) < half_width,
             speed=others["speed"],
             lateral_speed=others["speed"] * s + others["across"] * c,
-            lane=self._lanes(others["y"]),
+            lane=lanes_at(self.road, others["y"]),
             acceleration=others["rate"],
             x=seen["x"],
             **{name: others[name] for name in ("length", "width", "y", "heading")},
@@ -512,9 +512,6 @@ class Observations:
         """
         centres = np.array([self.road.lane_centre(lane) for lane in range(self.road.lanes)])
         return np.asarray(centres - self._egos["y"][:, None])
-
-    def _lanes(self, y: NDArray[Any]) -> NDArray[Any]:
-        return np.clip(np.round(y / self.road.lane_width), 0, self.road.lanes - 1).astype(np.intp)
 
 
 class Perception:
@@ -658,8 +655,15 @@ def present(others: NDArray[Any], there: NDArray[Any]) -> NDArray[Any]:
     return others
 
 
-def _lane(y: float, road: Road) -> int:
+def lane_at(road: Road, y: float) -> int:
+    """Number of the lane nearest to y, m."""
     return min(max(round(y / road.lane_width), 0), road.lanes - 1)
+
+
+def lanes_at(road: Road, y: Any) -> NDArray[np.intp]:
+    """The same for arrays."""
+    found: NDArray[Any] = np.clip(np.round(y / road.lane_width), 0, road.lanes - 1)
+    return found.astype(np.intp)
 
 
 def _extent(body: Sequence[float]) -> tuple[float, float]:
@@ -689,7 +693,7 @@ def _seen(
     ahead, offset = other[0] - me[0], other[1] - me[1]
     return _tuple(SeenVehicle, (
         number, ahead > 0.0, abs(ahead) - half - my_half, along - _velocity(me)[0], offset,
-        abs(offset) < half_width + my_half_width, other[3], across, _lane(other[1], road),
+        abs(offset) < half_width + my_half_width, other[3], across, lane_at(road, other[1]),
         other[4], other[5],
         other[0], other[1], other[2], other[7], kind,
     ))  # fmt: skip

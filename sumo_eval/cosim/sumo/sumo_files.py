@@ -17,6 +17,7 @@ import numpy as np
 from lxml import etree
 from lxml.builder import ElementMaker  # type: ignore[import-not-found]
 
+from sumo_eval.cosim.doors.observation import lane_at
 from sumo_eval.scenario.bodies import BODIES, CAR
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
 from sumo_eval.scenario.road.reference_line import drawn_points, map_places, tightest
@@ -85,15 +86,11 @@ def vehicle_edges(road: Road, y: float, goal: float | None = None) -> tuple[str,
     """
     if road.network is not None:
         return road_edges(road)
-    first, last = (_lane_at(road, place) for place in (y, y if goal is None else goal))
+    first, last = (lane_at(road, place) for place in (y, y if goal is None else goal))
     return tuple(
         it.ramp_edge if it.ramp == (last if it.begin else first) else it.edge
         for it in sections(road)
     )
-
-
-def _lane_at(road: Road, y: float) -> int:
-    return min(max(round(y / road.lane_width), 0), road.lanes - 1)
 
 
 def document(root: Any) -> str:
@@ -377,7 +374,7 @@ def departures(
         front = start.x + length / 2  # SUMO's position is the front bumper
         # in a curve SUMO's place is exact along the line alone
         single = one_lane or (road.bent and not concrete.reacts)
-        lane = 0 if single else _lane_at(road, start.y)
+        lane = 0 if single else lane_at(road, start.y)
         attributes = _texts(
             id=name, type=name, route="along", depart="0", departLane=str(lane), departPos=front,
             departSpeed=start.speed,
