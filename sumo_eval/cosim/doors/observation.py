@@ -661,7 +661,7 @@ def lane_at(road: Road, y: float) -> int:
 
 
 def lanes_at(road: Road, y: Any) -> NDArray[np.intp]:
-    """The same for arrays."""
+    """Numbers of the lanes nearest to many places across the road, m."""
     found: NDArray[Any] = np.clip(np.round(y / road.lane_width), 0, road.lanes - 1)
     return found.astype(np.intp)
 
