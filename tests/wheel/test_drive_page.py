@@ -217,8 +217,8 @@ def test_mouse_keys_and_a_wheel_reach_the_tape_and_a_hidden_window_holds_the_dri
     assert mouse[-1][5] == pytest.approx(8.0 / (0.8 * 250.0))
     assert mouse[-1][6:8] == (1, 0)
     assert len(tape.rows) == 60
-    assert tape.came_of_it is not None
-    assert tape.came_of_it["time"]["frames"] > 0
+    assert tape.end is not None
+    assert tape.end["time"]["frames"] > 0
 
 
 @pytest.mark.campaign
@@ -297,9 +297,9 @@ def test_fingers_reach_the_tape_and_3_d_by_the_processor_gives_way_to_the_plain_
     assert min(row[5] for row in rows) == -0.5
     assert max(row[6] for row in rows) == pytest.approx(0.5 / 0.85, abs=0.01)
     assert rows[-1][5:8] == (0, 0, 0)
-    came_of_it = read_tape(path).came_of_it
-    assert came_of_it is not None
-    assert came_of_it["quality"]["drawn"].startswith("plain drawing, then plain drawing ")
+    end = read_tape(path).end
+    assert end is not None
+    assert end["quality"]["drawn"].startswith("plain drawing, then plain drawing ")
     assert "drawn more cheaply in mid-drive" in str(
-        Quality(**came_of_it["quality"]).against(QualitySettings(latency_ms=1e6))
+        Quality(**end["quality"]).against(QualitySettings(latency_ms=1e6))
     )

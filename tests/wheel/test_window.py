@@ -265,7 +265,7 @@ def test_quitting_and_a_broken_message_end_the_drive(
         assert recording.error == (None if name == "quit" else WRONG_INPUT)  # which the page shows
         assert len(read_tape(path).rows) == 12
         assert again(path).same is True
-        said = read_tape(path).came_of_it["error"]  # type: ignore[index]
+        said = read_tape(path).end["error"]  # type: ignore[index]
         assert said == ("quit" if name == "quit" else WRONG_INPUT)
 
 
@@ -283,7 +283,7 @@ async def test_a_window_that_was_closed_holds_the_drive_and_whoever_comes_back_g
         recording, quality = await drive
         assert (recording.end_reason, quality.pauses) == ("road_end", 1)
     door = simulate(CONCRETE, AtTheDoor(), SETTINGS)
-    assert read_tape(path).came_of_it["digest"] == digest(door)  # type: ignore[index]
+    assert read_tape(path).end["digest"] == digest(door)  # type: ignore[index]
     assert [it["why"] for it in read_tape(path).notes if it["note"] == "pause"] == ["closed"]
 
 
@@ -462,10 +462,10 @@ def test_a_laptop_that_sleeps_and_a_page_that_freezes_hold_the_drive_and_lose_no
     (path,) = tmp_path.glob("*.jsonl")
     tape = read_tape(path)
     assert [it["why"] for it in tape.notes if it["note"] == "pause"] == ["asleep", "silent"]
-    assert tape.came_of_it is not None
-    assert tape.came_of_it["quality"]["unanswered"] > 2.0
+    assert tape.end is not None
+    assert tape.end["quality"]["unanswered"] > 2.0
     assert "no answer of the window, s" in str(
-        Quality(**tape.came_of_it["quality"]).against(QualitySettings())
+        Quality(**tape.end["quality"]).against(QualitySettings())
     )
     assert len(tape.rows) > 40
     assert again(path).same is True

@@ -163,11 +163,11 @@ def _drive(
         tape = read_tape(path)
     except InputError as error:
         return LeftOut(person.code, case.key, path.name, said(error))
-    if tape.came_of_it is not None:
-        why = list(Quality(**tape.came_of_it["quality"]).against(plan.settings.quality))
+    if tape.end is not None:
+        why = list(Quality(**tape.end["quality"]).against(plan.settings.quality))
         if not why:
             recording = drive_again(tape, case.concrete)
-            if digest(recording) == tape.came_of_it["digest"]:
+            if digest(recording) == tape.end["digest"]:
                 return recording.ego
             why = ["rerun, its commands give other bytes than were recorded"]
     return LeftOut(person.code, case.key, path.name, "; ".join(why))
@@ -182,7 +182,7 @@ def _broken_off(person: Participant) -> list[LeftOut]:
     for path in sorted(person.folder.glob("*.jsonl")):
         if path.name not in named:
             try:
-                why = _RERUN[read_tape(path).came_of_it is None]
+                why = _RERUN[read_tape(path).end is None]
             except InputError as error:
                 why = said(error)
             left.append(LeftOut(person.code, path.stem.rpartition("-")[0], path.name, why))

@@ -51,14 +51,14 @@ class Tape(NamedTuple):
     head: scenario, values, settings and versions of the drive.
     rows: of `ROW`, a step each.
     notes: pauses and the like, by step.
-    came_of_it: its result, under `end` in the file: end reason, digest and quality of the drive;
+    end: its result: end reason, digest and quality of the drive;
         None where the machine went down before the end.
     """
 
     head: Mapping[str, Any]
     rows: tuple[tuple[Any, ...], ...]
     notes: tuple[Mapping[str, Any], ...]
-    came_of_it: Mapping[str, Any] | None
+    end: Mapping[str, Any] | None
 
 
 class Writer:
@@ -244,7 +244,7 @@ def again(path: Path) -> Repetition:
         ) from error
     recording = drive_again(tape, find(str(use), path.parent).concrete(**point))
     steps = f"{len(tape.rows)} steps of {tape.head['simulation']['step']:g} s"
-    end = tape.came_of_it
+    end = tape.end
     same = None if end is None else digest(recording) == end.get("digest")
     if same is None:
         words = "broke off: no bytes to compare with"
