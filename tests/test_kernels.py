@@ -392,3 +392,39 @@ def test_processes_that_compile_at_once_keep_whole_files(tmp_path):
             process.communicate(timeout=300)[0] for process in [begin(kind) for kind in kinds]
         ]
         assert answers == [f"2 {hits} {has_compiled}\n"] * 2
+
+
+OF_A_USER = """
+import numba, numpy as np
+from sumo_eval.record import loops
+loops.load(["no_reaction"])
+
+@numba.njit
+def even(n): return True if n == 0 else odd(n - 1)
+@numba.njit
+def odd(n): return False if n == 0 else even(n - 1)
+@numba.njit
+def of(function, x): return function(x)
+@numba.njit
+def square(x): return x * x
+@numba.vectorize(["float64(float64)"])
+def more(x): return x + 1.0
+@numba.cfunc("float64(float64)")
+def triple(x): return 3.0 * x
+@numba.njit
+def refuse(x):
+    if x > 1: raise ValueError("too much", x)
+    return x
+
+assert even(10) and odd(3) and of(square, 3.0) == 9.0 and triple.ctypes(2.0) == 6.0
+assert list(more(np.arange(2.0))) == [1.0, 2.0]
+try:
+    refuse(2)
+except ValueError as error:
+    assert error.args == ("too much", 2)
+"""
+
+
+@pytest.mark.campaign  # compiles for ten seconds
+def test_functions_of_a_users_own_compile_beside_ours():
+    subprocess.run([sys.executable, "-c", OF_A_USER], check=True)
