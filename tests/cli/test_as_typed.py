@@ -160,7 +160,19 @@ def fmu(folder: Path) -> None:
     builder.FmuBuilder.build_FMU(folder / "acc_fmu.py", dest=folder)
 
 
-@pytest.mark.parametrize("locator", HERE)
+IN_ANOTHER_TEST = {
+    "traci:python my_client.py",
+    "fmu:acc.fmu",
+    "package.module:Policy",
+    "lane_changer",
+}
+"""Locators that tests/cosim and tests/ads drive too: they are typed in the campaign."""
+
+
+@pytest.mark.parametrize(
+    "locator",
+    [pytest.param(it, marks=pytest.mark.campaign) if it in IN_ANOTHER_TEST else it for it in HERE],
+)
 def test_a_locator_of_each_scheme_drives_as_typed(locator: str, tmp_path: Path) -> None:
     doors(tmp_path)
     if locator.startswith("fmu:"):
