@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sumo_eval.cases import CaseResult, CaseTable, Zone
+from sumo_eval.errors import check_known
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import EvaluationSettings
@@ -461,10 +462,15 @@ class Evaluation:
         return next(iter(self.cases[np.flatnonzero(self.cases.case == key)]), None)
 
     def score(self, ads: str, scenario: str) -> ScenarioResult:
-        """The result of one ADS in one scenario."""
-        return next(
-            score for score in self.scores if (score.ads, score.scenario) == (ads, scenario)
-        )
+        """The result of one ADS in one scenario.
+
+        Raises InputError where there is none.
+        """
+        names = dict.fromkeys(score.scenario for score in self.scores)
+        check_known("scenario of this evaluation", names, scenario)
+        there = {score.ads: score for score in self.scores_in(scenario)}
+        check_known(f"ADS of scenario `{scenario}`", there, ads)
+        return there[ads]
 
     def _repr_html_(self) -> str:
         """The table for a notebook."""

@@ -90,3 +90,11 @@ def test_numbers_that_json_does_not_know_become_null(evaluation: Evaluation, val
     plain = scores_json(odd)
     json.dumps(plain, allow_nan=False)
     assert plain["scores"][0]["collision_probability"] is None
+
+
+def test_a_score_that_is_not_there_is_refused_by_name(evaluation: Evaluation) -> None:
+    known = evaluation.scores[0]
+    with pytest.raises(InputError, match=f"Unknown ADS `nobody` of scenario `{known.scenario}`"):
+        evaluation.score("nobody", known.scenario)
+    with pytest.raises(InputError, match="Unknown scenario `nowhere` of this evaluation"):
+        evaluation.score(known.ads, "nowhere")
