@@ -282,6 +282,8 @@ _DEMANDS = {
     "int_parsing": "a whole number",
     "float_type": "a number",
     "dict_type": "a table",
+    "list_type": "a list",
+    "tuple_type": "a list",
     "dataclass_type": "a table",
     "string_type": "a text",
     "bool_type": "true or false",

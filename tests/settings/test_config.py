@@ -182,3 +182,8 @@ def test_a_folder_in_place_of_the_file_gets_advice(tmp_path: Path) -> None:
     (tmp_path / "manifest.json").write_text("{}")
     with pytest.raises(InputError, match="It holds a run: `sumo-eval score"):
         read_evaluation(tmp_path)
+
+
+def test_a_number_in_place_of_tables_is_refused_in_our_words() -> None:
+    with pytest.raises(InputError, match="`scenario` in it must be a list, got 5"):
+        settings_from({"name": "x", "scenario": 5}, "it")
