@@ -1,6 +1,7 @@
 """What stands beside a controller: how often it is asked, what it is made with, what it loads
 once."""
 
+import math
 import random
 import shlex
 import sys
@@ -192,6 +193,12 @@ def test_an_entry_that_cannot_be_is_refused(folder, locator, sentence):
     with pytest.raises(InputError) as refused:
         simulate(case(), locator, HALF_SECOND, folder=folder)
     assert sentence in str(refused.value)
+
+
+@pytest.mark.parametrize("period", [math.nan, math.inf, -0.05, 0.01])
+def test_a_period_that_is_no_multiple_of_the_step_is_refused(period):
+    with pytest.raises(InputError, match="must be a multiple of"):
+        simulate(case(), lambda seen: 0.0, HALF_SECOND, period=period)
 
 
 def test_options_are_handed_to_the_constructor(folder):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import math
 import re
 import shlex
 import sys
@@ -138,7 +139,7 @@ def steps_between(period: float, step: float, owner: str) -> int:
     Raises InputError for a period that is not a multiple of the step.
     """
     ratio = period / step
-    if period and (round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6):
+    if period and not (0.5 < ratio < math.inf and abs(ratio - round(ratio)) <= 1e-6):
         raise must_be("`period`", owner, f"a multiple of `simulation.step` ({step:g} s)", period)
     return max(round(ratio), 1)
 
