@@ -284,6 +284,15 @@ def test_a_damaged_file_gets_one_sentence_and_nothing_half_imported_stays(
     assert not out.parent.exists() or not list(out.parent.iterdir())
 
 
+@pytest.mark.parametrize("form", ["csv", "map"])
+def test_identifiers_are_text_whatever_it_is(tmp_path, form):
+    text = _plain(tmp_path / "plain.csv").read_text()
+    (tmp_path / "digits.csv").write_text(text.replace("r,a,", "01,NA,").replace("r,b,", "01,07,"))
+    table = import_recordings(form, [tmp_path / "digits.csv"]).table
+    assert set(table["vehicle"]) == {"NA", "07"}
+    assert set(table["recording"]) == {"01" if form == "csv" else "01-1"}
+
+
 def test_one_bad_file_among_good_ones_imports_nothing(tmp_path):
     good = _plain(tmp_path / "good.csv")
     (tmp_path / "bad.csv").write_text(good.read_text().replace("r,b,1.0,", "r,b,when,"))

@@ -26,7 +26,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers.tables import add_motion, checked_numbers, read_table
+from sumo_eval.drivers.recorded.importers.tables import (
+    IDENTIFIERS,
+    add_motion,
+    checked_numbers,
+    read_table,
+)
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import writing
 from sumo_eval.text import cells, from_cell
@@ -157,7 +162,8 @@ def read_csv(path: Path) -> Recordings:
     `driver`, `heading`, `acceleration`, `class`, `lane` and `steering` may be missing: no driver is
     named, headings and accelerations follow from the motion, all are cars, lanes follow from y.
     """
-    table = read_table(path, ("recording", "vehicle", "t", "x", "y", "length", "width"))
+    required = ("recording", "vehicle", "t", "x", "y", "length", "width")
+    table = read_table(path, required, dtype=IDENTIFIERS)
     checked_numbers(table, [name for name in NUMBERS if name in table], path)
     table = table.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)
     for name, value in (("class", "car"), ("driver", ""), ("steering", np.nan)):

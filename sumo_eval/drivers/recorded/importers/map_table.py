@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from sumo_eval.drivers.recorded.importers.tables import (
+    IDENTIFIERS,
     Samples,
     add_motion,
     checked_numbers,
@@ -26,7 +27,7 @@ COLUMNS = ("recording", "vehicle", "t", "x", "y", *_KNOWN, "class", "driver")
 
 def read(path: Path) -> Samples:
     """The recordings of a file."""
-    rows = read_table(path, ("vehicle", "t", "x", "y"))
+    rows = read_table(path, ("vehicle", "t", "x", "y"), dtype=IDENTIFIERS)
     checked_numbers(rows, ["t", "x", "y", *(name for name in _KNOWN if name in rows)], path)
     notes = []
     if "recording" not in rows:

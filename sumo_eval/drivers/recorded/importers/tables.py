@@ -20,6 +20,9 @@ from sumo_eval.trajectory import Trajectory
 # skip integers
 LARGEST = 2.0**53
 
+# columns that are text even where all are digits: 007 is not 7
+IDENTIFIERS = {"recording": str, "vehicle": str}
+
 Samples = tuple[pd.DataFrame, list[str]]
 """Of a source at its own rate, and whole sentences on assumptions."""
 
@@ -42,7 +45,8 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFr
     require_columns(table, required, path)
     if table.empty:
         raise InputError(f"{path} must have at least one row, got none.")
-    return table
+    names = {*options.get("dtype", ())} & {*table}
+    return table.fillna(dict.fromkeys(names, "NA"))  # a vehicle called NA is not lost
 
 
 def require_columns(table: pd.DataFrame, required: Sequence[str], path: Path) -> None:
