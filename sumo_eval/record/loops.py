@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import itertools
 import os
 import sys
 from collections.abc import Callable, Iterable
@@ -43,12 +44,11 @@ WORLD, PLAYED, PEOPLE = "~world", "~world that reacts", "~people"
 AHEAD, FIELDS = "~what comes before a drive", "~fields"
 OF_EVERY_RUN = (WORLD, PEOPLE, "ideal_braking", "no_reaction", "idm")
 _LONG = {
-    WORLD: 14, PLAYED: 12, AHEAD: 8, FIELDS: 6, "careful_driver": 5, PEOPLE: 4, "lane_changer": 4,
-    "fsm": 3, "rss": 2,
-    "reg157": 2,
+    WORLD: 13, PLAYED: 1, "ideal_braking": 2, AHEAD: 5, FIELDS: 5,
+    PEOPLE: 6, "lane_changer": 6, "careful_driver": 4, "fsm": 2, "rss": 2, "reg157": 2, "idm": 2,
 }  # fmt: skip
-"""About what compiling a piece takes, s of processor time: only how pieces share processes
-depends on it."""
+"""About what compiling a piece takes after those before it, s of processor time: neighbours have
+parts in common, and so share a process."""
 _MOST = 4  # processes: each compiles what its pieces have in common with the others' once more
 
 _ROAD = Road("road", 100.0, 2, 3.5, 0.0)
@@ -190,9 +190,9 @@ def ready(wanted: Iterable[str], progress: Progress = quiet) -> None:
     """
     if INTERPRETED:
         return
-    missing = sorted(
-        (it for it in wanted if not _is_compiled(it)), key=lambda it: (-_LONG.get(it, 1), it)
-    )
+    wanted = set(wanted)
+    first = [it for it in _LONG if it in wanted]
+    missing = [it for it in (*first, *sorted(wanted - _LONG.keys())) if not _is_compiled(it)]
     if not missing:
         return
     if not _is_kept():
@@ -201,8 +201,10 @@ def ready(wanted: Iterable[str], progress: Progress = quiet) -> None:
         return
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     shares: list[list[str]] = [[] for _ in range(min(cores or 1, _MOST, len(missing)))]
-    for piece in missing:
-        min(shares, key=lambda share: sum(_LONG.get(it, 1) for it in share)).append(piece)
+    ends = list(itertools.accumulate(_LONG.get(it, 1) for it in missing))
+    for piece, end in zip(missing, ends, strict=True):
+        middle = end - 0.5 * _LONG.get(piece, 1)
+        shares[int(middle / ends[-1] * len(shares))].append(piece)
     stage = "compiling, once on this machine"
     progress(stage, 0, len(missing))
     # Ctrl-C ends them without a traceback
