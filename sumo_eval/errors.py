@@ -164,7 +164,8 @@ def check_known(kind: str, known: Collection[str], *names: str) -> None:
 def said(error: BaseException) -> str:
     """`ValueError: no such lane`: an exception in words, ready to be followed by a full stop.
 
-    An attribute that an object of this package has not gets the nearest that it has.
+    An attribute that an object of this package has not gets that of its ego, or the nearest that
+    it has.
     """
     text = words_of(error).strip().rstrip(".")
     if (
@@ -173,5 +174,7 @@ def said(error: BaseException) -> str:
         and error.name
     ):
         near = nearest(error.name, [name for name in dir(error.obj) if not name.startswith("_")])
+        if hasattr(getattr(error.obj, "ego", None), error.name):
+            near = f"ego.{error.name}"
         text += f" (did you mean `{near}`?)" if near else ""
     return f"{kind_of(error)}: {text}" if text else kind_of(error)

@@ -128,10 +128,11 @@ class Faulty:
             lambda: seen.leed.gap,
             lambda: 1 / 0,
             lambda: [1, 2, 3],
+            lambda: seen.speed,
         ][self.fault]()
 
 
-@pytest.mark.parametrize("fault", range(5))
+@pytest.mark.parametrize("fault", range(6))
 def test_a_cause_is_reported_once_with_count_and_line(fault):
     speeds = (10.0, 20.0, 30.0)
     cases = [case(speed=speed) for speed in speeds]
@@ -143,7 +144,8 @@ def test_a_cause_is_reported_once_with_count_and_line(fault):
     assert "test_contract.py:" in found[0].text
     assert "Traceback" not in found[0].text
     assert "loop.py" not in found[0].text
-    assert fault != 2 or "(did you mean `lead`?)" in found[0].text
+    meant = {2: "lead", 5: "ego.speed"}.get(fault)
+    assert meant is None or f"(did you mean `{meant}`?)" in found[0].text
 
 
 def test_hints_name_what_traci_code_is_written_with():
