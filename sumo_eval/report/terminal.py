@@ -267,7 +267,7 @@ def gate_lines(
         lines.append(f"gate FAILED: {where}: {gate.sentence}{when}")
         lines += [f"    {line}" for line in worst_lines(gate, run)]
     passed = count(sum(gate.passed is True for gate in gates), "gate")
-    return [*lines, *_unjudged_lines(gates), f"{passed} passed."]
+    return [*lines, *_unjudged_lines(gates), *([f"{passed} passed."] if gates else [])]
 
 
 def worst_lines(gate: GateResult, run: Path | None) -> list[str]:
