@@ -108,6 +108,9 @@ class _Writer:
         if op is None:
             return [self._of_vehicles(node, name.removesuffix("()"), parts, condition=condition)]
         joins = name in ("And", "Or")
+        if name.endswith("()") and (len(parts) != 1 if name == "abs()" else len(parts) < 2):
+            wanted = "one value" if name == "abs()" else "at least 2 values"
+            raise self._wrong(node, f"given {wanted}")
         if name in ("Gt", "GtE"):
             parts = parts[::-1]
         steps, *further = [self.steps(it, condition=joins, depth=depth + 1) for it in parts]

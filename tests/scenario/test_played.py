@@ -162,6 +162,8 @@ def test_a_move_begins_when_another_has_ended_and_a_delay_is_over() -> None:
         ({"when": "gap(ego, lead)"}, "must be a condition such as"),
         ({"when": "gap(ego) < 2"}, "gap(a, b)"),
         ({"when": "gap(ego, ego) < 2"}, "of two vehicles"),
+        ({"when": "min(time) < 3"}, "given at least 2 values"),
+        ({"when": "abs(x(ego), x(lead)) < 3"}, "given one value"),
         ({"when": "gap(ego, lead) < w"}, "Unknown name"),
         ({"when": "ended(lead, x)"}, "Unknown manoeuvre"),
         ({"when": "ended(ego, x)"}, "the ego has none"),
