@@ -204,6 +204,15 @@ def test_an_exposure_that_no_parameter_has_alone_is_drawn_as_well():
     assert (points[:, 0] * points[:, 1]).mean() == pytest.approx(4 / 9, abs=0.02)
 
 
+def test_law_a_frequent_point_counts_as_often_as_drawn():
+    # 1 for a thousandth of the range and 1 for the rest: half of the exposure is in the peak
+    peak = space(axis("a"), exposure=lambda values: 1.0 + 1000.0 * (abs(values["a"] - 0.5) < 5e-4))
+    chosen = draw(peak, "exposure", 100)
+    assert len(chosen.points) < 100 == chosen.exposure.sum()
+    share = np.average(abs(chosen.points[:, 0] - 0.5) < 5e-4, weights=chosen.exposure)
+    assert share == pytest.approx(0.5, abs=0.05)
+
+
 def test_a_point_drawn_by_exposure_counts_once_and_not_by_its_exposure_again():
     both = space(axis("a"), axis("b"), exposure=lambda values: values["a"])
     assert np.unique(draw(both, "exposure").exposure).tolist() == [1.0]

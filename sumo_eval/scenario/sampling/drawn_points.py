@@ -46,9 +46,9 @@ def sequence(name: str) -> Callable[[LogicalScenario, Request], Drawn]:
 
 
 def by_exposure(logical: LogicalScenario, request: Request) -> Drawn:
-    """`count` points as often as the scenario's exposure has them; each counts the same."""
-    points, _ = _drawn(logical, request, "exposure", lambda rows: np.ones(len(rows)))
-    return Drawn(points, exposure=np.ones(len(points)), notes=_fewer(len(points), request))
+    """`count` points as often as the scenario's exposure has them; each counts once a draw."""
+    points, share = _drawn(logical, request, "exposure", lambda rows: np.ones(len(rows)))
+    return Drawn(points, exposure=1.0 / share, notes=_fewer(len(points), request))
 
 
 def by_exposure_and_danger(logical: LogicalScenario, request: Request) -> Drawn:
@@ -91,7 +91,8 @@ def steadily(k: int, count: int) -> FloatArray:
 def _drawn(
     logical: LogicalScenario, request: Request, label: str, attention: Attention
 ) -> tuple[FloatArray, FloatArray]:
-    """Points drawn in proportion to exposure times attention, and the attention that each got.
+    """Points drawn in proportion to exposure times attention, and the attention that each got,
+    divided by how often it was drawn.
 
     Candidates come evenly from the parameters' distributions (evenly over the range without one),
     so that what is left to weigh is only the part of the exposure that they do not have, and the
