@@ -246,7 +246,7 @@ class SampleTable(Checked):
     """Prescribed points: rows, at each value of further parameters, with others computed."""
 
     name: Annotated[str, MinLen(1), About("name, for `method` of an evaluation's sampling")]
-    points: Annotated[tuple[tuple[float, ...], ...], About("the rows")]
+    points: Annotated[tuple[tuple[float, ...], ...], MinLen(1), About("the rows")]
     about: Annotated[str, About("what they are")] = ""
     columns: Annotated[
         tuple[str, ...],
@@ -500,6 +500,7 @@ class ScenarioFile(Checked):
                 names, definitions, place, searched=searched or self.zone.conflict
             )
         units = {item.name: item.unit for item in parameters}
+        names.distinct((item.name for item in self.sample), "sample")
         return LogicalScenario(
             name=self.name,
             about=self.about or self.name,

@@ -451,6 +451,7 @@ class VehicleTable(Checked):
         owner = capitalised(f"{what} of {names.where}")
         if sum(place is not None for place in (self.gap, self.gap_behind, self.x)) != 1:
             raise InputError(f"{owner} must have either gap, gap_behind or x.")
+        names.distinct((move.name for move in self.manoeuvre if move.name), "manoeuvre", owner)
         moves = tuple(move.read(what, names, road, departs=departs) for move in self.manoeuvre)
         vehicle = Vehicle(self, names.quantities(self, what), moves)
         follows = [move.do == "follow" for move in self.manoeuvre]

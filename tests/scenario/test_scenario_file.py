@@ -207,6 +207,10 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
         ("[ego]", SAMPLE.replace("truck_speed =", "truck_sped =") + "[ego]",
             "Did you mean `truck_speed`?"),
         ("[ego]", SAMPLE.replace("km/h", "km//h") + "[ego]", "Did you mean `km/h`?"),
+        ("[ego]", 2 * SAMPLE + "[ego]", "a name of its own, got `own` twice"),
+        ("[ego]", SAMPLE.replace("[[90], [108]]", "[]") + "[ego]", "at least 1"),
+        ("manoeuvre = [", "manoeuvre = [{ do = 'keep_speed', name = 'a' }, { do = 'keep_speed', "
+         "name = 'a' }, ", "a name of its own, got `a` twice"),
         ("[ego]", SAMPLE.replace("units = { ego_speed", "units = { ego_sped") + "[ego]",
             "Did you mean `ego_speed`?"),
         ("[ego]", SAMPLE.replace(EACH, 'set = { truck_speed = "ego_sped" }') + "[ego]",
