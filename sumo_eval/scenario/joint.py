@@ -223,8 +223,9 @@ def _prepared(joint: Joint) -> _Prepared:
         mass = max(whole[-1] - whole[0], 1e-12)
         distributions[j] = (whole - whole[0]) / mass
         densities[j] = np.exp(-0.5 * away**2) @ shares / (width * np.sqrt(2.0 * np.pi) * mass)
-        rank = np.argsort(np.argsort(rows[:, j], kind="stable"), kind="stable")
-        scores[:, j] = ndtri((rank + 0.5) / n)
+        # equal values have one score: the order of the events must not tie parameters together
+        _, place, times = np.unique(rows[:, j], return_inverse=True, return_counts=True)
+        scores[:, j] = ndtri((np.cumsum(times) - 0.5 * times)[place] / n)
     correlation = _correlation(scores, shares)
     # that of parameters in one order is singular
     lift = max(LEAST_EIGENVALUE - float(np.linalg.eigvalsh(correlation)[0]), 0.0)

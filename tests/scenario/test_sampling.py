@@ -204,3 +204,10 @@ def test_one_draw_of_a_joint_density_with_little_mass_inside():
     nowhere = Joint("kde", ("a", "b"), events, (800.0, 0.9), (900.0, 1.1))
     with pytest.raises(InputError, match="No draw of the joint distribution"):
         nowhere.draw(1, stream)
+
+
+def test_law_a_copula_knows_no_order_of_equal_events():
+    # every combination of two values equally often: independent, so the density is flat
+    rows = [(a, b) for a in (0.25, 0.75) for b in (0.25, 0.75) for _ in range(50)]
+    joint = Joint("copula", ("a", "b"), tuple(rows), (0.0, 0.0), (1.0, 1.0))
+    assert joint.density([[0.25, 0.75]]) == pytest.approx(joint.density([[0.25, 0.25]]))
