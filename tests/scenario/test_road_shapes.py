@@ -194,6 +194,8 @@ GOAL = {"speed": "v", "goal_lane": 1, "change_from": 150.0}
                                                                                "`ego` at the start"),
         ({"road": {**ROAD, "line": [{**BEND, "radius": 9.0}]}}, "so that the ego can drive its "
                                                                 "innermost lane"),
+        ({"road": {**ROAD, "line": [{"length": 30.0, "begin_radius": -9.0, "end_radius": 10.0}]}},
+            "must be at least 11.0 m, so that the ego can drive its innermost lane, got 10.0"),
         ({"road": {"network": "a.net.xml", "lane": [RAMP]}}, "shapes a road that is written, and "
                                                              "there is one already"),
         ({"ego": {"speed": "v", "change_from": 150.0}}, "must have a `goal_lane`"),

@@ -94,10 +94,9 @@ def check_line(
     vehicle = vehicle or VehicleSettings()
     wheel = math.radians(vehicle.max_steering_wheel_angle_deg) / vehicle.steering_ratio
     least = vehicle.wheelbase / math.tan(wheel) if wheel < 0.5 * math.pi else 0.0
-    for piece in pieces:
-        radius = tightest([piece])
-        to_the_left = max(piece.begin, piece.end, key=abs) > 0.0
-        inner = radius - lane_width * (lanes - 1) if to_the_left else radius
+    for curvature in (end for piece in pieces for end in (piece.begin, piece.end) if end):
+        radius = abs(1.0 / curvature)
+        inner = radius - lane_width * (lanes - 1) if curvature > 0.0 else radius
         for needed, why in (
             (least, "so that the ego can drive its innermost lane"),
             (0.5 * lane_width + _LEAST_EDGE, "with its lanes"),
