@@ -103,18 +103,19 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
         repeats = noise.of(one.ads)
         for quantity, worse in newly_bad(one, settings, repeats).items():
             paired = one.changed.paired
-            rows = [(paired.base[pair], paired.new[pair]) for pair in worse.which[:MOST_KEYS]]
-            changes = [end_change(old, now, one.unit) for old, now in rows]
-            keys = [change.case for change in changes]
+            keys = paired.new.case[worse.which].tolist()
             shaky = [key for key in keys if repeats.noisy and is_shaky(key, settings, noise)]
-            bad = tuple(change for change in changes if change.case not in shaky)
-            number = len(worse.which) - len(shaky)
+            chance = set(shaky)
+            bad = [k for k, key in zip(worse.which, keys, strict=True) if key not in chance]
+            number = len(bad)
             sentence = _outcome_words(quantity, number, settings, one.unit) + _shaky_words(
                 shaky, noise
             )
             yield GateResult(
                 quantity, one.ads, one.scenario, not number, sentence, float(number), 0.0,
-                tuple(change.case for change in bad), bad[:MOST_NAMED],
+                tuple(paired.new.case[bad[:MOST_KEYS]].tolist()),
+                tuple(end_change(paired.base[k], paired.new[k], one.unit)
+                      for k in bad[:MOST_NAMED]),
             )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import pytest
 from report_cases import hit, pick, with_case
 
 from sumo_eval.cases import CaseResult
+from sumo_eval.nightly import rule_limits
 from sumo_eval.nightly.gates import judge
 from sumo_eval.nightly.rule_limits import EVERYWHERE, judge_pairs
 from sumo_eval.report.gate_result import GateResult, failed
@@ -186,6 +187,17 @@ def test_a_noisy_ads_needs_five_drives_to_lose_a_case(evaluation: Evaluation) ->
         results = judge(new, compare(evaluation, new, SETTINGS), SETTINGS, noise)
         listed = f"tonight (in brackets how many) or in an earlier night: {case.case} ({bad})"
         assert any(listed in gate.sentence for gate in results) is not fails
+
+
+def test_more_shaky_cases_than_are_named_fail_nothing(
+    evaluation: Evaluation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rule_limits, "MOST_KEYS", 1)
+    new = some(evaluation, 2, hit)
+    shaky = frozenset(case.case for case in new.cases)
+    assert not judged(evaluation, new, Noise({builders.CALM: NOISY}, shaky=shaky))
+    (gate,) = judged(evaluation, new)
+    assert (gate.value, len(gate.cases)) == (2.0, 1)
 
 
 def test_a_noisy_ads_is_evaluated_by_chance_alone(evaluation: Evaluation) -> None:
