@@ -27,3 +27,10 @@ def test_a_parameter_with_listed_values_begins_at_one_of_them() -> None:
     """`side` is -1 or 1; between them there is no scene to drive."""
     values = concrete_of(catalogue.load("exit_cut"), {}).values
     assert values["side"] == 1.0
+
+
+@pytest.mark.parametrize("name", ["ncap_ccrs", "ncap_ccrb", "ncap_ccrm"])
+def test_a_drive_begins_where_the_middle_is_impossible(name: str) -> None:
+    values = concrete_of(catalogue.load(name), {"ego_speed": 10.0}).values
+    assert values["ego_speed"] == 10.0
+    assert abs(values["overlap"]) == 0.5

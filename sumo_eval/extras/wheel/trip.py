@@ -9,6 +9,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.wheel.page import drive_view, page, replay, sheet
 from sumo_eval.extras.wheel.quality import Quality, quality_of
@@ -16,9 +18,10 @@ from sumo_eval.extras.wheel.tape import Writer, digest, head_of, read_tape
 from sumo_eval.extras.wheel.window import Window
 from sumo_eval.record.store import EGO
 from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.logical import LogicalScenario, Parameter
+from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.trajectory import Recording
+from sumo_eval.trajectory import FloatArray, Recording
 
 RATES = (20, 50, 100)  # Hz
 PORT = 8765  # always the same, so that the browser remembers a wheel's calibration
@@ -42,14 +45,26 @@ def settings_at(rate: int) -> SimulationSettings:
 
 def concrete_of(logical: LogicalScenario, values: Mapping[str, float]) -> ConcreteScenario:
     """The concrete scenario at the given values; each other parameter in the middle of its range,
-    or of its listed values.
+    or of its listed values; where that is impossible, those of the nearest point of the sample.
     """
     check_known(f"parameter of scenario `{logical.name}`", logical.names, *values)
-    middle = {
-        it.name: it.values[len(it.values) // 2] if it.values else (it.low + it.high) / 2.0
-        for it in logical.parameters
-    }
-    return logical.concrete(**{**middle, **values})
+    row = logical.row({**{it.name: _middle(it) for it in logical.parameters}, **values})
+    if not logical.feasible(row) and len(points := _possible(logical, values)):
+        away = logical.to_unit(points) - logical.to_unit(row)
+        row = points[np.linalg.norm(away, axis=-1).argmin()]
+    return logical.concrete(**dict(zip(logical.names, row.tolist(), strict=True)))
+
+
+def _middle(parameter: Parameter) -> float:
+    listed = parameter.values
+    return listed[len(listed) // 2] if listed else (parameter.low + parameter.high) / 2.0
+
+
+def _possible(logical: LogicalScenario, values: Mapping[str, float]) -> FloatArray:
+    """Possible points (n, k) of the scenario's default sample with these values put in."""
+    points = sample(logical).points.copy()
+    points[:, [logical.column(name) for name in values]] = list(values.values())
+    return points[logical.feasible(points)]
 
 
 def new_tape(folder: Path, name: str) -> Path:
