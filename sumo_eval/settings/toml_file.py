@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,6 +16,8 @@ from sumo_eval.text import clean, shown, words_of
 _NAMES = r"(?P<name>[\w-]+(?:\s*\.\s*[\w-]+)*|\"[^\"]*\"|'[^']*')"
 _HEAD: Final = re.compile(rf"\s*\[(?P<list>\[)?\s*{_NAMES}\s*\]")
 _KEY: Final = re.compile(rf"\s*{_NAMES}\s*=")
+_LONG: Final = r"\"{3}(?:\\.|[^\\])*?\"{3,5}|'{3}.*?'{3,5}"
+_QUOTED: Final = re.compile(rf"(?s:{_LONG})|\"(?:\\.|[^\"\\\n])*\"|'[^'\n]*'|#[^\n]*")
 
 _LARGEST: Final = 50_000_000  # bytes of a file
 
@@ -59,7 +61,7 @@ def line_of(text: str, place: Sequence[str | int]) -> int | None:
     best = 0
     table: tuple[str | int, ...] = ()
     counts: dict[tuple[str | int, ...], int] = {}
-    for number, line in enumerate(text.split("\n"), start=1):  # as TOML and editors count
+    for number, line in _outer_lines(text):
         if head := _HEAD.match(line):
             names: tuple[str | int, ...] = tuple(
                 part.strip(" \t\"'") for part in head["name"].split(".")
@@ -78,6 +80,17 @@ def line_of(text: str, place: Sequence[str | int]) -> int | None:
         if common > best and tuple(place[:common]) == keys[:common]:
             found, best = number, common
     return found
+
+
+def _outer_lines(text: str) -> Iterator[tuple[int, str]]:
+    """Lines, numbered from 1, that do not begin within a text or a list over several lines."""
+    brackets = 0
+    flat = _QUOTED.sub(lambda it: "\n" * it[0].count("\n") or it[0], text)
+    for number, line in enumerate(flat.split("\n"), start=1):  # as TOML and editors count
+        if not brackets:
+            yield number, line
+        bare = _QUOTED.sub("", line)
+        brackets += sum(map(bare.count, "[{")) - sum(map(bare.count, "]}"))
 
 
 def _within(

@@ -55,6 +55,12 @@ def test_a_line_ends_where_toml_ends_it() -> None:
     assert line_of("# one\u2028line\r\nname = 1\n", ("name",)) == 2
 
 
+def test_long_texts_and_lists_hold_no_keys() -> None:
+    text = 'a = """\nn = 1\n"""\n[[s]]\np = [\n  [1],\n  [2]\n]\nq = "[" # {\nn = 2'
+    assert line_of(text, ("n",)) is None
+    assert line_of(text, ("s", 0, "n")) == 10
+
+
 def test_ordinary_content_is_read_as_it_is() -> None:
     text = (
         'a = -9223372036854775808\nb = """two\nlines\tand a tab"""\nc = '
