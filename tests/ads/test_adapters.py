@@ -186,6 +186,7 @@ def test_what_an_adapter_cannot_drive_is_refused(locator, sentence):
         ("my_ads.py", "`my_ads.py:NAME` names what it holds, `sumo-eval check my_ads.py` lists it"),
         ("ppo.zip", "weights alone do not drive; as ONNX they do (docs/ads/onnx.md)"),
         ("python my_ads.py", "`exec:python my_ads.py` runs it as a program"),
+        ("my/a.xosc", "`sumo-eval import my/a.xosc` checks it"),
         ("./my_ads", "`exec:./my_ads` runs it as a program"),
         ("ros2:my_stack", "a node that `exec:` starts drives a ROS 2 stack (docs/ads/ros2.md)"),
         ("grpc:localhost:50051", "a class with `act(observation)` that asks the server drives it"),

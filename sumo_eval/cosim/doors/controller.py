@@ -379,6 +379,8 @@ def _other_way(locator: str) -> str | None:
         return f"`{suffix[1:]}:{locator}` drives it"
     if suffix == ".py" and " " not in plain:
         return f"`{locator}:NAME` names what it holds, `sumo-eval check {locator}` lists it"
+    if suffix == ".xosc":
+        return f"it is an OpenSCENARIO scenario, `sumo-eval import {plain}` checks it"
     if suffix in _WEIGHTS:
         return (
             "weights alone do not drive; as ONNX they do (docs/ads/onnx.md), or in a class with "
