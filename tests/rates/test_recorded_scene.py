@@ -80,6 +80,14 @@ def test_the_file_and_the_terminal_say_what_of_the_road_is_not_written(
     assert ROAD_AS_WRITTEN in told.output
 
 
+def test_names_that_differ_in_punctuation_stay_apart(tmp_path: Path) -> None:
+    table = recorded().table.replace({"vehicle": {"side": "a-1", "left": "a_1"}})
+    people = Recordings(table)
+    write_scene(people, tmp_path / "scene.toml", "ego")
+    actors = read_scenario(tmp_path / "scene.toml").concrete(react_beyond=NEVER).actors
+    assert {it.name for it in actors} == {"vrear", "va_1", "va_1_"}
+
+
 def test_ego_stands_in_its_place_at_the_begin_of_the_scene(tmp_path: Path) -> None:
     """`rear` is at 101.6 s where the ego was at 100 s."""
     found = write_scene(recorded(), tmp_path / "scene.toml", "ego", span=(101.6, 110.0))

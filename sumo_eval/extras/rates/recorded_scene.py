@@ -130,7 +130,10 @@ def write_scene(
     names = set(table["vehicle"]) - {ego}
     for name in sorted(names, key=lambda name: (begins[name], name)):
         rows = table[table["vehicle"] == name]
-        track = _track(rows, first, lowest, "v" + re.sub(r"\W", "_", name))
+        written = "v" + re.sub(r"\W", "_", name)
+        while written in (it.name for it in actors):
+            written += "_"
+        track = _track(rows, first, lowest, written)
         whole = _continued(track)
         if len(rows) < round(1.0 / INTERVAL):
             left_out[SHORT] += 1
