@@ -239,9 +239,10 @@ def _bent_road(
         tuple(p for name in link.vias.get(lane - shift, ()) for p in _shape(root, name))
         for link, shift in zip(links, shifts, strict=False)
     ]
-    way = [*shapes[0]]
+    parts = [shapes[0]]
     for via, shape in zip(between, shapes[1:], strict=True):
-        way += [*via, *shape]
+        parts += [(parts[-1][-1], *via, shape[0]), shape]
+    way = [place for part in parts for place in part]
     what = f"the road along {', '.join(edges)} of {owner}"
     line, begins = _line_along(np.array(way), what)
     # the right-hand lane of all begins or ends on the way: its line is beside this one
@@ -264,7 +265,10 @@ def _bent_road(
                     f"{off:.2f} m",
                 )
     joints = onto_the_line(np.array([p for shape in shapes for p in (shape[0], shape[-1])]), begins)
-    along = frame_places(line, *joints.T)[0].tolist()
+    # a ring comes by a place more than once
+    far = np.cumsum([0.0, *(sum(map(math.dist, part, part[1:])) for part in parts)])
+    near = far * (length_of(line) / far[-1])
+    along = frame_places(line, joints[:, 0], joints[:, 1], near=near)[0].tolist()
     spans = _spans(
         edges, [{k - lowest for k in of_edge} for of_edge in there], along[::2], along[1::2], owner
     )
@@ -279,12 +283,12 @@ def _bent_road(
 def _line_along(way: FloatArray, what: str) -> tuple[tuple[Piece, ...], Pose]:
     """The line along places (n, 2), of which those that are nearly one count once."""
     kept = [way[0]]
-    kept += [
-        place
-        for place in way[1:]
-        if math.dist(place, kept[-1]) > _ONE_PLACE and math.dist(place, way[-1]) > 0.0
-    ]
-    line, begins, off = fitted_line(np.array([*kept, way[-1]]))
+    for place in way[1:]:
+        if math.dist(place, kept[-1]) > _ONE_PLACE:
+            kept.append(place)
+    if math.dist(kept[-1], way[-1]) > 0.0:
+        kept.append(way[-1])
+    line, begins, off = fitted_line(np.array(kept))
     if off > WITHIN:
         raise must_be(
             "The lanes",

@@ -322,6 +322,22 @@ def test_law_a_curved_network_is_the_road_along_its_lanes(bent):
     assert 1.0 / curvatures(road.line, 400.0) == pytest.approx(250.0, rel=0.02)
 
 
+@pytest.mark.parametrize("laps", [1, 2])
+def test_laps_of_a_ring_are_as_long_as_they_are_many(tmp_path, laps):
+    net = etree.Element("net")
+    for k, name in enumerate("ab"):
+        angle = math.pi * (k + np.linspace(0.0, 1.0, 33))
+        shape = " ".join(f"{100.0 * math.cos(w):.3f},{100.0 * math.sin(w):.3f}" for w in angle)
+        ends = {"id": name, "from": str(k), "to": str(1 - k)}
+        lane = {"id": f"{name}_0", "index": "0", "width": "3.5", "shape": shape}
+        etree.SubElement(etree.SubElement(net, "edge", ends), "lane", lane)
+        etree.SubElement(net, "connection", {"from": name, "to": "ba"[k]})
+    path = tmp_path / "ring.net.xml"
+    path.write_bytes(etree.tostring(net))
+    road = read_road(path, ["a", "b"] * laps, 200.0)
+    assert road.length + road.run_out == pytest.approx(laps * 200.0 * math.pi, rel=2e-3)
+
+
 def test_junction_without_right_of_way_is_refused(tmp_path):
     """SUMO ends with a segmentation fault where a vehicle comes to one, whatever its type but
     `unregulated`."""

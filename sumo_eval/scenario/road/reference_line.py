@@ -252,13 +252,13 @@ def frame_places(
     x: ArrayLike,
     y: ArrayLike,
     heading: ArrayLike = 0.0,
-    near: float | None = None,
+    near: ArrayLike | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(s, d, heading) in the frame of a line of places on the map: m and rad, arrays that broadcast
     to one shape.
 
-    Of several feet of a perpendicular the one near s = `near`; without it the one that is nearest
-    to the place, for which the line is looked through every 5 m.
+    Of several feet of a perpendicular the one near s = `near`, a number or (n,); without it the one
+    that is nearest to the place, for which the line is looked through every 5 m.
     """
 
     def rule(line: NDArray[Any], places: FloatArray, rows: FloatArray) -> None:
