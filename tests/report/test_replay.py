@@ -325,6 +325,28 @@ def test_bodies_are_drawn_in_their_size_as_what_their_scenario_says() -> None:
     assert np.ptp(child_from_afar[0]["ring"], axis=0).tolist() == [80.0, 160.0]
 
 
+@needs_node
+def test_an_actor_that_has_left_is_drawn_no_more() -> None:
+    script = f"""
+        const replay = require({json.dumps(REPLAY_JS)});
+        const still = (time, x) => ({{ time, x: [x, x], y: [0, 0], heading: [0, 0], speed: [0, 0],
+            acceleration: [0, 0], length: 4.5, width: 1.8 }});
+        const ego = still([0, 9], 0), lead = still([0, 3], 20);
+        const road = {{ left: 5, right: -2, lanes: 2, laneWidth: 3.5, crossings: [], solid: [], gone: [] }};
+        function fills(actors, time) {{
+            let count = 0;
+            const context = new Proxy({{}}, {{ get: (_, name) => () => {{ count += name === "fill"; }}, set: () => true }});
+            replay.drawChase({{ clientWidth: 600, clientHeight: 300, getContext: () => context }},
+                {{ road }}, {{ ego, actors, contact: null }}, "#0072b2", time, {{ ratio: 1 }});
+            return count;
+        }}
+        console.log(JSON.stringify([3, 3.1].map((time) => fills([["lead", lead]], time) - fills([], time))));
+    """
+    done = subprocess.run([str(NODE), "-e", script], capture_output=True, text=True, check=True)
+    there, gone = json.loads(done.stdout)
+    assert there > 0 == gone
+
+
 @needs_chromium
 def test_the_charts_of_a_replay_follow_the_theme_and_are_saved_as_they_are_drawn(
     evaluation: Evaluation, tmp_path: Path

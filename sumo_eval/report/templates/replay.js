@@ -38,6 +38,10 @@ const sumoReplay = (() => {
 
   const duration = (t) => t.time[t.time.length - 1] - t.time[0];
 
+  /** Whether a trajectory lasts until a time: an actor may leave the road before the case is over. */
+  const there = (t, time) => time <= duration(t) + 1e-9;
+  const present = (view, time) => view.actors.filter(([, actor]) => there(actor, time));
+
   /** Gap m and TTC s to the nearest vehicle ahead in the path, at each sample of the ego; NaN without one, Infinity where
    *  it does not close. The twin of `vehicle_ahead` and `time_to_collision` in sumo_eval/method/measures.py. */
   function ahead(ego, actors, contact) {
@@ -242,7 +246,7 @@ const sumoReplay = (() => {
     }
     const car = (t, fill, hollow) => drawBody(context, mapped(road, t), time, px, fill, hollow);
     for (const ghost of scene.ghosts) if (time <= duration(ghost)) car(ghost, COLOURS.ghost, true);
-    for (const [name, actor] of view.actors) car(actor, touching(view, time) && name === view.contact.other ? COLOURS.contact : COLOURS.actor, false);
+    for (const [name, actor] of present(view, time)) car(actor, touching(view, time) && name === view.contact.other ? COLOURS.contact : COLOURS.actor, false);
     lastBody(context, view, mapped(road, view.ego), px);
     car(view.ego, touching(view, time) ? COLOURS.contact : colour, false);
   }
@@ -422,7 +426,7 @@ const sumoReplay = (() => {
       context.fillText(label, inside ? x : place, inside ? y + 3.5 : over);
     };
     for (const ghost of scene.ghosts) if (time <= duration(ghost)) car(ghost, COLOURS.ghost, null);
-    for (const [name, actor] of view.actors) car(actor, COLOURS.actor, name);
+    for (const [name, actor] of present(view, time)) car(actor, COLOURS.actor, name);
     lastBody(context, view, view.ego, ([x, y]) => [px(x), py(y)]);
     car(view.ego, colour, "ego");
     if (!touching(view, time)) return;
@@ -537,7 +541,7 @@ const sumoReplay = (() => {
     for (let x = Math.ceil(begin / 50) * 50; x < from + detail.posts; x += 50) { // posts every 50 m give the eye a speed
       for (const y of [road.right - 1, road.left + 1]) face([[y - 0.06, 0], [y + 0.06, 0], [y + 0.06, 1], [y - 0.06, 1]].map(([across, up]) => ground(x, across, up)), "#f5f7f9", "#57606a");
     }
-    const vehicles = [[me, colour, true], ...view.actors.map(([name, actor]) => [mapped(road, actor), touching(view, time) && name === view.contact.other ? COLOURS.contact : COLOURS.actor, false])]
+    const vehicles = [[me, colour, true], ...present(view, time).map(([name, actor]) => [mapped(road, actor), touching(view, time) && name === view.contact.other ? COLOURS.contact : COLOURS.actor, false])]
       .map((entry) => [...entry, seen(camera, [at(entry[0], "x", time), at(entry[0], "y", time), 0])[2]])
       .filter(([, , , depth]) => depth > -10 && depth < 320).sort((one, other) => other[3] - one[3]);
     for (const [t, fill] of vehicles) drawCar(t, fill);
@@ -604,10 +608,9 @@ const sumoReplay = (() => {
   /** Draw the view of a scene on a canvas of `sumoScene`; through it, as ghosts, another view where one is given. */
   function drawSpace(space, scene, view, colour, time, mode, ghost, sharp) {
     space.onRoad(scene.road, onMap, scene.extent);
-    const there = (t, held) => held <= duration(t) + 1e-9;
     const held = Math.min(time, duration(view.ego)), hit = touching(view, held);
     const me = bodyAt(scene, view.ego, "ego", held, colour, { me: true });
-    const others = view.actors.filter(([, actor]) => there(actor, held)).map(([name, actor]) => [name, bodyAt(scene, actor, name, held, COLOURS.actor)]);
+    const others = present(view, held).map(([name, actor]) => [name, bodyAt(scene, actor, name, held, COLOURS.actor)]);
     const vehicles = [me, ...others.map(([, body]) => body)];
     if (ghost) {
       const then = Math.min(time, duration(ghost.ego));
