@@ -136,6 +136,7 @@ const sumoDrive = (() => {
 
   const nobody = () => ({ steer: 0, throttle: 0, brake: 0 });
   const held = { keys: 0, hand: nobody() }; // hand: of the mouse, or of fingers
+  const pressed = new Set(); // codes of keys, of which two may do the same
 
   const pad = () => Array.from(navigator.getGamepads ? navigator.getGamepads() : []).find((it) => it && it.connected) || null;
   const within = (value, low, high) => Math.min(high, Math.max(low, value));
@@ -153,7 +154,7 @@ const sumoDrive = (() => {
     const it = device === "keys" ? null : pad();
     if (device === "wheel" && it && calibration) {
       const { left, right, centre, axis, degrees } = calibration.steer, value = it.axes[axis];
-      const turn = (value - centre) / (value - centre > 0 === left - centre > 0 ? left - centre : centre - right);
+      const turn = (value - centre) / (value - centre > 0 === left - centre > 0 ? left - centre : centre - right || 1);
       const angle = within(turn, -1, 1) * degrees / 2 * Math.PI / 180;
       return ["wheel", 0, angle, share(it, calibration.throttle), share(it, calibration.brake)];
     }
@@ -164,8 +165,8 @@ const sumoDrive = (() => {
   }
 
   function onKey(event, down) {
-    if (!drive || event.ctrlKey || event.altKey || event.metaKey) return;
-    if (drive.veil.hidden === false && down) return;
+    if (!drive) return;
+    if (down && (!drive.veil.hidden || event.ctrlKey || event.altKey || event.metaKey)) return; // a key is released beside any other
     if (down && (event.code === "Escape" || event.code === "KeyP")) {
       event.preventDefault();
       drive.pause("key");
@@ -175,12 +176,14 @@ const sumoDrive = (() => {
     if (!name) return;
     event.preventDefault();
     const before = held.keys;
-    held.keys = down ? held.keys | BITS[name] : held.keys & ~BITS[name];
+    if (down) pressed.add(event.code); else pressed.delete(event.code);
+    held.keys = [...pressed].reduce((bits, code) => bits | BITS[KEYS[code]], 0);
     if (held.keys !== before) drive.send(event.timeStamp);
   }
 
   function letGo() {
     held.keys = 0;
+    pressed.clear();
     held.hand = nobody();
     if (drive) drive.untouched();
   }
