@@ -335,7 +335,8 @@ def test_an_actor_that_has_left_is_drawn_no_more() -> None:
         const road = {{ left: 5, right: -2, lanes: 2, laneWidth: 3.5, crossings: [], solid: [], gone: [] }};
         function fills(actors, time) {{
             let count = 0;
-            const context = new Proxy({{}}, {{ get: (_, name) => () => {{ count += name === "fill"; }}, set: () => true }});
+            const context = new Proxy({{}}, {{
+                get: (_, name) => () => {{ count += name === "fill"; }}, set: () => true }});
             replay.drawChase({{ clientWidth: 600, clientHeight: 300, getContext: () => context }},
                 {{ road }}, {{ ego, actors, contact: null }}, "#0072b2", time, {{ ratio: 1 }});
             return count;
