@@ -129,11 +129,11 @@ def bad_again(
     drives each is bad.
     """
     bases = dict(_newly_bad_rows(comparisons, noise, settings))
-    bad = dict.fromkeys(bases, 1)
+    bad, unit = dict.fromkeys(bases, 1), done.settings.method.collision.unit
     for _ in range(settings.outcome.repeats if bases else 0):
         for case, row in _rerun(done, bases, place).items():
             old, new = (Ends.of(CaseTable.of([one])) for one in (bases[case], row))
-            limit = severity_limit(settings, noise.of(row.ads))
+            limit = severity_limit(settings, noise.of(row.ads), unit)
             bad[case] += any(flags.any() for flags in worse_ends(old, new, limit).values())
     return bad
 

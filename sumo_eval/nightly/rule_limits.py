@@ -21,6 +21,7 @@ from sumo_eval.scoring.rule import (
     holm,
     many,
     newly_bad,
+    severity_limit,
     tallies,
 )
 
@@ -108,9 +109,8 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
             chance = set(shaky)
             bad = [k for k, key in zip(worse.which, keys, strict=True) if key not in chance]
             number = len(bad)
-            sentence = _outcome_words(quantity, number, settings, one.unit) + _shaky_words(
-                shaky, noise
-            )
+            limit = f"{severity_limit(settings, repeats, one.unit):.3g}{one.unit}"
+            sentence = _outcome_words(quantity, number, limit) + _shaky_words(shaky, noise)
             yield GateResult(
                 quantity, one.ads, one.scenario, not number, sentence, float(number), 0.0,
                 tuple(paired.new.case[bad[:MOST_KEYS]].tolist()),
@@ -129,13 +129,11 @@ def is_shaky(case: str, settings: GateSettings, noise: Noise) -> bool:
     )
 
 
-def _outcome_words(quantity: str, number: int, settings: GateSettings, unit: str) -> str:
+def _outcome_words(quantity: str, number: int, limit: str) -> str:
     if not number:
         return f"{quantity}: no case"
     if quantity == "severity":
-        return (
-            f"U rose by more than {settings.outcome.severity_by:g}{unit} in {count(number, 'case')}"
-        )
+        return f"U rose by more than {limit} in {count(number, 'case')}"
     return f"{count(number, 'case')} {ENDS[quantity]}, not so in the base"
 
 

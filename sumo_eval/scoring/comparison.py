@@ -25,7 +25,7 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
 from sumo_eval.scoring.comparability import Difference, differences, refuse_unless_comparable
 from sumo_eval.scoring.confidence.paired_differences import COMPARED, paired_differences
-from sumo_eval.scoring.gate_settings import TIMED, GateSettings
+from sumo_eval.scoring.gate_settings import TIMED, GateSettings, change_of_u
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 IntArray = NDArray[np.intp]
@@ -357,15 +357,16 @@ def _compare_ads(
         counts(it) | {"requirements_missed": int(np.sum(it.requirements_missed != ""))}
         for it in tables
     )
+    unit = new.settings.method.collision.unit
     return AdsComparison(
         first.ads,
         paired.base[0].ads,
         first.scenario,
         identical_pairs(paired, base.folder, new.folder),
-        _changes(paired, terms, settings),
+        _changes(paired, terms, settings, unit),
         _quantity_changes(terms, base, new, settings),
         {name: (then[name], now[name]) for name in then},
-        new.settings.method.collision.unit,
+        unit,
     )
 
 
@@ -421,8 +422,13 @@ def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
     return alike
 
 
-def _changes(paired: Paired, terms: Sequence[CaseTerms], settings: GateSettings) -> Changes:
-    """The change of each concrete scenario: the first of those below that applies."""
+def _changes(
+    paired: Paired, terms: Sequence[CaseTerms], settings: GateSettings, unit: str
+) -> Changes:
+    """The change of each concrete scenario: the first of those below that applies.
+
+    unit: of U.
+    """
     old, now = paired.base, paired.new
     kind, by = np.full(len(old), -1, dtype=np.intp), np.full(len(old), np.nan)
 
@@ -442,7 +448,7 @@ def _changes(paired: Paired, terms: Sequence[CaseTerms], settings: GateSettings)
         mark(before & ~after, better)
     harsher = now.severity - old.severity
     liked, index = now.human_likeness - old.human_likeness, now.index - old.index
-    least, less = settings.harsher_by, settings.less_human_by
+    least, less = change_of_u(settings.harsher_by, 0.1, unit), settings.less_human_by
     mark(harsher > least, "harsher", harsher)
     mark(harsher < -least, "softer", harsher)
     for more in (liked, index):

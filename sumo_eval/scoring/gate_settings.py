@@ -53,6 +53,18 @@ LAST_DIGIT = 1e-9
 """Share of a tolerance, or of a base's value, that rounding may change: no limit fails on it."""
 
 
+LEAST_LOSS = 0.01
+"""Change that counts by default where a loss in 0..1 replaces U, as of other shares."""
+_OF_A_LOSS = f"of a loss in 0..1 {LEAST_LOSS:g}"
+
+
+def change_of_u(setting: float | None, default: float, unit: str) -> float:
+    """Change of U that counts: the setting, or the default, m/s; without a unit that of a loss."""
+    if setting is not None:
+        return setting
+    return default if unit else LEAST_LOSS
+
+
 @dataclass(frozen=True, slots=True)
 class LimitSettings(Checked):
     """One limit: it fails when any of its bounds is passed."""
@@ -112,8 +124,10 @@ class OutcomeSettings(Checked):
 
     on: Annotated[bool, About("whether this part is evaluated")] = True
     severity_by: Annotated[
-        float, NotNegative, About("rise of U from which a case failed", "m/s", "U", "15")
-    ] = 0.5
+        float | None,
+        NotNegative,
+        About(f"rise of U from which a case failed; default: 0.5, {_OF_A_LOSS}", "m/s", "U", "15"),
+    ] = None
     floors: Annotated[float, NotNegative, About("rise of U that chance makes, in floors of U")] = (
         2.0
     )
@@ -194,10 +208,15 @@ class GateSettings(Checked):
     ] = 2000
     seed: Annotated[int, Ge(0), About("of the resampling")] = 1
     harsher_by: Annotated[
-        float,
+        float | None,
         NotNegative,
-        About("change of U from which a collision is harsher or softer", "m/s", "U", "15"),
-    ] = 0.1
+        About(
+            f"change of U from which a collision is harsher or softer; default: 0.1, {_OF_A_LOSS}",
+            "m/s",
+            "U",
+            "15",
+        ),
+    ] = None
     less_human_by: Annotated[
         float,
         NotNegative,

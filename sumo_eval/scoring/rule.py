@@ -20,6 +20,7 @@ from sumo_eval.scoring.gate_settings import (
     GateSettings,
     MeasureSettings,
     NoiseSettings,
+    change_of_u,
 )
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -190,7 +191,7 @@ def worse_ends(base: Ends, new: Ends, severity_by: float) -> dict[str, BoolArray
 
     A case stands under the first of its new ends.
 
-    severity_by: rise of U that counts, m/s.
+    severity_by: rise of U that counts, in its unit.
     """
     fresh = np.zeros(len(base.collided), dtype=np.bool_)
     ends = {}
@@ -210,16 +211,17 @@ def severity_floor(once: Ends, twice: Ends, settings: NoiseSettings) -> float:
     return floor_of((twice.severity - once.severity)[contact], settings)
 
 
-def severity_limit(settings: GateSettings, repeats: Repeats) -> float:
-    """max(0.5 m/s, 2 floors of U)."""
+def severity_limit(settings: GateSettings, repeats: Repeats, unit: str) -> float:
+    """max(0.5 m/s, 2 floors of U); of a loss, which has no unit, max(0.01, 2 floors)."""
     rule = settings.outcome
-    return max(rule.severity_by, rule.floors * repeats.floors.get("severity", 0.0))
+    least = change_of_u(rule.severity_by, 0.5, unit)
+    return max(least, rule.floors * repeats.floors.get("severity", 0.0))
 
 
 def newly_bad(one: AdsComparison, settings: GateSettings, repeats: Repeats) -> dict[str, Worse]:
     """The pairs of part one, by quantity."""
     base, new = (Ends.of(cases) for cases in (one.changed.paired.base, one.changed.paired.new))
-    ends = worse_ends(base, new, severity_limit(settings, repeats))
+    ends = worse_ends(base, new, severity_limit(settings, repeats, one.unit))
     harm = base.severity, new.severity
     return {name: Worse.of(one, flags, harm[1] - harm[0], harm) for name, flags in ends.items()}
 

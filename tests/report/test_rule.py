@@ -37,6 +37,7 @@ from sumo_eval.scoring.rule import (
     tolerance,
     worsening,
 )
+from sumo_eval.settings.method import CollisionSettings
 
 SETTINGS = GateSettings(resamples=100)
 GAP = MeasureSettings("min_gap", 0.1, 0.1, zone=2.0)
@@ -323,3 +324,20 @@ def test_a_slower_ads_fails_and_a_loaded_machine_does_not(evaluation: Evaluation
     assert [gate.quantity for gate in judged(base, calm(base, latency_relative=31.0))] == [
         "latency_relative"
     ]
+
+
+def test_a_harder_injury_risk_fails(evaluation: Evaluation) -> None:
+    """0.5, meant for m/s, is half of all losses."""
+    method = replace(
+        evaluation.settings.method, collision=CollisionSettings(severity="injury:cyclist")
+    )
+    case = pick(evaluation, collided=True)
+
+    def risk(value: float) -> Evaluation:
+        changed = with_case(evaluation, case.case, lambda it: replace(it, severity=value))
+        return replace(changed, settings=replace(changed.settings, method=method))
+
+    gates = judged(risk(0.1), risk(0.3))
+    assert any("U rose by more than 0.01 in 1 case" in gate.sentence for gate in gates)
+    (one,) = [it for it in compare(risk(0.1), risk(0.15), SETTINGS).ads if len(it.changed)]
+    assert [it.change for it in one.changed] == ["harsher"]
