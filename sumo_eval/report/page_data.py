@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.method.point_criticality import exact_target
@@ -43,6 +44,7 @@ MAP_CELLS = 72  # cells on each axis of a zone map's background
 # more values than this of the first parameter are gathered in GATHERED_PANELS panels
 MOST_PANELS = 12
 GATHERED_PANELS = 6
+MOST_GROUPS = 12  # of failures of an ADS in a scenario
 # share of the cases; a slice with fewer shows all cases projected onto it
 SLICE_WORTH_SHOWING = 0.1
 
@@ -143,19 +145,36 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
             for panel in range(len(view.panels))
         ],
         "lattice": lattice(zones),
-        "groups": [
-            {
-                "ads": group.ads, "kind": group.kind, "words": _group_words(group, logical),
-                "ranges": group.ranges,
-                "cases": [key for key in cases.case[group.places].tolist() if key in keys],
-                "size": len(group.places),
-            }
-            for group in failure_groups(logical, cases)
-        ],
+        **_groups(logical, cases, keys),
         "mostDangerous": [
             {"values": row.tolist(), "panel": view.panel_of(row)} for row in dangerous
         ],
         "cases": rows,
+    }  # fmt: skip
+
+
+def _groups(logical: LogicalScenario, cases: CaseTable, keys: set[str]) -> dict[str, Any]:
+    """Groups of failures, ADS by ADS at most MOST_GROUPS, and how many more there are.
+
+    keys: of the cases that the page has.
+    """
+    found = failure_groups(logical, cases)
+    of_ads: dict[str, list[FailureGroup]] = {}
+    for group in found:
+        of_ads.setdefault(group.ads, []).append(group)
+    listed = [group for its in of_ads.values() for group in its[:MOST_GROUPS]]
+    told = [_group(group, logical, cases.case, keys) for group in listed]
+    return {"groups": told, "moreGroups": len(found) - len(listed)}
+
+
+def _group(
+    group: FailureGroup, logical: LogicalScenario, names: NDArray[np.str_], keys: set[str]
+) -> dict[str, Any]:
+    """A group of failures; of its cases, those that the page has."""
+    cases = [key for key in names[group.places].tolist() if key in keys]
+    return {
+        "ads": group.ads, "kind": group.kind, "words": _group_words(group, logical),
+        "ranges": group.ranges, "cases": cases, "size": len(group.places),
     }  # fmt: skip
 
 

@@ -17,9 +17,9 @@ from sumo_eval.cases import CaseTable, IntArray
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-MOST_GROUPS = 12  # of one logical scenario
 MOST_LINKED = 2_000  # failures of one kind that are compared pair by pair; more stand in one group
-# steps between neighbouring points: cases further apart than this belong to different groups
+# Failures of k parameters are neighbours up to this times sqrt(k) steps apart (`_step`): a diagonal
+# of one step each, and a margin.
 APART = 1.6
 SPANNED = 0.999  # share of a parameter's driven range from which on a group does not narrow it
 
@@ -44,8 +44,10 @@ class FailureGroup:
 
 
 def failure_kinds(cases: CaseTable) -> tuple[IntArray, list[str]]:
-    """How each case failed: (n,), places in a list of words, whose first are empty and mean that it
-    did not.
+    """The kind of failure of each case, (n,), as a place in the list of kinds, which comes with it;
+    the first kind is empty: it did not fail.
+
+    Of several kinds of one case the last of the list counts: a contact before a departure.
     """
     words = ["", "off road", "unavoidable collision", "avoidable collision", "caused collision"]
     kinds = np.zeros(len(cases), dtype=np.intp)
@@ -68,10 +70,10 @@ def failure_groups(logical: LogicalScenario, cases: CaseTable) -> list[FailureGr
     groups.
     """
     groups = []
-    whose, every = cases.ads, cases.parameters(logical.names)
+    owners, every = cases.ads, cases.parameters(logical.names)
     kinds, words = failure_kinds(cases)
     for ads in dict.fromkeys(chunk.ads for chunk in cases.chunks):
-        own = np.flatnonzero(whose == ads)
+        own = np.flatnonzero(owners == ads)
         rows, failed = every[own], kinds[own]
         for kind in set(np.unique(failed).tolist()) - {0}:
             alike = failed == kind
@@ -80,20 +82,20 @@ def failure_groups(logical: LogicalScenario, cases: CaseTable) -> list[FailureGr
                 for group in _linked(logical, rows, np.flatnonzero(alike))
             ]
     groups.sort(key=lambda group: (_order(group.kind), -len(group.places)))
-    return groups[:MOST_GROUPS]
+    return groups
 
 
 def _order(kind: str) -> tuple[int, str]:
-    """Kinds of failures, the gravest first."""
+    """Sort key of a kind of failure: the gravest first, then by name."""
     first = ("caused", "avoidable", "not evaluated", "off road", "unavoidable")
     return next(place for place, word in enumerate(first) if kind.startswith(word)), kind
 
 
 def _linked(logical: LogicalScenario, rows: FloatArray, members: np.ndarray) -> list[np.ndarray]:
-    """The members of each group, as places among all points of the ADS, (n, k)."""
+    """The members of each group, as places in `rows`, the ADS's points, (n, k)."""
     if len(members) < 2 or len(members) > MOST_LINKED:
         return [members]
-    # half a second that a replay does not need
+    # imported here: it takes half a second, and a replay never groups
     from scipy.cluster.hierarchy import fcluster, linkage
 
     unit = logical.to_unit(rows)

@@ -406,6 +406,7 @@
       row.append(strong, `${group.words}. `, ...links.flatMap((link) => [link, " "]), group.size > links.length ? `and ${group.size - links.length} more` : "", filters);
       return row;
     }));
+    if (scenario.moreGroups) box.querySelector("ul").append(`${scenario.moreGroups} smaller groups are not listed.`);
   }
 
   const FIRST_ROWS = 15;
