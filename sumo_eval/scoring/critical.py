@@ -28,7 +28,7 @@ def critical_points(evaluation: Evaluation, numbers: Mapping[str, int]) -> set[t
         cases = evaluation.cases_of(score.ads, name)
         points = np.array([numbers[case] for case in cases.case.tolist()], dtype=np.intp)
         ended, likeness = cases.collided, cases.human_likeness
-        critical = ended | (cases.status != "ok")
+        critical = ended | cases.departed | (cases.status != "ok")
         liked = np.flatnonzero(np.isfinite(likeness))
         critical[liked[np.lexsort((points[liked], likeness[liked]))[:LEAST_HUMAN]]] = True
         if len(points) > 1:

@@ -236,6 +236,9 @@ def test_critical_points_are_collisions_flips_and_the_least_human(
     found = critical.critical_points(one, numbers)
     assert {number for _, number in found} <= {1, 2, 3, 6}
     assert {number for _, number in found} == {1, 2, 6}
+    gone = (*cases[:5], replace(cases[5], departure_time=2.0), cases[6])
+    found = critical.critical_points(replace(one, cases=gone), numbers)
+    assert {number for _, number in found} == {1, 2, 5, 6}
 
 
 def test_the_version_of_a_package_that_reads_scenarios_is_part_of_the_key(
