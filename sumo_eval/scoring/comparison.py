@@ -441,7 +441,7 @@ def _changes(
     flips: tuple[tuple[BoolArray, BoolArray, Change, Change], ...] = (
         (~old.evaluated, ~now.evaluated, "not evaluated any more", "evaluated again"),
         (old.collided, now.collided, "new collision", "collision gone"),
-        (old.off_road, now.off_road, "left the road", "back on the road"),
+        (*(it.off_road | it.departed for it in (old, now)), "left the road", "back on the road"),
     )
     for before, after, worse, better in flips:
         mark(after & ~before, worse)

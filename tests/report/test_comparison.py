@@ -72,6 +72,7 @@ def test_every_kind_of_change_is_found_and_named(evaluation: Evaluation) -> None
             lambda case: replace(case, index=(case.index or 0.0) - 0.1),
         ),
         ("left the road", "back on the road", safe, lambda case: replace(case, status="off_road")),
+        ("left the road", "back on the road", safe, lambda case: replace(case, departure_time=2.0)),
         (
             "not evaluated any more",
             "evaluated again",
