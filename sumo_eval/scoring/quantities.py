@@ -55,8 +55,8 @@ _RECORDED = {item.name for item in fields(CaseResult)} & {item.name for item in 
 }
 """Fields that a row takes from its fact unchanged."""
 STRUCK_FROM_BEHIND = "struck_from_behind"
-LEFT_THE_NETWORK = "actor_left_the_network"
 """The clip of a collision in which a vehicle that reacts ran into the ego's rear."""
+LEFT_THE_NETWORK = "actor_left_the_network"
 
 
 class Remarks:
