@@ -720,6 +720,26 @@ def test_a_move_is_played_although_an_earlier_one_may_lead_there(tmp_path: Path)
     assert np.interp([2.0, 4.0, 6.0], other.time, other.speed) == pytest.approx([15.0, 5.0, 0.0])
 
 
+@pytest.mark.parametrize(("kind", "name"), [("event", "e"), ("maneuver", "m"), ("act", "a")])
+def test_what_holds_two_moves_is_complete_after_both(tmp_path: Path, kind: str, name: str) -> None:
+    """A condition begins a long brake and a swift move across, in this order; a move of no change
+    ends as it begins."""
+    begin, end = CUT_IN.index("<LateralAction>"), CUT_IN.index("</PrivateAction>")
+    two = '</PrivateAction></Action><Action name="two"><PrivateAction>'
+    then = f"""</Maneuver></ManeuverGroup></Act><Act name="b"><ManeuverGroup name="h"><Actors><EntityRef
+    entityRef="Other"/></Actors><Maneuver name="n">{TIMED}""".format(
+        n=2, action=BRAKE.replace('"0"', '"9"'), delay=0,
+        when=f'<StoryboardElementStateCondition storyboardElementType="{kind}" '
+             f'storyboardElementRef="{name}" state="completeState"/>',
+    )  # fmt: skip
+    for first, ends in ((BRAKE + two + OFFSET, {0, 1}), (BRAKE.replace('"0"', '"15"'), set())):
+        events = CUT_IN[:begin] + first + CUT_IN[end:] + then
+        (other,) = find(str(changed(tmp_path, events=events))).concrete(only=0.0).actors
+        last = other.acts[-1].program
+        assert {number for op, _, number, _ in last if op == played.ENDED} == ends
+        assert last or kind != "event"
+
+
 def test_ego_against_the_reference_line_has_its_road_from_there(tmp_path: Path) -> None:
     """The ego comes from s = 980 m in the left lane; the other, 50 m less, is 50 m ahead of it."""
     turned = '<Orientation type="relative" h="3.141592653589793"/></LanePosition>'

@@ -7,7 +7,7 @@ program of `scenario.played`, as a `when` of a scenario file does.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -111,12 +111,21 @@ class Moment:
 class Span:
     """From when to when an element of the storyboard runs.
 
-    move: the vehicle and its move that ends it, where the end is not known before.
+    ended: the program of its end, where that is not known before.
     """
 
     begin: Moment
     end: float
-    move: tuple[int, int] | None = None
+    ended: Program = ()
+
+    @classmethod
+    def over(cls, begin: Moment, parts: Sequence[Span]) -> Span:
+        """Until the last of its parts ends; without parts it ends as it begins."""
+        end = max((it.end for it in parts), default=begin.time)
+        unending = any(it.end == NEVER and not it.ended for it in parts)
+        if unending or not any(it.ended for it in parts):
+            return cls(begin, end)
+        return cls(begin, end, _joined([it.ended or from_time(it.end) for it in parts], played.AND))
 
 
 @dataclass(slots=True)
@@ -265,9 +274,10 @@ class Conditions:
             return span.begin
         if state not in ("completeState", "endTransition"):
             raise element.fault(f"the state `{state}` is not supported")
-        if span.move is not None:
-            return Moment(0.0, ((played.ENDED, *span.move, 0.0),))
-        return Moment(span.end)
+        if span.ended:
+            return Moment(0.0, span.ended)
+        at_once = not span.begin.known and span.end < NEVER
+        return span.begin if at_once else Moment(span.end)
 
     def _by_entity(self, element: Node, edge: str) -> Program:
         """The program of a condition on entities; an edge needs the opposite before."""

@@ -23,6 +23,7 @@ from sumo_eval.extras.openscenario.frame import ON, SAME, Frame, framed
 from sumo_eval.extras.openscenario.moments import (
     NEVER,
     Moment,
+    Program,
     Span,
     constant,
     from_time,
@@ -149,7 +150,7 @@ class Moves:
         entity.acts.append(act._replace(begin=begin.time, program=begin.program))
         if begin.known:
             return Span(begin, begin.time + lasts)
-        return Span(begin, NEVER, self._last(entity))
+        return Span(begin, NEVER, self._ended(entity))
 
     # -- speeds ------------------------------------------------------------------------------------
 
@@ -214,11 +215,11 @@ class Moves:
         if lasts > AT_ONCE and kind == "rate":
             act = Act(played.SPEED, 0.0, 0.0, speed, 0.0, lasts)
         entity.pace, entity.begins["speed"] = speed, begin
-        return replace(self._add(entity, begin, act, lasts), end=NEVER, move=self._last(entity))
+        return replace(self._add(entity, begin, act, lasts), end=NEVER, ended=self._ended(entity))
 
-    def _last(self, entity: Entity) -> tuple[int, int]:
-        """The number of an entity, and of its last move."""
-        return self.numbers[entity.name], len(entity.acts) - 1
+    def _ended(self, entity: Entity) -> Program:
+        """The program that the last move of an entity has ended."""
+        return ((played.ENDED, self.numbers[entity.name], len(entity.acts) - 1, 0.0),)
 
     def _rate(self, dynamics: Node, entity: Entity, begin: Moment, speed: float) -> float:
         """The mean rate of a change of speed, m/s2."""
@@ -325,14 +326,14 @@ class Moves:
         """
         own, its = (int(self._number(it)) for it in (entity, other))
         self._add(entity, begin, Act(played.COSINE, 0.0, AT_ONCE), 0.0)
-        follows = played.ENDED, *self._last(entity), 0.0
+        follows = self._ended(entity)
 
         x, ahead = of_vehicle(played.X, own), of_vehicle(played.X, its) + constant(apart)
         speed, target = (of_vehicle(played.ALONG, it) for it in (own, its))
         behind = constant(gap / self.frame.ground(entity.frame)) * (target if gap < 0.0 else speed)
         off = abs(ahead - behind - x).joined(played.LARGER, abs(target - speed))
         ends = (*off.program, *constant(_THERE).program, operation(played.BELOW))
-        there = (follows, *ends, operation(played.AND))
+        there = (*follows, *ends, operation(played.AND))
         entity.acts.append(Act(played.KEEP, program=there))
         # a speed that is kept has no end, its begin is remembered
         return self._add(entity, Moment(0.0, there), Act(played.COSINE, 0.0, AT_ONCE), NEVER)

@@ -428,9 +428,9 @@ class _Player:
         begin = self.conditions.moment(act.find("StartTrigger"), Moment(0.0))
         span = self.conditions.note(act, Span(begin, NEVER))  # for conditions within it
         before = [len(entity.acts) for entity in self.actors]
-        span.end = max(
-            (self._group(group, begin) for group in act.all("ManeuverGroup")), default=begin.time
-        )
+        parts = [part for group in act.all("ManeuverGroup") for part in self._group(group, begin)]
+        whole = Span.over(begin, parts)
+        span.end, span.ended = whole.end, whole.ended
         stop = act.find("StopTrigger")
         if stop is None or stop.find("ConditionGroup") is None:
             return
@@ -465,7 +465,7 @@ class _Player:
             if own:
                 acts.append(Act(played.KEEP, program=at.program))
 
-    def _group(self, group: Node, begin: Moment) -> float:
+    def _group(self, group: Node, begin: Moment) -> list[Span]:
         if group.number("maximumExecutionCount", 1.0) != 1.0:
             raise group.fault("a group of manoeuvres must run once")
         actors = group.child("Actors")
@@ -474,9 +474,9 @@ class _Player:
         names = [part.text("entityRef") for part in actors.all("EntityRef")]
         references = map(self.catalogs.entry, group.all("CatalogReference"))
         parts = [*references, *(part.within() for part in group.all("Maneuver"))]
-        return max([begin.time, *(self._maneuver(part, names, begin) for part in parts)])
+        return [self._maneuver(part, names, begin) for part in parts]
 
-    def _maneuver(self, maneuver: Node, names: list[str], begin: Moment) -> float:
+    def _maneuver(self, maneuver: Node, names: list[str], begin: Moment) -> Span:
         running: list[tuple[Node, Span]] = []
         for event in maneuver.all("Event"):
             span = self._event(event, names, begin)
@@ -485,10 +485,8 @@ class _Player:
                     self._check_priority(event, span, other, earlier)
                     self._check_priority(other, earlier, event, span)
                 running.append((event, span))
-        end = max([begin.time, *(span.end for _, span in running)])
-        move = next((span.move for _, span in reversed(running) if span.move is not None), None)
-        self.conditions.note(maneuver, Span(begin, end, move))
-        return end
+        whole = Span.over(begin, [span for _, span in running])
+        return self.conditions.note(maneuver, whole)
 
     def _check_priority(self, event: Node, span: Span, other: Node, running: Span) -> None:
         """Refuse an event that ends a running move of its manoeuvre half-way, or is left out
@@ -520,17 +518,17 @@ class _Player:
         begin = self.conditions.moment(event.find("StartTrigger"), begin)
         if event.number("maximumExecutionCount", 1.0) != 1.0:
             raise event.fault("an event must run once")
-        whole = Span(begin, begin.time)
+        parts: list[Span] = []
         for (action, inner), ignored in zip(actions, idle, strict=True):
             if ignored:
                 continue
-            span = Span(begin, NEVER)
-            for name in names if begin.time < NEVER else ():
-                entity = self.places.entity(name, event)
-                span = self.moves.begin(inner.only(), entity, begin)
-            self.conditions.note(action, span)
-            whole = Span(begin, max(whole.end, span.end), span.move or whole.move)
-        return self.conditions.note(event, whole)
+            spans = [
+                self.moves.begin(inner.only(), self.places.entity(name, event), begin)
+                for name in (names if begin.time < NEVER else ())
+            ]
+            span = Span.over(spans[0].begin, spans) if spans else Span(begin, NEVER)
+            parts.append(self.conditions.note(action, span))
+        return self.conditions.note(event, Span.over(begin, parts))
 
     def _idle(self, action: Node, names: list[str]) -> bool:
         """Whether an action has no meaning here; it is noted. Refuses one that the ego is to do."""
