@@ -740,6 +740,21 @@ def test_what_holds_two_moves_is_complete_after_both(tmp_path: Path, kind: str, 
         assert last or kind != "event"
 
 
+@pytest.mark.parametrize(("until", "begins"), [(3, []), (5, [4.0])])
+def test_no_event_begins_after_the_time_until_which_it_may(
+    tmp_path: Path, until: int, begins: list[float]
+) -> None:
+    """The act begins at 4 s, the event only before `until`."""
+    when = f'<SimulationTimeCondition value="{until}" rule="lessThan"/>'
+    start = TIMED[TIMED.index("<StartTrigger>") : TIMED.index("</Event>")]
+    act = start.format(delay=0, when=AT.format(4)) + "</Act>"
+    path = changed(
+        tmp_path, ("</Act>", act), events=TIMED.format(n=1, action=BRAKE, delay=0, when=when)
+    )
+    (other,) = find(str(path)).concrete(only=0.0).actors
+    assert [it.begin for it in other.acts if it.kind == played.SPEED] == begins
+
+
 def test_ego_against_the_reference_line_has_its_road_from_there(tmp_path: Path) -> None:
     """The ego comes from s = 980 m in the left lane; the other, 50 m less, is 50 m ahead of it."""
     turned = '<Orientation type="relative" h="3.141592653589793"/></LanePosition>'

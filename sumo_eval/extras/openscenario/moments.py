@@ -179,7 +179,10 @@ class Conditions:
         if not live:
             return Moment(NEVER)
         if all(group.known for group in live):
-            return self._later(after, Moment(min(group.time for group in live)), trigger)
+            if after.known:
+                return Moment(min(self._later(after, group, trigger).time for group in live))
+            first = min(live, key=lambda group: (group.time, -group.until))
+            return self._later(after, first, trigger)
         if len(live) > 1 and any(group.known or group.time > 0.0 for group in live):
             raise trigger.fault(
                 "groups of conditions of which some depend on the drive and some are times, or "
