@@ -60,10 +60,10 @@ def space_coverage(zones: ZonePartition, points: FloatArray) -> SpaceCoverage:
     """Coverage by cases at `points` (n, k) of the space that `zones` partitions."""
     logical = zones.logical
     everywhere = logical.from_shares(steadily(len(logical.names), COUNTED))
-    everywhere = everywhere[logical.feasible(everywhere)]
-    place, possible = _buckets(logical, points), _buckets(logical, everywhere)
+    # a narrow space may hold no other point
+    everywhere = np.concatenate([everywhere[logical.feasible(everywhere)], points])
+    place, known = _buckets(logical, points), _buckets(logical, everywhere)
     sizes = [len(item.values) or BUCKETS for item in logical.parameters]
-    known = np.concatenate([possible, place])
     hits = [[len(np.unique(column)) for column in each.T] for each in (place, known)]
     pairs = []
     for x, y in itertools.combinations(range(len(sizes)), 2):

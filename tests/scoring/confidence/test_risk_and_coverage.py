@@ -1,11 +1,14 @@
 """Risk, coverage and further cases, against numbers worked by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.logical import Constraint
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.scoring.confidence.assessment import risk
 from sumo_eval.scoring.confidence.coverage import space_coverage
@@ -75,6 +78,16 @@ def test_one_point_leaves_nearly_everything_open(zones):
     assert covered.pairs_hit[0] == 3
     assert covered.empty_radius > 1.2  # the far corner of a unit cube is sqrt(3) away
     assert covered.boundary_resolved == 0.0
+
+
+def test_a_space_as_narrow_as_its_points_is_covered():
+    def holds(values):
+        return np.abs(values["ego_speed"] - 2.0 * values["lead_speed"] - 2.0) < 1e-6
+
+    line = replace(LOW_SPEED, constraints=(Constraint("on a line", holds),))
+    points = np.array([[14.0, 6.0], [18.0, 8.0], [22.0, 10.0]])
+    covered = space_coverage(partition(line), points)
+    assert (covered.empty_radius, covered.pairs_hit) == (0.0, (3, 3))
 
 
 def test_pairs_that_no_point_can_have_are_not_missing():
