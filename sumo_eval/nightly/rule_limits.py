@@ -109,7 +109,7 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
             chance = set(shaky)
             bad = [k for k, key in zip(worse.which, keys, strict=True) if key not in chance]
             number = len(bad)
-            limit = f"{severity_limit(settings, repeats, one.unit):.3g}{one.unit}"
+            limit = f"{severity_limit(settings, repeats, one.unit):z.3g}{one.unit}"
             sentence = _outcome_words(quantity, number, limit) + _shaky_words(shaky, noise)
             yield GateResult(
                 quantity, one.ads, one.scenario, not number, sentence, float(number), 0.0,
