@@ -430,7 +430,7 @@ def _compare(stack: Any, k: int, margin_before: float, margin: float, equal: int
     stack[k, 2] = 0.0
     if holds and not was:
         share = -margin_before / (margin - margin_before)
-        stack[k, 2] = share if 0.0 <= share <= 1.0 else 1.0
+        stack[k, 2] = share if 0.0 <= share <= 1.0 and margin < math.inf else 1.0
 
 
 @kernel
