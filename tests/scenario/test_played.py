@@ -116,7 +116,7 @@ def test_law_the_instant_of_a_linear_condition_is_exact(step: float) -> None:
     assert found.begins[0, 0] == pytest.approx(5.55, abs=1e-9)
 
 
-def test_law_of_a_number_that_becomes_infinite_the_end_of_the_step_counts() -> None:
+def test_law_a_number_turned_infinite_counts_at_the_end() -> None:
     # the ego's front is at the lead's rear after 9.55 s, between two looks
     logical = scene({"do": "brake", "when": "thw(ego, lead) > 9", "deceleration": 5.0})
     found = tracks([logical.concrete(v=30.0)], [(4.5, 1.8)], 0.02, 9.8)
