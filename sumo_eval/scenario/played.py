@@ -280,6 +280,20 @@ def on_line(play: Any, table: Any, s: float) -> tuple[float, float, float]:
 
 
 @kernel
+def _across_line(play: Any, acts: Any, time: float) -> tuple[float, float, float]:
+    """Offset m, speed m/s and acceleration m/s2 to the left, of the moves begun on this line."""
+    aside, across, sideways = 0.0, 0.0, 0.0
+    for q in range(play.acts):
+        act = acts[q]
+        if act.kind <= COSINE and act.state == BEGUN and act.begin >= play.line_time:
+            offset, speed, acceleration = lateral_motion(act, time)
+            aside += offset
+            across += speed
+            sideways += acceleration
+    return aside, across, sideways
+
+
+@kernel
 def place(
     other: Any, play: Any, acts: Any, pieces: Any, table: Any, time: float, line: Any
 ) -> None:
@@ -293,14 +307,7 @@ def place(
     """
     s, v, a = driven(play, pieces, time)
     x, y, heading = on_line(play, table, s)
-    aside, across, sideways = 0.0, 0.0, 0.0
-    for q in range(play.acts):
-        act = acts[q]
-        if act.kind <= COSINE and act.state == BEGUN and act.begin >= play.line_time:
-            offset, speed, acceleration = lateral_motion(act, time)
-            aside += offset
-            across += speed
-            sideways += acceleration
+    aside, across, sideways = _across_line(play, acts, time)
     if aside != 0.0:
         x, y = x - aside * math.sin(heading), y + aside * math.cos(heading)
 
@@ -516,8 +523,9 @@ def arithmetic(op: int, a: float, b: float) -> float:
 
 
 @kernel
-def _begin(play: Any, act: Any, pieces: Any, table: Any) -> None:
-    """Begin a move, from where the vehicle is at that instant."""
+def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
+    """Begin a move, one of `acts`, from where the vehicle is at that instant."""
+    act = acts[chosen]
     act.state = BEGUN
     play.first_begin = min(play.first_begin, act.begin)
     if act.kind <= COSINE:
@@ -531,6 +539,9 @@ def _begin(play: Any, act: Any, pieces: Any, table: Any) -> None:
     s, v, _ = driven(play, pieces, act.begin)
     x, y, heading = on_line(play, table, s)
     if act.kind == PATH:
+        aside = _across_line(play, acts, act.begin)[0]
+        if aside != 0.0:
+            x, y = x - aside * math.sin(heading), y + aside * math.cos(heading)
         play.x, play.y, play.heading = x, y, heading
         play.line_s, play.line_time = s, act.begin
         play.path, play.points = act.first, act.count
@@ -563,7 +574,7 @@ def begin_due(play: Any, acts: Any, pieces: Any, table: Any, time: float) -> boo
                 chosen = q
         if chosen < 0:
             return begun
-        _begin(play, acts[chosen], pieces, table)
+        _begin(play, acts, chosen, pieces, table)
         begun = True
 
 

@@ -83,6 +83,13 @@ def test_a_swing_has_its_amplitude_and_its_lateral_acceleration() -> None:
     assert np.abs(np.diff(y, 2)).max() / 1e-4 == pytest.approx(2.0, rel=1e-3)
 
 
+def test_a_path_begins_beside_the_line_after_a_lane_change() -> None:
+    change = {"do": "change_lane", "duration": 3.0, "offset": 3.5}
+    path = {"do": "path", "begin": 5.0, "points": [[300.0, 3.5], [500.0, 3.5]]}
+    t, _, y, _, _ = way(scene(change, path))
+    assert y[t >= 4.0] == pytest.approx(3.5)
+
+
 def test_a_path_leads_through_its_points_at_the_vehicles_speed() -> None:
     t, x, y, heading, _ = way(
         scene({"do": "path", "points": [[190.0, 0.0], [220.0, 3.5], [400.0, 3.5]]}), step=0.01
