@@ -181,6 +181,8 @@ def test_its_identity_holds_the_model_and_its_table(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_used_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="`mean` of `Feature` must be a number, got nan"):
+        Feature("ego.speed", mean=float("nan"), deviation=1.0)
     with pytest.raises(InputError, match="There is no model"):
         find_controller("onnx:policy.onnx", tmp_path)
     path = linear(tmp_path)

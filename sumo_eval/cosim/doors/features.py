@@ -70,6 +70,7 @@ class Feature(Checked):
     absent: float | None = None
 
     def __post_init__(self) -> None:
+        Checked.__post_init__(self)
         _check_range(self.name, self.low, self.high)
         if (self.mean is None) != (self.deviation is None) or not (
             self.deviation is None or self.deviation > 0.0
@@ -98,6 +99,7 @@ class Action(Checked):
     values: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
+        Checked.__post_init__(self)
         if self.name not in ACTIONS:
             raise unknown("action", self.name, ACTIONS)
         if self.values is not None and (
