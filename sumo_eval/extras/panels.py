@@ -40,8 +40,8 @@ class Marks:
 
     name: in the legend, where each name stands once; empty: not there.
     x, y: (n,).
-    line, marker: of matplotlib; empty: none.
-    bars: bars instead of both.
+    line, marker: of matplotlib, on a page those of `_ON_PAGES`; empty: none.
+    bars: bars instead of both, on a page only.
     spread: half the length of each point's bar along x, (n,); None: without.
     words: on each point, shown by a page.
     """
@@ -117,9 +117,12 @@ def on_page(panels: Sequence[Panel], columns: int, height: int) -> go.Figure:
                 bars = go.Bar(x=it.x, y=it.y, marker={"color": it.colour}, opacity=0.55, **shown)
                 figure.add_trace(bars, **at)
                 continue
+            shapes = [
+                shape for shape, style in (("lines", it.line), ("markers", it.marker)) if style
+            ]
             dash, symbol = (_ON_PAGES.get(style, style) for style in (it.line, it.marker))
             figure.add_scatter(
-                x=it.x, y=it.y, mode="lines" if it.line else "markers", text=it.words, **shown,
+                x=it.x, y=it.y, mode="+".join(shapes) or "markers", text=it.words, **shown,
                 **at,
                 line={"color": it.colour, "dash": dash or None},
                 marker={"color": it.colour, "symbol": symbol or None},
