@@ -488,6 +488,14 @@ def test_an_ego_that_turns_behind_the_crossing_vehicle_passes(tmp_path: Path) ->
     np.testing.assert_allclose(np.hypot(x - 120.0, y - 10.0), math.hypot(10.0, 1.35), atol=0.2)
 
 
+def test_times_without_a_reference_do_not_count(tmp_path: Path) -> None:
+    """Version 1.0 asks every vertex for a time."""
+    line = _line(_at(1, 70.0), _at(1, 90.0)).replace("<Vertex>", '<Vertex time="0">')
+    event = TIMED.format(n=1, action=_following(line), delay=0, when=AT.format(0))
+    path = changed(tmp_path, (' offset="0.25"', ""), events=event)
+    assert not any(act.table for act in find(str(path)).concrete(only=0.0).actors[0].acts)
+
+
 def test_a_trajectory_crosses_a_curved_road_straight_on_the_map(tmp_path: Path) -> None:
     """A left bend of 500 m, a body that goes from the left lane, 3.5 m to the left, to the right
     one 10 m before: on the map its places lie on the chord between both ends, 1.5 m ahead of where

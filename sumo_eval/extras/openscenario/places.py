@@ -304,7 +304,9 @@ class Places:
         mode = action.find("TrajectoryFollowingMode")
         if mode is not None:
             mode.one_of("followingMode", ("position", "follow"))
-        return self.trajectory(action.find("TrajectoryRef") or action)
+        course = self.trajectory(action.find("TrajectoryRef") or action)
+        # times that do not count: version 1.0 asks every vertex for one
+        return replace(course, times=()) if action.find("TimeReference/None") else course
 
     def _polyline(self, shape: Node) -> MapPath:
         vertices = shape.all("Vertex")
