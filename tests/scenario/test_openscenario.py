@@ -726,6 +726,9 @@ def test_a_move_is_played_although_an_earlier_one_may_lead_there(tmp_path: Path)
     path = changed(tmp_path, ('offset="0.25"', 'offset="3"'), events=events)
     other = simulate(find(str(path)).concrete(only=0.0), "no_reaction").actors["Other"]
     assert np.interp([2.0, 4.0, 6.0], other.time, other.speed) == pytest.approx([15.0, 5.0, 0.0])
+    wrong = 'Dimension="rate"', 'Dimension="Rate"'  # no time
+    with pytest.raises(InputError, match="`dynamicsDimension` must be one of"):
+        find(str(changed(tmp_path, events=never + events[len(never) :].replace(*wrong))))
 
 
 @pytest.mark.parametrize(("kind", "name"), [("event", "e"), ("maneuver", "m"), ("act", "a")])

@@ -204,7 +204,8 @@ class Moves:
 
     def _from_any_speed(self, dynamics: Node, entity: Entity, begin: Moment, speed: float) -> Span:
         """A change from whatever speed the entity then has, at once or at an even rate."""
-        kind, lasts = dynamics.attribute("dynamicsDimension"), AT_ONCE
+        kind = dynamics.one_of("dynamicsDimension", ("rate", "time", "distance"))
+        lasts = AT_ONCE
         if not is_step(dynamics):
             if dynamics.text("dynamicsShape") != "linear" or kind == "distance":
                 raise dynamics.fault(f"the speed of `{entity.name}` when this begins is unknown")
