@@ -86,23 +86,19 @@ def _of(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) ->
     delays = [float(search.delay(point)) for point in values]
     if search.conflict:
         return conflict_criticality(placed, search.obstacle, delays, size, settings)
-    longest = min(logical.time_limit or _LONGEST, _LONGEST)
+    longest, length = min(logical.time_limit or _LONGEST, _LONGEST), logical.road.length
+    # at last the obstacle begins when the ego has come to the end of the road at its speed
     until = [
-        min(longest, delay + concrete.ego.speed / settings.deceleration + _wait(logical, concrete))
-        for concrete, delay in zip(placed, delays, strict=True)
+        min(
+            longest,
+            delay + ego.speed / settings.deceleration + (length - ego.x) / max(ego.speed, 1.0),
+        )
+        for ego, delay in zip([concrete.ego for concrete in placed], delays, strict=True)
     ]
     met = meetings(
         placed, [size] * len(placed), _FINER, until, settings.deceleration, search.obstacle, delays
     )
     return met[:, :3].T
-
-
-def _wait(logical: LogicalScenario, concrete: ConcreteScenario) -> float:
-    """How long the obstacle may take to begin, s: until the ego has come to the end of the road at
-    its speed.
-    """
-    wait = (logical.road.length - concrete.ego.x) / max(concrete.ego.speed, 1.0)
-    return min(wait, _LONGEST) if math.isfinite(wait) else _LONGEST
 
 
 def crossing_conflict(
