@@ -16,6 +16,7 @@ from sumo_eval.extras.figures.chosen import Asked, DrivenPoint, driven_point
 from sumo_eval.extras.figures.style import label, look_of, new_figure, on_paper, styled
 from sumo_eval.extras.panels import FAINT, HAZARDOUS, INK, MUTED, SAFE, Marks, Panel, edge_of
 from sumo_eval.extras.panels import name as name_figure
+from sumo_eval.extras.studies.opinion import INDEXES
 from sumo_eval.method.point_criticality import exact_target
 from sumo_eval.method.trajectory_field import trajectory_fields
 from sumo_eval.method.zone_partition import ZonePartition
@@ -23,9 +24,7 @@ from sumo_eval.report.page_data import View, choose_view, slice_points, telling_
 from sumo_eval.report.words import LOOKS
 from sumo_eval.results import ScenarioResult
 from sumo_eval.scenario.road.reference_line import map_places
-from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.findings import Findings
-from sumo_eval.scoring.gate_settings import HIGHER_IS_BETTER
 from sumo_eval.scoring.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.trajectory import FloatArray, Trajectory
@@ -38,8 +37,6 @@ CELLS = 140  # on each axis of a map
 _STAIRS = 2  # cells beside what cannot be in which no learnt boundary is drawn
 MOST_COLUMNS = 4
 LEARNT = "#d55e00"  # colour of the learnt boundary
-INDEXES = {name: SCORES[name][0] for name in HIGHER_IS_BETTER}
-"""Scores of the intervals' figure by their symbol."""
 
 
 def zone_map(asked: Asked) -> Figure:
