@@ -67,7 +67,7 @@ def _from_csv(path: Path) -> pd.DataFrame:
     )
     rows = rows[rows["vehicle_id"].notna()]  # a step without vehicles is a row without one
     rows.columns = rows.columns.str.removeprefix("timestep_").str.removeprefix("vehicle_")
-    checked_numbers(rows, _numbers(rows), path, rows=(rows.index + 2).tolist())
+    checked_numbers(rows, _numbers(rows), path)
     return rows
 
 
