@@ -133,12 +133,11 @@ def install_command(extra: str) -> str:
     return f"{shlex.quote(sys.executable)} -m pip install {editable}{shlex.quote(name)}"
 
 
-def check_name(what: str, owner: str, name: str) -> None:
-    """Refuse a name that a table, a file or a terminal could not show as it is."""
+def check_name(owner: str, name: str) -> None:
+    """Refuse a `name` that a table, a file or a terminal could not show as it is."""
     if clean(name) != name:
-        raise must_be(
-            what, owner, f"one line of at most {SENTENCE} characters that can be shown", name
-        )
+        shape = f"one line of at most {SENTENCE} characters that can be shown"
+        raise must_be("`name`", owner, shape, name)
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:

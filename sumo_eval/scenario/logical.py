@@ -280,9 +280,9 @@ class LogicalScenario:
     requirements: Requirements | None = None
 
     def __post_init__(self) -> None:
-        check_name("`name`", "a logical scenario", self.name)
+        check_name("a logical scenario", self.name)
         for parameter in self.parameters:
-            check_name("`name`", f"a parameter of scenario `{self.name}`", parameter.name)
+            check_name(f"a parameter of scenario `{self.name}`", parameter.name)
 
     def _repr_html_(self) -> str:
         """HTML for notebooks: the description, and the parameters with their ranges."""

@@ -58,7 +58,7 @@ class StreamTable(Checked):
         Raises InputError for a lane that the road does not have.
         """
         what = f"stream `{self.name}`"
-        check_name("`name`", f"a stream of {names.where}", self.name)
+        check_name(f"a stream of {names.where}", self.name)
         if self.lane >= road.lanes:
             raise must_be("`lane`", f"{what} of {names.where}", f"below {road.lanes}", self.lane)
         return names.quantities(self, what)

@@ -446,7 +446,7 @@ class VehicleTable(Checked):
 
         departs: as in `ManoeuvreTable.read`.
         """
-        check_name("`name`", f"a vehicle of {names.where}", self.name)
+        check_name(f"a vehicle of {names.where}", self.name)
         what = f"vehicle `{self.name}`"
         owner = capitalised(f"{what} of {names.where}")
         if sum(place is not None for place in (self.gap, self.gap_behind, self.x)) != 1:
