@@ -47,7 +47,8 @@ def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
         x, y = front(body)
         right, left = float(road.right_edge_at(x)), float(road.left_edge_at(x))
         on_lanes = right - reach <= y <= left + reach and 0.0 <= x <= road.length + road.run_out
-        if not (on_lanes and right <= body.y <= left):
+        beside = not road.right_edge_at(body.x) <= body.y <= road.left_edge_at(body.x)
+        if beside or not on_lanes:
             return True
     return False
 
@@ -61,7 +62,8 @@ def impossible(
     """
     x, y = calls.getPosition(name)
     angle, speed = calls.getAngle(name), calls.getSpeed(name)
-    if not max(abs(x - last[0]), abs(y - last[1])) < FASTEST * step:
+    far = FASTEST * step
+    if not (abs(x - last[0]) < far and abs(y - last[1]) < far):  # nan is less than nothing
         what = f"the place ({x:g}, {y:g}) m, a step after ({last[0]:.2f}, {last[1]:.2f}) m,"
     elif not BACKWARDS < speed < FASTEST:
         what = f"the speed {speed:g} m/s"

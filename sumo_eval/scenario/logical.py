@@ -287,8 +287,8 @@ class LogicalScenario:
     def _repr_html_(self) -> str:
         """HTML for notebooks: the description, and the parameters with their ranges."""
         rows = "".join(
-            f"<tr><th>{escape(item.name)}</th><td>{item.low:g} to {item.high:g} "
-            f"{escape(item.unit)}</td>"
+            f"<tr><th>{escape(item.name)}</th><td>{item.low:g} to {item.high:g}"
+            f"{escape(item.behind)}</td>"
             f"<td>{item.step:g}</td><td>{escape(item.about)}</td></tr>"
             for item in self.parameters
         )

@@ -24,7 +24,7 @@ from typing import (
     get_type_hints,
 )
 
-from annotated_types import Ge, Gt, Le, Lt
+from annotated_types import Ge, Gt, Le, Lt, MinLen
 
 from sumo_eval.errors import must_be
 
@@ -69,6 +69,7 @@ _CHECKS: tuple[tuple[type, str, Callable[[Any, Any], bool], str], ...] = (
     (Ge, "ge", operator.ge, "at least"),
     (Lt, "lt", operator.lt, "less than"),
     (Le, "le", operator.le, "at most"),
+    (MinLen, "min_length", lambda value, least: len(value) >= least, "no shorter than"),
 )
 
 

@@ -152,8 +152,8 @@ class AdsSettings(Checked):
     controller: Annotated[
         str,
         About(
-            "a shipped name, module:name, file.py:name, sumo:MODEL, exec:COMMAND, traci:COMMAND "
-            "or fmu:FILE"
+            "a shipped name, module:name, file.py:name, sumo:MODEL, exec:COMMAND, traci:COMMAND, "
+            "fmu:FILE or onnx:FILE"
         ),
     ]
     fmu: Annotated[

@@ -103,6 +103,7 @@ def test_about_knows_unit_symbol_and_equation():
                                            "got '5'"),
         (SamplingSettings, {"aim": "risk"}, "must be one of 's_plus', 'boundary', got 'risk'"),
         (DriverSettings, {"source": 3}, "`source` of `DriverSettings` must be a text, got 3"),
+        (settings_module.AdsSettings, {"name": "", "controller": "idm"}, "must be no shorter than 1, got ''"),
         (RunSettings, {"workers": 0}, "`workers` of `RunSettings` must be at least 1, got 0"),
         (ZoneSettings, {"target": "labels"}, "`target` of `ZoneSettings` must be one of "
                                              "'squared_time', 'label'"),

@@ -19,7 +19,7 @@ from typing import IO
 from sumo_eval.errors import InputError, must_be
 
 _PATIENCE = 0.5  # s of wall time that a program has to end by itself once its case is over
-_KEPT = 20_000  # characters of what a program says that are kept
+_KEPT = 20_000  # bytes of what a program says that are kept
 _PR_SET_PDEATHSIG = 1
 
 
@@ -109,14 +109,11 @@ class ChildProgram:
         process.wait()
         if process.stdout is not None:
             process.stdout.close()
-        self._said.seek(0)
+        before = max(self._said.seek(0, os.SEEK_END) - _KEPT, 0)
+        self._said.seek(before)
         text = self._said.read().decode("utf-8", errors="replace")
         self._said.close()
-        return (
-            text
-            if len(text) <= _KEPT
-            else f"[the first {len(text) - _KEPT} characters are left out]\n{text[-_KEPT:]}"
-        )
+        return f"[the first {before} bytes are left out]\n{text}" if before else text
 
     def ended(self) -> str:
         """How the program ended: `with status 1`; of one that has only closed its output, that it
