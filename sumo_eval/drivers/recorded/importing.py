@@ -29,16 +29,16 @@ _LEVELX = levelx.read, ("*_tracks.csv",)
 READERS: dict[str, tuple[Callable[[Path], Samples], Sequence[str]]] = {
     "highd": (highd.read, ("*_tracks.csv",)),
     **dict.fromkeys(("ind", "exid", "round", "unid"), _LEVELX),
-    "ngsim": (ngsim.read, ("*.[ct][sx][vt]",)),
+    "ngsim": (ngsim.read, ("*.csv", "*.txt")),
     "commonroad": (commonroad.read, ("*.xml",)),
-    "sumo_fcd": (sumo_fcd.read, ("*.[xc][ms][lv]",)),
+    "sumo_fcd": (sumo_fcd.read, ("*.xml", "*.csv")),
     "openacc": (openacc.read, ("*.csv",)),
     "dlr_highway": (dlr_highway.read, ("trajectories_*.csv",)),
     "osi": (osi.read, [f"*{ending}" for ending in osi.ENDINGS]),
     "map": (map_table.read, ("*.csv*",)),
 }
-"""Foreign formats, by the name they have on the command line: reader of a file, files of a
-folder."""
+"""Foreign formats, by the name they have on the command line: what reads one file, and
+patterns of such files in a folder."""
 
 OWN = "csv"  # the canonical table itself
 FORMATS = (*READERS, OWN)
