@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sumo_eval.settings import ConditionSettings
 
-_ROUNDING = 1e-9  # s
+_ROUNDING = 1e-9  # s; a delay of whole steps does not become one more by rounding
 
 
 class Actuation:
@@ -46,7 +46,8 @@ class Actuation:
     ) -> None:  # fmt: skip
         """Replace commands of cases, (n,), by those that arrive in step `now`.
 
-        took: wall time of the ADS's step, s; None: it was not asked, and a late command stays late.
+        took: wall time of the ADS's step, s; None: it was not asked, and what
+            its last command was, late or in time, still holds.
         given: whether there are new commands; else, or where they are late, the last ones hold.
         """
         slots = len(self._given)
