@@ -157,7 +157,8 @@ def task_share(
     incident: any contact, departure or giving up: t_i = 0.
     excused: the way ends where the ego stands.
 
-    0 at places never reached, and behind a lane change that was asked for and missed.
+    0 at places never reached, and beyond where a lane change that was missed was due; 1 where no
+    place counts.
     """
     if incident:
         return 0.0
@@ -171,7 +172,9 @@ def task_share(
 
 
 def misses(ego: Trajectory, way: Way) -> bool:
-    """Whether the ego passed the end of its lane change without having made at least half of it."""
+    """Whether the ego passed the end of its lane change further than half of it from where it
+    should be, short or beyond.
+    """
     there = times_at(ego, np.array([way.by]))[0]
     if np.isinf(there):
         return False
