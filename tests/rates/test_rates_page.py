@@ -31,6 +31,7 @@ def test_a_column_is_one_of_numbers_when_all_its_cells_are() -> None:
     assert found.numbers == (False, True, False)
 
 
+@pytest.mark.campaign
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 def test_a_chart_in_a_folded_section_is_drawn_when_it_opens_and_follows_the_theme(
     tmp_path: Path,

@@ -176,6 +176,7 @@ def share_of(page: Page, colour: tuple[int, int, int], within: int = 40) -> floa
     )
 
 
+@pytest.mark.campaign
 @needs_chromium
 def test_every_camera_shows_road_and_ego_and_contact_has_its_frames(
     evaluation: Evaluation, tmp_path: Path
@@ -205,6 +206,7 @@ def test_every_camera_shows_road_and_ego_and_contact_has_its_frames(
         assert page.problems == []
 
 
+@pytest.mark.campaign
 @needs_chromium
 def test_where_webgl_is_missing_the_plain_drawing_stays(
     evaluation: Evaluation, tmp_path: Path
@@ -348,6 +350,7 @@ def test_an_actor_that_has_left_is_drawn_no_more() -> None:
     assert there > 0 == gone
 
 
+@pytest.mark.campaign
 @needs_chromium
 def test_the_charts_of_a_replay_follow_the_theme_and_are_saved_as_they_are_drawn(
     evaluation: Evaluation, tmp_path: Path

@@ -458,6 +458,7 @@ def test_a_second_ads_stands_beside_the_first_and_the_filter_holds_for_both(
     assert opened.problems == []
 
 
+@pytest.mark.campaign
 @needs_chromium
 def test_every_word_can_be_read_in_the_light_and_in_the_dark(opened: Page) -> None:
     for theme in ("Dark", "Light"):
@@ -589,7 +590,7 @@ def test_the_terms_of_c_are_the_numbers_of_the_table(opened: Page, evaluation: E
 
 
 @needs_chromium
-@pytest.mark.parametrize("width", [390, 1400, 2560])
+@pytest.mark.parametrize("width", [390, 1400, pytest.param(2560, marks=pytest.mark.campaign)])
 def test_no_page_is_wider_than_its_window(opened: Page, width: int) -> None:
     opened.call(
         "Emulation.setDeviceMetricsOverride",
