@@ -381,9 +381,8 @@ def _prune(history: Path, lines: History, keep: int) -> list[str]:
     kept = {night.night for night in nights[-keep:]}
     kept |= {night.night for night in [night for night in nights if night.good][-1:]}
     pins = in_force(lines.accepted())
-    for day in {
-        pin.until or "" for pin in pins
-    }:  # on which an acceptance ends: the one that counts
+    # of the acceptances that end on one day, the last counts
+    for day in {pin.until or "" for pin in pins}:
         kept |= {pin.night for pin in in_force(pins, day or "9999-12-31")[-1:]}
     notes, removed = [], 0
     for night in nights:

@@ -25,7 +25,7 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
 from sumo_eval.scoring.comparability import Difference, differences, refuse_unless_comparable
 from sumo_eval.scoring.confidence.paired_differences import COMPARED, paired_differences
-from sumo_eval.scoring.gate_settings import TIMED, GateSettings, change_of_u
+from sumo_eval.scoring.gate_settings import HARSHER_BY, TIMED, GateSettings, change_of_u
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 IntArray = NDArray[np.intp]
@@ -448,7 +448,7 @@ def _changes(
         mark(before & ~after, better)
     harsher = now.severity - old.severity
     liked, index = now.human_likeness - old.human_likeness, now.index - old.index
-    least, less = change_of_u(settings.harsher_by, 0.1, unit), settings.less_human_by
+    least, less = change_of_u(settings.harsher_by, HARSHER_BY, unit), settings.less_human_by
     mark(harsher > least, "harsher", harsher)
     mark(harsher < -least, "softer", harsher)
     for more in (liked, index):

@@ -53,8 +53,10 @@ LAST_DIGIT = 1e-9
 """Share of a tolerance, or of a base's value, that rounding may change: no limit fails on it."""
 
 
+SEVERITY_BY, HARSHER_BY = 0.5, 0.1  # m/s
+"""Changes of U that count by default: in the rule, and among the changed cases."""
 LEAST_LOSS = 0.01
-"""Change that counts by default where a loss in 0..1 replaces U, as of other shares."""
+"""The same where a loss in 0..1 replaces U, as of other shares."""
 _OF_A_LOSS = f"of a loss in 0..1 {LEAST_LOSS:g}"
 
 
@@ -126,7 +128,12 @@ class OutcomeSettings(Checked):
     severity_by: Annotated[
         float | None,
         NotNegative,
-        About(f"rise of U from which a case failed; default: 0.5, {_OF_A_LOSS}", "m/s", "U", "15"),
+        About(
+            f"rise of U from which a case failed; default: {SEVERITY_BY}, {_OF_A_LOSS}",
+            "m/s",
+            "U",
+            "15",
+        ),
     ] = None
     floors: Annotated[float, NotNegative, About("rise of U that chance makes, in floors of U")] = (
         2.0
@@ -211,7 +218,8 @@ class GateSettings(Checked):
         float | None,
         NotNegative,
         About(
-            f"change of U from which a collision is harsher or softer; default: 0.1, {_OF_A_LOSS}",
+            f"change of U from which a collision is harsher or softer; default: {HARSHER_BY}, "
+            f"{_OF_A_LOSS}",
             "m/s",
             "U",
             "15",

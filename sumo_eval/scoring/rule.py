@@ -16,6 +16,7 @@ from sumo_eval.cases import CaseTable, Column
 from sumo_eval.scoring.comparison import AdsComparison, Comparison, Paired
 from sumo_eval.scoring.gate_settings import (
     LAST_DIGIT,
+    SEVERITY_BY,
     TIMED,
     GateSettings,
     MeasureSettings,
@@ -214,7 +215,7 @@ def severity_floor(once: Ends, twice: Ends, settings: NoiseSettings) -> float:
 def severity_limit(settings: GateSettings, repeats: Repeats, unit: str) -> float:
     """max(0.5 m/s, 2 floors of U); of a loss, which has no unit, max(0.01, 2 floors)."""
     rule = settings.outcome
-    least = change_of_u(rule.severity_by, 0.5, unit)
+    least = change_of_u(rule.severity_by, SEVERITY_BY, unit)
     return max(least, rule.floors * repeats.floors.get("severity", 0.0))
 
 

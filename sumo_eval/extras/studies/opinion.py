@@ -127,10 +127,8 @@ def opinion_lines(opinion: Opinion) -> list[str]:
                 f"(p = {rho.p_value:z.3g})."
             )
         lines.append(f"{name}: {words}")
-    between, words = (
-        opinion.concordance,
-        "fewer than two rated everything, or each all alike: no concordance.",
-    )
+    between = opinion.concordance
+    words = "fewer than two rated everything, or each gave one score to all: no concordance."
     if between is not None:
         words = (
             f"Kendall's W {between.value:z.3f} of {between.n} who rated everything "

@@ -33,8 +33,9 @@
   const pointWords = (scenario, values) =>
     scenario.parameters.map((parameter, k) => `${parameter.name} ${short(values[k])}`).join(", ");
 
-  /** U in words; a loss in 0..1, which has no unit, with three decimals. */
-  const severity = (value) => `${fixed(value, data.severityUnit ? 1 : 3)}${data.severityUnit}`;
+  /** Digits and heading of U; a loss in 0..1, which has no unit, has three decimals. */
+  const digitsOfU = data.severityUnit ? 1 : 3, headOfU = data.severityUnit ? `U,${data.severityUnit}` : "U";
+  const severity = (value) => `${fixed(value, digitsOfU)}${data.severityUnit}`;
 
   function caseHover(scenario, item) {
     const lines = scenario.parameters.map((p, k) => `${plain(p.name)} = ${short(item.values[k])} ${plain(p.unit)}`);
@@ -406,7 +407,10 @@
       row.append(strong, `${group.words}. `, ...links.flatMap((link) => [link, " "]), group.size > links.length ? `and ${group.size - links.length} more` : "", filters);
       return row;
     }));
-    if (scenario.moreGroups) box.querySelector("ul").append(`${scenario.moreGroups} smaller groups are not listed.`);
+    if (!scenario.moreGroups) return;
+    const rest = document.createElement("li");
+    rest.textContent = `${scenario.moreGroups} smaller ${scenario.moreGroups === 1 ? "group is" : "groups are"} not listed.`;
+    box.querySelector("ul").append(rest);
   }
 
   const FIRST_ROWS = 15;
@@ -422,8 +426,8 @@
     };
     const more = sumoPage.button("Show all", () => { most = Infinity; show(); });
     const columns = (item) => [...item.values.map((value) => [short(value), "n"]), [item.zone, ""], [item.outcome === "collision" ? `${item.kind} collision` : item.outcome, ""],
-      [fixed(item.severity, data.severityUnit ? 1 : 3), "n"], [fixed(item.human_likeness, 3), "n"], [fixed(item.index, 3), "n"]];
-    const heads = () => [...scenario.parameters.map((parameter) => [label(parameter), "n"]), ["zone", ""], ["outcome", ""], [`U${data.severityUnit ? "," : ""}${data.severityUnit}`, "n"], ["in H", "n"], ["D_i", "n"]];
+      [fixed(item.severity, digitsOfU), "n"], [fixed(item.human_likeness, 3), "n"], [fixed(item.index, 3), "n"]];
+    const heads = () => [...scenario.parameters.map((parameter) => [label(parameter), "n"]), ["zone", ""], ["outcome", ""], [headOfU, "n"], ["in H", "n"], ["D_i", "n"]];
     function show() {
       if (!box.open) return;
       const chosen = [card.querySelector("input[data-ads]:checked").value, card.querySelector("[data-beside]")?.value];
@@ -596,7 +600,7 @@
       const hardest = Math.max(...scenario.cases.map((item) => item.severity ?? 0));
       const [severity, ttc] = ["severity", "ttc"].map((name) => card.querySelector(`[data-of=${name}]`));
       whenSeen(severity, () => histogram(severity, scenario, {
-        value: (item) => item.severity, high: data.severityUnit ? Math.max(5, Math.ceil(hardest / 5) * 5) : 1, bins: 15, digits: data.severityUnit ? 1 : 2, axis: `U${data.severityUnit ? "," : ""}${data.severityUnit}`, count: "collisions",
+        value: (item) => item.severity, high: data.severityUnit ? Math.max(5, Math.ceil(hardest / 5) * 5) : 1, bins: 15, digits: data.severityUnit ? 1 : 2, axis: headOfU, count: "collisions",
       }));
       whenSeen(ttc, () => histogram(ttc, scenario, { value: (item) => item.ttc, high: 10, bins: 20, digits: 1, axis: "TTC, s", count: "cases" }));
     }
