@@ -15,8 +15,10 @@ from scipy.special import fresnel
 from sumo_eval.cosim.openscenario import opendrive_xml
 from sumo_eval.cosim.sumo.sumo_files import network_xml
 from sumo_eval.errors import InputError
+from sumo_eval.extras.openscenario.network import Lane, MapRoad
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.file import scenario_from
+from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import (
     Piece,
     arc,
@@ -47,6 +49,14 @@ def test_an_arc_is_a_circle() -> None:
     )
     right = (arc(50.0 * math.pi, -100.0),)
     assert np.allclose(map_places(right, s, 2.0), (102.0, -100.0, -math.pi / 2), atol=1e-12)
+
+
+@pytest.mark.parametrize("centre", [3.5, -3.5])
+def test_a_length_along_a_lane_holds_round_a_loop(centre: float) -> None:
+    # a turn of 6 rad: the road's 240 m are 6 rad * (40 m - centre) along the lane
+    loop = MapRoad("loop", Pose(0.0, 0.0, 0.0), (arc(240.0, 40.0),), {})
+    lane = Lane(1, "driving", centre, 3.5)
+    assert loop.ahead_in_lane(lane, 0.0, 6.0 * (40.0 - centre)) == pytest.approx(240.0)
 
 
 @pytest.mark.parametrize("length", [30.0, 100.0, 250.0])

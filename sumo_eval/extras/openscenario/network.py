@@ -82,7 +82,7 @@ class MapRoad:
         turned = 0.0
         for _ in range(_ROUNDS if length and self.bent else 0):
             begin, end = (self.pose(it, 0.0).heading for it in (s, s + length + turned))
-            turned = lane.centre * math.remainder(end - begin, math.tau)
+            turned = lane.centre * (end - begin)  # a loop turns by more than half a circle
         return length + turned
 
     def lane_at(self, t: float) -> Lane | None:
