@@ -7,6 +7,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
+import os
 import shlex
 import sys
 from dataclasses import replace
@@ -17,6 +18,7 @@ from types import ModuleType
 from typing import Any
 
 from sumo_eval.cosim.doors.controller import find_controller, takes_arrays
+from sumo_eval.cosim.doors.entry import split_entry
 from sumo_eval.errors import must_be
 from sumo_eval.input_file import hash_of
 from sumo_eval.record.cases import Case
@@ -25,7 +27,8 @@ from sumo_eval.settings.locators import load_object
 
 _PACKAGE = Path(__file__).parent.parent
 # locators of commands and files, not of Python objects
-_NOT_PYTHON = ("exec", "traci", "fmu", "onnx", "sumo", "given")
+_COMMANDS = ("exec", "traci")
+_NOT_PYTHON = (*_COMMANDS, "fmu", "onnx", "sumo", "given")
 _ROOMS_THAT_MAKE_FACTS = ("ads", "cosim", "drivers", "scenario")
 
 
@@ -149,14 +152,16 @@ def _file(module: Any) -> Path | None:
 
 def named_files(locator: str, folder: Path) -> set[Path]:
     """Files that the words of a command name, and modules beside a Python program that it
-    imports.
+    imports; of any other locator, its file.
     """
-    try:
-        words = shlex.split(locator.partition(":")[2].partition("?")[0])
+    scheme, _, named = split_entry(locator)[0].partition(":")
+    try:  # a command's words may hold a `?`
+        words = shlex.split(named) if scheme in _COMMANDS else [named.partition("?")[0]]
     except ValueError:
         return set()
     files: set[Path] = set()
-    new = {folder / word for word in words if (folder / word).is_file()}
+    # Path.is_file raises for a word that is too long for a name
+    new = {folder / word for word in words if os.path.isfile(folder / word)}
     homes = {file.parent for file in new}
     while new:
         file = new.pop()

@@ -5,8 +5,15 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import pytest
+
 import sumo_eval
-from sumo_eval.record.identity import people_identity, sources_of_facts
+from sumo_eval.record.identity import (
+    locator_identity,
+    named_files,
+    people_identity,
+    sources_of_facts,
+)
 from sumo_eval.settings import DriverSettings
 
 PACKAGE = Path(sumo_eval.__file__).parent
@@ -42,3 +49,19 @@ def test_recorded_drivers_are_the_same_in_any_folder(tmp_path: Path) -> None:
         identities.append(people_identity(settings, folder))
     (folder / name).write_text("changed")
     assert identities[0] == identities[1] != people_identity(settings, folder)
+
+
+@pytest.mark.parametrize(
+    "locator",
+    [
+        "exec:python 'my ads.py' --files 'no?e' {long}?period=0.1",
+        "traci:python 'my ads.py'",
+        "fmu:my ads.py?inputs.v=ego_speed",
+    ],
+)
+def test_a_locator_depends_on_the_file_it_names(locator: str, tmp_path: Path) -> None:
+    (tmp_path / "my ads.py").write_text("import shutil")
+    locator = locator.format(long="x" * 300)
+    assert named_files(locator, tmp_path) == {tmp_path / "my ads.py"}
+    if not locator.startswith("fmu:"):
+        assert "my ads.py" in locator_identity(("ADS", locator), tmp_path)
