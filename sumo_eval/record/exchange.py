@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 CASES = "cases.csv"
 FORMATS = ("csv", "parquet")
 _ROUND_TRIP = "%.17g"  # digits that bring every double back
+_NAMES = ("case", "scenario", "ads")  # columns that hold names, whatever these look like
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,9 @@ class Run:
         """
         import pandas as pd
 
-        return without_quotes(pd.read_csv(_scored(self.folder, CASES)))
+        # an ADS may be called `007` or `NA`
+        plain: Any = {"dtype": dict.fromkeys(_NAMES, str), "keep_default_na": False}
+        return without_quotes(pd.read_csv(_scored(self.folder, CASES), na_values=[""], **plain))
 
     @property
     def scores(self) -> pd.DataFrame:
@@ -238,7 +241,9 @@ def _to_parquet(tables: list[Path], folder: Path) -> list[Path]:
         for table in tables:
             target = folder / f"{table.stem}.parquet"
             quoted = str(target).replace("'", "''")
-            rows = "SELECT * FROM read_csv(?, header = true, sample_size = -1)"
+            with table.open(newline="", encoding="utf-8") as file:
+                types = {name: "VARCHAR" for name in next(csv.reader(file)) if name in _NAMES}
+            rows = f"SELECT * FROM read_csv(?, header = true, sample_size = -1, types = {types})"
             copy = f"COPY ({rows}) TO '{quoted}' (FORMAT parquet)"
             database.execute(copy, [str(table)])
             written.append(target)

@@ -86,7 +86,7 @@ def test_parquet_holds_the_same_as_csv(run: Path, tmp_path: Path) -> None:
 
 def test_parquet_holds_text_as_it_is_where_csv_quotes_it(tmp_path: Path) -> None:
     duckdb = pytest.importorskip("duckdb")
-    ads = dict.fromkeys(("=1+1", "-x", "'plain"), "idm")
+    ads = dict.fromkeys(("=1+1", "-x", "'plain", "007", "NA"), "idm")
     evaluation = small(ads, drivers=2, steps={"ego_speed": 100.0, "lead_speed": 100.0})
     write_tables(sumo_eval.evaluate(evaluation, tmp_path / "run"))
     export(tmp_path / "run", tmp_path / "csv")
@@ -96,12 +96,22 @@ def test_parquet_holds_text_as_it_is_where_csv_quotes_it(tmp_path: Path) -> None
             (tmp_path / "csv" / f"{table}.csv").read_text(encoding="utf-8").splitlines()
         )
         names = {row[column] for row in rows}
-        assert {"'=1+1", "'-x", "'plain"} <= names
+        assert {"'=1+1", "'-x", "'plain", "007", "NA"} <= names
         path = tmp_path / "parquet" / f"{table}.parquet"
         found = duckdb.sql(
             f"SELECT DISTINCT {column} FROM read_parquet(?)", params=[str(path)]
         ).fetchall()
-        assert {("=1+1",), ("-x",), ("'plain",)} <= set(found)
+        assert {(name,) for name in ads} <= set(found)
+    assert set(sumo_eval.open_run(tmp_path / "run").cases["ads"]) == set(ads)
+
+
+def test_names_of_digits_stay_texts(tmp_path: Path) -> None:
+    duckdb = pytest.importorskip("duckdb")
+    evaluation = small({"007": "idm"}, drivers=2, steps={"ego_speed": 100.0, "lead_speed": 100.0})
+    write_tables(sumo_eval.evaluate(evaluation, tmp_path / "run"))
+    export(tmp_path / "run", tmp_path, "parquet")
+    table = str(tmp_path / "cases.parquet")
+    assert duckdb.sql("SELECT ads FROM read_parquet(?)", params=[table]).fetchall() == [("007",)]
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "exposure.json"])
