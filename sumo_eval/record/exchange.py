@@ -243,7 +243,8 @@ def _to_parquet(tables: list[Path], folder: Path) -> list[Path]:
             quoted = str(target).replace("'", "''")
             with table.open(newline="", encoding="utf-8") as file:
                 types = {name: "VARCHAR" for name in next(csv.reader(file)) if name in _NAMES}
-            rows = f"SELECT * FROM read_csv(?, header = true, sample_size = -1, types = {types})"
+            options = f"header = true, sample_size = -1, types = {types}"
+            rows = f"SELECT * FROM read_csv(?, {options})"  # noqa: S608 - our own names
             copy = f"COPY ({rows}) TO '{quoted}' (FORMAT parquet)"
             database.execute(copy, [str(table)])
             written.append(target)
