@@ -67,6 +67,11 @@ def interrupted(error: KeyboardInterrupt) -> RuntimeError:
     return RuntimeError(f"it raised {kind_of(error)}")
 
 
+def interrupts_of_ads(limits: RunSettings) -> tuple[type[KeyboardInterrupt], ...]:
+    """Interrupts that are the ADS's own: with the engine `serial`, a user's Ctrl-C comes here."""
+    return () if limits.engine == "serial" else (KeyboardInterrupt,)
+
+
 class WatchedController(Adapter):
     """A controller whose steps end in time, by an exception raised in them, wherever Python code
     runs or waits.
@@ -79,6 +84,7 @@ class WatchedController(Adapter):
         self._controller = controller
         self._allowed = limits.step_timeout
         self._limits = limits
+        self._interrupts = interrupts_of_ads(limits)
         self._process = os.getpid()
         self.target = controller.target
         self.is_policy, self.observes = controller.is_policy, controller.observes
@@ -90,7 +96,7 @@ class WatchedController(Adapter):
         """Pass on. Loading a model may take its time: only the deadline of the case holds."""
         try:
             self._controller.reset(scenario, traci, ego)
-        except KeyboardInterrupt as error:
+        except self._interrupts as error:
             raise interrupted(error) from error
         if self._armed:  # after the ADS's own reset, which may have set handlers
             signal.signal(signal.SIGALRM, _interrupt)
@@ -119,7 +125,7 @@ class WatchedController(Adapter):
                 signal.setitimer(signal.ITIMER_REAL, self._allowed, self._allowed)
             try:
                 return ask(*arguments)
-            except KeyboardInterrupt as error:
+            except self._interrupts as error:
                 raise interrupted(error) from error
             finally:
                 # the step forked: this is the copy, which nobody asked for
@@ -145,5 +151,5 @@ class WatchedController(Adapter):
             signal.setitimer(signal.ITIMER_REAL, 0.0)
         try:
             self._controller.close()
-        except KeyboardInterrupt as error:
+        except self._interrupts as error:
             raise interrupted(error) from error

@@ -27,7 +27,7 @@ from sumo_eval.record.cases import IN_BLOCK, Case, Outcome, Setup, Status, on_it
 from sumo_eval.record.claims import OURS, STATUS, Results, as_plain, home
 from sumo_eval.record.identity import named_files
 from sumo_eval.record.kept import keep
-from sumo_eval.record.watch import interrupted, watched
+from sumo_eval.record.watch import interrupted, interrupts_of_ads, watched
 from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import Alone, Clip, Recording
@@ -67,9 +67,11 @@ def run_together(cases: Sequence[Case], setup: Setup) -> Results:
     if on_its_own(cases):
         outcome = run_case(cases[0], setup)
         return [replace(outcome, log=loading() + outcome.log)]
+    # each case reports its fault when it runs alone
+    faults: tuple[type[BaseException], ...] = (InputError, *interrupts_of_ads(setup.run))
     try:
         drives = list(_simulate_together(cases, setup))
-    except (InputError, KeyboardInterrupt):  # each of them reports why when it runs alone
+    except faults:
         return None
     if all(isinstance(drive, Alone) and drive.by_nature for drive in drives):
         return None
@@ -145,11 +147,11 @@ def _control(case: Case, settings: SimulationSettings) -> Any:
 def _loaded(case: Case, setup: Setup) -> Adapter:
     """Load the ADS of a case.
 
-    No keyboard reaches this process: an interrupt comes from the ADS itself.
+    No keyboard reaches a child: there, an interrupt comes from the ADS itself.
     """
     try:
         return load_controller(case.controller, setup.folder)
-    except KeyboardInterrupt as error:
+    except interrupts_of_ads(setup.run) as error:
         raise InputError(
             f"ADS `{case.controller}`: making one failed: {interrupted(error)}."
         ) from error

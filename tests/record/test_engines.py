@@ -277,6 +277,16 @@ def test_a_child_is_replaced_after_its_share_of_cases() -> None:
     assert str(os.getpid()) not in pids
 
 
+@pytest.mark.parametrize("ads", ["interrupts", "InterruptsWhenMade"])
+@pytest.mark.parametrize("number", [1, 2])
+def test_ctrl_c_ends_the_serial_engine(ads: str, number: int) -> None:
+    setup = Setup(SimulationSettings(), RunSettings(engine="serial"), HERE)
+    cases = [Case(it, CONCRETE, "ads", ads, f"faulty_ads.py:{ads}") for it in range(number)]
+    with pytest.raises(KeyboardInterrupt):
+        list(run_cases(cases, setup))
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+
+
 def test_the_serial_engine_gives_the_same_without_children() -> None:
     case = Case(0, CONCRETE, "ads", "idm", "idm")
     (here,) = run_cases([case], Setup(SimulationSettings(), RunSettings(engine="serial"), HERE))
