@@ -12,7 +12,7 @@ from typing import Any
 from sumo_eval.errors import InputError, needs_extra, said
 from sumo_eval.record.batches import Batch, Batches
 from sumo_eval.record.cases import Case, Outcome, Setup
-from sumo_eval.record.engines import run_in_children
+from sumo_eval.record.engines import once_each, run_in_children
 from sumo_eval.record.identity import harness_identity
 from sumo_eval.record.progress import Stopping
 
@@ -34,7 +34,7 @@ def run_batch(cases: Batch, setup: Setup, harness: str) -> list[Outcome] | str:
             "has another version of sumo_eval or of libsumo than the process that collects the "
             "facts"
         )
-    return [outcome for outcomes in run_in_children(cases, setup) for outcome in outcomes]
+    return list(once_each(run_in_children(cases, setup)))
 
 
 def run_on_cluster(

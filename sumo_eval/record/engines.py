@@ -1,6 +1,6 @@
 """Engines: work off cases here, in child processes or on a cluster.
 
-Outcomes come as cases end, each exactly once.
+Outcomes come as cases end.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from typing import Any
 
 from sumo_eval.errors import InputError
@@ -33,14 +34,28 @@ IDLE = 0.2
 _CLUSTER = "sumo_eval.record.cluster:run_on_cluster"
 
 Outcomes = Generator[list[Outcome], None, None]
-"""Outcomes of cases by batches, a list of those that ended together."""
+"""Outcomes of cases by batches, a list of those that ended together. One of a hook that ended in a
+batch comes once more, of a drive alone, when the hook turns out to keep state."""
 
 
 def run_cases(cases: Iterable[Case], setup: Setup) -> Generator[Outcome, None, None]:
-    """Outcomes of the cases as they end, from the engine that `setup.run` names."""
-    with closing(run_batches(cases, setup)) as batches:
-        for outcomes in batches:
-            yield from outcomes
+    """Outcomes of the cases as they end, each exactly once, from the engine that `setup.run`
+    names.
+    """
+    return once_each(run_batches(cases, setup))
+
+
+def once_each(ended: Outcomes) -> Generator[Outcome, None, None]:
+    """The last outcome of each case: those that another may replace come at the end."""
+    replaceable: dict[str, Outcome] = {}
+    with closing(ended) as batches:
+        for outcome in chain.from_iterable(batches):
+            if outcome.batched:
+                replaceable[outcome.case.key] = outcome
+            else:
+                replaceable.pop(outcome.case.key, None)
+                yield outcome
+    yield from replaceable.values()
 
 
 def run_batches(cases: Iterable[Case], setup: Setup, stopping: Stopping = never) -> Outcomes:

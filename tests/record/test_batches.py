@@ -12,7 +12,7 @@ import pytest
 import sumo_eval
 from sumo_eval.record.batches import LEAST, Batches
 from sumo_eval.record.cases import ALONE, Case, Outcome, Setup
-from sumo_eval.record.engines import run_batches, run_cases
+from sumo_eval.record.engines import once_each, run_batches, run_cases
 from sumo_eval.record.identity import with_fingerprint
 from sumo_eval.record.kept import KeptRecording
 from sumo_eval.record.store import open_store
@@ -361,7 +361,11 @@ def test_finished_batches_run_again_alone_once_state_shows(
         "    traci.vehicle.setSpeed(ego, traci.vehicle.getSpeed(ego) + 0.1)\n"
     )
     run = RunSettings(engine="serial", cases_per_pack=4)
-    found = list(run_cases(cases("mine.py:step", 8), Setup(SIMULATION, run, tmp_path)))
+    batches = list(run_batches(cases("mine.py:step", 8), Setup(SIMULATION, run, tmp_path)))
+    found = [one for batch in batches for one in batch]
     assert {one.case.point for one in found if one.batched} == {4, 5, 6, 7}
     last = {one.case.point: one.alone and one.alone.why for one in found}
     assert (len(found), last) == (12, dict.fromkeys(range(8), "keeps_state"))
+    once = list(once_each(batch for batch in batches))
+    assert sorted(one.case.point for one in once) == list(range(8))
+    assert not any(one.batched for one in once)
