@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from itertools import product
 
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.scenario.resolved import Resolved
@@ -33,9 +34,11 @@ def narrowed(run: Resolved) -> Resolved:
 
 def _place(case: str, scenarios: Sequence[str], every: Sequence[str]) -> tuple[str, str]:
     """Logical scenario and ADS of a case."""
-    number = next(iter(re.findall(r"-(\d{4,})-", case)), "0000")
+    # a name may hold a number, too: `ncap-2026-ccrs-0003-idm`
+    numbers = re.findall(r"-(\d{4,})(?=-)", case) or ["0000"]
     known = {
-        f"{scenario}-{number}-{ads}": (scenario, ads) for scenario in scenarios for ads in every
+        f"{scenario}-{number}-{ads}": (scenario, ads)
+        for scenario, number, ads in product(scenarios, numbers, every)
     }
     if case not in known:
         raise unknown("case of the evaluation", case, known)

@@ -1,11 +1,22 @@
 """Which points of a space an evaluation drives, and what is said where it drives none."""
 
+from pathlib import Path
+
 import pytest
 
+import sumo_eval
 from sumo_eval.errors import InputError
+from sumo_eval.record.only import narrowed
 from sumo_eval.record.points import choose_points
 from sumo_eval.scenario.catalogue import load
-from sumo_eval.settings import AdsSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
+from sumo_eval.scenario.resolved import Resolved
+from sumo_eval.settings import (
+    AdsSettings,
+    EvaluationSettings,
+    RunSettings,
+    SamplingSettings,
+    ScenarioSettings,
+)
 
 
 def test_an_empty_sampling_names_the_constraint_that_ruled_out_how_many(tmp_path):
@@ -23,3 +34,18 @@ def test_an_empty_sampling_names_the_constraint_that_ruled_out_how_many(tmp_path
         "The sampling of scenario `front_vehicle_cut_out` must choose at least one possible point"
     )
     assert "Of 3 points are ruled out: 3 by `" in sentence
+
+
+def test_only_knows_cases_of_names_that_hold_numbers(tmp_path):
+    shipped = Path(sumo_eval.__file__).parent / "scenario/files/cut_in.toml"
+    text = shipped.read_text(encoding="utf-8").replace('"cut_in"', '"cut-in-2026-de"', 1)
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    settings = EvaluationSettings(
+        "x",
+        (ScenarioSettings("mine.toml"), ScenarioSettings("cut_in")),
+        (AdsSettings("v-2025-1", "idm"), AdsSettings("v-2026-1", "idm")),
+        run=RunSettings(only=("cut-in-2026-de-0003-v-2026-1",)),
+    )
+    kept = narrowed(Resolved.of(settings, tmp_path))
+    assert list(kept.scenarios) == ["cut-in-2026-de"]
+    assert [ads.name for ads in kept.settings.ads] == ["v-2026-1"]
