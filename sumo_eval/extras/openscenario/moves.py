@@ -115,7 +115,7 @@ def is_step(dynamics: Node) -> bool:
     """Whether a change is a step, or takes 0 s."""
     if dynamics.one_of("dynamicsShape", _SHAPES) == "step":
         return True
-    return dynamics.get("dynamicsDimension") == "time" and dynamics.number("value") == 0.0
+    return dynamics.text("dynamicsDimension", "") == "time" and dynamics.number("value") == 0.0
 
 
 @dataclass(slots=True)
@@ -244,8 +244,7 @@ class Moves:
         if not is_step(dynamics):
             raise dynamics.fault("a continuous speed is supported with the shape `step` only")
         entity.pace, value = speed, target.number("value")
-        by_factor = target.text("speedTargetValueType") == "factor"
-        factor, added = (value, 0.0) if by_factor else (1.0, value)
+        factor, added = (value, 0.0) if _by_factor(target) else (1.0, value)
         other = self.places.referred(target)
         return self._relative(entity, begin, (self._number(other), factor), (added, 0.0))
 
@@ -489,7 +488,7 @@ class Moves:
             return self._add(entity, begin, Act(played.KEEP), NEVER)
         timing = element.find("TimeReference/Timing") or element
         times = np.array(course.times) * timing.number("scale", 1.0) + timing.number("offset", 0.0)
-        domain = timing.text("domainAbsoluteRelative", "relative")
+        domain = timing.one_of("domainAbsoluteRelative", ("absolute", "relative"), "relative")
         if times[0] != 0.0 or ahead or (domain == "absolute" and not at_start):
             raise element.fault("the times of a trajectory must begin with 0 s when it begins")
         lasts = np.diff(times)
@@ -541,8 +540,7 @@ class Moves:
         kind = holder.only()
         final = kind.number("value")
         if kind.tag == "RelativeSpeedToMaster":
-            by_factor = kind.text("speedTargetValueType") == "factor"
-            final = master.speed * final if by_factor else master.speed + final
+            final = master.speed * final if _by_factor(kind) else master.speed + final
         elif kind.tag != "AbsoluteSpeed":
             raise kind.unsupported()
         for rest in kind.children():
@@ -557,6 +555,11 @@ def _changes(entity: Entity, begin: Moment) -> bool:
     return begin.known and begin.time < entity.steady - SAME
 
 
+def _by_factor(target: Node) -> bool:
+    """Whether a relative speed is a factor; otherwise it is a difference."""
+    return target.one_of("speedTargetValueType", ("delta", "factor")) == "factor"
+
+
 def target_speed(action: Node, places: Places) -> float:
     """The speed that a SpeedAction leads to, m/s."""
     target = action.child("SpeedActionTarget").only()
@@ -565,8 +568,7 @@ def target_speed(action: Node, places: Places) -> float:
         other = places.referred(target)
         if other.waits:
             raise UnplacedError("", other.name)
-        kind = target.one_of("speedTargetValueType", ("delta", "factor"))
-        speed = other.pace + speed if kind == "delta" else other.pace * speed
+        speed = other.pace * speed if _by_factor(target) else other.pace + speed
     elif target.tag != "AbsoluteTargetSpeed":
         raise target.unsupported()
     if speed < 0.0:

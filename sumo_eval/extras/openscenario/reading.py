@@ -134,11 +134,9 @@ class Node:
         return str(written)
 
     def one_of(self, name: str, known: tuple[str, ...], default: str | None = None) -> str:
-        """An attribute that must be one of some words."""
-        if default is not None and self.get(name) is None:
-            return default
-        word = self.attribute(name)
-        if word not in known:
+        """An attribute, worked out, that must be one of some words."""
+        word = self.text(name, default)
+        if word != default and word not in known:
             near = did_you_mean(word, known)
             raise self.fault(
                 f"`{name}` must be one of {', '.join(known)}, got {shown(word)}.{near}"
