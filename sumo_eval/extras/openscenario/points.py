@@ -28,7 +28,7 @@ import numpy as np
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.openscenario.reading import Node, read_openscenario
 from sumo_eval.extras.openscenario.space import axes_of, range_of
-from sumo_eval.extras.openscenario.values import Value, plain
+from sumo_eval.extras.openscenario.values import Value, number_of, plain
 from sumo_eval.scenario.expression import Expression, checked_names, number
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.request import MAX_POINTS, Drawn, Request
@@ -72,15 +72,6 @@ class Variation:
     scenario: Node | None
     notes: tuple[str, ...]
 
-    def completed(self, combination: Combination) -> Combination | None:
-        """A combination with the defaults of other parameters; None where the constraint groups
-        forbid it.
-        """
-        if self.scenario is None:
-            return combination
-        inner, broken = self.scenario.declared(combination)
-        return None if broken else dict(inner.values)
-
 
 def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
     """The points of the variation that the mapping file `request.file` names, `request.count` draws
@@ -94,8 +85,8 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
     variation = read_variation(mapping.distribution, request.count, request.seed)
     theirs = {name for item in variation.combinations for name in item}
     if variation.scenario is not None:
-        declared = variation.scenario.all("ParameterDeclarations/*")
-        theirs |= {part.attribute("name") for part in declared}
+        parts = variation.scenario.all("ParameterDeclarations/*")
+        theirs |= {part.attribute("name") for part in parts}
     for name, expression in mapping.parameters.items():
         checked_names(expression, theirs, f"`{name}` of mapping {request.file}")
     check_known(f"parameter in [only] of mapping {request.file}:", theirs, *mapping.only)
@@ -104,7 +95,10 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
     kept = [whole for item, whole in held if whole == whole | item]
     if not kept:
         raise InputError(f"[only] of mapping {request.file} keeps no combination.")
-    allowed = [item for item in map(variation.completed, kept) if item is not None]
+    allowed = kept
+    if variation.scenario is not None:  # with the defaults of other parameters
+        declared = map(variation.scenario.declared, kept)
+        allowed = [dict(inner.values) for inner, broken in declared if not broken]
     if not allowed:
         raise InputError(
             f"The constraints of {mapping.distribution.name} allow none of its {len(kept)} "
@@ -194,10 +188,7 @@ def _deterministic(distribution: Node, owner: str) -> tuple[Combination, ...]:
     total = math.prod(axis.count for axis in axes) if axes else 0
     if not 1 <= total <= MAX_POINTS:
         raise must_be("The combinations", owner, f"between 1 and {MAX_POINTS:,}", total)
-    choices = [
-        [row for _, row in axis.choices] or [((axis.name, value),) for value in axis.values]
-        for axis in axes
-    ]
+    choices = [map(axis.assigned, axis.values) for axis in axes]
     return tuple(dict(itertools.chain(*parts)) for parts in itertools.product(*choices))
 
 
@@ -256,10 +247,8 @@ def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
 
 
 def _row(mapping: SpaceMapping, values: Mapping[str, Value]) -> list[float]:
-    known = {
-        name: plain(value) if isinstance(value, str) else value for name, value in values.items()
-    }
-    numbers = {name: value for name, value in known.items() if not isinstance(value, str)}
+    known = {name: number_of(value) for name, value in values.items()}
+    numbers = {name: value for name, value in known.items() if value is not None}
     row = []
     for name, expression in mapping.parameters.items():
         for needed in expression.names - numbers.keys():
