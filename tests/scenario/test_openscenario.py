@@ -612,6 +612,14 @@ def test_no_synchronization_after_a_change_of_speed(tmp_path: Path) -> None:
     assert act.table == ((4.0, 15.0),)
     with pytest.raises(InputError, match=r"the place of `Other` when this begins is unknown"):
         find(str(changed(tmp_path, events="".join(events))))
+    last = '<RelativeSpeedToMaster speedTargetValueType="{}" value="{}"/>'
+    meet = meet.replace("</Sy", f"<FinalSpeed>{last}</FinalSpeed></Sy")
+    for kind, value in (("delta", -5), ("factor", 0.75)):
+        event = TIMED.format(n=2, action=meet.format(kind, value), delay=0, when=AT.format(6))
+        (act,) = find(str(changed(tmp_path, events=event))).concrete(only=0.0).actors[0].acts
+        assert act.table == ((4.0, 15.0),)
+        with pytest.raises(InputError, match=f"Did you mean `{kind}`"):
+            find(str(changed(tmp_path, events=event.replace(f'"{kind}"', f'"{kind}s"'))))
 
 
 def test_a_harder_brake_follows_a_gentle_one(tmp_path: Path) -> None:
@@ -733,8 +741,8 @@ def test_a_move_is_played_although_an_earlier_one_may_lead_there(tmp_path: Path)
 
 @pytest.mark.parametrize(("kind", "name"), [("event", "e"), ("maneuver", "m"), ("act", "a")])
 def test_what_holds_two_moves_is_complete_after_both(tmp_path: Path, kind: str, name: str) -> None:
-    """A condition begins a long brake and a swift move across, in this order; a move of no change
-    ends as it begins."""
+    """A condition begins a long brake and a swift move across, in this order, or a move of no
+    change, whose begin is remembered around it."""
     begin, end = CUT_IN.index("<LateralAction>"), CUT_IN.index("</PrivateAction>")
     two = '</PrivateAction></Action><Action name="two"><PrivateAction>'
     then = f"""</Maneuver></ManeuverGroup></Act><Act name="b"><ManeuverGroup name="h"><Actors><EntityRef
@@ -743,12 +751,30 @@ def test_what_holds_two_moves_is_complete_after_both(tmp_path: Path, kind: str, 
         when=f'<StoryboardElementStateCondition storyboardElementType="{kind}" '
              f'storyboardElementRef="{name}" state="completeState"/>',
     )  # fmt: skip
-    for first, ends in ((BRAKE + two + OFFSET, {0, 1}), (BRAKE.replace('"0"', '"15"'), set())):
+    none = set() if kind == "event" else {0}
+    for first, ends in ((BRAKE + two + OFFSET, {0, 1}), (BRAKE.replace('"0"', '"15"'), none)):
         events = CUT_IN[:begin] + first + CUT_IN[end:] + then
         (other,) = find(str(changed(tmp_path, events=events))).concrete(only=0.0).actors
         last = other.acts[-1].program
         assert {number for op, _, number, _ in last if op == played.ENDED} == ends
-        assert last or kind != "event"
+        assert last
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [("action", "act1"), ("event", "e1"), ("maneuver", "m"), ("act", "a")]
+)
+def test_an_event_without_effect_waits_for_its_trigger(
+    tmp_path: Path, kind: str, name: str
+) -> None:
+    lights = '<VisibilityAction graphics="true" sensors="true" traffic="true"/>'
+    when = f"""<StoryboardElementStateCondition storyboardElementType="{kind}"
+    storyboardElementRef="{name}" state="completeState"/>"""
+    events = TIMED.format(n=1, action=lights, delay=0, when=AT.format(4))
+    events += """</Maneuver></ManeuverGroup></Act><Act name="b"><ManeuverGroup name="h"><Actors>
+    <EntityRef entityRef="Other"/></Actors><Maneuver name="n">"""
+    events += TIMED.format(n=2, action=BRAKE, delay=1, when=when)
+    (other,) = find(str(changed(tmp_path, events=events))).concrete(only=0.0).actors
+    assert [act.begin for act in other.acts] == [5.0]
 
 
 @pytest.mark.parametrize(("until", "begins"), [(3, []), (5, [4.0])])

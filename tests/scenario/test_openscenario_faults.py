@@ -251,11 +251,15 @@ def test_an_event_is_found_by_the_path_to_it(tmp_path: Path) -> None:
         assert [act.begin for act in other.acts] == pytest.approx([1.0, 4.0, 6.0])
 
 
-def test_a_time_that_is_equal_begins_at_it(tmp_path: Path) -> None:
-    events = TIMED.format(
-        n=1, action=BRAKE, delay=0, when='<SimulationTimeCondition value="4" rule="equalTo"/>'
-    )
-    (other,) = find(str(written(tmp_path, events=events))).concrete(only=0.0).actors
+@pytest.mark.parametrize(
+    ("rule", "edge"),
+    [("equalTo", "none"), ("lessThan", "risingOrFalling"), ("notEqualTo", "rising")],
+)
+def test_a_time_begins_when_its_rule_changes(tmp_path: Path, rule: str, edge: str) -> None:
+    when = '<SimulationTimeCondition value="4" rule="$light"/>'
+    events = TIMED.format(n=1, action=BRAKE, delay=0, when=when)
+    path = written(tmp_path, events=events.replace('Edge="none"', f'Edge="{edge}"'))
+    (other,) = find(str(change(path, '"day"', f'"{rule}"'))).concrete(only=0.0).actors
     assert other.braking is not None
     assert other.braking.begin == 4.0
 

@@ -134,7 +134,7 @@ class Conditions:
     storyboard above.
 
     origin, line: of the road's frame. reference: of the road's reference line, m left of `line`.
-    latch: adds a move that changes nothing and begins when a program holds; its actor and number.
+    latch: adds a move that changes nothing and begins when a program holds; the program of its end.
     """
 
     places: Places
@@ -142,7 +142,7 @@ class Conditions:
     origin: Pose
     line: tuple[Piece, ...]
     reference: float
-    latch: Callable[[Program], tuple[int, int]] = lambda program: (0, 0)
+    latch: Callable[[Program], Program]
     spans: list[tuple[str, str, Span]] = field(default_factory=list)
 
     def note(self, element: Node, span: Span) -> Span:
@@ -233,22 +233,25 @@ class Conditions:
         if kind.tag == "ByValueCondition":
             if edge == "falling":
                 raise element.fault("the edge `falling` of a condition by value is not supported")
-            moment = self._by_value(kind.only())
+            moment = self._by_value(kind.only(), edge)
         elif kind.tag == "ByEntityCondition":
             moment = Moment(0.0, self._by_entity(kind, edge))
         else:
             raise kind.unsupported()
         return Moment(moment.time + delay, moment.program, moment.until + delay)
 
-    def _by_value(self, element: Node) -> Moment:
+    def _by_value(self, element: Node, edge: str) -> Moment:
         if element.tag == "SimulationTimeCondition":
             rule, value = element.one_of("rule", RULES), element.number("value")
             if rule.startswith("less"):
-                holds = element.compared(0.0, value)
-                return Moment(0.0, until=value) if holds else Moment(NEVER)
+                if not element.compared(0.0, value):
+                    return Moment(NEVER)
+                falls = edge == "risingOrFalling"
+                return Moment(value) if falls else Moment(0.0, until=value)
             if rule == "equalTo" and value < 0.0:
                 return Moment(NEVER)
-            return Moment(0.0 if rule == "notEqualTo" else max(value, 0.0))
+            at_start = rule == "notEqualTo" and edge == "none"
+            return Moment(0.0 if at_start else max(value, 0.0))
         if element.tag == "ParameterCondition":
             name = element.attribute("parameterRef").removeprefix("$")
             actions = element.element.getroottree().iter("ParameterAction")
@@ -268,11 +271,11 @@ class Conditions:
 
     def _state(self, element: Node) -> Moment:
         span = self._span(
-            element.attribute("storyboardElementType"),
+            element.text("storyboardElementType"),
             element.attribute("storyboardElementRef"),
             element,
         )
-        state = element.attribute("state")
+        state = element.text("state")
         if state in ("startTransition", "runningState"):
             return span.begin
         if state not in ("completeState", "endTransition"):
@@ -299,8 +302,7 @@ class Conditions:
             holds, fails, start = fails, holds, not start
         if edge == "none" or not start:
             return holds
-        actor, move = self.latch(fails)
-        return (*holds, (played.ENDED, actor, move, 0.0), operation(played.AND))
+        return (*holds, *self.latch(fails), operation(played.AND))
 
     def _number(self, entity: Entity, element: Node) -> int:
         if entity.deleted:
@@ -339,11 +341,9 @@ class Conditions:
     def _target(self, element: Node) -> Entity | Pose:
         """The target of a condition: an entity, or a fixed place in the road's frame."""
         holder = element.find("TimeToCollisionConditionTarget") or element
-        if holder.get("entityRef") is not None:
-            return self.places.entity(holder.text("entityRef"), holder)
-        reference = holder.find("EntityRef")
-        if reference is not None:
-            return self.places.entity(reference.text("entityRef"), reference)
+        named = holder.find("EntityRef") if holder.get("entityRef") is None else holder
+        if named is not None:
+            return self.places.referred(named)
         position = holder.child("Position").only()
         if position.get("entityRef") is None:
             pose = self.places.spot(holder.child("Position")).pose
@@ -355,7 +355,7 @@ class Conditions:
         shifted = any(position.number(key, 0.0) for key in ("dx", "dy"))
         if position.tag != "RelativeObjectPosition" or shifted:
             raise position.fault("a place beside an entity that moves is not supported here")
-        return self.places.entity(position.text("entityRef"), position)
+        return self.places.referred(position)
 
     def _coordinate(self, body: Entity | Pose, axis: int, element: Node, *, free: bool) -> Number:
         """x or y of a place, of a body's centre, or of its reference point.
@@ -437,9 +437,11 @@ class Conditions:
 
         direction: the attribute that must ask for that direction.
         """
-        if element.get(direction) not in (None, "longitudinal"):
-            got = shown(element.attribute(direction))
-            raise element.fault(f"`{direction}` must be longitudinal to be supported, got {got}")
+        got = element.text(direction, "longitudinal")
+        if got != "longitudinal":
+            raise element.fault(
+                f"`{direction}` must be longitudinal to be supported, got {shown(got)}"
+            )
         at_start = body.speed * math.cos(body.frame.heading)
         return of_vehicle(played.ALONG, self._number(body, element), at_start)
 

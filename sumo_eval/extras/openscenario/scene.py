@@ -13,9 +13,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from sumo_eval.cosim.openscenario import CASE, exported_case
 from sumo_eval.errors import InputError
@@ -133,11 +134,29 @@ def _exported(whole: ConcreteScenario) -> FileCase:
     return FileCase(frame, whole.ego, body, whole.actors, ends, (), "ego", whole)
 
 
-def _kinds(event: Node) -> set[str]:
+def _kinds(holder: Node) -> set[str]:
     """Whether an event moves an entity along the road, across it, or on a path of its own."""
-    return {action.only().tag for action in event.all("Action/PrivateAction")} - set(
-        IGNORED_PRIVATE
-    )
+    return {action.tag for action in holder.all(".//PrivateAction/*")} - set(IGNORED_PRIVATE)
+
+
+def _awaited(root: Node) -> set[str]:
+    """Names of the elements whose states a move waits for, also by way of other events."""
+    waits: list[tuple[str, set[str]]] = []
+    names: set[str] = set()
+    for state in root.element.iter("StoryboardElementStateCondition"):
+        name = str(state.get("storyboardElementRef")).rpartition("::")[2]
+        for holder in islice(state.iterancestors("Event", "Act"), 1):
+            if _kinds(Node(holder)) or holder.find("ManeuverGroup/CatalogReference") is not None:
+                names.add(name)
+            waits.append((name, _names_around(holder)))
+    for _ in waits:
+        names |= {name for name, around in waits if around & names}
+    return names
+
+
+def _names_around(element: Any) -> set[str]:
+    """The names of an element, of its actions and of what it is in."""
+    return {it.get("name") for it in (element, *element.iterancestors(), *element.iter("Action"))}
 
 
 def _deletes(action: Node) -> bool:
@@ -262,6 +281,7 @@ class _Player:
         numbers |= {entity.name: number for number, entity in enumerate(self.actors)}
         for entity in entities.values():
             entity.acts.clear()
+        self.awaited = _awaited(self.root) if self.actors else set[str]()
         self._stop(story.find("StopTrigger"))
         for element, entity in self.begun:
             self.moves.begin(element, entity, Moment(0.0))
@@ -402,11 +422,13 @@ class _Player:
         for part in story.all("Story"):
             yield from part.within().all("Act")
 
-    def _latch(self, program: Program) -> tuple[int, int]:
-        """A move of the first actor that changes nothing: its end remembers that a program held."""
+    def _latch(self, program: Program, delay: float = 0.0) -> Program:
+        """A move of the first actor that changes nothing; the program that it has ended, which
+        remembers that `program` held, `delay` s before.
+        """
         acts = self.actors[0].acts
-        acts.append(Act(played.COSINE, 0.0, AT_ONCE, program=program))
-        return 0, len(acts) - 1
+        acts.append(Act(played.COSINE, delay, AT_ONCE, program=program))
+        return ((played.ENDED, 0, len(acts) - 1, 0.0),)
 
     def _delete_at_once(self, story: Node) -> None:
         """Mark the entities that are deleted at the start."""
@@ -449,8 +471,7 @@ class _Player:
 
         before: how many moves each actor has that are not the act's.
         """
-        actor, latch = self._latch(at.program)
-        stays = (played.ENDED, actor, latch, 0.0), (played.VALUE, 0, 0, 0.5)
+        stays = *self._latch(at.program), (played.VALUE, 0, 0, 0.5)
         rest = (*stays, operation(played.BELOW), operation(played.AND))
         for entity, count in zip(self.actors, before, strict=True):
             acts = entity.acts
@@ -480,11 +501,10 @@ class _Player:
         running: list[tuple[Node, Span]] = []
         for event in maneuver.all("Event"):
             span = self._event(event, names, begin)
-            if span is not None:
-                for other, earlier in running:
-                    self._check_priority(event, span, other, earlier)
-                    self._check_priority(other, earlier, event, span)
-                running.append((event, span))
+            for other, earlier in running:
+                self._check_priority(event, span, other, earlier)
+                self._check_priority(other, earlier, event, span)
+            running.append((event, span))
         whole = Span.over(begin, [span for _, span in running])
         return self.conditions.note(maneuver, whole)
 
@@ -492,43 +512,49 @@ class _Player:
         """Refuse an event that ends a running move of its manoeuvre half-way, or is left out
         meanwhile.
         """
-        priority = event.attribute("priority")
-        skips = priority == "skip"
-        if not skips and (priority == "parallel" or _kinds(event) == _kinds(other)):
+        priority = event.text("priority")
+        skips, kinds, others = priority == "skip", _kinds(event), _kinds(other)
+        if not (kinds and others) or (not skips and (priority == "parallel" or kinds == others)):
             return
         if not span.begin.known or not running.begin.known:
             if skips:
                 raise event.fault(
                     "the priority `skip` is supported between events that begin at times only"
                 )
-        elif running.begin.time < span.begin.time < running.end - SAME and _kinds(other):
+        elif running.begin.time < span.begin.time < running.end - SAME:
             effect = "is left out" if skips else "ends"
             raise event.fault(
                 f"with its priority `{priority}` it {effect} while event "
                 f"`{other.attribute('name')}` runs, which is not supported"
             )
 
-    def _event(self, event: Node, names: list[str], begin: Moment) -> Span | None:
-        """When an event runs; None where nothing in it has a meaning here."""
+    def _event(self, event: Node, names: list[str], begin: Moment) -> Span:
+        """When an event runs, for what is around it; at once where nothing in it has a meaning here
+        and no condition waits for it.
+        """
         event.one_of("priority", ("overwrite", "override", "parallel", "skip"))
         actions = [(action, action.only()) for action in event.all("Action")]
         idle = [self._idle(inner, names) for _, inner in actions]
-        if all(idle):
-            return None
+        awaited = self.awaited & _names_around(event.element)
+        if all(idle) and not awaited:
+            return Span(begin, begin.time)
         begin = self.conditions.moment(event.find("StartTrigger"), begin)
         if event.number("maximumExecutionCount", 1.0) != 1.0:
             raise event.fault("an event must run once")
         parts: list[Span] = []
         for (action, inner), ignored in zip(actions, idle, strict=True):
-            if ignored:
-                continue
             spans = [
                 self.moves.begin(inner.only(), self.places.entity(name, event), begin)
-                for name in (names if begin.time < NEVER else ())
+                for name in (() if ignored or begin.time == NEVER else names)
             ]
             span = Span.over(spans[0].begin, spans) if spans else Span(begin, NEVER)
+            if ignored:
+                span.end = begin.time
             parts.append(self.conditions.note(action, span))
-        return self.conditions.note(event, Span.over(begin, parts))
+        span = self.conditions.note(event, Span.over(begin, parts))
+        if awaited and begin.program and span.end < NEVER and not span.ended:
+            return replace(span, ended=self._latch(begin.program, begin.time))
+        return span
 
     def _idle(self, action: Node, names: list[str]) -> bool:
         """Whether an action has no meaning here; it is noted. Refuses one that the ego is to do."""
