@@ -184,7 +184,7 @@ class _Hook:
         self._native = isinstance(self.ads, NativeModel)
         plain = type(self.ads) is ObjectController and type(self.target) is FunctionType
         self._act = self.target if plain else self.ads.step
-        self._step, self._limits = world.settings.step, world.settings.vehicle
+        self._step, self._limits = world.settings.step, world.each[case].vehicle
         self._half = 0.5 * self._limits.length
         self._take_wheel(world)
 

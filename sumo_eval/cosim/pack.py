@@ -55,7 +55,7 @@ class Pack:
                 "other environment "
                 "first, or make this one with `sumo=False`."
             )
-        texts = shared_network_xml(cases), shared_routes_xml(cases, self._settings.vehicle)
+        texts = shared_network_xml(cases), shared_routes_xml(cases, self._settings)
         traci = self._context.enter_context(running(*texts, self._settings, collisions="none"))
         self._stage = Stage(traci, world)
         self._stage.take_charge(world)

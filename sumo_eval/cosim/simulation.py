@@ -198,7 +198,7 @@ def _opened(
     if not on_traci and road.network is None:
         own = ads.is_policy  # may look at SUMO's lanes, so that it gets the road's own
         network = network_xml(plain(road)) if own else shared_network_xml([concrete])
-        texts = network, shared_routes_xml([concrete], settings.vehicle, own_lanes=own)
+        texts = network, shared_routes_xml([concrete], settings, own_lanes=own)
         return running(*texts, settings, road, collisions="none")
     if isinstance(ads, NativeModel):
         return session(concrete, settings, ads.vtype_on(road))
@@ -335,7 +335,7 @@ def _kind(
         or basis.conditions.step_budget is not None  # a step's wall time is one case's own
         or concrete.road.network is not None
         or not _has_actors_and_ego_on_road(concrete)
-        or (manner.hook is not None and not _fits_beside_others(concrete, basis))
+        or (manner.hook is not None and not _fits_beside_others(concrete))
     ):
         return None
     lively = concrete.actors if concrete.lively else ()
@@ -492,18 +492,12 @@ def _has_actors_and_ego_on_road(concrete: ConcreteScenario) -> bool:
     )
 
 
-def _fits_beside_others(concrete: ConcreteScenario, basis: SimulationSettings) -> bool:
-    """Whether SUMO finds the vehicles of a case on the same lanes beside others as alone."""
-    road = concrete.road
-    usual = replace(concrete, changes=()) if concrete.changes else concrete
-    own_vehicle = usual is not concrete and (
-        concrete.simulation(basis).vehicle != usual.simulation(basis).vehicle
-    )
-    if road.shaped or concrete.reacts or own_vehicle:
-        return False
-    return all(
-        it.heading == 0.0 and it.on_map is None and road.right_edge <= it.start.y <= road.left_edge
-        for it in concrete.actors
+def _fits_beside_others(concrete: ConcreteScenario) -> bool:
+    """Whether SUMO finds the vehicles of a case on the same lanes beside others as alone: not on
+    lanes that end, on the map, or turned against the road.
+    """
+    return not concrete.road.shaped and all(
+        abs(it.heading) <= 0.5 * math.pi and it.on_map is None for it in concrete.actors
     )
 
 
@@ -573,7 +567,7 @@ def _together(
     asks = isinstance(driver, OnTraci)
     texts = (
         shared_network_xml(cases, asked=asks),
-        shared_routes_xml(cases, settings.vehicle, asked=asks),
+        shared_routes_xml(cases, settings, asked=asks),
     )
     try:
         world = World(cases, settings, SUMO if asks else MODEL)

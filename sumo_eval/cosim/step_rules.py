@@ -316,7 +316,7 @@ def read_rows(scenes: Scenes, scenario: Records, numbers: Any, read: FloatArray,
         if j > 0:
             fine = _read_actor(scenes.shown[row, j - 1], read[k], far)
         else:
-            fine = _read_ego(scenes.egos[row], read[k], scenario[0])
+            fine = _read_ego(scenes.egos[row], read[k], scenario[first_of(scenario, row)])
         if not fine:
             odd[left] = number
             left += 1

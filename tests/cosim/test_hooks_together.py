@@ -37,6 +37,10 @@ def sets_speeds(traci, ego, time):
     vehicle.setSpeed(ego, max(min(speed + 0.2, limit), speed - 0.3, 0.0))
 
 
+def brakes(traci, ego, time):
+    traci.vehicle.setSpeed(ego, 0.0)
+
+
 def slows_down(traci, ego, time):
     if abs(time - 1.0) < 1e-6:
         traci.vehicle.slowDown(ego, 5.0, 3.0)
@@ -90,7 +94,9 @@ HOOKS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("scenario", ["cut_in", "curve_braking", "r157_cut_out"])
+@pytest.mark.parametrize(
+    "scenario", ["cut_in", "curve_braking", "pedestrian_crossing", "stop_and_go_stream"]
+)
 @pytest.mark.parametrize("hook", HOOKS)
 def test_hooks_are_the_same_together_and_alone(hook, scenario):
     cases, why = points(scenario, 6), Counter()
@@ -102,11 +108,14 @@ def test_hooks_are_the_same_together_and_alone(hook, scenario):
     assert scenario != "cut_in" or not why
 
 
-@pytest.mark.parametrize("hook", [returns_commands, Mixture])
+@pytest.mark.parametrize("hook", [returns_commands, Mixture, brakes])
 def test_hooks_with_own_conditions_are_the_same_together(hook):
-    changes = [(), (("conditions.actuation_delay", 0.3),), (("conditions.sensor_range", 50.0),)]
+    changes = [
+        (), (("conditions.actuation_delay", 0.3),), (("conditions.sensor_range", 50.0),),
+        (("vehicle.max_deceleration", 3.0),), (("vehicle.friction", 0.2),),
+    ]  # fmt: skip
     cases, why = (
-        [replace(it, changes=changes[k % 3]) for k, it in enumerate(points("cut_in", 6))],
+        [replace(it, changes=changes[k % 5]) for k, it in enumerate(points("cut_in", 10))],
         Counter(),
     )
     together = list(simulate_many(cases, hook, STEPS, alone=why))
@@ -352,9 +361,10 @@ class AsksAll:
     folder = ""
 
     def reset(self, briefing, traci, ego):
-        self.names = NAMES | {"vehicle": traci.vehicle.getIDList()}
+        vehicles = sorted(traci.vehicle.getIDList(), key=lambda name: name != ego)
+        self.names = NAMES | {"vehicle": vehicles, "vehicletype": vehicles}
         self.case, self.answers = (
-            f"{traci.vehicle.getSpeed(ego):.17g}-{len(self.names['vehicle'])}",
+            "-".join(f"{traci.vehicle.getSpeed(it):.17g}" for it in vehicles),
             [],
         )
 
@@ -380,9 +390,9 @@ class AsksAll:
     [((3, 2, 2), 5_000), pytest.param((256, 64, 64), 400_000, marks=pytest.mark.campaign)],
 )
 def test_every_getter_answers_a_row_as_it_does_alone(counts, least, tmp_path, monkeypatch):
-    """Of the ego and of one, two or three others."""
+    """Of the ego and of one, two or three others, of a pedestrian and of those that react."""
     monkeypatch.setattr(AsksAll, "folder", str(tmp_path))
-    cases, why = [], Counter()
+    cases, why = [*points("pedestrian_crossing", 1), *points("stop_and_go_stream", 1)], Counter()
     for actors, count in enumerate(counts, 1):
         for speed in np.linspace(12.0, 24.0, count).tolist():
             others = [

@@ -16,7 +16,7 @@ from dataclasses import replace
 from sumo_eval.cosim.sumo.sumo_files import EGO, departures, network_xml, vehicle_types
 from sumo_eval.scenario.bodies import VULNERABLE
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
-from sumo_eval.settings import VehicleSettings
+from sumo_eval.settings import SimulationSettings
 
 _NEVER = 1e6  # s until SUMO's driver models would decide something; beyond every time limit
 
@@ -126,13 +126,12 @@ def _parts(road: Road, one_lane: bool) -> tuple[str, str, str]:
 
 def shared_routes_xml(
     cases: Sequence[ConcreteScenario],
-    vehicle: VehicleSettings,
+    settings: SimulationSettings,
     *,
     own_lanes: bool = False,
     asked: bool = False,
 ) -> str:
-    """Vehicle types, routes and departures of all cases; `vehicle` has the body that their scenario
-    prescribes.
+    """Vehicle types, routes and departures of all cases.
 
     own_lanes: on the roads as they are.
     asked: ADSs ask SUMO; its driver model of the ego is awake, and every vehicle has a type of its
@@ -145,6 +144,7 @@ def shared_routes_xml(
     for case, concrete in enumerate(cases):
         route = name_in_sumo("along", suffix(case, count)) if asked else f"along{case}"
         edges = edge_name(case, count, asked=asked)
+        vehicle = concrete.simulation(settings).vehicle
         others.append(_element("route", {"id": route, "edges": edges}))
         told = replace(concrete, road=plain(concrete.road)) if concrete.road.shaped else concrete
         starts = departures(

@@ -108,14 +108,14 @@ class BatchPolicy:
 
 
 def set_speed(traci: Any, ego: str, time: float) -> None:
-    """A user's function that commands SUMO itself."""
-    lead = traci.vehicle.getLeader(ego, 200.0)
-    if (
-        lead
-        and lead[0]
-        and lead[1] < 4.0 * (traci.vehicle.getSpeed(ego) - traci.vehicle.getSpeed(lead[0]))
-    ):
-        traci.vehicle.setSpeed(ego, max(traci.vehicle.getSpeed(ego) - 0.4, 0.0))
+    """A user's function that commands SUMO itself: five calls that read, one that writes."""
+    vehicle = traci.vehicle
+    speed, lead = vehicle.getSpeed(ego), vehicle.getLeader(ego, 200.0)
+    vehicle.getPosition(ego)
+    vehicle.getAcceleration(ego)
+    ahead = vehicle.getSpeed(lead[0]) if lead and lead[0] else speed
+    brakes = ahead < speed and lead[1] < 4.0 * (speed - ahead)
+    vehicle.setSpeed(ego, max(speed - 0.4, 0.0) if brakes else speed)
 
 
 def benchmark(
