@@ -21,11 +21,12 @@ from sumo_eval.errors import InputError
 from sumo_eval.method.measures import time_to_collision, vehicle_ahead
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Fact, open_store
-from sumo_eval.report.page_data import drawn_line
+from sumo_eval.report.page_data import drawn_line, drawn_road
 from sumo_eval.report.replay import recorded, write_replay
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario import Road, catalogue
 from sumo_eval.scenario.bodies import BODIES
+from sumo_eval.scenario.road.lanes import LaneSpan
 from sumo_eval.scenario.road.reference_line import Piece, arc, map_places
 from sumo_eval.trajectory import Collision, Trajectory
 
@@ -325,6 +326,30 @@ def test_bodies_are_drawn_in_their_size_as_what_their_scenario_says() -> None:
     ]
     assert cab == pytest.approx([3.25 - 1.4, 3.25 - 2.2, 3.25 - 1.4])  # van, truck, van
     assert np.ptp(child_from_afar[0]["ring"], axis=0).tolist() == [80.0, 160.0]
+
+
+@needs_node
+def test_a_lane_without_a_taper_is_gone_at_once() -> None:
+    """As networks of SUMO have it: the left lane, y 1.75 to 5.25, ends at x = 500."""
+    road = Road("road", 1000.0, 2, 3.5, 100.0, spans=(LaneSpan(1, end=500.0),))
+    templates = files("sumo_eval.report") / "templates"
+    space = (templates / "scene3d.js").read_text().replace("create, means };", "roadMeshes };")
+    report = (templates / "report.js").read_text()
+    paths = report[report.index("function roadShapes") : report.index("const LEAST_PIXELS")]
+    script = f"""
+        const C = String, road = {json.dumps(drawn_road(road))};
+        {space}
+        {paths}
+        const {{ data }} = sumoScene.roadMeshes(road, (_, x, y) => [x, y, 0], [300, 700]).surface;
+        const grass = Array.from({{ length: data.length / 10 }}, (_, k) => data.slice(10 * k, 10 * k + 8))
+            .filter((it) => it[6] === 0.62 && it[7] === 0.69).map(([x, y]) => [x, y]);
+        const drawn = roadShapes({{ road }}, [300, 700]).filter(({{ type }}) => type === "path");
+        console.log(JSON.stringify([grass, drawn.map(({{ path }}) => path)]));
+    """
+    done = subprocess.run([str(NODE), "-e", script], capture_output=True, text=True, check=True)
+    grass, drawn = json.loads(done.stdout)
+    assert {(x, y) for x, y in grass if y < 5.25} == {(500.0, 1.75), (700.0, 1.75)}
+    assert drawn[0] == "M700,5.25L700,1.75L500,1.75L500,5.25L500,5.25Z"
 
 
 @needs_node

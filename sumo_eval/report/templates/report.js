@@ -802,10 +802,10 @@
     }
     for (const gone of road.gone) {
       const [corner, , [x0, y0], [x1, y1]] = gone, inView = (x) => Math.min(Math.max(x, begin), end);
-      const border = gone.slice(1).map(([x]) => [inView(x), y0 + (y1 - y0) * Math.min(Math.max((inView(x) - x0) / (x1 - x0), 0), 1)]);
+      const border = gone.slice(1).map(([x, y]) => [inView(x), x1 === x0 ? y : y0 + (y1 - y0) * Math.min(Math.max((inView(x) - x0) / (x1 - x0), 0), 1)]);
       if (border[0][0] === border[2][0]) continue;
       const edge = border.map(([x, y]) => `${x},${y}`).join("L");
-      shapes.push({ type: "path", path: `M${inView(corner[0])},${corner[1]}L${edge}Z`, layer: "below", fillcolor: C("--paper"), line: { color: C("--paper"), width: 2 } });
+      shapes.push({ type: "path", path: `M${inView(corner[0])},${corner[1]}L${edge}L${border[2][0]},${corner[1]}Z`, layer: "below", fillcolor: C("--paper"), line: { color: C("--paper"), width: 2 } });
       shapes.push({ type: "path", path: `M${edge}`, layer: "below", line: { color: C("--muted"), width: 2 } });
     }
     return shapes;

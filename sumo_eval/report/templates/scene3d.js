@@ -247,7 +247,7 @@ const sumoScene = (() => {
     /** Grass where an outermost lane is not there, and the shoulder and the line of the edge that is left. */
     const lawn = (gone) => {
       const outwards = Math.sign(gone[0][1] - gone[1][1]), outer = gone[0][1] + outwards * 0.9;
-      const edge = gone.slice(1).sort((one, other) => one[0] - other[0]);
+      const edge = gone[1][0] > gone[3][0] ? gone.slice(1).reverse() : gone.slice(1);
       const cuts = new Set(edge.map(([x]) => Math.min(Math.max(x, begin), end)));
       for (let x = Math.max(edge[0][0], begin); x < Math.min(edge[2][0], end); x += step) cuts.add(x);
       const places = [...cuts].sort((one, other) => one - other);
