@@ -454,6 +454,9 @@ def test_a_second_ads_stands_beside_the_first_and_the_filter_holds_for_both(
         words.value = {json.dumps(own[0].case)}; words.dispatchEvent(new Event('input')); }})()""")
     assert opened.run(drawn) == 1
     assert opened.run(listed) == [own[0].case]
+    opened.run(f"{card}.querySelector('[data-groups] li button').click()")
+    assert opened.run(drawn) > 0, "a group is shown whatever was filtered before"
+    assert opened.run(f"{card}.querySelector('[type=search]').value") == ""
     opened.run(clear)
     assert opened.problems == []
 
@@ -495,7 +498,26 @@ def test_every_chart_can_be_saved(opened: Page) -> None:
     assert any(
         text.startswith("series,case,x,y,value\r\n") and builders.CALM in text for text in saved
     )
+    opened.run("window.saved = []; document.getElementById('plot-speed').closest('figure')"
+               ".querySelector('.save').lastElementChild.click()")  # fmt: skip
+    opened.wait("window.saved.length === 1")
+    rows = opened.run("window.saved[0]").splitlines()[1:]
+    shown = opened.run("document.getElementById('legend-ads').textContent")
+    drivers = not opened.run("document.getElementById('legend-drivers').hidden")
+    names = {row.split(",")[0].strip('"') for row in rows}
+    assert "" not in names
+    assert drivers == ("drivers" in names)
+    assert any(name.startswith(shown[:5]) for name in names)
     assert opened.problems == []
+
+
+@needs_chromium
+def test_a_copy_button_keeps_its_words_when_clicked_twice(opened: Page) -> None:
+    copy = "document.querySelector('[data-copy]')"
+    before = opened.run(f"{copy}.textContent")
+    opened.run(f"{copy}.click(); setTimeout(() => {copy}.click(), 200); null")
+    opened.run("new Promise((resolve) => setTimeout(resolve, 1800))")
+    assert opened.run(f"{copy}.textContent") == before == "copy"
 
 
 @pytest.mark.campaign

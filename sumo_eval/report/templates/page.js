@@ -181,9 +181,9 @@ const sumoPage = (() => {
       document.execCommand("copy");
       area.remove();
     }
-    const before = from.textContent;
+    const label = from.dataset.label ??= from.textContent; // a second click finds "copied"
     from.textContent = "copied";
-    setTimeout(() => { from.textContent = before; }, 1200);
+    setTimeout(() => { from.textContent = label; }, 1200);
   });
 
   /** A button that puts a text on the clipboard. */

@@ -108,7 +108,7 @@
     const rows = [["series", "case", "x", "y", "value"]];
     const key = (index) => (typeof index === "number" && scenario ? scenario.cases[index]?.key ?? "" : "");
     for (const trace of plot.data ?? []) {
-      if (trace.hoverinfo === "skip" && trace.type !== "heatmap") continue;
+      if (trace.hoverinfo === "skip" && trace.type !== "heatmap" && !trace.name) continue;
       const name = trace.name ?? "";
       if (trace.type === "heatmap") trace.z.forEach((line, r) => Array.from(line).forEach((z, c) => { if (z !== null) rows.push([name, key(trace.customdata?.[r]?.[c]), trace.x[c], trace.y[r], z]); }));
       else if (trace.x) Array.from(trace.x).forEach((x, i) => rows.push([name, key(trace.customdata?.[i]), x, trace.y?.[i], Array.isArray(trace.marker?.color) ? trace.marker.color[i] : ""]));
@@ -373,6 +373,8 @@
     });
     bar.append(sumoMaps.labelled("zone", zone), sumoMaps.labelled("outcome", outcome), sumoMaps.labelled("id has", search), ...limits.map(({ label_ }) => label_), clear);
     filter.show = (ranges, kind) => {
+      Object.assign(filter, { zone: "", words: "" });
+      search.value = zone.value = "";
       limits.forEach(({ low, high }, k) => {
         const range = ranges[scenario.parameters[k].name];
         [low.value, high.value] = range ? range : ["", ""];
@@ -838,22 +840,22 @@
     ];
   }
 
-  function manyLines(trajectories, xChannel, yChannel, style) {
+  function manyLines(trajectories, xChannel, yChannel, style, name) {
     const x = [], y = [];
     for (const trajectory of trajectories) {
       x.push(...trajectory[xChannel], null);
       y.push(...trajectory[yChannel], null);
     }
-    return { type: "scatter", mode: "lines", x, y, line: style, hoverinfo: "skip" };
+    return { type: "scatter", mode: "lines", name, x, y, line: style, hoverinfo: "skip" };
   }
 
   function lines(view, xChannel, yChannel, hover) {
     const one = (name, trajectory, style) => ({
-      type: "scatter", mode: "lines", x: Array.from(trajectory[xChannel]), y: Array.from(trajectory[yChannel]), line: style,
+      type: "scatter", mode: "lines", name, x: Array.from(trajectory[xChannel]), y: Array.from(trajectory[yChannel]), line: style,
       hovertemplate: `<b>${plain(name)}</b><br>${hover}<extra></extra>`,
     });
     return [
-      manyLines(view.drivers, xChannel, yChannel, { color: C("--driver"), width: 1 }),
+      manyLines(view.drivers, xChannel, yChannel, { color: C("--driver"), width: 1 }, "drivers"),
       one(view.item.ads, view.ads, { color: C("--c"), width: 3 }),
       ...view.actors.map(([name, trajectory]) => one(name === trajectory.kind ? name : `${name}, ${trajectory.kind}`, trajectory, { color: C("--actor"), width: 2, dash: "dash" })),
     ];
@@ -941,7 +943,7 @@
     traces.push(...bodyTraces(bodies, C("--actor"), pixel), ...bodyTraces([mark], C("--c"), pixel));
     if (item.outcome === "collision") {
       traces.push({
-        type: "scatter", mode: "markers", x: [mark.x.at(-1)], y: [mark.y.at(-1)], hovertemplate: "contact<extra></extra>",
+        type: "scatter", mode: "markers", name: "contact", x: [mark.x.at(-1)], y: [mark.y.at(-1)], hovertemplate: "contact<extra></extra>",
         marker: { symbol: "x-thin", size: 13, line: { color: C("--hit"), width: 3.5 } },
       });
     }
