@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_eval.cases import CaseResult
-from sumo_eval.method.driving_task import asked_way, times_at
+from sumo_eval.method.driving_task import asked_way, first_departure, misses, times_at
 from sumo_eval.method.measures import STANDING
 from sumo_eval.method.plausibility import Quantiles, extremes_of, least_plausible
 from sumo_eval.record.store import EGO, Fact, Store
@@ -68,7 +68,8 @@ def driving_words(
     if store.is_discarded(case.case) or not (case.evaluated or case.departed):
         return ["The ADS gave the case up, which counts as doing nothing."] if case.gave_up else []
     scene = _scene(case, fact, store)
-    said = [*_incident(scene, fact), *task_words(scene, logical)]
+    margin = evaluation.settings.method.task.road_margin
+    said = [*_incident(scene, fact), *task_words(scene, logical, margin)]
 
     if case.zone == "safe" and not case.incident:
         people = plausible_people(logical, store, evaluation.settings.method.plausibility).people
@@ -133,29 +134,36 @@ def _braking_before(ego: Trajectory, contact: float) -> str:
     )
 
 
-def task_words(scene: CaseDrives, logical: LogicalScenario) -> _Said:
-    """Where the drive fell behind the slowest of the references."""
-    share = scene.case.task_share
-    begin = logical.placed(scene.case.values).ego.x
-    asked = asked_way(begin, list(scene.beside.values()))
+def task_words(scene: CaseDrives, logical: LogicalScenario, margin: float) -> _Said:
+    """Where the drive fell furthest behind the slowest of the references.
+
+    margin: `road_margin`, m; a drive that departs from the road does not count as a reference.
+    """
+    share, ego = scene.case.task_share, scene.ego
+    start, beside = logical.placed(scene.case.values).ego, scene.beside.values()
+    clean = [one for one in beside if first_departure(one, logical.road, margin) is None]
+    asked = asked_way(start.x, clean)
     if share is None or share >= LOW or scene.case.incident or not asked or not len(asked.places):
         return
-    own = times_at(scene.ego, asked.places)
-    who = count(len(scene.drivers), "driver")
-    who += " and the reference car" if len(scene.beside) > len(scene.drivers) else ""
-    reached = np.flatnonzero(np.isfinite(own))
-    whole = asked.places[-1] - begin
-    if len(reached) < len(own):
-        gone = max(scene.ego.x.max() - begin, 0.0)
-        last = float(scene.ego.time[np.argmax(scene.ego.x)] - scene.ego.time[0])
-        ended = "Stood after" if scene.ego.speed[-1] < STANDING else "Came no further than"
-        yield (
-            f"{ended} {gone:z.0f} m of {whole:z.0f} m, from {last:z.1f} s on; {who} drove on.",
-            last,
-        )
+    if start.way is not None and misses(ego, start.way):
+        due = start.way.by
+        when = float(times_at(ego, np.array([due]))[0])
+        yield f"Missed the lane change that was due after {due - start.x:z.0f} m.", when
         return
-    late = f"Needed {own[-1]:z.1f} s for {whole:z.0f} m; the slowest of {who} needed"
-    yield f"{late} {asked.slowest[-1]:z.1f} s.", float(own[int(np.argmax(own - asked.slowest))])
+    own, places = times_at(ego, asked.places), asked.places - start.x
+    drivers = sum(one in scene.drivers for one in clean)
+    both = (drivers, count(drivers, "driver")), (len(clean) - drivers, "the reference car")
+    who = " and ".join(words for number, words in both if number)
+    if np.isinf(own[-1]):
+        gone = max(ego.x.max() - start.x, 0.0)
+        last = float(ego.time[np.argmax(ego.x)] - ego.time[0])
+        ended = "Stood after" if ego.speed[-1] < STANDING else "Came no further than"
+        how = f"{ended} {gone:z.0f} m of {places[-1]:z.0f} m"
+        yield f"{how}, from {last:z.1f} s on; {who} drove on.", last
+        return
+    worst = int(np.argmax(own - asked.slowest))
+    late = f"Needed {own[worst]:z.1f} s for {places[worst]:z.0f} m; the slowest of {who} needed"
+    yield f"{late} {asked.slowest[worst]:z.1f} s.", float(own[worst])
 
 
 def likeness_words(scene: CaseDrives, people: Quantiles) -> _Said:

@@ -3,7 +3,9 @@ time."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import builders
 import numpy as np
@@ -15,6 +17,7 @@ from sumo_eval.report import driving_words as words
 from sumo_eval.report.driving_words import CaseDrives
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.concrete import Way
 from sumo_eval.trajectory import Trajectory
 
 FINE = {
@@ -79,13 +82,34 @@ def test_standing_and_crawling_name_the_references(case: CaseResult) -> None:
     stops = scene(
         replace(case, task_share=0.2), drive([(0, 20), (4, 0), (10, 0)], x=begin), reference
     )
-    ((sentence, _),) = words.task_words(stops, logical)
+    ((sentence, _),) = words.task_words(stops, logical, 0.5)
     assert sentence == "Stood after 40 m of 195 m, from 4.0 s on; 1 driver drove on."
     crawls = scene(
         replace(case, task_share=0.5), drive([(0, 10), (30, 10)], 30.0, x=begin), reference
     )
-    ((sentence, _),) = words.task_words(crawls, logical)
+    ((sentence, _),) = words.task_words(crawls, logical, 0.5)
     assert sentence == "Needed 19.5 s for 195 m; the slowest of 1 driver needed 9.8 s."
+    away = drive([(0, 20), (5, 20)], 5.0, x=begin, y=-3.0)  # no reference: it left the road
+    assert [*words.task_words(replace(crawls, drivers=(reference, away),
+                                      beside={"a": reference, "b": away}), logical, 0.5)] == [
+        (sentence, 19.5)
+    ]  # fmt: skip
+    hurries = [(0, 20), (1, 5), (3, 5), (5, 60), (10, 60)]
+    last = scene(replace(case, task_share=0.8), drive(hurries, x=begin), reference)
+    ((sentence, _),) = words.task_words(last, logical, 0.5)
+    own, theirs = map(float, re.findall(r"([\d.]+) s\b", sentence))
+    assert own > theirs, "late on the way, although first at its end"
+
+
+def test_a_missed_lane_change_is_said(case: CaseResult) -> None:
+    """The reference changes to the left lane by 100 m, the ego never: t_i is 0 from there on."""
+    logical = catalogue.load(case.scenario)
+    placed = logical.placed(case.values)
+    due = replace(placed, ego=replace(placed.ego, way=Way(3.5, 0.0, placed.ego.x + 100.0, False)))
+    both = (drive([(0, 20), (10, 20)], x=placed.ego.x) for _ in range(2))
+    logical = SimpleNamespace(placed=lambda _: due, road=logical.road)  # type: ignore[assignment]
+    said = [*words.task_words(scene(replace(case, task_share=0.5), *both), logical, 0.5)]
+    assert said == [("Missed the lane change that was due after 100 m.", pytest.approx(5.0))]
 
 
 @pytest.mark.parametrize(("offset", "speed", "expected"), [
