@@ -119,15 +119,13 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     telling = telling_slice(view, cases)
     drawn = replace(view, fixed=telling or view.fixed)  # computed where the page opens
-    rows = [_case(case, logical.row(case.values), view) | beside for case, beside in told]
+    rows = [_case(case, logical.row(case.values)) | beside for case, beside in told]
     keys = {row["key"] for row in rows}
     everybody = [score.ads for score in evaluation.scores_in(logical.name)]
-    dangerous = [logical.row(values) for values in zones.most_dangerous]
     return {
         "name": logical.name,
         "parameters": [
-            {"name": item.name, "unit": item.behind.strip(), "low": item.low, "high": item.high,
-             "about": item.about}
+            {"name": item.name, "unit": item.behind.strip(), "low": item.low, "high": item.high}
             for item in logical.parameters
         ],
         "ads": everybody,
@@ -147,7 +145,7 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
         "lattice": lattice(zones),
         **_groups(logical, cases, keys),
         "mostDangerous": [
-            {"values": row.tolist(), "panel": view.panel_of(row)} for row in dangerous
+            {"values": logical.row(values).tolist()} for values in zones.most_dangerous
         ],
         "cases": rows,
     }  # fmt: skip
@@ -206,13 +204,12 @@ _SHOWN = (
 """Fields of a case that the page holds unchanged."""
 
 
-def _case(case: CaseResult, row: FloatArray, view: View) -> dict[str, Any]:
+def _case(case: CaseResult, row: FloatArray) -> dict[str, Any]:
     """One case; the page computes none of this again."""
     measures = [(label, getattr(case, name), unit) for name, label, unit in MEASURES]
     return {name: getattr(case, name) for name in _SHOWN} | {
         "key": case.case,
         "values": row.tolist(),
-        "panel": view.panel_of(row) if view.shows(case) else None,
         "end": end_reason(case),
         "cause": cause_words(case),
         "time": case.simulated_time,
@@ -277,13 +274,14 @@ def choose_view(
     """One map for two parameters, a panel for each value of the first for three, a slice through
     more.
 
-    axes: the parameters of x and y, where the settings name them; the map then is a slice through
-        all other parameters.
+    axes: the parameters of x and y, where the settings name them; a map of more than two
+        parameters then is a slice through all others.
     """
     columns = range(len(logical.parameters))
     if len(columns) < 3:
-        y = 1 if len(columns) == 2 else None
-        return View(logical.names, 0, y, None, (None,), {}, True, "")
+        own = [*map(logical.column, axes or logical.names)]
+        y = own[1] if own[1:] else None
+        return View(logical.names, own[0], y, None, (None,), {}, True, "")
     if len(columns) == 3 and axes is None:
         distinct = np.unique(cases.parameters(logical.names[:1])).tolist()
         note = ""

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, must_be
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import EvaluationSettings, ScenarioSettings
@@ -32,10 +32,15 @@ class Resolved:
     def of(cls, settings: EvaluationSettings, source: Path) -> Resolved:
         """Look up its scenarios.
 
-        Raises InputError for an unknown one, and for two of one name.
+        Raises InputError for an unknown one, for two of one name, and for axes of a map that it
+        does not have.
         """
         scenarios = [catalogue.find(entry.use, source) for entry in settings.scenario]
         refuse_doubles([logical.name for logical in scenarios])
+        for logical in scenarios:
+            axes = settings.report.axes.get(logical.name, ())
+            if len(set(map(logical.column, axes))) < len(axes):
+                raise must_be("`axes`", logical.name, "two different parameters", axes)
         return cls(settings, source, {logical.name: logical for logical in scenarios})
 
     @property

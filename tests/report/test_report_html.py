@@ -30,6 +30,7 @@ from sumo_eval.report.sections import Beside, ranking_content
 from sumo_eval.report.words import GLOSSARY, count
 from sumo_eval.results import Evaluation, RankedAds, RankedPair, Ranking
 from sumo_eval.scenario import LogicalScenario, Parameter, catalogue
+from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.scoring.findings import unevaluated
 from sumo_eval.scoring.preventability import preventability
 from sumo_eval.settings import DriverSettings
@@ -291,8 +292,12 @@ def test_a_map_shows_the_two_chosen_parameters(evaluation: Evaluation) -> None:
     view = choose_view(space(4), cases, ("p3", "p0"))
     assert (view.x, view.y, set(view.fixed)) == (3, 0, {1, 2})
     assert choose_view(space(3), cases, ("p2", "p0")).panel is None
-    with pytest.raises(InputError, match="p7"):
-        choose_view(space(4), cases, ("p3", "p7"))
+    two = choose_view(space(2), points(evaluation, [[0.0, 1.0]]), ("p1", "p0"))
+    assert (two.x, two.y, two.note) == (1, 0, "")
+    for axes, words in ((("gap", "p7"), "p7"), (("gap", "gap"), "two different")):
+        settings = replace(evaluation.settings.report, axes={builders.SCENARIOS[1]: axes})
+        with pytest.raises(InputError, match=words):
+            Resolved.of(replace(evaluation.settings, report=settings), Path())
 
 
 def test_a_map_with_slices_opens_where_most_collisions_are(evaluation: Evaluation) -> None:
