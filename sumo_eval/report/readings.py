@@ -138,7 +138,8 @@ def readings(settings: EvaluationSettings) -> list[tuple[str, str]]:
         ),
         (
             "14–15",
-            "U is the relative speed at first contact over the overlap w, and w is at least 0.5.",
+            "U is the relative speed at first contact over the overlap w, and w is at least 0.5."
+            + ("" if method.collision.unit else f" `{method.collision.severity}` replaces it."),
         ),
         (
             "16",

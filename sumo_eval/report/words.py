@@ -78,8 +78,8 @@ GLOSSARY = {
     "A'": "grade of A: each ten times as much avoidable harm costs 0.37 to 0.48 of it. 1: as the "
     "ideal vehicle; 0: as doing nothing",
     "S+": "the score that orders: T A' (a + b H), 0 to 100 points; an A' below 0 counts 0",
-    "departure": "a corner of the body is more than 0.5 m off the road; it weighs as a full-width "
-    "contact with a standing car at that speed",
+    "departure": "a corner of the body is more than `road_margin`, 0.5 m by default, off the road; it "
+    "weighs as a contact with a standing car at that speed",
     "gave up": "the ADS failed, ran out of time or ended its process: as bad as doing nothing, no "
     "task done",
     "regret": "by how much severity the ADS exceeds the ideal vehicle: mean over all cases, "
@@ -112,8 +112,8 @@ GLOSSARY = {
     "trajectory field": "how strongly a vehicle claims the space around its path, Eqs. 9–10",
     "plausibility": "share of recorded people who go to such extremes of headway, time to "
     "collision, braking, jerk and lateral motion, 1 from 5 % on",
-    "safe zone, hazardous zone": "where braking as set (5 m/s²) keeps the inverse time to "
-    "collision below 0.7 1/s",
+    "safe zone, hazardous zone": "where braking as set (by default 5 m/s²) keeps the "
+    "inverse time to collision below its limit (by default 0.7 1/s)",
     "interval": "a range that would hold the true number in 95 of 100 evaluations with other "
     "cases and drivers",
 }

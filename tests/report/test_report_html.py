@@ -26,6 +26,7 @@ from sumo_eval.report import sent_drives
 from sumo_eval.report.html import term, write_report
 from sumo_eval.report.page import template
 from sumo_eval.report.page_data import choose_view, rooms_of, telling_slice
+from sumo_eval.report.readings import readings
 from sumo_eval.report.sections import Beside, ranking_content
 from sumo_eval.report.words import GLOSSARY, count
 from sumo_eval.results import Evaluation, RankedAds, RankedPair, Ranking
@@ -447,3 +448,12 @@ def test_a_large_evaluation_reports_that_it_embeds_some_points(
         f"Trajectories of {points} of {sum(zone.sampled for zone in evaluation.zones)} points"
         in visible(small)
     )
+
+
+def test_the_reading_of_u_names_what_replaces_it(evaluation: Evaluation) -> None:
+    method = evaluation.settings.method
+    own = replace(method, collision=replace(method.collision, severity="injury:car_driver"))
+    plain, replaced = (
+        dict(readings(replace(evaluation.settings, method=one)))["14–15"] for one in (method, own)
+    )
+    assert replaced == f"{plain} `injury:car_driver` replaces it."
