@@ -33,7 +33,6 @@ from sumo_eval.report.html import write_report
 from sumo_eval.report.junit import run_suites, write_junit
 from sumo_eval.report.people import people_rows, worst_cases
 from sumo_eval.report.sent_drives import Embedded
-from sumo_eval.report.shown_cases import shown_cases
 from sumo_eval.report.tables import cases_csv
 from sumo_eval.report.terminal import closing_lines, ledger_lines
 from sumo_eval.report.words import explain_a, explain_h, index_notes
@@ -49,6 +48,7 @@ from sumo_eval.scoring.kept_scores import KeptChunk, table_of
 from sumo_eval.scoring.ledger import ledger
 from sumo_eval.scoring.preventability import preventability
 from sumo_eval.scoring.quantities import combine
+from sumo_eval.scoring.shown_cases import shown_cases
 from sumo_eval.scoring.steps import POINTS_AT_ONCE
 from sumo_eval.settings import (
     AdsSettings,

@@ -17,13 +17,13 @@ from sumo_eval.cases import OUTCOMES, CaseTable
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.citation import citation
+from sumo_eval.report.density import density_maps
 from sumo_eval.report.gate_result import failed
 from sumo_eval.report.packing import packed_json
 from sumo_eval.report.page import REPORT, template, write_page
 from sumo_eval.report.page_data import View, choose_view, page_data, told_cases
 from sumo_eval.report.sections import SECTIONS, Beside, change_content
 from sumo_eval.report.sent_drives import sent_drives
-from sumo_eval.report.shown_cases import Shown, density_maps, shown_cases
 from sumo_eval.report.words import (
     EXPLAIN,
     EXPLAIN_PAPER,
@@ -49,6 +49,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.findings import Findings, unevaluated
 from sumo_eval.scoring.preventability import verdicts
+from sumo_eval.scoring.shown_cases import Shown, shown_cases
 from sumo_eval.settings import SamplingSettings
 
 NOTHING_BESIDE = Beside()

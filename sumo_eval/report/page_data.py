@@ -16,7 +16,6 @@ from sumo_eval.method.point_criticality import exact_target
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report.packing import packed_bytes
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, SentDrives
-from sumo_eval.report.shown_cases import Shown
 from sumo_eval.report.words import (
     LOOKS,
     MEASURES,
@@ -34,6 +33,7 @@ from sumo_eval.scenario.road.reference_line import knots_of
 from sumo_eval.scoring.failure_groups import FailureGroup, failure_groups
 from sumo_eval.scoring.findings import findings, mean_of
 from sumo_eval.scoring.preventability import verdicts
+from sumo_eval.scoring.shown_cases import Shown
 from sumo_eval.trajectory import FloatArray
 
 LATTICE_POINTS = 32_000  # about, of the lattice of a whole space

@@ -14,14 +14,17 @@ import numpy as np
 import pytest
 from packed_pages import unpacked
 
+from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition
-from sumo_eval.report import shown_cases as module
+from sumo_eval.report.density import TILES, density_maps
 from sumo_eval.report.found_cases import nearest_cases
 from sumo_eval.report.html import write_report
-from sumo_eval.report.shown_cases import TILES, density_maps, shown_cases
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring import shown_cases as module
+from sumo_eval.scoring.behaviour import least_human, ranked, worst_case
 from sumo_eval.scoring.failure_groups import failure_kinds
+from sumo_eval.scoring.shown_cases import shown_cases
 
 
 def test_a_page_that_holds_all_cases_leaves_none_out(evaluation: Evaluation) -> None:
@@ -52,7 +55,7 @@ def test_half_of_the_shown_cases_tell_most_half_lie_evenly(
         assert shown.number(everybody[0]) == 4
 
 
-def test_cases_of_failed_limits_are_on_the_page(
+def test_linked_cases_are_on_the_page(
     evaluation: Evaluation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "MOST_SHOWN", 4 * len(evaluation.scores))
@@ -67,6 +70,9 @@ def test_cases_of_failed_limits_are_on_the_page(
         for place, case in enumerate(evaluation.cases_of(score.ads, score.scenario))
         if place not in shown[score.scenario]
     ]
+    order = [one.ads for one in ranked(evaluation)]
+    linked = worst_case(evaluation, order), least_human(evaluation, order[0])
+    assert not {one.case for one in linked if one}.intersection(left_out)
     for name in left_out[:2]:
         found = shown_cases(evaluation, [name])
         assert any(
@@ -157,3 +163,13 @@ def test_what_the_run_does_not_have_is_said(
 ) -> None:
     with pytest.raises(InputError, match=words):
         list(nearest_cases(evaluation, values, ads, None, 1))
+
+
+def test_a_departure_tells_as_much_as_a_collision(evaluation: Evaluation) -> None:
+    calm = next(case for case in evaluation.cases if case.evaluated and not case.incident)
+    rows = [
+        replace(calm, human_likeness=None, departure_time=1.0, departure_severity=speed)
+        for speed in (20.0, 10.0)
+    ]
+    tells = module.telling(CaseTable.of([calm, *rows]), ())
+    assert tells[1] > tells[2] >= 2.0 > tells[0]

@@ -1,0 +1,102 @@
+"""Pictures of where all cases of an ADS lie, for a page that does not hold them all."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+from markupsafe import Markup
+
+from sumo_eval.cases import CaseTable, IntArray
+from sumo_eval.scenario.logical import LogicalScenario, Parameter
+from sumo_eval.trajectory import FloatArray
+
+TILES = 40  # on each axis
+_SIDE = 6  # of a tile, px
+_FAINTEST = 0.12  # how dark a tile is that holds the least
+
+
+def density_maps(
+    logical: LogicalScenario, cases: CaseTable, x: int, y: int
+) -> list[tuple[str, Markup]]:
+    """Pictures of where all cases of an ADS lie in two parameters, with what each shows: how many
+    there are in each part of the plane, and which share of them collided.
+
+    x, y: columns of the parameters.
+    """
+    across, up = (logical.parameters[column] for column in (x, y))
+    tile = []
+    for item, values in zip((across, up), cases.parameters([across.name, up.name]).T, strict=True):
+        share = (values - item.low) / (item.high - item.low)
+        tile.append(np.clip((share * TILES).astype(np.intp), 0, TILES - 1))
+    place = tile[1] * TILES + tile[0]
+    number = np.bincount(place, minlength=TILES * TILES)
+    hits = np.bincount(place, cases.collided, TILES * TILES)
+    share = np.divide(hits, number, out=np.zeros(len(hits)), where=number > 0)
+    axes = " against ".join(
+        f"{item.name} ({item.low:g} to {item.high:g}{item.behind})" for item in (up, across)
+    )
+    most = int(number.max(initial=0))
+    return [
+        (
+            f"how many cases, up to {most:,} in a tile; {axes}",
+            _tiles(
+                number / max(most, 1),
+                number,
+                number,
+                "--c",
+                f"number of cases, {axes}",
+                (across, up),
+            ),
+        ),
+        (
+            f"share of them that collided, up to {share.max(initial=0.0):z.0%}; {axes}",
+            _tiles(share, hits, share, "--hit", f"share that collided, {axes}", (across, up)),
+        ),
+    ]
+
+
+def _tiles(
+    shade: FloatArray,
+    number: FloatArray | IntArray,
+    said: FloatArray | IntArray,
+    colour: str,
+    words: str,
+    axes: tuple[Parameter, Parameter],
+) -> Markup:
+    """A square for each tile with something in it, which carries its middle and what it says for
+    the saved table.
+    """
+    size = TILES * _SIDE
+    middle = [
+        [item.low + (item.high - item.low) * (k + 0.5) / TILES for k in range(TILES)]
+        for item in axes
+    ]
+    made = [
+        Markup(
+            '<rect x="{}" y="{}" width="{}" height="{}" fill="var({})" fill-opacity="{:z.2f}" '
+            'data-row="[{:z.6g},{:z.6g},{:z.4g}]"/>'
+        ).format(
+            place % TILES * _SIDE,
+            size - _SIDE - place // TILES * _SIDE,
+            _SIDE,
+            _SIDE,
+            colour,
+            _FAINTEST + (1.0 - _FAINTEST) * float(shade[place]),
+            middle[0][place % TILES],
+            middle[1][place // TILES],
+            said[place],
+        )
+        for place in np.flatnonzero(number > 0).tolist()
+    ]
+    return Markup(
+        '<svg class="density" data-chart="{}" data-head="{}" role="img" aria-label="{}" '
+        'viewBox="0 0 {} {}">{}</svg>'
+    ).format(
+        words,
+        json.dumps([*(item.name for item in axes), words.partition(",")[0]]),
+        words,
+        size,
+        size,
+        Markup().join(made),
+    )
