@@ -246,6 +246,16 @@ def test_a_case_of_every_kind_can_be_shown(opened: Page, evaluation: Evaluation,
 
 
 @needs_chromium
+def test_a_case_that_the_page_lacks_is_said_to_be_elsewhere(opened: Page) -> None:
+    absent = "document.getElementById('case-absent')"
+    opened.run("(location.hash = '#case:nowhere', null)")
+    opened.wait(f"{absent}.textContent.includes('sumo-eval replay') && !{absent}.hidden")
+    opened.run("(location.hash = '', null)")
+    opened.wait(f"{absent}.hidden")
+    assert opened.problems == []
+
+
+@needs_chromium
 def test_choosing_another_ads_keeps_the_point(opened: Page, evaluation: Evaluation) -> None:
     case = next(case for case in evaluation.cases if case.ads == builders.CALM and case.collided)
     opened.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(case.case)}), null)")

@@ -707,6 +707,8 @@
     }));
   }
 
+  const replayCommand = (key) => `sumo-eval replay ${data.folder} ${/^[\w.~+-]+$/.test(key) ? key : `'${key.replaceAll("'", "'\\''")}'`} --open`;
+
   let shown = null;
   let turn = 0;
 
@@ -720,7 +722,7 @@
     showPickers();
     moveRings.forEach((move) => move());
     byId("case-key").replaceChildren(item.key, sumoPage.copier(item.key));
-    const command = `sumo-eval replay ${data.folder} ${/^[\w.~+-]+$/.test(item.key) ? item.key : `'${item.key.replaceAll("'", "'\\''")}'`} --open`;
+    const command = replayCommand(item.key);
     byId("case-command").replaceChildren(command, sumoPage.copier(command));
     byId("case-name").textContent = `${item.ads}: ${pointWords(scenario, item.values)}`;
     showFacts(facts(scenario, item));
@@ -1138,7 +1140,17 @@
     return null;
   }
 
-  const caseFromAddress = () => (location.hash.startsWith("#case:") ? entryOf(decodeURIComponent(location.hash.slice("#case:".length))) : null);
+  /** The case that the address names; where the page does not have it, a note says so. */
+  function caseFromAddress() {
+    const key = location.hash.startsWith("#case:") ? decodeURIComponent(location.hash.slice("#case:".length)) : null;
+    const found = entryOf(key), note = byId("case-absent");
+    note.hidden = key === null || found !== null;
+    note.textContent = `The case ${key} is not on this page. The run's folder has it: ${replayCommand(key ?? "")}`;
+    if (note.hidden) return found;
+    sumoPage.unfold(note);
+    note.scrollIntoView();
+    return null;
+  }
 
   function onPrint(begins) {
     document.documentElement.classList.toggle("printing", begins);
