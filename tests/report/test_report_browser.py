@@ -246,6 +246,25 @@ def test_a_case_of_every_kind_can_be_shown(opened: Page, evaluation: Evaluation,
 
 
 @needs_chromium
+def test_play_at_a_contact_begins_at_the_start(opened: Page) -> None:
+    """Times of a trajectory are rounded to 1 ms, that of the contact is not."""
+    opened.run("""(() => {
+        const drive = (x) => ({ time: [0, 1], x: [x, x + 9], y: [0, 0], heading: [0, 0],
+            speed: [9, 9], acceleration: [0, 0], steering_wheel_angle: [0, 0], length: 4, width: 2 });
+        const contact = { time: 0.9996, last: null, other: "lead", side: "front", speed: 9 };
+        const road = { end: 100, left: 5, right: -2, lanes: 2, laneWidth: 3.5, crossings: [],
+            solid: [], gone: [], line: [] };
+        window.root = document.body.appendChild(document.createElement("div"));
+        window.small = sumoReplay.player(root);
+        small.show({ road, bodies: {}, ghosts: [],
+            views: [{ name: "a", ego: drive(0), actors: [["lead", drive(13)]], contact }] });
+        root.querySelector(".replay-play").click();
+    })()""")
+    opened.wait("Number(root.querySelector('.replay-slider').value) < 0.9")
+    opened.run("small.stop(); root.remove()")
+
+
+@needs_chromium
 def test_a_case_that_the_page_lacks_is_said_to_be_elsewhere(opened: Page) -> None:
     absent = "document.getElementById('case-absent')"
     opened.run("(location.hash = '#case:nowhere', null)")

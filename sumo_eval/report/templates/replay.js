@@ -902,7 +902,7 @@ const sumoReplay = (() => {
 
     function play() {
       if (frame !== null) return rest();
-      let time = now >= whole - 1e-6 ? 0 : now, before = null;
+      let time = now >= whole - MS ? 0 : now, before = null; // a contact ends a recording, whose times are rounded
       button.textContent = "Pause";
       const tick = (clock) => {
         time += before === null ? 0 : (clock - before) / 1000 * Number(speed.value);
