@@ -1065,7 +1065,7 @@
     const others = scenario.cases.filter((other) => other.point === item.point && other !== item && "ego" in other.vehicles);
     return [
       ...others.map((other) => ({ name: other.ads, ego: all[other.vehicles.ego], actors: actorsOf(other, all), contact: contactOf(other) })),
-      ...view.drivers.map((driver, k) => ({ name: `driver ${k + 1}`, ego: driver, actors: view.actors, contact: null })),
+      ...view.drivers.map((driver, k) => ({ name: `driver ${k + 1}, in the traffic of this drive`, ego: driver, actors: view.actors, contact: null })),
     ];
   }
 
