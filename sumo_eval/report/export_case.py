@@ -93,8 +93,11 @@ def _evaluation(
     plant, drivers = settings.simulation.plant, settings.drivers
     if plant is not None:
         plant = replace(plant, file=str(source / plant.file))
+    collision = settings.method.collision
+    collision = replace(collision, severity=made_absolute(collision.severity, source))
     return replace(
         settings,
+        method=replace(settings.method, collision=collision),
         scenario=(replace(entry, use=space, sampling=sampling, exposure=ExposureSettings()),),
         ads=(
             replace(
@@ -116,7 +119,10 @@ def _evaluation(
 
 def _importing(alone: EvaluationSettings, source: Path) -> str:
     """Prefix of the command: PYTHONPATH where modules next to the run's evaluation are needed."""
-    named = (alone.scenario[0].use, alone.ads[0].controller, alone.drivers.source)
+    named = (
+        alone.scenario[0].use, alone.ads[0].controller, alone.drivers.source,
+        alone.method.collision.severity,
+    )  # fmt: skip
     modules = [place for place, colon, _ in (locator.rpartition(":") for locator in named) if colon]
     tops = [module.partition(".")[0] for module in modules if not module.endswith(".py")]
     beside = any(

@@ -485,6 +485,7 @@ def test_paths_of_people_and_exposure_stay_what_they_were(run, tmp_path, monkeyp
     text = text.replace('source = "synthetic"', 'source = "people.py:drives"').replace(
         'cases = ""', 'cases = "tests"'
     )
+    text = text.replace('severity = "severity"', 'severity = "harm.py:loss"')
     assert 'cases = "tests"' in text
     (folder / "evaluation.toml").write_text(text)
     monkeypatch.setattr("sumo_eval.record.trust._asked", True)  # as `--trust` does
@@ -493,7 +494,9 @@ def test_paths_of_people_and_exposure_stay_what_they_were(run, tmp_path, monkeyp
         for p in export_case(folder, "cut_in-0001-draws", tmp_path / "out").paths
         if p.suffix == ".toml"
     )
-    drivers = sumo_eval.settings.config.read_evaluation(path).drivers
+    alone = sumo_eval.settings.config.read_evaluation(path)
+    drivers = alone.drivers
+    assert alone.method.collision.severity == f"{run.parent / 'harm.py'}:loss"
     assert (drivers.source, drivers.cases) == (
         f"{run.parent / 'people.py'}:drives",
         str(run.parent / "tests"),
