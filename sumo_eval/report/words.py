@@ -78,8 +78,8 @@ GLOSSARY = {
     "A'": "grade of A: each ten times as much avoidable harm costs 0.37 to 0.48 of it. 1: as the "
     "ideal vehicle; 0: as doing nothing",
     "S+": "the score that orders: T A' (a + b H), 0 to 100 points; an A' below 0 counts 0",
-    "departure": "a corner of the body is more than `road_margin`, 0.5 m by default, off the road; it "
-    "weighs as a contact with a standing car at that speed",
+    "departure": "a corner of the body is more than `road_margin`, 0.5 m by default, off the road; "
+    "it weighs as a contact with a standing car at that speed",
     "gave up": "the ADS failed, ran out of time or ended its process: as bad as doing nothing, no "
     "task done",
     "regret": "by how much severity the ADS exceeds the ideal vehicle: mean over all cases, "
