@@ -143,6 +143,7 @@ class _Group(click.Group):
 
     def main(self, args: Any = None, *rest: Any, **named: Any) -> Any:
         if args is None:  # from a shell, not from a caller in Python
+            _fill_closed_streams()
             _read_utf8()
         return super().main(args, *rest, **named)
 
@@ -258,6 +259,19 @@ def _refuse(sentence: str) -> NoReturn:
     with suppress(OSError):  # a full device behind stderr: the exit status is all that can be said
         tell(f"sumo-eval: {clean_log(sentence)}", err=True)
     sys.exit(INPUT_WRONG)
+
+
+def _fill_closed_streams() -> None:
+    """Put the null device in place of standard streams that are closed, as by `>&-`: no file of a
+    run takes their numbers.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) < 3:  # the lowest that is free
+        pass
+    os.close(number)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - to the end
+            setattr(sys, name, nowhere)
 
 
 def _stdout_to_nowhere() -> None:

@@ -4,6 +4,9 @@ finished work lost."""
 from __future__ import annotations
 
 import os
+import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -105,3 +108,11 @@ def test_a_read_only_folder_is_refused(folder: Path) -> None:
     assert done.returncode == 2
     assert "Permission denied" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell's way to close a stream")
+@pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>&-"])
+def test_closed_streams_do_not_end_a_command(folder: Path, closed: str) -> None:
+    words = [sys.executable, "-m", "sumo_eval", "check", "good.toml"]
+    done = subprocess.run(f"{shlex.join(words)} {closed}", shell=True, check=False, cwd=folder)
+    assert done.returncode == 0
