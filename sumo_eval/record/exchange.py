@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shlex
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
@@ -145,7 +146,8 @@ def export(
 def _scored(folder: Path, name: str) -> Path:
     if not (folder / name).is_file():
         raise InputError(
-            f"Run {folder} has not been scored, {name} is missing; first: sumo-eval score {folder}."
+            f"Run {folder} has not been scored, {name} is missing; first: sumo-eval score "
+            f"{shlex.quote(str(folder))}."
         )
     return folder / name
 

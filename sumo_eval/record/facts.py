@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 import os
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -350,8 +351,8 @@ def _shard_of(
     with open_store(folder / run_folder.FACTS) as store:
         if not store.sealed:
             raise InputError(
-                f"Shard {folder} is not complete; continue with: sumo-eval run --out {folder} "
-                "--resume."
+                f"Shard {folder} is not complete; continue with: sumo-eval run --out "
+                f"{shlex.quote(str(folder))} --resume."
             )
         return parse_shard(store.noted(run_folder.SHARD))
 

@@ -9,6 +9,7 @@ import hashlib
 import os
 import platform
 import re
+import shlex
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -231,7 +232,8 @@ def check_complete(store: Store, folder: Path) -> None:
         )
     if not store.sealed:
         raise InputError(
-            f"Run {folder} is not complete; continue with: sumo-eval run --out {folder} --resume."
+            f"Run {folder} is not complete; continue with: sumo-eval run --out "
+            f"{shlex.quote(str(folder))} --resume."
         )
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shlex
 from pathlib import Path
 
 from sumo_eval.errors import InputError
@@ -119,7 +120,7 @@ def refuse_foreign_code(
     raise InputError(
         f"Run {run} names code, the {what} `{clean(locator)}` with paths from "
         f"{clean(str(source))}, and is not known as recorded by you on this machine. If that code "
-        f"may run here: sumo-eval report {run} --trust."
+        f"may run here: sumo-eval report {shlex.quote(str(run))} --trust."
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -42,8 +43,9 @@ def _instead_of(folder: Path) -> str:
     if not os.path.isdir(folder):  # False for what no path may be, too
         return ""
     if (folder / "manifest.json").is_file():
+        run = shlex.quote(str(folder))
         return (
-            f" It holds a run: `sumo-eval score {folder}` scores it, `sumo-eval report {folder}` "
+            f" It holds a run: `sumo-eval score {run}` scores it, `sumo-eval report {run}` "
             "shows it."
         )
     files = sorted(path.name for path in folder.glob("*.toml") if path.is_file())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shlex
 import shutil
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.record.exchange import export
 from sumo_eval.record.store import FORMAT_VERSION, open_store
 from sumo_eval.report.tables import write_tables
+from sumo_eval.settings.toml_file import read_toml
 
 
 @pytest.fixture(scope="module")
@@ -161,3 +163,15 @@ def test_a_run_that_is_none_unscored_or_newer_is_refused(run: Path, tmp_path: Pa
     )
     with pytest.raises(InputError, match="format version 99"):
         sumo_eval.open_run(copy)
+
+
+def test_a_printed_command_takes_a_folder_with_spaces(run: Path, tmp_path: Path) -> None:
+    copy = shutil.copytree(run, tmp_path / "it's my run")
+    (copy / "cases.csv").unlink()
+    with pytest.raises(InputError) as unscored:
+        export(copy, tmp_path / "out")
+    with pytest.raises(InputError) as no_file:
+        read_toml(copy, "evaluation file")
+    first = str(unscored.value).partition("first: ")[2].removesuffix(".")
+    assert shlex.split(first) == ["sumo-eval", "score", str(copy)]
+    assert shlex.split(str(no_file.value).split("`")[1]) == ["sumo-eval", "score", str(copy)]

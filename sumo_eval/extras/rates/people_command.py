@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import click
@@ -192,7 +193,7 @@ def opinion(run: Path, ratings: Path, out: Path | None) -> None:
     place = run / "opinion.html" if out is None else out
     write_opinion(result, run, place)
     tell(f"Plot: {place}")
-    tell(f"`sumo-eval report {run}` shows it in the report from now on.")
+    tell(f"`sumo-eval report {shlex.quote(str(run))}` shows it in the report from now on.")
 
 
 @click.command(epilog="Example: sumo-eval calibrate results/first results/second --by median")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -112,6 +113,6 @@ def _collect(path: Path) -> None:
     say(result.sentences())
     say(map(str, result.files))
     tell(
-        f"Score with these people: sumo-eval run {result.files[-1]} --out RUN; "
-        f"sumo-eval humans opinion RUN {result.files[1]}"
+        f"Score with these people: sumo-eval run {shlex.quote(str(result.files[-1]))} --out RUN; "
+        f"sumo-eval humans opinion RUN {shlex.quote(str(result.files[1]))}"
     )
