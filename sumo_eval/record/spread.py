@@ -5,10 +5,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
+from functools import partial
 from multiprocessing.connection import Connection
 from typing import Protocol, TypeVar
 
+from sumo_eval.errors import InputError
 from sumo_eval.record.children import child_context, tie_to_owner
 
 Part = TypeVar("Part")
@@ -43,9 +46,25 @@ def spread_over(workers: int, prepare: Callable[[], object]) -> Iterator[Spread]
         try:
             for _ in range(workers):
                 pool.submit(prepare)
-            yield pool.map
+            yield partial(_results, pool)
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+def _results(
+    pool: ProcessPoolExecutor, work: Callable[[Part], Result], parts: Sequence[Part]
+) -> Iterator[Result]:
+    """Results from a pool, in order.
+
+    Raises InputError when a process of it was lost.
+    """
+    try:
+        yield from pool.map(work, parts)
+    except BrokenProcessPool as error:
+        raise InputError(
+            "A process that computes scores was killed, as happens when memory runs out. What it "
+            "had computed is kept: score the run again, with `--set run.workers=1` in less memory."
+        ) from error
 
 
 @contextmanager

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import signal
 import time
 from pathlib import Path
 
 import pytest
 
-from sumo_eval.record.spread import alongside
+from sumo_eval.errors import InputError
+from sumo_eval.record.spread import alongside, spread_over
 
 
 class Writing:
@@ -43,3 +45,12 @@ def test_what_ends_early_ends_what_is_done_alongside(tmp_path: Path) -> None:
     with pytest.raises(ProcessLookupError):
         os.kill(int(began.read_text()), 0)
     assert not (tmp_path / "file").exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_a_killed_process_of_scoring_is_one_sentence() -> None:
+    with (
+        pytest.raises(InputError, match="A process that computes scores was killed"),
+        spread_over(2, os.getpid) as spread,
+    ):
+        list(spread(signal.raise_signal, [signal.SIGKILL]))
