@@ -1,7 +1,9 @@
 """The measured traps of libsumo 1.28, one by one: that bare libsumo has it, and that we are not
 caught by it."""
 
+import contextlib
 import itertools
+import locale
 import math
 import os
 import subprocess
@@ -525,3 +527,15 @@ def test_our_gap_and_sumos_positions_agree(bare):
         for name in ("ego", "lead")
     )
     assert widest_gap(ego, other)[0] == pytest.approx(7.0)
+
+
+def test_sumo_reads_numbers_the_same_in_any_locale():
+    own = locale.setlocale(locale.LC_NUMERIC)
+    try:
+        for name in ("de_DE.UTF-8", "C.UTF-8"):
+            with contextlib.suppress(locale.Error):
+                locale.setlocale(locale.LC_NUMERIC, name)
+        assert simulate(case(lead()), "no_reaction", HALF_SECOND).error is None
+        assert locale.setlocale(locale.LC_NUMERIC) == "C"
+    finally:
+        locale.setlocale(locale.LC_NUMERIC, own)

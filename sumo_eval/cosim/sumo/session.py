@@ -8,6 +8,7 @@ quotes SUMO's own log.
 
 from __future__ import annotations
 
+import locale
 import math
 import os
 import re
@@ -99,6 +100,8 @@ def running(
 
 
 def _start(arguments: list[str], files: _Files) -> None:
+    # where a library of an ADS has set a locale, SUMO would expect decimal commas
+    locale.setlocale(locale.LC_NUMERIC, "C")
     try:
         with _stderr_into(files.console):
             libsumo.start(arguments)
