@@ -532,10 +532,10 @@ def test_our_gap_and_sumos_positions_agree(bare):
 def test_sumo_reads_numbers_the_same_in_any_locale():
     own = locale.setlocale(locale.LC_NUMERIC)
     try:
-        for name in ("de_DE.UTF-8", "C.UTF-8"):
+        for name in ("C.UTF-8", "de_DE.UTF-8"):
             with contextlib.suppress(locale.Error):
                 locale.setlocale(locale.LC_NUMERIC, name)
-        assert simulate(case(lead()), "no_reaction", HALF_SECOND).error is None
+        assert simulate(case(lead(gap=50.0)), "no_reaction", HALF_SECOND).error is None
         assert locale.setlocale(locale.LC_NUMERIC) == "C"
     finally:
         locale.setlocale(locale.LC_NUMERIC, own)
