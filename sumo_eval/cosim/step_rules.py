@@ -39,7 +39,7 @@ from sumo_eval.cosim.records import (
 )
 from sumo_eval.cosim.vehicle_model import count_clip, move, move_dynamic
 from sumo_eval.kernels import kernel, rows
-from sumo_eval.scenario.played import BEGUN, Cast
+from sumo_eval.scenario.played import BEGUN, Cast, play_actors
 from sumo_eval.scenario.road.lanes import left_edge_at, right_edge_at
 from sumo_eval.scenario.road.reference_line import line_at, to_frame, to_map
 from sumo_eval.trajectory import FloatArray
@@ -156,10 +156,11 @@ def _sample_row(ego: Any, others: Any, samples: Any) -> None:
 
 @rows
 def begin_rows(
-    egos: Records, others: Records, seen: Records, samples: FloatArray, scenario: Records,
-    line: Records,
-) -> None:  # fmt: skip
+    cast: Cast, seen: Records, samples: FloatArray, scenario: Records, line: Records
+) -> None:
     """Show and record every vehicle at its start."""
+    egos, others = cast.egos, cast.others
+    play_actors(cast, 0, scenario[0].step, line)
     for i in range(len(egos)):
         ego = egos[i]
         put_on_map(ego, line)
@@ -193,20 +194,30 @@ def stop_rows(egos: Records, others: Records, samples: FloatArray, row: int, bac
 
 @rows
 def move_rows(
-    egos: Records, others: Records, clips: Records, tell: FloatArray, scenario: Records,
-    line: Records, closely: int,
+    cast: Cast, clips: Records, tell: FloatArray, scenario: Records, line: Records, steps: int,
+    closely: int,
 ) -> int:  # fmt: skip
-    """Move the egos as they are commanded for a step, and keep where all actors were before.
+    """Move all vehicles to the end of `steps` steps; how many rows of `tell` there are.
 
-    What SUMO has to receive of it is written to `tell`, a row each: number of the vehicle, x and y
-    of the front bumper's centre on the map, angle and speed, its place along and across the line
-    and dx/dt.
-
+    tell: receives what SUMO has to, a row a vehicle: its number, x and y of the front bumper's
+        centre on the map, angle and speed, its place along and across the line and dx/dt.
     line: the road's, of no knots if it is straight.
-    closely: not 0 where SUMO receives the egos. Returns how many rows of `tell` there are.
+    closely: 0: SUMO receives nothing, 1: all, 2: the egos, and actors that it cannot move by itself.
+    """
+    told = _move_egos(cast, clips, tell, scenario, line, closely)
+    play_actors(cast, steps, scenario[0].step, line)
+    return _tell_actors(cast, tell, scenario, line, steps, told, closely)
+
+
+@kernel
+def _move_egos(
+    cast: Cast, clips: Records, tell: FloatArray, scenario: Records, line: Records, closely: int
+) -> int:
+    """Move the egos as they are commanded for a step, and keep where all actors were before; how
+    many rows of `tell` there are.
     """
     told = 0
-    step = scenario[0].step
+    egos, others, step = cast.egos, cast.others, scenario[0].step
     for i in range(len(egos)):
         ego, limits = egos[i], scenario[first_of(scenario, i)].vehicle
         if ego.live == 0 or ego.reason != 0:
@@ -454,16 +465,13 @@ def _at_work(other: Any, play: Any, acts: Any, now: float, scenario: Any) -> boo
     return False
 
 
-@rows
-def tell_others_rows(
+@kernel
+def _tell_actors(
     cast: Cast, tell: FloatArray, scenario: Records, line: Records, steps: int, told: int,
     closely: int,
 ) -> int:  # fmt: skip
     """Put the actors on the map, and write what SUMO has to receive of them to `tell`, behind
-    `told` rows of it.
-
-    closely: 0: nothing, 1: all, 2: all that SUMO cannot move by itself. Returns how many rows
-        there are then.
+    `told` rows of it; how many rows there are then.
     """
     egos, others = cast.egos, cast.others
     plays, acts = cast.plays, cast.acts

@@ -47,7 +47,6 @@ from sumo_eval.cosim.step_rules import (
     move_rows,
     read_rows,
     see_rows,
-    tell_others_rows,
 )
 from sumo_eval.cosim.vehicle_model import count_clip
 from sumo_eval.kernels import bound
@@ -58,7 +57,6 @@ from sumo_eval.scenario.played import (
     FOLLOW,
     WAITS,
     Cast,
-    play_rows,
     players,
     wake_rows,
 )
@@ -160,8 +158,7 @@ class World:
                 bodies["before"][name] = bodies[name]
         self.gather()
         wake_rows(self.cast, 0.0, 0.0, self._stack, self.line)
-        play_rows(self.cast, 0, settings.step, self.line)
-        begin_rows(self.egos, self.others, self.seen, self.samples, self.scenario, self.line)
+        begin_rows(self.cast, self.seen, self.samples, self.scenario, self.line)
         self.going = n
 
     def _run(self, loop: Callable[..., Any], *arguments: Any) -> Any:
@@ -185,15 +182,12 @@ class World:
         closely: SUMO receives all vehicles.
         as_read: SUMO moves those by itself that only keep their speed.
         """
-        steps, step = self.steps + 1, self.settings.step
-        shared, cast = (self.tell, self.scenario, self.line), self.cast
-        told = self._run(move_rows, self.egos, self.others, self.clips, *shared, int(closely))
-        self._run(play_rows, cast, steps, step, self.line)
-        quiet = as_read and self.timed and not len(self.line)
+        steps, quiet = self.steps + 1, as_read and self.timed and not len(self.line)
         told = self._run(
-            tell_others_rows, cast, *shared, steps, told, closely + (closely and quiet)
-        )
-        now = steps * step
+            move_rows, self.cast, self.clips, self.tell, self.scenario, self.line, steps,
+            closely + (closely and quiet),
+        )  # fmt: skip
+        now = steps * self.settings.step
         return self.let_leave(now, told, as_read) if self.may_leave(now) else (told, ())
 
     def see(self, *, sampling: bool = False, as_read: bool = False) -> int:

@@ -678,8 +678,8 @@ def move(other: Any, play: Any, acts: Any, pieces: Any, table: Any, time: float,
 # -- rows ------------------------------------------------------------------------------------------
 
 
-@rows
-def play_rows(cast: Cast, steps: int, step: float, line: Records) -> None:
+@kernel
+def play_actors(cast: Cast, steps: int, step: float, line: Records) -> None:
     """Move the actors of every live case to the end of `steps` steps."""
     egos, others, plays = cast.egos, cast.others, cast.plays
     acts, pieces, table = cast.acts, cast.pieces, cast.table
