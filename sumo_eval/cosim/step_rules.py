@@ -202,7 +202,7 @@ def move_rows(
     tell: receives what SUMO has to, a row a vehicle: its number, x and y of the front bumper's
         centre on the map, angle and speed, its place along and across the line and dx/dt.
     line: the road's, of no knots if it is straight.
-    closely: 0: SUMO receives nothing, 1: all, 2: the egos, and actors that it cannot move by itself.
+    closely: 0: SUMO receives nothing, 1: all, 2: egos, and actors that it cannot move by itself.
     """
     told = _move_egos(cast, clips, tell, scenario, line, closely)
     play_actors(cast, steps, scenario[0].step, line)
