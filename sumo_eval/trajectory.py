@@ -18,20 +18,21 @@ from sumo_eval.errors import InputError
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 EndReason = Literal[
-    "contact",
-    "standstill",
+    "contact",  # of the ego with another body
+    "standstill",  # of the ego, with nothing left to happen
     "road_end",
     "off_road",
-    "time_limit",
-    "decided",
+    "time_limit",  # of simulated time
+    "decided",  # the outcome can no longer change
     "ads_error",
-    "ads_timeout",
+    "ads_timeout",  # of wall time
     "sim_error",
-    "recorded",
-    "quit",
+    "recorded",  # a recorded human's drive, not simulated
+    "quit",  # by the person at the steering wheel
 ]
 Side = Literal["front", "rear", "left", "right"]
 
+_STANDING = 0.01  # m/s; the direction of a slower motion is noise of positions
 CHANNELS = ("time", "x", "y", "heading", "speed", "acceleration", "steering_wheel_angle")
 
 
@@ -39,10 +40,15 @@ CHANNELS = ("time", "x", "y", "heading", "speed", "acceleration", "steering_whee
 class Trajectory:
     """One vehicle's motion: every channel is an (n,) array, `time` strictly increasing.
 
-    time s; x, y m, the vehicle's centre; heading rad; speed m/s; acceleration m/s2 along the
-    heading; steering_wheel_angle rad, nan where it is not known. Heading, speed and acceleration
-    that are not given are derived by central differences (a standing vehicle keeps its last
-    heading). `length` and `width` are the body's, m.
+    Heading, speed and acceleration that are not given are derived by central differences.
+
+    time: s.
+    x, y: of the vehicle's centre, m.
+    heading: rad; derived, a standing vehicle keeps the last direction in which it moved.
+    speed: m/s.
+    acceleration: along the heading, m/s2.
+    steering_wheel_angle: rad, nan where it is not known.
+    length, width: of the body, m.
     """
 
     time: FloatArray
@@ -101,7 +107,7 @@ class Trajectory:
         times = block[0]
         increasing = bool((times[1:] > times[:-1]).all())
         if not times.size or not increasing or not np.isfinite(block[:-1]).all():
-            return cls(*block, length=length, width=width)  # which says what is wrong
+            return cls(*block, length=length, width=width)  # raises: it names the fault
         made = object.__new__(cls)
         made._hold(block, length, width)
         return made
@@ -141,15 +147,17 @@ def _rate(values: FloatArray, time: FloatArray) -> FloatArray:
 
 
 def _course(x: FloatArray, y: FloatArray, time: FloatArray) -> FloatArray:
-    """Direction of motion, rad; a standing vehicle keeps the last direction it moved in (0 if it
-    never moved).
+    """Direction of motion, rad.
+
+    A standing vehicle keeps the last direction in which it moved; before its first motion it has
+    the direction of that motion; 0 if it never moves.
     """
     vx, vy = _rate(x, time), _rate(y, time)
-    moving = np.hypot(vx, vy) > 0.01
+    moving = np.hypot(vx, vy) > _STANDING
     course = np.arctan2(vy, vx)
     last_moving = np.maximum.accumulate(np.where(moving, np.arange(x.size), -1))
-    first = int(np.argmax(moving)) if moving.any() else -1
-    index = np.where(last_moving >= 0, last_moving, first)
+    first_moving = int(np.argmax(moving)) if moving.any() else -1
+    index = np.where(last_moving >= 0, last_moving, first_moving)
     return np.where(index >= 0, course[index], 0.0)
 
 
@@ -157,9 +165,12 @@ def _course(x: FloatArray, y: FloatArray, time: FloatArray) -> FloatArray:
 class Collision:
     """First contact of the ego's body with another's, located within the step.
 
-    time s; other, the actor's name; velocities (vx, vy) m/s in the road frame at contact; overlap,
-    the share of the ego's bumper width that faces the other body, 0..1; side, where on the ego it
-    was hit; positions (x, y, heading) of both centres at contact.
+    time: s.
+    other: name of the actor.
+    ego_velocity, other_velocity: (vx, vy) at contact, m/s, in road coordinates.
+    overlap: share of the ego's bumper width that faces the other body, 0..1.
+    side: of the ego, where it was hit.
+    ego_pose, other_pose: (x, y, heading) of the centres at contact, m and rad.
     """
 
     time: float
@@ -178,16 +189,21 @@ class Collision:
 
 
 NO_RETURN = "no_return"
-"""The clip of a contact: first_time is the point of no return, s, `NEVER` where no braking avoids
-it, `UNKNOWN` where the replay is another drive; requested, s: when the ADS first braked, or
+"""`Clip.what` of a note on a contact. `first_time`: the point of no return, s, after which no
+braking avoids the contact; `NEVER`: none avoids it at all; `UNKNOWN`: the drive could not be
+repeated to the bit, so the point was not sought. `requested`: when the ADS first braked, s, or
 `NEVER`."""
 NEVER, UNKNOWN = -1.0, -2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Clip:
-    """A request that a limit or a check did not let through as it was: what, how often, first when,
-    the worst.
+    """A request that a limit changed, or another event of a drive that a reader has to know.
+
+    what: name of the limit or event.
+    count: how often it occurred.
+    first_time: of its first occurrence, s.
+    requested, applied: values of the worst occurrence, in the unit of `what`.
     """
 
     what: str
@@ -236,11 +252,14 @@ _ALONE: dict[AloneReason, str] = {
 }
 
 
+_WENT_WRONG = ("keeps_state", "together_failed", "pack_lost", "block_lost", "late")
+
+
 @dataclass(frozen=True, slots=True)
 class Alone:
     """Why a case has to be driven alone.
 
-    detail: what failed, in its own words; empty where the reason says it all.
+    detail: message of what failed; empty where the reason is complete without it.
     """
 
     why: AloneReason
@@ -248,16 +267,10 @@ class Alone:
 
     @property
     def by_nature(self) -> bool:
-        """Whether such cases are driven alone whatever happens in them; else something went
-        wrong.
+        """Whether the case is one that a batch cannot hold; False: driving it in a batch failed,
+        or gave results of which some depend on the batch.
         """
-        return self.why not in (
-            "keeps_state",
-            "together_failed",
-            "pack_lost",
-            "block_lost",
-            "late",
-        )
+        return self.why not in _WENT_WRONG
 
     def __str__(self) -> str:
         """The reason as a sentence, for logs and reports."""
@@ -265,9 +278,11 @@ class Alone:
 
 
 class Latency(NamedTuple):
-    """Wall time of one step of a driver, s: mean, longest, median, 99th percentile (late).
+    """Wall times of the steps of an ADS in one case, s.
 
-    reference: median of a fixed piece of work, timed between the steps in the same process, s.
+    mean, longest, median: of all steps.
+    late: 99th percentile.
+    reference: median of a fixed piece of work, timed between the steps in the same process.
     """
 
     mean: float = 0.0
@@ -279,8 +294,15 @@ class Latency(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """One simulated case: what every vehicle did, whether the ego hit anything, and why the run
-    ended.
+    """One simulated case: every vehicle's motion, the ego's contact, and why the drive ended.
+
+    wall_time: of the drive, s.
+    error_place: where in the user's code an exception came from, as `my_ads.py:42 in act`.
+    batched: of an ADS that asks SUMO and was driven in a batch: "batched", or "compared" if the
+        case was driven alone as well and was the same.
+    commands: of a contact, of each step: acceleration, m/s2, and steering wheel angle, rad,
+        (steps, 2). In a simulation where not only the vehicle model may move the ego, x, y, m, and
+        heading, rad, on the map and speed, m/s, stand before these, (steps, 6).
     """
 
     ego: Trajectory
@@ -292,16 +314,14 @@ class Recording:
     log: str = ""
     controller_latency: Latency = Latency()  # noqa: RUF009 - frozen
     wall_time: float = 0.0
-    error_place: str = ""  # `my_ads.py:42 in act`: where in the user's code an exception came from
-    # of an ADS that asks SUMO, beside others of its cases: "batched", or "compared" with it alone
+    error_place: str = ""
     batched: str = ""
-    # of a contact: acceleration and steering, (steps, 2), m/s2 and rad; in a simulation whose egos
-    # others than the vehicle model may move, x, y and heading on the map and speed before these,
-    # (steps, 6)
     commands: FloatArray | None = field(default=None, compare=False, repr=False)
 
-    def same_motion(self, other: Recording) -> bool:
-        """Whether another recording has all that this one has, to the bit, wall times excepted."""
+    def same_drive(self, other: Recording) -> bool:
+        """Whether another recording has the same trajectories, contact, end, clips, error and log,
+        to the bit. Wall times, `batched` and `commands` are not compared.
+        """
 
         def content(recording: Recording) -> tuple[object, ...]:
             names = ("collision", "end_reason", "clips", "error", "log", "error_place")
@@ -320,6 +340,6 @@ class Recording:
 
 
 def half_extents(heading: FloatArray, length: float, width: float) -> tuple[FloatArray, FloatArray]:
-    """Half of what a turned body reaches along and across the road, m, of the heading's shape."""
+    """Half the extent of a turned body along the road and across it, m, of the heading's shape."""
     c, s = np.abs(np.cos(heading)), np.abs(np.sin(heading))
     return 0.5 * (length * c + width * s), 0.5 * (length * s + width * c)

@@ -23,8 +23,8 @@ def scenarios() -> None:
         tell(f"{scenario.name}\n  {scenario.about}")
         for item in scenario.parameters:
             tell(
-                f"  {item.name:<16} {item.low:g}..{item.high:g}{item.behind}, step {item.step:g}: "
-                f"{item.about}"
+                f"  {item.name:<16} {item.low:g}..{item.high:g}{item.unit_suffix}, "
+                f"step {item.step:g}: {item.about}"
             )
         for option in scenario.options:
             tell(

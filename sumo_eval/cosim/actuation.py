@@ -1,5 +1,5 @@
-"""From an ADS's command to the one that reaches the vehicle: late commands and the way that a
-command takes.
+"""Commands on their way from the ADS to the vehicle: delayed, or dropped where a step of the ADS
+took too long.
 """
 
 from __future__ import annotations
@@ -13,16 +13,19 @@ from numpy.typing import NDArray
 
 from sumo_eval.settings import ConditionSettings
 
-_ROUNDING = 1e-9  # s; a delay of whole steps does not become one more by rounding
+# s; 0.3 / 0.1 is 2.999.. or 3.000..: a delay of whole steps must not become one step more
+_ROUNDING = 1e-9
 
 
 class Actuation:
     """Commands of cases on their way to the vehicles, under `actuation_delay` and `step_budget`.
 
-    conditions: of each case; only a case alone has a budget.
+    A command over the budget is dropped: it never arrives, and the one before it holds.
+
+    conditions: of each case; only a case that is driven alone has a budget.
     step: of the simulation, s.
-    kind: of a command in the records of egos.
-    note: puts on record of a case alone: what, the value asked for, the value that held.
+    kind: numpy's type of a command in the records of egos.
+    note: records an event of a case driven alone: name, requested value, applied value.
     """
 
     def __init__(
@@ -36,9 +39,9 @@ class Actuation:
             [max(math.ceil((it.actuation_delay - _ROUNDING) / step), 0) for it in conditions]
         )
         self._budget, self._note = conditions[0].step_budget, note
-        # a ring over the last steps; before the first command the speed is kept, the wheel straight
+        # a ring over the last steps; zeros until the first command: speed kept, wheel straight
         self._given = np.zeros((self._steps.max() + 1, len(conditions)), kind)
-        self._late = False
+        self._dropped = False  # the last command: it was over the budget
 
     def pass_on(
         self, commands: NDArray[np.void], cases: Any, now: int, took: float | None, *,
@@ -46,18 +49,22 @@ class Actuation:
     ) -> None:  # fmt: skip
         """Replace commands of cases, (n,), by those that arrive in step `now`.
 
-        took: wall time of the ADS's step, s; None: it was not asked, and what
-            its last command was, late or in time, still holds.
-        given: whether there are new commands; else, or where they are late, the last ones hold.
+        commands: changed in place. Without delay and budget they stay as they are: the caller's
+            array then holds the last ones by itself.
+        cases: their indices.
+        now: number of the step.
+        took: wall time of the ADS's step, s; None: it was not asked in this step, and whether
+            its last command was dropped is kept.
+        given: whether there are new commands; else, or where they are dropped, the last ones hold.
         """
         slots = len(self._given)
         if self._budget is not None:
             if took is not None:
-                self._late = took > self._budget
-                if self._late:
+                self._dropped = took > self._budget
+                if self._dropped:
                     self._note("late_command", took, self._budget)
         elif slots == 1:
             return
-        new = commands if given and not self._late else self._given[(now - 1) % slots, cases]
+        new = commands if given and not self._dropped else self._given[(now - 1) % slots, cases]
         self._given[now % slots, cases] = new
         commands[:] = self._given[(now - self._steps[cases]) % slots, cases]

@@ -1,5 +1,5 @@
-"""Impossible states that SUMO may show of a vehicle: on no lane, jumped, faster than anything
-drives.
+"""Limits of what SUMO may show of a vehicle: beyond them it is on no lane, has jumped, or is
+faster than any vehicle.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from sumo_eval.cosim.contact import Body
 from sumo_eval.errors import SimulationError
 from sumo_eval.scenario.concrete import Road
 
-FASTEST = 1000.0  # m/s, what is shown beyond it is no motion of a vehicle
-BACKWARDS = -1.0  # m/s, no speed is below 0
-LOST = 1e9  # m and m/s; a vehicle that is on no lane has the place and the speed -1073741824
-LIMIT_TOLERANCE = 1e-6  # m/s2
+FASTEST = 1000.0  # m/s; a higher speed in SUMO's answer is an error, not a motion
+LOWEST_SPEED = -1.0  # m/s; SUMO's speeds are 0 or above, a lost vehicle's is far below
+LOST = 1e9  # m and m/s; a vehicle that is on no lane has the position and the speed -1073741824
+LIMIT_TOLERANCE = 1e-6  # m/s2, rounding of a change of speed at a limit of acceleration
 JUMP_TOLERANCE = 0.01  # m, motion of one step that speed cannot explain
-BESIDE = 0.05  # m, nearer than this to where SUMO loses a vehicle it is kept
+LOSS_MARGIN = 0.05  # m; a vehicle counts as off the road this much before SUMO loses it
 
 
 def farthest_in(step: float) -> float:
-    """Distance that no road vehicle drives in a step, m: 100 m/s."""
-    return FASTEST * step * 0.1
+    """Distance that no road vehicle exceeds in a step, m: at 100 m/s."""
+    return FASTEST * step * 0.1  # in this order: results depend on its last bit
 
 
 class LeftTheRoadError(Exception):
@@ -35,14 +35,16 @@ def front(body: Body) -> tuple[float, float]:
 
 
 def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
-    """Whether the ego is, or within a step gets, where SUMO has no lane for it: its centre beside
-    the road, or its front bumper's centre half a width off the road or beyond its ends.
+    """Whether the ego is where SUMO has no lane for it, or gets there within a step.
+
+    SUMO has none where the body's centre is beside the road, or the centre of the front bumper is
+    half a width off the road or beyond its ends.
     """
     ahead = ego.speed * step
     coming = ego._replace(
         x=ego.x + ahead * math.cos(ego.heading), y=ego.y + ahead * math.sin(ego.heading)
     )
-    reach = 0.5 * ego.width - BESIDE
+    reach = 0.5 * ego.width - LOSS_MARGIN
     for body in (ego, coming):
         x, y = front(body)
         right, left = float(road.right_edge_at(x)), float(road.left_edge_at(x))
@@ -56,16 +58,19 @@ def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
 def impossible(
     calls: Any, name: str, last: tuple[float, float], now: float, step: float
 ) -> SimulationError:
-    """An error with the impossible quantity that SUMO shows of a vehicle.
+    """An error that names the impossible quantity which SUMO shows of a vehicle.
 
-    last: its front bumper before, m.
+    calls: SUMO's vehicles, as `traci.vehicle`.
+    last: centre of its front bumper a step before, x and y, m.
+    now: s.
+    step: s.
     """
     x, y = calls.getPosition(name)
     angle, speed = calls.getAngle(name), calls.getSpeed(name)
     far = FASTEST * step
-    if not (abs(x - last[0]) < far and abs(y - last[1]) < far):  # nan is less than nothing
+    if not (abs(x - last[0]) < far and abs(y - last[1]) < far):  # `not <`: true of nan as well
         what = f"the place ({x:g}, {y:g}) m, a step after ({last[0]:.2f}, {last[1]:.2f}) m,"
-    elif not BACKWARDS < speed < FASTEST:
+    elif not LOWEST_SPEED < speed < FASTEST:
         what = f"the speed {speed:g} m/s"
     else:
         what = f"the angle {angle:g} deg"

@@ -1,19 +1,20 @@
-"""How long a driver takes over its steps, beside a fixed piece of work that is timed between
-them.
+"""Wall times of the steps of an ADS, with those of a fixed piece of work timed between them.
+
+The fixed work tells a slow ADS from a slow or busy machine.
 """
 
 from __future__ import annotations
 
 import time
 from array import array
-from functools import cached_property
 
 import numpy as np
 
-from sumo_eval.trajectory import Latency
+from sumo_eval.trajectory import FloatArray, Latency
 
-EVERY = 16  # steps between two timings of the fixed work
-LATE = 0.99  # quantile
+# steps between two timings of the fixed work: its 10 us are lost in the time of 16 steps
+STEPS_BETWEEN_TIMINGS = 16
+LATE = 0.99  # quantile of the steps' times that `Latency.late` holds
 
 
 def fixed_work() -> float:
@@ -25,8 +26,11 @@ def fixed_work() -> float:
 
 
 class Latencies:
-    """Wall times of the steps of cases that are driven together, s: of each case, or shared by
-    all.
+    """Wall times of the ADS's steps in one simulation, s.
+
+    own: of each case; callers append to `own[case]`.
+    shared: of the whole batch; callers append here where one call of the ADS serves all cases.
+        `own` is not read then.
     """
 
     def __init__(self, cases: int) -> None:
@@ -41,21 +45,18 @@ class Latencies:
         self._reference.append(time.perf_counter() - began)
 
     def of(self, case: int) -> Latency:
-        """Of one case."""
-        return self._of_all if self.shared else self._of(self.own[case])
-
-    @cached_property
-    def _of_all(self) -> Latency:
-        return self._of(self.shared)
-
-    def _of(self, took: array[float]) -> Latency:
-        steps, work = (
-            np.sort(np.frombuffer(times)) if times else np.zeros(1)
-            for times in (took, self._reference)
-        )
-        late = steps[min(int(LATE * len(steps)), len(steps) - 1)]
+        """Latency of one case."""
+        steps = _sorted(self.shared or self.own[case])
+        work = _sorted(self._reference)
         return Latency(
-            *map(
-                float, (steps.mean(), steps[-1], steps[len(steps) // 2], late, work[len(work) // 2])
-            )
+            mean=float(steps.mean()),
+            longest=float(steps[-1]),
+            median=float(steps[len(steps) // 2]),
+            late=float(steps[int(LATE * len(steps))]),
+            reference=float(work[len(work) // 2]),
         )
+
+
+def _sorted(times: array[float]) -> FloatArray:
+    """Times from the shortest to the longest, s; one 0 where nothing was timed."""
+    return np.sort(np.frombuffer(times)) if times else np.zeros(1)

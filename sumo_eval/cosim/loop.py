@@ -39,8 +39,8 @@ from sumo_eval.cosim.doors.observation import (
     task_of,
 )
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, heeding
-from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LeftTheRoadError
-from sumo_eval.cosim.latency import EVERY
+from sumo_eval.cosim.impossible import FASTEST, LOWEST_SPEED, LeftTheRoadError
+from sumo_eval.cosim.latency import STEPS_BETWEEN_TIMINGS
 from sumo_eval.cosim.plans import Executor
 from sumo_eval.cosim.records import COMMAND, MODEL, NEXT, PLANT, REASONS, Records, numbers_of
 from sumo_eval.cosim.stage import Stage
@@ -195,7 +195,7 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
             _end_rows(world, driver, stage)
         while world.going:
             after = world.steps + 1
-            if world.steps % EVERY == 0:
+            if world.steps % STEPS_BETWEEN_TIMINGS == 0:
                 world.latencies.time_fixed_work()
             driver.step(world, world.steps * step)
             now, sampling = after * step, after % every == 0
@@ -320,7 +320,7 @@ def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
     )
     state = plant.advance(before, command, world.settings.step)
     moved = math.hypot(state.x - before.x, state.y - before.y)
-    if not (moved < FASTEST * world.settings.step and BACKWARDS < state.speed < FASTEST):
+    if not (moved < FASTEST * world.settings.step and LOWEST_SPEED < state.speed < FASTEST):
         raise SimulationError(
             f"The vehicle model moved `{EGO}` {moved:g} m in the step after {world.time:.2f} s, "
             f"to the speed {state.speed:g} m/s; no vehicle is faster than {FASTEST:g} m/s."

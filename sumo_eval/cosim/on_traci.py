@@ -32,11 +32,11 @@ from sumo_eval.cosim.doors.observation import (
 )
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, Names, RefusedCallError, heeding
 from sumo_eval.cosim.impossible import (
-    BACKWARDS,
     FASTEST,
     JUMP_TOLERANCE,
     LIMIT_TOLERANCE,
     LOST,
+    LOWEST_SPEED,
     LeftTheRoadError,
     front,
     impossible,
@@ -408,7 +408,7 @@ class _Hook:
         if not (
             -LOST < front_x < LOST
             and -LOST < front_y < LOST
-            and BACKWARDS < speed < FASTEST
+            and LOWEST_SPEED < speed < FASTEST
             and 0.0 <= angle <= 360.0
         ):
             sizes = self._limits.length, self._limits.width

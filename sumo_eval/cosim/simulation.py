@@ -553,7 +553,7 @@ def _difference(
             period=terms.every * settings.step if terms.every > 1 else None,
         )  # fmt: skip
         together = drives[index]
-        if not (isinstance(together, Recording) and own.same_motion(together)):
+        if not (isinstance(together, Recording) and own.same_drive(together)):
             return f"not found; {cases[index].label} drives differently when it is alone"
         drives[index] = replace(together, batched="compared")
     return None

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST, impossible
+from sumo_eval.cosim.impossible import FASTEST, LOSS_MARGIN, LOWEST_SPEED, impossible
 from sumo_eval.cosim.records import STRAIGHT, SUMO
 from sumo_eval.cosim.sumo.insides import simulation_step, vehicles
 from sumo_eval.cosim.sumo.session import bend_tolerance, check_start
@@ -267,7 +267,7 @@ class Stage:
                         and -far < y - last_y < far
                         and 0.0 <= angle <= 360.0
                     )
-                    if not (there and BACKWARDS < speed < FASTEST):
+                    if not (there and LOWEST_SPEED < speed < FASTEST):
                         if not self._is_past_the_road(world, row, j):
                             raise impossible(
                                 calls, name, fronts[name], world.time + self._step, self._step
@@ -291,7 +291,7 @@ class Stage:
     def _is_past_the_road(self, world: World, row: int, other: int) -> bool:
         """Whether a script has its vehicle's front bumper beyond the last lane."""
         body, road = world.others[row, other], self._road
-        return bool(body["x"] + 0.5 * body["length"] > road.length + road.run_out - BESIDE)
+        return bool(body["x"] + 0.5 * body["length"] > road.length + road.run_out - LOSS_MARGIN)
 
     def compare(self, world: World) -> None:
         """Fail the cases in which SUMO shows a vehicle at another place."""
@@ -303,11 +303,11 @@ class Stage:
             [egos["placed"] != SUMO, (others["told"] == 2) & (others["present"] == 1)]
         )
         told &= (egos["reason"] == 0)[:, None]
-        end = road.length + road.run_out - BESIDE
+        end = road.length + road.run_out - LOSS_MARGIN
         told &= (x - 0.5 * length >= 0.0) & (x + 0.5 * length < end)  # there are lanes
         beside = (
             np.abs(front_y - self._middle)
-            >= self._half + 0.5 * joined(egos, others, "width") - BESIDE
+            >= self._half + 0.5 * joined(egos, others, "width") - LOSS_MARGIN
         )
         told &= self._bent | ~beside  # beside every lane of a straight road SUMO shows others
         rows, columns = np.nonzero(told)

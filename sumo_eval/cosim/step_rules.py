@@ -11,11 +11,11 @@ from typing import Any
 
 from sumo_eval.cosim.contact import Body, between, keeps_apart, share_at_touch, within_a_turn
 from sumo_eval.cosim.impossible import (
-    BACKWARDS,
-    BESIDE,
     FASTEST,
     JUMP_TOLERANCE,
     LIMIT_TOLERANCE,
+    LOSS_MARGIN,
+    LOWEST_SPEED,
 )
 from sumo_eval.cosim.records import (
     ADS_ERROR,
@@ -271,7 +271,7 @@ def goes_straight(
     return (
         aside == 0.0
         and off <= most
-        and BACKWARDS < speed < FASTEST
+        and LOWEST_SPEED < speed < FASTEST
         and LIMIT_TOLERANCE - vehicle.max_deceleration <= gained
         and gained <= vehicle.max_acceleration - LIMIT_TOLERANCE
     )
@@ -307,7 +307,7 @@ def _read_actor(last: FloatArray, shown: FloatArray, far: float) -> bool:
     far: m, further than anything drives in a step.
     """
     near = abs(shown[0] - last[0]) < far and abs(shown[1] - last[1]) < far
-    if not (near and 0.0 <= shown[2] <= 360.0 and BACKWARDS < shown[3] < FASTEST):
+    if not (near and 0.0 <= shown[2] <= 360.0 and LOWEST_SPEED < shown[3] < FASTEST):
         return False
     for k in range(4):
         last[k] = shown[k]
@@ -454,7 +454,7 @@ def _at_work(other: Any, play: Any, acts: Any, now: float, scenario: Any) -> boo
     """Whether SUMO cannot move an actor by itself: it is in a move, turned, or has been beside the
     lanes.
     """
-    road, reach = scenario.road, 0.5 * other.width - BESIDE
+    road, reach = scenario.road, 0.5 * other.width - LOSS_MARGIN
     if not road.right_edge - reach <= other.y <= road.left_edge + reach:
         other.strays = 1
     if other.strays or other.heading != 0.0:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.observation import lanes_at
-from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST, farthest_in
+from sumo_eval.cosim.impossible import FASTEST, LOSS_MARGIN, LOWEST_SPEED, farthest_in
 from sumo_eval.cosim.records import DEGREES, STRAIGHT
 from sumo_eval.cosim.stage import EXACT_SPEED_MODE, Stage, joined
 from sumo_eval.cosim.sumo.session import NOWHERE
@@ -215,7 +215,7 @@ class Traffic(Stage):
         not within a step of the network's end.
         """
         road = self._road
-        inside = (y > road.right_edge + BESIDE) & (y < road.left_edge - BESIDE)
+        inside = (y > road.right_edge + LOSS_MARGIN) & (y < road.left_edge - LOSS_MARGIN)
         inside &= (np.cos(heading) > 0.0) & (begin >= 0.0)
         inside &= begin < road.length + road.run_out - farthest_in(self._step)
         return np.asarray(inside & ~self._walks[number])
@@ -271,7 +271,7 @@ class Traffic(Stage):
             shown = np.concatenate([self._shown_or_nowhere(name) for name in names])
         speed = shown[:, 3]
         # on no lane SUMO shows an impossible speed; the inverted test finds a nan, too
-        gone = (shown[:, 0] <= NOWHERE) | ~((speed > BACKWARDS) & (speed < FASTEST))
+        gone = (shown[:, 0] <= NOWHERE) | ~((speed > LOWEST_SPEED) & (speed < FASTEST))
         others["told"][rows, columns] = 1  # moved in this step
         for k in np.flatnonzero(gone).tolist():
             others["present"][rows[k], columns[k]] = 0

@@ -1,4 +1,4 @@
-"""Charts, described once: plotly draws them into a page, matplotlib on paper."""
+"""Charts, described once: plotly draws them on a page, matplotlib in a figure for print."""
 
 from __future__ import annotations
 
@@ -27,23 +27,21 @@ COLOURS: Final = (
     "#000000",
     "#8a8f00",
 )
-"""Okabe and Ito's colours (2008), which people of every colour vision tell apart, for ADSs in their
-order."""
+"""Colours of ADSs, in order: Okabe and Ito (2008), distinct for every colour vision."""
 
-LONGEST_LINE: Final = 100  # characters of a note above a figure of a page's width
-_ON_PAGES: Final = {"o": "circle", "X": "x", "-": "solid"}
+_ON_PAGES: Final = {"o": "circle", "X": "x", "-": "solid"}  # matplotlib's style -> plotly's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Marks:
     """Points of a panel, or a line through them.
 
-    name: in the legend, where each name stands once; empty: not there.
+    name: entry of the legend, which shows each name once; empty: no entry.
     x, y: (n,).
-    line, marker: of matplotlib, on a page those of `_ON_PAGES`; empty: none.
-    bars: bars instead of both, on a page only.
-    spread: half the length of each point's bar along x, (n,); None: without.
-    words: on each point, shown by a page.
+    line, marker: matplotlib's styles; on a page those of `_ON_PAGES` only. Empty: none.
+    bars: bars in place of line and marker, on a page only.
+    spread: half the length of each point's error bar along x, (n,); None: no error bars.
+    words: text of each point, on a page only.
     """
 
     name: str
@@ -61,10 +59,10 @@ class Marks:
 class Panel:
     """One chart.
 
-    x, y: words of its axes; without x it stands on another panel with the same axis.
-
-    verticals: places of lines across the whole panel.
-    chance: chances (n, m) over x (m,) and y (n,), above 0.5 hazardous; None: no map.
+    x, y: labels of its axes; an empty x: the panel below shares and labels this axis.
+    verticals: x of lines across the whole panel.
+    chance: x (m,), y (n,) and the probability of hazard (n, m), drawn as a map with a line at 0.5;
+        None: no map.
     range_: ends of the x axis; None: those of what is drawn.
     """
 
@@ -78,9 +76,10 @@ class Panel:
 
 
 def on_page(panels: Sequence[Panel], columns: int, height: int) -> go.Figure:
-    """The panels as a figure of plotly, `columns` in a row.
+    """The panels as one figure of plotly.
 
-    height: of all, px.
+    columns: panels in a row.
+    height: of the figure, px.
     """
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
@@ -138,16 +137,18 @@ def on_page(panels: Sequence[Panel], columns: int, height: int) -> go.Figure:
 
 
 def draw(ax: Axes, panel: Panel, named: set[str]) -> None:
-    """A panel by matplotlib.
+    """Draw a panel with matplotlib.
 
-    named: what the legend has already.
+    named: names that the figure's legend has already; those of this panel are added.
     """
     if panel.chance is not None:
         ax.contourf(*panel.chance, levels=[-np.inf, 0.5, np.inf], colors=[SAFE, HAZARDOUS])
         edge_of(ax, panel.chance, 0.5, INK, "-")
     for it in panel.marks:
         style: dict[str, Any] = {"elinewidth": 0.6, "markeredgecolor": INK, "markeredgewidth": 0.3}
-        style |= {"zorder": 1 + (it.colour != FAINT), "clip_on": not (it.marker and np.size(it.x))}
+        style["zorder"] = 1 if it.colour == FAINT else 2
+        # markers at the axes' edge are drawn whole
+        style["clip_on"] = not (it.marker and np.size(it.x))
         label = "" if it.name in named else it.name
         named.add(it.name)
         ax.errorbar(
@@ -168,19 +169,19 @@ def draw(ax: Axes, panel: Panel, named: set[str]) -> None:
 
 
 def edge_of(ax: Axes, values: tuple[Any, Any, Any], level: float, colour: str, line: str) -> None:
-    """The line at a level of a map (x, y, z), where the map has one."""
+    """Draw the line at a level of a map (x, y, z), if the map has values on both sides of it."""
     if np.nanmin(values[2]) < level < np.nanmax(values[2]):
         ax.contour(*values, levels=[level], colors=[colour], linestyles=[line], linewidths=0.9)
 
 
-def beside(figure: Figure) -> int:
-    """How many entries of a legend fit in a row."""
-    return 2 if figure.get_figwidth() < 5.0 else 4
-
-
-def name(figure: Figure, words: str) -> None:
-    """Words above a figure, broken where it ends, and below it a legend of what has a name."""
+def add_title_and_legend(figure: Figure, title: str) -> None:
+    """Put a title above a figure, wrapped to its width, and a legend below it if marks have
+    names.
+    """
+    # a figure has the width of one column of a paper or of the whole page
+    one_column = figure.get_figwidth() < 5.0  # inches
     if any(ax.get_legend_handles_labels()[1] for ax in figure.axes):
-        figure.legend(loc="outside lower center", ncols=beside(figure))
-    lines = (textwrap.fill(line, LONGEST_LINE * beside(figure) // 4) for line in words.split("\n"))
+        figure.legend(loc="outside lower center", ncols=2 if one_column else 4)
+    longest_line = 50 if one_column else 100  # characters
+    lines = (textwrap.fill(line, longest_line) for line in title.split("\n"))
     figure.suptitle("\n".join(lines), fontsize=7.0)

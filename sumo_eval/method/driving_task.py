@@ -1,7 +1,7 @@
-"""The driving task of a case: departure from the road, and t_i, how much of the asked way was
+"""The driving task of a case: departure from the road, and t_i, the share of the asked way that was
 driven in time.
 
-All of it is found in recorded facts, so a run recorded earlier has it as well.
+Both follow from recorded trajectories, so a run recorded earlier has them as well.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from sumo_eval.method.measures import STANDING
 from sumo_eval.scenario.concrete import Road, Way
 from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory, half_extents
 
-PLACE_SPACING = 1.0
-"""m between the places of a way at which times are compared."""
+PLACE_SPACING = 1.0  # m between the places of a way at which times are compared
 SHORT_OF_THE_END = 5.0
-"""m before the nearest end of a reference at which the asked way ends."""
+"""m by which the asked way ends before the shortest reference: where vehicles stop differs by a few
+metres."""
 EXCUSE_AHEAD, EXCUSE_BESIDE, EXCUSE_SPEED = 10.0, 3.5, 1.0
-"""m, m between bodies and m/s along the road: a road user within these excuses an ego that
-stands."""
+"""A road user excuses an ego that stands if it is at most this far ahead and to the side, m between
+bodies (3.5 m: a lane), and moves at most this fast along the road, m/s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Departure:
-    """The first recorded sample at which a corner of the body is off the road.
+    """First recorded sample at which a corner of the ego's body is off the road.
 
     time: s.
     speed: m/s.
@@ -37,12 +37,12 @@ class Departure:
 
 
 def first_departure(ego: Trajectory, road: Road, margin: float) -> Departure | None:
-    """Departure: the first sample with a corner more than `margin` beyond the drivable area; None
+    """The departure of a drive, with a corner more than `margin` beyond the drivable area; None
     without one.
 
     ego: the drive, in road coordinates.
-    road: its edges; a road that crosses it is drivable.
-    margin: `road_margin`, m, a paved edge strip.
+    road: a road that crosses it is drivable as well.
+    margin: `road_margin`, width of a paved edge strip, m.
     """
     away = np.flatnonzero(_off_road(*_corners(ego), road, margin).any(axis=0))
     if not away.size:
@@ -82,11 +82,8 @@ def roadside_contact(departure: Departure, overlap: float) -> Collision:
 
 
 def is_excused(ego: Trajectory, actors: Mapping[str, Trajectory]) -> bool:
-    """Whether an ego that stands at its end has a road user close ahead that hardly moves along the
-    road.
-
-    Since it last moved: between bodies at most 10 m ahead and 3.5 m beside, at most 1 m/s along the
-    road.
+    """Whether an ego that stands at the end of its drive has had, since it last moved, a road user
+    close ahead that hardly moves along the road (`EXCUSE_AHEAD`, `EXCUSE_BESIDE`, `EXCUSE_SPEED`).
     """
     if ego.speed[-1] >= STANDING:
         return False
@@ -98,35 +95,39 @@ def is_excused(ego: Trajectory, actors: Mapping[str, Trajectory]) -> bool:
 
 
 def _excuses(actor: Trajectory, since: float, front: float, left: float, right: float) -> bool:
-    """Whether a road user stood or crept close ahead at some sample from `since` s on."""
+    """Whether a road user stood or crept close ahead at any sample from `since` s on.
+
+    front, left, right: x and y of the ends of the ego's body, m.
+    """
     long, wide = half_extents(actor.heading, actor.length, actor.width)
 
     ahead = (actor.x + long >= front) & (actor.x - long - front <= EXCUSE_AHEAD)
-    beside = np.maximum(actor.y - wide - left, right - actor.y - wide) <= EXCUSE_BESIDE
+    gap_left, gap_right = actor.y - wide - left, right - actor.y - wide
+    beside = np.maximum(gap_left, gap_right) <= EXCUSE_BESIDE
     creeps = np.abs(actor.speed * np.cos(actor.heading)) <= EXCUSE_SPEED
     return bool((ahead & beside & creeps & (actor.time >= since)).any())
 
 
 def times_at(drive: Trajectory, places: FloatArray) -> FloatArray:
-    """When a drive first reached places x (n,), m, ascending: s since its start, inf where it never
-    did.
+    """Times at which a drive first reached places x (n,), m, ascending: s since its start, inf for
+    a place never reached.
     """
     furthest = np.maximum.accumulate(drive.x)
     rises = furthest[1:] > furthest[:-1]
-    first, last = np.append(True, rises), np.append(rises, False)
-    # a vehicle that stood goes on from its last sample there, not from its first
-    x = np.where(first, furthest, np.nextafter(furthest, np.inf))
-    known = first | last
-    found = np.interp(places, x[known], drive.time[known] - drive.time[0], right=np.inf)
-    return np.asarray(found)
+    # of samples at one furthest x (a stop) the first and the last count, the last a hair further:
+    # the next place is interpolated from the end of the stop, not from its beginning
+    arrives, leaves = np.append(True, rises), np.append(rises, False)
+    x = np.where(arrives, furthest, np.nextafter(furthest, np.inf))
+    known = arrives | leaves
+    return np.asarray(np.interp(places, x[known], drive.time[known] - drive.time[0], right=np.inf))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AskedWay:
-    """The way that a point asks for.
+    """The distance along the road that an ADS has to drive at a point, and the time for it.
 
-    places: x (n,), m.
-    slowest: s until the slowest reference was there, (n,).
+    places: x along it, (n,), m.
+    slowest: time until the slowest reference reached each place, (n,), s.
     """
 
     places: FloatArray
@@ -134,10 +135,11 @@ class AskedWay:
 
 
 def asked_way(begin: float, references: Sequence[Trajectory]) -> AskedWay | None:
-    """The asked way of a point: from the ego's start to 5 m before the nearest end of a reference.
+    """The asked way of a point: from the ego's start to `SHORT_OF_THE_END` before the end of the
+    shortest reference; None without a reference.
 
     begin: x of the ego's start, m.
-    references: drives without an incident; None where there is none.
+    references: drives of the references that had no incident.
     """
     if not references:
         return None
@@ -147,18 +149,18 @@ def asked_way(begin: float, references: Sequence[Trajectory]) -> AskedWay | None
 
 
 def task_share(
-    ego: Trajectory, asked: AskedWay, way: Way | None, *, incident: bool, excused: bool
+    ego: Trajectory, asked: AskedWay, lane_change: Way | None, *, incident: bool, excused: bool
 ) -> float:
     """t_i: mean over the asked way of min(1, time of the slowest reference there / own time there).
 
     ego: the drive, in road coordinates.
-    asked: the way, with the references' times.
-    way: a lane change that is asked for; None without one.
+    asked: the places, with the references' times.
+    lane_change: that the point asks for; None without one.
     incident: any contact, departure or giving up: t_i = 0.
-    excused: the way ends where the ego stands.
+    excused: the asked way ends where the ego stands.
 
-    0 at places never reached, and beyond where a lane change that was missed was due; 1 where no
-    place counts.
+    A place counts 0 if it was never reached, or if it is beyond the end of a lane change that the
+    ego missed. t_i is 1 where no place counts.
     """
     if incident:
         return 0.0
@@ -166,17 +168,17 @@ def task_share(
     own = times_at(ego, asked.places)
     shares = np.minimum(1.0, asked.slowest / np.maximum(own, 1e-9))
 
-    if way is not None and misses(ego, way):
-        shares = np.where(asked.places > way.by, 0.0, shares)
+    if lane_change is not None and misses(ego, lane_change):
+        shares = np.where(asked.places > lane_change.by, 0.0, shares)
     return float(shares[counted].mean()) if counted.any() else 1.0
 
 
-def misses(ego: Trajectory, way: Way) -> bool:
-    """Whether the ego passed the end of its lane change further than half of it from where it
-    should be, short or beyond.
+def misses(ego: Trajectory, lane_change: Way) -> bool:
+    """Whether the ego passed the end of its lane change more than half the offset away from the
+    target, on either side of it.
     """
-    there = times_at(ego, np.array([way.by]))[0]
-    if np.isinf(there):
+    at_end = times_at(ego, np.array([lane_change.by]))[0]
+    if np.isinf(at_end):
         return False
-    y = float(np.interp(there + ego.time[0], ego.time, ego.y))
-    return abs(y - float(ego.y[0]) - way.offset) > 0.5 * abs(way.offset)
+    y = float(np.interp(at_end + ego.time[0], ego.time, ego.y))
+    return abs(y - float(ego.y[0]) - lane_change.offset) > 0.5 * abs(lane_change.offset)

@@ -476,7 +476,7 @@ def _checked_unit(logical: LogicalScenario, points: ArrayLike) -> FloatArray:
         slack = EDGE * (parameter.high - parameter.low)
         outside = ~((values >= parameter.low - slack) & (values <= parameter.high + slack))
         if np.any(outside):
-            allowed = f"within {parameter.low:g}..{parameter.high:g}{parameter.behind}"
+            allowed = f"within {parameter.low:g}..{parameter.high:g}{parameter.unit_suffix}"
             owner = f"scenario `{logical.name}`"
             raise must_be(
                 f"`{parameter.name}`", owner, allowed, float(np.ravel(values)[np.ravel(outside)][0])

@@ -95,13 +95,14 @@ def on_its_own(cases: Sequence[Case]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Outcome of a case. `recording` is missing when the process that ran it was lost.
+    """Outcome of a case.
 
-    `log`: the traceback of an exception, and beginning and end of what the case printed.
-        `error_place`: file, line and function of the user's code that an exception came from.
-
+    recording: None where the process that drove the case was lost.
+    error: message of what failed; None: nothing.
+    log: the traceback of an exception, and beginning and end of the case's output.
+    error_place: file, line and function of the user's code that an exception came from.
     batched: as in `Recording`.
-    alone: why a case that was to be simulated together with others was not.
+    alone: why a case that was meant for a batch was driven alone; None: it was not.
     reads: path and hash of files that the process of a user's ADS has newly read.
     """
 
@@ -116,7 +117,7 @@ class Outcome:
     reads: Sequence[tuple[str, str]] | None = None
 
     def __post_init__(self) -> None:
-        """Cleaned once more: what a process that runs users' code sends may be anything."""
+        """Clean texts once more: a process that runs users' code may send anything."""
         object.__setattr__(self, "error", None if self.error is None else clean(self.error))
         object.__setattr__(self, "log", clean_log(self.log))
         object.__setattr__(self, "error_place", clean(self.error_place))
@@ -125,10 +126,11 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """Values that every case of a run shares. `folder`: where relative paths in locators start.
+    """Values that all cases of a run share.
 
-    files: of ADSs, by locator.
-    no_return: whether contacts of ADSs get their point of no return, some drives each.
+    folder: where relative paths in locators start.
+    files: that ADSs depend on, by locator.
+    no_return: whether the point of no return of ADSs' contacts is sought, by some drives each.
     """
 
     simulation: SimulationSettings

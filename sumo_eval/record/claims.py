@@ -1,9 +1,12 @@
-"""Outcomes of cases as a child reports them: as plain values for a frame, and back."""
+"""Claims of a child process about its cases: outcomes as plain values for a frame of its pipe, and
+back; and which cases may share a child.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any
 
 from sumo_eval.coded import plain, record_of
@@ -26,32 +29,35 @@ STATUS: dict[EndReason, Status] = {
 }
 """The status of a case by the reason why its drive ended."""
 
-OURS = ""
-"""The home of everything that runs no users' code."""
+NO_USER_CODE = ""
+"""Affinity of all cases that run no users' code."""
 
 Results = list[Outcome | Alone] | None
-"""Of the cases of a batch.
+"""Results of the cases of a batch.
 
-`Alone`: why that case has to run alone. None: cases of this kind always have to.
+`Alone`: why that case has to be driven alone. None: cases of this kind always have to.
 """
 
 _RECORDS = {"Alone": Alone, "Clip": Clip, "Collision": Collision}
 
 
-def home(case: Case, setup: Setup) -> str:
-    """Which cases may share a process: those of one locator of a user's, and all of our own
-    drivers.
+def affinity(case: Case, setup: Setup) -> str:
+    """Name of the group of cases that may share a process: those of one user's ADS, or all that run
+    no users' code.
+
+    Drivers and references are never driven with the user's vehicle model: they run no users' code.
     """
-    return home_of_ads(case.controller, setup) if case.role == "ads" else OURS
+    return affinity_of_ads(case.controller, setup) if case.role == "ads" else NO_USER_CODE
 
 
-def home_of_ads(locator: str, setup: Setup) -> str:
-    """The home of an ADS under test.
+def affinity_of_ads(locator: str, setup: Setup) -> str:
+    """Affinity of the cases of an ADS under test.
 
-    A vehicle model of the user's drives with each, and makes ours the user's.
+    With a user's vehicle model (`plant`) users' code runs in every drive: then a shipped ADS has an
+    affinity of its own too.
     """
-    ours = locator in SHIPPED or locator.startswith("sumo:")
-    return OURS if ours and setup.simulation.plant is None else f"ADS `{locator}`"
+    ships = locator in SHIPPED or locator.startswith("sumo:")
+    return NO_USER_CODE if ships and setup.simulation.plant is None else f"ADS `{locator}`"
 
 
 def as_plain(results: Results, reads: list[File] | None) -> list[Any]:
@@ -59,22 +65,13 @@ def as_plain(results: Results, reads: list[File] | None) -> list[Any]:
 
     reads: files that their process has newly read.
     """
-    if results is None:
-        return [reads, None]
-    rows: list[Any] = [
-        result
-        if isinstance(result, Alone)
-        else (
-            *(result.status, result.recording, result.error, result.log, result.error_place),
-            result.batched,
-        )
-        for result in results
-    ]
-    return [reads, plain(rows)]
+    fields = attrgetter("status", "recording", "error", "log", "error_place", "batched")
+    rows: list[Any] = [it if isinstance(it, Alone) else fields(it) for it in results or ()]
+    return [reads, None if results is None else plain(rows)]
 
 
 def results_of(answer: Any, cases: Sequence[Case]) -> Results:
-    """The outcomes given to `as_plain`, of these cases."""
+    """Results of `cases` from a frame: the inverse of `as_plain`."""
     reads, rows = answer
     if rows is None:
         return None
@@ -83,7 +80,7 @@ def results_of(answer: Any, cases: Sequence[Case]) -> Results:
         if isinstance(row, Alone):
             results.append(row)
         else:
-            status, kept, *texts = row
-            outcome = Outcome(case, status, kept and KeptRecording(*kept), *texts)
-            results.append(replace(outcome, reads=reads))
+            status, recording, *texts = row  # texts: error, log, error_place, batched
+            kept = recording and KeptRecording(*recording)
+            results.append(replace(Outcome(case, status, kept, *texts), reads=reads))
     return results

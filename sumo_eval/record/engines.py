@@ -17,7 +17,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.record import loops, reads
 from sumo_eval.record.batches import Batch, Batches, driven, largest_batch
 from sumo_eval.record.cases import ALONE, Case, Outcome, Setup, Status, on_its_own
-from sumo_eval.record.claims import OURS, home, home_of_ads, results_of
+from sumo_eval.record.claims import NO_USER_CODE, affinity, affinity_of_ads, results_of
 from sumo_eval.record.identity import locator_identity
 from sumo_eval.record.pool import Ended, Pool, Work
 from sumo_eval.record.progress import Stopping, never
@@ -86,7 +86,7 @@ def run_in_children(
     # of a lazy plan, the caller has compiled the loops; a case's time is for driving
     loops.ready(loops.of_cases(cases if isinstance(cases, Sequence) else ()))
     batches = Batches(cases, workers, min(largest_batch(setup), setup.run.cases_per_child))
-    work: Work[Batch] = Work(answer, setup, lambda batch: home(batch[0], setup), driven)
+    work: Work[Batch] = Work(answer, setup, lambda batch: affinity(batch[0], setup), driven)
     with Pool(workers, setup.run, setup.run.cases_per_child) as pool:
         settle = partial(_settled, batches=batches, setup=setup)
         for outcomes in pool.run(work, batches.take, settle, stopping, batches.look_ahead):
@@ -102,7 +102,7 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
     not another's. Without children the engine `serial` loads it here, where it drives it.
     """
     if setup.run.engine == "serial":
-        refuse_to_share(home_of_ads(locator, setup) for kind, locator in named if kind == "ADS")
+        refuse_to_share(affinity_of_ads(locator, setup) for kind, locator in named if kind == "ADS")
         if not hasattr(os, "fork"):
             return {pair[1]: locator_identity(pair, setup.folder) for pair in named}
     identities: dict[str, str] = {}
@@ -118,12 +118,12 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
     return identities
 
 
-def refuse_to_share(homes: Iterable[str]) -> None:
+def refuse_to_share(affinities: Iterable[str]) -> None:
     """The rule of the engine `serial`: one process, so at most one user's locator.
 
     Raises InputError for a second.
     """
-    users = sorted(set(homes) - {OURS})
+    users = sorted(set(affinities) - {NO_USER_CODE})
     if len(users) > 1:
         raise InputError(
             "The engine `serial` runs everything in one process, which can serve one ADS of "
@@ -138,7 +138,7 @@ def _run_here(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Outcom
     served: set[str] = set()
     reads.begin_run()
     while not stopping() and (batch := batches.take()) is not None:
-        served.add(home(batch[0], setup))
+        served.add(affinity(batch[0], setup))
         refuse_to_share(served)
         outcomes = _settled(Ended(batch, "done", answer(batch, setup), ""), batches, setup)
         if outcomes:

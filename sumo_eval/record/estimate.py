@@ -12,7 +12,7 @@ from statistics import fmean
 
 from sumo_eval.method.zone_partition import refuse_impossible_zones
 from sumo_eval.record.cases import Case, Role, Setup
-from sumo_eval.record.claims import OURS, home
+from sumo_eval.record.claims import NO_USER_CODE, affinity
 from sumo_eval.record.engines import refuse_engine, run_cases
 from sumo_eval.record.facts import compile_loops, planned
 from sumo_eval.record.recording import Planner, Space, find_stale, stages
@@ -175,7 +175,7 @@ def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, flo
         # with imports and compilation
         seconds, in_time = _seconds_each(cases[:1], replace(setup, run=limit))
         number = _TIMED
-        if home(cases[0], setup) != OURS:  # nothing ends a batch that has begun
+        if affinity(cases[0], setup) != NO_USER_CODE:  # nothing ends a batch that has begun
             number = int(min(_A_KIND_FOR, until - clock.perf_counter()) / seconds)
         timed += 1
         late |= not in_time and limit != setup.run

@@ -1,10 +1,11 @@
 """Pool of warm child processes in which anything may fail: one item costs at most itself and its
 process.
 
-Each child serves one home, say one ADS, and nothing else in its life. It has pipes of its own and a
-supervisor (see `hygiene`), so it cannot reach the results of any other. Its results are frames that
-cannot execute anything (see `frames`); its output comes here, bounded, and never to our own stdout.
-Nothing here waits for a child longer than its deadline. Everything happens in the calling thread.
+Each child serves one affinity (a group of items, such as the cases of one ADS) and nothing else. It
+has pipes of its own and a supervisor (see `hygiene`), so it cannot reach the results of any other.
+Its results are frames that cannot execute anything (see `frames`); its output is kept here,
+bounded, and never reaches our own stdout. Nothing here waits for a child longer than its deadline.
+Everything happens in the calling thread.
 """
 
 from __future__ import annotations
@@ -86,15 +87,16 @@ class Ended(Generic[Item]):
 
 @dataclass(frozen=True, slots=True)
 class Work(Generic[Item]):
-    """Work to do with items: `task`, with what they all share.
+    """Work to do with items.
 
-    home: a child serves items of one home only.
-    size: as how many items an item counts.
+    task: called with an item and `shared`, in a child.
+    affinity: of an item; a child serves items of one affinity only.
+    size: number of items that an item counts as.
     """
 
     task: Task
     shared: Any
-    home: Callable[[Item], str] = str
+    affinity: Callable[[Item], str] = str
     size: Callable[[Item], int] = lambda item: 1
 
 
@@ -203,11 +205,11 @@ class Pool:
                     settled.append(settle(ended))
 
     def _give(self, busy: Sequence[_Child], work: Work[Item], item: Item) -> _Child:
-        """Let a free child of the item's home work on it; without one, a new one replaces a foreign
-        one.
+        """Give the item to a free child of its affinity; if there is none, to a new child, which
+        replaces one of another affinity where all places are taken.
         """
-        home, deadline = work.home(item), self._limits.case_timeout
-        for child in [it for it in self._children if it not in busy and it.home == home]:
+        affinity, deadline = work.affinity(item), self._limits.case_timeout
+        for child in [it for it in self._children if it not in busy and it.affinity == affinity]:
             if child.items < self._items_per_child and child.is_quiet():
                 with suppress(OSError):  # it has died meanwhile
                     child.give(work, item, next(self._numbers), deadline)
@@ -215,7 +217,7 @@ class Pool:
             self._drop(child)
         if len(self._children) >= self._workers:
             self._drop(next(child for child in self._children if child not in busy))
-        child = _Child(home, self._limits.memory_limit, self._scratch)
+        child = _Child(affinity, self._limits.memory_limit, self._scratch)
         self._children.append(child)
         with suppress(OSError):  # it died at its beginning: the end of its results shows it
             child.give(work, item, next(self._numbers), deadline)
@@ -246,9 +248,12 @@ class Pool:
 
 
 class _Child:
-    """One child process, the pipes to it, and its supervisor. `home`: what it serves."""
+    """One child process, the pipes to it, and its supervisor.
 
-    def __init__(self, home: str, memory_limit: float, scratch: Path) -> None:
+    affinity: of all items that it serves.
+    """
+
+    def __init__(self, affinity: str, memory_limit: float, scratch: Path) -> None:
         pipe = partial(child_context().Pipe, duplex=False)
         orders, self._orders = pipe()
         self._results, results = pipe()
@@ -263,7 +268,7 @@ class _Child:
                 fcntl.fcntl(output.fileno(), fcntl.F_SETPIPE_SZ, MEGABYTE)
         for own in (self._orders, self._results, self._output):
             os.set_blocking(own.fileno(), False)
-        self.home = home
+        self.affinity = affinity
         self.items = 0
         self.deadline = self._begun = self._used = 0.0
         self.is_last = False  # whether it ends with its item

@@ -20,7 +20,7 @@ from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.errors import InputError, StoppedError, check_known, said
 from sumo_eval.input_file import hash_of
 from sumo_eval.record.cases import Block, Case, Outcome, Role, Setup
-from sumo_eval.record.claims import OURS, home
+from sumo_eval.record.claims import NO_USER_CODE, affinity
 from sumo_eval.record.engines import identify, run_batches
 from sumo_eval.record.identity import (
     files_identity,
@@ -386,7 +386,7 @@ class _Work:
         """Note what the processes of users' ADSs have read."""
         for outcome in outcomes:
             case = outcome.case
-            if outcome.reads is not None or home(case, self._setup) != OURS:
+            if outcome.reads is not None or affinity(case, self._setup) != NO_USER_CODE:
                 new = self._versions.add(case.driver, case.controller, outcome.reads)
                 self._store.note_files(new)
 

@@ -24,7 +24,7 @@ from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.errors import InputError
 from sumo_eval.record import reads
 from sumo_eval.record.cases import IN_BLOCK, Case, Outcome, Setup, Status, on_its_own
-from sumo_eval.record.claims import OURS, STATUS, Results, as_plain, home
+from sumo_eval.record.claims import NO_USER_CODE, STATUS, Results, affinity, as_plain
 from sumo_eval.record.identity import named_files
 from sumo_eval.record.kept import keep
 from sumo_eval.record.watch import interrupted, interrupts_of_ads, watched
@@ -50,7 +50,7 @@ def answer(cases: Sequence[Case], setup: Setup) -> list[Any]:
     """Result of `run_together`, as a child sends it, with what an ADS of the user's has read
     meanwhile.
     """
-    if home(cases[0], setup) != OURS:
+    if affinity(cases[0], setup) != NO_USER_CODE:
         locator = cases[0].controller
         named = [setup.folder / file for file in setup.files.get(locator, ())]
         reads.begin(setup.folder, [*named, *named_files(locator, setup.folder)])

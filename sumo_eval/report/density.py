@@ -34,7 +34,7 @@ def density_maps(
     hits = np.bincount(place, cases.collided, TILES * TILES)
     share = np.divide(hits, number, out=np.zeros(len(hits)), where=number > 0)
     axes = " against ".join(
-        f"{item.name} ({item.low:g} to {item.high:g}{item.behind})" for item in (up, across)
+        f"{item.name} ({item.low:g} to {item.high:g}{item.unit_suffix})" for item in (up, across)
     )
     most = int(number.max(initial=0))
     return [

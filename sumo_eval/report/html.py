@@ -206,7 +206,8 @@ def _group(
         "share_of_space": percent(sum(zones.zone_shares)),
         "dangerous": [
             ", ".join(
-                f"{item.name} = {values[item.name]:g}{item.behind}" for item in logical.parameters
+                f"{item.name} = {values[item.name]:g}{item.unit_suffix}"
+                for item in logical.parameters
             )
             for values in zones.most_dangerous
         ],
@@ -242,7 +243,7 @@ def _sampling(sampling: SamplingSettings, logical: LogicalScenario) -> str:
     """How the points were chosen, in words; the rules are those of
     `sumo_eval.scenario.sampling.samples.sample`.
     """
-    behind = {item.name: item.behind for item in logical.parameters}
+    suffixes = {item.name: item.unit_suffix for item in logical.parameters}
     grid = sampling.levels is not None or sampling.steps
     method = sampling.method or ("grid" if grid else logical.default_sample)
     own = [item.about for item in logical.samples if item.name == method]
@@ -256,7 +257,7 @@ def _sampling(sampling: SamplingSettings, logical: LogicalScenario) -> str:
         return f"{method}, {sampling.levels} points on each axis"
     parts = [f"{name}: {levels} points" for name, levels in (sampling.levels or {}).items()]
     parts += [
-        f"{name}: steps of {step:g}{behind.get(name, '')}"
+        f"{name}: steps of {step:g}{suffixes.get(name, '')}"
         for name, step in (sampling.steps or {}).items()
     ]
     own_steps = f"{'elsewhere ' if parts else ''}the space's own steps"

@@ -125,7 +125,8 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
     return {
         "name": logical.name,
         "parameters": [
-            {"name": item.name, "unit": item.behind.strip(), "low": item.low, "high": item.high}
+            {"name": item.name, "unit": item.unit_suffix.strip(), "low": item.low,
+             "high": item.high}
             for item in logical.parameters
         ],
         "ads": everybody,
@@ -177,9 +178,9 @@ def _group(
 
 
 def _group_words(group: FailureGroup, logical: LogicalScenario) -> str:
-    behind = {item.name: item.behind for item in logical.parameters}
+    suffixes = {item.name: item.unit_suffix for item in logical.parameters}
     where = ", ".join(
-        f"{name} {low:z.4g}{'' if low == high else f' to {high:z.4g}'}{behind[name]}"
+        f"{name} {low:z.4g}{'' if low == high else f' to {high:z.4g}'}{suffixes[name]}"
         for name, (low, high) in group.ranges.items()
     )
     there = f"{group.alike} of all {count(group.inside, 'case')} there"
@@ -298,7 +299,7 @@ def choose_view(
     on_slice = int(np.count_nonzero(np.all(points[:, list(fixed)] == list(fixed.values()), axis=1)))
     projected = on_slice < SLICE_WORTH_SHOWING * len(cases)
     held = [(logical.parameters[column], value) for column, value in fixed.items()]
-    where = ", ".join(f"{item.name} = {value:g}{item.behind}" for item, value in held)
+    where = ", ".join(f"{item.name} = {value:g}{item.unit_suffix}" for item, value in held)
     of = f"{on_slice} of {len(cases)} cases; the list of cases reaches all of them."
     note = (
         f"The map is the slice at {where}, the most common values, or the middle ones where none "

@@ -1,8 +1,11 @@
-"""Parameter spaces, logical and concrete scenarios, sampling, and the scenarios that ship."""
+"""Records for scenarios in Python: logical scenarios with their parameters, and concrete ones.
+
+Samplers are in `sumo_eval.scenario.sampling`, shipped scenarios in `sumo_eval.scenario.catalogue`.
+"""
 
 from typing import Never
 
-from sumo_eval.gone import NAMES
+from sumo_eval.gone import NAMES as ACTS_BY_REMOVED_NAME
 from sumo_eval.scenario.concrete import (
     Actor,
     ConcreteScenario,
@@ -33,9 +36,9 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Never:
-    if name in NAMES:
+    if name in ACTS_BY_REMOVED_NAME:
         raise ImportError(
-            f"`{name}` was removed: `Actor(acts=({NAMES[name]}(...), ...))` says what a vehicle "
-            "does."
+            f"`{name}` was removed: `Actor(acts=({ACTS_BY_REMOVED_NAME[name]}(...), ...))` says "
+            "what a vehicle does."
         )
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -97,7 +97,7 @@ def check_file(path: Path, given: Mapping[str, str] | None = None) -> tuple[str,
         )
     check_points(logical, chosen.points)
     ranges = ", ".join(
-        f"{item.name} {item.low:g}..{item.high:g}{item.behind}" for item in logical.parameters
+        f"{item.name} {item.low:g}..{item.high:g}{item.unit_suffix}" for item in logical.parameters
     )
     return (
         f"Logical scenario `{logical.name}`: {ranges}.",

@@ -25,18 +25,20 @@ from sumo_eval.text import point_words
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 Values = Mapping[str, FloatArray]
-# of a range, to which drawn values are rounded: the last digit of a machine decides nothing
+# significant digits of a range that drawn values keep, so that machines which differ in the last
+# bit draw the same points
 DIGITS = 6
 ONLY = "only"
-"""Parameter of a file that has one case: it moves nothing."""
+"""Name of the parameter that a scenario file without parameters gets: it changes nothing."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One axis of a space: [low, high] in `unit`, sampled every `step` by default.
+    """One axis of a space: low..high in `unit`, sampled every `step` by default.
 
+    unit: "1" where the number has none.
     values: the only values it can take, ascending, from low to high; empty: any value of the range.
-    distribution: how often values occur, where that is known.
+    distribution: how often values occur on the road; None: unknown.
     """
 
     name: str
@@ -66,55 +68,48 @@ class Parameter:
             raise must_be(what, owner, "a number", value)
         number = float(value)
         if not self.low <= number <= self.high:
-            within = f"within {self.low:g}..{self.high:g}{self.behind}"
+            within = f"within {self.low:g}..{self.high:g}{self.unit_suffix}"
             raise must_be(what, owner, within, number)
         if self.values and number not in self.values:
             allowed = ", ".join(f"{known:g}" for known in self.values)
-            raise must_be(what, owner, f"one of {allowed}{self.behind}", number)
+            raise must_be(what, owner, f"one of {allowed}{self.unit_suffix}", number)
 
     def from_shares(self, shares: FloatArray) -> FloatArray:
-        """Values (n,) at shares 0..1 of the range; of listed values each has an equal part of the
-        shares.
-        """
+        """Values (n,) at shares 0..1 of the range; listed values divide the shares equally."""
         if self.values:
             place = np.minimum((shares * len(self.values)).astype(np.intp), len(self.values) - 1)
             return np.asarray(np.array(self.values, dtype=np.float64)[place])
         return self.rounded(self.low + shares * (self.high - self.low))
 
     def rounded(self, values: FloatArray) -> FloatArray:
-        """Values (n,) to `DIGITS` digits of the range, and within it."""
-        digits = DIGITS - math.floor(math.log10(self.high - self.low))
-        found: FloatArray = np.clip(np.round(values, digits), self.low, self.high)
-        return found
+        """Values (n,) rounded to `DIGITS` digits of the range, and within it."""
+        decimals = DIGITS - math.floor(math.log10(self.high - self.low))
+        rounded: FloatArray = np.clip(np.round(values, decimals), self.low, self.high)
+        return rounded
 
     @property
-    def behind(self) -> str:
-        """The unit as it stands behind a number, with a space before it; nothing where the number
-        has none.
-        """
+    def unit_suffix(self) -> str:
+        """The unit as text after a number, with a space before it; empty without a unit."""
         return "" if self.unit == "1" else f" {self.unit}"
 
     @property
     def title(self) -> str:
-        """Name and unit for an axis or a column: `gap (m)`; the name alone where the number has no
-        unit.
-        """
+        """Name and unit for an axis or a column: `gap (m)`; the name alone without a unit."""
         return self.name if self.unit == "1" else f"{self.name} ({self.unit})"
 
 
 @dataclass(frozen=True, slots=True)
 class Constraint:
-    """Which points of the box exist.
+    """A condition on the points of the box: those that violate it do not exist.
 
-    `holds` takes the values by name (broadcasting arrays) and says True or False.
-
-    room: how far a point is from the constraint's limit, below 0 where it does not hold; None where
-        that is not known.
+    holds: values by name (broadcasting arrays) -> whether the condition holds.
+    room: values by name -> signed distance to the constraint's limit, in the constraint's own unit,
+        below 0 where it does not hold; None: unknown.
     """
 
     about: str
     holds: Callable[[Values], BoolArray]
-    # it follows from `holds`
+    # not compared: constraints with the same `holds` have the same `room`
     room: Callable[[Values], FloatArray] | None = field(default=None, compare=False)
 
 
@@ -124,12 +119,14 @@ class Approach:
 
     ego_speed, obstacle_speed: at t = 0, m/s.
     gap: bumper to bumper at t = 0, m.
-    delay: s before ideal braking.
-    obstacle_deceleration: m/s2 with which the obstacle brakes to a standstill from t = 0 on; 0: it
-        keeps its speed.
-    conflict_begin: s before which the obstacle is not in the ego's way.
-    passing_length: m, both bodies; an ego that is further ahead than that when the conflict begins
-        has passed. With the last two criticality is searched numerically.
+    delay: time until ideal braking begins, s.
+    obstacle_deceleration: of an obstacle that brakes from t = 0 to a standstill, m/s2; 0: it keeps
+        its speed.
+    conflict_begin: time from which the obstacle is in the ego's path, s.
+    passing_length: of both bodies, m: an ego that is further ahead when the conflict begins has
+        passed.
+
+    With an `obstacle_deceleration` or a `conflict_begin` criticality is searched numerically.
     """
 
     ego_speed: FloatArray
@@ -142,7 +139,7 @@ class Approach:
 
     @property
     def has_closed_form(self) -> bool:
-        """Whether the obstacle keeps its speed in the ego's way from the start."""
+        """Whether the obstacle is in the ego's path from the start and keeps its speed."""
         return not (np.any(self.obstacle_deceleration) or np.any(self.conflict_begin))
 
 
@@ -153,12 +150,12 @@ def at_once(values: Values) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """A zone rule by search: the motion of one actor while the ego brakes ideally.
+    """A zone rule by search: simulates one actor's motion while the ego brakes ideally.
 
     obstacle: index of that actor.
-    delay: values by name -> s from its first move, or the start where it makes none, until ideal
-        braking.
-    conflict: whether the time until both paths collide counts, instead of the gap along the road.
+    delay: values by name -> time until ideal braking begins, s, from the actor's first move, or
+        from the start where it makes none.
+    conflict: True: the time until both paths collide counts; False: the gap along the road.
     """
 
     obstacle: int
@@ -168,12 +165,14 @@ class Search:
 
 @dataclass(frozen=True, slots=True)
 class ZoneCoordinates:
-    """Coordinates in which criticality is smooth, where the parameters themselves are not: they may
-    be fewer.
+    """Coordinates for the zones' Gaussian process, often fewer than the parameters, over which
+    criticality is smooth.
 
-    of: values by name (arrays) -> one array for each of `names`. A cut-in's criticality depends on
-        the closing speed and the gap that is left when the lane is entered; seen over four
-        parameters that is a thin and bent sheet.
+    A cut-in's criticality depends on the closing speed and on the gap that is left when the lane is
+    entered. Over its four parameters the hazardous points form a thin curved sheet, which a
+    Gaussian process fits badly.
+
+    of: values by name (arrays) -> one array for each of `names`.
     """
 
     names: tuple[str, ...]
@@ -200,13 +199,13 @@ class NamedSample:
 
 @dataclass(frozen=True, slots=True)
 class Counterpart:
-    """The events of recordings that are this scenario.
+    """The events in recordings that correspond to this scenario.
 
     event: kind of event.
     columns: (parameter, column of the events).
-    tolerance: (parameter, how far it may be off).
+    tolerance: (parameter, largest difference of an event that counts as this point).
     start: column with the time that is the scenario's t = 0; empty: the event's own.
-    only: (column, value it has).
+    only: (column, value that it must have).
     """
 
     event: str
@@ -236,22 +235,25 @@ def uniform_exposure(values: Values) -> FloatArray:
 class LogicalScenario:
     """A scenario type over a parameter space.
 
+    Its zones come from one of `approach`, `search` and `margin`. Without any of them no zone can be
+    defined, and all points are safe.
+
     place: values of one point -> (ego's start, the other vehicles).
-    approach: values by name (arrays) -> `Approach`, what the zones are computed from.
-    search: instead, where scripts depend on what happens.
-    margin: instead, values by name (arrays) -> what is left to spare of a limit that is known, m,
-        hazardous from 0 down. None of them: no zone can be defined, and everything is safe.
+    approach: values by name (arrays) -> `Approach`, for the closed form or a numerical search.
+    search: simulates an actor; where scripts depend on what happens.
+    margin: values by name (arrays) -> distance to a limit that is known, m; hazardous at 0 and
+        below.
     exposure: values by name (arrays) -> naturalistic probability density, up to a factor.
     ego_body, time_limit, standstill_time: as in `ConcreteScenario`.
     samples: prescribed points.
     default_sample: method of sampling by default: `grid`, or the name of one of `samples`.
-    zone_coordinates: what the zones' GP sees instead of the parameters.
-    options: what may be given where the scenario is named.
+    zone_coordinates: inputs of the zones' Gaussian process; None: the parameters.
+    options: numbers that may be set where the scenario is named.
     notes: sentences that stand with its zones in every report.
-    recorded: the events of recordings that are this scenario; None: unknown.
+    recorded: the events in recordings that correspond to this scenario; None: unknown.
     met: how often it occurred; None: unknown.
-    has_drivers: whether synthetic drivers can drive it; if not, only recorded ones make a D.
-    requirements: what must hold in every drive; None: nothing.
+    has_drivers: whether synthetic drivers can drive it; False: D needs recorded drivers.
+    requirements: conditions that must hold in every drive; None: no condition.
     """
 
     name: str
@@ -288,7 +290,7 @@ class LogicalScenario:
         """HTML for notebooks: the description, and the parameters with their ranges."""
         rows = "".join(
             f"<tr><th>{escape(item.name)}</th><td>{item.low:g} to {item.high:g}"
-            f"{escape(item.behind)}</td>"
+            f"{escape(item.unit_suffix)}</td>"
             f"<td>{item.step:g}</td><td>{escape(item.about)}</td></tr>"
             for item in self.parameters
         )
@@ -319,14 +321,15 @@ class LogicalScenario:
         return (np.asarray(points, dtype=np.float64) - self.low) / (self.high - self.low)
 
     def from_unit(self, unit_points: ArrayLike) -> FloatArray:
-        """Points (n, k) of the unit box in the parameters' own units, also between the values of
-        those that are listed: `from_shares` has points that exist.
+        """Points (n, k) of the unit box in the parameters' own units.
+
+        A parameter with listed values can get one between them; `from_shares` cannot.
         """
         return self.low + np.asarray(unit_points, dtype=np.float64) * (self.high - self.low)
 
     def from_shares(self, shares: ArrayLike) -> FloatArray:
-        """Points (n, k) at these shares 0..1 of each axis; a parameter with listed values takes one
-        of them.
+        """Points (n, k) at shares 0..1 of each axis; a parameter with listed values gets one of
+        them.
         """
         rows = np.asarray(shares, dtype=np.float64)
         return np.column_stack(
@@ -334,7 +337,7 @@ class LogicalScenario:
         )
 
     def column(self, name: str) -> int:
-        """Which column of `points` a parameter is."""
+        """Index of a parameter's column of `points`."""
         check_known(f"parameter of scenario `{self.name}`", self.names, name)
         return self.names.index(name)
 
@@ -385,7 +388,7 @@ class LogicalScenario:
         return replace(self.placed(point), exposure=exposure)
 
     def placed(self, point: Mapping[str, float]) -> ConcreteScenario:
-        """The scene at values by name, unchecked: constraints may forbid it.
+        """The concrete scenario at values by name, unchecked: constraints may forbid it.
 
         Its exposure is 1.
         """
@@ -393,13 +396,14 @@ class LogicalScenario:
         return ConcreteScenario(
             self.name,
             point,
-            1.0,
-            self.road,
-            ego,
-            actors,
+            exposure=1.0,
+            road=self.road,
+            ego=ego,
+            actors=actors,
             ego_body=self.ego_body,
             time_limit=self.time_limit,
             standstill_time=self.standstill_time,
+            # parameters that are themselves settings of the drive
             changes=tuple((name, point[name]) for name in self.names if name in CHANGES),
         )
 

@@ -1,7 +1,8 @@
-"""Moves of other vehicles as functions of time: across the road and braking, for one vehicle at an
+"""Closed forms of other vehicles' moves: across the road, and braking, of one vehicle at one
 instant.
 
-`move` and `brake` are acts (`scenario.played`), or records with their fields.
+`move` and `brake` are acts (`scenario.played`), or records with the same fields. A move has a
+duration above 0, a brake a begin that is known.
 """
 
 from __future__ import annotations
@@ -36,31 +37,32 @@ def quintic_bend(s: Any) -> Any:
 
 @kernel
 def share_done(move: Any, time: float) -> float:
-    """Share of a move's duration that has gone by, 0..1."""
+    """Share of a move's duration that is over, 0..1."""
     return float(min(max((time - move.begin) / move.duration, 0.0), 1.0))
 
 
 @kernel
 def build_up(move: Any) -> float:
-    """Time in which the speed of a move at constant lateral speed builds up, s."""
+    """Time in which a move at constant lateral speed reaches this speed, s."""
     return float(move.speed / move.acceleration)
 
 
 @kernel
 def swing(move: Any, time: float) -> tuple[float, float, float]:
-    """Offset m, speed m/s and acceleration m/s2 of a swing to one side and back, then to the other,
-    A (1 - cos wt) / 2.
+    """Offset m, speed m/s and acceleration m/s2 of swings to one side and back, then to the other,
+    each A (1 - cos wt) / 2.
 
-    A is `offset`, and A w^2 / 2 the largest acceleration, `acceleration`. It begins and ends at
-    rest.
+    A is `offset`, and A w^2 / 2 the largest acceleration, `acceleration`. The move begins at rest;
+    it ends at rest only if `duration` is a whole number of swings of 2 pi / w.
     """
     since = time - move.begin
     if not 0.0 < since < move.duration:
         return 0.0, 0.0, 0.0
     rate = math.sqrt(2.0 * move.acceleration / abs(move.offset))
     phase = rate * since
-    turns = math.floor(phase / (2.0 * math.pi))
-    half = 0.5 * (move.offset if turns == 2.0 * math.floor(0.5 * turns) else -move.offset)
+    swings = math.floor(phase / (2.0 * math.pi))  # that are over
+    to_first_side = swings == 2.0 * math.floor(0.5 * swings)
+    half = 0.5 * (move.offset if to_first_side else -move.offset)
     c = math.cos(phase)
     return half * (1.0 - c), half * rate * math.sin(phase), half * rate * rate * c
 
@@ -69,7 +71,7 @@ def swing(move: Any, time: float) -> tuple[float, float, float]:
 def lateral_motion(move: Any, time: float) -> tuple[float, float, float]:
     """Offset m, speed m/s and acceleration m/s2 to the left of a lateral move at a time.
 
-    At the very instants at which the speed jumps, the speed after them; jumps take no time.
+    At an instant at which the speed jumps, it is the speed after the jump.
     """
     if move.kind == CONSTANT:
         return _at_constant_speed(move, time - move.begin)
@@ -80,6 +82,7 @@ def lateral_motion(move: Any, time: float) -> tuple[float, float, float]:
         curvature = move.offset / (move.duration * move.duration)
         return move.offset * quintic(s), rate * quintic_rate(s), curvature * quintic_bend(s)
 
+    # A (1 - cos pi s) / 2; pi s and w since are one angle, rounded in two ways: bits depend on it
     half, w, since = 0.5 * move.offset, math.pi / move.duration, time - move.begin
     speed = 0.5 * math.pi * move.offset / move.duration * math.sin(math.pi * s)
     going = 0.0 <= since < move.duration
@@ -89,22 +92,28 @@ def lateral_motion(move: Any, time: float) -> tuple[float, float, float]:
 
 @kernel
 def _at_constant_speed(move: Any, since: float) -> tuple[float, float, float]:
-    """`lateral_motion` of a move at constant speed, `since` s after its begin."""
-    rise, going, t = build_up(move), 0.0 <= since < move.duration, max(since, 0.0)
-    covered, speed, acceleration = (t - 0.5 * rise) * move.speed, move.speed, 0.0
+    """`lateral_motion` of a move at constant speed, `since` s after its begin.
+
+    The speed builds up linearly and ends at once. `duration`: |offset| / speed + build-up / 2, s.
+    """
+    rise, t = build_up(move), max(since, 0.0)
+    going = 0.0 <= since < move.duration
     if t < rise:
-        covered, speed = 0.5 * move.speed * t * t / rise, move.speed * t / rise
-        acceleration = move.acceleration
+        covered = 0.5 * move.speed * t * t / rise
+        speed, acceleration = move.speed * t / rise, move.acceleration
+    else:
+        covered = (t - 0.5 * rise) * move.speed
+        speed, acceleration = move.speed, 0.0
     return (
         math.copysign(min(covered, abs(move.offset)), move.offset),
         math.copysign(speed, move.offset) if going else 0.0,
-        math.copysign(acceleration, move.offset) if going and t < rise else 0.0,
+        math.copysign(acceleration, move.offset) if going and t < rise else 0.0,  # never -0.0
     )
 
 
 @kernel
 def time_to_stand(brake: Any, speed: float) -> float:
-    """Time from the first touch of the brake to standstill, s, from `speed` m/s."""
+    """Time from the begin of braking at `speed` m/s to standstill, s."""
     rise = brake.acceleration / brake.jerk
     if speed >= brake.acceleration * rise / 2.0:
         return float(speed / brake.acceleration + rise / 2.0)
@@ -113,8 +122,8 @@ def time_to_stand(brake: Any, speed: float) -> float:
 
 @kernel
 def braked(brake: Any, speed: float, time: float) -> tuple[float, float]:
-    """Distance driven from time 0 until a time, m, and speed then, m/s; at `speed` m/s until the
-    brake.
+    """Distance driven from time 0 to a time, m, and speed then, m/s, of a vehicle that drives at
+    `speed` m/s until it brakes.
     """
     since = time - brake.begin
     rise = brake.acceleration / brake.jerk
@@ -125,13 +134,17 @@ def braked(brake: Any, speed: float, time: float) -> tuple[float, float]:
         rising * rising * share / 6.0 + rise * plateau / 2.0 + plateau * plateau / 2.0
     )
     driven = speed * since if since < 0.0 else speed * t - lost
-    slower = speed - brake.acceleration * (rising * share / 2.0 + (t - rising))
+    slower = speed - brake.acceleration * (rising * share / 2.0 + plateau)
     return speed * brake.begin + driven, max(slower, 0.0)
 
 
 @kernel
-def along_heading(along: float, across: float, braking: float, sideways: float) -> float:
-    """Rate of the ground speed of a vehicle that points where it goes, m/s2."""
+def along_heading(along: float, across: float, forward: float, sideways: float) -> float:
+    """Acceleration along the course of a vehicle that points where it moves, m/s2.
+
+    along, across: speeds along the line and to its left, m/s.
+    forward, sideways: accelerations in these directions, m/s2.
+    """
     if across == 0.0:
-        return braking
-    return (along * braking + across * sideways) / math.sqrt(along * along + across * across)
+        return forward
+    return (along * forward + across * sideways) / math.sqrt(along * along + across * across)

@@ -1,11 +1,11 @@
-"""Scripts that depend on what happens: moves that begin when a condition holds, paths, speeds by
-time or by place.
+"""Scripted motion of actors: moves that begin at a time or when a condition holds, paths, speeds by
+time or by position.
 
 A played vehicle drives along a line: straight on in its heading, or a path of points. Its speed is
 a list of pieces of constant jerk, its lateral moves are offsets across the line. Every move is a
-function of the time since it began, so a move that begins within a step has the place that it would
-have had with any other step. Records are plain numbers, and the loops over them are kernels: a case
-has the same bits alone and beside others.
+function of the time since it began, so a move that begins within a step leads to the same position
+with any step. Records are plain numbers, and the loops over them are kernels: a case has the same
+bits alone and in a batch.
 """
 
 from __future__ import annotations
@@ -24,33 +24,42 @@ from sumo_eval.scenario.road.reference_line import line_at, to_frame
 
 Records = NDArray[Any]
 
-# kinds of moves across the line
+# Kinds and operations keep their numbers, which identities of drives contain.
+# kinds of moves across the line: all up to COSINE
 SMOOTH, CONSTANT = motion.SMOOTH, motion.CONSTANT
 SINUS, COSINE = motion.SINUS, motion.COSINE
 # kinds of moves along it
-SPEED, KEEP, PATH = 10, 14, 13
-BY_TIME, BY_PLACE = 11, 12
+SPEED = 10  # to a speed, with limited acceleration and jerk
+BY_TIME, BY_PLACE = 11, 12  # speeds by time, by position
+PATH = 13  # along points
+KEEP = 14  # the speed that it has
 FOLLOW = 15  # from its begin on SUMO drives the vehicle
-MATCH = 16  # a speed, or a place, relative to another vehicle's at every instant
-# state of a move: its begin is unknown, is to come, is past
+MATCH = 16  # a speed, or a position, relative to another vehicle's at every instant
+# state of a move: its begin is unknown, is in the future, is past
 WAITS, KNOWN, BEGUN = 0, 1, 2
-EGO = -1
-AT_ONCE, HANDED_OVER = 1, 2  # since when SUMO drives a vehicle
+EGO = -1  # in place of the index of an actor
+AT_ONCE, HANDED_OVER = 1, 2  # SUMO drives a vehicle from the start, or from a FOLLOW on
 
-# operations of a condition's program, on a stack; first those that put a value on it
+# operations of a condition's program, on a stack; those up to ENDED, and DEPARTED, put a value
+# on it
 VALUE, TIME = 0, 1
 X, Y = 2, 3
 ALONG, ACROSS = 4, 5
 GAP, DISTANCE = 6, 7
 TTC, THW = 8, 9
-ENDED, DEPARTED = 10, 23
+ENDED = 10
 ADD, SUBTRACT = 11, 12
 MULTIPLY, DIVIDE = 13, 14
+NEGATE = 15
 SMALLER, LARGER = 16, 17
-NEGATE, ABSOLUTE = 15, 18
+ABSOLUTE = 18
 BELOW, AT_MOST = 19, 20
 AND, OR = 21, 22
+DEPARTED = 23
 DEEPEST = 24  # values on the stack of a condition
+# columns of the stack: a value before the step and now, at its two ends, and of a condition the
+# share of the step at which it became true
+BEFORE, NOW, SHARE = 0, 1, 2
 
 
 def _fields(kind: str, *names: str) -> list[tuple[str, str]]:
@@ -63,15 +72,22 @@ ACT = np.dtype(
 )
 """A move.
 
-begin: s, inf while it waits; delay: s after its condition holds. speed: the one it leads to, m/s,
-or of a lateral move its own. first, count: its places in `TABLE`; program, steps: of its condition,
-in `PROGRAM`.
+begin, end: s; begin is inf while the move waits for its condition.
+duration: s.
+speed: at the end of a move along the line; of a lateral move its own, m/s.
+offset: of a lateral move, to the left, m.
+acceleration, jerk: largest, m/s2 and m/s3.
+delay: from the instant at which its condition holds to its begin, s.
+kind: `SMOOTH` to `MATCH`.
+first, count: index and number of its rows in `TABLE`.
+program, steps: index and number of the rows of its condition in `PROGRAM`.
+state: `WAITS`, `KNOWN` or `BEGUN`.
 """
 PIECE = np.dtype(_fields("f8", "duration", "acceleration", "jerk", "speed"))
-"""A piece of motion: acceleration at its begin, jerk, and the speed at its end."""
+"""A piece of motion: its duration, acceleration at its begin, jerk, and the speed at its end."""
 TABLE = np.dtype(_fields("f8", "one", "two"))
-"""Points of a path (x, y), knots of a profile (time or place, speed), or positions of a recorded
-ego (x, y)."""
+"""Pairs of numbers: points of a path (x, y), knots of a profile (time or position, speed),
+positions of a recorded ego (x, y), or what a `MATCH` follows (see `PLAY`)."""
 PROGRAM = np.dtype([("value", "f8"), *_fields("i8", "op", "one", "two")])
 PLAY = np.dtype(
     _fields("f8", "x", "y", "heading", "line_s", "line_time", "since", "s", "v", "first_begin")
@@ -79,20 +95,33 @@ PLAY = np.dtype(
 )
 """Present motion of a vehicle.
 
-x, y, heading: beginning and direction of its line; on_map: 1 if these are on the map of a curved
-road, 0 if along and across the road. line_s, line_time: distance driven and time when the line
-began. since, s, v: time from which its pieces count, distance and speed then. first_begin: begin of
-its first move, s. model: `AT_ONCE` if SUMO drives it from the start, `HANDED_OVER` if it does now.
-match: 1 + the row of `TABLE` of what it follows, or 0: (vehicle, factor of its speed), (m/s added,
-1 if it keeps a place instead, 2 within limits), (m ahead of that vehicle, s behind that at its own
-speed, below 0 ahead at that vehicle's); the limits (acceleration, deceleration), (speed, 0).
+x, y, heading: beginning and direction of its line.
+line_s, line_time: distance driven, m, and time, s, when the line began.
+since, s, v: time from which its pieces count, s, and distance, m, and speed, m/s, then.
+first_begin: begin of its first move, s.
+acts, pieces: number of its moves and of its pieces.
+path, points: index and number of the points of its path in `TABLE`; no points: a straight line.
+slides: 1 if it keeps its heading while it moves across the line.
+model: 0 while its script drives it, else `AT_ONCE` or `HANDED_OVER`.
+on_map: 1 if x, y and heading are on the map of a curved road, 0 if along and across the road.
+match: 0 while it follows no vehicle, else 1 + the index of the first of five rows of `TABLE`:
+    (index of the vehicle, factor of its speed)
+    (speed added to that, m/s; 0: this speed is kept, 1: a position, 2: a position within limits)
+    (the position: m ahead of that vehicle; headway, s: the position is that many seconds of the
+        own speed further back; below 0: further ahead, by seconds of that vehicle's speed)
+    (limits of acceleration and of deceleration, m/s2)
+    (limit of speed, m/s; unused)
 """
 
 
 class Act(NamedTuple):
     """A move of a played vehicle as plain numbers; fields as in `ACT`.
 
-    program: steps (op, one, two, value).
+    begin: of a move with a condition, its delay, s.
+    table: its rows of `TABLE`.
+    program: its condition as operations (op, one, two, value), one and two being vehicles (index or
+        `EGO`), or of `ENDED` a vehicle and a move; empty: it begins at `begin`.
+    name: for messages.
     """
 
     kind: int
@@ -108,15 +137,19 @@ class Act(NamedTuple):
 
     @property
     def timed(self) -> bool:
-        """Whether its begin and its end are known before the drive: a move across, or braking to a
-        standstill.
+        """Whether it has a closed form (`motion.lateral_motion`, `motion.braked`) and a begin that
+        is known before the drive.
         """
         stops = self.kind == SPEED and self.speed == 0.0
         return not self.program and (stops or self.kind in (SMOOTH, CONSTANT, COSINE))
 
 
 class Players(NamedTuple):
-    """The records of played vehicles: (n, m) and what each of them has."""
+    """Records of the played vehicles of n cases with m each.
+
+    plays: (n, m).
+    acts, pieces, table, program: (n, m, most that one vehicle has).
+    """
 
     plays: Records
     acts: Records
@@ -125,11 +158,13 @@ class Players(NamedTuple):
     program: Records
 
     def of(self, chosen: NDArray[np.intp]) -> Players:
-        """Those of these rows."""
+        """The records of some cases."""
         return Players(*(array[chosen] for array in self))
 
     def with_row(self, row: int, other: Players) -> Players:
-        """These with the only row of `other` in place of one, wide enough for both."""
+        """These records with the only case of `other` in place of case `row`, wide enough for
+        both.
+        """
         plays, joined = self.plays.copy(), []
         plays[row] = other.plays[0]
         for own, new in zip(self[1:], other[1:], strict=True):
@@ -140,14 +175,15 @@ class Players(NamedTuple):
 
 
 def _wide(records: Records, width: int) -> Records:
-    """Records (..., width) that begin with these."""
+    """These records with zeros behind them, (..., width)."""
     wide = np.zeros((*records.shape[:-1], width), records.dtype)
     wide[..., : records.shape[-1]] = records
     return wide
 
 
 class Cast(NamedTuple):
-    """All vehicles of cases and what the played ones have; of one case, arrays of one axis less.
+    """All vehicles of n cases, and the records of the played ones; of one case, without the first
+    axis.
 
     egos: (n,); of one case (1,).
     others, plays: (n, m).
@@ -183,7 +219,7 @@ def case_of(cast: Any, i: int) -> Any:
 @kernel
 def driven(play: Any, pieces: Any, time: float) -> tuple[float, float, float]:
     """Distance m, speed m/s and acceleration m/s2 along the line at a time."""
-    s, v, left = play.s, play.v, time - play.since
+    s, v, left = play.s, play.v, time - play.since  # left: time that is not yet driven, s
     for k in range(play.pieces):
         piece = pieces[k]
         d = min(left, piece.duration)
@@ -200,6 +236,7 @@ def driven(play: Any, pieces: Any, time: float) -> tuple[float, float, float]:
 def _put(
     pieces: Any, k: int, duration: float, acceleration: float, jerk: float, speed: float
 ) -> int:
+    """Write piece k, unless it takes no time; the number of pieces then."""
     if duration <= 0.0:
         return k
     piece = pieces[k]
@@ -210,13 +247,14 @@ def _put(
 
 @kernel
 def _speed_up(pieces: Any, v: float, act: Any) -> int:
-    """Pieces from speed v to the act's, the acceleration building up at its jerk and ending at
-    once; how many.
+    """Write the pieces from speed v to the act's, whose acceleration is finite; their number.
+
+    The acceleration builds up at the act's jerk and ends at once.
     """
     change = abs(act.speed - v)
     sign = 1.0 if act.speed > v else -1.0
-    rise = act.acceleration / act.jerk
-    in_rise = 0.5 * act.acceleration * rise
+    rise = act.acceleration / act.jerk  # time in which the acceleration builds up, s
+    in_rise = 0.5 * act.acceleration * rise  # change of speed meanwhile, m/s
     if rise > 0.0 and change <= in_rise:
         return _put(pieces, 0, math.sqrt(2.0 * change / act.jerk), 0.0, sign * act.jerk, act.speed)
     k = 0
@@ -229,11 +267,11 @@ def _speed_up(pieces: Any, v: float, act: Any) -> int:
 
 @kernel
 def _follow_profile(pieces: Any, v: float, x: float, act: Any, table: Any) -> int:
-    """Pieces of constant acceleration through the knots of a profile; how many."""
-    k, at = 0, (0.0 if act.kind == BY_TIME else x)
+    """Write the pieces of constant acceleration through the knots of a profile; their number."""
+    k, at = 0, (0.0 if act.kind == BY_TIME else x)  # at: s since the begin, or m along the line
     for q in range(act.first, act.first + act.count):
-        there, speed = table[q].one, table[q].two
-        apart = there - at
+        knot, speed = table[q].one, table[q].two
+        apart = knot - at
         if apart <= 0.0:
             continue
         if act.kind == BY_TIME:
@@ -245,13 +283,13 @@ def _follow_profile(pieces: Any, v: float, x: float, act: Any, table: Any) -> in
         if math.isinf(duration):
             return _put(pieces, k, duration, 0.0, 0.0, 0.0)
         k = _put(pieces, k, duration, (speed - v) / duration, 0.0, speed)
-        at, v = there, speed
+        at, v = knot, speed
     return k
 
 
 @kernel
 def lasts(play: Any, pieces: Any) -> float:
-    """How long the pieces last, s."""
+    """Duration of all pieces, s."""
     total = 0.0
     for k in range(play.pieces):
         total += pieces[k].duration
@@ -299,11 +337,11 @@ def place(
 ) -> None:
     """Put a played vehicle where it is at a time.
 
-    line: the road's, of no knots if it is straight.
+    On a curve, scripts are along and across the road too, where a metre along the road's line is
+    1 - curvature y metres of ground: heading and speed become those over the ground. A position on
+    the map becomes one of the road, sought near the last one; the heading does not jump by 2 pi.
 
-    On a curve, position and line are along and across the road, as scripts are: a metre along the
-    road's line is 1 - curvature y metres of ground, so heading and speed are those over the ground.
-    A position on the map is sought in the frame near the last one; its heading does not jump.
+    line: the road's; without knots it is straight.
     """
     s, v, a = driven(play, pieces, time)
     x, y, heading = on_line(play, table, s)
@@ -311,7 +349,7 @@ def place(
     if aside != 0.0:
         x, y = x - aside * math.sin(heading), y + aside * math.cos(heading)
 
-    near, last = other.x, other.heading
+    last_x, last_heading = other.x, other.heading
     other.x, other.y = x, y
     other.heading, other.across = heading, across
     other.speed, other.acceleration = v, a
@@ -323,9 +361,10 @@ def place(
     if not len(line):
         return
     if play.on_map:
-        at = to_frame(line, x, y, other.heading, near)
-        other.x, other.y, turned = at[0], at[1], at[2]
-        other.heading = turned + 2.0 * math.pi * math.floor((last - turned) / (2.0 * math.pi) + 0.5)
+        at = to_frame(line, x, y, other.heading, last_x)
+        other.x, other.y, heading = at[0], at[1], at[2]
+        turns = math.floor((last_heading - heading) / (2.0 * math.pi) + 0.5)
+        other.heading = heading + 2.0 * math.pi * turns
     else:
         _over_ground(other, line)
 
@@ -349,7 +388,13 @@ def _over_ground(other: Any, line: Any) -> None:
 
 
 class Body(NamedTuple):
-    """A vehicle at an instant: centre m, heading rad, speeds along and across it m/s, size m."""
+    """A vehicle at an instant.
+
+    x, y: centre, m.
+    heading: rad.
+    speed, across: along the heading and to its left, m/s.
+    length, width: m.
+    """
 
     x: float
     y: float
@@ -362,7 +407,10 @@ class Body(NamedTuple):
 
 @kernel
 def _body_of(cast: Any, number: int, end: int) -> Body:
-    """A vehicle as it was before the step, end 0, or is."""
+    """A vehicle at an end of the step, `BEFORE` or `NOW`.
+
+    number: index of an actor, or `EGO`.
+    """
     if number == EGO:
         return _body(cast.egos[0], end)
     return _body(cast.others[number], end)
@@ -370,7 +418,7 @@ def _body_of(cast: Any, number: int, end: int) -> Body:
 
 @kernel
 def _body(record: Any, end: int) -> Body:
-    if end == 0:
+    if end == BEFORE:
         was = record.before
         return Body(was.x, was.y, was.heading, was.speed, was.across, record.length, record.width)
     return Body(
@@ -380,7 +428,10 @@ def _body(record: Any, end: int) -> Body:
 
 @kernel
 def _of(body: Body, what: int) -> float:
-    """One number of a body."""
+    """A value of a body.
+
+    what: `X` or `Y`, m, `ALONG` or `ACROSS`, its speed in this direction of the road, m/s.
+    """
     if what == X:
         return body.x
     if what == Y:
@@ -393,6 +444,7 @@ def _of(body: Body, what: int) -> float:
 
 @kernel
 def _half_along(body: Body) -> float:
+    """Half the extent of a body along the road, m."""
     return 0.5 * (
         body.length * abs(math.cos(body.heading)) + body.width * abs(math.sin(body.heading))
     )
@@ -400,7 +452,7 @@ def _half_along(body: Body) -> float:
 
 @kernel
 def _between(op: int, one: Body, two: Body) -> float:
-    """A number of two bodies, the first taken as the follower: gap m, distance m, TTC s, THW s."""
+    """A value of two bodies, of which `one` follows `two`: gap m, distance m, TTC s, THW s."""
     dx, dy = two.x - one.x, two.y - one.y
     if op == DISTANCE:
         return math.sqrt(dx * dx + dy * dy)
@@ -415,7 +467,13 @@ def _between(op: int, one: Body, two: Body) -> float:
 
 @kernel
 def _number(cast: Any, j: int, act: Any, it: Any, end: int, time: float) -> float:
-    """The number that a step of a program asks for at an end of the time step."""
+    """The value that an operation puts on the stack.
+
+    act: a move of actor j.
+    it: the operation.
+    end: of the step, `BEFORE` or `NOW`.
+    time: then, s.
+    """
     op = it.op
     if op == VALUE:
         return float(it.value)
@@ -430,67 +488,84 @@ def _number(cast: Any, j: int, act: Any, it: Any, end: int, time: float) -> floa
 
 @kernel
 def _compare(stack: Any, k: int, margin_before: float, margin: float, equal: int) -> None:
-    """Write whether a margin was, and is, positive, and at which share of the step it became so."""
-    was = margin_before > 0.0 or (equal != 0 and margin_before == 0.0)
+    """Write to row k of the stack whether a margin was positive and is, and at which share of the
+    step it became so.
+
+    equal: 1 if a margin of 0 counts as well.
+    """
+    held = margin_before > 0.0 or (equal != 0 and margin_before == 0.0)
     holds = margin > 0.0 or (equal != 0 and margin == 0.0)
-    stack[k, 0], stack[k, 1] = 1.0 if was else 0.0, 1.0 if holds else 0.0
-    stack[k, 2] = 0.0
-    if holds and not was:
+    stack[k, BEFORE], stack[k, NOW] = 1.0 if held else 0.0, 1.0 if holds else 0.0
+    stack[k, SHARE] = 0.0
+    if holds and not held:
         share = -margin_before / (margin - margin_before)
-        stack[k, 2] = share if 0.0 <= share <= 1.0 and margin < math.inf else 1.0
+        stack[k, SHARE] = share if 0.0 <= share <= 1.0 and margin < math.inf else 1.0
 
 
 @kernel
 def _joint_share(stack: Any, k: int, op: int) -> float:
-    """When both of the conditions on top, or one, became true: the later or earlier instant."""
-    first, second = stack[k, 2], stack[k + 1, 2]
+    """Share of the step at which both of two conditions (`AND`), or the first of them (`OR`),
+    became true.
+
+    k: row of the first condition, the second is above it.
+    """
+    first, second = stack[k, SHARE], stack[k + 1, SHARE]
     if op == AND:
         return float(max(first, second))
-    if stack[k + 1, 1] == 0.0:
+    # the share of a condition that does not hold means nothing
+    if stack[k + 1, NOW] == 0.0:
         return float(first)
-    return float(min(first, second) if stack[k, 1] > 0.0 else second)
+    return float(min(first, second) if stack[k, NOW] > 0.0 else second)
 
 
 @kernel
 def holds_from(cast: Any, j: int, act: Any, now: float, before: float, stack: Any) -> float:
-    """Share of the step from `before` to `now` at which the condition of a move became true.
+    """Share of the step at which the condition of a move became true; 0: it held before; -1: it
+    does not hold.
 
-    0 if it held before; -1: it does not hold. act: a move of actor j. Numbers are interpolated
-    linearly between both ends of the step; where a number was undefined, the end counts.
+    Values are interpolated linearly between both ends of the step; where a value was undefined, the
+    end of the step counts.
+
+    act: a move of actor j.
+    now, before: ends of the step, s.
+    stack: (`DEEPEST`, 3), working space.
     """
     program = cast.program[j]
-    k = -1
+    k = -1  # top of the stack
     for q in range(act.program, act.program + act.steps):
         it = program[q]
         op = it.op
-        asks = op < ENDED or op == DEPARTED
-        if asks or op == ENDED:
+        reads_value = op < ENDED or op == DEPARTED
+        if reads_value or op == ENDED:
             k += 1
-        elif op not in (NEGATE, ABSOLUTE):
+        elif op not in (NEGATE, ABSOLUTE):  # two values become one
             k -= 1
         if op == ENDED:
             end = cast.acts[it.one][it.two].end
             _compare(stack, k, before - end, now - end, 1)
         elif op in (BELOW, AT_MOST):
-            was, margin = stack[k + 1, 0] - stack[k, 0], stack[k + 1, 1] - stack[k, 1]
-            _compare(stack, k, was, margin, 1 if op == AT_MOST else 0)
-        elif asks:
-            stack[k, 0] = _number(cast, j, act, it, 0, before)
-            stack[k, 1] = _number(cast, j, act, it, 1, now)
+            margin_before = stack[k + 1, BEFORE] - stack[k, BEFORE]
+            margin = stack[k + 1, NOW] - stack[k, NOW]
+            _compare(stack, k, margin_before, margin, 1 if op == AT_MOST else 0)
+        elif reads_value:
+            stack[k, BEFORE] = _number(cast, j, act, it, BEFORE, before)
+            stack[k, NOW] = _number(cast, j, act, it, NOW, now)
         else:
             if op in (AND, OR):
-                stack[k, 2] = _joint_share(stack, k, op)
-            for at in range(2):
-                stack[k, at] = arithmetic(op, stack[k, at], stack[k + 1, at])
-    return float(stack[0, 2]) if stack[0, 1] > 0.0 else -1.0
+                stack[k, SHARE] = _joint_share(stack, k, op)
+            for end_of_step in range(2):
+                stack[k, end_of_step] = arithmetic(
+                    op, stack[k, end_of_step], stack[k + 1, end_of_step]
+                )
+    return float(stack[0, SHARE]) if stack[0, NOW] > 0.0 else -1.0
 
 
 @kernel
 def departed(act: Any, table: Any, x: float, y: float, time: float) -> float:
-    """How far a place is from where the recorded ego was at a time, m; the end of its recording
-    counts after it.
+    """Distance of x, y from the position of the recorded ego at a time, m; after the end of its
+    recording, from the last position.
 
-    act: a move whose places in `table` are those of the recorded ego, `duration` s apart.
+    act: a move whose rows of `table` are positions of the recorded ego, `duration` s apart.
     """
     at = min(max(time / act.duration, 0.0), act.count - 1.0)
     first = min(int(at), act.count - 2)
@@ -503,7 +578,7 @@ def departed(act: Any, table: Any, x: float, y: float, time: float) -> float:
 
 @kernel
 def arithmetic(op: int, a: float, b: float) -> float:
-    """The number that an operation makes of one or two; of conditions, 1 or 0."""
+    """Result of an operation on one value or two; of conditions, 1 or 0."""
     if op == NEGATE:
         return -a
     if op == ABSOLUTE:
@@ -524,7 +599,7 @@ def arithmetic(op: int, a: float, b: float) -> float:
 
 @kernel
 def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
-    """Begin a move, one of `acts`, from where the vehicle is at that instant."""
+    """Begin the move `acts[chosen]`, from where the vehicle is at its begin."""
     act = acts[chosen]
     act.state = BEGUN
     play.first_begin = min(play.first_begin, act.begin)
@@ -545,7 +620,7 @@ def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
         play.x, play.y, play.heading = x, y, heading
         play.line_s, play.line_time = s, act.begin
         play.path, play.points = act.first, act.count
-        act.end = math.inf  # until it is there, which depends on its speed
+        act.end = math.inf  # `_end_path` writes it: it depends on the speed
         return
     play.since, play.match = act.begin, 0
     play.s, play.v = s, v
@@ -563,7 +638,7 @@ def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
 
 @kernel
 def begin_due(play: Any, acts: Any, pieces: Any, table: Any, time: float) -> bool:
-    """Begin all moves of a vehicle that are due by a time, in order; whether there was any."""
+    """Begin all moves of a vehicle that are due by a time, in order; whether any began."""
     begun = False
     while True:
         chosen = -1
@@ -580,7 +655,7 @@ def begin_due(play: Any, acts: Any, pieces: Any, table: Any, time: float) -> boo
 
 @kernel
 def _end_path(play: Any, acts: Any, pieces: Any, table: Any, before: float, now: float) -> None:
-    """Write when the path that is driven came to its last point, if it did in this step."""
+    """Write when the vehicle came to the last point of its path, if it did in this step."""
     for q in range(play.acts):
         act = acts[q]
         ends = act.kind == PATH and act.state == BEGUN and math.isinf(act.end)
@@ -600,23 +675,31 @@ def _end_path(play: Any, acts: Any, pieces: Any, table: Any, before: float, now:
 
 @kernel
 def _match(cast: Any, j: int, now: float, line: Any) -> None:
-    """Move a vehicle to `now` relative to another, whose speed is linear since the last look."""
+    """Move actor j to `now` as its `MATCH` demands (the rows of `TABLE` are explained at `PLAY`).
+
+    Its speed has changed linearly since the last step.
+    """
     play, table, own = cast.plays[j], cast.table[j], cast.others[j]
-    of, more, place = table[play.match - 1], table[play.match], table[play.match + 1]
-    other = _body_of(cast, int(of.one), 1)
-    speed, since = max(of.two * _of(other, ALONG) + more.one, 0.0), now - play.since
+    first = play.match - 1
+    added, keeps = table[first + 1].one, table[first + 1].two
+    distance, headway = table[first + 2].one, table[first + 2].two
+
+    other = _body_of(cast, int(table[first].one), NOW)
+    since = now - play.since
+    speed = max(table[first].two * _of(other, ALONG) + added, 0.0)
     if len(line) and not play.on_map:
         speed /= 1.0 - line_at(line, own.x)[3] * own.y
-    ahead = 0.5 * (play.v + speed) * since
-    if more.two > 0.0:
-        ahead = other.x + place.one - on_line(play, table, play.s)[0]
-        if place.two < 0.0:  # that vehicle's speed
-            ahead -= place.two * speed
-        if more.two > 1.0:
-            speed = _approach(play, speed, ahead, place.two, since, table)
+    ahead = 0.5 * (play.v + speed) * since  # distance to drive in this step, m
+    if keeps > 0.0:  # a position
+        ahead = other.x + distance - on_line(play, table, play.s)[0]
+        if headway < 0.0:
+            ahead -= headway * speed
+        if keeps > 1.0:
+            speed = _approach(play, speed, ahead, headway, since, table)
             ahead = 0.5 * (play.v + speed) * since
-        elif place.two > 0.0:  # other.x + place.one - own place = its own speed x place.two
-            ahead = ahead * since / (since + place.two) if since > 0.0 else 0.0
+        elif headway > 0.0:
+            # the gap that is left, ahead - driven, shall be headway * driven / since
+            ahead = ahead * since / (since + headway) if since > 0.0 else 0.0
             speed = ahead / since if since > 0.0 else play.v
     play.s += ahead
     play.since, play.v = now, max(speed, 0.0)
@@ -624,18 +707,21 @@ def _match(cast: Any, j: int, now: float, line: Any) -> None:
 
 @kernel
 def _approach(play: Any, speed: float, ahead: float, gap: float, since: float, table: Any) -> float:
-    """The speed of a vehicle whose place is `ahead` m in front of it, within its limits, m/s.
+    """Speed, within its limits, of a vehicle that closes in on its position of a `MATCH`, m/s.
 
-    speed: of the other vehicle. gap: s that the place moves back at the own speed, above 0.
+    speed: of the other vehicle, m/s.
+    ahead: distance to the position, m.
+    gap: headway by which the position moves back with the own speed, s; below 0: it does not.
+    since: time since the last step, s.
     """
-    rates, top = table[play.match + 2], table[play.match + 3].one
+    rates, top_speed = table[play.match + 2], table[play.match + 3].one
     behind = max(gap, 0.0)
-    # the place moved with the other vehicle in this step
+    # distance before this step, in which the position moved with the other vehicle
     apart = ahead - speed * since - behind * play.v
-    # the fastest closing speed that ends in time, and without passing the place in this step
+    # the fastest closing speed that ends in time, and does not pass the position in this step
     rate = rates.two if apart > 0.0 else rates.one
     closing = min(math.sqrt(2.0 * rate * abs(apart)), abs(apart) / max(since + behind, 1e-9))
-    wanted = min(speed + (closing if apart > 0.0 else -closing), top)
+    wanted = min(speed + (closing if apart > 0.0 else -closing), top_speed)
     slowest, fastest = play.v - rates.two * since, play.v + rates.one * since
     return float(max(min(wanted, fastest), slowest, 0.0))
 
@@ -644,7 +730,10 @@ def _approach(play: Any, speed: float, ahead: float, gap: float, since: float, t
 def wake(cast: Any, now: float, before: float, stack: Any, line: Any) -> None:
     """Begin the waiting moves of a case whose conditions hold at the end of a step.
 
-    Vehicles whose moves began are placed again.
+    Vehicles whose moves began, and those that match another's motion, are placed again.
+
+    now, before: ends of the step, s.
+    stack, line: as in `holds_from` and `place`.
     """
     others, plays = cast.others, cast.plays
     acts, pieces, table = cast.acts, cast.pieces, cast.table
@@ -697,7 +786,10 @@ def play_actors(cast: Cast, steps: int, step: float, line: Records) -> None:
 def wake_rows(
     cast: Cast, now: float, before: float, stack: NDArray[np.float64], line: Records
 ) -> None:
-    """Begin moves whose conditions hold at the end of a step from `before` to `now`, s."""
+    """Begin moves whose conditions hold at the end of a step from `before` to `now`, s.
+
+    All cases have these times: cases with conditions begin together.
+    """
     egos = cast.egos
     for i in range(len(egos)):
         if egos[i].live != 0 and egos[i].reason == 0:
@@ -705,45 +797,47 @@ def wake_rows(
 
 
 def players(cases: Sequence[Sequence[Any]]) -> Players:
-    """Records of the vehicles of cases, as they are before anything has begun.
+    """Records of the played vehicles at the start of their cases.
 
-    cases: the actors of each.
+    cases: the actors of each case, the same number in all.
     """
     actors = [actor for case in cases for actor in case]
     shape = len(cases), len(cases[0])
     lists = list(map(_records_of, actors))
 
     def records(kind: Any, rows: list[list[tuple[Any, ...]]]) -> Records:
-        """Records of each vehicle, (n, m, as many as one has at most, at least one)."""
-        found = np.zeros((len(rows), max(map(len, rows), default=0) or 1), kind)
-        for row, values in zip(found, rows, strict=True):
+        """Records of each vehicle, (n, m, most that one has, at least one)."""
+        records = np.zeros((len(rows), max(map(len, rows), default=0) or 1), kind)
+        for row, values in zip(records, rows, strict=True):
             if values:
                 row[: len(values)] = values
-        return found.reshape(*shape, found.shape[1])
+        return records.reshape(*shape, records.shape[1])
 
     plays = np.array([_play_of(actor) for actor in actors], PLAY).reshape(shape)
     acts, table = records(ACT, [it[0] for it in lists]), records(TABLE, [it[1] for it in lists])
+    # a profile has a piece a knot, a change of speed two
     pieces = np.zeros((*shape, table.shape[2] + 2), PIECE)
     return Players(plays, acts, pieces, table, records(PROGRAM, [it[2] for it in lists]))
 
 
 def _records_of(actor: Any) -> tuple[list[Any], list[Any], list[Any]]:
-    """Records of an actor's acts, of their tables and of their programs."""
+    """Rows of `ACT`, `TABLE` and `PROGRAM` of an actor."""
     acts: list[Any] = []
     table: list[Any] = []
     program: list[Any] = []
     for act in actor.acts:
         begin, state = (math.inf, WAITS) if act.program else (act.begin, KNOWN)
         numbers = act.duration, act.speed, act.offset, act.acceleration, act.jerk
-        counts = act.kind, len(table), len(act.table), len(program), len(act.program)
-        acts.append((begin, *numbers, act.begin, math.inf, *counts, state))
+        rows = act.kind, len(table), len(act.table), len(program), len(act.program)
+        # `begin` of a move with a condition is its delay
+        acts.append((begin, *numbers, act.begin, math.inf, *rows, state))
         table += act.table
         program += [(value, op, one, two) for op, one, two, value in act.program]
     return acts, table, program
 
 
 def _play_of(actor: Any) -> tuple[Any, ...]:
-    """A `PLAY` record before the start."""
+    """A row of `PLAY` at the start, in the order of its fields."""
     start = actor.start
     pose = (start.x, start.y, actor.heading) if actor.on_map is None else actor.on_map
     motion = 0.0, 0.0, 0.0, 0.0, start.speed, math.inf

@@ -1,9 +1,9 @@
 """Groups of similar failures: the parameter ranges that their cases share.
 
-Failures of one ADS and one kind are joined while they are neighbours among the driven points
-(single linkage in the unit box). The narrowest ranges that hold all cases of a group describe it,
-for the parameters whose values it does not span, with the share of all cases in these ranges that
-fail in this way.
+Failures of one ADS and one kind belong to one group if a chain of neighbours among the driven
+points joins them (single linkage in the unit box). A group is described by the narrowest ranges
+that hold all its cases, one for each parameter whose values it does not span, and by the share of
+all cases in these ranges that fail in this way.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from sumo_eval.cases import CaseTable, IntArray
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-MOST_LINKED = 2_000  # failures of one kind that are compared pair by pair; more stand in one group
+MOST_LINKED = 2_000  # failures of one kind that are compared pair by pair; more form one group
 # Failures of k parameters are neighbours up to this times sqrt(k) steps apart (`_step`): a diagonal
 # of one step each, and a margin.
-APART = 1.6
-SPANNED = 0.999  # share of a parameter's driven range from which on a group does not narrow it
+NEIGHBOUR_DISTANCE = 1.6
+SPANNED = 0.999  # a group that covers this share of a parameter's driven range does not narrow it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FailureGroup:
-    """Cases of one ADS that fail alike.
+    """Cases of one ADS that fail in the same way and are neighbours.
 
-    ranges: parameter -> (least, most) where the group is narrower than the cases.
-
-    places: where its cases stand among all cases, (k,), ascending.
-    alike: cases in these ranges that fail so.
-    inside: all cases of the ADS in them.
+    kind: of the failure, in words.
+    places: indices of its cases among all cases, (k,), ascending.
+    ranges: parameter -> (least, most) where the group is narrower than the cases of the ADS.
+    alike: number of cases in these ranges that fail in this way.
+    inside: number of all cases of the ADS in these ranges.
     """
 
     ads: str
@@ -44,10 +44,10 @@ class FailureGroup:
 
 
 def failure_kinds(cases: CaseTable) -> tuple[IntArray, list[str]]:
-    """The kind of failure of each case, (n,), as a place in the list of kinds, which comes with it;
-    the first kind is empty: it did not fail.
+    """The kind of failure of each case, (n,), as an index of the list of kinds, and this list.
 
-    Of several kinds of one case the last of the list counts: a contact before a departure.
+    The first kind is the empty word: the case did not fail. Of several kinds of one case the last
+    of the list counts: a contact before a departure.
     """
     words = ["", "off road", "unavoidable collision", "avoidable collision", "caused collision"]
     kinds = np.zeros(len(cases), dtype=np.intp)
@@ -57,30 +57,34 @@ def failure_kinds(cases: CaseTable) -> tuple[IntArray, list[str]]:
         kinds[flags] = code
     codes: dict[str, int] = {}
     lost = np.flatnonzero(~cases.evaluated)
-    for number, status, place in zip(
+    for case, status, place in zip(
         lost.tolist(), cases.status[lost], cases.error_place[lost], strict=True
     ):
-        said = f"not evaluated ({status}){f' at {place}' if place else ''}"
-        kinds[number] = codes.setdefault(said, len(words) + len(codes))
+        kind = f"not evaluated ({status}){f' at {place}' if place else ''}"
+        kinds[case] = codes.setdefault(kind, len(words) + len(codes))
     return kinds, [*words, *codes]
 
 
 def failure_groups(logical: LogicalScenario, cases: CaseTable) -> list[FailureGroup]:
-    """The groups of one logical scenario: the gravest kinds first, and of these the largest
-    groups.
+    """The groups of one logical scenario: the gravest kinds first, the largest groups first within
+    a kind.
     """
     groups = []
-    owners, every = cases.ads, cases.parameters(logical.names)
+    ads_of_case, points = cases.ads, cases.parameters(logical.names)
     kinds, words = failure_kinds(cases)
     for ads in dict.fromkeys(chunk.ads for chunk in cases.chunks):
-        own = np.flatnonzero(owners == ads)
-        rows, failed = every[own], kinds[own]
-        for kind in set(np.unique(failed).tolist()) - {0}:
-            alike = failed == kind
-            groups += [
-                _group(logical, rows, group, alike, (ads, words[kind], own[group]))
-                for group in _linked(logical, rows, np.flatnonzero(alike))
-            ]
+        places = np.flatnonzero(ads_of_case == ads)
+        own_points = points[places]
+        for kind in set(np.unique(kinds[places]).tolist()) - {0}:
+            failed = kinds[places] == kind
+            for members in _linked(logical, own_points, np.flatnonzero(failed)):
+                ranges, inside = _ranges(logical, own_points, members)
+                alike = int(np.sum(inside & failed))
+                groups.append(
+                    FailureGroup(
+                        ads, words[kind], places[members], ranges, alike, int(inside.sum())
+                    )
+                )
     groups.sort(key=lambda group: (_order(group.kind), -len(group.places)))
     return groups
 
@@ -91,23 +95,29 @@ def _order(kind: str) -> tuple[int, str]:
     return next(place for place, word in enumerate(first) if kind.startswith(word)), kind
 
 
-def _linked(logical: LogicalScenario, rows: FloatArray, members: np.ndarray) -> list[np.ndarray]:
-    """The members of each group, as places in `rows`, the ADS's points, (n, k)."""
-    if len(members) < 2 or len(members) > MOST_LINKED:
-        return [members]
-    # imported here: it takes half a second, and a replay never groups
+def _linked(logical: LogicalScenario, points: FloatArray, failed: IntArray) -> list[IntArray]:
+    """The failures of each group, as indices of `points`.
+
+    points: all of the ADS, (n, k).
+    failed: indices of those that fail in one way.
+    """
+    if len(failed) < 2 or len(failed) > MOST_LINKED:
+        return [failed]
+    # imported here: scipy's clustering takes half a second, and a replay never groups
     from scipy.cluster.hierarchy import fcluster, linkage
 
-    unit = logical.to_unit(rows)
+    unit = logical.to_unit(points)
     steps = np.array([_step(column) for column in unit.T])
-    tree = linkage(unit[members] / steps, method="single")
-    labels = fcluster(tree, APART * np.sqrt(unit.shape[1]), criterion="distance")
-    return [members[labels == label] for label in dict.fromkeys(labels.tolist())]
+    tree = linkage(unit[failed] / steps, method="single")
+    labels = fcluster(tree, NEIGHBOUR_DISTANCE * np.sqrt(unit.shape[1]), criterion="distance")
+    return [failed[labels == label] for label in dict.fromkeys(labels.tolist())]
 
 
 def _step(values: FloatArray) -> float:
-    """The distance that counts as one step along a parameter: between its levels, but at least an
-    eighth of its driven range.
+    """Length of one step along a parameter: the median distance of neighbouring levels, but at
+    least an eighth of the driven range; 1 where there is one level.
+
+    values: of the parameter at all points, 0..1.
     """
     levels = np.unique(values)
     if len(levels) < 2:
@@ -115,23 +125,16 @@ def _step(values: FloatArray) -> float:
     return float(max((levels[-1] - levels[0]) / 8.0, np.median(np.diff(levels))))
 
 
-def _group(
-    logical: LogicalScenario,
-    rows: FloatArray,
-    group: IntArray,
-    failed: BoolArray,
-    whose: tuple[str, str, IntArray],
-) -> FailureGroup:
-    """A group with its ranges.
+def _ranges(
+    logical: LogicalScenario, points: FloatArray, members: IntArray
+) -> tuple[dict[str, tuple[float, float]], BoolArray]:
+    """The ranges of a group, as in `FailureGroup`, and which points are in them, (n,).
 
-    rows: all points of the ADS, (n, k).
-    group: which of them are in it.
-    failed: which fail so, (n,).
-    whose: the ADS, the kind, and the group's places among the cases of all ADSs.
+    points: all of the ADS, (n, k).
+    members: indices of those of the group.
     """
-    least, most = rows[group].min(axis=0), rows[group].max(axis=0)
-    narrow = np.flatnonzero(most - least < SPANNED * np.ptp(rows, axis=0))
-    inside = np.all((rows[:, narrow] >= least[narrow]) & (rows[:, narrow] <= most[narrow]), axis=1)
-    alike, there = int(np.sum(inside & failed)), int(inside.sum())
-    ranges = {logical.names[k]: (float(least[k]), float(most[k])) for k in narrow}
-    return FailureGroup(*whose, ranges, alike, there)
+    least, most = points[members].min(axis=0), points[members].max(axis=0)
+    narrow = np.flatnonzero(most - least < SPANNED * np.ptp(points, axis=0))
+    values = points[:, narrow]
+    inside = np.all((values >= least[narrow]) & (values <= most[narrow]), axis=1)
+    return {logical.names[k]: (float(least[k]), float(most[k])) for k in narrow}, inside

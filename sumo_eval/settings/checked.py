@@ -1,7 +1,7 @@
 """The base of all settings: their meaning, unit and bounds, and the refusal of other values.
 
-The `Annotated` bounds of a setting are the only place where a limit is written: direct construction
-checks them here, and `sumo_eval.settings.config` hands the same annotations to the reader of
+The `Annotated` bounds of a setting are the only place where a limit is written: a setting made in
+Python is checked here, and `sumo_eval.settings.config` hands the same annotations to the reader of
 evaluation.toml.
 """
 
@@ -39,6 +39,7 @@ class About:
     equation: str = ""
 
 
+# the bounds alone are for settings that may be None: Annotated[float | None, Positive]
 Positive = Gt(0.0)
 NotNegative = Ge(0.0)
 PositiveFloat = Annotated[float, Positive]
@@ -60,10 +61,12 @@ def about(cls: type, name: str) -> About:
     return About("")
 
 
+# annotation: (what is accepted, its words)
 _KINDS: dict[object, tuple[type, str]] = {
     float: (Real, "a number"), int: (Integral, "a whole number"), bool: (bool, "true or false"),
     str: (str, "a text"),
 }  # fmt: skip
+# (bound, its attribute with the limit, test of a value and the limit, words before the limit)
 _CHECKS: tuple[tuple[type, str, Callable[[Any, Any], bool], str], ...] = (
     (Gt, "gt", operator.gt, "greater than"),
     (Ge, "ge", operator.ge, "at least"),
@@ -74,7 +77,12 @@ _CHECKS: tuple[tuple[type, str, Callable[[Any, Any], bool], str], ...] = (
 
 
 class Checked:
-    """Base of all settings: refuses a value outside the bounds that its annotation states."""
+    """Base of all settings: refuses a value outside the bounds that its annotation states.
+
+    Tables, tuples and values of several types (`int | dict`) are not checked here, only by the
+    reader of files. A `__post_init__` of a subclass calls `Checked.__post_init__(self)`: a
+    dataclass with slots has no `super()`.
+    """
 
     __slots__ = ()
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
@@ -94,44 +102,49 @@ class Checked:
             if not isinstance(value, kind) or (
                 isinstance(value, bool) and kind in (Real, Integral)
             ):
-                raise must_be(f"`{rule.name}`", owner, rule.words, value)
+                raise must_be(f"`{rule.name}`", owner, rule.kind_words, value)
             if isinstance(value, float) and not math.isfinite(value):
-                words = "a finite number" if math.isinf(value) else "a number"
-                raise must_be(f"`{rule.name}`", owner, words, value)
-            for holds, bound, words in rule.bounds if value is not None else ():
-                if not holds(value, bound):
-                    raise must_be(f"`{rule.name}`", owner, f"{words} {bound:g}", value)
+                wanted = "a finite number" if math.isinf(value) else "a number"
+                raise must_be(f"`{rule.name}`", owner, wanted, value)
+            # None gets here where the kind of a setting is not checked
+            for holds, limit, words in rule.bounds if value is not None else ():
+                if not holds(value, limit):
+                    raise must_be(f"`{rule.name}`", owner, f"{words} {limit:g}", value)
 
 
 class _Rule(NamedTuple):
-    """Demands of a setting's annotation on its value."""
+    """Demands of a setting's annotation on its value.
+
+    kind: accepted type; object: not checked.
+    bounds: (test of a value and the limit, limit, words before the limit).
+    """
 
     name: str
     optional: bool
     choices: tuple[Any, ...]
     kind: type
-    words: str
+    kind_words: str
     bounds: tuple[tuple[Callable[[Any, Any], bool], Any, str], ...]
 
 
 @functools.lru_cache(maxsize=64)
 def _rules(cls: Any) -> tuple[_Rule, ...]:
     """The rules of a class, computed once: settings are made for every case."""
-    found = []
+    rules = []
     for item in fields(cls):
         hint = hints_of(cls)[item.name]
         base = get_args(hint)[0] if get_origin(hint) is Annotated else hint
         optional = type(None) in get_args(base)
-        kinds = set(get_args(base)) - {type(None)}
-        if optional and len(kinds) == 1:
-            base = kinds.pop()
+        if optional:
+            kinds = set(get_args(base)) - {type(None)}
+            base = kinds.pop() if len(kinds) == 1 else base  # float | None -> float
         choices = get_args(base) if get_origin(base) is Literal else ()
-        kind, words = _KINDS.get(base, (object, ""))
+        kind, kind_words = _KINDS.get(base, (object, ""))
         bounds = tuple(
             (holds, getattr(extra, attribute), words)
             for extra in getattr(hint, "__metadata__", ())
-            for bound, attribute, holds, words in _CHECKS
-            if isinstance(extra, bound)
+            for bound_type, attribute, holds, words in _CHECKS
+            if isinstance(extra, bound_type)
         )
-        found.append(_Rule(item.name, optional, choices, kind, words, bounds))
-    return tuple(found)
+        rules.append(_Rule(item.name, optional, choices, kind, kind_words, bounds))
+    return tuple(rules)

@@ -29,9 +29,8 @@ class SamplingSettings(Checked):
         str | None,
         About(
             "how points are chosen: grid, pairwise, combinations, latin_hypercube, sobol, halton, "
-            "exposure, "
-            "exposure_danger, adaptive, file, openscenario, module:name, or a sample that the "
-            "scenario names; default: the scenario's own"
+            "exposure, exposure_danger, adaptive, file, openscenario, module:name, or a sample "
+            "that the scenario names; default: the scenario's own"
         ),
     ] = None
     levels: Annotated[
@@ -47,7 +46,9 @@ class SamplingSettings(Checked):
         About("number of points, of methods that draw them; of `adaptive` at most"),
     ] = None
     strength: Annotated[
-        int | None, Ge(1), About("t of `combinations`: every combination of t parameters' values")
+        int | None,
+        Ge(1),
+        About("t of `combinations`: all value combinations of any t parameters occur"),
     ] = None
     file: Annotated[str | None, About("CSV of points, or mapping of an OpenSCENARIO variation")] = (
         None
@@ -58,18 +59,17 @@ class SamplingSettings(Checked):
     aim: Annotated[
         Literal["s_plus", "boundary"] | None,
         About(
-            "of `adaptive`: what rounds go after: the interval of S+ (default), or where "
-            "collisions begin, by the "
-            "share of the space that collides"
+            "of `adaptive`: what new points make more certain: the interval of S+ (default), or "
+            "the boundary of collisions, by the share of the space that collides"
         ),
     ] = None
     until: Annotated[
         float | None,
         Positive,
         About(
-            "of `adaptive`: no further round once half the 95 % interval of every ADS is this "
-            "small; default: never",
-            "points of S+, or share of the space",
+            "of `adaptive`: no further round once half the 95 % interval of every ADS is at most "
+            "this wide; default: never",
+            unit="points of S+, or share of the space",
         ),
     ] = None
     rounds: Annotated[
@@ -83,8 +83,15 @@ class DeclaredDistribution(Checked):
     """Declared distribution of one parameter on the road."""
 
     distribution: Annotated[Literal["normal", "lognormal", "uniform"], About("which family")]
-    first: Annotated[float, About("mean; mean of the logarithm; low")]
-    second: Annotated[float, About("deviation; deviation of the logarithm; high")]
+    first: Annotated[
+        float, About("normal: mean; lognormal: mean of the logarithm; uniform: lowest value")
+    ]
+    second: Annotated[
+        float,
+        About(
+            "normal: standard deviation; lognormal: that of the logarithm; uniform: highest value"
+        ),
+    ]
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
@@ -188,8 +195,10 @@ class AdsSettings(Checked):
 
     @property
     def locator(self) -> str:
-        """The controller with everything that belongs to it, in one text:
+        """The controller with its period, options and FMU variables as one text:
         `fmu:acc.fmu?inputs.v=ego_speed`.
+
+        `files` and `build` are not in it: they count in the identity of the ADS.
         """
         pairs = [] if self.period is None else [("period", json.dumps(self.period))]
         pairs += [] if self.batch else [("batch", "false")]

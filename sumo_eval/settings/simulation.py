@@ -16,8 +16,9 @@ from sumo_eval.settings.checked import About, Checked, NotNegativeFloat, Positiv
 class VehicleSettings(Checked):
     """The ego as a machine: a single-track model with limited steering, tyres, brakes and drive.
 
-    The dynamic model's numbers are those of a BMW 320i in commonroad-vehicle-models (its vehicle
-    2), the place of the centre of gravity as a share of the wheelbase.
+    Mass, inertia, centre of gravity and stiffness of the dynamic model are those of a BMW 320i in
+    commonroad-vehicle-models (its vehicle 2), the centre of gravity as a share of the wheelbase.
+    All other numbers are round values of a mid-size car.
     """
 
     length: Annotated[PositiveFloat, About("body length", "m")] = 4.5
@@ -46,10 +47,9 @@ class VehicleSettings(Checked):
     model: Annotated[
         Literal["kinematic", "dynamic"],
         About(
-            "kinematic: the rear axle rolls where it points, honest below about 0.4 g across (a "
-            "clip of its case says "
-            "where it was above); dynamic: side slip and yaw by tyre forces with their limit, "
-            "same drive and brakes"
+            "kinematic: the rear axle rolls where it points, valid up to about 0.4 g of lateral "
+            "acceleration (a clip records where a case exceeds it); dynamic: side slip and yaw by "
+            "tyre forces with their limit, same drive and brakes"
         ),
     ] = "kinematic"
     mass: Annotated[PositiveFloat, About("of the dynamic model: mass", "kg")] = 1093.3
@@ -66,12 +66,12 @@ class VehicleSettings(Checked):
     ] = 0.614
     cornering_stiffness: Annotated[
         PositiveFloat,
-        About("of the dynamic model: side force over slip angle, load and friction", "1/rad"),
+        About("of the dynamic model: side force / (slip angle * axle load * friction)", "1/rad"),
     ] = 20.9
 
     @property
     def dynamic(self) -> float:
-        """1 where the model is the dynamic one."""
+        """1 for the dynamic model, else 0: a number, like all values of a vehicle in kernels."""
         return 1.0 if self.model == "dynamic" else 0.0
 
     @property
@@ -84,11 +84,11 @@ class VehicleSettings(Checked):
 class ConditionSettings(Checked):
     """Conditions between the world and the ADS: limited perception, delays, late commands.
 
-    By default none: the ADS sees everything, and the ego obeys, at once.
+    By default there are none: the ADS sees everything, and the ego obeys at once.
 
-    The first seven hold for controllers that are given an `Observation` (`act(obs)`, `exec:`,
-    `fmu:`): TraCI shows everything. Neither the ideal vehicle nor the human drivers are under these
-    conditions.
+    Those from `perception_delay` to `occlusion` hold for controllers that receive an `Observation`
+    (`act(obs)`, `exec:`, `fmu:`): TraCI shows everything. Neither the ideal vehicle nor the human
+    drivers are under these conditions.
     """
 
     perception_delay: Annotated[
@@ -194,7 +194,8 @@ class TrackerSettings(Checked):
         About("gain on the front axle's distance from the plan's path (Stanley)", "1/s"),
     ] = 2.5
     softening_speed: Annotated[
-        PositiveFloat, About("speed added to the ego's own below that gain (Stanley)", "m/s")
+        PositiveFloat,
+        About("steering angle = atan(steering_gain * distance / (speed + this)) (Stanley)", "m/s"),
     ] = 1.0
 
 
@@ -220,44 +221,41 @@ class SimulationSettings(Checked):
         NotNegativeFloat,
         Le(2.0),
         About(
-            "vehicles that react see a body in their lane once it reaches so far over the line; "
-            "at the latest when the "
-            "middle of its front is there",
+            "how far a body must reach over the line of their lane for vehicles that react to see "
+            "it; 0: as soon as it touches; at the latest once the middle of its front is there",
             "m",
         ),
     ] = 0.0
     end_when_decided: Annotated[
         bool,
         About(
-            "end a case as soon as no contact can come of it; quicker where only collisions "
-            "count, but shorter drives "
-            "change D"
+            "end a case once no contact is possible any more; quicker where only collisions "
+            "count, but shorter drives change D"
         ),
     ] = False
     vehicle: VehicleSettings = field(default_factory=VehicleSettings)
     ideal_deceleration: Annotated[
-        PositiveFloat, About("braking of the ideal vehicle", "m/s2", "Ug", "17")
+        PositiveFloat,
+        About("braking of the ideal vehicle", unit="m/s2", symbol="Ug", equation="17"),
     ] = 9.0
     ideal_build_up: Annotated[
-        PositiveFloat, About("its pressure build-up time", "s", "Ug", "17")
+        PositiveFloat, About("its pressure build-up time", unit="s", symbol="Ug", equation="17")
     ] = 0.15
     ideal_visible_share: Annotated[
         NotNegativeFloat,
         Le(1.0),
         About(
             "share of a hidden vehicle's width that must show for it to see it; 0: it sees through",
-            "",
-            "Ug",
-            "17",
+            symbol="Ug",
+            equation="17",
         ),
     ] = 0.2
     ideal_steers: Annotated[
         bool,
         About(
             "whether it changes to a free lane where a hidden vehicle shows too late to brake",
-            "",
-            "Ug",
-            "17",
+            symbol="Ug",
+            equation="17",
         ),
     ] = True
     conditions: ConditionSettings = field(default_factory=ConditionSettings)

@@ -102,7 +102,7 @@ def test_hooks_are_the_same_together_and_alone(hook, scenario):
     cases, why = points(scenario, 6), Counter()
     together = list(simulate_many(cases, hook, STEPS, alone=why))
     assert all(
-        one.same_motion(simulate(it, hook, STEPS)) for it, one in zip(cases, together, strict=True)
+        one.same_drive(simulate(it, hook, STEPS)) for it, one in zip(cases, together, strict=True)
     )
     assert {reason.why for reason in why} <= {"left_batch"}, why
     assert scenario != "cut_in" or not why
@@ -120,7 +120,7 @@ def test_hooks_with_own_conditions_are_the_same_together(hook):
     )
     together = list(simulate_many(cases, hook, STEPS, alone=why))
     assert all(
-        one.same_motion(simulate(it, hook, STEPS)) for it, one in zip(cases, together, strict=True)
+        one.same_drive(simulate(it, hook, STEPS)) for it, one in zip(cases, together, strict=True)
     )
     assert not why
 
@@ -212,7 +212,7 @@ def test_one_that_leaves_is_driven_alone_and_no_other(hook):
     cases, why = [case(lead(80.0, 20.0), speed=speed) for speed in (10.0, 20.0, 18.0)], Counter()
     together = list(simulate_many(cases, hook, STEPS, alone=why))
     assert all(
-        one.same_motion(simulate(it, hook, STEPS)) for it, one in zip(cases, together, strict=True)
+        one.same_drive(simulate(it, hook, STEPS)) for it, one in zip(cases, together, strict=True)
     )
     assert {reason.why: count for reason, count in why.items()} == {"left_batch": 1}
 

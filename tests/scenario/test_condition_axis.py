@@ -42,8 +42,8 @@ def test_delay_and_range_are_axes_that_only_the_ads_feels(tmp_path):
         **here, **dict.fromkeys(worst, 0.0) | {"conditions.sensor_range": 120.0}
     )
     keeps = f"{tmp_path / 'keeps.py'}:Keeps"
-    assert not simulate(late, keeps).same_motion(simulate(sharp, keeps))
-    assert simulate(late, "no_reaction").same_motion(simulate(sharp, "no_reaction"))
+    assert not simulate(late, keeps).same_drive(simulate(sharp, keeps))
+    assert simulate(late, "no_reaction").same_drive(simulate(sharp, "no_reaction"))
 
 
 @pytest.mark.campaign

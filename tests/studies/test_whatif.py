@@ -102,7 +102,7 @@ def test_law_changing_nothing_changes_nothing(night):
         ("vehicle.friction", settings.vehicle.friction),
     )
     late = f"{folder.parent / 'late.py'}:Brakes"
-    assert simulate(usual, late).same_motion(simulate(replace(usual, changes=now), late))
+    assert simulate(usual, late).same_drive(simulate(replace(usual, changes=now), late))
 
 
 def test_a_collision_gets_a_table_and_json(night):

@@ -1,5 +1,5 @@
-"""A program of the user's as a child process: started for a case, its words kept, its process group
-killed after.
+"""A user's program as a child process: started for a case, its output kept, its process group
+killed after the case.
 """
 
 from __future__ import annotations
@@ -19,14 +19,17 @@ from typing import IO
 from sumo_eval.errors import InputError, must_be
 
 _PATIENCE = 0.5  # s of wall time that a program has to end by itself once its case is over
-_KEPT = 20_000  # bytes of what a program says that are kept
-_PR_SET_PDEATHSIG = 1
+_KEPT = 20_000  # bytes of a program's output that are kept, the last ones
+_PR_SET_PDEATHSIG = 1  # of Linux's prctl.h: the signal at the death of the parent
 
 
-def split_command(command: str, folder: Path | None, scheme: str) -> tuple[str, ...]:
-    """The words of a command line.
+def checked_command(command: str, folder: Path | None, scheme: str) -> tuple[str, ...]:
+    """The words of a command whose program can be run on this system.
 
-    Raises InputError when there is none, or no such program.
+    Raises InputError if there is no command, no such program, or no process groups.
+
+    folder: where the program runs; None: the current one.
+    scheme: `exec` or `traci`, for messages.
     """
     owner = f"ADS `{scheme}:{command}`"
     try:
@@ -51,8 +54,8 @@ def split_command(command: str, folder: Path | None, scheme: str) -> tuple[str, 
 
 
 def search_path() -> str:
-    """Where programs are looked for: as usual, and before that in the environment that this one
-    runs in, unless another is activated.
+    """PATH; before it the folder of this Python's virtual environment, unless a user has activated
+    one.
     """
     usual = os.environ.get("PATH", os.defpath)
     if (
@@ -67,7 +70,9 @@ def search_path() -> str:
 class ChildProgram:
     """A running program.
 
-    With `talks` its stdin and stdout are pipes; else what it prints is kept beside its stderr.
+    command, folder: from `checked_command`.
+    talks: its stdin and stdout are pipes; else its stdout is kept together with its stderr.
+    variables: of its environment, in addition to those of this process.
     """
 
     def __init__(
@@ -78,17 +83,18 @@ class ChildProgram:
         talks: bool,
         variables: Mapping[str, str] | None = None,
     ) -> None:
+        # with that variable a TraCI program would load libsumo instead of connecting
         environment = {
             name: value for name, value in os.environ.items() if name != "LIBSUMO_AS_TRACI"
         }
         environment["PATH"] = search_path()
-        self._said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `stop`
+        self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `stop`
         pipe = subprocess.PIPE if talks else subprocess.DEVNULL
         self.process = subprocess.Popen(
             list(command),
             stdin=pipe,
-            stdout=subprocess.PIPE if talks else self._said,
-            stderr=self._said,
+            stdout=subprocess.PIPE if talks else self._output,
+            stderr=self._output,
             cwd=folder,
             env=environment | dict(variables or {}),
             start_new_session=True,
@@ -96,28 +102,26 @@ class ChildProgram:
         )
 
     def stop(self) -> str:
-        """End the program and everything that it started; what it said."""
+        """End the program and everything that it started; the text that it wrote."""
         process = self.process
         if process.stdin is not None:
             with contextlib.suppress(OSError):  # it may have closed its end already
                 process.stdin.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(_PATIENCE)
-        # nobody of the group is left
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
+        self.kill()
         process.wait()
         if process.stdout is not None:
             process.stdout.close()
-        before = max(self._said.seek(0, os.SEEK_END) - _KEPT, 0)
-        self._said.seek(before)
-        text = self._said.read().decode("utf-8", errors="replace")
-        self._said.close()
-        return f"[the first {before} bytes are left out]\n{text}" if before else text
+        left_out = max(self._output.seek(0, os.SEEK_END) - _KEPT, 0)
+        self._output.seek(left_out)
+        text = self._output.read().decode("utf-8", errors="replace")
+        self._output.close()
+        return f"[the first {left_out} bytes are left out]\n{text}" if left_out else text
 
-    def ended(self) -> str:
-        """How the program ended: `with status 1`; of one that has only closed its output, that it
-        did.
+    def how_it_ended(self) -> str:
+        """`with status 1`, after a short wait; `closing its output` of a program that still
+        runs.
         """
         try:
             return f"with status {self.process.wait(_PATIENCE)}"
@@ -126,12 +130,16 @@ class ChildProgram:
 
     def kill(self) -> None:
         """End the program and everything that it started, now."""
+        # the errors are those of a group in which no process is left
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self.process.pid, signal.SIGKILL)
 
 
 def _die_with_parent() -> None:
-    """A worker that is killed in the middle of a case leaves no program behind."""
+    """Ask Linux to kill this process once the thread that started it ends.
+
+    A worker that is killed in the middle of a case then leaves no program behind.
+    """
     import ctypes
 
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

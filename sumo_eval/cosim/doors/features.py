@@ -13,9 +13,9 @@
     high = 3.0
     values = [-8.0, -2.0, 0.0, 2.0]     # or a discrete set: the best scored combination is taken
 
-A feature may have `mean` and `deviation` in place of the range: (value - mean) / deviation. With
-neither it is shown as it is, and so is an action without a range. `absent` is shown where there is
-no such vehicle.
+A feature may have `mean` and `deviation` in place of the range: (value - mean) / deviation. A
+feature with neither, and an action without a range, are not scaled. `absent` replaces the value
+where there is no such vehicle: it is limited and scaled as the value would be.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,17 +49,18 @@ NAMES = (
 )  # fmt: skip
 """Names of features; `vehicles.1` is the nearest along the road, `vehicles.2` the next."""
 
-# m, of a vehicle that is not there; everything else is 0
-_IN_PLACE = {"gap": 1000.0, "x": 1000.0, "kind": -1.0}
+# values of a vehicle that is not there: far beyond what a policy reacts to, m, and no kind of
+# vehicle; every other value is 0
+_WHERE_ABSENT = {"gap": 1000.0, "x": 1000.0, "kind": -1.0}
 
 
 @dataclass(frozen=True, slots=True)
 class Feature(Checked):
-    """A number that a policy is shown, and how it is scaled.
+    """One input of a policy, and how it is scaled.
 
-    low, high: kept within and mapped onto -1..1.
-    mean, deviation: (value - mean) / deviation.
-    absent: the value where there is no such vehicle.
+    low, high: the value is limited to low..high and mapped onto -1..1.
+    mean, deviation: the value is mapped onto (value - mean) / deviation.
+    absent: value where there is no such vehicle, before it is limited and scaled.
     """
 
     name: str
@@ -72,9 +73,8 @@ class Feature(Checked):
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
         _check_range(self.name, self.low, self.high)
-        if (self.mean is None) != (self.deviation is None) or not (
-            self.deviation is None or self.deviation > 0.0
-        ):
+        one_missing = (self.mean is None) != (self.deviation is None)
+        if one_missing or (self.deviation is not None and not self.deviation > 0.0):  # nor nan
             raise must_be("`mean` and `deviation`", f"feature `{self.name}`",
                 "both given, the deviation above 0",
                           (self.mean, self.deviation))  # fmt: skip
@@ -87,10 +87,10 @@ class Feature(Checked):
 
 @dataclass(frozen=True, slots=True)
 class Action(Checked):
-    """A number of a policy's answer.
+    """One output of a policy.
 
-    low, high: what its -1 and 1 mean, m/s2 or rad; without: it is meant as it is.
-    values: the discrete set, m/s2 or rad.
+    low, high: what -1 and 1 mean, m/s2 or rad; None: the output is in these units itself.
+    values: the discrete set of outputs, m/s2 or rad.
     """
 
     name: str
@@ -112,11 +112,12 @@ class Action(Checked):
 
 @dataclass(frozen=True)
 class Interface(Checked):
-    """Features in, actions out.
+    """Inputs and outputs of a policy.
 
-    frame: axes of `vehicles.K.x`, `y`, `vx`, `vy`, the road's or the ego's.
-
-    period: s between two answers, of which the last holds; None: it answers at every step.
+    frame: axes of `vehicles.K.x`, `y`, `vx`, `vy`, the road's or the ego's. These values, and each
+        `relative_speed`, are the other vehicle's minus the ego's.
+    period: s between two answers, the last answer holds in between; None: it answers at every
+        step.
     """
 
     features: tuple[Feature, ...]
@@ -162,20 +163,22 @@ class Interface(Checked):
         ):
             value = read(seen, self.frame)
             absent = otherwise if feature.absent is None else feature.absent
+            # readers give nan or inf where there is no such vehicle
             raw[:, column] = np.where(np.isfinite(value), value, absent)
-        (offset, scale), limits = self._scaling[:2], self._scaling[2:]
-        np.clip(raw, *limits, out=raw)
-        return ((raw - offset) / scale).astype(np.float32)
+        scaling = self._scaling
+        np.clip(raw, scaling["low"], scaling["high"], out=raw)
+        return np.asarray((raw - scaling["offset"]) / scaling["scale"], np.float32)
 
     @cached_property
-    def _scaling(self) -> tuple[Floats, ...]:
+    def _scaling(self) -> Floats:
+        """Scaling of each feature: limited to `low`..`high`, then (value - offset) / scale."""
         rows = []
         for it in self.features:
             if it.low is not None and it.high is not None:
                 rows.append((0.5 * (it.low + it.high), 0.5 * (it.high - it.low), it.low, it.high))
             else:
                 rows.append((it.mean or 0.0, it.deviation or 1.0, -np.inf, np.inf))
-        return tuple(np.array(column) for column in zip(*rows, strict=True))
+        return np.array(rows, [(name, "f8") for name in ("offset", "scale", "low", "high")])
 
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
@@ -257,30 +260,35 @@ def usual(*, steering: bool = False, vehicles: int = 2) -> Interface:
 def _reader(name: str) -> tuple[Callable[[Observations, str], Floats], float]:
     """Reader of a feature (nan or inf for a missing vehicle), and the value for a missing one."""
     what, _, rest = name.partition(".")
-    if name in ("time", "lane_offset", "left_edge", "right_edge"):
-        return cast("dict[str, Callable[[Observations, str], Floats]]", _ALONE)[name], 0.0
+    if name in _UNGROUPED:
+        return _UNGROUPED[name], 0.0
     if what == "ego" and rest in _EGO:
         return lambda seen, frame: np.asarray(getattr(seen.ego, rest)), 0.0
     if what == "lead" and rest in _LEAD:
-        return lambda seen, frame: np.asarray(getattr(seen.lead, rest)), _IN_PLACE.get(rest, 0.0)
+        absent = _WHERE_ABSENT.get(rest, 0.0)
+        return lambda seen, frame: np.asarray(getattr(seen.lead, rest)), absent
     number, _, value = rest.partition(".")
     if what == "vehicles" and number.isdigit() and int(number) > 0 and value in _VEHICLE:
         place = int(number) - 1
-        return lambda seen, frame: _of_vehicle(seen, frame, place, value), _IN_PLACE.get(value, 0.0)
+        absent = _WHERE_ABSENT.get(value, 0.0)
+        return lambda seen, frame: _of_vehicle(seen, frame, place, value), absent
     raise unknown("feature", name, NAMES)
 
 
-_ALONE: Mapping[str, Callable[[Observations, str], Floats]] = {
+_UNGROUPED: Mapping[str, Callable[[Observations, str], Floats]] = {
     "time": lambda seen, frame: np.full(len(seen.number), seen.time),
     "left_edge": lambda seen, frame: seen.road.left_edge_at(seen.ego.x) - seen.ego.y,
     "right_edge": lambda seen, frame: seen.ego.y - seen.road.right_edge_at(seen.ego.x),
     "lane_offset": lambda seen, frame: seen.ego.y - seen.road.lane_width * seen.ego.lane,
 }
+"""Readers of features whose name has no point."""
 
 
 def _of_vehicle(seen: Observations, frame: str, place: int, what: str) -> Floats:
-    """A value of the vehicle in this place by its distance along the road, nan where there is
-    none.
+    """A value of one vehicle of each case, (n,); nan where there is none.
+
+    place: 0 for the nearest vehicle along the road, 1 for the next.
+    what: name of the value, one of `_VEHICLE`.
     """
     nearest = seen.nearest
     if place >= nearest.shape[1]:

@@ -20,7 +20,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sumo_eval.cosim.doors.child_program import ChildProgram, split_command
+from sumo_eval.cosim.doors.child_program import ChildProgram, checked_command
 from sumo_eval.cosim.doors.controller import Adapter, Briefing
 from sumo_eval.cosim.doors.observation import Observation, lane_borders
 from sumo_eval.cosim.doors.traci_numbers import shown
@@ -58,7 +58,7 @@ class JsonLinesProgram(Adapter):
     @classmethod
     def from_command(cls, command: str, folder: Path | None) -> JsonLinesProgram:
         """Refuses a command that cannot be run."""
-        return cls(split_command(command, folder, "exec"), folder)
+        return cls(checked_command(command, folder, "exec"), folder)
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Start the program and brief it."""
@@ -141,7 +141,7 @@ class JsonLinesProgram(Adapter):
     def _ended(self) -> ControllerError:
         assert self._program is not None
         return ControllerError(
-            f"The ADS's program ended before its case did, {self._program.ended()}"
+            f"The ADS's program ended before its case did, {self._program.how_it_ended()}"
         )
 
 

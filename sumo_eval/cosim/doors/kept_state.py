@@ -21,16 +21,18 @@ _DEEPEST = 12  # containers and objects within each other
 _MOST = 10_000  # members of a container, the rest of which is not looked at
 _CONTAINERS = (dict, list, tuple, set, frozenset, deque)
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
-_NOT_ITS_OWN = ("sumo_eval", "numpy", "traci", "libsumo")  # packages, beside Python's own
-_ITERATOR = "itertools"  # whose objects show where they are
+_FOREIGN_PACKAGES = ("sumo_eval", "numpy", "traci", "libsumo")  # and the standard library
+_ITERATOR = "itertools"  # module whose objects show their position in their `repr`
 
 
 def kept_state(ads: Any) -> dict[str, object]:
-    """State beside its objects that code of an ADS can change, by the names that it has there.
+    """State outside the ADS's objects that its code can change, by name (`module.variable`).
 
-    ads: a class or a function, whose module's folder holds the code.
+    Iterators of lists, plain generators and byte arrays are compared by identity alone.
+
+    ads: a class or a function.
     """
-    state = _of_process()
+    state = _state_of_process()
     for module in reached_modules(ads):
         own = [(k, v) for k, v in list(vars(module).items()) if not k.startswith("__")]
         state |= {f"{module.__name__}.{name}": _frozen(value, 0) for name, value in own}
@@ -40,30 +42,37 @@ def kept_state(ads: Any) -> dict[str, object]:
 
 
 def reached_modules(ads: Any) -> list[ModuleType]:
-    """The module of an ADS and those that it uses, by way of others too.
+    """The module of an ADS and all modules that it uses, directly or not.
 
     Installed packages are left out, except the ADS's own.
     """
     own = ads.__module__.partition(".")[0]
-    reached, waiting = dict[str, ModuleType](), [ads]
+    reached = dict[str, ModuleType]()
+    waiting = [ads]  # modules, and values whose modules are looked into
     while waiting:
-        it = waiting.pop()
-        module = it if isinstance(it, ModuleType) else _module_of(it)
+        value = waiting.pop()
+        module = value if isinstance(value, ModuleType) else _module_of(value)
         if module is None or module.__name__ in reached:
             continue
-        root, file = module.__name__.partition(".")[0], getattr(module, "__file__", None)
-        known = root in _NOT_ITS_OWN or root in sys.stdlib_module_names
-        if known or file is None or ("site-packages" in file and root != own):
+        package = module.__name__.partition(".")[0]
+        file = getattr(module, "__file__", None)
+        if _is_foreign(package) or file is None or ("site-packages" in file and package != own):
             continue
         reached[module.__name__] = module
+        # the values of a module lead to the modules that define them
         waiting += vars(module).values()
     return list(reached.values())
 
 
-def _module_of(value: Any) -> ModuleType | None:
-    """Where a function, a class or an object's class is defined.
+def _is_foreign(package: str) -> bool:
+    return package in _FOREIGN_PACKAGES or package in sys.stdlib_module_names
 
-    A file that was loaded by its path may be in no table.
+
+def _module_of(value: Any) -> ModuleType | None:
+    """The module that defines a function, a class or an object's class; None: unknown.
+
+    A module that was loaded from a file's path may be missing in `sys.modules`. Its variables are
+    then taken from a function that it defines.
     """
     code = value if isinstance(value, type | FunctionType) else type(value)
     if code.__module__ in sys.modules:
@@ -78,12 +87,12 @@ def _module_of(value: Any) -> ModuleType | None:
     return module
 
 
-def _of_process() -> dict[str, object]:
+def _state_of_process() -> dict[str, object]:
     """State that all code of a process shares."""
     return {
         "random": random.getstate(),
         "numpy.random": _frozen(np.random.get_state(), 0),  # noqa: NPY002 - what an ADS may use
-        # numba sets its own when its first function is compiled
+        # numba sets variables of its own when its first function is compiled
         "os.environ": {k: v for k, v in os.environ.items() if not k.startswith("NUMBA_")},
         "the working directory": os.getcwd(),
     }
@@ -92,32 +101,36 @@ def _of_process() -> dict[str, object]:
 def first_change(before: dict[str, object], after: dict[str, object]) -> str | None:
     """Name of the first state that differs; None: all of it is the same."""
     names = [*before, *(name for name in after if name not in before)]
+    # `...` stands for a name that is missing: None may be a value
     return next((name for name in names if before.get(name, ...) != after.get(name, ...)), None)
 
 
 def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> object:
-    """A value as something that later changes of it do not reach.
+    """A comparable picture of a value, which later changes of the value do not reach.
 
-    seen: the containers and objects that it is in, by id.
+    depth: containers and objects around it.
+    seen: these containers and objects, by id: one that contains itself ends there.
     """
     if isinstance(value, _PLAIN):
         return value
     contains = isinstance(value, _CONTAINERS)
-    # containers may be of this look's own making
-    name = len(value) if contains else id(value)
+    # not the id of a container: `_parts` makes some anew in each picture
+    identity = len(value) if contains else id(value)
     if depth > _DEEPEST or id(value) in seen:
-        return name
+        return identity
     stream = _stream(value)
     if stream is not None:
         return stream
     within = seen | {id(value)}
     members = value.items() if isinstance(value, dict) else value
     parts = islice(members, _MOST) if contains else _parts(value)
-    return name, [_frozen(it, depth + 1, within) for it in parts]
+    return identity, [_frozen(it, depth + 1, within) for it in parts]
 
 
 def _stream(value: Any) -> object:
-    """Content of an array, or place of a generator, an iterator or a cache; None: neither."""
+    """Content of an array, or position of a random generator, an iterator or a cache; None: it is
+    none of these.
+    """
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
     if isinstance(value, random.Random):
@@ -132,10 +145,12 @@ def _stream(value: Any) -> object:
 
 
 def _parts(value: Any) -> tuple[Any, ...]:
-    """Parts of an object, class or function that can change; none of what is not the ADS's."""
+    """Parts of an object, class or function that can change; none where its code is foreign.
+
+    Slots, and functions within a `staticmethod`, `classmethod` or `property`, are not looked into.
+    """
     kind = value if isinstance(value, type | FunctionType) else type(value)
-    root = (kind.__module__ or "").partition(".")[0]
-    if root in _NOT_ITS_OWN or root in sys.stdlib_module_names:
+    if _is_foreign((kind.__module__ or "").partition(".")[0]):
         return ()
     if isinstance(value, FunctionType):
         cells = [_cell(it) for it in value.__closure__ or ()]
@@ -146,5 +161,5 @@ def _parts(value: Any) -> tuple[Any, ...]:
 def _cell(cell: Any) -> Any:
     try:
         return cell.cell_contents
-    except ValueError:  # not yet filled
+    except ValueError:  # the variable has no value yet
         return None

@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sumo_eval.cosim.doors.child_program import ChildProgram, split_command
+from sumo_eval.cosim.doors.child_program import ChildProgram, checked_command
 from sumo_eval.cosim.doors.controller import Adapter, own_vehicle_type
 from sumo_eval.cosim.sumo.insides import libsumo
 from sumo_eval.cosim.sumo.private_server import CLIENTS, LOOPBACK, PrivateServer, Relay
@@ -87,7 +87,7 @@ class TraciProgram(Adapter):
     def from_command(cls, command: str, folder: Path | None) -> TraciProgram:
         """Refuses a command that cannot be run, and a machine without sumo."""
         sumo_binary()
-        return cls(split_command(command, folder, "traci"), folder)
+        return cls(checked_command(command, folder, "traci"), folder)
 
 
 def sumo_binary() -> str:
@@ -189,7 +189,7 @@ class ServedSimulation:
     def _check_program(self) -> None:
         if self._program.process.poll() is not None:
             raise ControllerError(
-                f"The ADS's program ended before its case did, {self._program.ended()}."
+                f"The ADS's program ended before its case did, {self._program.how_it_ended()}."
             )
 
 

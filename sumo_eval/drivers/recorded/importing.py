@@ -1,4 +1,4 @@
-"""From files of any known format to one canonical table of recordings."""
+"""Import of recordings: files of any known format become one canonical table."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ READERS: dict[str, tuple[Callable[[Path], Samples], Sequence[str]]] = {
     "openacc": (openacc.read, ("*.csv",)),
     "dlr_highway": (dlr_highway.read, ("trajectories_*.csv",)),
     "osi": (osi.read, [f"*{ending}" for ending in osi.ENDINGS]),
-    "map": (map_table.read, ("*.csv*",)),
+    "map": (map_table.read, ("*.csv*",)),  # also compressed, as .csv.gz
 }
-"""Foreign formats, by the name they have on the command line: what reads one file, and
-patterns of such files in a folder."""
+"""Foreign formats by their name on the command line: (reader of one file, glob patterns of such
+files in a folder)."""
 
 OWN = "csv"  # the canonical table itself
 FORMATS = (*READERS, OWN)
@@ -47,7 +47,7 @@ FORMATS = (*READERS, OWN)
 def import_recordings(form: str, paths: Sequence[Path]) -> Recordings:
     """Read files or folders of one format into one table.
 
-    All of them or none: the first mistake is an InputError.
+    Raises InputError at the first mistake: all files are read, or none.
     """
     parts = list(each_of(form, paths))
     names = [name for part in parts for name in part.table["recording"].unique()]
@@ -60,10 +60,11 @@ def import_recordings(form: str, paths: Sequence[Path]) -> Recordings:
 
 
 def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
-    """The recordings in files or folders of one format, one file at a time, so that only one has to
-    be held.
+    """The recordings in files or folders of one format, one file at a time, so that memory holds
+    only one.
 
-    Raises InputError at the first mistake.
+    Raises InputError at the call for a mistake in the arguments, and for one in a file when it is
+    read.
     """
     if form not in FORMATS:
         raise unknown("format of recordings", form, FORMATS)
@@ -83,7 +84,8 @@ def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
 
 
 def _canonical(table: pd.DataFrame, notes: list[str]) -> Recordings:
+    """The canonical table; one without a column `lane` is on a map and is straightened first."""
     if "lane" in table:
         return canonical(table, notes)
-    straight, more = straighten(table)
-    return canonical(straight, (*notes, *more))
+    straight, more_notes = straighten(table)
+    return canonical(straight, (*notes, *more_notes))

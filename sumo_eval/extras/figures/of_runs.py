@@ -14,8 +14,17 @@ from sumo_eval.cases import CaseTable
 from sumo_eval.evaluation import zone_partitions
 from sumo_eval.extras.figures.chosen import Asked, DrivenPoint, driven_point
 from sumo_eval.extras.figures.style import label, look_of, new_figure, on_paper, styled
-from sumo_eval.extras.panels import FAINT, HAZARDOUS, INK, MUTED, SAFE, Marks, Panel, edge_of
-from sumo_eval.extras.panels import name as name_figure
+from sumo_eval.extras.panels import (
+    FAINT,
+    HAZARDOUS,
+    INK,
+    MUTED,
+    SAFE,
+    Marks,
+    Panel,
+    add_title_and_legend,
+    edge_of,
+)
 from sumo_eval.extras.studies.opinion import INDEXES
 from sumo_eval.method.point_criticality import exact_target
 from sumo_eval.method.trajectory_field import trajectory_fields
@@ -78,7 +87,7 @@ def zone_map(asked: Asked) -> Figure:
         axes = [
             zones.logical.parameters[column] for column in (view.x, view.y) if column is not None
         ]
-        words = [label(item.name, item.behind.strip()) for item in axes]
+        words = [label(item.name, item.unit_suffix.strip()) for item in axes]
         panels.append(Panel(marks, words[0], "".join(words[1:]), _value(zones, view, number),
             chance=chance,
                             range_=(axes[0].low, axes[0].high)))  # fmt: skip
@@ -97,7 +106,7 @@ def _value(zones: ZonePartition, view: View, number: int) -> str:
     if view.panel is None:
         return ""
     parameter = zones.logical.parameters[view.panel]
-    return f"{label(parameter.name, '')} {view.panels[number]:g}{parameter.behind}"
+    return f"{label(parameter.name, '')} {view.panels[number]:g}{parameter.unit_suffix}"
 
 
 def _telling(view: View, zones: ZonePartition, cases: CaseTable) -> View:
@@ -108,7 +117,7 @@ def _telling(view: View, zones: ZonePartition, cases: CaseTable) -> View:
     items = [(zones.logical.parameters[column], value) for column, value in fixed.items()]
     there = replace(view, fixed=fixed)
     shown = sum(there.shows(one) for one in cases)
-    where = ", ".join(f"{item.name} = {value:g}{item.behind}" for item, value in items)
+    where = ", ".join(f"{item.name} = {value:g}{item.unit_suffix}" for item, value in items)
     return replace(
         there, note=f"The slice at {where}, with most collisions: {shown} of {len(cases)} cases."
     )
@@ -177,7 +186,7 @@ def field(asked: Asked) -> Figure:
                 ax.set_aspect("equal")  # a bend keeps its radius
         axes[-1].set_xlabel(label("x", "m"))
         figure.colorbar(image, ax=axes, label="field strength S", extend="max")
-        name_figure(figure, f"{row.case}\n{scene.words}")
+        add_title_and_legend(figure, f"{row.case}\n{scene.words}")
     return figure
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from sumo_eval.errors import InputError, needs_extra, said, unknown
-from sumo_eval.extras.panels import COLOURS, INK, MUTED, Panel, draw, name
+from sumo_eval.extras.panels import COLOURS, INK, MUTED, Panel, add_title_and_legend, draw
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -122,7 +122,7 @@ def on_paper(
             draw(ax, panel, named)
         for ax in axes[len(panels) :]:
             ax.set_visible(False)
-        name(figure, words)
+        add_title_and_legend(figure, words)
     return figure
 
 

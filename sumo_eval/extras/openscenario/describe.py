@@ -35,7 +35,7 @@ def described(read: Read) -> Iterator[str]:
     for item in logical.parameters if space.axes else ():
         values = ", ".join(f"{value:g}" for value in item.values)
         values = values or f"{item.low:g}..{item.high:g}"
-        yield f"  parameter {item.name} = {values}{item.behind} {item.about}".rstrip()
+        yield f"  parameter {item.name} = {values}{item.unit_suffix} {item.about}".rstrip()
     road = logical.road
     yield (
         f"  road {read.frame.name}: {road.lanes} lanes of {road.lane_width:g} m, evaluated to "

@@ -153,10 +153,10 @@ def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalSce
             raise unknown(f"parameter of scenario `{logical.name}`", name, logical.names)
         item = items.pop(name)
         if not item.low <= value <= item.high or (item.values and value not in item.values):
-            allowed = f"within {item.low:g}..{item.high:g}{item.behind}"
+            allowed = f"within {item.low:g}..{item.high:g}{item.unit_suffix}"
             if item.values:
                 values = ", ".join(f"{known:g}" for known in item.values)
-                allowed = f"one of {values}{item.behind}"
+                allowed = f"one of {values}{item.unit_suffix}"
             raise must_be(f"`{name}`", f"the slice of scenario `{logical.name}`", allowed, value)
     if not items:
         raise InputError(

@@ -68,7 +68,7 @@ def grid_axes(
             values = [float(low + index * width) for index in range(count + 1)]
             if rest:
                 notes.append(
-                    f"`{item.name}`: steps of {step:g}{item.behind} from {item.low:g} do not "
+                    f"`{item.name}`: steps of {step:g}{item.unit_suffix} from {item.low:g} do not "
                     f"end at {item.high:g}; the last point is {values[-1]:g}."
                 )
         axes.append(values)
