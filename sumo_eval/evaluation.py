@@ -45,34 +45,31 @@ def evaluate(
     evaluation: Evaluable = None,
     out: str | os.PathLike[str] = "results",
     *,
-    workers: int | None = None,
-    engine: str | None = None,
-    scheduler: str | None = None,
     resume: bool = False,
     ads: Sequence[Any] = (),
     progress: Progress = quiet,
     stopping: Stopping = never,
+    **run_changes: object,
 ) -> Evaluation:
     """Simulate and score an evaluation into the folder `out`.
 
-    evaluation: settings, a dict as the file would be, the path of the file or of a run; None: the
-        paper's.
-
-    workers, engine, scheduler: instead of those in `[run]`.
-    resume: continue the run in `out`, whose own evaluation is what None then means.
-    ads: what to drive in place of the evaluation's own ADSs: locators, whose relative paths start
-        in the current folder, or classes, functions and objects, of a notebook's cell too.
-    Raises StoppedError when `stopping` asks for it; what was done by then is kept.
-
     The folder is the one that `sumo-eval run` leaves, with `scores.json`, `cases.csv` and
     `junit.xml`; its page, `report.html`, is written by `sumo-eval report OUT`.
+
+    Raises StoppedError when `stopping` asks for it; what was done by then is kept.
+
+    evaluation: settings, a dict as the file would be, the path of the file or of a run; None: the
+        paper's, or with `resume` that of the run.
+    resume: continue the run in `out`.
+    ads: ADSs in place of the evaluation's own: locators, whose relative paths start in the current
+        folder, or classes, functions and objects, of a notebook's cell too.
+    run_changes: settings in place of those in `[run]`, such as `workers=4`, `engine="serial"` or
+        `scheduler="tcp://host:8786"`.
     """
     from sumo_eval.record.facts import resolve
 
     folder = Path(out)
-    run = resolve(
-        evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler
-    )
+    run = resolve(evaluation, folder, resume, ads, **run_changes)
     record_rounds(run, folder, resume=resume, progress=progress, stopping=stopping)
     done = score(folder, progress=progress, resolved=run)
     discard_trajectories(done)

@@ -1,10 +1,10 @@
 """ADS `careful_driver`: the careful and competent human of UN Regulation No. 157 (performance model
 1).
 
-It perceives an event, evaluates it for 0.4 s, and 0.75 s after braking is found necessary its
-brakes begin to act: 0 to 0.774 g in 0.6 s. Between events it keeps its speed and its wheel
-straight. It sees the positions and speeds of the other vehicles up to now, nothing else; a crossed
-threshold is dated between two looks, by linear interpolation.
+It perceives an event and evaluates it for 0.4 s. Its brakes begin to act 0.75 s after braking
+became necessary: 0 to 0.774 g in 0.6 s. Between events it keeps its speed and its wheel straight.
+It sees the positions and speeds of the other vehicles up to now, nothing else. The instant at which
+a threshold is crossed is interpolated linearly between two steps.
 
 Source: UN R157, Annex 4, Appendix 3 (original series), Annex 3 (amended); AEB stage as in esmini's
 R157 controllers. docs/baselines.md lists the readings.
@@ -48,24 +48,26 @@ from sumo_eval.kernels import kernel
 BUILD_UP = 0.6  # s, of the driver's brakes and of the emergency brakes
 AEB_BRAKING = 0.85 * GRAVITY  # m/s2
 CUT_IN_TTC = 2.0  # s, a cut-in needs braking below it
-AEB_TTC = 1.5  # s
-FULL_OVERLAP = 0.05  # m, of the narrower body that may still be missing
+AEB_TTC = 1.5  # s, the emergency brakes act below it
+OVERLAP_TOLERANCE = 0.05  # m by which a full overlap may fall short of the narrower body
 
 
 @kernel
 def needed_deceleration(
     gap: float, speed: float, lead_speed: float, lead_braking: float, delay: float
 ) -> float:
-    """Constant deceleration that avoids the lead when it begins `delay` s from now, m/s2; inf when
-    none does.
+    """Constant deceleration that avoids the lead vehicle if it begins `delay` s from now, m/s2; inf
+    if none does.
 
-    The larger of (v - w)^2 / (2 (d - (v - w) delay)), for a lead that keeps its speed w, and, when
-    it brakes with b, v^2 / (2 (d + w^2 / (2 b) - v delay)), for stopping behind the place where it
-    stops. d: bumper gap, m.
+    The larger of (v - w)^2 / (2 (d - (v - w) delay)), for a lead vehicle that keeps its speed w,
+    and, if it brakes with b, v^2 / (2 (d + w^2 / (2 b) - v delay)), for stopping before the point
+    where it stops. d: bumper gap, m.
     """
     closing = speed - lead_speed
-    room = gap - max(closing, 0.0) * delay
-    needed = 0.0 if closing <= 0.0 else closing * closing / (2.0 * room) if room > 0.0 else math.inf
+    needed = 0.0
+    if closing > 0.0:
+        room = gap - closing * delay
+        needed = closing * closing / (2.0 * room) if room > 0.0 else math.inf
     if lead_braking <= 0.0:
         return needed
     room = gap + lead_speed * lead_speed / (2.0 * lead_braking) - speed * delay
@@ -76,13 +78,12 @@ def needed_deceleration(
 def ramped(
     level: float, path: Any, begins: float, ends: float, vehicle: Any, step: float
 ) -> Braked:
-    """Speed that a brake ramp takes off in a step, m/s, and the deceleration at the step's end,
-    m/s2.
+    """Speed lost by a brake ramp in a step, m/s, and the deceleration at the step's end, m/s2.
 
-    level: of the ramp, m/s2.
-    path: of the driver's braking so far.
-    begins, ends: of the ramp, s from the beginning of the step. After its end the brakes are
-        released as fast as they can be, and so are those of an earlier ramp.
+    level: deceleration at the end of the ramp, m/s2.
+    path: of the braking so far; its `level` is released as fast as possible.
+    begins, ends: of braking by the ramp, s from the beginning of the step. After its end the brakes
+        are released as fast as possible.
     """
     ends = min(ends, step)
     lost = brake_ramp_lost(ends - begins, level, BUILD_UP) - brake_ramp_lost(
@@ -96,96 +97,107 @@ def ramped(
 
 
 _WATCHED = fields(
-    "lane", "offset", "time", "speed", "strayed", "braking", "braked", "evaluated", "necessary"
+    "lane_y", "offset", "time", "speed", "strayed_at", "braking", "braked_at", "evaluated_at",
+    "necessary_at",
 )  # fmt: skip
-"""The driver's memory of one vehicle, nan where there is nothing.
+"""The driver's memory of one vehicle; nan: nothing yet.
 
-lane: y of the centre of the lane where it was first seen, or of the place where it stood then, m.
-offset, time, speed: of the last look.
-strayed: when it was further off there than wandering explains, s.
+lane_y: y of the centre of the lane where it was first seen; of a vehicle that stood then, its own
+    y, m.
+offset, time, speed: distance from `lane_y`, m, time, s, and speed along the road, m/s, when it was
+    last seen.
+strayed_at: instant from which it is further off `lane_y` than wandering explains, s.
 braking: its deceleration of the last step, m/s2.
-braked: when that exceeded the driver's threshold, s.
-evaluated: when an event of it has been evaluated, s.
-necessary: when braking for it became necessary, s.
+braked_at: instant at which `braking` exceeded the driver's threshold, s.
+evaluated_at: instant at which the evaluation of an event of it ends, s.
+necessary_at: instant at which braking for it became necessary, s.
 """
 
 
 @kernel
-def careful_driver(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) -> None:
-    """Braking for the vehicle that made it necessary first, else the speed is kept."""
+def careful_driver(
+    ego: Any, others: Any, own: Any, known: Any, others_then: Any, scenario: Any
+) -> None:
+    """Braking for the vehicle that made it necessary first, else the speed is kept.
+
+    own: `CarefulDriver.memory`.
+    known: `CarefulDriver.known`, of each other vehicle.
+    others_then: working space: the other vehicles at another instant, as `own.then` is the ego.
+    """
     me, path, time = own.me, own.path, ego.time
     vehicle, step = scenario[0].vehicle, scenario[0].step
     take(me, ego.seen)
     me.braking = path.level
-    began = _braking_necessary(own, others, known, later, scenario[0], time) + own.p.reaction
+    necessary_at = _braking_necessary(own, others, known, others_then, scenario[0], time)
+    begins_at = necessary_at + own.p.reaction
     own.looked = 1
-    ends = _brakes_end(me, others, known, step)
-    begins = math.inf if math.isnan(began) else began - time
-    braked = ramped(HUMAN_BRAKING, path, begins, ends, vehicle, step)
+    ends = _end_events_within(me, others, known, step)
+    braked = ramped(HUMAN_BRAKING, path, begins_at - time, ends, vehicle, step)
     lost, level = braked.lost, braked.level
     if own.p.aeb:
-        _watch_over(others, own, known, later, step, time)
+        _watch_over(others, own, known, others_then, step, time)
         if own.aeb_brakes:
             braked = ramped(AEB_BRAKING, path, own.aeb_began - time, step, vehicle, step)
             if braked.lost > lost or (braked.lost == lost and braked.level > level):
                 lost, level = braked.lost, braked.level
     path.level = level
-    releases = (math.isnan(began) or ends < step) and own.aeb_brakes == 0
+    releases = (math.isinf(begins_at) or ends < step) and own.aeb_brakes == 0
     ego.command.acceleration = -path_command(path, lost, releases, own.p.brakes, vehicle, step)
     ego.command.steering = lane_kept(ego, scenario[0])
     ego.settled = 1 - own.aeb_brakes
     for j in range(len(others)):
-        if not math.isnan(known[j].necessary):
+        if not math.isnan(known[j].necessary_at):
             ego.settled = 0
 
 
 @kernel
 def _braking_necessary(
-    own: Any, others: Any, watched: Any, later: Any, scenario: Any, time: float
+    own: Any, others: Any, watched: Any, others_then: Any, scenario: Any, time: float
 ) -> float:
-    """When braking became necessary for any lead vehicle, s; nan when nothing calls for it."""
+    """Instant at which braking first became necessary for a vehicle in front, s; inf: it is not."""
     me, p = own.me, own.p
     for j in range(len(others)):
         if not math.isnan(others[j].x):
             _look_at(others[j], watched[j], p, scenario, time)
     for j in range(len(others)):
         known = watched[j]
-        if not math.isnan(known.necessary) and _is_over(me, others[j], known, scenario):
-            known.braked = known.evaluated = known.necessary = math.nan
+        if not math.isnan(known.necessary_at) and _is_over(me, others[j], known, scenario):
+            known.braked_at = known.evaluated_at = known.necessary_at = math.nan
     _judge_cut_ins(me, others, watched, p, scenario, time)
-    _judge_path(own, others, watched, later, scenario, time)
-    first = math.nan
+    _judge_path(own, others, watched, others_then, scenario, time)
+    first = math.inf
     for j in range(len(others)):
-        call = watched[j].necessary
-        if others[j].x > me.x and not math.isnan(call) and not call >= first:
-            first = call
+        necessary_at = watched[j].necessary_at
+        if others[j].x > me.x and necessary_at < first:  # false of nan
+            first = necessary_at
     return first
 
 
 @kernel
 def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None:
+    """Write into the memory what a vehicle that is in sight shows at this step."""
     braking = 0.0
-    if math.isnan(known.lane):
+    if math.isnan(known.lane_y):
         centre = scenario.road.lane_width * round(other.y / scenario.road.lane_width)
-        known.lane = centre if other.speed > 0.0 else other.y
-        known.offset, known.time = other.y - known.lane, time
+        # a parked vehicle has its own y: it has not strayed
+        known.lane_y = centre if other.speed > 0.0 else other.y
+        known.offset, known.time = other.y - known.lane_y, time
     else:
         braking = (known.speed - other.along) / scenario.step
-    offset = other.y - known.lane
-    # not who is parked
-    if math.isnan(known.strayed) and abs(offset) > p.wander and abs(offset) > abs(known.offset):
+    offset = other.y - known.lane_y
+    if math.isnan(known.strayed_at) and abs(offset) > p.wander and abs(offset) > abs(known.offset):
         share = max((p.wander - abs(known.offset)) / (abs(offset) - abs(known.offset)), 0.0)
-        known.strayed = known.time + share * (time - known.time)
-    if math.isnan(known.braked) and braking > p.lead_braking:
-        known.braked = time - scenario.step  # braking that jumps began at the earliest there
+        known.strayed_at = known.time + share * (time - known.time)
+    if math.isnan(known.braked_at) and braking > p.lead_braking:
+        known.braked_at = time - scenario.step  # the earliest instant for braking that jumps
     known.offset, known.time = offset, time
     known.braking, known.speed = braking, other.along
 
 
 @kernel
 def _is_over(me: Any, other: Any, known: Any, scenario: Any) -> bool:
-    """Whether the event no longer calls for braking: passed, no longer in or towards the path, or
-    not closing.
+    """Whether the event needs no braking any more: the vehicle is passed, neither in the path nor
+    on its way there, or neither closing nor braking.
     """
     if not other.x > me.x:
         return True
@@ -196,56 +208,64 @@ def _is_over(me: Any, other: Any, known: Any, scenario: Any) -> bool:
 
 @kernel
 def _is_from_own_lane(me: Any, known: Any, scenario: Any) -> bool:
-    return bool(abs(known.lane - me.y) < 0.5 * scenario.road.lane_width)
+    """Whether the vehicle was in the ego's lane when it was first seen."""
+    return bool(abs(known.lane_y - me.y) < 0.5 * scenario.road.lane_width)
 
 
 @kernel
 def _comes_towards(me: Any, known: Any, scenario: Any) -> bool:
-    """Whether it has left its own lane towards the ego's."""
-    if math.isnan(known.strayed) or _is_from_own_lane(me, known, scenario):
+    """Whether the vehicle has left its own lane towards the ego's."""
+    if math.isnan(known.strayed_at) or _is_from_own_lane(me, known, scenario):
         return False
-    return bool(known.offset * (me.y - known.lane) > 0.0)
+    return bool(known.offset * (me.y - known.lane_y) > 0.0)
 
 
 @kernel
 def _judge_cut_ins(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time: float) -> None:
+    """Find vehicles that cut in and for which braking has become necessary."""
     for j in range(len(others)):
         other, known = others[j], watched[j]
         if (
             not other.x > me.x
-            or not math.isnan(known.necessary)
+            or not math.isnan(known.necessary_at)
             or not _comes_towards(me, known, scenario)
         ):
             continue
         if not is_in_sight(me, others, j, SHOWING):
             continue
-        left = time_to_collision(me, other)
-        evaluated = known.strayed + p.evaluation
-        if 0.0 < left < CUT_IN_TTC and time >= evaluated - 0.5 * scenario.step:
-            known.necessary = max(evaluated, time - min(CUT_IN_TTC - left, scenario.step))
+        ttc = time_to_collision(me, other)
+        evaluated_at = known.strayed_at + p.evaluation
+        if 0.0 < ttc < CUT_IN_TTC and time >= evaluated_at - 0.5 * scenario.step:
+            # TTC falls by about 1 s a second: it was at the threshold that long ago, but within
+            # this step, and not before the evaluation ended
+            known.necessary_at = max(evaluated_at, time - min(CUT_IN_TTC - ttc, scenario.step))
 
 
 @kernel
 def _judge_path(
-    own: Any, others: Any, watched: Any, later: Any, scenario: Any, time: float
+    own: Any, others: Any, watched: Any, others_then: Any, scenario: Any, time: float
 ) -> None:
-    """The vehicles in the ego's lane, nearest first, down to the first that hides what is beyond
-    it: revealed by one that leaves, braking within 2 s of headway, or approached for long.
+    """Find vehicles in the ego's lane for which braking has become necessary: revealed by one that
+    leaves it, braking within 2 s of headway, or approached too fast.
+
+    Nearest first, until the first vehicle that hides what is beyond it.
     """
     me, leaves = own.me, -1
     j = next_ahead(me, others, -1)
     while j >= 0:
         known = watched[j]
         in_path = lateral_overlap(me, others[j]) > 0.0
-        if in_path and math.isnan(known.necessary) and not _comes_towards(me, known, scenario):
-            if math.isnan(known.evaluated):
-                perceived = _revealed(own, others, watched, j, leaves, time)
-                if math.isnan(perceived):
-                    perceived = _approached(own, others[j], known, later[j], scenario.step, time)
-                known.evaluated = perceived + own.p.evaluation
-            if not math.isnan(known.evaluated) and time >= known.evaluated - 0.5 * scenario.step:
-                known.necessary = known.evaluated
-        if not math.isnan(known.strayed) and _is_from_own_lane(me, known, scenario):
+        if in_path and math.isnan(known.necessary_at) and not _comes_towards(me, known, scenario):
+            if math.isnan(known.evaluated_at):
+                perceived_at = _revealed(own, others, watched, j, leaves, time)
+                if math.isnan(perceived_at):
+                    perceived_at = _approached(
+                        own, others[j], known, others_then[j], scenario.step, time
+                    )
+                known.evaluated_at = perceived_at + own.p.evaluation
+            if time >= known.evaluated_at - 0.5 * scenario.step:  # false of nan
+                known.necessary_at = known.evaluated_at
+        if not math.isnan(known.strayed_at) and _is_from_own_lane(me, known, scenario):
             leaves = j if leaves < 0 else leaves
         elif in_path:
             return
@@ -254,24 +274,30 @@ def _judge_path(
 
 @kernel
 def _revealed(own: Any, others: Any, watched: Any, j: int, leaves: int, time: float) -> float:
-    """When the driver perceived a near vehicle as revealed or braking, s; nan while it is
-    neither.
+    """Instant at which the driver perceived a near vehicle as revealed or braking, s; nan while it
+    is neither.
+
+    leaves: index of the nearest vehicle that has left the ego's lane; -1: none.
     """
     me, other, known = own.me, others[j], watched[j]
     near = within_headway(me, other, FOLLOWING_HEADWAY)
-    if leaves >= 0 and me.along > other.along and not math.isnan(watched[leaves].strayed):
+    if leaves >= 0 and me.along > other.along:
         near_lead = within_headway(me, others[leaves], FOLLOWING_HEADWAY)
         if near_lead or near:
-            return float(max(watched[leaves].strayed, time - own.p.evaluation))
-    if not math.isnan(known.braked) and near:
-        return float(max(known.braked, time - own.p.evaluation))
+            return float(max(watched[leaves].strayed_at, time - own.p.evaluation))
+    if not math.isnan(known.braked_at) and near:
+        return float(max(known.braked_at, time - own.p.evaluation))
     return math.nan
 
 
 @kernel
-def _approached(own: Any, other: Any, known: Any, then: Any, step: float, time: float) -> float:
-    """When the driver perceived that approaching a vehicle needs braking, s; nan while it does
-    not.
+def _approached(
+    own: Any, other: Any, known: Any, other_then: Any, step: float, time: float
+) -> float:
+    """Instant at which the driver perceived that approaching a vehicle needs braking, s; nan while
+    it does not.
+
+    other_then: working space: the vehicle a step ago.
     """
     me, p = own.me, own.p
     needed = _needed(me, other, known, p)
@@ -281,46 +307,47 @@ def _approached(own: Any, other: Any, known: Any, then: Any, step: float, time: 
         return float(time)
     take(own.then, me)
     carry_on(own.then, -step)
-    take(then, other)
-    then.braking = known.braking
-    carry_on(then, -step)
-    earlier = _needed(own.then, then, known, p)
+    take(other_then, other)
+    other_then.braking = known.braking
+    carry_on(other_then, -step)
+    earlier = _needed(own.then, other_then, known, p)
     share = (p.in_path_limit - earlier) / (needed - earlier) if earlier < p.in_path_limit else 0.0
     return float(time - (1.0 - share) * step)
 
 
 @kernel
 def _needed(me: Any, other: Any, known: Any, p: Any) -> float:
+    """`needed_deceleration` after the evaluation and the reaction, m/s2."""
     delay = p.evaluation + p.reaction
     return needed_deceleration(bumper_gap(me, other), me.along, other.along, known.braking, delay)
 
 
 @kernel
-def _brakes_end(me: Any, others: Any, watched: Any, step: float) -> float:
-    """When in the coming step the ego is as slow as everybody it brakes for, s, inf: not in it;
-    those events are over then.
+def _end_events_within(me: Any, others: Any, watched: Any, step: float) -> float:
+    """End the events of all vehicles for which the ego brakes, if it becomes as slow as they are in
+    the coming step; the time until then, s, inf: not in this step.
     """
-    ends, calls = 0.0, 0
+    ends, events = 0.0, 0
     for j in range(len(others)):
-        if math.isnan(watched[j].necessary) or not others[j].x > me.x:
+        if math.isnan(watched[j].necessary_at) or not others[j].x > me.x:
             continue
         if watched[j].braking > 0.0 or me.braking <= 0.0:
             return math.inf
         ends = max(ends, (me.along - others[j].along) / me.braking)
-        calls += 1
-    if calls == 0 or ends >= step:
+        events += 1
+    if events == 0 or ends >= step:
         return math.inf
     for j in range(len(others)):
         known = watched[j]
-        if not math.isnan(known.necessary) and others[j].x > me.x:
-            known.braked = known.evaluated = known.necessary = math.nan
+        if not math.isnan(known.necessary_at) and others[j].x > me.x:
+            known.braked_at = known.evaluated_at = known.necessary_at = math.nan
     return float(ends)
 
 
 @kernel
 def _aeb_ttc(me: Any, other: Any) -> float:
-    """TTC to a lead vehicle that fully overlaps the ego's path, s; inf to any other."""
-    full = 2.0 * min(me.half_width, other.half_width) - FULL_OVERLAP
+    """TTC to a vehicle in front that fully overlaps the ego's path, s; inf to any other."""
+    full = 2.0 * min(me.half_width, other.half_width) - OVERLAP_TOLERANCE
     return (
         math.inf
         if not other.x > me.x or lateral_overlap(me, other) < full
@@ -344,14 +371,16 @@ def _aeb_demand(scene: Any, after: float) -> float:
 
 
 @kernel
-def _watch_over(others: Any, own: Any, known: Any, later: Any, step: float, time: float) -> None:
-    """The AEB stage: for a vehicle in sight and fully in the path at TTC < 1.5 s, until no longer
-    closing.
+def _watch_over(
+    others: Any, own: Any, known: Any, others_then: Any, step: float, time: float
+) -> None:
+    """The AEB stage: it brakes for a vehicle in sight and fully in the path from TTC < 1.5 s until
+    the ego no longer closes in.
     """
     for j in range(len(others)):
         sight(known[j].sighting, others[j], step)
     if own.aeb_brakes == 0:
-        scene = (own, known, later, step)
+        scene = (own, known, others_then, step)
         if _aeb_demand(scene, step) > 0.0:
             begins = (
                 0.0
@@ -369,12 +398,12 @@ def _watch_over(others: Any, own: Any, known: Any, later: Any, step: float, time
 class CarefulDriver(Compiled):
     """ADS `careful_driver` (with `aeb`: `careful_driver_aeb`), performance model 1 of UN R157.
 
-    wander: lateral distance from the lane centre that does not count as a lane change, m.
-    evaluation: s.
-    reaction: from finding braking necessary to its beginning, s.
-    lead_braking: deceleration of a lead above which it is perceived as braking, m/s2.
-    in_path_limit: deceleration, m/s2, that approaching a vehicle already in the path must come to
-        need before it is an event; the regulation has no such case.
+    wander: largest distance from the lane centre that does not count as a lane change, m.
+    evaluation: time from perceiving an event to the end of its evaluation, s.
+    reaction: time from the instant at which braking became necessary to its begin, s.
+    lead_braking: deceleration above which a lead vehicle is perceived as braking, m/s2.
+    in_path_limit: needed deceleration from which approaching a vehicle in the path is an event,
+        m/s2; the regulation has no such case.
     """
 
     loop = staticmethod(each_row(careful_driver))
@@ -382,7 +411,8 @@ class CarefulDriver(Compiled):
         ("path", BRAKE_PATH), ("me", MOVER), ("then", MOVER), *fields("aeb_began"),
         *flags("aeb_brakes", "looked"),
     ]  # fmt: skip
-    """me: the ego as it is, with the driver's braking. then: where it is at some other instant."""
+    """path: of the driver's braking. me: the ego now. then: the ego at another instant. aeb_began:
+    begin of the emergency braking, s. looked: 1 after the first step."""
     known: ClassVar = [*_WATCHED, *SIGHTED]
     numbers: ClassVar = [
         BRAKES, *fields("wander", "evaluation", "reaction", "lead_braking", "in_path_limit"),

@@ -56,12 +56,12 @@ def with_no_return(
         if isinstance(it, Recording) and it.collision is not None and it.commands is not None
     }
     for place, last in _last_steps(contacts, settings).items():
-        _, recording, hit, commands = contacts[place]
-        braking = np.flatnonzero(commands[:, -2] <= -BRAKES)
+        contact = contacts[place]
+        braking = np.flatnonzero(contact.commands[:, -2] <= -BRAKES)
         first = round(float(braking[0]) * settings.step, 6) if len(braking) else NEVER
         time = last if last < 0.0 else round(last * settings.step, 6)
-        clip = Clip(NO_RETURN, 1, time, first, hit.time)
-        marked[place] = replace(recording, clips=(*recording.clips, clip))
+        clip = Clip(NO_RETURN, 1, time, first, contact.hit.time)
+        marked[place] = replace(contact.recording, clips=(*contact.recording.clips, clip))
     return marked
 
 

@@ -68,11 +68,16 @@ _ALONG = 0.5  # rad, beside the road's line, within which SUMO finds a vehicle o
 _PLACE_TOLERANCE = 1e-3  # m
 # of the motion on a bend, by which SUMO's polylines and its stretching of lanes change it
 _CHORD_SHARE = 0.03
-# places of an ego's numbers, the last: its speed as SUMO counts it, without the sideways part
-_FRONT_X, _FRONT_Y, _MAP, _LANE_SPEED = (
-    records.EGO.fields[name][1] // 8 + after  # type: ignore[index]
-    for name, after in (("front_x", 0), ("front_y", 0), ("map", 0), ("next", 3))
-)
+
+
+def _number_of(field: str) -> int:
+    """Index of a field's first number among the numbers of an ego's record."""
+    return int(records.EGO.fields[field][1] // 8)  # type: ignore[index]
+
+
+_FRONT_X, _FRONT_Y = _number_of("front_x"), _number_of("front_y")
+_MAP = _number_of("map")
+_LANE_SPEED = _number_of("next") + 3  # speed as SUMO counts it, without the sideways part
 
 
 class OnTraci(EgoControl):
@@ -167,8 +172,9 @@ class _Hook:
     """The ADS of one case, and its ego where SUMO moves it."""
 
     def __init__(self, driver: OnTraci, ads: Adapter, seed: int, terms: Terms) -> None:
-        self.ads, self._seed, self._terms, self._driver = ads, seed, terms, driver
-        self._step_timeout, self._plant, self._folder, self._every = terms
+        self.ads, self._driver = ads, driver
+        self._seed, self._terms = seed, terms
+        self._plant = terms.plant
         self._waits = hasattr(ads, "took")  # for a program that drives in its own time
         self.target = ads.target
         self._bend = 0.0  # 1/m, the road's curvature beside the ego
@@ -177,7 +183,8 @@ class _Hook:
 
     def take(self, world: World, stage: Stage, case: int) -> None:
         """Make ready for a case of the world."""
-        self._world, self._calls, self._traci, self._case = world, stage.calls, stage.traci, case
+        self._world, self._case = world, case
+        self._calls, self._traci = stage.calls, stage.traci
         concrete = world.cases[case]
         self.ego = stage.names[case][0]
         self.names = _names(concrete, suffix(case, len(world.cases)))
@@ -232,7 +239,7 @@ class _Hook:
         """Put an exception of the user's code in words; a refused call is reported by the check of
         the clock.
         """
-        self._world.keep_fault(self._case, error, self.target, self._folder)
+        self._world.keep_fault(self._case, error, self.target, self._terms.folder)
         if isinstance(error, RefusedCallError):
             return
         # an adapter, or the watch over the step, has put it in words
@@ -248,7 +255,9 @@ class _Hook:
         if self.ads.observes:
             self._look(world, time)
         try:
-            command, took = self._ask(time) if world.steps % self._every == 0 else self._held(time)
+            command, took = (
+                self._ask(time) if world.steps % self._terms.every == 0 else self._held(time)
+            )
             if not self._at_once:
                 command = self._arriving(world, command, took)
             if command is not None:
@@ -308,9 +317,10 @@ class _Hook:
             if self._waits:
                 took += self.ads.took  # type: ignore[attr-defined]
             self._latencies.append(took)
-        if took > self._step_timeout:
+        if took > self._terms.step_timeout:
             raise ControllerTimeoutError(
-                f"The ADS must answer within {self._step_timeout:g} s, took longer at {time:.2f} s."
+                f"The ADS must answer within {self._terms.step_timeout:g} s, took longer at "
+                f"{time:.2f} s."
             )
         if not GUARD.shared:
             self._driver._check_clock(self._world, time)
@@ -460,7 +470,8 @@ class _Hook:
             speed *= stretch
         if across:
             speed = math.hypot(speed, across)
-        state[0], state[1], state[2], state[3], state[7] = x, y, heading, speed, acceleration
+        state[0], state[1], state[2] = x, y, heading
+        state[3], state[7] = speed, acceleration
 
     def _went_straight(self) -> bool:
         """Read an ego that SUMO moved along a straight lane, as nearly always; else leave it."""

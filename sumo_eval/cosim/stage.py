@@ -250,17 +250,18 @@ class Stage:
         """Take in the actors where they are as SUMO shows them."""
         if not self.as_read:
             return
-        calls, cells, present, far = self.calls, self._cells, self._present, self._far
-        fronts, speeds = self.fronts, self.speeds
+        calls, cells, present = self.calls, self._cells, self._present
+        far, fronts, speeds = self._far, self.fronts, self.speeds
         for row, j in self._unread:
             name, j = self._flat[row * self._width + j], j - 1
             if j < 0:
                 continue
-            x, y, angle, speed = _NOT_THERE
+            shown = _NOT_THERE
             if present[row, j]:
                 try:
                     x, y = front = calls.getPosition(name)
                     angle, speed = calls.getAngle(name), calls.getSpeed(name)
+                    shown = x, y, angle, speed
                     last_x, last_y = fronts[name]
                     there = (
                         -far < x - last_x < far
@@ -279,14 +280,14 @@ class Stage:
                     present[row, j], self._names = 0, []
                     speeds.pop(name, None)
                     world.note(int(world.rows[row]), "actor_left_the_network", now, now)
-                    x, y, angle, speed = _NOT_THERE
+                    shown = _NOT_THERE
                 except SimulationError:
                     if self._alone:
                         raise
                     world.leave(row, LEFT_BATCH)
             at = 4 * (row * (self._width - 1) + j)
-            cells[at], cells[at + 1] = x, y
-            cells[at + 2], cells[at + 3] = angle, speed
+            cells[at], cells[at + 1] = shown[:2]
+            cells[at + 2], cells[at + 3] = shown[2:]
 
     def _is_past_the_road(self, world: World, row: int, other: int) -> bool:
         """Whether a script has its vehicle's front bumper beyond the last lane."""

@@ -611,7 +611,9 @@ class Perception:
 
     def _within_reach(self, egos: NDArray[Any], others: NDArray[Any]) -> NDArray[np.bool_]:
         """Whether each actor is somewhere where it can be seen, (n, m)."""
-        x, y, heading, _, length, width, _ = others.transpose(2, 0, 1)
+        columns = others.transpose(2, 0, 1)
+        x, y, heading = columns[:3]
+        length, width = columns[4:6]
         me_x, me_y, turned = egos.T[:3, :, None]
         farthest, half_angle, hides = self._limits[:, _REACH].T[..., None]
         reach = np.hypot(x - me_x, y - me_y) <= farthest

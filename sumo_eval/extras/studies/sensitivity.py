@@ -51,7 +51,8 @@ H."""
 # coarse slices for the bands of the drivers' own scores, which take long and are not used here
 _COARSE_BANDS = "method.anthropomorphic.band_slice_spacing=100.0"
 _VALUES_OF_A = (10.0, 25.0, 50.0, 75.0, 90.0)  # points for collision avoidance, of 100
-_PANELS_ACROSS, _PANEL_WIDTH, _PANEL_HEIGHT, _MARGIN = 4, 260, 240, 80  # px, but the first
+_PANELS_ACROSS = 4
+_PANEL_WIDTH, _PANEL_HEIGHT, _MARGIN = 260, 240, 80  # px
 
 Scores = dict[str, float]
 """Score by ADS, nan where not computed."""
