@@ -15,7 +15,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
-from sumo_eval.errors import InputError, needs_extra
+from sumo_eval.errors import InputError, check_known, needs_extra
 from sumo_eval.input_file import writing
 from sumo_eval.record import run_folder
 from sumo_eval.record.cases import Role
@@ -129,6 +129,7 @@ def export(
     One drive after the other, so a run of any size can be exported. Parquet needs the extra
     `parquet`.
     """
+    check_known("format of an export", FORMATS, kind)
     run, folder = open_run(path), Path(out)
     scored = _scored(run.folder, CASES)
     with writing(f"The export to {folder}"):

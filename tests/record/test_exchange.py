@@ -74,6 +74,8 @@ def test_parquet_holds_the_same_as_csv(run: Path, tmp_path: Path) -> None:
         "trajectories.parquet",
     ]
     export(run, tmp_path / "csv")
+    with pytest.raises(InputError, match="Unknown format `xlsx` of an export"):
+        export(run, tmp_path, "xlsx")
     for path in written:
         expected = pd.read_csv(tmp_path / "csv" / f"{path.stem}.csv")
         table = duckdb.sql("SELECT * FROM read_parquet(?)", params=[str(path)])
