@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
+from evaluations import small
 from record.edited_store import edit
 from record.runs import MY_ADS, command, digest, sumo_eval_cli, write_evaluation
 
@@ -24,7 +25,9 @@ import sumo_eval
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.record.facts import parse_shard, record_facts
 from sumo_eval.record.run_folder import only_writer
+from sumo_eval.record.store import open_store
 from sumo_eval.scenario.resolved import Resolved
+from sumo_eval.settings import DriverSettings
 from sumo_eval.settings.config import read_evaluation
 
 CLUSTERS = Path(__file__).parents[2] / "docs" / "clusters.md"
@@ -128,6 +131,27 @@ def test_a_module_that_the_ads_imports_is_part_of_it(tmp_path: Path) -> None:
     second = planner(Resolved(settings, tmp_path, {})).identities
     assert second["idm"] == first["idm"]
     assert second["my_ads.py:MyAds"] != first["my_ads.py:MyAds"]
+
+
+def test_changed_drives_of_an_own_reference_are_taken(tmp_path: Path) -> None:
+    people = (
+        "from pathlib import Path\n"
+        "from sumo_eval.trajectory import Trajectory\n"
+        "def drives(concrete):\n"
+        "    speed = float(Path(__file__).with_suffix('.txt').read_text())\n"
+        "    return [Trajectory([0.0, 9.0], [50.0, 50.0 + 9.0 * speed], [0.0, 0.0])]\n"
+    )
+    (tmp_path / "people.py").write_text(people)
+    evaluation = replace(
+        small(["idm"], steps={"ego_speed": 100.0, "lead_speed": 100.0}),
+        drivers=DriverSettings(source=f"{tmp_path / 'people.py'}:drives"),
+    )
+    for speed in (10.0, 5.0):
+        (tmp_path / "people.txt").write_text(str(speed))
+        record_facts(Resolved.of(evaluation, tmp_path), tmp_path / "run", resume=speed == 5.0)
+    case = "front_vehicle_low_speed-0000-~driver_00"
+    with open_store(tmp_path / "run/facts.sqlite") as store:
+        assert store.trajectory(case).x[-1] == 95.0
 
 
 def test_resuming_with_fewer_cases_is_refused_and_loses_none(whole: Path) -> None:
