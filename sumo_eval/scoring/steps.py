@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from sumo_eval.drivers.recorded.exposure import exposure_of
 from sumo_eval.method.plausibility import Quantiles
 from sumo_eval.method.severity import Severity
 from sumo_eval.record.human_reference import LeftOut
@@ -25,6 +26,7 @@ from sumo_eval.record.store import Fact, Store
 from sumo_eval.results import ScenarioResult, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.resolved import Resolved
+from sumo_eval.scenario.sampling.samples import BY_EXPOSURE, Sample
 from sumo_eval.scoring.confidence.drivers import driver_deviations
 from sumo_eval.scoring.confidence.intervals import ScoreIntervals
 from sumo_eval.scoring.confidence.next_round import ADAPTIVE, standing
@@ -87,12 +89,30 @@ class Scoring:
         settings, source = self.run.settings, self.run.source
         reference = settings.method.task.task_reference
         return ScenarioRun(
-            entry, logical, choose_points(logical, entry, source, settings), settings, source,
+            entry, logical, self._points(entry, logical), settings, source,
             self.severity,
             self.store, self.kept, self.spread, self.progress,
             reference if recorded_with(self.store, reference) else "",
             frozenset(self.exposures.get(logical.name, {}).get("outside_support", ())),
         )  # fmt: skip
+
+    def _points(self, entry: ScenarioSettings, logical: LogicalScenario) -> Sample:
+        """The points of a scenario. Those drawn by recordings, which need not be there any more,
+        are taken from the drives.
+        """
+        settings, source = self.run.settings, self.run.source
+        recorded = entry.exposure.kind == "recorded"
+        exposure = (
+            None if recorded else exposure_of(logical, entry.exposure, settings.drivers, source)
+        )
+        chosen = choose_points(logical, entry, source, settings, exposure and exposure.density)
+        if not recorded or chosen.method not in BY_EXPOSURE:
+            return chosen
+        values = {fact.point: fact.values for fact in self.store.facts("ideal", logical.name)}
+        some = next(iter(values.values()))  # in place of points that `run.only` leaves out
+        every = (values.get(number, some) for number in range(max(values) + 1))
+        points = np.array([[it[name] for name in logical.names] for it in every])
+        return replace(chosen, points=points, refused=points[:0], notes=())
 
 
 Scored = list[tuple[ScenarioResult, ScoreIntervals | None]]

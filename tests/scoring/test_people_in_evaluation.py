@@ -4,19 +4,29 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from drivers.test_reference import write_people
+from evaluations import small
 
 from sumo_eval.cli import main
 from sumo_eval.evaluation import score
 from sumo_eval.extras.studies.calibration import calibrate
 from sumo_eval.extras.studies.opinion import compare_opinion, read_ratings
 from sumo_eval.extras.studies.sensitivity import K3_LEFT_OUT, sensitivity, sensitivity_lines
+from sumo_eval.record.facts import record_facts
 from sumo_eval.report.words import score_note
 from sumo_eval.results import PlausibleTo
+from sumo_eval.scenario.resolved import Resolved
+from sumo_eval.settings import (
+    DeclaredDistribution,
+    ExposureSettings,
+    SamplingSettings,
+    ScenarioSettings,
+)
 
 EVALUATION = """
 name = "people"
@@ -295,3 +305,22 @@ def test_the_ranking_under_other_constants(runs):
     a = [row for row in rows if (row.constant, row.index) == ("a", "S")]
     assert [row.value for row in a] == [10.0, 25.0, 50.0, 75.0, 90.0]
     assert all(row.ranking[0] == "lane_changer" for row in a)
+
+
+@pytest.mark.parametrize(
+    "exposure",
+    [
+        ExposureSettings("declared", declared={"ego_speed": DeclaredDistribution("normal", 28, 1)}),
+        ExposureSettings("recorded", recordings=("people.csv",)),
+    ],
+)
+def test_points_drawn_by_an_exposure_are_scored_as_driven(exposure, tmp_path):
+    write_people(tmp_path / "people.csv", np.linspace(24.0, 30.0, 12).tolist(), lead_step=0.8)
+    sampling = SamplingSettings("exposure", count=16)
+    entry = ScenarioSettings("front_vehicle_low_speed", sampling, exposure)
+    settings = replace(small(["idm"], drivers=2), scenario=(entry,))
+    record_facts(Resolved.of(settings, tmp_path), tmp_path / "run")
+    (tmp_path / "people.csv").unlink()
+    done = score(tmp_path / "run")
+    (zones,), (idm,) = done.zones, done.scores
+    assert zones.sampled == idm.cases == len(list(done.cases))

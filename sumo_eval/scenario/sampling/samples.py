@@ -52,6 +52,9 @@ class Sample:
     stratum: NDArray[np.intp] | None = None
 
 
+BY_EXPOSURE = ("exposure", "exposure_danger")
+"""Methods whose points depend on the exposure."""
+
 Method = tuple[Callable[[LogicalScenario, Request], Drawn], frozenset[str]]
 
 METHODS: Mapping[str, Method] = MappingProxyType(
