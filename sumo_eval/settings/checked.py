@@ -1,24 +1,27 @@
 """The base of all settings: their meaning, unit and bounds, and the refusal of other values.
 
-The `Annotated` bounds of a setting are the only place where a limit is written: a setting made in
-Python is checked here, and `sumo_eval.settings.config` hands the same annotations to the reader of
+The `Annotated` bounds of a setting are the only place where a limit is written: direct construction
+checks them here, and `sumo_eval.settings.config` hands the same annotations to the reader of
 evaluation.toml.
 """
 
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from numbers import Integral, Real
+from types import UnionType
 from typing import (
     Annotated,
     Any,
     ClassVar,
     Literal,
     NamedTuple,
+    Union,
     get_args,
     get_origin,
     get_type_hints,
@@ -39,7 +42,6 @@ class About:
     equation: str = ""
 
 
-# the bounds alone are for settings that may be None: Annotated[float | None, Positive]
 Positive = Gt(0.0)
 NotNegative = Ge(0.0)
 PositiveFloat = Annotated[float, Positive]
@@ -62,9 +64,10 @@ def about(cls: type, name: str) -> About:
 
 
 # annotation: (what is accepted, its words)
-_KINDS: dict[object, tuple[type, str]] = {
+_KINDS: dict[object, tuple[Any, str]] = {
     float: (Real, "a number"), int: (Integral, "a whole number"), bool: (bool, "true or false"),
-    str: (str, "a text"),
+    str: (str, "a text"), dict: (Mapping, "a table"), tuple: ((list, tuple), "a list"),
+    Union: (object, ""), UnionType: (object, ""), Literal: (object, ""), Any: (object, ""),
 }  # fmt: skip
 # (bound, its attribute with the limit, test of a value and the limit, words before the limit)
 _CHECKS: tuple[tuple[type, str, Callable[[Any, Any], bool], str], ...] = (
@@ -77,11 +80,10 @@ _CHECKS: tuple[tuple[type, str, Callable[[Any, Any], bool], str], ...] = (
 
 
 class Checked:
-    """Base of all settings: refuses a value outside the bounds that its annotation states.
+    """Base of all settings: refuses a value that does not fit its annotation, as from a file.
 
-    Tables, tuples and values of several types (`int | dict`) are not checked here, only by the
-    reader of files. A `__post_init__` of a subclass calls `Checked.__post_init__(self)`: a
-    dataclass with slots has no `super()`.
+    A `__post_init__` of a subclass calls `Checked.__post_init__(self)`: a dataclass with slots has
+    no `super()`.
     """
 
     __slots__ = ()
@@ -89,62 +91,91 @@ class Checked:
 
     def __post_init__(self) -> None:
         cls: type = type(self)
-        owner = f"`{cls.__name__}`"
-        for rule in _rules(cls):
-            value = getattr(self, rule.name)
-            if value is None and rule.optional:
-                continue
-            if rule.choices and value not in rule.choices:
-                raise must_be(
-                    f"`{rule.name}`", owner, "one of " + ", ".join(map(repr, rule.choices)), value
-                )
-            kind = rule.kind
-            if not isinstance(value, kind) or (
-                isinstance(value, bool) and kind in (Real, Integral)
-            ):
-                raise must_be(f"`{rule.name}`", owner, rule.kind_words, value)
-            if isinstance(value, float) and not math.isfinite(value):
-                wanted = "a finite number" if math.isinf(value) else "a number"
-                raise must_be(f"`{rule.name}`", owner, wanted, value)
-            # None gets here where the kind of a setting is not checked
-            for holds, limit, words in rule.bounds if value is not None else ():
-                if not holds(value, limit):
-                    raise must_be(f"`{rule.name}`", owner, f"{words} {limit:g}", value)
+        for name, rule in _rules(cls):
+            wrong = _wrong(getattr(self, name), rule)
+            if wrong is not None:
+                place, demand, found = wrong
+                raise must_be(f"`{name}{place}`", f"`{cls.__name__}`", demand, found)
 
 
 class _Rule(NamedTuple):
-    """Demands of a setting's annotation on its value.
+    """Demands of an annotation on a value.
 
-    kind: accepted type; object: not checked.
+    form: its kind as annotated.
+    kind: accepted type; object: any.
     bounds: (test of a value and the limit, limit, words before the limit).
+    inner: rules of its kinds, or of what is in it.
     """
 
-    name: str
+    form: Any
     optional: bool
     choices: tuple[Any, ...]
-    kind: type
+    kind: Any
     kind_words: str
     bounds: tuple[tuple[Callable[[Any, Any], bool], Any, str], ...]
+    inner: tuple[_Rule, ...]
 
 
 @functools.lru_cache(maxsize=64)
-def _rules(cls: Any) -> tuple[_Rule, ...]:
+def _rules(cls: Any) -> tuple[tuple[str, _Rule], ...]:
     """The rules of a class, computed once: settings are made for every case."""
-    rules = []
-    for item in fields(cls):
-        hint = hints_of(cls)[item.name]
-        base = get_args(hint)[0] if get_origin(hint) is Annotated else hint
-        optional = type(None) in get_args(base)
-        if optional:
-            kinds = set(get_args(base)) - {type(None)}
-            base = kinds.pop() if len(kinds) == 1 else base  # float | None -> float
-        choices = get_args(base) if get_origin(base) is Literal else ()
-        kind, kind_words = _KINDS.get(base, (object, ""))
-        bounds = tuple(
-            (holds, getattr(extra, attribute), words)
-            for extra in getattr(hint, "__metadata__", ())
-            for bound_type, attribute, holds, words in _CHECKS
-            if isinstance(extra, bound_type)
-        )
-        rules.append(_Rule(item.name, optional, choices, kind, kind_words, bounds))
-    return tuple(rules)
+    return tuple((item.name, _rule(hints_of(cls)[item.name])) for item in fields(cls))
+
+
+def _rule(hint: Any) -> _Rule:
+    base, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    kinds, form = get_args(base), get_origin(base)
+    optional = type(None) in kinds
+    kinds = tuple(it for it in kinds if it not in (type(None), ...))
+    if optional and len(kinds) == 1:
+        return _rule(Annotated[kinds[0], *marks, None])._replace(optional=True)
+    kind, kind_words = _KINDS.get(form or base) or (base, f"a table (`{base.__name__}`)")
+    bounds = tuple(
+        (holds, getattr(mark, attribute), words)
+        for mark in marks
+        for bound, attribute, holds, words in _CHECKS
+        if isinstance(mark, bound)
+    )
+    choices = kinds if form is Literal else ()
+    inner = () if choices else tuple(map(_rule, kinds))
+    return _Rule(form, optional, choices, kind, kind_words, bounds, inner)
+
+
+Wrong = tuple[str, str, object]
+"""A place in a value, `.speed` or `[0]`, the demand on what is there, and what is there."""
+
+
+def _wrong(value: Any, rule: _Rule, place: str = "") -> Wrong | None:
+    """The first mistake in a value."""
+    if value is None and rule.optional:
+        return None
+    if rule.choices and value not in rule.choices:
+        return place, "one of " + ", ".join(map(repr, rule.choices)), value
+    kind = rule.kind
+    if not isinstance(value, kind) or (isinstance(value, bool) and kind in (Real, Integral)):
+        return place, rule.kind_words, value
+    if isinstance(value, float) and not math.isfinite(value):
+        return place, "a finite number" if math.isinf(value) else "a number", value
+    for holds, limit, words in rule.bounds:
+        if not holds(value, limit):
+            return place, f"{words} {limit:g}", value
+    return _wrong_inside(value, rule, place) if rule.inner else None
+
+
+def _wrong_inside(value: Any, rule: _Rule, place: str) -> Wrong | None:
+    """The first mistake in a table or a list, or of a value that may be of several kinds."""
+    if rule.form is dict:
+        items = ((f"{place}.{key}", item, rule.inner[1]) for key, item in value.items())
+    elif rule.form is tuple:
+        if len(rule.inner) not in (1, len(value)):
+            return place, f"a list of {len(rule.inner)}", value
+        each = enumerate(zip(value, itertools.cycle(rule.inner), strict=False))
+        items = ((f"{place}[{number}]", *pair) for number, pair in each)
+    else:
+        wrongs = [wrong for it in rule.inner if (wrong := _wrong(value, it, place)) is not None]
+        if len(wrongs) < len(rule.inner):
+            return None
+        words = " or ".join(dict.fromkeys(demand for _, demand, _ in wrongs))
+        return next((it for it in wrongs if it[0] != place), (place, words, value))
+    found = (_wrong(item, inner, at) for at, item, inner in items)
+    return next(filter(None, found), None)

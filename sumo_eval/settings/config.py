@@ -208,7 +208,7 @@ def mistakes(error: ValidationError, where: str, root: type, file: Path | None =
     """Everything that pydantic found, one sentence a line. `root`: the settings class that was
     being read.
 
-    Findings on one value that may be of several kinds make one mistake.
+    Findings on one value that may be of several kinds make one mistake; one inside it is that.
 
     file: to tell lines of.
     """
@@ -217,7 +217,9 @@ def mistakes(error: ValidationError, where: str, root: type, file: Path | None =
     for item in error.errors():
         found.setdefault(_place(item), []).append(item)
     return "\n".join(
-        _sentence(items, where, root, line_of(text, place)) for place, items in found.items()
+        _sentence(items, where, root, line_of(text, place))
+        for place, items in found.items()
+        if not any(other[: len(place)] == place != other for other in found)
     )
 
 
@@ -294,7 +296,7 @@ _DEMANDS = {
 }
 """Pydantic's demands in the words of `Checked`; other demands keep pydantic's words."""
 
-_BRANCH = re.compile(r"int|float|str|dict\[str,int\]|literal\[.*|[A-Z].*Table", re.DOTALL)
+_BRANCH = re.compile(r"(constrained-)?int|float|str|dict\[.*\]|literal\[.*|[A-Z].*Table", re.DOTALL)
 
 
 def _keys_beside(location: Sequence[Any], root: type) -> list[str]:

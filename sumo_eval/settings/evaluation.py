@@ -12,13 +12,15 @@ from urllib.parse import urlencode
 from annotated_types import Ge, MinLen
 
 from sumo_eval.errors import must_be
-from sumo_eval.settings.checked import About, Checked, Positive
+from sumo_eval.settings.checked import About, Checked, Positive, PositiveFloat
 from sumo_eval.settings.drivers import DriverSettings
 from sumo_eval.settings.method import MethodSettings
 from sumo_eval.settings.report import ReportSettings
 from sumo_eval.settings.run import RunSettings
 from sumo_eval.settings.simulation import FmuSettings, SimulationSettings
 from sumo_eval.text import clean
+
+_Levels = Annotated[int, Ge(2)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +36,12 @@ class SamplingSettings(Checked):
         ),
     ] = None
     levels: Annotated[
-        int | dict[str, int] | None,
+        _Levels | dict[str, _Levels] | None,
         About("points on each axis, one number or by parameter; default: the space's steps"),
     ] = None
     steps: Annotated[
-        dict[str, float] | None, About("step by parameter name; others keep the space's own")
+        dict[str, PositiveFloat] | None,
+        About("step by parameter name; others keep the space's own"),
     ] = None
     count: Annotated[
         int | None,

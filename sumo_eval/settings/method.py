@@ -4,9 +4,7 @@ equation.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
-from numbers import Real
 from typing import Annotated, Literal
 
 from annotated_types import Ge, Le, MinLen
@@ -304,20 +302,11 @@ class RankingSettings(Checked):
     """The order of the ADSs of an evaluation by S+."""
 
     weights: Annotated[
-        dict[str, float],
+        dict[str, NotNegativeFloat],
         About(
             "weight of a scenario in the mean S+ that ADSs are ranked by, by name; others weigh 1"
         ),
     ] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        Checked.__post_init__(self)
-        for name, weight in self.weights.items():
-            number = (
-                isinstance(weight, Real) and not isinstance(weight, bool) and math.isfinite(weight)
-            )
-            if not (number and weight >= 0.0):
-                raise must_be(f"`weights.{name}`", "the ranking", "a number of at least 0", weight)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@ itself."""
 
 import dataclasses
 import math
+import re
 from typing import get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -24,6 +25,7 @@ from sumo_eval.settings import (
     ZoneSettings,
     about,
 )
+from sumo_eval.settings.config import settings_from
 
 CLASSES = [
     c
@@ -115,6 +117,30 @@ def test_a_value_outside_its_bounds_is_refused(cls, values, sentence):
     assert sentence in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("key", "cls", "values", "place", "demand"),
+    [
+        ("sampling", SamplingSettings, {"levels": -3}, "levels", "at least 2 or a table, got -3"),
+        ("sampling", SamplingSettings, {"levels": {"v": 1.5}}, "levels.v", "a whole number"),
+        ("sampling", SamplingSettings, {"steps": {"v": -1.0}}, "steps.v", "greater than 0"),
+        ("sampling", SamplingSettings, {"rounds": [[1], ["x"]]}, "rounds[1][0]", "a whole number"),
+        ("drivers", DriverSettings, {"tolerance": {"v": 0.0}}, "tolerance.v", "greater than 0"),
+        ("drivers", DriverSettings, {"recordings": "a.csv"}, "recordings", "a list, got 'a.csv'"),
+        ("simulation", SimulationSettings, {"vehicle": 3}, "vehicle", "a table"),
+    ],
+)
+def test_python_refuses_what_a_file_refuses(key, cls, values, place, demand):
+    content = {"name": "x", "scenario": [{"use": "cut_in"}], key: values}
+    if key == "sampling":
+        content["scenario"][0][key] = content.pop(key)
+    with pytest.raises(
+        InputError, match=re.escape(f"`{place}` of `{cls.__name__}` must be {demand}")
+    ):
+        cls(**values)
+    with pytest.raises(InputError, match=re.escape(f".{place}` in mine.toml must be {demand}")):
+        settings_from(content, "mine.toml")
+
+
 @each
 def test_law_every_numeric_bound_refuses_what_lies_outside(cls):
     hints = get_type_hints(cls, include_extras=True)
@@ -129,7 +155,7 @@ def test_law_every_numeric_bound_refuses_what_lies_outside(cls):
                 bound = getattr(extra, attribute, None)
                 if bound is not None:
                     required = {
-                        f.name: "x"
+                        f.name: () if f.name == "scenario" else "x"
                         for f in dataclasses.fields(cls)
                         if _has_no_default(f) and f is not item
                     }
