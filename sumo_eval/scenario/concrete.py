@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -223,6 +224,7 @@ def lane_change(begin: float, duration: float, offset: float, *, cosine: bool = 
         OpenSCENARIO's `sinusoidal`, peak rate pi/2 offset/duration; else that of `smooth_step`,
         peak rate 1.875 offset/duration.
     """
+    _check_above_zero("duration", "a lateral move", "s", duration)
     return Act(played.COSINE if cosine else played.SMOOTH, begin, duration, 0.0, offset)
 
 
@@ -234,10 +236,8 @@ def constant_lateral(
 
     acceleration: m/s2 with which the lateral speed builds up from 0 at `begin`; inf: at once.
     """
-    if not (math.isfinite(speed) and speed > 0.0):
-        raise must_be("`speed`", "a lateral move", "finite and greater than 0 m/s", speed)
-    if not acceleration > 0.0:
-        raise must_be("`acceleration`", "a lateral move", "greater than 0 m/s2", acceleration)
+    _check_above_zero("speed", "a lateral move", "m/s", speed)
+    _check_above_zero("acceleration", "a lateral move", "m/s2", acceleration, endless=True)
     rise = speed / acceleration
     covered = 0.5 * speed * rise
     duration = 0.5 * rise + abs(offset) / speed
@@ -250,11 +250,17 @@ def brake_to_stop(begin: float, deceleration: float, jerk: float = math.inf) -> 
     """Braking to a standstill: from `begin` s, deceleration rises at `jerk` m/s3 to `deceleration`
     m/s2 > 0.
     """
-    if not (math.isfinite(deceleration) and deceleration > 0.0):
-        raise must_be("`deceleration`", "a brake", "finite and greater than 0 m/s2", deceleration)
-    if not jerk > 0.0:
-        raise must_be("`jerk`", "a brake", "greater than 0 m/s3", jerk)
+    _check_above_zero("deceleration", "a brake", "m/s2", deceleration)
+    _check_above_zero("jerk", "a brake", "m/s3", jerk, endless=True)
     return Act(played.SPEED, begin, 0.0, 0.0, 0.0, deceleration, jerk)
+
+
+def _check_above_zero(
+    name: str, owner: str, unit: str, value: float, *, endless: bool = False
+) -> None:
+    if not 0.0 < value <= (math.inf if endless else sys.float_info.max):
+        finite = "" if endless else "finite and "
+        raise must_be(f"`{name}`", owner, f"{finite}greater than 0 {unit}", value)
 
 
 def keeps_on(acts: Sequence[Act]) -> Act:

@@ -560,6 +560,10 @@ def test_law_braking_never_reverses_and_the_distance_is_the_integral_of_the_spee
             "`speed` of a lateral move must be finite and greater than 0 m/s",
         ),
         (
+            lambda: lane_change(1.0, 0.0, 3.5),
+            "`duration` of a lateral move must be finite and greater than 0 s, got 0.0",
+        ),
+        (
             lambda: Actor(
                 "a", Start(0.0, 0.0, 10.0), (lane_change(0.0, 3.0, 3.5), brake_to_stop(0.0, 5.0))
             ),
