@@ -61,7 +61,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "tape": read_tape,
     "ADS": lambda path: load_object(f"{path}.py:Ads", None, "ADS"),
     "ADS by value": lambda path: load_given(path.name, path.parent),
-    "vehicle model": lambda path: FmuPlant(FmuSettings(str(path)), path.name, path.parent),
+    "vehicle model": lambda path: FmuPlant(FmuSettings(), path.name, path.parent),
     "qualification": lambda path: read_qualification(path.name, path.parent),
     "hash": lambda path: hash_of(path, "file"),
     **{

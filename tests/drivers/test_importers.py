@@ -291,6 +291,9 @@ def test_identifiers_are_text_whatever_it_is(tmp_path, form):
     table = import_recordings(form, [tmp_path / "digits.csv"]).table
     assert set(table["vehicle"]) == {"NA", "07"}
     assert set(table["recording"]) == {"01" if form == "csv" else "01-1"}
+    (tmp_path / "empty.csv").write_text(text.replace("r,b,", "r,,"))
+    with pytest.raises(InputError, match=r"`vehicle` in row 32 of .* must be a name, got nothing"):
+        import_recordings(form, [tmp_path / "empty.csv"])
 
 
 def test_one_bad_file_among_good_ones_imports_nothing(tmp_path):

@@ -32,8 +32,6 @@ def read(path: Path) -> Samples:
     notes = []
     if "recording" not in rows:
         rows["recording"] = path.name.rpartition(".csv")[0] or path.stem
-    for name in ("recording", "vehicle"):
-        rows[name] = rows[name].astype(str)
     for name, size in (("length", LENGTH), ("width", WIDTH)):
         if name not in rows:
             rows[name] = size

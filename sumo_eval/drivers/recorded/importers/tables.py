@@ -45,8 +45,14 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFr
     require_columns(table, required, path)
     if table.empty:
         raise InputError(f"{path} must have at least one row, got none.")
-    names = {*options.get("dtype", ())} & {*table}
-    return table.fillna(dict.fromkeys(names, "NA"))  # a vehicle called NA is not lost
+    for name in options.get("dtype", ()):
+        if name in table and table[name].hasnans:  # an empty cell, or a vehicle called NA
+            table[name] = read_table(path, (), usecols=[name], na_filter=False)[name]
+            empty = np.flatnonzero(table[name] == "")
+            if empty.size:
+                row = line_of_row(path, int(empty[0]))
+                raise InputError(f"`{name}` in row {row} of {path} must be a name, got nothing.")
+    return table
 
 
 def require_columns(table: pd.DataFrame, required: Sequence[str], path: Path) -> None:
