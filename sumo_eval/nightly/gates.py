@@ -174,7 +174,7 @@ def _worst(
     about = compared.changed.of(_CHANGES[quantity]) if quantity in _CHANGES else ()
     worst = list(islice(about or compared.changed.worse, MOST_NAMED))
     return tuple(item.new.case for item in about), tuple(
-        end_change(it.base, it.new, compared.unit) for it in worst
+        end_change(it.base, it.new, compared.units) for it in worst
     )
 
 

@@ -109,12 +109,12 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
             chance = set(shaky)
             bad = [k for k, key in zip(worse.which, keys, strict=True) if key not in chance]
             number = len(bad)
-            limit = f"{severity_limit(settings, repeats, one.unit):z.3g}{one.unit}"
+            limit = f"{severity_limit(settings, repeats, one.units[1]):z.3g}{one.units[1]}"
             sentence = _outcome_words(quantity, number, limit) + _shaky_words(shaky, noise)
             yield GateResult(
                 quantity, one.ads, one.scenario, not number, sentence, float(number), 0.0,
                 tuple(paired.new.case[bad[:MOST_KEYS]].tolist()),
-                tuple(end_change(paired.base[k], paired.new[k], one.unit)
+                tuple(end_change(paired.base[k], paired.new[k], one.units)
                       for k in bad[:MOST_NAMED]),
             )  # fmt: skip
 
@@ -147,13 +147,14 @@ def _shaky_words(shaky: Sequence[str], noise: Noise) -> str:
     )
 
 
-def end_change(old: CaseResult, now: CaseResult, unit: str) -> CaseChange:
+def end_change(old: CaseResult, now: CaseResult, units: tuple[str, str]) -> CaseChange:
     """How a case ended before and ends now, with the cause of a contact.
 
-    unit: of U.
+    units: of U, before and now.
     """
+    before, after = map(_end_words, (old, now), units)
     cause = f"; {words}" if now.collided and (words := cause_words(now)) else ""
-    return CaseChange.of(now, _end_words(old, unit), f"{_end_words(now, unit)}{cause}")
+    return CaseChange.of(now, before, f"{after}{cause}")
 
 
 def _end_words(case: CaseResult, unit: str) -> str:

@@ -137,7 +137,9 @@ def _change_tests(one: AdsComparison) -> Iterator[Test]:
     """A test for each pair, in the order of the new run."""
     places = {pair: place for place, pair in enumerate(one.changed.which.tolist())}
     for pair, case in enumerate(one.changed.paired.new):
-        yield _change_test(case, one.changed[places[pair]] if pair in places else None, one.unit)
+        yield _change_test(
+            case, one.changed[places[pair]] if pair in places else None, one.units[1]
+        )
 
 
 def write_junit(suites: Suites, path: Path, properties: Properties | None = None) -> Path:

@@ -206,7 +206,7 @@ def comparison_lines(
                 continue
             lines.append(f"  {kind}: {len(found)}")
             for item in islice(found, MOST_CHANGES):
-                by = "".join(f", {words}" for words in moved_words(item, one.unit))
+                by = "".join(f", {words}" for words in moved_words(item, one.units[1]))
                 lines.append(
                     f"    {one_line(item.new.case)}: {one_line(point_words(item.new.values))}{by}"
                 )

@@ -185,7 +185,7 @@ class AdsComparison:
     changed: the worst first.
     quantities: those of `bootstrap.COMPARED` over the pairs.
     counts: how many pairs are collisions and the like, in the base and in the new run.
-    unit: of U.
+    units: of U in the base and in the new run; changes of U count where it is one unit.
     """
 
     ads: str
@@ -195,7 +195,7 @@ class AdsComparison:
     changed: Changes
     quantities: Mapping[str, QuantityChange]
     counts: Mapping[str, tuple[int, int]]
-    unit: str
+    units: tuple[str, str]
 
     @property
     def pairs(self) -> int:
@@ -357,16 +357,16 @@ def _compare_ads(
         counts(it) | {"requirements_missed": int(np.sum(it.requirements_missed != ""))}
         for it in tables
     )
-    unit = new.settings.method.collision.unit
+    units = base.settings.method.collision.unit, new.settings.method.collision.unit
     return AdsComparison(
         first.ads,
         paired.base[0].ads,
         first.scenario,
         identical_pairs(paired, base.folder, new.folder),
-        _changes(paired, terms, settings, unit),
+        _changes(paired, terms, settings, units),
         _quantity_changes(terms, base, new, settings),
         {name: (then[name], now[name]) for name in then},
-        unit,
+        units,
     )
 
 
@@ -423,11 +423,11 @@ def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
 
 
 def _changes(
-    paired: Paired, terms: Sequence[CaseTerms], settings: GateSettings, unit: str
+    paired: Paired, terms: Sequence[CaseTerms], settings: GateSettings, units: tuple[str, str]
 ) -> Changes:
     """The change of each concrete scenario: the first of those below that applies.
 
-    unit: of U.
+    units: of U.
     """
     old, now = paired.base, paired.new
     kind, by = np.full(len(old), -1, dtype=np.intp), np.full(len(old), np.nan)
@@ -446,9 +446,10 @@ def _changes(
     for before, after, worse, better in flips:
         mark(after & ~before, worse)
         mark(before & ~after, better)
-    harsher = now.severity - old.severity
+    compared = 0.0 if units[0] == units[1] else np.nan
+    harsher = now.severity - old.severity + compared
     liked, index = now.human_likeness - old.human_likeness, now.index - old.index
-    least, less = change_of_u(settings.harsher_by, HARSHER_BY, unit), settings.less_human_by
+    least, less = change_of_u(settings.harsher_by, HARSHER_BY, units[1]), settings.less_human_by
     mark(harsher > least, "harsher", harsher)
     mark(harsher < -least, "softer", harsher)
     for more in (liked, index):
@@ -458,7 +459,7 @@ def _changes(
     which = np.flatnonzero(kind >= 0)
     order = np.lexsort((now.case[which], -np.abs(np.nan_to_num(by[which])), kind[which]))
     which = which[order]
-    moves = {"regret": regrets[1] - regrets[0], "H_i": liked, "D_i": index}
+    moves = {"regret": regrets[1] - regrets[0] + compared, "H_i": liked, "D_i": index}
     moved = {name: np.where(it != 0.0, it, np.nan)[which] for name, it in moves.items()}
     return Changes(paired, kind[which], which, by[which], moved)
 
@@ -467,14 +468,16 @@ def _quantity_changes(
     terms: Sequence[CaseTerms], base: Evaluation, new: Evaluation, settings: GateSettings
 ) -> dict[str, QuantityChange]:
     runs = list(zip(terms, (base.settings.method, new.settings.method), strict=True))
-    old, now = (point_values(*run) for run in runs)
+    old, now = (dict(point_values(*run)) for run in runs)
+    if base.settings.method.collision.unit != new.settings.method.collision.unit:
+        old["regret"] = None
     drawn = paired_differences(runs[0], runs[1], settings.resamples, settings.seed)
     tail = (1.0 - settings.confidence) / 2.0
     changes = {}
     for name, score in COMPARED.items():
         then, here = old[score], now[score]
         moved = None if then is None or here is None else here - then
-        spread = drawn.get(name, np.empty(0))
+        spread = np.empty(0) if moved is None else drawn.get(name, np.empty(0))
         ends = np.quantile(spread, (tail, 1.0 - tail)).tolist() if spread.size else [None, None]
         changes[name] = QuantityChange(then, here, moved, *ends)
     return changes

@@ -6,6 +6,7 @@ better where -d is.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -222,7 +223,8 @@ def severity_limit(settings: GateSettings, repeats: Repeats, unit: str) -> float
 def newly_bad(one: AdsComparison, settings: GateSettings, repeats: Repeats) -> dict[str, Worse]:
     """The pairs of part one, by quantity."""
     base, new = (Ends.of(cases) for cases in (one.changed.paired.base, one.changed.paired.new))
-    ends = worse_ends(base, new, severity_limit(settings, repeats, one.unit))
+    limit = severity_limit(settings, repeats, one.units[1])
+    ends = worse_ends(base, new, limit if one.units[0] == one.units[1] else math.inf)
     harm = base.severity, new.severity
     return {name: Worse.of(one, flags, harm[1] - harm[0], harm) for name, flags in ends.items()}
 

@@ -212,7 +212,7 @@ def test_a_loss_in_place_of_u_has_no_unit_anywhere(evaluation: Evaluation) -> No
     assert "U = 0.050, Ug of the ideal vehicle = 0.000, U0 of doing nothing = 0.200" in _facts(
         case, risky.settings.method.collision.unit
     )
-    assert end_change(case, case, collision.unit).before == "contact with U 0.050"
+    assert end_change(case, case, (collision.unit, " m/s")).before == "contact with U 0.050"
     assert severity_words(5.0, evaluation.settings.method.collision.unit) == "5.0 m/s"
     assert CollisionSettings(severity="eq14").unit == " m/s", "L is computed from U"
 

@@ -341,3 +341,8 @@ def test_a_harder_injury_risk_fails(evaluation: Evaluation) -> None:
     assert any("U rose by more than 0.01 in 1 case" in gate.sentence for gate in gates)
     (one,) = [it for it in compare(risk(0.1), risk(0.15), SETTINGS).ads if len(it.changed)]
     assert [it.change for it in one.changed] == ["harsher"]
+    hit = with_case(evaluation, case.case, lambda it: replace(it, severity=0.05))
+    sides = compare(hit, risk(0.9), SETTINGS, accept_differences=True).ads
+    assert not any(len(it.changed) for it in sides), "a speed is not compared with a risk"
+    assert {it.units for it in sides} == {(" m/s", "")}
+    assert {it.quantities["regret"].difference for it in sides} == {None}
