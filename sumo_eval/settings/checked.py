@@ -146,7 +146,7 @@ Wrong = tuple[str, str, object]
 
 
 def _wrong(value: Any, rule: _Rule, place: str = "") -> Wrong | None:
-    """The first mistake in a value."""
+    """The first mistake in a value; of one that may be of several kinds, what they demand."""
     if value is None and rule.optional:
         return None
     if rule.choices and value not in rule.choices:
@@ -159,23 +159,23 @@ def _wrong(value: Any, rule: _Rule, place: str = "") -> Wrong | None:
     for holds, limit, words in rule.bounds:
         if not holds(value, limit):
             return place, f"{words} {limit:g}", value
-    return _wrong_inside(value, rule, place) if rule.inner else None
+    if rule.form in (dict, tuple):
+        return _wrong_inside(value, rule, place)
+    wrongs = [wrong for it in rule.inner if (wrong := _wrong(value, it, place)) is not None]
+    if not wrongs or len(wrongs) < len(rule.inner):
+        return None
+    words = " or ".join(dict.fromkeys(demand for _, demand, _ in wrongs))
+    return next((it for it in wrongs if it[0] != place), (place, words, value))
 
 
 def _wrong_inside(value: Any, rule: _Rule, place: str) -> Wrong | None:
-    """The first mistake in a table or a list, or of a value that may be of several kinds."""
+    """The first mistake in a table or a list."""
     if rule.form is dict:
         items = ((f"{place}.{key}", item, rule.inner[1]) for key, item in value.items())
-    elif rule.form is tuple:
+    else:
         if len(rule.inner) not in (1, len(value)):
             return place, f"a list of {len(rule.inner)}", value
         each = enumerate(zip(value, itertools.cycle(rule.inner), strict=False))
         items = ((f"{place}[{number}]", *pair) for number, pair in each)
-    else:
-        wrongs = [wrong for it in rule.inner if (wrong := _wrong(value, it, place)) is not None]
-        if len(wrongs) < len(rule.inner):
-            return None
-        words = " or ".join(dict.fromkeys(demand for _, demand, _ in wrongs))
-        return next((it for it in wrongs if it[0] != place), (place, words, value))
     found = (_wrong(item, inner, at) for at, item, inner in items)
     return next(filter(None, found), None)

@@ -38,7 +38,7 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFr
         raise
     except (OSError, UnicodeDecodeError, EOFError) as error:
         raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}.") from error
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
+    except ValueError as error:
         raise InputError(
             f"{path} is not such a table: {str(error).strip().rstrip('.')}."
         ) from error
@@ -46,13 +46,19 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFr
     if table.empty:
         raise InputError(f"{path} must have at least one row, got none.")
     for name in options.get("dtype", ()):
-        if name in table and table[name].hasnans:  # an empty cell, or a vehicle called NA
-            table[name] = read_table(path, (), usecols=[name], na_filter=False)[name]
-            empty = np.flatnonzero(table[name] == "")
-            if empty.size:
-                row = line_of_row(path, int(empty[0]))
-                raise InputError(f"`{name}` in row {row} of {path} must be a name, got nothing.")
+        if name in table and table[name].hasnans:
+            table[name] = _names(path, name)
     return table
+
+
+def _names(path: Path, column: str) -> pd.Series[str]:
+    """A column of names, refused where a cell is empty; a vehicle may be called NA."""
+    names = read_table(path, (), usecols=[column], dtype={column: str}, na_filter=False)[column]
+    empty = np.flatnonzero(names == "")
+    if empty.size:
+        row = line_of_row(path, int(empty[0]))
+        raise InputError(f"`{column}` in row {row} of {path} must be a name, got nothing.")
+    return names
 
 
 def require_columns(table: pd.DataFrame, required: Sequence[str], path: Path) -> None:
