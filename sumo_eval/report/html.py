@@ -21,7 +21,7 @@ from sumo_eval.report.density import density_maps
 from sumo_eval.report.gate_result import failed
 from sumo_eval.report.packing import packed_json
 from sumo_eval.report.page import REPORT, template, write_page
-from sumo_eval.report.page_data import View, choose_view, page_data, told_cases
+from sumo_eval.report.page_data import gathered_words, map_words, page_data, told_cases
 from sumo_eval.report.sections import SECTIONS, Beside, change_content
 from sumo_eval.report.sent_drives import sent_drives
 from sumo_eval.report.words import (
@@ -48,6 +48,7 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.findings import Findings, unevaluated
+from sumo_eval.scoring.map_view import View, choose_view
 from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.scoring.shown_cases import Shown, shown_cases
 from sumo_eval.settings import SamplingSettings
@@ -197,9 +198,9 @@ def _group(
         "mean": "exposure-weighted mean" if known else "mean over the points",
         "rows": [_row(Findings.of(evaluation, score)) for score in scores],
         "zone": evaluation.zones[index],
-        "map_words": view.words,
+        "map_words": map_words(view),
         "looks": [verdict for verdict in LOOKS if verdict in judged],
-        "map_note": "" if view.projected or view.fixed else view.note,
+        "map_note": gathered_words(view),
         "outcomes": [outcome for outcome in OUTCOMES if outcome in outcomes],
         "has_index": bool(np.isfinite(cases.index).any()),
         **_left_out(logical, evaluation, shown, view),

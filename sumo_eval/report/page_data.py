@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.road.reference_line import knots_of
 from sumo_eval.scoring.failure_groups import FailureGroup, failure_groups
 from sumo_eval.scoring.findings import findings, mean_of
+from sumo_eval.scoring.map_view import View, choose_view, slice_points, telling_slice
 from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.scoring.shown_cases import Shown
 from sumo_eval.trajectory import FloatArray
@@ -41,12 +42,7 @@ LATTICE_POINTS = 32_000  # about, of the lattice of a whole space
 SEARCHED_CELLS, SEARCHED_LATTICE_POINTS = 16, 1_500
 LEAST_LATTICE, MOST_LATTICE = 4, 73  # points on each axis of it
 MAP_CELLS = 72  # cells on each axis of a zone map's background
-# more values than this of the first parameter are gathered in GATHERED_PANELS panels
-MOST_PANELS = 12
-GATHERED_PANELS = 6
 MOST_GROUPS = 12  # of failures of an ADS in a scenario
-# share of the cases; a slice with fewer shows all cases projected onto it
-SLICE_WORTH_SHOWING = 0.1
 
 
 def page_data(
@@ -222,117 +218,24 @@ def _case(case: CaseResult, row: FloatArray) -> dict[str, Any]:
     }
 
 
-# --- which parameters a map shows -----------------------------------------------------------------
+# --- maps -----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class View:
-    """How a space is drawn on paper: columns of x and y (None: a strip), panels along a third, the
-    rest held fixed.
-
-    panels: values of the `panel` parameter, one panel each; a single None where there is no such
-        parameter.
-    fixed: column -> value of the slice.
-    projected: cases off the slice are drawn on it too.
-    note: what a reader must know of the choice.
-    """
-
-    names: tuple[str, ...]
-    x: int
-    y: int | None
-    panel: int | None
-    panels: tuple[float | None, ...]
-    fixed: Mapping[int, float]
-    projected: bool
-    note: str
-
-    @property
-    def words(self) -> str:
-        """`gap against obstacle_speed, one panel for each ego_speed`."""
-        words = self.names[self.x]
-        if self.y is not None:
-            words = f"{self.names[self.y]} against {words}"
-        if self.panel is not None:
-            words += f", one panel for each {self.names[self.panel]}"
-        return words
-
-    def panel_of(self, row: FloatArray) -> int:
-        """The panel nearest to a point of the space."""
-        if self.panel is None:
-            return 0
-        return int(np.argmin(np.abs(row[self.panel] - np.array(self.panels, dtype=np.float64))))
-
-    def shows(self, case: CaseResult) -> bool:
-        """Whether a case is drawn."""
-        return self.projected or all(
-            case.values[self.names[column]] == value for column, value in self.fixed.items()
-        )
+def map_words(view: View) -> str:
+    """`gap against obstacle_speed, one panel for each ego_speed`."""
+    words = view.names[view.x]
+    if view.y is not None:
+        words = f"{view.names[view.y]} against {words}"
+    if view.panel is not None:
+        words += f", one panel for each {view.names[view.panel]}"
+    return words
 
 
-def choose_view(
-    logical: LogicalScenario, cases: CaseTable, axes: tuple[str, str] | None = None
-) -> View:
-    """One map for two parameters, a panel for each value of the first for three, a slice through
-    more.
-
-    axes: the parameters of x and y, where the settings name them; a map of more than two
-        parameters then is a slice through all others.
-    """
-    columns = range(len(logical.parameters))
-    if len(columns) < 3:
-        own = [*map(logical.column, axes or logical.names)]
-        y = own[1] if own[1:] else None
-        return View(logical.names, own[0], y, None, (None,), {}, True, "")
-    if len(columns) == 3 and axes is None:
-        distinct = np.unique(cases.parameters(logical.names[:1])).tolist()
-        note = ""
-        if len(distinct) > MOST_PANELS:
-            first = logical.parameters[0]
-            distinct = np.linspace(first.low, first.high, GATHERED_PANELS).tolist()
-            note = f"Each case is drawn in the panel whose {first.name} is nearest to its own."
-        return View(logical.names, 1, 2, 0, tuple(distinct), {}, True, note)
-    points = cases.parameters(logical.names)
-    number, common = zip(*(_variety(points[:, column]) for column in columns), strict=True)
-    by_variety = sorted(columns, key=lambda column: -number[column])
-    x, y = sorted(by_variety[:2]) if axes is None else map(logical.column, axes)
-    fixed = {column: common[column] for column in columns if column not in (x, y)}
-    on_slice = int(np.count_nonzero(np.all(points[:, list(fixed)] == list(fixed.values()), axis=1)))
-    projected = on_slice < SLICE_WORTH_SHOWING * len(cases)
-    held = [(logical.parameters[column], value) for column, value in fixed.items()]
-    where = ", ".join(f"{item.name} = {value:g}{item.unit_suffix}" for item, value in held)
-    of = f"{on_slice} of {len(cases)} cases; the list of cases reaches all of them."
-    note = (
-        f"The map is the slice at {where}, the most common values, or the middle ones where none "
-        "is."
-    )
-    note += (
-        " Nearly every case lies off it, so all cases are drawn where they would fall on it."
-        if projected
-        else f" It holds {of}"
-    )
-    return View(logical.names, x, y, None, (None,), fixed, projected, note)
-
-
-def _variety(column: FloatArray) -> tuple[int, float]:
-    """How many values a parameter takes, and the most common one, of equals the least; where each
-    is taken once, the middle one.
-    """
-    values, often = np.unique(column, return_counts=True)
-    return len(values), float(values[len(values) // 2 if often.max() == 1 else np.argmax(often)])
-
-
-def telling_slice(view: View, cases: CaseTable) -> dict[int, float]:
-    """The slice that a map with a choice of slices opens at, column -> value: the one with most
-    collisions.
-
-    Of equals the first in order of the values. Empty where a view has no slices.
-    """
-    if view.projected or not view.fixed:
-        return {}
-    points = cases.parameters([view.names[column] for column in view.fixed])
-    slices, which = np.unique(points, axis=0, return_inverse=True)  # in the order of their values
-    collisions = np.bincount(which.ravel(), cases.collided, len(slices))
-    return dict(zip(view.fixed, slices[int(np.argmax(collisions))].tolist(), strict=True))
+def gathered_words(view: View) -> str:
+    """Where the cases of a panel lie off its value; else nothing."""
+    if view.panel is None or not view.gathered:
+        return ""
+    return f"Each case is drawn in the panel whose {view.names[view.panel]} is nearest to its own."
 
 
 def zone_map(
@@ -383,22 +286,6 @@ def lattice(zones: ZonePartition) -> dict[str, Any] | None:
     unit = np.stack(np.meshgrid(*[ticks] * k, indexing="ij"), axis=-1).reshape(-1, k)
     rows = np.clip(logical.from_unit(unit), logical.low, logical.high)
     return {"size": size} | _zones_at(zones, rows)
-
-
-def slice_points(
-    logical: LogicalScenario, view: View, panel: int, x: FloatArray, y: FloatArray
-) -> FloatArray:
-    """Points (len(y), len(x), k) of a panel; x and y in the unit box."""
-    unit = np.zeros((len(y), len(x), len(logical.parameters)))
-    unit[..., view.x] = x
-    if view.y is not None:
-        unit[..., view.y] = y[:, None]
-    points = logical.from_unit(unit)
-    for column, value in view.fixed.items():
-        points[..., column] = value
-    if view.panel is not None:
-        points[..., view.panel] = view.panels[panel]
-    return np.clip(points, logical.low, logical.high)
 
 
 def rooms_of(logical: LogicalScenario, rows: FloatArray) -> list[str]:

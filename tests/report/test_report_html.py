@@ -25,7 +25,7 @@ from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report import sent_drives
 from sumo_eval.report.html import term, write_report
 from sumo_eval.report.page import template
-from sumo_eval.report.page_data import choose_view, rooms_of, telling_slice
+from sumo_eval.report.page_data import gathered_words, rooms_of
 from sumo_eval.report.readings import readings
 from sumo_eval.report.sections import Beside, ranking_content
 from sumo_eval.report.words import GLOSSARY, count
@@ -33,6 +33,7 @@ from sumo_eval.results import Evaluation, RankedAds, RankedPair, Ranking
 from sumo_eval.scenario import LogicalScenario, Parameter, catalogue
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.scoring.findings import unevaluated
+from sumo_eval.scoring.map_view import choose_view, telling_slice
 from sumo_eval.scoring.preventability import preventability
 from sumo_eval.settings import DriverSettings
 
@@ -294,7 +295,7 @@ def test_a_map_shows_the_two_chosen_parameters(evaluation: Evaluation) -> None:
     assert (view.x, view.y, set(view.fixed)) == (3, 0, {1, 2})
     assert choose_view(space(3), cases, ("p2", "p0")).panel is None
     two = choose_view(space(2), points(evaluation, [[0.0, 1.0]]), ("p1", "p0"))
-    assert (two.x, two.y, two.note) == (1, 0, "")
+    assert (two.x, two.y, two.fixed) == (1, 0, {})
     for axes, words in ((("gap", "p7"), "p7"), (("gap", "gap"), "two different")):
         settings = replace(evaluation.settings.report, axes={builders.SCENARIOS[1]: axes})
         with pytest.raises(InputError, match=words):
@@ -397,14 +398,14 @@ def test_up_to_three_parameters_are_all_shown(
     assert (view.x, view.y, view.panel) == (x, y, panel)
     assert view.panels == ((0.0, 5.0) if k == 3 else (None,))
     assert all(view.shows(case) for case in cases)
-    assert view.note == ""
+    assert gathered_words(view) == ""
 
 
 def test_many_values_of_the_first_parameter_share_panels(evaluation: Evaluation) -> None:
     cases = points(evaluation, [[0.1 * index, 1.0, 2.0] for index in range(50)])
     view = choose_view(space(3), cases)
     assert len(view.panels) == 6
-    assert "nearest" in view.note
+    assert "p0 is nearest" in gathered_words(view)
 
 
 def test_the_report_names_the_slice_of_four_parameters(evaluation: Evaluation) -> None:
@@ -412,15 +413,13 @@ def test_the_report_names_the_slice_of_four_parameters(evaluation: Evaluation) -
     view = choose_view(space(5), points(evaluation, rows))
     assert (view.x, view.y, view.panel) == (1, 3, None)
     assert view.fixed == {0: 7.0, 2: 3.0, 4: 0.0}
-    assert "p0 = 7 m, p2 = 3 m, p4 = 0 m" in view.note
-    assert "8 of 12 cases" in view.note
+    assert not view.projected
 
 
 def test_when_hardly_a_case_is_on_the_slice_all_are_projected(evaluation: Evaluation) -> None:
     rows = [[float(index % 11), float(index), 0.1 * index, 0.2 * index] for index in range(11)]
     view = choose_view(space(4), points(evaluation, rows))
     assert view.projected
-    assert "all cases are drawn" in view.note
 
 
 def test_a_large_evaluation_reports_that_it_embeds_some_points(

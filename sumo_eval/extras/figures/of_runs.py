@@ -29,12 +29,13 @@ from sumo_eval.extras.studies.opinion import INDEXES
 from sumo_eval.method.point_criticality import exact_target
 from sumo_eval.method.trajectory_field import trajectory_fields
 from sumo_eval.method.zone_partition import ZonePartition
-from sumo_eval.report.page_data import View, choose_view, slice_points, telling_slice
+from sumo_eval.report.page_data import gathered_words
 from sumo_eval.report.words import LOOKS
 from sumo_eval.results import ScenarioResult
 from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.scoring.findings import Findings
 from sumo_eval.scoring.ledger import Ledger, ledger, ledger_plus
+from sumo_eval.scoring.map_view import View, choose_view, slice_points, telling_slice
 from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.trajectory import FloatArray, Trajectory
 
@@ -59,7 +60,7 @@ def zone_map(asked: Asked) -> Figure:
     who = asked.names[0] if asked.case is None else asked.row.ads
     zones = zone_partitions(evaluation)[name]
     cases = evaluation.cases_of(who, name)
-    view = _telling(
+    view, about = _slice(
         choose_view(zones.logical, cases, evaluation.settings.report.axes.get(name)), zones, cases
     )
     judged = dict(zip(cases.case, verdicts(evaluation, evaluation.score(who, name)), strict=True))
@@ -92,7 +93,7 @@ def zone_map(asked: Asked) -> Figure:
             chance=chance,
                             range_=(axes[0].low, axes[0].high)))  # fmt: skip
     columns = min(len(panels), MOST_COLUMNS if asked.width == "page" else 2)
-    note = "\n".join(filter(None, (f"{who} in {name.replace('_', ' ')}", view.note)))
+    note = "\n".join(filter(None, (f"{who} in {name.replace('_', ' ')}", about)))
     figure = on_paper(panels, asked.width, 0.9, columns, note)
     for ax, (x, y, predicted) in zip(figure.axes, learnt, strict=False):
         edge_of(ax, (x, y, predicted), 0.0, LEARNT, "--")
@@ -109,17 +110,20 @@ def _value(zones: ZonePartition, view: View, number: int) -> str:
     return f"{label(parameter.name, '')} {view.panels[number]:g}{parameter.unit_suffix}"
 
 
-def _telling(view: View, zones: ZonePartition, cases: CaseTable) -> View:
-    """A view whose slice, where it is one, is that with most collisions."""
-    fixed = telling_slice(view, cases)
-    if not fixed:
-        return view
-    items = [(zones.logical.parameters[column], value) for column, value in fixed.items()]
-    there = replace(view, fixed=fixed)
-    shown = sum(there.shows(one) for one in cases)
+def _slice(view: View, zones: ZonePartition, cases: CaseTable) -> tuple[View, str]:
+    """A view at its slice with most collisions, where it has a choice, and a note on it."""
+    telling = telling_slice(view, cases)
+    there = replace(view, fixed=telling or view.fixed)
+    items = ((zones.logical.parameters[column], value) for column, value in there.fixed.items())
     where = ", ".join(f"{item.name} = {value:g}{item.unit_suffix}" for item, value in items)
-    return replace(
-        there, note=f"The slice at {where}, with most collisions: {shown} of {len(cases)} cases."
+    if not where:
+        return there, gathered_words(view)
+    if telling:
+        shown = sum(there.shows(one) for one in cases)
+        return there, f"The slice at {where}, with most collisions: {shown} of {len(cases)} cases."
+    return there, (
+        f"The map is the slice at {where}, the most common values, or the middle ones where none "
+        "is. Nearly every case lies off it, so all cases are drawn where they would fall on it."
     )
 
 
