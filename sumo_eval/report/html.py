@@ -13,7 +13,7 @@ from urllib.parse import quote
 import numpy as np
 from markupsafe import Markup
 
-from sumo_eval.cases import OUTCOMES, CaseTable
+from sumo_eval.cases import OUTCOMES, CaseTable, IntArray
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.citation import citation
@@ -50,7 +50,7 @@ from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.findings import Findings, unevaluated
 from sumo_eval.scoring.map_view import View, choose_view
 from sumo_eval.scoring.preventability import verdicts
-from sumo_eval.scoring.shown_cases import Shown, shown_cases
+from sumo_eval.scoring.shown_cases import shown_cases
 from sumo_eval.settings import SamplingSettings
 
 NOTHING_BESIDE = Beside()
@@ -108,7 +108,7 @@ def _shared(
     evaluation: Evaluation,
     partitions: Mapping[str, ZonePartition],
     beside: Beside,
-    in_page: Mapping[str, Shown],
+    in_page: Mapping[str, IntArray],
 ) -> dict[str, Any]:
     """Values that the sections of the page share."""
     settings, known = evaluation.settings, evaluation.exposure_known()
@@ -179,7 +179,7 @@ def write_comparison(evaluation: Evaluation, beside: Beside, path: Path) -> Path
 
 
 def _group(
-    index: int, evaluation: Evaluation, zones: ZonePartition, shown: Shown
+    index: int, evaluation: Evaluation, zones: ZonePartition, shown: IntArray
 ) -> dict[str, Any]:
     """Everything the page says of one logical scenario, the `index`-th."""
     logical = zones.logical
@@ -217,20 +217,21 @@ def _group(
 
 
 def _left_out(
-    logical: LogicalScenario, evaluation: Evaluation, shown: Shown, view: View
+    logical: LogicalScenario, evaluation: Evaluation, shown: IntArray, view: View
 ) -> dict[str, Any]:
     """Words and drawings for a scenario of which the page does not hold all cases."""
-    if shown.places is None:
-        return {"left_out": 0}
     tables = {
         one.ads: evaluation.cases_of(one.ads, one.scenario)
         for one in evaluation.scores_in(logical.name)
     }
-    there = sum(shown.number(cases) for cases in tables.values())
+    there = sum(int(np.count_nonzero(shown < len(cases))) for cases in tables.values())
+    left_out = sum(map(len, tables.values())) - there
+    if not left_out:
+        return {"left_out": 0}
     find = " ".join(f"{item.name}={(item.low + item.high) / 2.0:g}" for item in logical.parameters)
     return {
         "find": find,
-        "left_out": shown.of - there,
+        "left_out": left_out,
         "there": there,
         "densities": [
             (ads, density_maps(logical, cases, view.x, view.y))

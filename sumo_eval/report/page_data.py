@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.cases import CaseResult, CaseTable, IntArray
 from sumo_eval.method.point_criticality import exact_target
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report.packing import packed_bytes
@@ -34,7 +34,6 @@ from sumo_eval.scoring.failure_groups import FailureGroup, failure_groups
 from sumo_eval.scoring.findings import findings, mean_of
 from sumo_eval.scoring.map_view import View, choose_view, slice_points, telling_slice
 from sumo_eval.scoring.preventability import verdicts
-from sumo_eval.scoring.shown_cases import Shown
 from sumo_eval.trajectory import FloatArray
 
 LATTICE_POINTS = 32_000  # about, of the lattice of a whole space
@@ -80,7 +79,7 @@ Told = tuple[CaseResult, dict[str, Any]]
 """A case that the page has, and what is said of it beside its row."""
 
 
-def told_cases(evaluation: Evaluation, shown: Mapping[str, Shown]) -> dict[str, list[Told]]:
+def told_cases(evaluation: Evaluation, shown: Mapping[str, IntArray]) -> dict[str, list[Told]]:
     """The cases that the page has, by scenario, there ADS by ADS.
 
     shown: which these are, by scenario.
@@ -91,7 +90,9 @@ def told_cases(evaluation: Evaluation, shown: Mapping[str, Shown]) -> dict[str, 
         collisions = zip(shares.places.tolist(), shares.avoided, shares.lost, strict=True)
         parts = {place: (avoided, lost) for place, avoided, lost in collisions}
         losses = one.share_lost
-        for place, case in shown[one.score.scenario].among(one.cases):
+        places = shown[one.score.scenario]
+        for place in places[places < len(one.cases)].tolist():
+            case = one.cases[place]
             avoided, lost = parts.get(place, (np.nan, np.nan))
             beside = {
                 "missing": why_missing(case) if missing[place] else None,

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from collections.abc import Collection
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable, IntArray
+from sumo_eval.cases import CaseTable, IntArray
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.behaviour import least_human, ranked, worst_case
 from sumo_eval.trajectory import FloatArray
@@ -18,61 +17,38 @@ MOST_SHOWN = 5_000
 _NAMED, _LOST, _HIT = 5.0, 4.0, 2.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Shown:
-    """Which cases of a scenario the page has.
+def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str, IntArray]:
+    """Cases that the page has, by scenario: their places among those of each of its ADSs.
 
-    places: of each ADS's cases, in their order; None: all.
-    of: how many there are.
-    """
-
-    places: IntArray | None
-    of: int
-
-    def among(self, cases: CaseTable) -> Iterator[tuple[int, CaseResult]]:
-        """Those of one ADS, each with its place among all of them."""
-        places = range(len(cases)) if self.places is None else self.places.tolist()
-        return ((place, cases[place]) for place in places if place < len(cases))
-
-    def number(self, cases: CaseTable) -> int:
-        """How many of one ADS's there are."""
-        return (
-            len(cases) if self.places is None else int(np.count_nonzero(self.places < len(cases)))
-        )
-
-
-def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str, Shown]:
-    """By scenario.
-
-    Half of those that the page has tell most: not evaluated, incidents by U, the least human-like;
-    the other half lie evenly among the rest. The ADSs of a scenario are shown at the same points.
+    Half of them tell most: not evaluated, incidents by U, the least human-like; the other half lie
+    evenly among the rest.
 
     named: cases of failed limits; with the worst case and the least human-like one they tell more
         than all others.
     """
-    every = {zone.scenario: evaluation.scores_in(zone.scenario) for zone in evaluation.zones}
-    numbers = {
-        name: sum(len(evaluation.cases_of(one.ads, name)) for one in scores)
-        for name, scores in every.items()
+    cases = {
+        zone.scenario: [
+            evaluation.cases_of(one.ads, one.scenario)
+            for one in evaluation.scores_in(zone.scenario)
+        ]
+        for zone in evaluation.zones
     }
-    if sum(numbers.values()) <= MOST_SHOWN:
-        return {name: Shown(None, number) for name, number in numbers.items()}
+    most = {name: max(map(len, tables), default=0) for name, tables in cases.items()}
+    if sum(len(table) for tables in cases.values() for table in tables) <= MOST_SHOWN:
+        return {name: np.arange(number) for name, number in most.items()}
     order = [one.ads for one in ranked(evaluation)]
     first = worst_case(evaluation, order), least_human(evaluation, order[0])
     named = {*named, *(one.case for one in first if one)}
     quota = max(MOST_SHOWN // max(len(evaluation.scores), 1), 2)
     found = {}
-    for name, scores in every.items():
-        told = [telling(evaluation.cases_of(one.ads, name), named) for one in scores]
-        tells = np.zeros(max(map(len, told), default=0))
-        for one in told:
-            tells[: len(one)] = np.maximum(tells[: len(one)], one)
-        if len(tells) <= quota:
-            found[name] = Shown(None, numbers[name])
-            continue
-        most, rest = np.split(np.argsort(-tells, kind="stable"), [quota // 2])
-        evenly = np.sort(rest)[np.arange(quota - quota // 2) * len(rest) // (quota - quota // 2)]
-        found[name] = Shown(np.sort(np.concatenate([most, evenly])), numbers[name])
+    for name, tables in cases.items():
+        tells = np.zeros(most[name])
+        for table in tables:
+            tells[: len(table)] = np.maximum(tells[: len(table)], telling(table, named))
+        few = min(quota, len(tells))
+        told, rest = np.split(np.argsort(-tells, kind="stable"), [few // 2])
+        evenly = np.sort(rest)[np.arange(few - few // 2) * len(rest) // (few - few // 2 or 1)]
+        found[name] = np.sort(np.concatenate([told, evenly]))
     return found
 
 
