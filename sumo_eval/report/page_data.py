@@ -9,7 +9,6 @@ from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.cases import CaseResult, CaseTable, IntArray
 from sumo_eval.method.point_criticality import exact_target
@@ -128,7 +127,9 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
         ],
         "ads": everybody,
         "meanIndex": {
-            ads: _mean_index(evaluation.cases_of(ads, logical.name)) for ads in everybody
+            ads: mean_of(its.index, its.exposure)
+            for ads in everybody
+            for its in [evaluation.cases_of(ads, logical.name)]
         },
         "road": drawn_road(logical.road),
         "bodies": drawn_bodies(logical.concrete(**cases[0].values)) if len(cases) else {},
@@ -152,26 +153,22 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
 def _groups(logical: LogicalScenario, cases: CaseTable, keys: set[str]) -> dict[str, Any]:
     """Groups of failures, ADS by ADS at most MOST_GROUPS, and how many more there are.
 
-    keys: of the cases that the page has.
+    keys: of the cases that the page has; a group names no other.
     """
-    found = failure_groups(logical, cases)
+    found, names = failure_groups(logical, cases), cases.case
     of_ads: dict[str, list[FailureGroup]] = {}
     for group in found:
         of_ads.setdefault(group.ads, []).append(group)
     listed = [group for its in of_ads.values() for group in its[:MOST_GROUPS]]
-    told = [_group(group, logical, cases.case, keys) for group in listed]
+    told = [
+        {
+            "ads": group.ads, "kind": group.kind, "words": _group_words(group, logical),
+            "ranges": group.ranges, "size": len(group.places),
+            "cases": [key for key in names[group.places].tolist() if key in keys],
+        }
+        for group in listed
+    ]  # fmt: skip
     return {"groups": told, "moreGroups": len(found) - len(listed)}
-
-
-def _group(
-    group: FailureGroup, logical: LogicalScenario, names: NDArray[np.str_], keys: set[str]
-) -> dict[str, Any]:
-    """A group of failures; of its cases, those that the page has."""
-    cases = [key for key in names[group.places].tolist() if key in keys]
-    return {
-        "ads": group.ads, "kind": group.kind, "words": _group_words(group, logical),
-        "ranges": group.ranges, "cases": cases, "size": len(group.places),
-    }  # fmt: skip
 
 
 def _group_words(group: FailureGroup, logical: LogicalScenario) -> str:
@@ -183,12 +180,6 @@ def _group_words(group: FailureGroup, logical: LogicalScenario) -> str:
     there = f"{group.alike} of all {count(group.inside, 'case')} there"
     words = "the only case there" if group.inside == 1 else there
     return f"{where or 'anywhere in the space'}: {words}"
-
-
-def _mean_index(cases: CaseTable) -> float | None:
-    """The mean D_i of all cases that have one, by exposure."""
-    indexed = cases[np.isfinite(cases.index)]
-    return mean_of(indexed.index, indexed.exposure)
 
 
 _SHOWN = (
