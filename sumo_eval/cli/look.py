@@ -41,16 +41,16 @@ def explain(run: Path, case: str | None) -> None:
     from sumo_eval.evaluation import zone_partitions
     from sumo_eval.report.explain import explain_case, known_case
 
-    if case is not None:
-        known_case(run, case)  # a misspelt one is told before anything is computed
+    # a misspelt one is told before anything is computed
+    fact = None if case is None else known_case(run, case)
     evaluation = scored(run)
-    if case is None:
+    if fact is None:
         # and with it what draws tables, which a case does not need
         from sumo_eval.report.terminal import ledger_lines
 
         lines = ledger_lines(evaluation)
     else:
-        lines = explain_case(evaluation, zone_partitions(evaluation), case)
+        lines = explain_case(evaluation, zone_partitions(evaluation), fact)
     say(lines)
 
 

@@ -45,17 +45,6 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 ROUNDING = 1e-9
 
 
-def find_case(evaluation: Evaluation, key: str) -> CaseResult:
-    """A case by its key.
-
-    Raises InputError with the nearest known one.
-    """
-    found = evaluation.case(key)
-    if found is None:
-        raise unknown("case", key, evaluation.cases.case.tolist())
-    return found
-
-
 def known_case(run: Path, key: str) -> Fact:
     """A drive of an ADS by its case's key.
 
@@ -69,15 +58,14 @@ def known_case(run: Path, key: str) -> Fact:
 
 
 def explain_case(
-    evaluation: Evaluation, partitions: Mapping[str, ZonePartition], key: str
+    evaluation: Evaluation, partitions: Mapping[str, ZonePartition], fact: Fact
 ) -> list[str]:
-    """The lines that `sumo-eval explain` prints."""
-    case = find_case(evaluation, key)
+    """The lines that `sumo-eval explain` prints on the drive of an ADS."""
+    case = evaluation.case(fact.case)
+    assert case is not None, "every drive of an ADS is a case"
     zones = partitions[case.scenario]
     found = Findings.of(evaluation, evaluation.score(case.ads, case.scenario))
     with open_store(evaluation.folder / FACTS) as store:
-        fact = store.fact(key)
-        assert fact is not None, "every case is of a recorded drive"
         return [
             f"{case.case}: {case.ads} in {case.scenario} at {point_words(case.values)}",
             f"  {case.outcome}; {end_reason(case)}"

@@ -26,7 +26,7 @@ from sumo_eval.record.kept_results import KEPT
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.report.assessed import write_assessed_report
-from sumo_eval.report.explain import explain_case
+from sumo_eval.report.explain import explain_case, known_case
 from sumo_eval.report.replay import recorded
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario import catalogue
@@ -206,7 +206,9 @@ def test_a_run_without_its_trajectories_keeps_its_scores(
         with pytest.raises(InputError, match="were discarded after it was scored"):
             refused()
     lines = explain_case(
-        done_again := sumo_eval.score(copy), zone_partitions(done_again), lost.case
+        done_again := sumo_eval.score(copy),
+        zone_partitions(done_again),
+        known_case(copy, lost.case),
     )
     assert any("its trajectories were discarded" in line for line in lines)
     compute_nothing(monkeypatch)
