@@ -13,6 +13,7 @@ import numpy as np
 
 from sumo_eval.report.page import CONFIDENCE, write_page
 from sumo_eval.report.verdict import Beside
+from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.confidence.assessment import Assessment, Confidence
@@ -99,15 +100,15 @@ def _picture(pair: PairCoverage) -> dict[str, Any]:
     most = max(float(pair.counts.max()), 1.0)
     cells = []
     for (row, column), number in np.ndenumerate(pair.counts):
-        count = int(number)
-        shade = 0.0 if count <= 0 else 0.25 + 0.75 * count / most
+        points = int(number)
+        shade = 0.0 if points <= 0 else 0.25 + 0.75 * points / most
         cells.append({
             "x": CELL * column,
             "y": CELL * (rows - 1 - row),
             "opacity": f"{shade:z.2f}",
-            "kind": "impossible" if count < 0 else "empty" if count == 0 else "hit",
-            "words": "no possible point" if count < 0 else f"{count} points",
-            "row": (column + 1, row + 1, None if count < 0 else count),
+            "kind": "impossible" if points < 0 else "empty" if points == 0 else "hit",
+            "words": "no possible point" if points < 0 else count(points, "point"),
+            "row": (column + 1, row + 1, None if points < 0 else points),
         })  # fmt: skip
     return {
         "x": pair.x,

@@ -49,7 +49,8 @@ class Embedded:
 
 
 MOST_BYTES = 4_500_000  # of embedded trajectories; the whole page stays below 10 MB at 5,000 cases
-FAILED = 2.0  # how much a point with a collision or without an outcome tells; others at most 1
+# how much a point with an incident or without an outcome tells, and its U; others at most 1
+FAILED = 2.0
 BYTES_OF_A_RUN = 900  # about; what is chosen is measured before it is embedded
 BYTES_OF_A_RUN_BEYOND = 40  # about, of an entry of `beyond`
 
@@ -141,8 +142,8 @@ def worth_embedding(
     """The points whose trajectories travel in the page: all, or as many as `most_runs` allows, the
     most telling first.
 
-    Collisions and cases that could not be evaluated come first, without their drivers where not all
-    fit, then the least human-like.
+    Incidents, the hardest first, and cases that could not be evaluated come first, without their
+    drivers where not all fit, then the least human-like.
 
     cases_of: those that the page has, by scenario. points_of: their points, by case.
     """
@@ -155,8 +156,10 @@ def worth_embedding(
             counts.update((name, at) for _, at, _ in store.names(role, name) if at in there)
         for case in cases:
             at = name, points[case.case]
-            matters = case.collided or not case.evaluated
-            tell = FAILED if matters else 0.0 if case.index is None else 1.0 - case.index
+            harm = max(case.severity or 0.0, case.departure_severity or 0.0)
+            likeness = 1.0 if case.index is None else case.index
+            matters = case.incident or not case.evaluated
+            tell = FAILED + harm if matters else 1.0 - likeness
             tells[at] = max(tells.get(at, 0.0), tell)
     own, humans = runs.values()
     order = sorted(tells, key=lambda known: (-tells[known], known))
