@@ -329,6 +329,18 @@ def test_bodies_are_drawn_in_their_size_as_what_their_scenario_says() -> None:
 
 
 @needs_node
+@pytest.mark.parametrize(("length", "kind"), [(4.5, "car"), (12.0, "truck")])
+def test_the_ego_is_drawn_as_what_its_size_looks_like(length: float, kind: str) -> None:
+    ego = plain(builders.drive(0.0, 0.0, 10.0, 1.0)) | {"length": length, "width": 2.5}
+    given = json.dumps(ego | {"acceleration": [0.0] * 99})
+    script = f"""
+        const body = require({json.dumps(REPLAY_JS)}).bodyAt({{ road: {{}} }}, {given}, "ego", 0, "");
+        console.log(body.kind)"""
+    done = subprocess.run([str(NODE), "-e", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == kind
+
+
+@needs_node
 def test_a_lane_without_a_taper_is_gone_at_once() -> None:
     """As networks of SUMO have it: the left lane, y 1.75 to 5.25, ends at x = 500."""
     road = Road("road", 1000.0, 2, 3.5, 100.0, spans=(LaneSpan(1, end=500.0),))

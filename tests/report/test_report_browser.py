@@ -220,6 +220,7 @@ def test_the_report_opens_without_an_error_and_without_a_request(
         opened.run("document.querySelectorAll('script, img, iframe, link').length") == 9
     )  # 7 scripts, the icon and Plotly unpacked
     assert opened.run("document.querySelectorAll('.js-plotly-plot').length") >= 10
+    assert opened.run("document.querySelector('[data-tools] button').textContent") == "Fold all"
 
 
 @needs_chromium
@@ -487,6 +488,7 @@ def test_a_second_ads_stands_beside_the_first_and_the_filter_holds_for_both(
     assert opened.run(drawn) > 0, "a group is shown whatever was filtered before"
     assert opened.run(f"{card}.querySelector('[type=search]').value") == ""
     opened.run(clear)
+    opened.run(f"{card}.querySelector('[data-cases]').open = false")
     assert opened.problems == []
 
 

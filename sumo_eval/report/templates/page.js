@@ -49,11 +49,12 @@ const sumoPage = (() => {
 
   function tools(holder) {
     if (folds().length) {
+      const folded = () => folds().some((fold) => !fold.open);
       const all = button("Unfold all", () => {
-        const open = folds().some((fold) => !fold.open);
+        const open = folded();
         folds().forEach((fold) => { fold.open = open; });
-        all.textContent = open ? "Fold all" : "Unfold all";
       });
+      document.addEventListener("toggle", () => { all.textContent = folded() ? "Unfold all" : "Fold all"; }, true);
       holder.append(all);
     }
     const words = () => (theme() === "dark" ? "Light" : "Dark");

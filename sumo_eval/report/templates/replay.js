@@ -601,7 +601,7 @@ const sumoReplay = (() => {
     const it = mapped(scene.road, t), held = Math.min(time, duration(t));
     return {
       x: at(it, "x", held), y: at(it, "y", held), heading: at(it, "heading", held), length: t.length, width: t.width,
-      kind: (scene.bodies || {})[name] || "car", colour, brakes: at(t, "acceleration", held) < BRAKING, ...more,
+      kind: (scene.bodies || {})[name] || (name === "ego" ? kindOf(t) : "car"), colour, brakes: at(t, "acceleration", held) < BRAKING, ...more,
     };
   }
 
@@ -938,7 +938,7 @@ const sumoReplay = (() => {
   }
 
   return {
-    player, ahead, at, onMap, drawChase, drawBody, CAMERAS, still, moment, named, mapped, bends, within, crossingRings, roomOf, bodyParts,
+    player, ahead, at, onMap, drawChase, drawBody, CAMERAS, still, moment, named, mapped, bends, within, crossingRings, roomOf, bodyParts, bodyAt,
   };
 })();
 
