@@ -1,4 +1,4 @@
-"""Which parameters of a space a map shows, and at which values of the others."""
+"""Parameters of a space that a map shows, and where it cuts through all further ones."""
 
 from __future__ import annotations
 

@@ -488,7 +488,7 @@ def test_a_second_ads_stands_beside_the_first_and_the_filter_holds_for_both(
     assert opened.run(drawn) > 0, "a group is shown whatever was filtered before"
     assert opened.run(f"{card}.querySelector('[type=search]').value") == ""
     opened.run(clear)
-    opened.run(f"{card}.querySelector('[data-cases]').open = false")
+    opened.run(f"{card}.querySelector('input[data-ads]').click()")
     assert opened.problems == []
 
 
