@@ -23,6 +23,7 @@ from sumo_eval.record.human_reference import LeftOut, PointJob, compute_points
 from sumo_eval.record.kept_results import KeptResults, key_of
 from sumo_eval.record.store import RECORDED, Fact
 from sumo_eval.results import Counted, ScoreNote, ThinReferences
+from sumo_eval.scenario.sampling.samples import Sample, sample_of
 from sumo_eval.scoring.confidence.drivers import exchanges
 from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.settings import DriverSettings
@@ -107,6 +108,7 @@ class Survey:
 
     hazardous: flags, (points,), and weights: r, times the points that each stands for, by the
         number of the point.
+    points: values, (points, k), nan where no case was driven.
     people: whether an ADS can be compared with drivers.
     driven: the points of each ADS's cases, in their order.
     left_out: the points at which each ADS's cases have drivers left out one by one.
@@ -114,9 +116,25 @@ class Survey:
 
     hazardous: BoolArray
     weights: FloatArray
+    points: FloatArray
     people: bool
     driven: Mapping[str, IntArray]
     left_out: Mapping[str, frozenset[int]]
+
+
+def as_driven(chosen: Sample, driven: FloatArray, *, whole: bool) -> Sample:
+    """The sample of a run: what the settings choose now, or, where that is something else, as after
+    a change to a file of points, what was driven.
+
+    driven: values of the points, (n, k), nan where none were driven, unless the run is `whole`.
+    """
+    there = ~np.isnan(driven[:, 0])
+    spare = len(chosen.points) - len(driven)
+    if (spare == 0 or (spare > 0 and not whole)) and np.array_equal(
+        chosen.points[: len(driven)][there], driven[there]
+    ):
+        return chosen
+    return sample_of(np.where(there[:, None], driven, driven[there][0]), chosen.method)
 
 
 def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey:
@@ -160,9 +178,12 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
             raise InputError(
                 f"Run {store.path.parent} holds no case of ADS `{name}` in scenario `{space.name}`."
             )
+    all_values = np.full((points, len(names)), np.nan)
+    all_values[there] = values
     return Survey(
         hazardous,
         weights,
+        all_values,
         space.logical.has_drivers or compared,
         {name: np.array(its, dtype=np.intp) for name, its in driven.items()},
         {name: jackknifed(its) for name, its in counted.items()},

@@ -15,6 +15,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sumo_eval.drivers.recorded.exposure import exposure_of
+from sumo_eval.errors import InputError
 from sumo_eval.method.plausibility import Quantiles
 from sumo_eval.method.severity import Severity
 from sumo_eval.record.human_reference import LeftOut
@@ -26,7 +27,7 @@ from sumo_eval.record.store import Fact, Store
 from sumo_eval.results import ScenarioResult, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.resolved import Resolved
-from sumo_eval.scenario.sampling.samples import BY_EXPOSURE, Sample
+from sumo_eval.scenario.sampling.samples import Sample, sample_of
 from sumo_eval.scoring.confidence.drivers import driver_deviations
 from sumo_eval.scoring.confidence.intervals import ScoreIntervals
 from sumo_eval.scoring.confidence.next_round import ADAPTIVE, standing
@@ -40,6 +41,7 @@ from sumo_eval.scoring.kept_scores import RowWriter, Scores
 from sumo_eval.scoring.likeness import (
     DriverComparison,
     Survey,
+    as_driven,
     compare_with_people,
     references,
     survey,
@@ -97,22 +99,17 @@ class Scoring:
         )  # fmt: skip
 
     def _points(self, entry: ScenarioSettings, logical: LogicalScenario) -> Sample:
-        """The points of a scenario. Those drawn by recordings, which need not be there any more,
-        are taken from the drives.
+        """The points that the settings choose now; none where a file that they need is gone. What
+        recordings choose cannot be known: they need not be there.
         """
         settings, source = self.run.settings, self.run.source
-        recorded = entry.exposure.kind == "recorded"
-        exposure = (
-            None if recorded else exposure_of(logical, entry.exposure, settings.drivers, source)
-        )
-        chosen = choose_points(logical, entry, source, settings, exposure and exposure.density)
-        if not recorded or chosen.method not in BY_EXPOSURE:
-            return chosen
-        values = {fact.point: fact.values for fact in self.store.facts("ideal", logical.name)}
-        some = next(iter(values.values()))  # in place of points that `run.only` leaves out
-        every = (values.get(number, some) for number in range(max(values) + 1))
-        points = np.array([[it[name] for name in logical.names] for it in every])
-        return replace(chosen, points=points, refused=points[:0], notes=())
+        try:
+            density = None
+            if entry.exposure.kind != "recorded":
+                density = exposure_of(logical, entry.exposure, settings.drivers, source).density
+            return choose_points(logical, entry, source, settings, density)
+        except InputError:
+            return sample_of(np.empty((0, len(logical.names))), entry.sampling.method or "")
 
 
 Scored = list[tuple[ScenarioResult, ScoreIntervals | None]]
@@ -150,7 +147,8 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
         with_counts(score, table, space.logical)
         for score, table in zip(scores, tables, strict=True)
     ]
-    places, points = [known.driven[name] for name in remarks], space.points
+    places = [known.driven[name] for name in remarks]
+    points = as_driven(space.points, known.points, whole=not space.settings.run.only)
     unit = space.logical.to_unit(points.points)
     groups = (
         strata(unit, points.method) if points.stratum is None else of_one_number(points.stratum)

@@ -307,20 +307,26 @@ def test_the_ranking_under_other_constants(runs):
     assert all(row.ranking[0] == "lane_changer" for row in a)
 
 
+DRAWN = SamplingSettings("exposure", count=16)
+NARROW = {"ego_speed": DeclaredDistribution("normal", 28.0, 1.0)}
+
+
 @pytest.mark.parametrize(
-    "exposure",
+    ("sampling", "exposure"),
     [
-        ExposureSettings("declared", declared={"ego_speed": DeclaredDistribution("normal", 28, 1)}),
-        ExposureSettings("recorded", recordings=("people.csv",)),
+        (DRAWN, ExposureSettings("declared", declared=NARROW)),
+        (DRAWN, ExposureSettings("recorded", recordings=("people.csv",))),
+        (SamplingSettings("file", file="points.csv"), ExposureSettings()),
     ],
 )
-def test_points_drawn_by_an_exposure_are_scored_as_driven(exposure, tmp_path):
+def test_points_are_scored_as_they_were_driven(sampling, exposure, tmp_path):
     write_people(tmp_path / "people.csv", np.linspace(24.0, 30.0, 12).tolist(), lead_step=0.8)
-    sampling = SamplingSettings("exposure", count=16)
+    (tmp_path / "points.csv").write_text("ego_speed,lead_speed\n20,5\n25,5\n")
     entry = ScenarioSettings("front_vehicle_low_speed", sampling, exposure)
     settings = replace(small(["idm"], drivers=2), scenario=(entry,))
     record_facts(Resolved.of(settings, tmp_path), tmp_path / "run")
     (tmp_path / "people.csv").unlink()
+    (tmp_path / "points.csv").write_text("ego_speed,lead_speed\n20,5\n")
     done = score(tmp_path / "run")
     (zones,), (idm,) = done.zones, done.scores
     assert zones.sampled == idm.cases == len(list(done.cases))

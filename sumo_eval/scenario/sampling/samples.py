@@ -52,8 +52,10 @@ class Sample:
     stratum: NDArray[np.intp] | None = None
 
 
-BY_EXPOSURE = ("exposure", "exposure_danger")
-"""Methods whose points depend on the exposure."""
+def sample_of(points: FloatArray, method: str) -> Sample:
+    """Points (n, k) as the sample of a method, none of them refused."""
+    return Sample(points, points[:0], np.ones(len(points)), method=method)
+
 
 Method = tuple[Callable[[LogicalScenario, Request], Drawn], frozenset[str]]
 
