@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sumo_eval.coded import decoded, encoded
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.scenario.logical import LogicalScenario, Values
 from sumo_eval.settings import EvaluationSettings, RankingSettings, ScenarioSettings, ZoneSettings
@@ -89,6 +89,9 @@ def choose_points(
             f"The sampling of scenario `{entry.use}` must choose at least one possible point, got "
             f"none.{_refusals(weighted, points)}"
         )
+    if not points.exposure.any():
+        what = f"the points of scenario `{entry.use}`"
+        raise must_be("The exposure", what, "above 0 at one of them", 0.0)
     return points
 
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import sumo_eval
@@ -49,3 +50,10 @@ def test_only_knows_cases_of_names_that_hold_numbers(tmp_path):
     kept = narrowed(Resolved.of(settings, tmp_path))
     assert list(kept.scenarios) == ["cut-in-2026-de"]
     assert [ads.name for ads in kept.settings.ads] == ["v-2026-1"]
+
+
+def test_an_exposure_of_0_at_every_point_is_refused(tmp_path):
+    entry = ScenarioSettings("front_vehicle_low_speed")
+    settings = EvaluationSettings("x", (entry,), (AdsSettings("idm", "idm"),))
+    with pytest.raises(InputError, match="must be above 0 at one of them, got 0"):
+        choose_points(load(entry.use), entry, tmp_path, settings, lambda _: np.zeros(1))
