@@ -23,7 +23,12 @@ from sumo_eval.record.run_folder import EVALUATION, EXPOSURES, FACTS, MANIFEST
 from sumo_eval.report.checks import FAILED, PASSED, checked_cases
 from sumo_eval.report.page import template, write_page
 from sumo_eval.report.qualification import holds, qualification_sentence
-from sumo_eval.report.words import count, people_sentence, reference_sentence
+from sumo_eval.report.words import (
+    count,
+    people_sentence,
+    reference_sentence,
+    sampling_words,
+)
 from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scoring.confidence.assessment import risk
 from sumo_eval.scoring.confidence.intervals import LEVEL
@@ -286,13 +291,11 @@ def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
 
 def _assumptions(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult) -> Iterator[str]:
     """Conditions of the claims on a scenario that the run does not show."""
-    settings = evaluation.settings
-    names = list(dict.fromkeys(item.scenario for item in evaluation.zones))
-    entry = settings.scenario[names.index(score.scenario)]
-    method = entry.sampling.method or "the scenario's own"
+    named = {logical.name: (entry, logical) for entry, logical in evaluation.resolved.entries}
+    entry, logical = named[score.scenario]
     yield (
-        f"{count(zone.sampled, 'point')}, chosen by `{method}`, stand for the space; what lies "
-        "outside of it is not claimed."
+        f"{count(zone.sampled, 'point')} ({sampling_words(entry.sampling, logical)}) stand for the "
+        "space; what lies outside of it is not claimed."
     )
     if not evaluation.exposure_known(score.scenario):
         yield "The frequency of concrete scenarios is not known: every point counts the same."

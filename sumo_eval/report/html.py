@@ -41,6 +41,7 @@ from sumo_eval.report.words import (
     percent,
     reason_without,
     reference_sentence,
+    sampling_words,
     score_note,
     why_missing,
 )
@@ -51,7 +52,6 @@ from sumo_eval.scoring.findings import Findings, unevaluated
 from sumo_eval.scoring.map_view import View, choose_view
 from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.scoring.shown_cases import shown_cases
-from sumo_eval.settings import SamplingSettings
 
 NOTHING_BESIDE = Beside()
 MOST_LISTED = 500  # rows of a table of collisions, or of cases that could not be evaluated
@@ -212,7 +212,7 @@ def _group(
             )
             for values in zones.most_dangerous
         ],
-        "sampling": _sampling(evaluation.settings.scenario[index].sampling, logical),
+        "sampling": sampling_words(evaluation.settings.scenario[index].sampling, logical),
     }
 
 
@@ -239,31 +239,6 @@ def _left_out(
             if view.y is not None
         ],
     }
-
-
-def _sampling(sampling: SamplingSettings, logical: LogicalScenario) -> str:
-    """How the points were chosen, in words; the rules are those of
-    `sumo_eval.scenario.sampling.samples.sample`.
-    """
-    suffixes = {item.name: item.unit_suffix for item in logical.parameters}
-    grid = sampling.levels is not None or sampling.steps
-    method = sampling.method or ("grid" if grid else logical.default_sample)
-    own = [item.about for item in logical.samples if item.name == method]
-    if own:
-        return f"{method}, {own[0]}"
-    if sampling.count is not None:
-        return f"{method}, {sampling.count} points asked for"
-    if sampling.file is not None:
-        return f"{method}, {sampling.file}"
-    if isinstance(sampling.levels, int):
-        return f"{method}, {sampling.levels} points on each axis"
-    parts = [f"{name}: {levels} points" for name, levels in (sampling.levels or {}).items()]
-    parts += [
-        f"{name}: steps of {step:g}{suffixes.get(name, '')}"
-        for name, step in (sampling.steps or {}).items()
-    ]
-    own_steps = f"{'elsewhere ' if parts else ''}the space's own steps"
-    return ", ".join([method, *parts, own_steps])
 
 
 def _row(found: Findings) -> dict[str, Any]:

@@ -37,10 +37,11 @@ from sumo_eval.results import (
     ThinReferences,
     WorstAndBest,
 )
+from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.contact_cause import ContactCause
 from sumo_eval.scoring.findings import Findings, findings, people_behind
 from sumo_eval.scoring.preventability import Verdict, reference_ads
-from sumo_eval.settings import EvaluationSettings
+from sumo_eval.settings import EvaluationSettings, SamplingSettings
 from sumo_eval.text import point_words
 
 REASON_WITHOUT_C = "no case that tells how collisions are avoided could be evaluated"
@@ -319,6 +320,31 @@ def people_sentence(evaluation: Evaluation) -> str:
         f"Recorded people ({source}) stand behind D and H in {each}. Where they are fewer than "
         f"{drivers.least}, {rest}."
     )
+
+
+def sampling_words(sampling: SamplingSettings, logical: LogicalScenario) -> str:
+    """How the points were chosen, in words; the rules are those of
+    `sumo_eval.scenario.sampling.samples.sample`.
+    """
+    suffixes = {item.name: item.unit_suffix for item in logical.parameters}
+    grid = "grid" if sampling.levels is not None or sampling.steps else None
+    method = sampling.method or grid or ("file" if sampling.file else logical.default_sample)
+    own = [item.about for item in logical.samples if item.name == method]
+    if own:
+        return f"{method}, {own[0]}"
+    if sampling.count is not None:
+        return f"{method}, {sampling.count} points asked for"
+    if sampling.file is not None:
+        return f"{method}, {sampling.file}"
+    if isinstance(sampling.levels, int):
+        return f"{method}, {sampling.levels} points on each axis"
+    parts = [f"{name}: {levels} points" for name, levels in (sampling.levels or {}).items()]
+    parts += [
+        f"{name}: steps of {step:g}{suffixes.get(name, '')}"
+        for name, step in (sampling.steps or {}).items()
+    ]
+    own_steps = f"{'elsewhere ' if parts else ''}the space's own steps"
+    return ", ".join([method, *parts, own_steps])
 
 
 # --- what could not be evaluated ------------------------------------------------------------------

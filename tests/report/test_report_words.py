@@ -29,11 +29,13 @@ from sumo_eval.report.words import (
     notes_sentence,
     number,
     percent,
+    sampling_words,
     severity_words,
 )
 from sumo_eval.results import Evaluation
+from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.findings import Findings, unevaluated
-from sumo_eval.settings import CollisionSettings, MethodSettings
+from sumo_eval.settings import CollisionSettings, MethodSettings, SamplingSettings
 
 CUT_OUT = builders.SCENARIOS[1]
 
@@ -229,3 +231,10 @@ def test_the_zone_of_a_case_is_that_of_its_criticality(
     exact, learnt = _zone(case, zones)
     assert exact.endswith("hazardous from 0.7 1/s: the hazardous zone")
     assert learnt.endswith("safe as learnt, for maps and weights")
+
+
+def test_points_of_a_file_are_not_said_to_be_the_scenarios_own() -> None:
+    logical = catalogue.load("ncap_ccrs")
+    assert sampling_words(SamplingSettings(file="own.csv"), logical) == "file, own.csv"
+    assert sampling_words(SamplingSettings(levels=3), logical) == "grid, 3 points on each axis"
+    assert sampling_words(SamplingSettings(), logical).startswith("ncap_2026, the Euro NCAP matrix")
