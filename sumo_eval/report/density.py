@@ -43,7 +43,6 @@ def density_maps(
             _tiles(
                 number / max(most, 1),
                 number,
-                number,
                 "--c",
                 f"number of cases, {axes}",
                 (across, up),
@@ -51,14 +50,13 @@ def density_maps(
         ),
         (
             f"share of them that collided, up to {share.max(initial=0.0):z.0%}; {axes}",
-            _tiles(share, hits, share, "--hit", f"share that collided, {axes}", (across, up)),
+            _tiles(share, share, "--hit", f"share that collided, {axes}", (across, up)),
         ),
     ]
 
 
 def _tiles(
     shade: FloatArray,
-    number: FloatArray | IntArray,
     said: FloatArray | IntArray,
     colour: str,
     words: str,
@@ -87,7 +85,7 @@ def _tiles(
             middle[1][place // TILES],
             said[place],
         )
-        for place in np.flatnonzero(number > 0).tolist()
+        for place in np.flatnonzero(shade > 0.0).tolist()
     ]
     return Markup(
         '<svg class="density" data-chart="{}" data-head="{}" role="img" aria-label="{}" '

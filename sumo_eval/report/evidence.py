@@ -29,7 +29,7 @@ from sumo_eval.report.words import (
     reference_sentence,
     sampling_words,
 )
-from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
+from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.confidence.assessment import risk
 from sumo_eval.scoring.confidence.intervals import LEVEL
 from sumo_eval.scoring.preventability import preventability, reference_ads, verdicts
@@ -93,13 +93,7 @@ def evidence_of(evaluation: Evaluation) -> Evidence:
         **{name: str(value) for name, value in manifest.get("versions", {}).items()},
         **{name: str(value) for name, value in manifest.get("machine", {}).items()},
     }  # fmt: skip
-    claims = tuple(
-        claim
-        for score in evaluation.scores
-        for claim in _claims(
-            evaluation, score, next(it for it in evaluation.zones if it.scenario == score.scenario)
-        )
-    )
+    claims = tuple(claim for score in evaluation.scores for claim in _claims(evaluation, score))
     return Evidence(
         run, hashes, qualification_sentence(manifest), holds(manifest),
         reference_sentence(evaluation.settings),
@@ -117,12 +111,12 @@ def write_evidence(evaluation: Evaluation, out: Path) -> tuple[Path, Path]:
     return html, data
 
 
-def _claims(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult) -> Iterator[Claim]:
+def _claims(evaluation: Evaluation, score: ScenarioResult) -> Iterator[Claim]:
     """The claims about one ADS in one scenario."""
     cases = evaluation.cases_of(score.ads, score.scenario)
     about = f"{score.ads} in {score.scenario}"
     yield _complete(about, score, cases)
-    assumptions = tuple(_assumptions(evaluation, score, zone))
+    assumptions = tuple(_assumptions(evaluation, score))
     for make in (_collisions, _preventable, _avoided, _checked):
         if make is not _checked or score.scenario in evaluation.checks:
             yield replace(make(evaluation, about, score, cases), assumptions=assumptions)
@@ -289,10 +283,11 @@ def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
     )  # fmt: skip
 
 
-def _assumptions(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult) -> Iterator[str]:
+def _assumptions(evaluation: Evaluation, score: ScenarioResult) -> Iterator[str]:
     """Conditions of the claims on a scenario that the run does not show."""
     named = {logical.name: (entry, logical) for entry, logical in evaluation.resolved.entries}
     entry, logical = named[score.scenario]
+    zone = next(it for it in evaluation.zones if it.scenario == score.scenario)
     yield (
         f"{count(zone.sampled, 'point')} ({sampling_words(entry.sampling, logical)}) stand for the "
         "space; what lies outside of it is not claimed."

@@ -87,19 +87,18 @@ def people_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
         score, own = one.score, one.cases[one.indexed]
         if not len(own):
             continue
-        banded, drivers = own[np.isfinite(own.human_mean)], own.drivers
-        below = int(np.count_nonzero(banded.index < np.nan_to_num(banded.human_low)))
+        drivers, banded = own.drivers, int(np.count_nonzero(np.isfinite(own.human_mean)))
+        below = int(np.count_nonzero(own.index < np.nan_to_num(own.human_low)))
         numbers = np.unique(drivers[np.isfinite(drivers)]).astype(int).tolist()
         recorded, everybody = (int(np.nansum(values)) for values in (own.recorded_drivers, drivers))
         range_ = "–".join(dict.fromkeys(str(n) for n in (*numbers[:1], *numbers[-1:]))) or "no"
         low, mean, high = (
-            mean_of(getattr(banded, f"human_{end}"), banded.exposure)
-            for end in ("low", "mean", "high")
+            mean_of(getattr(own, f"human_{end}"), own.exposure) for end in ("low", "mean", "high")
         )
         rows.append({
             "scenario": score.scenario, "ads": score.ads, "d": number(score.d, 3),
             "low": number(low, 3), "mean": number(mean, 3), "high": number(high, 3),
-            "below": f"{below} of {len(banded)}",
+            "below": f"{below} of {banded}",
             "drivers": f"{range_} a case, {percent(recorded / everybody if everybody else 0.0)} "
                        "recorded",
             "warnings": _warnings(own),
