@@ -135,8 +135,12 @@ def test_a_constant_lane_offset_shifts_the_lanes_and_one_that_changes_is_refused
         100.0 + 7.25 - 1.25, rel=1e-12
     )
     steps = OFFSET.format(s=0, a=1.25) + OFFSET.format(s=50, a=0)
-    path.write_text(text.replace("<lanes>", "<lanes>" + steps), encoding="utf-8")
-    with pytest.raises(InputError, match=r"<laneOffset> of .* must be constant along the road"):
+    for offsets in (steps, OFFSET.format(s=50, a=1.25)):
+        path.write_text(text.replace("<lanes>", "<lanes>" + offsets), encoding="utf-8")
+        with pytest.raises(InputError, match=r"<laneOffset> of .* must be constant along the road"):
+            read_opendrive(path)
+    path.write_text(text.replace("<road ", '<road rule="LHT" '), encoding="utf-8")
+    with pytest.raises(InputError, match="left-hand traffic is not supported, got 'LHT'"):
         read_opendrive(path)
 
 

@@ -140,6 +140,9 @@ def _meet(before: _Stretch, begin: Pose) -> bool:
 
 def _stretch(road: etree._Element, owner: str, *, against: bool) -> _Stretch:
     """A road driven along its reference line, or against it on its left-hand lanes."""
+    rule = road.get("rule", "RHT")
+    if rule != "RHT":
+        raise must_be("`rule`", owner, "RHT: left-hand traffic is not supported", rule)
     reference, begin = reference_line(road, owner)
     if against:
         end = begin.along(reference, length_of(reference))
@@ -238,7 +241,9 @@ def lane_offset(road: etree._Element, owner: str, *, flat: bool = False) -> floa
     found = {}
     for name in ("lanes/laneOffset", *(() if flat else PROFILES)):
         entries = list(road.iterfind(name))
-        values = {_number(entry, "a", owner) for entry in entries} or {0.0}
+        values = {_number(entry, "a", owner) for entry in entries}
+        if all(_number(entry, "s", owner, "0") > 0.0 for entry in entries):
+            values.add(0.0)  # before the first one
         bends = [
             entry for entry in entries if any(_number(entry, key, owner, "0") for key in "bcd")
         ]
