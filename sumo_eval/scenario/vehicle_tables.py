@@ -62,6 +62,7 @@ _KINDS = {
     "path": played.PATH,
 }  # fmt: skip
 _ENDLESS = Limits(above=0.0, endless=True)
+_AHEAD = 0.1  # rad from the road's direction within which a way is as long as the road beside it
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,8 +114,6 @@ class EgoTable(Checked):
         owner = f"[ego] of {where}"
         if len(self.recorded) == 1:
             raise must_be("`recorded`", owner, "two places or more", "1")
-        if not all(map(math.isfinite, itertools.chain.from_iterable(self.recorded))):
-            raise must_be("`recorded`", owner, "finite", "a number that is not")
         if (self.length is None) != (self.width is None):
             raise InputError(f"{owner} must have both length and width, or neither.")
         if self.goal_lane is None:
@@ -521,6 +520,10 @@ class Vehicle:
             start = Start(s, d, speed)
         left_out = ("follow",) if self.lively else ("follow", "keep_speed")
         acts = [move.act(known, table.name) for move in self.moves if move.table.do not in left_out]
+        if abs(heading) > _AHEAD and any(act.kind == played.BY_PLACE for act in acts):
+            owner = f"vehicle `{table.name}` with `places` of a `speed_profile`"
+            must = f"within {_AHEAD:g} rad of the road's direction; elsewhere `times` are supported"
+            raise must_be("`heading`", owner, must, heading)
         model = None
         if self.moves and (name := self.moves[-1].table.model) is not None:
             given, program = self.moves[-1].numbers.at(known), self.moves[-1].program(known)
