@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.concrete import EgoBody
+from sumo_eval.scenario.first_places import STANDARD_EGO
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.settings import EvaluationSettings, ScenarioSettings
+from sumo_eval.scenario.vehicle_tables import Placement
+from sumo_eval.settings import EvaluationSettings, ScenarioSettings, VehicleSettings
 
 WHOLE = (1, 1)
 
@@ -35,7 +38,8 @@ class Resolved:
         Raises InputError for an unknown one, for two of one name, and for axes of a map that it
         does not have.
         """
-        scenarios = [catalogue.find(entry.use, source) for entry in settings.scenario]
+        vehicle = settings.simulation.vehicle
+        scenarios = [find_with(vehicle, entry.use, source) for entry in settings.scenario]
         refuse_doubles([logical.name for logical in scenarios])
         for logical in scenarios:
             axes = settings.report.axes.get(logical.name, ())
@@ -47,6 +51,16 @@ class Resolved:
     def entries(self) -> Iterator[tuple[ScenarioSettings, LogicalScenario]]:
         """The evaluation's entry of each scenario, and the scenario."""
         return zip(self.settings.scenario, self.scenarios.values(), strict=True)
+
+
+def find_with(vehicle: VehicleSettings, use: str, folder: Path) -> LogicalScenario:
+    """A scenario, with its gaps from the bumpers of this vehicle, where it prescribes no ego."""
+    logical, length = catalogue.find(use, folder), vehicle.length
+    place, body = logical.place, EgoBody(length, vehicle.width)
+    if logical.ego_body or length == STANDARD_EGO.length or not isinstance(place, Placement):
+        return logical
+    ego = replace(place.ego, length=length, width=vehicle.width)
+    return replace(logical, ego_body=body, place=replace(place, ego=ego))
 
 
 def refuse_doubles(names: Sequence[str]) -> None:

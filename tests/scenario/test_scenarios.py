@@ -27,6 +27,7 @@ from sumo_eval.scenario import (
     motion,
 )
 from sumo_eval.scenario.concrete import ConcreteScenario, smooth_step, smooth_step_rate
+from sumo_eval.scenario.resolved import find_with
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
@@ -101,6 +102,14 @@ def test_low_speed_starts_3_5_s_of_ego_speed_behind_the_lead():
         0.0,
     )
     assert lead.lateral_moves == ()
+
+
+def test_the_gap_is_from_the_bumper_of_the_vehicle_settings():
+    cut_out = find_with(VehicleSettings(length=6.0), "front_vehicle_cut_out", Path())
+    case = cut_out.concrete(ego_speed=20.0, obstacle_speed=0.0, gap=40.0)
+    obstacle = case.actors[-1]
+    assert case.simulation(SimulationSettings()).vehicle.length == 6.0
+    assert obstacle.start.x - case.ego.x - 0.5 * (6.0 + obstacle.length) == pytest.approx(40.0)
 
 
 def test_cut_out_measures_the_gap_from_the_ego_to_the_obstacle():

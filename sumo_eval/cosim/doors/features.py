@@ -102,10 +102,8 @@ class Action(Checked):
         Checked.__post_init__(self)
         if self.name not in ACTIONS:
             raise unknown("action", self.name, ACTIONS)
-        if self.values is not None and (
-            self.low is not None or not self.values or not np.isfinite(self.values).all()
-        ):
-            wanted = "finite numbers, without `low` and `high`"
+        if self.values is not None and (self.low is not None or not self.values):
+            wanted = "numbers, without `low` and `high`"
             raise must_be("`values`", f"`{self.name}`", wanted, self.values)
         _check_range(self.name, self.low, self.high)
 

@@ -37,8 +37,8 @@ from sumo_eval.extras.studies.boundary import outcomes_at
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.record.cases import Outcome, Setup
 from sumo_eval.record.engines import identify
-from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.resolved import find_with
 from sumo_eval.settings import (
     About,
     AdsSettings,
@@ -183,7 +183,7 @@ def spaces_of(settings: CampaignSettings, folder: Path) -> tuple[EncounterSpace,
     """
     spaces = []
     for item in settings.scenario:
-        logical = catalogue.find(item.use, folder)
+        logical = find_with(settings.simulation.vehicle, item.use, folder)
         met = logical.met
         if item.per_km is not None:
             rate: tuple[float, int | None, float | None, str] = item.per_km, None, None, "as given"
