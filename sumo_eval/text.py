@@ -104,6 +104,11 @@ def point_words(values: Mapping[str, float]) -> str:
     return ", ".join(f"{name}={value:g}" for name, value in values.items())
 
 
+def file_stem(case: str) -> str:
+    """The key of a case as the name of a file; `--` may not be in a comment of XML."""
+    return re.sub(r"[^\w.+-]|-(?=-)", "_", case)
+
+
 def capitalised(text: str) -> str:
     """A text that begins with a capital; names and paths in it keep their letters."""
     return text[:1].upper() + text[1:]

@@ -4,7 +4,6 @@ other tools.
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import click
@@ -14,6 +13,7 @@ from sumo_eval.cli.named_values import named_values
 from sumo_eval.cli.options import RUN, count_option, flag, path_option, trusting
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import open_in_browser, say, tell
+from sumo_eval.text import file_stem
 
 
 @click.command(epilog="Example: sumo-eval report results/first")
@@ -108,8 +108,8 @@ def replay(
         bodies = {actor.name: actor.body for actor in logical.placed(fact.values).actors}
         replay_in_gui(logical.road, vehicles, fact.collision, bodies=bodies)
         return
-    name = re.sub(r"[^\w.+~-]", "_", case)  # that of an ADS may hold a `/`
-    path = write_replay(run, logical, fact, out or run / f"replay-{name}.html", beside=beside)
+    out = out or run / f"replay-{file_stem(case)}.html"
+    path = write_replay(run, logical, fact, out, beside=beside)
     tell(f"The replay is {path}")
     if opens:
         open_in_browser(path.resolve().as_uri())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +21,7 @@ from sumo_eval.settings import (
     ScenarioSettings,
 )
 from sumo_eval.settings.config import to_toml
-from sumo_eval.text import cell
+from sumo_eval.text import cell, file_stem
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +51,7 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
     entry, logical = next(named for named in resolved.entries if named[1].name == fact.scenario)
     concrete = replace(logical.concrete(**fact.values), exposure=fact.exposure)
     simulation = concrete.simulation(settings.simulation)
-    stem = re.sub(r"[^\w.+-]|-(?=-)", "_", case)
+    stem = file_stem(case)
     road, view = f"{concrete.road.name}.net.xml", f"{concrete.road.name}.view.xml"
     alone = _evaluation(settings, fact, entry, source, f"{stem}.csv")
     line = f"{_importing(alone, source)}sumo-eval run {stem}.toml --out again"
