@@ -265,13 +265,10 @@ def _fill_closed_streams() -> None:
     """Put the null device in place of standard streams that are closed, as by `>&-`: no file of a
     run takes their numbers.
     """
-    while (number := os.open(os.devnull, os.O_RDWR)) < 3:  # the lowest that is free
+    while os.open(os.devnull, os.O_RDWR) < 3:  # the lowest number that is free
         pass
-    os.close(number)
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
-            nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - to the end
-            setattr(sys, name, nowhere)
+    nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - to the end
+    sys.stdout, sys.stderr = sys.stdout or nowhere, sys.stderr or nowhere
 
 
 def _stdout_to_nowhere() -> None:

@@ -108,7 +108,7 @@ class KeptResults:
         except sqlite3.OperationalError:
             if len(self._connections) > 1:
                 raise
-            self._connections.insert(0, _fresh(""))
+            self._connections.insert(0, _fresh())
             self._write(rows)
         except sqlite3.Error as error:
             raise InputError(f"{self.path} cannot be written: {error}. {_MEND}") from error
@@ -151,7 +151,7 @@ def _opened(path: Path) -> sqlite3.Connection:
     try:  # a finalizer closes it, in whichever thread collects garbage
         connection = sqlite3.connect(path, timeout=_PATIENCE, check_same_thread=False)
     except sqlite3.OperationalError:
-        return _fresh("")
+        return _fresh()
     try:
         (version,) = connection.execute("PRAGMA user_version").fetchone()
         if version != _VERSION:
@@ -160,7 +160,7 @@ def _opened(path: Path) -> sqlite3.Connection:
         return connection
     except sqlite3.OperationalError:
         connection.close()
-        return _fresh("")
+        return _fresh()
     except (sqlite3.Error, UnicodeDecodeError) as error:
         connection.close()
         raise InputError(
@@ -168,11 +168,9 @@ def _opened(path: Path) -> sqlite3.Connection:
         ) from error
 
 
-def _fresh(name: str) -> sqlite3.Connection:
-    """An empty one; without a name it lies in a file of SQLite's own, which is gone with the
-    connection.
-    """
-    connection = sqlite3.connect(name, check_same_thread=False)
+def _fresh() -> sqlite3.Connection:
+    """An empty one in a file of SQLite's own, which is gone with the connection."""
+    connection = sqlite3.connect("", check_same_thread=False)
     connection.executescript(_SCHEMA)
     return connection
 
