@@ -144,9 +144,13 @@ def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: P
         return
     if case is None:
         from sumo_eval.record.exchange import export as write
+        from sumo_eval.record.exchange import open_run
 
         for path in write(run, out, kind or "csv"):
             tell(str(path))
+        if lost := open_run(run).discarded:
+            size = f"{lost / 1e6:.2g} MB of trajectories"
+            tell(f"Not among them: {size} that `[run] keep` has discarded.", err=True)
         return
     if kind is not None:
         raise click.UsageError(

@@ -82,6 +82,8 @@ class Run:
         """Every vehicle's trajectory of a case, the ego's under `ego`."""
         with self._store() as store:
             vehicles = store.trajectories(case)
+            if store.is_discarded(case):
+                raise store.no_trajectory(case)
         if not vehicles:
             raise InputError(f"There is no trajectory of case `{case}` in run {self.folder}.")
         return vehicles
@@ -91,6 +93,12 @@ class Run:
         acceleration, steering.
         """
         return _trajectory_table(case, self.trajectories(case))
+
+    @property
+    def discarded(self) -> int:
+        """Bytes of trajectories that were discarded after the run was scored."""
+        with self._store() as store:
+            return store.discarded_size
 
     def digest(self) -> str:
         """A hash of all recorded facts: equal for equal configurations, whatever the workers, order

@@ -15,6 +15,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from commands import sumo_eval as sumo_eval_cli
 from evaluations import small
 
 import sumo_eval
@@ -201,10 +202,14 @@ def test_a_run_without_its_trajectories_keeps_its_scores(
     assert same(sumo_eval.score(copy), done)
     lost = next(case for case in done.cases if case.case not in stays and case.index is not None)
     for refused in (lambda: recorded(copy, lost.case),
+        lambda: sumo_eval.open_run(copy).trajectories(lost.case),
         lambda: sumo_eval.score(copy, ["method.zones.restarts=1",
                     "method.anthropomorphic.slice_spacing=7.0"])):  # fmt: skip
         with pytest.raises(InputError, match="were discarded after it was scored"):
             refused()
+    told = sumo_eval_cli("export", copy, "--out", copy / "tables")
+    assert told.returncode == 0
+    assert "MB of trajectories that `[run] keep` has discarded" in told.stderr
     lines = explain_case(
         done_again := sumo_eval.score(copy),
         zone_partitions(done_again),
