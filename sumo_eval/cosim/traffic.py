@@ -1,11 +1,11 @@
-"""SUMO's side of cases in which vehicles react: SUMO drives them, and receives all else at every
-step.
+"""SUMO's side of cases in which vehicles react: SUMO drives these, and receives all other vehicles
+at every step.
 
-All else is put where it is at the begin of a step, with the speed that it has at the end,
-so that a follower sees the present. SUMO knows a body in one lane only. So a vehicle has two bodies
-here: one in the lane of the middle of its front, and a shadow in the lane over whose line it
-reaches (`SimulationSettings.seen_over_line`). A shadow that is not needed stands beside the road,
-where SUMO has lost it and no vehicle sees it.
+A vehicle that SUMO receives is put where it is at the begin of a step, with the speed that it has
+at the end: when SUMO has moved it, followers see it where it is now. For SUMO a body is in one lane
+only. So a vehicle has two bodies here: one in the lane of its front's centre, and a shadow in the
+lane over whose line it reaches (`SimulationSettings.seen_over_line`). A shadow that is not needed
+stands beside the road, where it is on no lane and no vehicle sees it.
 """
 
 from __future__ import annotations
@@ -29,18 +29,20 @@ from sumo_eval.scenario.played import HANDED_OVER
 from sumo_eval.scenario.road.reference_line import curvatures
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-_AS_TOLD_IN_A_CURVE = 0.1  # m: as on a straight road, and as much for lanes with sides of 1 m
+# m by which SUMO's position in a curve may differ: twice `tolerance`, as lanes are polylines of 1 m
+_TOLERANCE_IN_A_CURVE = 0.1
 _ITS_OWN_SPEED_MODE = 31  # SUMO's default: as its model says
 
 
 class _OnLane(NamedTuple):
-    """A vehicle that is put on a lane.
+    """A vehicle to be put on a lane.
 
-    number: of the vehicle in the world's flat order.
-    lane, shadow_lane: of its body and of its shadow, -1: none.
+    number: index of the vehicle in flat order (row by row, the ego first).
+    lane, shadow_lane: of its body and of its shadow; -1: no shadow.
     begin: position of its front along the lane at the step's begin, m.
-    y: across the road at the step's end, m.
-    along, speed_before: its speeds at the step's end and begin, m/s.
+    y: position across the road at the step's end, m.
+    along: speed along the road at the step's end, m/s.
+    speed_before: speed at the step's begin, m/s.
     """
 
     number: int
@@ -59,17 +61,17 @@ class Traffic(Stage):
         program puts them, and there are no shadows.
     """
 
-    # m by which SUMO's place may differ after a step: it moves by the mean of both speeds
+    # m by which SUMO's position may differ after a step: SUMO moves by the mean of both speeds
     tolerance = 0.05
 
     def __init__(
         self, traci: Any, world: World, *, asked: bool = False, as_read: bool = False
     ) -> None:
-        self._on_foot = [  # by case, the ego first
+        self._on_foot = [  # of each case, the ego first
             [False, *(actor.body in VULNERABLE for actor in case.actors)] for case in world.cases
         ]
         self._road = world.cases[0].road
-        self._handed: set[str] = set()  # those that SUMO began to drive within the case
+        self._handed: set[str] = set()  # vehicles that SUMO has begun to drive within their case
         self._shadows = not as_read and self._road.lanes > 1
         super().__init__(traci, world, asked=asked, as_read=as_read)
 
@@ -89,7 +91,7 @@ class Traffic(Stage):
         self._lanes = [[f"{edge}_{lane}" for lane in lanes] for edge in self._edge]
 
     def _number(self, row: Any, actor: Any) -> Any:
-        """An actor's number, or the numbers of some, in the flat order in which egos come first."""
+        """Index of an actor, or of several, in flat order (row by row, the ego first)."""
         return row * self._width + 1 + actor
 
     def _ground_of_lane(self, x: Any, y: Any) -> Any:
@@ -97,7 +99,7 @@ class Traffic(Stage):
         return 1.0 - curvatures(self._road.line, x) * y
 
     def _find_reacting(self, world: World) -> None:
-        """Note the rows and columns of the vehicles that SUMO drives."""
+        """Find the rows and columns of the vehicles that SUMO drives."""
         self._reacting = np.nonzero(world.players.plays["model"])
 
     def _hand_over(self, world: World) -> None:
@@ -119,7 +121,7 @@ class Traffic(Stage):
             self._hide_shadow(number)
             x, y, lane = float(other["x"]), float(other["y"]), int(lanes_at(road, other["y"]))
             ground = float(self._ground_of_lane(x, y)) if self._bent else 1.0
-            # SUMO's place is the front's, in metres of the lane
+            # SUMO's position is that of the front, in metres of the lane
             calls.moveTo(name, self._lanes[row][lane], x + 0.5 * float(other["length"]) / ground)
             calls.setLateralLanePosition(name, y - road.lane_width * lane)
         speed = float(other["speed"]) * math.cos(float(other["heading"]))
@@ -177,7 +179,7 @@ class Traffic(Stage):
         s, d, ds_dt = told[:, 5:].T
         half = 0.5 * of_all(now, "length")
         if self._bent:
-            # as SUMO will move it, which knows the lane only: by the mean of both speeds
+            # SUMO will move it along its lane by the mean of both speeds
             y, along, heading = d, ds_dt, of_all(now, "heading")
             names = (self._flat[n] for n in number.tolist())
             last = [self._told.get(name, v) for name, v in zip(names, along, strict=True)]
@@ -211,8 +213,8 @@ class Traffic(Stage):
     def _on_lanes_from(
         self, number: NDArray[np.intp], begin: FloatArray, y: FloatArray, heading: FloatArray
     ) -> BoolArray:
-        """Whether each can be put on a lane: no pedestrian, on the lanes, in their direction, and
-        not within a step of the network's end.
+        """Whether each vehicle can be put on a lane: it is no pedestrian, is on the lanes, in their
+        direction, and further than a step from the network's end.
         """
         road = self._road
         inside = (y > road.right_edge + LOSS_MARGIN) & (y < road.left_edge - LOSS_MARGIN)
@@ -223,10 +225,11 @@ class Traffic(Stage):
     def _shadow_lanes(
         self, y: FloatArray, across: FloatArray, lane: NDArray[np.intp], over_line: float
     ) -> NDArray[np.intp]:
-        """The lane beside its own into which each body reaches by more than `over_line`, m; of two
-        the left one, -1 without one.
+        """The neighbouring lane into which each body reaches by more than `over_line`, m; of two
+        the left one; -1: none.
 
-        across: half the extents of bodies across the road, m.
+        across: half the extent of each body across the road, m.
+        lane: of each body's front.
         """
         width, lanes = self._road.lane_width, self._road.lanes
         left = (y + across > width * (lane + 0.5) + over_line) & (lane + 1 < lanes)
@@ -234,8 +237,8 @@ class Traffic(Stage):
         return np.where(left, lane + 1, np.where(right, lane - 1, -1))
 
     def _put_on_lane(self, it: _OnLane) -> None:
-        """Put a vehicle and its shadow where they are at the step's begin, with the speed that they
-        have at its end.
+        """Put a vehicle and its shadow where they are at the step's begin, with the speed of its
+        end.
         """
         name, shadow = self._flat[it.number], self._shadow_of[it.number]
         if self._bent:
@@ -244,7 +247,8 @@ class Traffic(Stage):
         if it.shadow_lane < 0:
             self._hide_shadow(it.number)
             return
-        if shadow not in self._shown_shadows:  # SUMO would think that it stood, as it did aside
+        # SUMO takes the speed before from the shadow's last one, which stood beside the road
+        if shadow not in self._shown_shadows:
             self.calls.setPreviousSpeed(shadow, it.speed_before)
             self._shown_shadows.add(shadow)
         self._put(shadow, it, it.shadow_lane)
@@ -255,7 +259,7 @@ class Traffic(Stage):
         self.calls.setSpeed(name, it.along)
 
     def read(self, world: World) -> None:
-        """Take in where SUMO has driven those that react."""
+        """Take in where SUMO has driven the vehicles that react."""
         if self.as_read:
             super().read(world)
         others = world.others
@@ -270,7 +274,7 @@ class Traffic(Stage):
         except self.traci.TraCIException:  # one of them has left the network
             shown = np.concatenate([self._shown_or_nowhere(name) for name in names])
         speed = shown[:, 3]
-        # on no lane SUMO shows an impossible speed; the inverted test finds a nan, too
+        # on no lane SUMO shows an impossible speed; `~`: true of nan as well
         gone = (shown[:, 0] <= NOWHERE) | ~((speed > LOWEST_SPEED) & (speed < FASTEST))
         others["told"][rows, columns] = 1  # moved in this step
         for k in np.flatnonzero(gone).tolist():
@@ -281,18 +285,18 @@ class Traffic(Stage):
         world.put_on_map()
 
     def _shown(self, names: list[str]) -> FloatArray:
-        """x, y, angle and speed of vehicles, (n, 4); in a curve x is the place along the lane, as
-        SUMO's drivers know it, and y and angle are not read.
+        """x, y, angle and speed of vehicles as SUMO shows them, (n, 4); in a curve x is the
+        position along the lane, and y and angle are not read.
         """
-        calls, found = self.calls, np.full((len(names), 4), STRAIGHT)
-        found[:, 3] = list(map(calls.getSpeed, names))
+        calls, shown = self.calls, np.full((len(names), 4), STRAIGHT)
+        shown[:, 3] = list(map(calls.getSpeed, names))
         if self._bent:
-            found[:, 0] = list(map(calls.getLanePosition, names))
-            return found
-        found[:, :2] = list(map(calls.getPosition, names))
-        if self.as_read:  # only TraCI code can turn it out of its lane
-            found[:, 2] = list(map(calls.getAngle, names))
-        return found
+            shown[:, 0] = list(map(calls.getLanePosition, names))
+            return shown
+        shown[:, :2] = list(map(calls.getPosition, names))
+        if self.as_read:  # only TraCI code can turn a vehicle out of its lane
+            shown[:, 2] = list(map(calls.getAngle, names))
+        return shown
 
     def _shown_or_nowhere(self, name: str) -> FloatArray:
         try:
@@ -303,11 +307,14 @@ class Traffic(Stage):
     def _take(
         self, world: World, rows: NDArray[np.intp], columns: NDArray[np.intp], shown: FloatArray
     ) -> None:
-        """Write to the world where those that react are."""
+        """Write positions and speeds of vehicles that react to the world.
+
+        shown: as of `_shown`.
+        """
         others, at = world.others, (rows, columns)
         half, speed = 0.5 * others["length"][at], shown[:, 3]
         if self._bent:
-            # of the front: where a curve begins, that of the centre may differ by centimetres
+            # at the front; where a curve begins, the value of the centre differs by centimetres
             ground = self._ground_of_lane(shown[:, 0], others["y"][at])
             others["x"][at], others["heading"][at] = shown[:, 0] - half / ground, 0.0
             speed = speed * ground
@@ -322,7 +329,7 @@ class Traffic(Stage):
         others["speed"][at] = speed
 
     def compare(self, world: World) -> None:
-        """Fail the cases in which SUMO shows something else than it received."""
+        """Fail the cases in which SUMO shows a vehicle elsewhere than it was put."""
         if not self._bent:
             super().compare(world)
             return
@@ -338,7 +345,7 @@ class Traffic(Stage):
                 ground = float(self._ground_of_lane(body["x"], body["y"]))
                 ahead = 0.5 * float(body["length"]) * math.cos(float(body["heading"])) / ground
                 off = self.calls.getLanePosition(name) - float(body["x"]) - ahead
-                if not abs(off) <= _AS_TOLD_IN_A_CURVE:  # which also finds a nan
+                if not abs(off) <= _TOLERANCE_IN_A_CURVE:  # `not <=`: true of nan as well
                     words = f"put {{}} {off:.3f} m along its lane from its place."
                     self._fail(world, row, j, words)
 
@@ -347,7 +354,8 @@ class Traffic(Stage):
         if self._alone:
             return
         some_gone = not world.others["present"][row].all()
-        held = set(self.traci.vehicle.getIDList()) if some_gone else None  # to ask is slow
+        # the list is slow: it is read only if SUMO may have removed one itself
+        held = set(self.traci.vehicle.getIDList()) if some_gone else None
         for number in range(row * self._width, (row + 1) * self._width):
             for name in (self._flat[number], self._shadow_of[number]):
                 if name and (held is None or name in held):

@@ -1,6 +1,7 @@
-"""The world of one case or of many: places of all vehicles, scripts, contacts, ends, recordings.
+"""State of one simulation, of one case or a batch: positions of all vehicles, scripts, contacts,
+ends of cases, recordings.
 
-Its records are in `cosim.records`, what happens to them in a step in `cosim.step_rules`.
+Its records are defined in `cosim.records`, the rules of a step in `cosim.step_rules`.
 """
 
 from __future__ import annotations
@@ -66,11 +67,13 @@ from sumo_eval.text import clean, clean_log, traceback_of
 from sumo_eval.trajectory import CHANNELS, Alone, Clip, Collision, EndReason, Recording, Trajectory
 
 _ENDS = ("time_limit", "standstill_speed", "standstill_time", "end_when_decided")
-_ARRIVED = 0.101  # m before the end of the last lane, nearer than which SUMO takes a vehicle out
+_ARRIVED = 0.101  # m; SUMO removes a vehicle whose front is nearer to the end of the last lane
 
 
 def described(road: Road, vehicle: VehicleSettings, settings: SimulationSettings) -> Records:
-    """Two `SCENARIO` records, which the rows of a case, or of many like it, share."""
+    """Two `SCENARIO` records (one for a step, one for a cycle of decisions) for all rows with this
+    road and vehicle.
+    """
     ends = tuple(float(getattr(settings, name)) for name in _ENDS)
     return _described(road, vehicle, settings.step, ends).copy()
 
@@ -79,33 +82,40 @@ def described(road: Road, vehicle: VehicleSettings, settings: SimulationSettings
 def _described(
     road: Road, vehicle: VehicleSettings, step: float, ends: tuple[float, ...]
 ) -> Records:
-    found = np.zeros(2, SCENARIO)
+    records = np.zeros(2, SCENARIO)
     for name in ("length", "right_edge", "left_edge", "lane_width", "lanes", "bent", "shaped"):
-        found["road"][name] = getattr(road, name)
+        records["road"][name] = getattr(road, name)
     for side, lane in (("right", 0), ("left", road.lanes - 1)):
         span = road.span(lane)
         places = *span.places, span.parted_until, span.parted_from
         for name, place in zip(PLACES, places, strict=True):
-            found["road"][f"{side}_{name}"] = place
+            records["road"][f"{side}_{name}"] = place
     for name, _ in LIMITS:
-        found["vehicle"][name] = getattr(vehicle, name)
-    found["step"] = step, max(round(CYCLE / step), 1) * step
+        records["vehicle"][name] = getattr(vehicle, name)
+    records["step"] = step, max(round(CYCLE / step), 1) * step
     for name, value in zip(_ENDS, ends, strict=True):
-        found[name] = value
-    return found
+        records[name] = value
+    return records
 
 
 def kind_of(concrete: ConcreteScenario) -> tuple[object, ...]:
-    """Values that cases of one world share."""
+    """Values that all cases of a batch must share."""
     limits = concrete.time_limit, concrete.standstill_time
     return concrete.road, concrete.ego_body, *limits, len(concrete.actors)
 
 
 class World:
-    """Cases that are driven together, on roads of one kind, with as many actors each.
+    """One simulation: n cases on one road with m actors each.
 
-    rows: the numbers of the cases in the arrays, in their order; some of them may have ended.
-    each: the settings of each case.
+    cases: all of them; rows: of which cases the arrays hold a row, by index, in the arrays' order.
+        Rows of ended cases stay until `keep`.
+    each: settings of each case.
+    placed: `MODEL`, `SUMO` or `PLANT`: what moves the egos.
+    egos (n,), others (n, m): the vehicles' records.
+    tell: rows that SUMO receives in this step. shown (n, m, 4): x, y, angle and speed of the actors
+        as SUMO shows them.
+    going: number of cases that have not ended.
+    left: why a case has left its batch; ended: how to make the recording of a case.
     scenario: two `SCENARIO` records, or two for each row where the cases change the vehicle.
     """
 
@@ -162,25 +172,27 @@ class World:
         self.going = n
 
     def _run(self, loop: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a loop over the rows: bound, which takes a third of the time."""
+        """Call a loop over the rows by its machine code for these arrays, in a third of the time
+        of an ordinary call.
+        """
         code = self._codes.get(loop)
         if code is None:
             code = self._codes[loop] = bound(loop, *arguments)
         return code(*arguments)
 
     def gather(self) -> None:
-        """Put the arrays of all rows together, and the vehicles, after one has been replaced."""
+        """Renew `scenes` and `cast`, which hold the arrays, after an array has been replaced."""
         self.scenes = Scenes(
             self.egos, self.others, self.clips, self.seen, self.samples, self.shown
         )
         self.cast = Cast(self.egos, self.others, *self.players)
 
     def move(self, *, closely: bool, as_read: bool = False) -> tuple[int, Sequence[int]]:
-        """Move all vehicles to the end of the coming step; how many rows of `tell` there are then,
-        and which vehicles have left.
+        """Move all vehicles to the end of the coming step; the number of rows of `tell`, and the
+        vehicles that have left.
 
         closely: SUMO receives all vehicles.
-        as_read: SUMO moves those by itself that only keep their speed.
+        as_read: SUMO itself moves those that only keep their speed.
         """
         steps, quiet = self.steps + 1, as_read and self.timed and not len(self.line)
         told = self._run(
@@ -191,10 +203,10 @@ class World:
         return self.let_leave(now, told, as_read) if self.may_leave(now) else (told, ())
 
     def see(self, *, sampling: bool = False, as_read: bool = False) -> int:
-        """Take in what SUMO shows at the end of the step; how many cases have ended."""
+        """Take in what SUMO shows at the end of the step; the number of cases that ended."""
         if self.steps >= self._commands.shape[1]:
             self._commands = np.concatenate([self._commands, np.zeros_like(self._commands)], 1)
-        # of a single row an index of lists takes seven times as long
+        # `take`: indexing a single row by a list takes seven times as long
         self._numbers.take(self._kept, 1, self._commands[:, self.steps], "clip")
         self.steps += 1
         ended: int = self._run(
@@ -210,8 +222,9 @@ class World:
         return left
 
     def may_leave(self, now: float) -> bool:
-        """Whether a vehicle may come to the end of its lanes in the step to `now`, s; a quick no
-        for most steps.
+        """Whether a vehicle may come to the end of its lanes in the step that ends `now`, s.
+
+        For most steps this is known from the last look: even the fastest vehicle is too far away.
         """
         if now < self.none_leaves_before:
             return False
@@ -220,15 +233,17 @@ class World:
         return now > self.none_leaves_before
 
     def let_leave(self, now: float, told: int, as_read: bool) -> tuple[int, Sequence[int]]:
-        """Remove the vehicles that come to the end of their lanes in the step to `now`, s.
+        """Remove the vehicles that come to the end of their lanes in the step that ends `now`, s;
+        the number of rows of `tell` without them, and their numbers in `tell`.
 
-        as_read: SUMO reports itself when those are gone that it moves. Returns how many rows of
-            `tell` there are without them, and their numbers as they stand there.
+        told: number of rows of `tell`.
+        as_read: SUMO itself reports when those that it moves are gone.
         """
         others, road, half = self.others, self.cases[0].road, 0.5 * self.others["length"]
         front = others["x"] + half * np.cos(others["heading"])
-        was = others["before"]["x"] + half * np.cos(others["before"]["heading"])
-        gone = (others["present"] == 1) & (was <= self._end_of_lanes) & (front > self._end_of_lanes)
+        front_before = others["before"]["x"] + half * np.cos(others["before"]["heading"])
+        gone = (front_before <= self._end_of_lanes) & (front > self._end_of_lanes)
+        gone &= others["present"] == 1
         gone &= (others["y"] >= road.right_edge) & (others["y"] <= road.left_edge)
         gone &= (others["told"] > 0) | (not as_read)
         gone &= (self.egos["live"] == 1)[:, None] & (self.egos["reason"] == 0)[:, None]
@@ -247,7 +262,7 @@ class World:
         self.put_on_map()
 
     def put_on_map(self) -> None:
-        """Put the actors on the map, which have been moved along and across the road."""
+        """Compute the actors' positions on the map from those along and across the road."""
         self._run(map_rows, self.others, self.line)
 
     @property
@@ -258,7 +273,7 @@ class World:
     def note(self, case: int, what: str, requested: float, applied: float, **known: float) -> None:
         """Count a clip that no kernel counts, and keep its worst instance.
 
-        known: its count and first time, s.
+        known: `count` and `first`, its first time, s, where they are not 1 and now.
         """
         notes = self.notes[case]
         kind: Any = what
@@ -266,14 +281,15 @@ class World:
         vars(notes[what]).update(known)
 
     def keep_fault(self, case: int, error: BaseException, driver: Any, folder: Path | None) -> None:
-        """Traceback and place of an exception, for a log and for a table."""
+        """Keep the traceback of an exception for the log, and its place in the user's code."""
         self.logs[case] = self.logs.get(case, "") + traceback_of(error)
         self.places[case] = self.places.get(case) or fault_place(error, driver, folder)
 
     def touched(self, counts: Mapping[str, int], ignored: Mapping[str, str]) -> None:
-        """Put on record how often the ADS of a single case touched what is not its own.
+        """Record how often the ADS of a single case changed what is not its own.
 
-        ignored: why SUMO ignored calls of TraCI, by call, for the log.
+        counts: by name of the clip.
+        ignored: TraCI call -> why SUMO ignored it, for the log.
         """
         for call, why in ignored.items():
             self.logs[0] = f"{self.logs.get(0, '')}SUMO ignored {call}: {why}.\n"
@@ -286,7 +302,7 @@ class World:
         self.egos["reason"][row] = SIM_ERROR
 
     def fail(self, row: int, reason: EndReason, sentence: str) -> None:
-        """End a case at the next look at it."""
+        """Mark a case as ended for a reason, with an error message."""
         case = int(self.rows[row])
         self.egos["reason"][row] = REASONS.index(reason)
         self.errors[case] = f"{self.errors.get(case, '')} {sentence}".lstrip()
@@ -303,7 +319,7 @@ class World:
             self.gather()
 
     def keep(self, rows: NDArray[np.intp]) -> None:
-        """Hold only these rows, in this order."""
+        """Drop all rows but these; keep their order."""
         held = ("rows", "egos", "others", "clips", "seen", "shown", "samples", "_commands")
         for name in held:
             setattr(self, name, getattr(self, name)[rows])
@@ -314,7 +330,7 @@ class World:
         self.gather()
 
     def end(self, row: int) -> int:
-        """Take down what a case that has ended leaves behind; its number."""
+        """Keep the recording and the notes of a case that has ended; its index."""
         ego, case = self.egos[row], int(self.rows[row])
         self.egos["live"][row] = 0
         self.going -= 1
@@ -364,7 +380,7 @@ class World:
             self.note(case, "handed_over", first, last, count=len(begins), first=first)
 
     def _in_its_lane_for(self, row: int) -> float:
-        """How long the middle of the ego has been in the lane in which it now is, s."""
+        """Time for which the ego's centre has been in its present lane, s."""
         count, width = int(self.egos["samples"][row]), float(self.scenario["road"]["lane_width"][0])
         time, y = self.samples[row, 0, :count, 0], self.samples[row, 0, :count, 2]
         elsewhere = np.flatnonzero(np.round(y / width) != np.round(y[-1] / width))
@@ -373,7 +389,7 @@ class World:
     def recordings(self, wall_time: float) -> list[Recording | Alone]:
         """The recording of each case, or why it has to be driven alone.
 
-        wall_time: of all of them, s.
+        wall_time: of all cases together, s.
         """
         each = wall_time / len(self.cases)
         return [
@@ -397,20 +413,20 @@ class World:
     def _collision(self, row: int, actors: Sequence[Actor]) -> Collision:
         ego = self.egos[row]
         x, struck = float(ego["x"]), int(ego["struck"])
-        # a touch at a step's first instant is that one
+        # the last sample is the instant of the contact
         time = float(self.samples[row, 0, int(ego["samples"]) - 1, 0])
         bodies = self._touching(ego, x), self._touching(self.others[row, struck], x)
         return describe(time, actors[struck].name, *bodies)
 
     def _touching(self, vehicle: Any, x: float) -> Body:
-        """A vehicle as it stands on the map, in the axes that the road has at x."""
-        found = Body(*vehicle.tolist()[:7])
+        """A vehicle at its position on the map, in the axes that the road has at x."""
+        body = Body(*vehicle.tolist()[:7])
         if not len(self.line):
-            return found
+            return body
         line_x, line_y, along = (float(it) for it in map_places(self.cases[0].road.line, x, 0.0))
         at, c, s = vehicle["map"], math.cos(along), math.sin(along)
         ahead, left = float(at["x"]) - line_x, float(at["y"]) - line_y
-        return found._replace(
+        return body._replace(
             x=x + ahead * c + left * s,
             y=left * c - ahead * s,
             heading=within_a_turn(float(at["heading"]) - along),
@@ -418,9 +434,9 @@ class World:
 
     def _clips(self, row: int, case: int) -> tuple[Clip, ...]:
         counted = np.flatnonzero(self.clips["count"][row])
-        found = [Clip(WHATS[what], *self.clips[row, what].tolist()) for what in counted]
-        found += [Clip(what, *vars(note).values()) for what, note in self.notes[case].items()]
-        return tuple(sorted(found, key=lambda clip: clip.what))
+        clips = [Clip(WHATS[what], *self.clips[row, what].tolist()) for what in counted]
+        clips += [Clip(what, *vars(note).values()) for what, note in self.notes[case].items()]
+        return tuple(sorted(clips, key=lambda clip: clip.what))
 
 
 def _new_notes() -> Any:
@@ -444,13 +460,17 @@ def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: i
 
 
 def write_way(ego: Any, way: Way, y: float, speed: float) -> None:
-    """Write the lane change that an ego has to make which starts at y, m, with a speed, m/s."""
+    """Write the lane change that an ego has to make into its record.
+
+    y: of the ego's start, m.
+    speed: at the start, m/s.
+    """
     ego["way"] = (y, way.offset, way.begin, way.length(speed), way.by, 1, int(way.ends))
 
 
 def _put_in_curve(egos: Records, road: Road, vehicle: VehicleSettings) -> None:
-    """Put egos that begin in a curve as those stand that drive it: the rear axle along it, the
-    wheel turned.
+    """Turn egos that begin in a curve as if they had driven it before: the rear axle along it, the
+    steering wheel turned.
     """
     line, half = curvatures(road.line, egos["x"]), 0.5 * vehicle.wheelbase
     bend = line / (1.0 - line * egos["y"])

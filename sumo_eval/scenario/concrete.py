@@ -1,9 +1,9 @@
-"""A concrete scenario: one point of a space, as plain data for SUMO to be set up from and a child
-process to receive.
+"""A concrete scenario: one point of a space as plain data, from which SUMO is set up, and which
+child processes receive.
 
 Positions are vehicle centres in road coordinates: x along the road, y to the left, y = 0 on the
 right lane's centre line, headings from the road's direction. On a curved road x is the distance
-along that line.
+along the right lane's centre line.
 """
 
 from __future__ import annotations
@@ -30,14 +30,13 @@ from sumo_eval.trajectory import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class NetworkFile:
-    """A SUMO network of the user's.
-
-    edges: those of its edges that are driven along, in order; together straight.
+    """A user's SUMO network.
 
     path: of the .net.xml, absolute.
-    sha256: of its content, so that a changed file is another road.
-    first_lane: SUMO's index of the first edge's right-hand lane for cars: a pavement is to the
-        right of it.
+    edges: edges that the scenario uses, in driving order; together they are straight.
+    sha256: of the file's content, so that a changed file is another road.
+    first_lane: SUMO's index of the first edge's right-hand lane for cars; a pavement to the right
+        of it has a lower index.
     """
 
     path: str
@@ -48,12 +47,14 @@ class NetworkFile:
 
 @dataclass(frozen=True, slots=True)
 class Road:
-    """A road. Cases end at x = `length`; on `run_out`, m, faster vehicles continue.
+    """A road.
 
-    network: the user's network that holds it; None: a network is written for it.
-    line: the right lane's centre line from x = 0 on, piece by piece, behind which the road is
-        straight; none: it is straight throughout.
-    spans: the lanes that are not there throughout.
+    length: x at which cases end, m.
+    run_out: further road for vehicles that are faster than the ego, m.
+    network: the user's network that contains it; None: a network is written for it.
+    line: the right lane's centre line from x = 0 on, piece by piece; after its last piece the road
+        is straight. Empty: it is straight throughout.
+    spans: the lanes that begin or end on the road.
     crossings: roads that cross it.
     """
 
@@ -70,26 +71,26 @@ class Road:
 
     @property
     def shaped(self) -> bool:
-        """Whether it is more than the same lanes throughout."""
+        """Whether lanes begin or end on it, or roads cross it."""
         return bool(self.spans or self.crossings)
 
     def span(self, lane: int) -> LaneSpan:
-        """Where a lane is."""
+        """Part of the road on which a lane exists."""
         return next((span for span in self.spans if span.lane == lane), EVERYWHERE)
 
     @property
     def bent(self) -> bool:
-        """Whether its frame and the map are not the same numbers."""
+        """Whether it is curved, so that road coordinates differ from those on the map."""
         return bool(self.line)
 
     @property
     def right_edge(self) -> float:
-        """y of the right road edge where all lanes are, m."""
+        """y of the right road edge where all lanes exist, m."""
         return -self.lane_width / 2
 
     @property
     def left_edge(self) -> float:
-        """y of the left road edge where all lanes are, m."""
+        """y of the left road edge where all lanes exist, m."""
         return self.lane_width * (self.lanes - 0.5)
 
     def right_edge_at(self, x: ArrayLike) -> FloatArray:
@@ -114,20 +115,22 @@ class Road:
 
 
 CHANGE_TIME = 4.0
-"""s at the ego's first speed that the lane change of a way takes: its lateral acceleration then
+"""Duration of the lane change of a way at the ego's first speed, s: its lateral acceleration then
 peaks at 1.26 m/s2."""
-RECORDED_EVERY = 0.1  # s between two places of a recorded ego
-LEAST_CHANGE = 20.0  # m of road that it takes at least
-_PIECES = 64  # straight ones as which the length of a lane change is taken
+LEAST_CHANGE = 20.0  # m of road that the lane change of a way takes at least
+RECORDED_EVERY = 0.1  # s between two positions of a recorded ego
+_PIECES = 64  # straight pieces by which the length of a lane change is computed
 
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """The lane change that the ego has to make: `offset` m to the left, from x = `begin` on,
-    finished by x = `by`, m.
+    """The lane change that the ego has to make.
 
-    ends: whether the lane that it starts in ends there, so that it must wait there; else it drives
-        past.
+    offset: to the left, m.
+    begin: x from which on it is possible, m.
+    by: x at which it must be finished, m.
+    ends: whether the ego's first lane ends at `by`, so that an ego that has not changed must wait
+        there; False: it drives on, and has missed the lane change.
     """
 
     offset: float
@@ -136,19 +139,21 @@ class Way:
     ends: bool
 
     def length(self, speed: float) -> float:
-        """Road that the lane change takes whose place is fixed, begun at `begin` at a speed, m."""
+        """Road that the lane change takes if it begins at `begin` at a speed in m/s, m."""
         return min(max(CHANGE_TIME * speed, LEAST_CHANGE), self.by - self.begin)
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Where a vehicle begins: centre (x, y) m and speed m/s, heading along the road.
+    """Start of a vehicle.
 
-    lateral_speed: m/s to the left, below `speed`, with which the ego begins; it then heads that
-        way.
-    way: the lane change that the ego has to make.
+    x, y: centre, m.
+    speed: m/s.
+    lateral_speed: of the ego, to the left, below `speed`, m/s; the ego heads in the direction of
+        its motion.
+    way: the lane change that the ego has to make; None: none.
     recorded: positions of a recorded ego, x and y of the centre, m, every `RECORDED_EVERY` s from
-        the start.
+        the start; empty: none.
     """
 
     x: float
@@ -159,8 +164,8 @@ class Start:
     recorded: tuple[tuple[float, float], ...] = ()
 
     def y_at(self, x: ArrayLike) -> FloatArray:
-        """y of its way at x (any shape), m: the lane that it starts in, the fixed lane change, the
-        other lane.
+        """y of the ego's path at x (any shape), m: its first lane, then the lane change from
+        `way.begin` on, then the other lane.
         """
         places = np.asarray(x, dtype=np.float64)
         if self.way is None:
@@ -169,8 +174,8 @@ class Start:
         return np.asarray(self.y + self.way.offset * smooth_step(share))
 
     def x_after(self, distance: ArrayLike) -> FloatArray:
-        """x after so much of its way (any shape), m: a lane change is longer than the road beside
-        it.
+        """x after a distance along the ego's path (any shape), m: a lane change is longer than the
+        road that it takes.
         """
         driven = np.asarray(distance, dtype=np.float64)
         if self.way is None:
@@ -181,22 +186,22 @@ class Start:
             - self.x
             + np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(self.y_at(x)))))
         )
-        longer = np.interp(driven, along, along - (x - self.x))
-        return np.asarray(self.x + driven - longer)
+        detour = np.interp(driven, along, along - (x - self.x))
+        return np.asarray(self.x + driven - detour)
 
     @property
     def heading(self) -> float:
-        """Where it heads, rad to the left of the road."""
+        """Direction of its motion, rad to the left of the road."""
         return math.asin(self.lateral_speed / self.speed) if self.lateral_speed else 0.0
 
 
 def departures(
     recorded: Sequence[tuple[float, float]], time: ArrayLike, x: ArrayLike, y: ArrayLike
 ) -> FloatArray:
-    """How far places x, y (n,) m are from where a recorded ego was at times (n,) s since the start,
-    m.
+    """Distances of positions x, y (n,), m, from those of a recorded ego at times (n,), s since the
+    start, m.
 
-    recorded: as in `Start`. After its end its last place counts.
+    recorded: as in `Start`. After its end its last position counts.
     """
     places, at = np.array(recorded, dtype=np.float64), np.asarray(time, dtype=np.float64)
     known = np.arange(len(places)) * RECORDED_EVERY
@@ -205,8 +210,8 @@ def departures(
 
 
 def smooth_step(share: FloatArray | float) -> FloatArray:
-    """Share of a lateral move done after a share of its duration: 10 s^3 - 15 s^4 + 6 s^5, at rest
-    at both ends.
+    """Share of its offset that a lateral move has covered after a share s of its duration:
+    10 s^3 - 15 s^4 + 6 s^5, at rest at both ends.
     """
     return np.asarray(motion.quintic(np.clip(share, 0.0, 1.0)))
 
@@ -217,12 +222,13 @@ def smooth_step_rate(share: FloatArray | float) -> FloatArray:
 
 
 def lane_change(begin: float, duration: float, offset: float, *, cosine: bool = False) -> Act:
-    """A smooth lateral move: begins at `begin` s, takes `duration` s, ends `offset` m to the left
-    (negative: right).
+    """A smooth lateral move.
 
-    cosine: it covers the share (1 - cos(pi s)) / 2 of its offset after the share s of its duration,
-        OpenSCENARIO's `sinusoidal`, peak rate pi/2 offset/duration; else that of `smooth_step`,
-        peak rate 1.875 offset/duration.
+    begin, duration: s.
+    offset: to the left, m; negative: to the right.
+    cosine: the share of the offset covered after a share s of the duration is (1 - cos(pi s)) / 2,
+        OpenSCENARIO's `sinusoidal`, with a peak rate of pi/2 offset/duration; else that of
+        `smooth_step`, with a peak rate of 1.875 offset/duration.
     """
     _check_above_zero("duration", "a lateral move", "s", duration)
     return Act(played.COSINE if cosine else played.SMOOTH, begin, duration, 0.0, offset)
@@ -231,10 +237,12 @@ def lane_change(begin: float, duration: float, offset: float, *, cosine: bool = 
 def constant_lateral(
     begin: float, speed: float, offset: float, acceleration: float = math.inf
 ) -> Act:
-    """A lateral move at constant speed, as UN R157 has it: from `begin` s, at `speed` m/s > 0,
-    until it has covered `offset` m to the left (negative: right).
+    """A lateral move at constant speed, as in UN R157.
 
-    acceleration: m/s2 with which the lateral speed builds up from 0 at `begin`; inf: at once.
+    begin: s.
+    speed: above 0, m/s.
+    offset: to the left, m; negative: to the right.
+    acceleration: with which the lateral speed builds up from 0 at `begin`, m/s2; inf: at once.
     """
     _check_above_zero("speed", "a lateral move", "m/s", speed)
     _check_above_zero("acceleration", "a lateral move", "m/s2", acceleration, endless=True)
@@ -247,8 +255,11 @@ def constant_lateral(
 
 
 def brake_to_stop(begin: float, deceleration: float, jerk: float = math.inf) -> Act:
-    """Braking to a standstill: from `begin` s, deceleration rises at `jerk` m/s3 to `deceleration`
-    m/s2 > 0.
+    """Braking to a standstill.
+
+    begin: s.
+    deceleration: above 0, m/s2.
+    jerk: with which the deceleration rises from 0, m/s3; inf: at once.
     """
     _check_above_zero("deceleration", "a brake", "m/s2", deceleration)
     _check_above_zero("jerk", "a brake", "m/s3", jerk, endless=True)
@@ -264,24 +275,27 @@ def _check_above_zero(
 
 
 def keeps_on(acts: Sequence[Act]) -> Act:
-    """An act that changes nothing beside others, and lets a vehicle be where timed ones may not:
+    """An act that changes no motion, but makes the vehicle `lively`: only such vehicles may be
     beside the lanes.
+
+    acts: the other acts of the vehicle.
     """
     return Act(played.KEEP, math.inf if acts else 0.0)
 
 
 def braked_speed(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike) -> FloatArray:
-    """Speed `time` s after a vehicle at `speed` m/s began to brake to a standstill with
-    `deceleration`, m/s2.
+    """Speed of a vehicle that brakes to a standstill, m/s. Arrays broadcast.
 
-    Arrays broadcast; before that, its own speed.
+    speed: before braking, m/s.
+    deceleration: m/s2.
+    time: since braking began, s; below 0: it has not begun.
     """
     v0, a = np.asarray(speed, dtype=np.float64), np.asarray(deceleration, dtype=np.float64)
     return np.asarray(np.maximum(v0 - a * np.clip(time, 0.0, v0 / a), 0.0))
 
 
 def braked_distance(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike) -> FloatArray:
-    """Distance driven `time` s after the brake was touched, m (negative before); arguments as in
+    """Distance driven since braking began, m (below 0 before that); arguments as in
     `braked_speed`.
     """
     v0, a = np.asarray(speed, dtype=np.float64), np.asarray(deceleration, dtype=np.float64)
@@ -291,12 +305,12 @@ def braked_distance(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike) 
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """A car-following model of SUMO's that drives a vehicle: it reacts to the ego and to all
-    others.
+    """A car-following model of SUMO that drives a vehicle: it reacts to the ego and to all other
+    vehicles.
 
-    name: SUMO's.
-    numbers: its parameters by SUMO's name.
-    desired: the speed that it wants to drive, m/s.
+    name: SUMO's name of the model.
+    desired: desired speed, m/s.
+    numbers: its parameters, (SUMO's name, value).
     """
 
     name: str
@@ -308,19 +322,18 @@ class Model:
 class Actor:
     """An actor: keeps its speed along the road until one of its acts begins.
 
-    slides: it keeps its heading while it moves across, like the upright rectangles that UN R157's
-        tables are made with; otherwise it points where it goes.
-    body: what it is (`scenario.bodies`).
-    heading: at the start, rad to the left of the road. One with a `model` is driven by SUMO, from
-        the start on or from when its act `FOLLOW` begins.
+    The methods describe an actor that is not `lively`; of a `lively` one they know only the start.
 
+    slides: it keeps its heading while it moves across the road, as the rectangles behind UN R157's
+        tables do; otherwise it points where it moves.
+    body: kind of road user (`scenario.bodies`).
+    heading: at the start, rad to the left of the road.
+    model: SUMO drives it by this model, from the start, or from the begin of its act `FOLLOW` on;
+        None: its acts do.
     on_map: on a curved road, x m, y m and heading rad of its start on the map, if its path is
         straight on the map instead of along the road: an actor that crosses the path of a turning
-        ego. `start` and `heading` are in the road's frame even then. None: its path is along the
+        ego. `start` and `heading` are in road coordinates even then. None: its path is along the
         road.
-
-    The methods below describe an actor that is not `lively`; of a `lively` one they know the start
-    alone.
     """
 
     name: str
@@ -349,12 +362,12 @@ class Actor:
 
     @property
     def lateral_moves(self) -> tuple[Act, ...]:
-        """Its moves across the road; none of one that is lively."""
+        """Its moves across the road; empty if it is lively."""
         return () if self.lively else tuple([act for act in self.acts if act.kind != played.SPEED])
 
     @property
     def braking(self) -> Act | None:
-        """Its braking to a standstill, of one that is not lively; else None."""
+        """Its braking to a standstill; None if it does not brake or is lively."""
         return (
             None
             if self.lively
@@ -363,7 +376,7 @@ class Actor:
 
     @property
     def script_end(self) -> float:
-        """When the last of its acts is over, s; -inf without any."""
+        """Time at which its last act ends, s; -inf without acts."""
         ends = [act.begin + act.duration for act in self.lateral_moves]
         if self.braking is not None:
             ends.append(self.braking.begin + motion.time_to_stand(self.braking, self.start.speed))
@@ -404,14 +417,14 @@ class Actor:
 
 
 OF_THE_WORLD = ("vehicle.friction",)
-"""Settings of a case that hold for every ego, those of the references and of the drivers too."""
+"""Settings of a case that hold for every ego, also for references and human drivers."""
 CHANGES = (
     "conditions.perception_delay", "conditions.dropout", "conditions.position_noise",
     "conditions.speed_noise", "conditions.sensor_range", "conditions.field_of_view_deg",
     "conditions.actuation_delay", "vehicle.max_deceleration", "vehicle.brake_build_up",
     *OF_THE_WORLD,
 )  # fmt: skip
-"""Settings of the simulation that a case can have for itself."""
+"""Settings of the simulation that can differ between the cases of a scenario."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -424,15 +437,18 @@ class EgoBody:
 
 @dataclass(frozen=True, slots=True)
 class ConcreteScenario:
-    """One point of a logical scenario: parameter values by name, exposure p_i, the road and every
-    vehicle's start.
+    """One point of a logical scenario.
 
-    ego_body: the body that the ego has here; None: the one of the vehicle settings.
-    time_limit: simulated time after which the case is over, s; None: the simulation's own, which
-        holds as well.
-    standstill_time: how long the ego must stand for the case to be over, s; None: the simulation's
+    scenario: name of the logical scenario.
+    values: of its parameters, by name.
+    exposure: p_i, up to a factor.
+    ego: start of the ego.
+    ego_body: the ego's body in this scenario; None: that of the vehicle settings.
+    time_limit: simulated time after which the case ends, s, if it is below the simulation's own;
+        None: the simulation's own.
+    standstill_time: time that the ego must stand for the case to end, s; None: the simulation's
         own.
-    changes: settings that hold in this case alone, (name, value): names of `CHANGES`.
+    changes: settings of this case alone, (name, value), names of `CHANGES`.
     """
 
     scenario: str
@@ -473,7 +489,7 @@ class ConcreteScenario:
 
     @property
     def script_end(self) -> float:
-        """When the actors' last acts end, s; inf where the drive decides it."""
+        """Time at which the actors' last acts end, s; inf if it depends on the drive."""
         return (
             math.inf
             if self.lively
@@ -491,24 +507,24 @@ class ConcreteScenario:
         return point_words(self.values)
 
     def ego_vehicle(self, vehicle: VehicleSettings) -> VehicleSettings:
-        """The ego of these settings, with the body that the scenario prescribes."""
+        """These vehicle settings with the body that the scenario prescribes."""
         body = self.ego_body
         return vehicle if body is None else replace(vehicle, length=body.length, width=body.width)
 
     @property
     def without_ads(self) -> ConcreteScenario:
-        """The case as references and drivers have it: only changes of the world hold for them."""
+        """The case for references and drivers: only changes of the world hold for them."""
         if not self.changes:
             return self
         return replace(self, changes=tuple(it for it in self.changes if it[0] in OF_THE_WORLD))
 
     def simulation(self, settings: SimulationSettings) -> SimulationSettings:
-        """The settings with which this case is simulated: the given ones, with its changes, ego and
-        time limit.
+        """Settings of this case's simulation: `settings` with its changes, body and limits of
+        time.
         """
-        # the tables of an FMU have no hash
-        made = _changed.__wrapped__ if settings.plant else _changed
-        return made(settings, self.changes, self.ego_body, self.time_limit, self.standstill_time)
+        # settings with an FMU have no hash, which the cache needs
+        changed = _changed.__wrapped__ if settings.plant else _changed
+        return changed(settings, self.changes, self.ego_body, self.time_limit, self.standstill_time)
 
 
 @functools.lru_cache(maxsize=64)  # made and checked once for all cases of a scenario
