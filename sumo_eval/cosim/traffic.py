@@ -213,8 +213,8 @@ class Traffic(Stage):
     def _on_lanes_from(
         self, number: NDArray[np.intp], begin: FloatArray, y: FloatArray, heading: FloatArray
     ) -> BoolArray:
-        """Whether each vehicle can be put on a lane: it is no pedestrian, is on the lanes, in their
-        direction, and further than a step from the network's end.
+        """Whether each vehicle can be put on a lane: it does not walk, is on the lanes, heads in
+        their direction, and is further than a step from the network's end.
         """
         road = self._road
         inside = (y > road.right_edge + LOSS_MARGIN) & (y < road.left_edge - LOSS_MARGIN)

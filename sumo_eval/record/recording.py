@@ -1,5 +1,5 @@
-"""Fill a run's store: ADSs and the references in every concrete scenario, drivers where it is
-safe.
+"""Recording of a run: ADSs and references drive every concrete scenario, human drivers every safe
+one.
 """
 
 from __future__ import annotations
@@ -45,16 +45,19 @@ from sumo_eval.trajectory import BoolArray, FloatArray, Recording, Trajectory
 REFERENCES: Mapping[Role, str] = {
     "ideal": "ideal vehicle", "no_reaction": "no reaction", "task_reference": "reference car",
 }  # fmt: skip
-"""References of the scores, by role: Ug of the ideal vehicle, U0 of doing nothing, times of T."""
+"""References of the scores by role: the ideal vehicle for Ug, no reaction for U0, the reference car
+for the times of T."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Space:
-    """The points (n, k) of one logical scenario, which of them are hazardous (n,), and the numbers
-    of those to do.
+    """The points of one logical scenario.
 
+    points: (n, k).
+    hazardous: whether each point is hazardous, (n,).
+    numbers: indices of the points to drive.
     weights: p_i of each point, (n,), up to a factor.
-    exposure: what the run keeps of where they come from.
+    exposure: source of the weights, as the run keeps it.
     """
 
     logical: LogicalScenario
@@ -65,27 +68,32 @@ class Space:
     exposure: Mapping[str, Any] = field(default_factory=dict)
 
     def concrete(self, number: int) -> ConcreteScenario:
-        """The concrete scenario at a point; made when asked for, because a space can have a million
-        of them.
+        """The concrete scenario at a point; made on request, because a space can have a million
+        points.
         """
         values: list[float] = self.points[number].tolist()
-        made = self.logical.concrete(**dict(zip(self.logical.names, values, strict=True)))
-        return replace(made, exposure=float(self.weights[number]))
+        concrete = self.logical.concrete(**dict(zip(self.logical.names, values, strict=True)))
+        return replace(concrete, exposure=float(self.weights[number]))
 
     @property
     def safe(self) -> list[int]:
-        """The points to do that lie in the safe zone."""
+        """Indices of the points to drive that are in the safe zone."""
         return [number for number in self.numbers if not self.hazardous[number]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Planner:
-    """Makes the cases of an evaluation, each with the fingerprint of what its facts depend on."""
+    """Makes the cases of an evaluation, each with a fingerprint of all that its facts depend on.
+
+    harness: identity of this package and of what it simulates with.
+    identities: of ADSs and drivers, by locator.
+    over_arrays: locators of the policies that drive cases in blocks.
+    """
 
     run: Resolved
     harness: str
     identities: Mapping[str, str]
-    over_arrays: frozenset[str] = frozenset()  # locators of the policies that drive cases in blocks
+    over_arrays: frozenset[str] = frozenset()
 
     @property
     def setup(self) -> Setup:
@@ -95,9 +103,10 @@ class Planner:
         return Setup(settings.simulation, settings.run, self.run.source, files, no_return=True)
 
     def ads(self, space: Space) -> Iterator[Case]:
-        """Every ADS at every point; policies over arrays drive whole blocks together.
+        """Cases of every ADS at every point; policies over arrays drive blocks of cases together.
 
-        A block is made of the points, whichever of them are wanted.
+        Blocks are cut from all points, also from those that need not be driven: their composition
+        must not depend on the choice of points.
         """
         settings = self.run.settings
         size = min(settings.run.cases_per_pack, settings.run.cases_per_child)
@@ -122,25 +131,24 @@ class Planner:
                 yield self._finished(case)
 
     def reference(self, space: Space, role: Role) -> Iterator[Case]:
-        """One of the references at every point, whatever the ADSs did there."""
+        """Cases of one of the references at every point."""
         settings = self.run.settings
         controller = {"ideal": "ideal_braking", "no_reaction": "no_reaction"}.get(
             role, settings.method.task.task_reference
         )
         for number in space.numbers:
             case = Case(number, space.concrete(number).without_ads, role, role, controller)
-            # Without an identity of its own: an ADS that is called by the same locator must not
-            # change a reference.
+            # without an identity: a user's ADS with the same locator must not change a reference
             yield with_fingerprint(case, settings.simulation, "", self.harness)
 
     def humans(self, space: Space) -> Iterator[Case]:
-        """Every synthetic driver at every safe point of a scene that they know."""
+        """Cases of every synthetic driver at every safe point, if they can drive the scenario."""
         for number in space.safe if space.logical.has_drivers else ():
             concrete = space.concrete(number).without_ads
             yield from self.synthetic(number, concrete, self.run.settings.drivers.count)
 
     def synthetic(self, number: int, concrete: ConcreteScenario, count: int) -> Iterator[Case]:
-        """The first `count` synthetic drivers at one point."""
+        """Cases of the first `count` synthetic drivers at one point."""
         settings = self.run.settings
         for index in range(count):
             name, population = f"driver_{index:02d}", settings.drivers.population
@@ -152,7 +160,7 @@ class Planner:
             )  # fmt: skip
 
     def human(self, number: int, concrete: ConcreteScenario, name: str) -> Case:
-        """The drive of a person that is not simulated: a recorded one, or of the user's own
+        """Case of a human driver that is not simulated: a recorded one, or one of the user's own
         reference.
         """
         return self._finished(
@@ -165,9 +173,9 @@ class Planner:
 
 
 def planner(run: Resolved) -> Planner:
-    """Find every ADS and the human reference.
+    """The planner of an evaluation, with the identities of its ADSs and its human reference.
 
-    Raises InputError when one of them cannot be loaded.
+    Raises InputError if one of them cannot be loaded.
     """
     settings, source = run.settings, run.source
     named = [("ADS", ads.locator) for ads in settings.ads]
@@ -189,10 +197,10 @@ def planner(run: Resolved) -> Planner:
         steps_between(ads.period or 0.0, settings.simulation.step, f"ADS `{ads.name}`")
         identities[ads.locator] += files_identity(ads, source)
     if settings.drivers.source == RECORDED:
-        # pandas, which synthetic drivers do not need
+        # imported here: it needs pandas, which synthetic drivers do not
         from sumo_eval.drivers.recorded.reference import open_people
 
-        # a file that cannot be read must not be found out after the simulation
+        # a file that cannot be read is reported now, not after hours of simulation
         open_people(settings.drivers, source)
         identities[RECORDED] = people_identity(settings.drivers, source)
     return Planner(run, harness, identities, over_arrays)
@@ -207,11 +215,11 @@ def record(
 ) -> None:
     """Simulate the cases of an evaluation that are not recorded yet.
 
-    What does not depend on each other is one piece of work, over all logical scenarios, so that no
-    process waits for the last case of each.
+    Independent cases of all logical scenarios are one piece of work, so that no process waits for
+    the last case of a scenario.
 
-    Raises StoppedError when `stopping` returned true before all were done; what has been done is
-    recorded.
+    Raises StoppedError if `stopping` returns true before all cases are recorded; those that are
+    done stay recorded.
     """
     work, drivers = _Work(store, plan.setup, progress, stopping), plan.run.settings.drivers
     of_each = [stages(space, plan) for space in spaces]
@@ -228,7 +236,7 @@ def record(
 
 @dataclass(frozen=True, slots=True)
 class _Stage:
-    """Cases of one role in one logical scenario, as their progress is shown."""
+    """Cases of one role in one logical scenario, with the name and total of their progress."""
 
     name: str
     scenario: str
@@ -238,7 +246,7 @@ class _Stage:
 
 
 def stages(space: Space, plan: Planner) -> list[_Stage]:
-    """Drivers simulated in one logical scenario: ADSs, references, synthetic drivers."""
+    """Stages of one logical scenario: ADSs, references, synthetic drivers."""
     settings, points = plan.run.settings, len(space.numbers)
 
     def stage(words: str, role: Role, cases: Iterable[Case], total: int) -> _Stage:
@@ -256,8 +264,9 @@ def stages(space: Space, plan: Planner) -> list[_Stage]:
 def _record_people(
     space: Space, plan: Planner, store: Store, work: _Work, progress: Progress
 ) -> None:
-    """The drives that the source of drivers has for every safe point, and synthetic drivers where
-    recorded ones are too few and shall be filled up.
+    """Record the drives of recorded drivers, or of the user's own reference, at every safe point.
+
+    Where recorded drivers are too few, synthetic ones are added if `too_thin` is `fill`.
     """
     name, settings, safe = space.logical.name, plan.run.settings.drivers, space.safe
     recorded = settings.source == RECORDED
@@ -284,8 +293,8 @@ def _record_people(
 def _recorded_drives(
     plan: Planner, space: Space
 ) -> Callable[[int, ConcreteScenario], Iterator[Outcome]]:
-    """Source of drives that were recorded in events like a concrete scenario."""
-    # pandas, which synthetic drivers do not need
+    """Function that gives the drives recorded in events like a concrete scenario."""
+    # imported here: it needs pandas, which synthetic drivers do not
     from sumo_eval.drivers.recorded.reference import open_people, reference
 
     settings = plan.run.settings.drivers
@@ -301,8 +310,8 @@ def _recorded_drives(
 
 
 def find_stale(store: Store, source: Path) -> tuple[str, ...]:
-    """Find the ADSs with recorded cases that have read files that have changed since; a sentence
-    for each.
+    """Mark ADSs as stale that have recorded cases and have read files which changed since; a note
+    on each.
     """
     files = changed(store.files_read(), source)
     store.stale = frozenset(files)
@@ -321,8 +330,8 @@ def find_stale(store: Store, source: Path) -> tuple[str, ...]:
 def refuse_to_lose_cases(
     store: Store, spaces: Sequence[Space], settings: EvaluationSettings, run: Path
 ) -> None:
-    """A resumed run keeps what it has: refuses an evaluation that leaves out cases of ADSs
-    that are recorded.
+    """Refuse to resume a run with an evaluation that lacks recorded cases of ADSs: a run keeps its
+    cases.
     """
     numbers = {space.logical.name: space.numbers for space in spaces}
     drivers = {ads.name for ads in settings.ads}
@@ -346,7 +355,7 @@ class _Work:
         self._versions = OneVersion(store.files_read())
 
     def do(self, stages: Sequence[_Stage]) -> None:
-        """Bring stages to their end, all at a time, or raise StoppedError."""
+        """Drive the missing cases of all stages in one go, or raise StoppedError."""
         names = {(stage.scenario, stage.role): stage.name for stage in stages}
         totals = {stage.name: stage.total for stage in stages}
         done, failed = Counter[str](), Counter[str]()
@@ -369,7 +378,8 @@ class _Work:
                 for outcome in outcomes:
                     name = names[outcome.case.concrete.scenario, outcome.case.role]
                     keeps_state = outcome.alone is not None and outcome.alone.why == "keeps_state"
-                    if keeps_state and self._store.holds(outcome.case):  # it ended in a batch
+                    # it was recorded from a batch, before its ADS was found to keep state
+                    if keeps_state and self._store.holds(outcome.case):
                         self._store.remove([outcome.case.key])
                         ended[name] -= 1
                     ended[name] += 1
@@ -385,7 +395,7 @@ class _Work:
             show(name)
 
     def _note_files(self, outcomes: Sequence[Outcome]) -> None:
-        """Note what the processes of users' ADSs have read."""
+        """Record which files the processes of users' ADSs have read."""
         for outcome in outcomes:
             case = outcome.case
             if outcome.reads is not None or affinity(case, self._setup) != NO_USER_CODE:
@@ -393,13 +403,13 @@ class _Work:
                 self._store.note_files(new)
 
     def check(self) -> None:
-        """Raise StoppedError when the work shall stop."""
+        """Raise StoppedError if the run shall stop."""
         if self._stopping():
             raise StoppedError("stopped")
 
 
 def _own_drives(plan: Planner, number: int, concrete: ConcreteScenario) -> Iterator[Outcome]:
-    """Trajectories that the user's function has for a concrete scenario, as cases."""
+    """Outcomes with the trajectories that the user's function returns for a concrete scenario."""
     locator, kind = plan.run.settings.drivers.source, "Human reference"
     reference: Callable[..., Iterable[object]] = load_object(locator, plan.run.source, kind)
     place = f"for {concrete.scenario} at {concrete.label}"

@@ -1,5 +1,5 @@
-"""Two runs side by side, case by case: flipped outcomes, harsher, softer and less human cases, and
-how certain that is.
+"""Comparison of two runs case by case: flipped outcomes, harsher, softer and less human cases, and
+how certain the differences are.
 
 Cases are paired by logical scenario and parameter values, never by their order. The comparison
 reads columns; a row is made only where it is shown.
@@ -47,10 +47,10 @@ BETTER: Final[tuple[Change, ...]] = (
 class ChangedCase:
     """One concrete scenario in which the two runs differ.
 
-    by: new minus base of what the change is about, U (m/s), the case's human-likeness or D_i; None
-        for a flip.
-    moved: new minus base of everything in the case that moves a score, without what did not move:
-        `regret` max(0, U - Ug), `H_i` its human-likeness, `D_i`.
+    by: new minus base of the quantity that the change is about, U (m/s), the case's human-likeness
+        or D_i; None for a flip.
+    moved: new minus base of all quantities of the case that enter a score and differ: `regret`
+        max(0, U - Ug), `H_i` its human-likeness, `D_i`.
     """
 
     change: Change
@@ -70,11 +70,12 @@ _ORDER: Final[tuple[Change, ...]] = (*WORSE, *BETTER)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Paired:
-    """Cases of both runs at the same points, pair by pair.
+    """Cases of an ADS in a logical scenario at the points that both runs have.
 
-    new_rows: which rows of the new run these are, (n,).
-
-    lost, added: cases of the base, and of the new run, at points that only that run has.
+    base, new: n pairs, row by row.
+    new_rows: indices of these cases in the new run's table, (n,).
+    lost: cases of the base at points that the new run does not have.
+    added: cases of the new run at points that the base does not have.
     """
 
     base: CaseTable
@@ -86,10 +87,12 @@ class Paired:
 
 @dataclass(frozen=True, slots=True)
 class Unpaired:
-    """Cases of an ADS in a logical scenario that have no partner: of the base's `of` cases `lost`,
-    and `added` ones.
+    """Numbers of cases of an ADS in a logical scenario that have no partner.
 
     ads: its name in the base; in the new run where the base has no such ADS.
+    lost: cases that only the base has.
+    added: cases that only the new run has.
+    of: all cases of the base.
     examples: keys of lost cases.
     """
 
@@ -103,12 +106,12 @@ class Unpaired:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Changes:
-    """Changed cases, the worst first, each read where it is asked for.
+    """Changed cases, the worst first; a `ChangedCase` is made when it is read.
 
-    kinds: places in `WORSE` and `BETTER` together, (c,), ascending.
-    which: pairs, (c,).
-    by: see `ChangedCase`, nan for None, (c,).
-    moved: what moved in each, by name, nan where it did not, (c,).
+    kinds: index of each change in `WORSE` and `BETTER` together, (c,), ascending.
+    which: index of each pair in `paired`, (c,).
+    by: as in `ChangedCase`, nan for None, (c,).
+    moved: as in `ChangedCase`, by name, nan where a quantity did not move, (c,).
     """
 
     paired: Paired
@@ -118,20 +121,20 @@ class Changes:
     moved: Mapping[str, FloatArray]
 
     def of(self, change: Change) -> Changes:
-        """Those of one kind."""
-        return self._those(self.kinds == _ORDER.index(change))
+        """Changes of one kind."""
+        return self._with(self.kinds == _ORDER.index(change))
 
     @property
     def worse(self) -> Changes:
-        """Those in which the new run did worse."""
-        return self._those(self.kinds < len(WORSE))
+        """Cases in which the new run did worse."""
+        return self._with(self.kinds < len(WORSE))
 
     @property
     def better(self) -> Changes:
-        """Those in which the new run did better."""
-        return self._those(self.kinds >= len(WORSE))
+        """Cases in which the new run did better."""
+        return self._with(self.kinds >= len(WORSE))
 
-    def _those(self, flags: BoolArray) -> Changes:
+    def _with(self, flags: BoolArray) -> Changes:
         moved = {name: values[flags] for name, values in self.moved.items()}
         return Changes(self.paired, self.kinds[flags], self.which[flags], self.by[flags], moved)
 
@@ -168,23 +171,23 @@ class QuantityChange:
 
     @property
     def certain(self) -> bool:
-        """Whether the interval of the difference leaves out 0."""
+        """Whether the interval of the difference excludes 0."""
         return (self.low or 0.0) > 0.0 or (self.high or 0.0) < 0.0
 
     @property
     def unchanged(self) -> bool:
-        """Whether both runs have one value, in every resample."""
+        """Whether the difference is 0 in every resample."""
         return self.difference == self.low == self.high == 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class AdsComparison:
-    """One ADS of the new run in one logical scenario beside what it is compared with.
+    """Comparison of one ADS of the new run in one logical scenario with its partner in the base.
 
-    identical: pairs that are equal to the last bit in everything but times.
-    changed: the worst first.
-    quantities: those of `bootstrap.COMPARED` over the pairs.
-    counts: how many pairs are collisions and the like, in the base and in the new run.
+    identical: number of pairs that are equal to the last bit, except for wall times.
+    changed: changed cases, the worst first.
+    quantities: the scores of `paired_differences.COMPARED` over the pairs.
+    counts: outcome -> number of pairs with it in the base and in the new run.
     units: of U in the base and in the new run; changes of U count where it is one unit.
     """
 
@@ -205,11 +208,14 @@ class AdsComparison:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Two runs side by side.
+    """Comparison of two runs.
 
-    supposed: ADS of the new run -> ADS of the base, where each run has one ADS only, of another
-        name.
+    confidence: level of the intervals.
+    differences: settings and versions in which the runs differ.
+    supposed: ADS of the new run -> ADS of the base, if they are compared only because each run has
+        one ADS.
     only_base, only_new: ADSs without a partner.
+    unpaired: cases without a partner.
     """
 
     base_folder: str
@@ -246,7 +252,7 @@ class Comparison:
 
 
 def builds_besides(builds: Mapping[str, str], comparison: Comparison | None) -> list[str]:
-    """Builds of ADSs that are not listed as differing."""
+    """Builds of ADSs that the comparison does not list as differing, as `build of ADS: build`."""
     known = {one.what for one in comparison.differences} if comparison else set()
     named = [(f"build of {ads}", build) for ads, build in builds.items()]
     return [f"{what}: {build}" for what, build in named if what not in known]
@@ -284,8 +290,8 @@ def side_by_side(
     *,
     pairs: Mapping[str, str] | None = None,
 ) -> Comparison:
-    """Compare whatever two runs have in common, though it be nothing; what differs is listed and
-    not refused.
+    """Compare the cases that two runs have in common, if any; differences of their settings are
+    listed and not refused.
     """
     olds, news = base.ads_names, new.ads_names
     partners = _partners(olds, news, pairs or {})
@@ -320,7 +326,9 @@ MOST_EXAMPLES = 5  # keys of lost cases
 def _unpaired(
     base: Evaluation, new: Evaluation, compared: Sequence[AdsComparison]
 ) -> Iterator[Unpaired]:
-    """Where cases have no partner."""
+    """Find cases without a partner, first of the base's ADSs, then of those that only the new run
+    has.
+    """
     known = {(one.base_ads, one.scenario): one for one in compared}
     for score in base.scores:
         cases = base.cases_of(score.ads, score.scenario)
@@ -339,7 +347,7 @@ def _unpaired(
 
 
 def _partners(olds: Sequence[str], news: Sequence[str], pairs: Mapping[str, str]) -> dict[str, str]:
-    """ADS of the new run -> ADS of the base, by name where `pairs` has none."""
+    """ADS of the new run -> ADS of the base: by `pairs`, else by the same name."""
     for old, now in pairs.items():
         check_known("ADS", olds, old)
         check_known("ADS", news, now)
@@ -371,17 +379,17 @@ def _compare_ads(
 
 
 def _paired(base: CaseTable, new: CaseTable) -> Paired:
-    """The cases at points that both runs have, in the order of the new run, and those that only one
-    of them has.
+    """Pair the cases of two tables by their points, in the order of the new run.
 
-    Of several cases at one point the last one counts.
+    Of several cases at one point the last one counts; its place in the order is the first one's.
     """
     none = np.empty(0, dtype=np.intp)
     if not (len(base) and len(new)) or base[0].values.keys() != new[0].values.keys():
         return Paired(base[none], new[none], none, base, new)
     old, now = point_numbers([base, new])
-    places = int(max(old.max(), now.max())) + 1
-    last_old, last_now, first_now = (np.full(places, -1, dtype=np.intp) for _ in range(3))
+    points = int(max(old.max(), now.max())) + 1
+    # row of the last, or first, case at each point; -1: no case
+    last_old, last_now, first_now = (np.full(points, -1, dtype=np.intp) for _ in range(3))
     last_old[old] = np.arange(len(old))
     last_now[now] = np.arange(len(now))
     first_now[now[::-1]] = np.arange(len(now))[::-1]
@@ -397,14 +405,15 @@ _NOT_DRIVEN: Final = frozenset((
     "case", "scenario", "ads", "values", "exposure", "weight", *TIMED,
     "index_note", "reference_note",
 ))  # fmt: skip
-"""Fields of a row that are not an outcome of its drive, or not a plain value."""
+"""Fields of a row that do not describe its drive, or are not plain values."""
 
 
 def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
-    """Number of pairs that are equal to the last bit in everything but times.
+    """Number of pairs that are equal to the last bit, except for wall times.
 
-    base, new: folders of the runs. Trajectories are compared where every row is equal and both runs
-        have them.
+    Trajectories are compared as well, if all rows are equal and both runs have kept them.
+
+    base, new: folders of the runs.
     """
     same = np.ones(len(paired.new_rows), dtype=np.bool_)
     for name in (item.name for item in fields(CaseResult) if item.name not in _NOT_DRIVEN):
@@ -425,18 +434,19 @@ def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
 def _changes(
     paired: Paired, terms: Sequence[CaseTerms], settings: GateSettings, units: tuple[str, str]
 ) -> Changes:
-    """The change of each concrete scenario: the first of those below that applies.
+    """The change of each concrete scenario: the first of the changes below that applies.
 
-    units: of U.
+    terms: of the base and of the new run.
+    units: of U in the base and in the new run.
     """
     old, now = paired.base, paired.new
     kind, by = np.full(len(old), -1, dtype=np.intp), np.full(len(old), np.nan)
 
     def mark(flags: BoolArray, change: Change, size: FloatArray | None = None) -> None:
-        fresh = flags & (kind < 0)
-        kind[fresh] = _ORDER.index(change)
+        unmarked = flags & (kind < 0)
+        kind[unmarked] = _ORDER.index(change)
         if size is not None:
-            by[fresh] = size[fresh]
+            by[unmarked] = size[unmarked]
 
     flips: tuple[tuple[BoolArray, BoolArray, Change, Change], ...] = (
         (~old.evaluated, ~now.evaluated, "not evaluated any more", "evaluated again"),
@@ -446,20 +456,20 @@ def _changes(
     for before, after, worse, better in flips:
         mark(after & ~before, worse)
         mark(before & ~after, better)
-    compared = 0.0 if units[0] == units[1] else np.nan
+    compared = 0.0 if units[0] == units[1] else np.nan  # of two units no difference of U counts
     harsher = now.severity - old.severity + compared
-    liked, index = now.human_likeness - old.human_likeness, now.index - old.index
-    least, less = change_of_u(settings.harsher_by, HARSHER_BY, units[1]), settings.less_human_by
-    mark(harsher > least, "harsher", harsher)
-    mark(harsher < -least, "softer", harsher)
-    for more in (liked, index):
-        mark(more < -less, "less human", more)
-        mark(more > less, "more human", more)
+    likeness, index = now.human_likeness - old.human_likeness, now.index - old.index
+    least_of_u = change_of_u(settings.harsher_by, HARSHER_BY, units[1])
+    mark(harsher > least_of_u, "harsher", harsher)
+    mark(harsher < -least_of_u, "softer", harsher)
+    for rise in (likeness, index):
+        mark(rise < -settings.less_human_by, "less human", rise)
+        mark(rise > settings.less_human_by, "more human", rise)
     regrets = [excess(one.severity, one.ideal) for one in terms]
     which = np.flatnonzero(kind >= 0)
     order = np.lexsort((now.case[which], -np.abs(np.nan_to_num(by[which])), kind[which]))
     which = which[order]
-    moves = {"regret": regrets[1] - regrets[0] + compared, "H_i": liked, "D_i": index}
+    moves = {"regret": regrets[1] - regrets[0] + compared, "H_i": likeness, "D_i": index}
     moved = {name: np.where(it != 0.0, it, np.nan)[which] for name, it in moves.items()}
     return Changes(paired, kind[which], which, by[which], moved)
 
@@ -471,13 +481,13 @@ def _quantity_changes(
     old, now = (dict(point_values(*run)) for run in runs)
     if base.settings.method.collision.unit != new.settings.method.collision.unit:
         old["regret"] = None
-    drawn = paired_differences(runs[0], runs[1], settings.resamples, settings.seed)
+    resampled = paired_differences(runs[0], runs[1], settings.resamples, settings.seed)
     tail = (1.0 - settings.confidence) / 2.0
     changes = {}
     for name, score in COMPARED.items():
-        then, here = old[score], now[score]
-        moved = None if then is None or here is None else here - then
-        spread = np.empty(0) if moved is None else drawn.get(name, np.empty(0))
-        ends = np.quantile(spread, (tail, 1.0 - tail)).tolist() if spread.size else [None, None]
-        changes[name] = QuantityChange(then, here, moved, *ends)
+        before, after = old[score], now[score]
+        difference = None if before is None or after is None else after - before
+        drawn = np.empty(0) if difference is None else resampled.get(name, np.empty(0))
+        ends = np.quantile(drawn, (tail, 1.0 - tail)).tolist() if drawn.size else [None, None]
+        changes[name] = QuantityChange(before, after, difference, *ends)
     return changes

@@ -1,5 +1,5 @@
-"""Drivers compared with each safe case, their scores among themselves, and the fields of the case
-that follow.
+"""Comparison of each safe case with the human drivers at its point: D_i of the case, D_i of each
+driver among the drivers, and the fields of the case's row.
 """
 
 from __future__ import annotations
@@ -29,21 +29,22 @@ from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.settings import DriverSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-FEWEST_DRIVERS = 2  # a deviation needs two
-FEWEST_FOR_A_BAND = 3  # and so does what is left when one is left out
+FEWEST_DRIVERS = 2  # a standard deviation needs two
+FEWEST_FOR_A_BAND = 3  # two must remain when a driver is compared with the rest
 _AT_ONCE = 8_192  # points whose zone and weight are computed at a time: 65,536 took 0.3 GB
-JACKKNIFED = 16  # cases of an ADS in a scenario on which drivers are left out one by one
+JACKKNIFED = 16  # cases of an ADS in a scenario for which drivers are left out one by one
 
 IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)
 class PointReference:
-    """The drivers of one concrete scenario.
+    """The human drivers of one concrete scenario, with the drives that ended well.
 
-    cases: their drives that ended well, and drivers: who drove them.
-    recorded: how many of these are recorded people.
-    note: where the reference is too thin.
+    cases: keys of these drives.
+    drivers: driver of each drive.
+    recorded: number of recorded drivers among them.
+    note: on a reference with too few recorded drivers; None: it has enough.
     usable: whether a D_i may be computed from it.
     """
 
@@ -55,28 +56,28 @@ class PointReference:
 
 
 def references(drives: Iterable[Fact], settings: DriverSettings) -> dict[int, PointReference]:
-    """The drivers of every concrete scenario that has some, or should have some, by point.
+    """Point -> its human drivers, of every concrete scenario that has any.
 
-    drives: the drivers'.
+    drives: of all drivers.
     """
     by_point: dict[int, list[Fact]] = defaultdict(list)
     for fact in drives:
         if fact.status == "ok":
             by_point[fact.point].append(fact)
-    found = {}
+    result = {}
     for point, facts in by_point.items():
         recorded = sum(fact.controller == RECORDED for fact in facts)
         note, usable = _usable(len(facts), recorded, settings)
         cases, drivers = zip(*((fact.case, fact.driver) for fact in facts), strict=True)
-        found[point] = PointReference(cases, drivers, recorded, note, usable)
-    return found
+        result[point] = PointReference(cases, drivers, recorded, note, usable)
+    return result
 
 
 def _zone_and_weight(
     values: FloatArray, zones: ZonePartition, zones_key: bytes, kept: KeptResults
 ) -> FloatArray:
-    """Of points (n, k), kept or computed: whether each is hazardous, 1 or 0, and its r (Eq. 16),
-    (2, n).
+    """Zone (1: hazardous, 0: safe) and weight r (Eq. 16) of points (n, k), (2, n), from the cache
+    or computed.
     """
     key = key_of("weights", zones_key, values.tobytes())
     data = kept.get("weights", key)
@@ -91,9 +92,11 @@ def _zone_and_weight(
 def _usable(
     drivers: int, recorded: int, settings: DriverSettings
 ) -> tuple[ThinReference | None, bool]:
-    """Where a reference is too thin, and whether a D_i may be computed from it.
+    """A note on a reference with too few recorded drivers, and whether a D_i may be computed from
+    it.
 
-    recorded: people among the drivers.
+    drivers: their number.
+    recorded: number of recorded drivers among them.
     """
     enough, fills = drivers >= FEWEST_DRIVERS, settings.too_thin == "fill"
     if settings.source != RECORDED or recorded >= settings.least:
@@ -104,14 +107,14 @@ def _usable(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Survey:
-    """A scenario of a run at a glance, before its cases are looked at some points at a time.
+    """Summary of a scenario of a run, made before its cases are scored some points at a time.
 
-    hazardous: flags, (points,), and weights: r, times the points that each stands for, by the
-        number of the point.
+    hazardous: whether each point is hazardous, (points,).
+    weights: r of each point, times the number of points that it stands for, (points,).
     points: values, (points, k), nan where no case was driven.
-    people: whether an ADS can be compared with drivers.
-    driven: the points of each ADS's cases, in their order.
-    left_out: the points at which each ADS's cases have drivers left out one by one.
+    people: whether ADSs can be compared with human drivers.
+    driven: points of each ADS's cases, in their order.
+    left_out: points at which drivers are left out one by one for each ADS's case.
     """
 
     hazardous: BoolArray
@@ -123,10 +126,11 @@ class Survey:
 
 
 def as_driven(chosen: Sample, driven: FloatArray, *, whole: bool) -> Sample:
-    """The sample of a run: what the settings choose now, or, where that is something else, as after
-    a change to a file of points, what was driven.
+    """The sample of a run: the points that the settings choose now, or, if these are others (a file
+    of points has changed), the points that were driven.
 
-    driven: values of the points, (n, k), nan where none were driven, unless the run is `whole`.
+    driven: values of the points, (n, k), nan where no case was driven.
+    whole: whether all points of the sample must have been driven.
     """
     there = ~np.isnan(driven[:, 0])
     spare = len(chosen.points) - len(driven)
@@ -138,68 +142,69 @@ def as_driven(chosen: Sample, driven: FloatArray, *, whole: bool) -> Sample:
 
 
 def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey:
-    """All points of a scenario, before any case is looked at.
+    """Find zone and weight of all points of a scenario, and the points of each ADS's cases.
+
+    Raises InputError for an ADS without a case.
 
     zones_key: a hash of all that the zones depend on.
-    Raises InputError for an ADS without a case.
     """
     store, settings, names = space.store, space.settings, space.logical.names
-    # of a million points as lists they would be half a gigabyte
+    # arrays: lists of a million points would take half a gigabyte
     numbers, flat = array("q"), array("d")
     for fact in store.facts("ideal", space.name):  # every point has one
         numbers.append(fact.point)
         flat.extend(fact.values[name] for name in names)
-    values, there = (
-        np.array(flat).reshape(len(numbers), len(names)),
-        np.array(numbers, dtype=np.intp),
-    )
-    points = int(there.max(initial=-1)) + 1
-    inside, usable, compared = np.zeros((2, points)), np.zeros(points, dtype=np.bool_), False
-    for first in range(0, len(there), _AT_ONCE):
-        some = slice(first, first + _AT_ONCE)
-        inside[:, there[some]] = _zone_and_weight(values[some], zones, zones_key, space.kept)
-        space.progress(
-            f"{space.name}: weights of the points", min(some.stop, len(there)), len(there)
+    values = np.array(flat).reshape(len(numbers), len(names))
+    driven_points = np.array(numbers, dtype=np.intp)
+    points = int(driven_points.max(initial=-1)) + 1
+    zone_and_weight = np.zeros((2, points))
+    usable, compared = np.zeros(points, dtype=np.bool_), False
+    for first in range(0, len(values), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        zone_and_weight[:, driven_points[part]] = _zone_and_weight(
+            values[part], zones, zones_key, space.kept
         )
-    hazardous, weights = inside[0] > 0.0, inside[1]
+        space.progress(
+            f"{space.name}: weights of the points", min(part.stop, len(values)), len(values)
+        )
+    hazardous, weights = zone_and_weight[0] > 0.0, zone_and_weight[1]
     if space.points.stands_for is not None:
         weights = weights * space.points.stands_for[:points]
     for point, drivers, recorded in store.drivers_at_points(space.name, RECORDED):
         usable[point], compared = _usable(drivers, recorded, settings.drivers)[1], True
     driven: dict[str, array[int]] = {ads.name: array("q") for ads in settings.ads}
-    counted: dict[str, array[int]] = {ads.name: array("q") for ads in settings.ads}
+    with_index: dict[str, array[int]] = {ads.name: array("q") for ads in settings.ads}
     for point, name, status, hit in store.outcomes("ads", space.name):
         if name in driven:
             driven[name].append(point)
             if not hit and not hazardous[point] and status in EVALUATED and usable[point]:
-                counted[name].append(point)
-    for name, its in driven.items():
-        if not len(its):
+                with_index[name].append(point)
+    for name, points_of_ads in driven.items():
+        if not len(points_of_ads):
             raise InputError(
                 f"Run {store.path.parent} holds no case of ADS `{name}` in scenario `{space.name}`."
             )
     all_values = np.full((points, len(names)), np.nan)
-    all_values[there] = values
+    all_values[driven_points] = values
     return Survey(
         hazardous,
         weights,
         all_values,
         space.logical.has_drivers or compared,
         {name: np.array(its, dtype=np.intp) for name, its in driven.items()},
-        {name: jackknifed(its) for name, its in counted.items()},
+        {name: jackknifed(its) for name, its in with_index.items()},
     )
 
 
 @dataclass(frozen=True, slots=True)
 class DriverComparison:
-    """Cases beside the drivers at their points.
+    """Cases compared with the human drivers at their points.
 
-    references: those drivers, by point.
-    indexes: D_i by case.
-
-    bands: D_i of each driver of a point against all other drivers, by point.
-    left_out: what evenly chosen cases get without each driver, and present: who drove there, by
-        case.
+    references: the drivers, by point.
+    indexes: D_i, by case.
+    bands: D_i of each driver of a point against all other drivers there, by point.
+    left_out: of evenly chosen cases, D_i without each driver, by case.
+    present: the drivers at the points of these cases, by case.
     """
 
     references: Mapping[int, PointReference]
@@ -216,10 +221,11 @@ def compare_with_people(
     compared: Mapping[int, PointReference],
     unhit: Mapping[str, Sequence[Fact]],
 ) -> DriverComparison:
-    """D_i of every evaluated case that has enough drivers to compare with, and the drivers' bands.
+    """Compare every evaluated case at a usable point with the drivers there, and these with each
+    other.
 
     compared: the drivers of `points`.
-    unhit: the cases of each ADS there that are to have a D_i.
+    unhit: the cases of each ADS at these points that shall have a D_i.
     """
     settings = space.settings
     usable = {point: compared[point] for point in sorted(compared) if compared[point].usable}
@@ -269,7 +275,7 @@ def compare_with_people(
 
 
 def jackknifed(points: Sequence[int]) -> frozenset[int]:
-    """The points, evenly chosen, at which drivers are left out one by one."""
+    """At most `JACKKNIFED` of the points, evenly chosen."""
     places = np.linspace(0, len(points) - 1, min(JACKKNIFED, len(points)))
     return frozenset(points[round(place)] for place in places)
 
@@ -277,34 +283,32 @@ def jackknifed(points: Sequence[int]) -> frozenset[int]:
 def beside_people(
     fact: Fact, zone: Zone, people: DriverComparison, settings: DriverSettings
 ) -> dict[str, Any]:
-    """The fields of a case that tell of its D_i and its human reference; none in the hazardous
-    zone.
-    """
+    """Fields of a case's row on its D_i and its human drivers; none in the hazardous zone."""
     if zone == "hazardous":
         return {}
     reference, band = people.references.get(fact.point), people.bands.get(fact.point)
     thin = reference.note if reference else None
     if reference is None and settings.source == RECORDED:
         thin = ThinReference(0, settings.least, None)
-    found: dict[str, Any] = {
+    row: dict[str, Any] = {
         "drivers": len(reference.cases) if reference else 0,
         "recorded_drivers": reference.recorded if reference else 0,
         "reference_note": thin,
     }
     if (index := people.indexes.get(fact.case)) is not None:
         for name in ("length_factor", "operation_factor", "similarity"):
-            found[name] = getattr(index, name)
-        found |= {"index": index.value, "index_note": index.notes}
-        found["bimodal"] = any(note.kind == "two_groups" for note in index.notes)
+            row[name] = getattr(index, name)
+        row |= {"index": index.value, "index_note": index.notes}
+        row["bimodal"] = any(note.kind == "two_groups" for note in index.notes)
         if index.manoeuvre:
-            found |= {"manoeuvre": words(index.manoeuvre), "manoeuvre_share": index.share}
+            row |= {"manoeuvre": words(index.manoeuvre), "manoeuvre_share": index.share}
         if (likeness := index.likeness) is not None:
-            found["operation_tolerance"] = likeness.operation_tolerance
-            found["mixture_similarity"] = likeness.similarity
+            row["operation_tolerance"] = likeness.operation_tolerance
+            row["mixture_similarity"] = likeness.similarity
     if band is not None:
-        found |= {"human_low": min(band), "human_high": max(band)}
-        found["human_mean"] = float(np.mean(band))
-    return found
+        row |= {"human_low": min(band), "human_high": max(band)}
+        row["human_mean"] = float(np.mean(band))
+    return row
 
 
 def reference_notes(cases: CaseTable) -> tuple[ScoreNote, ...]:

@@ -1,6 +1,4 @@
-"""From recorded facts to the quantities of the paper: D_i, U, L, Ug and r of every case, then C, D
-and S.
-"""
+"""Quantities of the paper from recorded facts: D_i, U, L, Ug, r of every case, then C, D, S."""
 
 from __future__ import annotations
 
@@ -55,12 +53,13 @@ _RECORDED = {item.name for item in fields(CaseResult)} & {item.name for item in 
 }
 """Fields that a row takes from its fact unchanged."""
 STRUCK_FROM_BEHIND = "struck_from_behind"
-"""The clip of a collision in which a vehicle that reacts ran into the ego's rear."""
+"""Clip of a collision in which a vehicle that reacts ran into the ego's rear; `applied`: time that
+the ego had been in the lane, s."""
 LEFT_THE_NETWORK = "actor_left_the_network"
 
 
 class Remarks:
-    """Remarks on the drives of an ADS in a scenario, gathered some drives at a time."""
+    """Notes on the drives of an ADS in a scenario, collected some drives at a time."""
 
     def __init__(self) -> None:
         self._blocks: Counter[int] = Counter()
@@ -71,9 +70,10 @@ class Remarks:
         self._struck: set[int] = set()
 
     def add(self, facts: Sequence[Fact], references: Sequence[Fact], severity: Severity) -> None:
-        """Take in some drives.
+        """Count some drives.
 
-        references: those of drivers and of the reference car at points of the safe zone.
+        facts: of the ADS.
+        references: drives of human drivers and of the reference car in the safe zone.
         """
         for fact in facts:
             clips = {clip.what: clip for clip in fact.clips}
@@ -89,10 +89,10 @@ class Remarks:
     def notes(
         self, ads: str, space: ScenarioRun, plausible: Sequence[ScoreNote], cases: CaseTable
     ) -> Iterator[ScoreNote]:
-        """The notes.
+        """Make the notes.
 
-        plausible: on the people of the plausibility.
-        cases: all of the ADS.
+        plausible: notes on the drivers of the plausibility.
+        cases: all cases of the ADS.
         """
         ended: Counter[str] = Counter()
         for scenario, role, _, status, number, _ in space.store.counts():
@@ -119,14 +119,13 @@ class Remarks:
 
 
 def struck_by_other(fact: Fact, space: ScenarioRun) -> bool:
-    """Whether a case's collision is the other's fault: one that reacts has run into the rear of an
-    ego that had been in that lane for long enough. The clip of such a collision holds how long that
-    was.
+    """Whether a case's collision is the other vehicle's fault: one that reacts ran into the rear of
+    an ego that had been in that lane for at least `others_fault_after`.
     """
     settings = space.method.collision
     if fact.collision is None or settings.rear_end == "counts":
         return False
-    # an ego that began in the lane had been there before
+    # an ego that started in the lane has been there since the start, which is always long enough
     enough = min(settings.others_fault_after, fact.collision.time - 1e-6)
     return any(clip.what == STRUCK_FROM_BEHIND and clip.applied >= enough for clip in fact.clips)
 
@@ -138,32 +137,36 @@ def harm_at(
     idle: Sequence[Fact],
     tasks: Mapping[str, TaskOfDrive],
 ) -> dict[int, dict[str, Any]]:
-    """The fields that cases at one point share, by point: r, Ug, U0, and how their ways conflict.
+    """Point -> fields that all cases there share: r, Ug, U0, PET and time to the conflict of the
+    undisturbed paths.
 
-    idle: the drives of `no_reaction` there.
-    tasks: departures by case.
+    idle: the drives of `no_reaction` at these points.
+    tasks: departures, by case.
     """
     unreacting = {fact.point: fact for fact in idle}
     harm = {}
     for fact in space.facts_at(points, "ideal"):
-        found = {
+        shared = {
             "weight": float(known.weights[fact.point]),
             **_reference("ideal", fact, 0.0, space),
         }
-        if (alone := unreacting.get(fact.point)) is not None:
-            found |= _reference("no_reaction", alone, _of_departure(alone, tasks, space), space)
+        if (no_reaction := unreacting.get(fact.point)) is not None:
+            departure = _of_departure(no_reaction, tasks, space)
+            shared |= _reference("no_reaction", no_reaction, departure, space)
         if (conflict := conflict_at(space.logical, fact.values)) is not None:
-            found["undisturbed_pet"] = finite(conflict.pet)
-            found["time_to_conflict"] = finite(conflict.time_to)
-        harm[fact.point] = found
+            shared["undisturbed_pet"] = finite(conflict.pet)
+            shared["time_to_conflict"] = finite(conflict.time_to)
+        harm[fact.point] = shared
     return harm
 
 
 def _reference(
     who: Literal["ideal", "no_reaction"], fact: Fact, least: float, space: ScenarioRun
 ) -> dict[str, Any]:
-    """Ug or U0 of a reference's drive, at least `least`: 0 where it avoids; why it could not be
-    evaluated.
+    """The field with Ug or U0 of a reference's drive, 0 where it avoids the contact; of one that
+    could not be evaluated, also the field with the reason.
+
+    least: the severity is at least this, that of its departure.
     """
     if fact.status not in EVALUATED:
         return {f"{who}_severity": None, f"{who}_error": fact.error or fact.status}
@@ -172,7 +175,7 @@ def _reference(
 
 
 def _of_departure(fact: Fact, tasks: Mapping[str, TaskOfDrive], space: ScenarioRun) -> float:
-    """U of a drive's departure, as a contact beside the road; 0 where it stayed on the road."""
+    """U of a drive's departure, as a contact beside the road; 0 without a departure."""
     departure = tasks[fact.case].departure if fact.case in tasks else None
     if departure is None:
         return 0.0
@@ -182,7 +185,7 @@ def _of_departure(fact: Fact, tasks: Mapping[str, TaskOfDrive], space: ScenarioR
 
 
 def _severity(fact: Fact, severity: Severity) -> float | None:
-    """U of a case's collision, or its replacement; None without one."""
+    """U of a case's collision, or of the measure in its place; None without a collision."""
     return None if fact.collision is None else severity.of(fact.collision, fact.case)
 
 
@@ -195,32 +198,38 @@ def tabulate(
     tasks: Mapping[str, TaskOfDrive],
     measured: Mapping[str, Mapping[str, Any]],
 ) -> Iterator[CaseResult]:
-    """One row a case.
+    """Make the row of each case.
 
-    harm: fields of the cases at each point.
-    tasks, measured: by case.
+    people: comparison with the human drivers.
+    harm: fields that the cases at a point share, by point, from `harm_at`.
+    tasks: departure and t_i, by case.
+    measured: fields with measures of the drive, by case.
     """
     for fact in facts:
         zone: Zone = "hazardous" if known.hazardous[fact.point] else "safe"
         hit, task, struck = fact.collision, tasks.get(fact.case), struck_by_other(fact, space)
         severity = None if struck else _severity(fact, space.severity)
         ideal = harm[fact.point]["ideal_severity"]
-        found: dict[str, Any] = {
+        fields_of_row: dict[str, Any] = {
             **{name: getattr(fact, name) for name in _RECORDED},
             **harm[fact.point],
             **beside_people(fact, zone, people, space.settings.drivers),
             **measured.get(fact.case, {}),
         }
         if fact.latency_median is not None and fact.latency_reference:
-            found["latency_relative"] = fact.latency_median / fact.latency_reference
+            fields_of_row["latency_relative"] = fact.latency_median / fact.latency_reference
         if hit is not None:
-            found |= {"impact_speed": hit.relative_speed, "overlap": hit.overlap, "side": hit.side}
-            found |= cause_of_contact(fact)._asdict()
+            fields_of_row |= {
+                "impact_speed": hit.relative_speed,
+                "overlap": hit.overlap,
+                "side": hit.side,
+            }
+            fields_of_row |= cause_of_contact(fact)._asdict()
             if not struck:
                 u = impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap)
-                found["loss"] = float(collision_loss(u))
+                fields_of_row["loss"] = float(collision_loss(u))
         if task is not None and (departure := task.departure) is not None:
-            found |= {
+            fields_of_row |= {
                 "departure_time": departure.time,
                 "departure_speed": departure.speed,
                 "departure_severity": _of_departure(fact, tasks, space),
@@ -239,14 +248,16 @@ def tabulate(
             ),
             exposure_note="outside_support" if fact.point in space.outside else "",
             requirements_missed=requirements_missed(fact, space),
-            **found,
+            **fields_of_row,
         )
         index = people.indexes.get(fact.case)
         yield replace(row, human_likeness=_human_likeness(row, index) if known.people else None)
 
 
 def _human_likeness(row: CaseResult, index: AnthropomorphicIndex | None) -> float | None:
-    """The case's part in H: 0 with an incident that the ideal vehicle avoids."""
+    """H_i of a case; 0 with an incident in the safe zone that the ideal vehicle avoids; None where
+    it has no part in H.
+    """
     if row.safe and row.incident and row.ideal_severity == 0.0:
         return 0.0
     likeness = None if index is None else index.likeness
@@ -265,11 +276,13 @@ def combine(
     people: bool = True,
     task_reference: str = "",
 ) -> ScenarioResult:
-    """Every score of one ADS in one scenario, Eqs. 13, 17, 18 and those that order, and counts.
+    """All scores of one ADS in one scenario: C, D and S (Eqs. 13, 17, 18), T, A', H and S+, and
+    counts.
 
-    people: whether there are drivers to compare with; where not, nothing is missing without D and
-        H.
-    task_reference: the reference car that T compares with, "" where the run holds none.
+    rows: of all its cases.
+    people: whether there are human drivers to compare with; False: a missing D or H is not counted
+        as missing.
+    task_reference: the reference car that T compares with; empty: the run has none.
     """
     notes = list(notes)
     cases = CaseTable.of(rows)
@@ -294,23 +307,24 @@ def combine(
         notes.append(Counted("gentler_than_ideal", beaten, _number(collided)))
     if safe_hits > voiding:
         notes.append(Counted("ideal_collides_too", safe_hits - voiding, safe_hits))
-    human, likened = values["human_likeness"], _number(safe & np.isfinite(cases.human_likeness))
+    human_likeness = values["human_likeness"]
+    with_likeness = _number(safe & np.isfinite(cases.human_likeness))
     total = score_of(c, d, method.score)
-    plus = plus_of(values["task_share"], values["avoidance_grade"], human, method.score)
-    found: dict[str, Any] = {f"{name}_interval": ends for name, ends in bounds.items()}
-    found |= values | counts(cases) | {"not_evaluated": missing.total()}
+    plus = plus_of(values["task_share"], values["avoidance_grade"], human_likeness, method.score)
+    scores: dict[str, Any] = {f"{name}_interval": ends for name, ends in bounds.items()}
+    scores |= values | counts(cases) | {"not_evaluated": missing.total()}
     if values["collision_probability"] is None:
-        found["collision_probability"] = math.nan
+        scores["collision_probability"] = math.nan
     return ScenarioResult(
         ads=ads,
         scenario=scenario,
-        **found,
+        **scores,
         d_reason=None
         if d is not None
         else _without_mean(safe_cases, voiding, _number(safe & indexed), people=people),
         h_reason=None
-        if human is not None
-        else _without_mean(safe_cases, 0, likened, people=people),
+        if human_likeness is not None
+        else _without_mean(safe_cases, 0, with_likeness, people=people),
         c_points=total.c_points,
         d_points=total.d_points,
         a_points=plus.a_points,
@@ -329,7 +343,7 @@ def _number(flags: BoolArray) -> int:
 
 
 def _references_missing(cases: CaseTable) -> Iterator[ReferenceMissing]:
-    """Why references of cases could not be evaluated, the most frequent reason first."""
+    """Notes on cases whose references could not be evaluated, the most frequent reason first."""
     for who in ("ideal", "no_reaction"):
         reasons = getattr(cases, f"{who}_error")
         alike: dict[str, list[int]] = {}
@@ -341,10 +355,11 @@ def _references_missing(cases: CaseTable) -> Iterator[ReferenceMissing]:
 
 
 def _without_mean(safe: int, voiding: int, known: int, *, people: bool) -> NotComputed:
-    """Why there is no mean over the safe cases.
+    """The reason why there is no mean over the safe cases.
 
-    voiding: collisions that leave none.
-    known: safe cases with a value.
+    safe: number of safe cases.
+    voiding: number of collisions because of which there is no mean.
+    known: number of safe cases with a value.
     """
     if people and voiding:
         return NotComputed("collisions", voiding)
@@ -356,7 +371,7 @@ def _without_mean(safe: int, voiding: int, known: int, *, people: bool) -> NotCo
 
 
 def describe_zones(logical: LogicalScenario, zones: ZonePartition, points: Sample) -> ZoneResult:
-    """Text of the report on a partition."""
+    """Summary of a scenario's zones for the report."""
     inside = zones.exactly_hazardous(points.points)
     error = boundary_error(zones)
     return ZoneResult(

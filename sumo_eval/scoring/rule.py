@@ -1,7 +1,8 @@
-"""The rule by which a build got worse, in three parts: outcome, near miss, shift.
+"""The rule that decides whether a build got worse than its base, in three parts: outcome, near
+miss, shift.
 
-d is by how much a quantity of a case got worse. A case is worse where d is above its tolerance,
-better where -d is.
+d is the amount by which a quantity of a case got worse. A case is worse if d is above its
+tolerance, better if -d is.
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Repeats:
-    """Result of driving cases of an ADS twice.
+    """Result of driving cases of an ADS twice with one build.
 
-    cases: driven twice;
-    alike: equal to the last bit;
-    floors: by quantity.
+    cases: number of cases that were driven twice.
+    alike: number of these that were equal to the last bit.
+    floors: least tolerance that covers the random variation, by quantity.
     """
 
     cases: int
@@ -48,11 +49,11 @@ class Repeats:
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Random variation in a night, by ADS.
+    """Random variation of the ADSs in a night.
 
-    repeats: of each ADS that was driven twice.
-    bad: by case, how many of its drives tonight were bad, the first among them.
-    shaky: cases that were bad before in some drives of one build.
+    repeats: of each ADS that was driven twice, by its name.
+    bad: number of bad drives tonight, the first drive included, by case.
+    shaky: cases of which, in earlier nights, some drives of one build were bad and some not.
     """
 
     repeats: Mapping[str, Repeats] = field(default_factory=dict)
@@ -60,7 +61,7 @@ class Noise:
     shaky: frozenset[str] = frozenset()
 
     def of(self, ads: str) -> Repeats:
-        """Of one ADS; of one that was not driven twice, that it repeats."""
+        """Repeats of one ADS; an ADS that was not driven twice is assumed to repeat itself."""
         return self.repeats.get(ads, Repeats(0, 0))
 
 
@@ -71,7 +72,7 @@ QUIET = Noise()
 
 
 def worsening(base: FloatArray, new: FloatArray, measure: MeasureSettings) -> FloatArray:
-    """d: by how much a quantity got worse, (n,); nan where it has no value in a run."""
+    """d: amount by which a quantity got worse, (n,); nan where it has no value in a run."""
     return np.asarray(base - new if measure.higher_is_better else new - base)
 
 
@@ -92,27 +93,28 @@ def sign_test(worse: int, better: int) -> float:
 
 
 def kept_margin(base: FloatArray, new: FloatArray, measure: MeasureSettings) -> FloatArray:
-    """Share of its distance to an accident that a case kept: new / base, of a rate such as DRAC
-    base / new, (n,).
+    """Share of its distance to an accident that a case kept, (n,): new / base, of a quantity that
+    rises with danger, such as DRAC, base / new; 1 where the divisor is 0.
     """
-    kept, of = (new, base) if measure.higher_is_better else (base, new)
-    return np.divide(kept, of, out=np.ones_like(kept), where=of > 0.0)
+    kept, whole = (new, base) if measure.higher_is_better else (base, new)
+    return np.divide(kept, whole, out=np.ones_like(kept), where=whole > 0.0)
 
 
 def holm(chances: Sequence[tuple[float, float]], level: float) -> list[bool]:
-    """Holm's method: which tests are rejected so that one false alarm has at most the probability
-    `level`.
+    """Holm's method: whether each test is rejected, so that the probability of any false alarm is
+    at most `level`.
 
-    chances: of each test its P and the least P that it could have had. Tests that could not be
-        rejected with any result do not count (Tarone).
+    Tests that no result could have rejected do not count (Tarone).
+
+    chances: (P, least P that was possible) of each test.
     """
-    able = list(range(len(chances)))
-    while any(chances[i][1] > level / len(able) for i in able):
-        able.remove(max(able, key=lambda i: chances[i][1]))
+    possible = list(range(len(chances)))
+    while any(chances[i][1] > level / len(possible) for i in possible):
+        possible.remove(max(possible, key=lambda i: chances[i][1]))
 
     rejected = [False] * len(chances)
-    for place, i in enumerate(sorted(able, key=lambda i: chances[i][0])):
-        if chances[i][0] > level / (len(able) - place):
+    for rank, i in enumerate(sorted(possible, key=lambda i: chances[i][0])):
+        if chances[i][0] > level / (len(possible) - rank):
             break
         rejected[i] = True
     return rejected
@@ -123,8 +125,9 @@ def holm(chances: Sequence[tuple[float, float]], level: float) -> list[bool]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ends:
-    """How cases ended, (n,) each.
+    """Ends of cases: arrays (n,).
 
+    missed: a requirement of the scenario was missed.
     severity: U of the contact or of the departure, 0 without one, m/s.
     """
 
@@ -137,7 +140,7 @@ class Ends:
 
     @classmethod
     def of(cls, cases: CaseTable) -> Ends:
-        """Those of some cases."""
+        """Ends of the cases of a table."""
         return cls(
             collided=cases.collided,
             departed=cases.departed | cases.off_road,
@@ -165,8 +168,9 @@ ENDS = {
 class Worse:
     """Cases of an ADS in one scenario that are worse in a quantity, the worst first.
 
-    which: their pairs, (w,).
-    before, after: values of all pairs, (n,).
+    one: comparison of the ADS in the scenario.
+    which: indices of their pairs, (w,).
+    before, after: the quantity of all pairs in the base and in the new run, (n,).
     """
 
     one: AdsComparison
@@ -178,43 +182,46 @@ class Worse:
     def of(
         cls, one: AdsComparison, flags: BoolArray, by: FloatArray, values: tuple[Column, Column]
     ) -> Worse:
-        """Those with a flag.
+        """The pairs with a flag.
 
-        by: how much worse each pair is, (n,).
-        values: before and after.
+        by: amount by which each pair is worse, (n,).
+        values: `before` and `after`.
         """
         which = np.flatnonzero(flags)
         return cls(one, which[np.argsort(-by[which], kind="stable")].tolist(), *values)
 
 
 def worse_ends(base: Ends, new: Ends, severity_by: float) -> dict[str, BoolArray]:
-    """Part one: cases that ended in a way in which they did not end before, and those with a higher
-    U, (n,) each.
+    """Part one: flags (n,) of the cases with a bad end that they did not have in the base, by end,
+    and of those with a higher U.
 
-    A case stands under the first of its new ends.
+    A case with several new bad ends is flagged under the first of them only.
 
     severity_by: rise of U that counts, in its unit.
     """
-    fresh = np.zeros(len(base.collided), dtype=np.bool_)
+    flagged = np.zeros(len(base.collided), dtype=np.bool_)
     ends = {}
     for name in ENDS:
-        ends[name] = getattr(new, name) & ~getattr(base, name) & ~fresh
-        fresh |= ends[name]
+        ends[name] = getattr(new, name) & ~getattr(base, name) & ~flagged
+        flagged |= ends[name]
     harder = new.severity - base.severity > severity_by * (1.0 + LAST_DIGIT)
-    return ends | {"severity": harder & ~fresh}
+    return ends | {"severity": harder & ~flagged}
 
 
 def severity_floor(once: Ends, twice: Ends, settings: NoiseSettings) -> float:
-    """Floor of U, m/s, of two drives of one build: among cases with a U.
+    """Floor of U from two drives of one build, m/s.
 
-    All others would hide how much it varies.
+    Only cases with a contact count: the zeros of all others would hide how much U varies.
     """
     contact = (once.severity > 0.0) | (twice.severity > 0.0)
     return floor_of((twice.severity - once.severity)[contact], settings)
 
 
 def severity_limit(settings: GateSettings, repeats: Repeats, unit: str) -> float:
-    """max(0.5 m/s, 2 floors of U); of a loss, which has no unit, max(0.01, 2 floors)."""
+    """Rise of U that counts: max(0.5 m/s, 2 floors of U); of a U without unit max(0.01, 2 floors).
+
+    unit: of U.
+    """
     rule = settings.outcome
     least = change_of_u(rule.severity_by, SEVERITY_BY, unit)
     return max(least, rule.floors * repeats.floors.get("severity", 0.0))
@@ -231,12 +238,13 @@ def newly_bad(one: AdsComparison, settings: GateSettings, repeats: Repeats) -> d
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tally:
-    """Cases of one ADS in all scenarios, by one measure: worse ones by scenario, numbers, and what
-    the sign test says.
+    """Worse and better cases of one ADS in all scenarios by one measure, for the sign test.
 
-    near: part two, near misses; else part three, shifts.
-    cases: looked at.
-    least_kept: the least share of its margin that a worse case kept.
+    near: True: of part two, near misses; False: of part three, shifts.
+    worse: of each scenario.
+    better: number of better cases.
+    cases: number of all cases that have the measure.
+    least_kept: least share of its margin that a worse case kept, 1 without one.
     """
 
     ads: str
@@ -259,17 +267,19 @@ class Tally:
 
     @property
     def least_chance(self) -> float:
-        """The least P that this number of changed cases could have had."""
+        """The least P that is possible with this number of changed cases: all of them worse."""
         return float(0.5 ** (self.number + self.better))
 
 
 def tally(
     ads: str, compared: Sequence[AdsComparison], measure: MeasureSettings, floor: float, near: bool
 ) -> Tally:
-    """Worse and better cases of an ADS.
+    """Count worse and better cases of an ADS.
 
-    floor: of the tolerance.
-    near: a value that is missing counts as one at the zone's limit.
+    compared: of the ADS, of each scenario.
+    floor: least tolerance.
+    near: for part two: a missing value counts as one at the limit of the measure's `zone`, and
+        only cases with a value within the zone count.
     """
     worse, kept = [], 1.0
     better = cases = 0
@@ -291,8 +301,10 @@ def tally(
 def values_of(
     paired: Paired, measure: MeasureSettings, *, fill: bool
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """A quantity of all pairs, before and after, and which pairs have it and ended without contact
-    in both runs.
+    """A quantity of all pairs in the base and in the new run, and whether a pair has it in both and
+    ended well in both, (n,) each.
+
+    fill: a missing value becomes the limit of the measure's `zone`.
     """
     tables = paired.base, paired.new
     before, after = (getattr(cases, measure.quantity).astype(np.float64) for cases in tables)
@@ -306,22 +318,23 @@ def values_of(
 
 
 def got_worse(found: Tally, settings: GateSettings) -> bool:
-    """Whether a tally of an ADS that repeats fails.
+    """Whether a tally of an ADS that repeats itself fails.
 
-    Part two: W > B and (P < 0.1, or B = 0, or a case kept at most 60 % of its margin). Part three:
-    W >= max(3, 5 %) and P < 0.02, or B = 0 and W >= max(3, 15 %).
+    W worse and B better cases. Part two: W > B, and P < 0.1, or B = 0, or a case kept at most 60 %
+    of its margin. Part three: W >= max(3, 5 % of all cases) and P < 0.02, or B = 0 and
+    W >= max(3, 15 % of all cases).
     """
     if found.near:
         rule = settings.near_miss
         certain = found.chance < rule.chance or not found.better
         return found.number > found.better and (certain or found.least_kept <= rule.kept_margin)
     shift = settings.shift
-    alone = not found.better and many(found, settings, shift.share_alone)
-    return alone or (many(found, settings, shift.share) and found.chance < shift.chance)
+    none_better = not found.better and many(found, settings, shift.share_alone)
+    return none_better or (many(found, settings, shift.share) and found.chance < shift.chance)
 
 
 def many(found: Tally, settings: GateSettings, share: float) -> bool:
-    """Whether at least 3 cases, and at least a share of all, are worse."""
+    """Whether at least 3 cases, and at least this share of all, are worse."""
     return found.number >= max(settings.shift.cases, share * found.cases)
 
 
@@ -343,8 +356,8 @@ def tallies(comparison: Comparison, settings: GateSettings, noise: Noise) -> lis
 
 
 def only_improved(comparison: Comparison, settings: GateSettings) -> bool:
-    """Whether no paired case is worse in anything, not even below a tolerance, and one is better
-    beyond one.
+    """Whether no paired case is worse in any quantity, not even within a tolerance, and at least
+    one is better beyond its tolerance.
     """
     watched = (*settings.near_miss.measure, *settings.shift.measure)
     measures = [one for one in watched if one.quantity not in TIMED]
