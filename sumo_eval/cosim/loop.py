@@ -1,9 +1,9 @@
-"""The loop: the only one in which anything drives, one case or hundreds in a batch.
+"""The loop that steps every simulation, of one case or of hundreds in a batch.
 
 A step: the ADS commands, the vehicle model moves the egos and the scripts move the actors, SUMO
-steps all vehicles, the world takes in what SUMO shows. One of four controls the egos: `Rules`
-(which are kernels), `OneEach` (a policy in plain Python for each row), `OverArrays` (one policy
-over arrays), `OnTraci` (an ADS that needs the simulation to itself).
+steps all vehicles, the world takes in what SUMO shows. One of five controls the egos: `Rules`
+(kernels), `OneEach` (a policy in plain Python for each row), `OverArrays` (one policy over arrays),
+`OnTraci` (an ADS that calls TraCI), `Replays` (recorded commands).
 """
 
 from __future__ import annotations
@@ -56,18 +56,18 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import SENTENCE, words_of
 from sumo_eval.trajectory import Alone, EndReason
 
-_LONGEST_WORDS = SENTENCE - 20  # characters of an adapter's sentence, to which the time is added
+_LONGEST_WORDS = SENTENCE - 20  # characters of an adapter's message, to which the time is added
 _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
 ASKS_SUMO = Alone("asks_sumo")
-_STANDS = 1e-3  # m in a step; who drives less does not turn either
-KEPT = 0.75  # share of the rows that must still be live, or the ended ones are given up
+_STANDS = 1e-3  # m in a step; an ego that drives less does not turn
+KEPT = 0.75  # rows of ended cases are dropped when the share of live rows is below this
 
 
 class Terms(NamedTuple):
-    """Terms on which an ADS drives.
+    """Conditions of calling an ADS.
 
     step_timeout: longest wall time of a step, s.
-    plant: the vehicle model instead of the package's.
+    plant: the user's vehicle model; None: the package's.
     folder: where relative paths start.
     every: the ADS is called every n-th step.
     """
@@ -79,7 +79,7 @@ class Terms(NamedTuple):
 
 
 def error_of(call: Callable[..., Any], *arguments: Any) -> BaseException | None:
-    """The error that a call of the user's code raises; Ctrl-C is the user's."""
+    """The error that a call of the user's code raises, None without one; Ctrl-C is passed on."""
     try:
         call(*arguments)
     except KeyboardInterrupt:
@@ -96,7 +96,7 @@ class EgoControl:
         self._terms = terms
 
     def begin(self, world: World, stage: Stage) -> None:
-        """Before the first step."""
+        """Prepare for the first step."""
         self._traci, self._clock = stage.traci, simulation_time(stage.traci)
         conditions = [its.conditions for its in world.each]
         self.actuation = Actuation(
@@ -108,20 +108,20 @@ class EgoControl:
         raise NotImplementedError
 
     def after(self, world: World, now: float) -> None:
-        """SUMO has made its step to `now`, s."""
+        """Act after SUMO's step, which ended `now`, s."""
 
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
-        """From now on these rows, in this order."""
+        """Drop all rows but these; keep their order."""
 
     def release(self, world: World, row: int) -> None:
-        """Close what an ended row holds."""
+        """Close what the control holds for a row that has ended."""
         if self._terms.plant is not None:
             self._closed(world, row, self._terms.plant.close, "sim_error")
 
     def _pass_on(self, world: World, took: float | None) -> None:
         """Replace the commands by those that reach the vehicles, or by the plant's next state.
 
-        took: of a case, s; None: it was not asked.
+        took: wall time of the ADS's step, of one case, s; None: it was not asked.
         """
         self.actuation.pass_on(world.egos["command"], world.rows, world.steps, took)
         if self._terms.plant is not None:
@@ -135,12 +135,17 @@ class EgoControl:
         fault: EndReason,
         target: Any = None,
     ) -> None:
-        """Close one of the things a case holds; its failure keeps no other from being closed."""
+        """Close one of the things that a case holds; record an error of it, without raising it.
+
+        close: closes it.
+        fault: why the case then ends, unless it ended with a contact.
+        target: the user's code, for the place of the error.
+        """
         error = error_of(close)
         if error is None:
             return
         world.keep_fault(int(world.rows[row]), error, target, self._terms.folder)
-        # a collision is not undone afterwards
+        # a contact stays the reason
         contact = REASONS[int(world.egos["reason"][row])] == "contact"
         who = "The ADS" if fault == "ads_error" else "The vehicle model"
         reason: EndReason = "contact" if contact else fault
@@ -155,8 +160,8 @@ class EgoControl:
         world.touched(GUARD.touched, GUARD.ignored)
 
     def _check_clock(self, world: World, time: float) -> None:
-        """The harness alone steps, starts and closes the simulation; an ADS that swallows the
-        refusal of a call has made it.
+        """Raise ControllerError if the ADS has stepped or closed the simulation, or has caught the
+        refusal of a call that is not allowed.
         """
         if GUARD.refusal is not None:
             deed, why = GUARD.refusal
@@ -167,7 +172,7 @@ class EgoControl:
             raise ControllerError(
                 f"The ADS closed the simulation at {time:.2f} s; that is the harness's."
             ) from error
-        # SUMO has made one step more, the one that inserted the vehicles
+        # SUMO is one step ahead: the step that inserted the vehicles
         ahead = now - time - world.settings.step
         if abs(ahead) > _CLOCK_TOLERANCE:
             raise ControllerError(
@@ -177,7 +182,7 @@ class EgoControl:
 
 
 def note_unlimited(world: World) -> None:
-    """Record that an ADS sees the world as it is in spite of the conditions."""
+    """Record of each case with limited perception that its ADS sees everything all the same."""
     for case, its in enumerate(world.each):
         if not sees_all(its.conditions):
             world.note(case, "perception_not_limited", 1.0, 0.0)
@@ -188,7 +193,7 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
     settings = world.settings
     step, every = settings.step, round(settings.record_interval / settings.step)
     as_read, asked = stage.as_read, stage.asked
-    moved = 0
+    moved = 0  # 1 while a step is under way: an error then takes it back
     try:
         driver.begin(world, stage)
         if world.errors or world.left:
@@ -209,7 +214,7 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
             except stage.traci.TraCIException as error:
                 if not asked:
                     raise
-                raise ControllerError(  # an ADS that asks SUMO has just removed a vehicle
+                raise ControllerError(  # the ADS has just removed a vehicle by TraCI
                     f"After the ADS's step at {world.time:.2f} s SUMO cannot move the ego: "
                     f"{said(error)}."
                 ) from error
@@ -250,7 +255,7 @@ def _release(world: World, driver: EgoControl, row: int) -> None:
 def break_off(world: World, error: Exception, moved: int = 0) -> None:
     """End a single case by an error.
 
-    moved: within a step, of which nothing counts.
+    moved: 1: within a step, which then does not count.
     """
     if isinstance(error, ControllerError | SimulationError):
         world.fail(0, _fault(error), words_of(error, SENTENCE))
@@ -266,7 +271,7 @@ def _stop(world: World, moved: int) -> None:
 
 
 def _end_rows(world: World, driver: EgoControl, stage: Stage) -> None:
-    """Take down the rows that have ended, and give their arrays up once they are many."""
+    """Keep the recordings of rows that have ended, and drop these rows once they are many."""
     egos = world.egos
     for row in np.flatnonzero((egos["reason"] != 0) & (egos["live"] != 0)).tolist():
         case = int(world.rows[row])
@@ -313,7 +318,7 @@ def make_briefing(
 
 
 def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
-    """Ask the plant for the next state of the single ego, which the coming step then has."""
+    """Ask the user's vehicle model for the single ego's state at the end of the coming step."""
     ego = world.egos[0]
     before = EgoState(
         *ego["map"].tolist(), *(float(ego[name]) for name in ("speed", "acceleration", "steering"))
@@ -330,7 +335,7 @@ def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
 
 
 class Rules(EgoControl):
-    """Rules that are kernels, one object a case, all of one class."""
+    """Controls egos by rules that are kernels: one object a case, all of one class."""
 
     def __init__(self, ads: Sequence[Compiled], terms: Terms) -> None:
         super().__init__(terms)
@@ -346,13 +351,13 @@ class Rules(EgoControl):
             self._arrays = own.foreseeing(self._ads, world.cases, world.each)
         else:
             self._arrays = own.arrays(self._ads, world.scenario, world.seen.shape[1])
-        # Over no rows: compiled or loaded here, and not within the time of a step.
+        # a call without rows: the kernel is compiled or loaded here, not within a timed step
         self._loop(world.egos[:0], world.seen[:0], *self._arrays, world.scenario, 0.0)
         self._egos: Records | None = None
         self._code = self._loop
 
     def step(self, world: World, time: float) -> None:
-        """One call for all."""
+        """Call the kernel once for all rows."""
         asked = clock.perf_counter()
         arguments = (world.egos, world.seen, *self._arrays, world.scenario, time)
         if self._egos is not world.egos:
@@ -371,8 +376,10 @@ class Rules(EgoControl):
 
 
 class Replay(NamedTuple):
-    """Commands of a drive, (steps, 2), or where it was, (steps, 6), up to step `until`; from there
-    on full braking.
+    """A recorded drive up to a step, and full braking from there on.
+
+    commands: of a `Recording`: commands (steps, 2), or states and commands (steps, 6).
+    until: index of the first step of braking.
     """
 
     commands: NDArray[np.float64]
@@ -380,16 +387,17 @@ class Replay(NamedTuple):
 
 
 class Replays(EgoControl):
-    """Recorded commands, then the strongest braking with the wheel straight, in a curve as it was.
+    """Controls egos by recorded commands, then by the strongest braking, with the wheel straight,
+    or in a curve as it was.
 
-    Delays are in the commands already.
+    The commands were recorded after all delays.
     """
 
     def __init__(self, replays: Sequence[Replay], terms: Terms) -> None:
         super().__init__(terms)
         longest = max(len(it.commands) for it in replays)
-        # x, y, heading and speed of an ego that the vehicle model did not move; acceleration and
-        # steering of every one
+        # x, y, heading and speed of egos that the vehicle model did not move, then acceleration
+        # and steering of all egos
         self._commands = np.zeros((len(replays), longest + 1, 6))
         for row, it in enumerate(replays):
             self._commands[row, : len(it.commands), -it.commands.shape[1] :] = it.commands
@@ -397,7 +405,7 @@ class Replays(EgoControl):
         self._until = np.array([it.until for it in replays])
 
     def begin(self, world: World, stage: Stage) -> None:
-        """The strongest braking of each ego."""
+        """Find the strongest braking of each ego, and the steering of those that need it."""
         super().begin(world, stage)
         stage.take_charge(world)
         self._strongest = np.array([its.vehicle.max_deceleration for its in world.each])
@@ -405,25 +413,25 @@ class Replays(EgoControl):
             self._commands[self._moved, :, -1] = self._steering(world)[self._moved]
 
     def _steering(self, world: World) -> NDArray[np.float64]:
-        """The wheel that turns the vehicle as it turned in each step, rad."""
+        """Steering wheel angles by which the vehicle turns as it did in each step, rad."""
         heading, speed = self._commands[..., 2], self._commands[..., 3]
         turned = np.diff(heading, axis=1, prepend=heading[:, :1])
-        way = np.maximum(speed * world.settings.step, _STANDS)
+        distance = np.maximum(speed * world.settings.step, _STANDS)
         vehicle = world.settings.vehicle
-        return np.arctan(vehicle.wheelbase * turned / way) * vehicle.steering_ratio
+        return np.arctan(vehicle.wheelbase * turned / distance) * vehicle.steering_ratio
 
     def step(self, world: World, time: float) -> None:
-        """The command of this step, or full braking."""
+        """Write the recorded command of this step, or full braking."""
         rows, egos = world.rows, world.egos
         brakes = world.steps >= self._until[rows]
-        goes_on, numbers, command = ~brakes, numbers_of(egos), egos["command"]
-        now = self._commands[rows, min(world.steps, self._commands.shape[1] - 1)][goes_on]
-        numbers[goes_on, NEXT], numbers[goes_on, COMMAND] = now, now[:, -2:]
-        egos["placed"] = np.where(self._moved[rows] & goes_on, PLANT, MODEL)
+        replays, numbers, command = ~brakes, numbers_of(egos), egos["command"]
+        now = self._commands[rows, min(world.steps, self._commands.shape[1] - 1)][replays]
+        numbers[replays, NEXT], numbers[replays, COMMAND] = now, now[:, -2:]
+        egos["placed"] = np.where(self._moved[rows] & replays, PLANT, MODEL)
         command["acceleration"][brakes] = -self._strongest[rows][brakes]
         if not world.cases[0].road.bent:
             command["steering"][brakes] = 0.0
-        # full braking is no reason to continue once the ego stands
+        # a braking ego is settled: its case ends once it stands
         world.egos["settled"] = brakes
 
 
@@ -437,7 +445,7 @@ class Policies(EgoControl):
         self._seeds = seeds
 
     def begin(self, world: World, stage: Stage) -> None:
-        """Make their senses and their trackers."""
+        """Prepare perception, and the executors that carry out plans and speeds."""
         super().begin(world, stage)
         self._road, self._alone = world.cases[0].road, len(world.cases) == 1
         stage.take_charge(world)
@@ -457,7 +465,7 @@ class Policies(EgoControl):
         self.keep(world, world.rows)
 
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
-        """Look at these rows."""
+        """Drop all rows but these; keep their order."""
         self._limited = self._limited[rows]
         if self._perception is not None:
             self._perception.keep(rows)
@@ -469,7 +477,13 @@ class Policies(EgoControl):
     def _fail(
         self, world: World, rows: Sequence[int], error: BaseException, when: str, target: Any
     ) -> None:
-        """Fail the rows of a call; one that asks SUMO has its case to itself, later."""
+        """Fail the rows for which a call raised an error.
+
+        A policy in a batch that called TraCI is not failed: its cases are driven alone, later.
+
+        when: `in reset` or `at 1.50 s`, for the message.
+        target: the user's code, for the place of the error.
+        """
         if isinstance(error, RefusedCallError | self._traci.TraCIException) and not self._alone:
             for row in rows:
                 world.leave(row, ASKS_SUMO)
@@ -487,19 +501,21 @@ class Policies(EgoControl):
                 world.fail(row, fault, sentence)
 
     def _look(self, time: float) -> tuple[list[Any], list[Any], list[Any]]:
-        """Egos as they are, egos and actors as they are seen, by row."""
+        """Of each row the ego as it is, the ego as the ADS sees it, and the actors as it sees
+        them.
+        """
         egos, others = self._ego_values.tolist(), present(self._other_values, self._present)
         if self._perception is None:
             return egos, egos, others.tolist()
-        mes, seen = self._perception.look(time, self._ego_values[:, :7], others[..., :7])
+        seen_egos, seen = self._perception.look(time, self._ego_values[:, :7], others[..., :7])
         others = np.where(self._limited[:, None, None], seen, others)
-        return egos, mes.tolist(), others.tolist()
+        return egos, seen_egos.tolist(), others.tolist()
 
 
 class OneEach(Policies):
-    """A policy in plain Python for each row: its own exception, time and state.
+    """Controls egos by a policy in plain Python for each row, with its own errors, times and state.
 
-    It is called every n-th step, as `Terms` say; in between its answer holds.
+    A policy is called every n-th step (`Terms.every`); its answer holds in between.
     """
 
     checks = True
@@ -534,9 +550,9 @@ class OneEach(Policies):
             world.fail(0, "ads_error", str(error))
 
     def step(self, world: World, time: float) -> None:
-        """Ask each of them."""
-        egos, mes, others = self._look(time)
-        given, asked_rows, took = [], [], None
+        """Call the policy of each row."""
+        egos, seen_egos, others = self._look(time)
+        commands, commanded_rows, took = [], [], None
         now, terms = clock.perf_counter, self._terms
         if self._alone:
             GUARD.heard()
@@ -547,10 +563,10 @@ class OneEach(Policies):
             try:
                 if world.steps % terms.every:
                     command = self._executors[case].command(None, egos[row], time)
-                    given.append((command.acceleration, command.steering))
-                    asked_rows.append(row)
+                    commands.append((command.acceleration, command.steering))
+                    commanded_rows.append(row)
                     continue
-                look = mes[row], others[row]
+                look = seen_egos[row], others[row]
                 action = policy.act(
                     Observation(
                         time, self._road, egos[row], look, self._tasks[case], self._kinds[case]
@@ -576,12 +592,12 @@ class OneEach(Policies):
                 self._fail(world, [row], error, f"at {time:.2f} s", policy.target)
                 continue
             world.latencies.own[case].append(took)
-            given.append(answer)
-            asked_rows.append(row)
+            commands.append(answer)
+            commanded_rows.append(row)
             if self._any_settles and (settled := self._settled[case]) is not None:
                 world.egos["settled"][row] = bool(settled())
-        if given:
-            self._commands[asked_rows] = given
+        if commands:
+            self._commands[commanded_rows] = commands
         self._check(world, time)
         self._pass_on(world, took)
 
@@ -596,9 +612,9 @@ class OneEach(Policies):
 
 
 def with_time(error: ControllerError, when: str) -> ControllerError:
-    """An error of an adapter, or of the watch over a step, with the time in its words.
+    """An error of an adapter, or of a step that took too long, with the time in its message.
 
-    Its class may be the user's own.
+    error: its class may be the user's own; it becomes one of the package's.
     """
     kind = ControllerTimeoutError if isinstance(error, ControllerTimeoutError) else ControllerError
     return kind(f"{words_of(error, _LONGEST_WORDS)} {when}.")
@@ -611,10 +627,11 @@ def _fault(error: ControllerError | SimulationError) -> EndReason:
 
 
 class OverArrays(Policies):
-    """One policy for all rows, which takes arrays of observations and gives arrays of commands.
+    """Controls egos by one policy for all rows, which maps arrays of observations to arrays of
+    commands.
 
-    Its numbers may depend on the batch (those of a network do, in the last bit): the batch is part
-    of its input.
+    Its commands may depend on the batch (those of a neural network do, in the last bit): the batch
+    is part of its input.
     """
 
     def __init__(self, policy: PolicyController, seeds: Sequence[int], terms: Terms) -> None:
@@ -623,10 +640,10 @@ class OverArrays(Policies):
         self._act: Callable[[Any], Any] = policy.act
 
     def begin(self, world: World, stage: Stage) -> None:
-        """Reset it once for all rows."""
+        """Reset the policy once for all rows."""
         super().begin(world, stage)
-        note_unlimited(world)  # arrays are of the world as it is
-        self._held = len(world.cases)
+        note_unlimited(world)  # arrays show the world as it is
+        self._unreleased = len(world.cases)
         briefing = make_briefing(world.cases[0], world.each[0], self._terms)
         error = error_of(self._policy.reset, replace(briefing, values=None), TRACI, EGO)
         if error is not None:
@@ -635,7 +652,7 @@ class OverArrays(Policies):
         self._settled = getattr(self._policy.target, "settled", None) if decided else None
 
     def step(self, world: World, time: float) -> None:
-        """One call for all."""
+        """Call the policy once for all rows."""
         live = np.flatnonzero(world.egos["live"])
         seen = Observations(
             time, world.cases[0].road, world.rows[live], world.egos[live], world.seen[live],
@@ -670,7 +687,7 @@ class OverArrays(Policies):
         try:
             answer = np.asarray(self._act(seen), dtype=np.float64)
             overdue = clock.perf_counter() - asked > self._terms.step_timeout * rows
-        except ControllerTimeoutError:  # of the watch over it
+        except ControllerTimeoutError:  # raised by the watch over the process
             overdue = True
         if overdue:
             raise ControllerTimeoutError(
@@ -689,8 +706,8 @@ class OverArrays(Policies):
         )
 
     def release(self, world: World, row: int) -> None:
-        """Close it when the last row has ended."""
-        self._held -= 1
-        if self._held == 0:
+        """Close the policy when the last row has ended."""
+        self._unreleased -= 1
+        if self._unreleased == 0:
             self._closed(world, row, self._policy.close, "ads_error")
         super().release(world, row)

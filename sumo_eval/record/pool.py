@@ -49,19 +49,18 @@ from sumo_eval.text import clean, clean_log
 Item = TypeVar("Item")
 Settled = TypeVar("Settled")
 Task = Callable[[Any, Any], Any]
-"""A function of the item and of what all items share; importable by name, like both arguments
-picklable. It returns what a frame carries, or raises InputError.
-"""
+"""A function of an item and of what all items share, importable by name, with arguments that pickle
+can send. It returns plain values, which a frame can carry, or raises InputError."""
 
 How = Literal["done", "refused", "died", "overdue", "overfull", "garbled"]
 
-LOG_END = 7_900  # bytes that are kept of the beginning, and of the end, of what an item printed
-_READS_AT_ONCE = 16  # of one child's output, before another one's
-_LEAVE_TIME = 5.0  # s for a killed process to be gone
-_COPY_TIME = 0.2  # s for a copy of a child to be where the child is
-_LONGEST_WAIT = 3600.0  # s
-_LONGEST_REFUSAL = 20_000  # characters
-_WARNING_SHARE = 0.9  # of the deadline: then the child writes where it hangs
+LOG_END = 7_900  # bytes that are kept of the beginning, and of the end, of an item's output
+_READS_AT_ONCE = 16  # reads of one child's output before those of the next child
+_LEAVE_TIME = 5.0  # s in which a killed process must be gone
+_COPY_TIME = 0.2  # s in which a forked copy of a child comes to the end of the item as well
+_LONGEST_WAIT = 3600.0  # s, of one call of poll
+_LONGEST_REFUSAL = 20_000  # characters of an InputError's text
+_WARNING_SHARE = 0.9  # share of the deadline after which the child prints where it hangs
 _LENGTH = struct.Struct("<Q")
 _CLOSED = "closed its connection"
 
@@ -70,10 +69,12 @@ _CLOSED = "closed its connection"
 class Ended(Generic[Item]):
     """Outcome of one item.
 
-    how: `done` with a result; `refused` by an InputError; `died`; `overdue`, `overfull` or
-        `garbled`, and killed.
-    why: the InputError's text; how many MB filled; else continues "the process that ran the case
-        ...".
+    how: `done` with a result; `refused` by an InputError; `died`: the child ended by itself; or
+        killed because it was `overdue`, used too much memory (`overfull`), or sent no valid frame
+        (`garbled`).
+    log: output of the child.
+    why: of `refused` the InputError's text, of `overfull` the MB used, else words that continue
+        "the process that ran the case ...".
     idle: share of its wall time in which no processor worked on it.
     """
 
@@ -117,17 +118,19 @@ class BoundedLog:
         self._tail = tail[-LOG_END:]
 
     def text(self) -> str:
-        """The part that is kept of it, with a line instead of the rest."""
+        """The kept parts, with a line for what is left out between them."""
         gap = f"\n[{self._left_out} bytes left out]\n".encode() if self._left_out else b""
         return clean_log((self._head + gap + self._tail).decode("utf-8", errors="replace"))
 
 
 class Pool:
-    """Child processes that work off items, at most `workers` at a time. A context manager.
+    """Child processes that work on items; a context manager.
 
-    limits: wall time of an item (`case_timeout`), memory of a child and what it starts.
-    items_per_child: after that many a child is replaced, so that what controllers leave in a
-        process cannot pile up.
+    workers: most children at a time.
+    limits: wall time of an item (`case_timeout`), memory of a child and all that it starts
+        (`memory_limit`).
+    items_per_child: a child is replaced after this number of items, so that leftovers of
+        controllers cannot pile up in a process.
     """
 
     def __init__(self, workers: int, limits: RunSettings, items_per_child: int = 1) -> None:
@@ -143,7 +146,7 @@ class Pool:
         self._looked = clock.monotonic()
 
     def __enter__(self) -> Pool:
-        # A child that is killed leaves SUMO's files behind; here they go when the pool does.
+        # a killed child leaves SUMO's files behind: they are in this folder, which the pool deletes
         self._scratch = scratch_folder()
         return self
 
@@ -156,7 +159,7 @@ class Pool:
         shutil.rmtree(self._scratch, ignore_errors=True)
 
     def each(self, work: Work[Item], items: Iterable[Item]) -> Iterator[Ended[Item]]:
-        """Outcomes of the items, as they end.
+        """Outcomes of the items, in the order in which they end.
 
         Raises InputError for one that is refused.
         """
@@ -174,14 +177,14 @@ class Pool:
         stopping: Callable[[], bool] = lambda: False,
         meanwhile: Callable[[], object] = lambda: None,
     ) -> Iterator[Settled]:
-        """Results of `settle` for the items, as they end. When `stopping`, those that run are the
-        last.
+        """Results of `settle` for the items, in the order in which they end.
 
-        take: gives the next item whenever a child is free; None: there is none, unless one that
-            runs brings up more.
-        settle: receives every end at once; its results come out when the children have been given
-            more to do.
-        meanwhile: called whenever they have, and nothing else is left to do.
+        take: gives the next item whenever a child is free; None: there is none now, though the
+            outcome of a running one may bring more.
+        settle: called with each outcome at once; its results are yielded after the children have
+            been given more items.
+        stopping: once it is true, no further item is taken.
+        meanwhile: called while the children work, before waiting for them.
         """
         busy: list[_Child] = []
         settled: list[Settled] = []
@@ -211,7 +214,7 @@ class Pool:
         affinity, deadline = work.affinity(item), self._limits.case_timeout
         for child in [it for it in self._children if it not in busy and it.affinity == affinity]:
             if child.items < self._items_per_child and child.is_quiet():
-                with suppress(OSError):  # it has died meanwhile
+                with suppress(OSError):  # it has died since the check
                     child.give(work, item, next(self._numbers), deadline)
                     return child
             self._drop(child)
@@ -219,27 +222,27 @@ class Pool:
             self._drop(next(child for child in self._children if child not in busy))
         child = _Child(affinity, self._limits.memory_limit, self._scratch)
         self._children.append(child)
-        with suppress(OSError):  # it died at its beginning: the end of its results shows it
+        with suppress(OSError):  # it died at once: `_how_it_ended` reports it
             child.give(work, item, next(self._numbers), deadline)
         return child
 
     def _wait(self, busy: Sequence[_Child]) -> None:
-        """Wait until something happens, and take it in.
+        """Wait until any child sends something or is overdue, and read what it sends.
 
-        Time of this process between two looks - ending a child, writing results - counts for no
-        child.
+        The time between two calls, in which this process ends children and writes results, is added
+        to all deadlines.
         """
         away = clock.monotonic() - self._looked
         poll = select.poll()
-        of: dict[int, _Child] = {}
+        child_of: dict[int, _Child] = {}
         for child in busy:
             child.deadline += away
             for descriptor, events in child.watched():
                 poll.register(descriptor, events)
-                of[descriptor] = child
+                child_of[descriptor] = child
         wait = min(child.deadline for child in busy) - clock.monotonic()
         for descriptor, _ in poll.poll(1e3 * min(max(wait, 0.0), _LONGEST_WAIT)):
-            of[descriptor].attend(descriptor)
+            child_of[descriptor].attend(descriptor)
         self._looked = clock.monotonic()
 
     def _drop(self, child: _Child) -> None:
@@ -263,7 +266,7 @@ class _Child:
         if sys.platform == "linux":
             import fcntl
 
-            # a user may have no more room for pipes; then a talkative child waits more often
+            # the user's limit for pipes may be reached: then a child that prints much waits more
             with suppress(OSError):
                 fcntl.fcntl(output.fileno(), fcntl.F_SETPIPE_SZ, MEGABYTE)
         for own in (self._orders, self._results, self._output):
@@ -271,14 +274,14 @@ class _Child:
         self.affinity = affinity
         self.items = 0
         self.deadline = self._begun = self._used = 0.0
-        self.is_last = False  # whether it ends with its item
+        self.is_last = False  # whether the child ends with its present item
         self._item: Any = None
         self._folder = Path(tempfile.mkdtemp(dir=scratch))
         self._log = BoundedLog()
         self._to_send = memoryview(b"")
-        self._reader = FrameReader(0)  # of no item: it must not answer yet
-        self._answer: Any = None  # what its frame carries
-        self._fault = ""
+        self._reader = FrameReader(0)  # of no item: the child must not answer yet
+        self._answer: Any = None  # content of its frame: [is last, twice, refusal, result]
+        self._fault = ""  # of its frame, in words
         self._ended: Report | None = None
         self._reported = False
         pipes = (orders, results, output, leash, report)
@@ -287,7 +290,7 @@ class _Child:
             end.close()
 
     def is_quiet(self) -> bool:
-        """Whether a child with nothing to do is alive and has sent nothing."""
+        """Whether a child without an item is alive and has sent nothing."""
         if self._results.closed:
             return False
         poll = select.poll()
@@ -296,9 +299,12 @@ class _Child:
         return not poll.poll(0)
 
     def give(self, work: Work[Any], item: Any, number: int, deadline: float) -> None:
-        """Send an item, as much of it as is possible at once.
+        """Begin to send an item; what the pipe cannot take now, `attend` sends later.
 
-        Raises OSError when the child has ended.
+        Raises OSError if the child has ended.
+
+        number: of the item, which its frame must carry.
+        deadline: wall time of the item, s.
         """
         order = pickle.dumps(((work.task, item, work.shared), (deadline, number)))
         self._item, self._reader, self._answer = item, FrameReader(number), None
@@ -314,7 +320,7 @@ class _Child:
                 self._to_send = self._to_send[os.write(self._orders.fileno(), self._to_send) :]
 
     def watched(self) -> Iterator[tuple[int, int]]:
-        """The descriptors on which something may happen, and what."""
+        """Descriptors to poll, with the events to wait for."""
         for pipe in (self._report, self._results, self._output):
             if not pipe.closed:
                 yield pipe.fileno(), select.POLLIN
@@ -322,22 +328,22 @@ class _Child:
             yield self._orders.fileno(), select.POLLOUT
 
     def attend(self, descriptor: int) -> None:
-        """Take in what has happened on one of them."""
+        """Handle an event on one of the descriptors."""
         if descriptor == self._report.fileno():
             self._ended, self._reported = read_report(descriptor), True
-            self._read_results()  # the last words of one that ended right after them
+            self._read_results()  # a child may end right after it has sent its result
         elif not self._results.closed and descriptor == self._results.fileno():
             self._read_results()
         elif descriptor == self._orders.fileno():
             try:
                 self._send()
-            except OSError:  # it reads no more: the end of the results shows what happened
+            except OSError:  # the child has closed the pipe: `_how_it_ended` reports it
                 self._to_send = memoryview(b"")
         else:
             self._read_output()
 
     def outcome(self) -> Ended[Any] | None:
-        """Outcome of its item; None while that runs."""
+        """Outcome of the child's item; None while it runs."""
         end = self._how_it_ended()
         if end is None:
             return None
@@ -351,6 +357,7 @@ class _Child:
         return Ended(self._item, how, self._answer[3] if how == "done" else None, log, why, idle)
 
     def _how_it_ended(self) -> tuple[How, str] | None:
+        """`how` and `why` of the item's `Ended`; None while it runs."""
         if self._answer is not None and not self._fault:
             twice, refusal = self._answer[1:3]
             if refusal:
@@ -386,7 +393,7 @@ class _Child:
                     self._fault = str(error)
 
     def _read_output(self) -> None:
-        """Take in what the child has printed, not more at once than others can wait for."""
+        """Read what the child has printed, at most `_READS_AT_ONCE` pieces of it."""
         with suppress(BlockingIOError):
             for _ in range(_READS_AT_ONCE):
                 if self._output.closed:
@@ -397,14 +404,12 @@ class _Child:
                 self._log.add(data)
 
     def release(self) -> None:
-        """Let the supervisor end the child and all that it has started, without waiting for
-        that.
-        """
+        """Ask the supervisor to end the child and all that it has started; do not wait for it."""
         if not self._leash.closed:
             self._leash.close()
 
     def end(self) -> None:
-        """End it, leave no zombie and no file."""
+        """End the child; leave no zombie and no file."""
         self.release()
         self._process.join(_LEAVE_TIME)
         if self._process.is_alive():
@@ -420,7 +425,7 @@ class _Child:
 
 
 def _begin(pipes: Sequence[Connection], memory_limit: float, scratch: str) -> None:
-    """Become the supervisor of a child that serves."""
+    """Become the supervisor of a process that works on items."""
     *ends, leash, report = (pipe.fileno() for pipe in pipes)
     orders, results, output = ends
     work = partial(_serve, orders, results, output, memory_limit, scratch)
@@ -428,8 +433,8 @@ def _begin(pipes: Sequence[Connection], memory_limit: float, scratch: str) -> No
 
 
 def _serve(orders: int, results: int, output: int, memory_limit: float, scratch: str) -> None:
-    """Work off items until there are no more, or one leaves something behind that another item must
-    not meet.
+    """Work on items until no more come, or until one leaves a process or a thread behind, which
+    must not disturb further items.
     """
     os.dup2(output, 1)
     os.dup2(output, 2)
@@ -456,22 +461,22 @@ def _serve(orders: int, results: int, output: int, memory_limit: float, scratch:
         faulthandler.cancel_dump_traceback_later()
         if os.getpid() != own:
             os._exit(COPY)
-        # buffers are written where the item that filled them is still known
+        # flushed here, so that the output belongs to the item that printed it
         for stream in (sys.stdout, sys.stderr):
             with suppress(Exception):  # an ADS may have replaced them by anything
                 stream.flush()
         c_library.fflush(None)
         left, twice = _left_processes(patience=_COPY_TIME if forks else 0.0)
-        last = left or len(sys._current_frames()) > threads
-        data = memoryview(frame([last, twice, refusal, answer], number))
+        is_last = left or len(sys._current_frames()) > threads
+        data = memoryview(frame([is_last, twice, refusal, answer], number))
         while data:
             data = data[os.write(results, data) :]
-        if last:
+        if is_last:
             return
 
 
 def _read(descriptor: int, size: int) -> bytes:
-    """The owner's next bytes; none when there are no more."""
+    """The next `size` bytes from the owner; empty at the end of the pipe."""
     data = bytearray()
     while len(data) < size:
         more = os.read(descriptor, size - len(data))
@@ -482,8 +487,8 @@ def _read(descriptor: int, size: int) -> bytes:
 
 
 def _limit_memory(megabytes: float) -> None:
-    """Let an allocation fail before the supervisor has to end the process: of its own memory, not
-    of what it shares.
+    """Limit this process's own memory, without what it shares with others: an allocation fails
+    before the supervisor has to end the process.
     """
     import resource
 
@@ -492,8 +497,10 @@ def _limit_memory(megabytes: float) -> None:
 
 
 def _left_processes(patience: float) -> tuple[bool, bool]:
-    """Whether this process has children, running or not, and whether one was a copy of it that
-    continued as it did.
+    """Whether this process has child processes, running or ended, and whether one of them was a
+    copy of it that went through the item as well.
+
+    patience: time to wait for running ones, s.
     """
     until = clock.monotonic() + patience
     left = twice = False

@@ -1,10 +1,10 @@
-"""Files that the code of an ADS reads while it drives: noted by hash in its process, compared when
-a run continues.
+"""Files that the code of an ADS reads while it drives: their hashes are noted in its process and
+compared when a run is resumed.
 
-A process notes every Python file from outside the installed packages, and every file below a folder
-that such a file or the evaluation lies in, as it is when it is opened. Files that it writes do not
-count, nor do compiled ones. What a process has read stays in its memory, so all cases of an ADS
-depend on all files that its processes have read.
+A process notes every Python file outside the installed packages, and every file below a folder that
+contains such a file or the evaluation, with its content when it is opened. Files that it writes do
+not count, nor do compiled Python files. What a process has read stays in its memory: all cases of
+an ADS depend on all files that its processes have read.
 """
 
 from __future__ import annotations
@@ -30,35 +30,35 @@ from sumo_eval.record.hygiene import SCRATCH_PREFIX
 from sumo_eval.text import clean
 
 ABSENT, WRITTEN, UNKNOWN = "-", "", "?"
-"""In place of a hash: no such file, one that the ADS writes, one that may have been changed after
-it was loaded."""
+"""In place of a hash: there is no such file; the ADS writes it; it may have been changed after it
+was loaded."""
 LOST = "a file that no process lived to tell"
-"""In place of a path, where all processes of an ADS were lost before they could report."""
+"""In place of a path: all processes of an ADS were lost before they could report."""
 
 _PACKAGE = str(Path(__file__).parent.parent)
 _PYTHON = (".py", ".pyw", ".pyc")
 _CODE = (*_PYTHON, ".pyd", ".so", ".zip", ".egg", ".whl", ".pyz")
 _EVENTS = frozenset({"open", "import", "os.rename", "sqlite3.connect", "ctypes.dlopen"})
-_HASHED_WHOLE = 256 << 20  # bytes; a larger file is known by its size and time
+_HASHED_WHOLE = 256 << 20  # bytes; a larger file is identified by its size and time of change
 _MOST_REPORTED = 1_000  # written files of one process: an ADS may write one a step
 _busy = threading.local()
 _BEGAN = clock.time()
 
 File = tuple[str, str]
-"""Path, relative to the evaluation's folder where it is below it, and hash."""
+"""Path and hash; the path is relative to the evaluation's folder if the file is below it."""
 FileOfAds = tuple[str, str, str]
 """Locator of an ADS, path and hash."""
 State = tuple[int, int, int, int] | None
 """Time of the last change, size, inode and mode."""
 NEVER: State = (-1, -1, -1, -1)
-"""Of a file that has not been looked at."""
+"""State of a file that has not been seen yet."""
 
 
 class _Watch:
-    """Files that this process reads.
+    """Files that this process reads during a run.
 
     folder: of the evaluation.
-    before: what it read in an earlier run.
+    before: watch of an earlier run in this process.
     """
 
     def __init__(self, folder: Path, before: _Watch | None = None) -> None:
@@ -74,19 +74,22 @@ class _Watch:
         self._modules = 0
         if before is None:
             return
-        for place, was in before._known:
-            if was != WRITTEN:  # what was loaded then may still be in memory
-                same = content(place, _state(place)) == was
-                self._note(place, was if same else UNKNOWN)
+        for path, found in before._known:
+            if found != WRITTEN:  # what was loaded then may still be in memory
+                same = content(path, _state(path)) == found
+                self._note(path, found if same else UNKNOWN)
 
     def opens(self, path: Any, flags: int) -> None:
-        """Note a file that is opened now."""
+        """Note a file that is opened now.
+
+        flags: of `os.open`.
+        """
         opened = os.path.abspath(os.fsdecode(path))
         place = _source(opened)
         if place is None or place.startswith(self._elsewhere()):
             return
         writes = flags & (os.O_WRONLY | os.O_RDWR) != 0
-        if writes and place != opened:  # Python keeps what it compiled; the source is as it was
+        if writes and place != opened:  # Python writes a compiled file: its source is unchanged
             return
         if not (self._is_below(place) or (place.endswith(_CODE) and not writes)):
             return
@@ -94,15 +97,16 @@ class _Watch:
             self.write(place)
         else:
             self.read(place)
-        if flags & os.O_RDWR:  # whether it is written as well, its end will show
+        if flags & os.O_RDWR:  # `report` sees by its state whether it was written
             self._open_for_both.setdefault(place, _state(place))
 
     def read(self, place: str, since: float = math.inf) -> None:
-        """Note the content of a file, where it is another than before.
+        """Note the content of a file if it has changed since it was noted.
 
-        Neither pipes nor devices are opened.
+        Pipes and devices are not opened.
 
-        since: when it was read at the latest, by the system's clock, s.
+        since: latest time at which it can have been read, by the system's clock, s; a file that was
+            changed later is `UNKNOWN`.
         """
         state = _state(place)
         if place in self._written or self._states.get(place, NEVER) == state:
@@ -117,7 +121,7 @@ class _Watch:
         self._note(place, found if state is None or state[0] <= since * 1e9 else UNKNOWN)
 
     def write(self, place: str) -> None:
-        """Note that a file is written, so that its content counts no more."""
+        """Note that a file is written: its content does not count."""
         if place not in self._written:
             self._written.add(place)
             if len(self._written) <= _MOST_REPORTED:
@@ -150,7 +154,7 @@ class _Watch:
         return place.startswith(roots) or os.path.realpath(place).startswith(roots)
 
     def _elsewhere(self) -> tuple[str, ...]:
-        """Beginnings of the paths of what is installed, of caches, and of this process's own
+        """Folders of files that do not count: installed packages, caches, and this process's own
         temporary files.
         """
         temporary = tempfile.tempdir
@@ -160,8 +164,8 @@ class _Watch:
         return _INSTALLED if self.folder.startswith(scratch) else (*_INSTALLED, scratch)
 
     def _look_at_modules(self) -> None:
-        """Note modules that were loaded before anything was watched, as those of a script that
-        drives by itself.
+        """Note modules that were loaded before the watch began, such as those of a script that
+        calls this package.
         """
         if len(sys.modules) == self._modules:
             return
@@ -185,7 +189,7 @@ _watch: _Watch | None = None
 def begin(folder: Path, files: Iterable[Path] = ()) -> None:
     """Watch what this process reads from now on.
 
-    files: files that a program will read beyond its own.
+    files: files that count as read.
     """
     global _watch
     if _watch is None:
@@ -198,8 +202,8 @@ def begin(folder: Path, files: Iterable[Path] = ()) -> None:
 
 
 def begin_run() -> None:
-    """At the start of a run, in the owner, which may have driven in an earlier one: forget versions
-    of files that are not there any more, and watch again from the next `begin` on.
+    """Prepare a process that drives cases itself for a further run: forget versions of files that
+    have changed since the last run, and watch again from the next `begin` on.
     """
     global _watch
     if _watch is not None:
@@ -208,7 +212,7 @@ def begin_run() -> None:
 
 
 def end() -> list[File] | None:
-    """Watch no more; what was read since the last time, None where nothing was watched."""
+    """Stop watching; the files read since the last report, None if nothing was watched."""
     if _watch is None or not _watch.active:
         return None
     _watch.active = False
@@ -220,7 +224,7 @@ def _hear(event: str, arguments: tuple[Any, ...]) -> None:
         return
     _busy.now = True
     try:
-        with suppress(Exception):  # whatever a path is: to open it is the ADS's own business
+        with suppress(Exception):  # a path may be anything: only opening it may fail, in the ADS
             if event == "open":
                 _watch.opens(arguments[0], arguments[2])
             elif event == "import" and arguments[1]:
@@ -236,7 +240,7 @@ def _hear(event: str, arguments: tuple[Any, ...]) -> None:
 
 
 def _database(name: str) -> str:
-    """The file of a database that sqlite is asked for by a name or an address."""
+    """Path of the file that sqlite opens for a name or a `file:` address."""
     if not name.startswith("file:"):
         return name
     place = unquote(name.removeprefix("file:").partition("?")[0])
@@ -244,7 +248,9 @@ def _database(name: str) -> str:
 
 
 def _source(place: str) -> str | None:
-    """The source of a compiled file; None for any other file there."""
+    """The source of a compiled Python file, or the path itself of any other file; None for other
+    files among compiled ones.
+    """
     folder, name = os.path.split(place)
     if not name.endswith(".pyc"):
         return None if os.path.basename(folder) == "__pycache__" or ".pyc." in name else place
@@ -270,16 +276,16 @@ _INSTALLED = _installed_places()
 
 
 def _state(place: str) -> State:
-    """By what another content is noticed; None where there is no such file."""
+    """State of a file, by which a change of its content is noticed; None: there is no such file."""
     try:
-        found = os.stat(place)
+        it = os.stat(place)
     except (OSError, ValueError):
         return None
-    return found.st_mtime_ns, found.st_size, found.st_ino, found.st_mode
+    return it.st_mtime_ns, it.st_size, it.st_ino, it.st_mode
 
 
 def content(place: str, state: State) -> str | None:
-    """A hash of a file; None for anything but a regular file."""
+    """A hash of a file's content; None for anything that is not a regular file."""
     if state is None:
         return ABSENT
     if not stat.S_ISREG(state[3]):
@@ -297,17 +303,18 @@ def content(place: str, state: State) -> str | None:
 
 
 class OneVersion:
-    """Files that the ADSs of one run have read; refuses a second version of one."""
+    """Files that the ADSs of one run have read; refuses a second version of a file."""
 
     def __init__(self, known: Iterable[FileOfAds]) -> None:
         self._files = {(locator, path): found for locator, path, found in known}
         self._reported = {locator for locator, _ in self._files}
 
     def add(self, ads: str, locator: str, files: Collection[File] | None) -> list[FileOfAds]:
-        """Take in what a process of an ADS has read; what is new of it.
+        """Add the files that a process of an ADS has read; those that are new.
 
-        files: None of a process that was lost.
         Raises InputError for a file that has changed.
+
+        files: None: the process was lost.
         """
         if files is None:
             files = [] if locator in self._reported else [(LOST, UNKNOWN)]
@@ -317,7 +324,7 @@ class OneVersion:
         new = []
         for path, found in sorted(files, key=lambda file: file[1] != WRITTEN):
             before = self._files.get((locator, path))
-            # known, or less certain than what is known: WRITTEN wins over all, UNKNOWN over a hash
+            # known already, or weaker: WRITTEN replaces everything, UNKNOWN replaces a hash
             if before in (found, WRITTEN) or (before == UNKNOWN and found != WRITTEN):
                 continue
             if before is not None and found not in (WRITTEN, UNKNOWN):
@@ -332,13 +339,13 @@ class OneVersion:
 
 
 def changed(read: Iterable[FileOfAds], folder: Path) -> dict[str, list[str]]:
-    """Files that are not as they were read, by the locator of an ADS: only ADSs with such files."""
+    """Locator of an ADS -> files whose content is not, or perhaps not, what the ADS has read."""
     now: dict[str, str] = {}
     differing: dict[str, list[str]] = {}
-    for locator, path, was in read:
+    for locator, path, then in read:
         if path not in now:
             place = os.path.join(folder, path)
             now[path] = content(place, _state(place)) or UNKNOWN
-        if was != WRITTEN and (UNKNOWN in (was, now[path]) or now[path] != was):
+        if then != WRITTEN and (UNKNOWN in (then, now[path]) or now[path] != then):
             differing.setdefault(locator, []).append(path)
     return differing
