@@ -47,14 +47,15 @@ def failure_kinds(cases: CaseTable) -> tuple[IntArray, list[str]]:
     """The kind of failure of each case, (n,), as an index of the list of kinds, and this list.
 
     The first kind is the empty word: the case did not fail. Of several kinds of one case the last
-    of the list counts: a contact before a departure.
+    of the list counts: a contact before a departure. A plain collision is one whose ideal vehicle
+    is not known.
     """
-    words = ["", "off road", "unavoidable collision", "avoidable collision", "caused collision"]
+    known = ("unavoidable", "avoidable", "caused")
+    words = ["", "off road", "collision", *(f"{kind} collision" for kind in known)]
     kinds = np.zeros(len(cases), dtype=np.intp)
-    for code, flags in enumerate(
-        (cases.off_road | cases.departed, cases.collided, cases.avoidable, cases.caused), 1
-    ):
-        kinds[flags] = code
+    flags = [cases.off_road | cases.departed, cases.collided]
+    for code, flag in enumerate([*flags, *(getattr(cases, kind) for kind in known)], 1):
+        kinds[flag] = code
     codes: dict[str, int] = {}
     lost = np.flatnonzero(~cases.evaluated)
     for case, status, place in zip(
@@ -91,7 +92,7 @@ def failure_groups(logical: LogicalScenario, cases: CaseTable) -> list[FailureGr
 
 def _order(kind: str) -> tuple[int, str]:
     """Sort key of a kind of failure: the gravest first, then by name."""
-    first = ("caused", "avoidable", "not evaluated", "off road", "unavoidable")
+    first = ("caused", "avoidable", "collision", "not evaluated", "off road", "unavoidable")
     return next(place for place, word in enumerate(first) if kind.startswith(word)), kind
 
 

@@ -172,3 +172,11 @@ def test_a_departure_is_off_road_on_every_picture(evaluation: Evaluation) -> Non
     assert (first.outcome, gone.outcome) == ("no contact", "off road")
     kinds, words = failure_kinds(CaseTable.of([gone, *rest]))
     assert [words[kind] for kind in kinds] == ["off road", "", "", ""]
+
+
+def test_a_collision_without_ug_is_not_called_unavoidable(
+    evaluation: Evaluation,
+) -> None:
+    hit = next(case for case in evaluation.cases if case.collided)
+    kinds, words = failure_kinds(CaseTable.of([replace(hit, ideal_severity=None)]))
+    assert words[kinds[0]] == "collision"

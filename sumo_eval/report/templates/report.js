@@ -397,7 +397,7 @@
       const filters = sumoPage.button("show", () => {
         const radio = [...card.querySelectorAll("input[data-ads]")].find((input) => input.value === group.ads);
         if (radio && !radio.checked) radio.click();
-        filter.show(group.ranges, group.kind.replace(" collision", ""));
+        filter.show(group.ranges, group.kind.replace(/ collision$| \(.*/, ""));
       }, `Show only this group: ${group.ads}, ${group.kind}`);
       filters.className = "copy";
       const links = group.cases.slice(0, MOST_GROUP_CASES).map((key) => {
