@@ -104,7 +104,9 @@ def _incident(scene: CaseDrives, fact: Fact) -> _Said:
     case, hit = scene.case, fact.collision
     if hit is not None:
         best = "a contact that the ideal vehicle has as well"
-        if case.ideal_severity is None:
+        if case.struck_from_behind:
+            best = "which ran into the ego's rear: its own fault"
+        elif case.ideal_severity is None:
             best = "the ideal vehicle's case is not known"
         elif case.avoidable:
             best = "which the ideal vehicle avoids"

@@ -24,6 +24,7 @@ from sumo_eval.record.store import Fact, Store, open_store
 from sumo_eval.report.driving_words import driving_words
 from sumo_eval.report.words import (
     MEASURES,
+    STRUCK,
     because,
     end_reason,
     explain_s,
@@ -68,7 +69,7 @@ def explain_case(
     with open_store(evaluation.folder / FACTS) as store:
         return [
             f"{case.case}: {case.ads} in {case.scenario} at {point_words(case.values)}",
-            f"  {case.outcome}; {end_reason(case)}"
+            f"  {'struck' if case.struck_from_behind else case.outcome}; {end_reason(case)}"
             + (f" after {case.simulated_time:z.2f} s" if case.simulated_time is not None else "")
             + (f"; {placed(case.error, case)}" if case.error else ""),
             *(f"  {line}" for line in driving_words(evaluation, case, fact, zones.logical, store)),
@@ -109,6 +110,9 @@ def _collision(
     hit = fact.collision
     if hit is None:
         yield "Eqs. 14-17: no contact, so this case has no part in C"
+        return
+    if case.struck_from_behind:
+        yield f"Eqs. 14-17: {STRUCK}, so this case has no part in C"
         return
     own, other = hit.ego_velocity, hit.other_velocity
     used, floor = hit.overlap, ""
@@ -176,12 +180,7 @@ def _likeness(
         yield "Eqs. 11-13: the hazardous zone has no D_i"
         return
     if case.index is None:
-        why = (
-            not_computed(reason_without("D", found.score))
-            or index_note_words(case)
-            or case.error
-            or "fewer than two drivers to compare with"
-        )
+        why = not_computed(reason_without("D", found.score)) or _without_likeness(case)
         yield f"Eqs. 11-13: no D_i: {why}"
         return
     if store.is_discarded(case.case):
@@ -212,6 +211,15 @@ def _likeness(
     )
     for note in index.notes:
         yield f"note: {notes_sentence([note])}"
+
+
+def _without_likeness(case: CaseResult) -> str:
+    """Why a safe case has neither D_i nor a part in H."""
+    if case.struck_from_behind:
+        return STRUCK
+    if case.unavoidable:
+        return "the ideal vehicle collides here as well"
+    return index_note_words(case) or case.error or "fewer than two drivers to compare with"
 
 
 def _factors(index: AnthropomorphicIndex) -> Iterator[str]:
@@ -305,12 +313,7 @@ def _human(case: CaseResult, found: Findings) -> Iterator[str]:
         yield "H: the hazardous zone has no part in it"
         return
     if case.human_likeness is None:
-        why = (
-            "the ideal vehicle collides here as well"
-            if case.unavoidable
-            else index_note_words(case) or case.error or "fewer than two drivers to compare with"
-        )
-        yield f"H: this case has no part in it: {why}"
+        yield f"H: this case has no part in it: {_without_likeness(case)}"
         return
     if case.incident:
         yield "H: 0, an avoidable incident in a safe case"

@@ -212,6 +212,7 @@ _END = {
     "ads_timeout": "the controller took too long over one step",
     "sim_error": "SUMO failed",
 }
+STRUCK = "another vehicle ran into the ego's rear, its own fault"
 NEGLIGIBLE_LIMIT = 0.995  # a factor above this limits nothing that three digits would show
 SHARE_WORTH_NAMING = 0.05  # of the loss 1 - C
 
@@ -266,6 +267,8 @@ def one_line(text: str) -> str:
 
 def end_reason(case: CaseResult) -> str:
     """Why a case ended, in words."""
+    if case.struck_from_behind:
+        return STRUCK
     return _END.get(case.end_reason or "", case.end_reason or "not known")
 
 

@@ -9,8 +9,10 @@ from pathlib import Path
 import pytest
 
 import sumo_eval
+from sumo_eval.evaluation import zone_partitions
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Store
+from sumo_eval.report.explain import explain_case, known_case
 from sumo_eval.scoring.findings import unevaluated
 
 SCENARIO = """
@@ -67,6 +69,11 @@ def test_a_collision_from_behind_is_counted_apart_by_default(
         case.side == "rear" and not case.collided and case.severity is None for case in struck
     )
     assert all(case.impact_speed and case.impact_speed > 0.0 for case in struck)
+    fact = known_case(done.folder, struck[0].case)
+    words = "\n".join(explain_case(done, zone_partitions(done), fact))
+    assert words.count("ran into the ego's rear") > 2
+    assert "ideal vehicle has as well" not in words
+    assert "no contact" not in words
     (again,) = sumo_eval.score(done.folder, ['method.collision.rear_end="counts"']).scores
     assert (again.struck_from_behind, again.collisions) == (0, len(struck))
 
