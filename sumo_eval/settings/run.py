@@ -20,7 +20,7 @@ class RunSettings(Checked):
         PositiveFloat, Le(1e6), About("wall time one controller step may take", "s")
     ] = 1.0
     memory_limit: Annotated[
-        float, Ge(256.0), Le(1e8), About("memory that the process of a case may fill", "MB")
+        float, Ge(512.0), Le(1e8), About("memory that the process of a case may fill", "MB")
     ] = 4096.0
     cases_per_child: Annotated[
         int, Ge(1), About("cases after which a child process is replaced by a fresh one")

@@ -16,6 +16,7 @@ import pytest
 from sumo_eval.cli.stopping import heard
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.errors import InputError
 from sumo_eval.record.cases import Case, Outcome, Setup, Status
 from sumo_eval.record.engines import LATE, is_late_by_chance, run_batches, run_cases
 from sumo_eval.record.kept import KeptRecording, packed
@@ -267,6 +268,14 @@ def test_neither_the_number_of_workers_nor_the_order_changes_a_byte(
     assert len(set(two.values())) == 3, "three different drives"
     assert drives(1, [2, 1, 0], controller) == two
     assert drives(8, [1, 0, 2], controller) == two
+
+
+def test_the_least_memory_that_is_accepted_is_enough() -> None:
+    with pytest.raises(InputError, match="must be at least 512"):
+        RunSettings(memory_limit=511.0)
+    setup = Setup(SimulationSettings(), RunSettings(memory_limit=512.0), HERE)
+    (outcome,) = run_cases([Case(0, CONCRETE, "ads", "idm", "idm")], setup)
+    assert outcome.status == "ok"
 
 
 def test_a_child_is_replaced_after_its_share_of_cases() -> None:
