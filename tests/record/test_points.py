@@ -14,6 +14,8 @@ from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import (
     AdsSettings,
     EvaluationSettings,
+    MethodSettings,
+    RankingSettings,
     RunSettings,
     SamplingSettings,
     ScenarioSettings,
@@ -46,10 +48,12 @@ def test_only_knows_cases_of_names_that_hold_numbers(tmp_path):
         (ScenarioSettings("mine.toml"), ScenarioSettings("cut_in")),
         (AdsSettings("v-2025-1", "idm"), AdsSettings("v-2026-1", "idm")),
         run=RunSettings(only=("cut-in-2026-de-0003-v-2026-1",)),
+        method=MethodSettings(ranking=RankingSettings({"cut_in": 1.0, "misspelt": 1.0})),
     )
     kept = narrowed(Resolved.of(settings, tmp_path))
     assert list(kept.scenarios) == ["cut-in-2026-de"]
     assert [ads.name for ads in kept.settings.ads] == ["v-2026-1"]
+    assert list(kept.settings.method.ranking.weights) == ["misspelt"]  # which is refused later
 
 
 def test_an_exposure_of_0_at_every_point_is_refused(tmp_path):
