@@ -19,7 +19,7 @@ from sumo_eval.cases import EVALUATED
 from sumo_eval.cosim.doors.controller import find_controller
 from sumo_eval.cosim.doors.entry import made_absolute
 from sumo_eval.drivers.recorded.exposure import exposure_of
-from sumo_eval.errors import InputError, StoppedError
+from sumo_eval.errors import InputError, StoppedError, check_known
 from sumo_eval.method.point_criticality import exactly_hazardous
 from sumo_eval.method.severity import severity_of
 from sumo_eval.record import loops, run_folder
@@ -82,7 +82,9 @@ def resolve(
 
     ads, changes: as of `settings_of`.
     """
-    return narrowed(Resolved.of(*settings_of(evaluation, folder, resume, ads, **changes)))
+    run = Resolved.of(*settings_of(evaluation, folder, resume, ads, **changes))
+    check_known("scenario in `report.axes`", run.scenarios, *run.settings.report.axes)
+    return narrowed(run)
 
 
 def settings_of(

@@ -24,11 +24,13 @@ def narrowed(run: Resolved) -> Resolved:
     scenarios, drivers = {scenario for scenario, _ in places}, {ads for _, ads in places}
 
     kept = [(entry, logical) for entry, logical in run.entries if logical.name in scenarios]
-    gone, method = run.scenarios.keys() - scenarios, settings.method
+    gone, method, report = run.scenarios.keys() - scenarios, settings.method, settings.report
     weights = {name: it for name, it in method.ranking.weights.items() if name not in gone}
+    axes = {name: it for name, it in report.axes.items() if name not in gone}
     settings = replace(
         settings,
         method=replace(method, ranking=replace(method.ranking, weights=weights)),
+        report=replace(report, axes=axes),
         scenario=tuple(entry for entry, _ in kept),
         ads=tuple(ads for ads in settings.ads if ads.name in drivers),
     )

@@ -7,6 +7,7 @@ import pytest
 
 import sumo_eval
 from sumo_eval.errors import InputError
+from sumo_eval.record.facts import resolve
 from sumo_eval.record.only import narrowed
 from sumo_eval.record.points import choose_points
 from sumo_eval.scenario.catalogue import load
@@ -16,6 +17,7 @@ from sumo_eval.settings import (
     EvaluationSettings,
     MethodSettings,
     RankingSettings,
+    ReportSettings,
     RunSettings,
     SamplingSettings,
     ScenarioSettings,
@@ -49,11 +51,22 @@ def test_only_knows_cases_of_names_that_hold_numbers(tmp_path):
         (AdsSettings("v-2025-1", "idm"), AdsSettings("v-2026-1", "idm")),
         run=RunSettings(only=("cut-in-2026-de-0003-v-2026-1",)),
         method=MethodSettings(ranking=RankingSettings({"cut_in": 1.0, "misspelt": 1.0})),
+        report=ReportSettings(axes={"cut_in": ("gap", "ego_speed")}),
     )
     kept = narrowed(Resolved.of(settings, tmp_path))
     assert list(kept.scenarios) == ["cut-in-2026-de"]
     assert [ads.name for ads in kept.settings.ads] == ["v-2026-1"]
     assert list(kept.settings.method.ranking.weights) == ["misspelt"]  # which is refused later
+    assert not kept.settings.report.axes
+
+
+def test_axes_of_an_unknown_scenario_are_refused(tmp_path):
+    axes = ReportSettings(axes={"cut_im": ("gap", "ego_speed")})
+    settings = EvaluationSettings(
+        "x", (ScenarioSettings("cut_in"),), (AdsSettings("idm", "idm"),), report=axes
+    )
+    with pytest.raises(InputError, match=r"Unknown scenario `cut_im` in `report\.axes`"):
+        resolve(settings, tmp_path / "run", resume=False)
 
 
 def test_an_exposure_of_0_at_every_point_is_refused(tmp_path):
