@@ -74,10 +74,6 @@ class Evidence:
     people: str
     claims: tuple[Claim, ...]
 
-    def plain(self) -> dict[str, Any]:
-        """The content of `evidence.json`."""
-        return {"format_version": FORMAT_VERSION, **asdict(self)}
-
 
 def evidence_of(evaluation: Evaluation) -> Evidence:
     """The evidence that a scored run gives."""
@@ -105,7 +101,9 @@ def write_evidence(evaluation: Evaluation, out: Path) -> tuple[Path, Path]:
     """Write `evidence.html` and `evidence.json` into a folder and return their paths."""
     found = evidence_of(evaluation)
     page = template("evidence.html.j2").render(found=found)
-    plain = json.dumps(found.plain(), indent=2, allow_nan=False)
+    plain = json.dumps(
+        {"format_version": FORMAT_VERSION, **asdict(found)}, indent=2, allow_nan=False
+    )
     contents = {PAGE: page, PLAIN: f"{plain}\n"}
     html, data = (write_page(out / name, text, "The file") for name, text in contents.items())
     return html, data
@@ -297,7 +295,9 @@ def _assumptions(evaluation: Evaluation, score: ScenarioResult) -> Iterator[str]
     yield (
         "Vehicles are rectangles on a single-track model, and SUMO moves actors by their scripts."
     )
-    if not _limited(evaluation, score.scenario):
+    conditions = evaluation.settings.simulation.conditions
+    varied = any(name.startswith("conditions.") for name in logical.names)
+    if conditions == type(conditions)() and not varied:
         yield "The ADS perceives without error and without delay: no conditions are set."
     if zone.zones == 0:
         yield "No hazardous zone was found or could be defined: every case counts as safe."
@@ -305,10 +305,3 @@ def _assumptions(evaluation: Evaluation, score: ScenarioResult) -> Iterator[str]
         yield qualification_sentence(evaluation.manifest)
     if score.not_evaluated:
         yield f"{count(score.not_evaluated, 'case')} could not be evaluated."
-
-
-def _limited(evaluation: Evaluation, scenario: str) -> bool:
-    """Whether conditions of perception are set, or varied by the scenario's parameters."""
-    conditions = evaluation.settings.simulation.conditions
-    names = evaluation.scenarios[scenario].names
-    return conditions != type(conditions)() or any(it.startswith("conditions.") for it in names)

@@ -18,7 +18,7 @@ from typing import Any
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.checks import checks_content
 from sumo_eval.report.confidence_section import confidence_content
-from sumo_eval.report.gate_result import GateResult, failed
+from sumo_eval.report.gate_result import failed
 from sumo_eval.report.levers_section import levers_content
 from sumo_eval.report.opinion_section import opinion_content
 from sumo_eval.report.people import people_context
@@ -42,7 +42,6 @@ from sumo_eval.scoring.comparison import (
     BETTER,
     WORSE,
     AdsComparison,
-    Comparison,
     QuantityChange,
 )
 from sumo_eval.scoring.findings import findings
@@ -94,7 +93,14 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
         "comparison": comparison,
         "notes": (*beside.notes, *(comparison_notes(comparison) if comparison else ())),
         "gates": [
-            (gate, beside.since.get(gate.name, ""), _alone(gate, comparison))
+            (
+                gate,
+                beside.since.get(gate.name, ""),
+                # the command that drives its worst case alone
+                ways_to(Path(comparison.new_folder), gate.worst[0].case)["alone"]
+                if comparison and gate.worst
+                else "",
+            )
             for gate in sorted(beside.gates, key=lambda gate: order[gate.passed])
         ],
         "counts": [_counts(one, comparison.confidence if comparison else 0.0) for one in ads],
@@ -122,13 +128,6 @@ def _counts(one: AdsComparison, confidence: float) -> tuple[Any, ...]:
     ]
     unchanged = [name.replace("_", " ") for name, it in values.items() if it.unchanged]
     return one, [kind for kind in kinds if kind[1]], moved, unchanged
-
-
-def _alone(gate: GateResult, comparison: Comparison | None) -> str:
-    """The command that drives the worst case of a limit alone."""
-    if comparison is None or not gate.worst:
-        return ""
-    return ways_to(Path(comparison.new_folder), gate.worst[0].case)["alone"]
 
 
 def _standing(name: str, value: QuantityChange) -> str:

@@ -52,7 +52,7 @@ MOST_BYTES = 4_500_000  # of embedded trajectories; the whole page stays below 1
 # how much a point with an incident or without an outcome tells, and its U; others at most 1
 FAILED = 2.0
 BYTES_OF_A_RUN = 900  # about; what is chosen is measured before it is embedded
-BYTES_OF_A_RUN_BEYOND = 40  # about, of an entry of `beyond`
+BYTES_BEYOND = 40  # about, of an entry of `beyond`
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,12 +67,6 @@ class Drives:
     trajectories: Mapping[str, Any]
     rows: Sequence[Mapping[str, Any]]
     drivers: Mapping[int, Sequence[int]]
-
-    @property
-    def bytes(self) -> int:
-        """Size of the trajectories in the page, about."""
-        table = self.trajectories
-        return len(table["data"]) + BYTES_OF_A_RUN_BEYOND * len(table["beyond"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +91,8 @@ def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> Se
         while True:
             embedded = worth_embedding(cases_of, points, store, runs)
             found = {name: _drives(name, store, embedded, its) for name, its in points.items()}
-            size = sum(one.bytes for one in found.values())
+            tables = [one.trajectories for one in found.values()]
+            size = sum(len(it["data"]) + BYTES_BEYOND * len(it["beyond"]) for it in tables)
             if size <= MOST_BYTES or not embedded.points:
                 break
             runs = int(runs * 0.95 * MOST_BYTES / size)  # as many as fit, by what these really took

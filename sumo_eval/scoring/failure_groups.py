@@ -17,6 +17,7 @@ from sumo_eval.cases import CaseTable, IntArray
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import BoolArray, FloatArray
 
+GRAVEST_FIRST = ("caused", "avoidable", "collision", "not evaluated", "off road", "unavoidable")
 MOST_LINKED = 2_000  # failures of one kind that are compared pair by pair; more form one group
 # Failures of k parameters are neighbours up to this times sqrt(k) steps apart (`_step`): a diagonal
 # of one step each, and a margin.
@@ -86,14 +87,9 @@ def failure_groups(logical: LogicalScenario, cases: CaseTable) -> list[FailureGr
                         ads, words[kind], places[members], ranges, alike, int(inside.sum())
                     )
                 )
-    groups.sort(key=lambda group: (_order(group.kind), -len(group.places)))
+    rank = {kind.split()[0]: place for place, kind in enumerate(GRAVEST_FIRST)}
+    groups.sort(key=lambda it: (rank[it.kind.split()[0]], it.kind, -len(it.places)))
     return groups
-
-
-def _order(kind: str) -> tuple[int, str]:
-    """Sort key of a kind of failure: the gravest first, then by name."""
-    first = ("caused", "avoidable", "collision", "not evaluated", "off road", "unavoidable")
-    return next(place for place, word in enumerate(first) if kind.startswith(word)), kind
 
 
 def _linked(logical: LogicalScenario, points: FloatArray, failed: IntArray) -> list[IntArray]:
