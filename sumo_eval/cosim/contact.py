@@ -198,9 +198,7 @@ def bumper_overlap(ego: Body, other: Body) -> float:
 
 
 def struck_side(ego: Body, other: Body) -> Side:
-    """Which face of the ego is touched; at a corner, the face towards which the other moves
-    faster.
-    """
+    """Touched face of the ego; at a corner, the one towards which the other moves faster."""
     corners = [corner for corner in other.corners() if _inside(ego, corner)]
     corners += [corner for corner in ego.corners() if _inside(other, corner)]
     points = [_in_frame_of(ego, corner) for corner in corners or [(other.x, other.y)]]

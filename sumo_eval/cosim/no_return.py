@@ -66,7 +66,7 @@ def with_no_return(
 
 
 def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) -> dict[int, float]:
-    """Of each contact the last step from which braking avoids it, by bisection."""
+    """Last step from which braking avoids each contact, found by bisection."""
     # what the conditions did is in the commands
     plain = replace(settings, conditions=ConditionSettings(), plant=None, end_when_decided=True)
 

@@ -116,7 +116,7 @@ class OnTraci(EgoControl):
         self._each(world, _Hook.begin, 0.0)
 
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
-        """From now on these rows, in this order."""
+        """Drop all rows but these; keep their order."""
         self._rows = [self._hooks[case] for case in world.rows.tolist()]
         for row, hook in enumerate(self._rows):
             hook.watch(world, row)

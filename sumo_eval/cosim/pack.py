@@ -108,7 +108,7 @@ class Pack:
         return rows
 
     def reason(self, row: int) -> str:
-        """Why a row has ended, "" while it continues; words as in a `Recording`."""
+        """Reason why a row has ended, as in a `Recording`; "" while it continues."""
         return REASONS[int(self.world.egos["reason"][row])] or ""
 
     def observations(self) -> Observations:

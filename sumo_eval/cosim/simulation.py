@@ -368,7 +368,7 @@ def _drive_batch(
 
 
 class _Manner(NamedTuple):
-    """How an ADS drives a case.
+    """Manner in which an ADS drives its cases.
 
     driven: type of what drives, of arrays the policy's `id`; only equal ones share a simulation.
     make: gives what drives one case.
@@ -389,7 +389,7 @@ def _manner(
     batches: bool,
     *, one_case: bool = False,
 ) -> _Manner:  # fmt: skip
-    """How an ADS drives its cases: replay, baseline, hook, policy over arrays, or plain policy.
+    """Manner of an ADS: replay, baseline, hook, policy over arrays, or plain policy.
 
     one_case: the controller serves one case only.
     """

@@ -100,7 +100,7 @@ class Stage:
         self.keep(world)
 
     def keep(self, world: World) -> None:
-        """From now on these rows, in this order."""
+        """Drop all rows but these; keep their order."""
         self._width = 1 + world.others.shape[1]
         self._flat = [name for case in world.rows.tolist() for name in self.names[case]]
         self._edge = [self._edges[case] for case in world.rows.tolist()]

@@ -458,7 +458,7 @@ def driven_length(
 
 
 def _reach(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings) -> float:
-    """How far from its start a vehicle was seen, to the road's end at most, m."""
+    """Distance from its start over which a vehicle was seen, at most to the road's end, m."""
     last = trajectory.x[-1] if _has_stopped(trajectory, settings) else trajectory.x.max()
     if _reached_the_end(trajectory, road):
         last = road.length
@@ -615,7 +615,7 @@ def _choice_notes(choice: Choice) -> list[IndexNote]:
 def _trajectory_notes(
     ads: _Vehicle, drivers: Sequence[_Vehicle], settings: AnthropomorphicSettings
 ) -> list[IndexNote]:
-    """Where a reading had to step in for a trajectory as a whole."""
+    """Notes on cross-sections where another reading replaced that of the whole trajectory."""
     latest = ads.begin + settings.slice_spacing
     return [
         *_note([one.on_road is not one.whole for one in (ads, *drivers)], "past_the_road"),

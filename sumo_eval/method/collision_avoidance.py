@@ -1,6 +1,4 @@
-"""How well an ADS avoids or softens collisions, Eqs. 14-17: severity, loss, weight and the index
-C.
-"""
+"""Collision avoidance of an ADS, Eqs. 14-17: severity, loss, weight and the index C."""
 
 from __future__ import annotations
 

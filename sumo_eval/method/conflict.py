@@ -124,12 +124,12 @@ def crossing_conflict(
     first, last = int(inside[0]), int(inside[-1])
 
     def crossed(after: int) -> float:
-        """When the actor's body is at the strip's edge, between two samples."""
+        """Time at which the actor's body is at the strip's edge, between two samples, s."""
         before = apart[after - 1] / (apart[after - 1] - apart[after])
         return float(times[after - 1] + (times[after] - times[after - 1]) * before)
 
     def reached(place: float) -> float:
-        """When the ego's front is at x = place, s."""
+        """Time at which the ego's front is at x = place, s."""
         return (place - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
 
     enters = float(times[first]) if first == 0 else crossed(first)
@@ -296,8 +296,8 @@ def _with(
 
 
 def _begins(placed: Sequence[ConcreteScenario], other: int) -> FloatArray:
-    """When the first move of number `other` begins at the latest, s, as far as its script says
-    that.
+    """Latest time at which the first move of vehicle `other` can begin, s, as far as its script
+    fixes it.
     """
     begins = []
     for concrete in placed:
@@ -323,7 +323,7 @@ def _y_at(way: Any, x: float) -> float:
 
 @kernel
 def _apart(way: Any, x: float, other: Any) -> tuple[float, float]:
-    """How far apart the bodies are along and across the road, m; both negative where they touch."""
+    """Distance of the bodies along and across the road, m; both negative where they touch."""
     return abs(other[0] - x) - other[2], abs(other[1] - _y_at(way, x)) - other[3]
 
 

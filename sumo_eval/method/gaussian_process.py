@@ -35,7 +35,7 @@ class Hyperparameters:
 
     @classmethod
     def of_logarithms(cls, theta: FloatArray) -> Hyperparameters:
-        """From the vector that is searched: log sf^2, log sl, log sn^2."""
+        """Hyperparameters from the vector that is optimised: log sf^2, log sl, log sn^2."""
         signal, *scales, noise = np.exp(theta).tolist()
         return cls(signal, tuple(scales), noise)
 

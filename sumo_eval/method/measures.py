@@ -151,7 +151,7 @@ IN_THE_MIDDLE = 0.15
 
 @dataclass(frozen=True, slots=True)
 class LaneKeeping:
-    """How an ego kept the lane in which it began.
+    """Measures of how an ego kept the lane in which it began.
 
     largest_offset: m from the lane's middle, to either side.
     overshoot: m beyond the middle, on the other side than the first offset beyond 0.15 m; 0 if it
@@ -167,7 +167,7 @@ class LaneKeeping:
 
 
 def lane_keeping(ego: Trajectory, lane_width: float) -> LaneKeeping:
-    """How the ego kept the lane whose middle is nearest at its start, by its samples.
+    """Measures of how the ego kept the lane whose centre is nearest at its start.
 
     ego: its trajectory.
     lane_width: m.

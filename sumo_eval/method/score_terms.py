@@ -23,8 +23,8 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 
 class Counts(Protocol):
-    """How often each of n cases stands in each of m samples, (m, n): an array, or what sums terms
-    as one does.
+    """Number of times that each of n cases occurs in each of m samples, (m, n): an array, or an
+    object that sums terms as such an array does.
     """
 
     def __matmul__(self, terms: FloatArray, /) -> FloatArray:
@@ -121,7 +121,7 @@ nan where no case with exposure has one.
 
 @dataclass(frozen=True, slots=True)
 class Worth:
-    """How many points a whole index gives to S: C and D (Eq. 18, with k5 and k6)."""
+    """Points of S that an index of 1 gives: C and D (Eq. 18, with k5 and k6)."""
 
     c: float
     d: float
@@ -224,7 +224,7 @@ class _Stakes(NamedTuple):
     def of(
         cls, severity: ArrayLike, ideal: ArrayLike, unreacting: ArrayLike, weights: ArrayLike
     ) -> _Stakes:
-        """Those of each point."""
+        """Terms of each point."""
         lost, at_stake = excess(severity, ideal), excess(unreacting, ideal)
         known: BoolArray = np.isfinite(lost) & np.isfinite(at_stake) & np.isfinite(weights)
         lost, at_stake, weight = (np.where(known, each, 0.0) for each in (lost, at_stake, weights))
@@ -311,7 +311,7 @@ def grade_slope(avoided: float, sharpness: float) -> float:
 
 
 def _drawn(flags: ArrayLike, counts: Counts) -> BoolArray:
-    """Which samples hold a flagged case, (m,)."""
+    """Whether each sample contains a flagged case, (m,)."""
     return counts @ np.asarray(flags, dtype=np.float64) > 0.0
 
 

@@ -71,7 +71,7 @@ class Stretch:
 
     @property
     def levels(self) -> int:
-        """How often it is halved into boxes; 0: it is too short."""
+        """Number of times that the strip is halved into boxes; 0: it is too short."""
         return int(np.log2(max(self.length / self.half / SLENDER, 1.0)))
 
     def holds(self, x: FloatArray, y: FloatArray) -> BoolArray:
@@ -303,6 +303,6 @@ def _across(slender: Sequence[float]) -> tuple[NDArray[np.int64], FloatArray, Fl
 
 
 def _counts(slender: Sequence[float]) -> NDArray[np.int64]:
-    """How many nodes across the boxes of each level need: the longer a box, the fewer."""
+    """Number of nodes that each level needs across its boxes: the longer a box, the fewer."""
     bernstein = [REACH * ratio + math.hypot(REACH * ratio, 1.0) for ratio in slender]
     return np.array([math.ceil(-math.log(LEFT) / math.log(number)) for number in bernstein])

@@ -87,11 +87,11 @@ class ZonePartition:
         return self.surface.value(_rows(unit)).reshape(unit.shape[:-1])
 
     def hazardous(self, points: ArrayLike) -> BoolArray:
-        """Where y <= 0: the zones' form, for maps and for the weights of Eq. 16."""
+        """Whether y <= 0: the zones' form, for maps and for the weights of Eq. 16."""
         return self.predicted(points) <= 0.0
 
     def exactly_hazardous(self, points: ArrayLike) -> BoolArray:
-        """Where max ITTC itself, in closed form or searched over time, reaches its threshold.
+        """Whether max ITTC itself, in closed form or searched over time, reaches its threshold.
 
         This decides the zone of every case that is driven: the GP may put a point of certain
         contact on the safe side.
@@ -127,7 +127,7 @@ class ZonePartition:
         return np.asarray(points[inside])
 
     def exists(self, points: ArrayLike) -> BoolArray:
-        """Which points belong to the space.
+        """Whether each point belongs to the space.
 
         Its edges do, and also what rounding puts 1e-9 of the box beyond one.
         """
@@ -502,8 +502,8 @@ def _exists(logical: LogicalScenario, unit: FloatArray) -> BoolArray:
 def _crossings(
     logical: LogicalScenario, surface: Surface, unit: FloatArray, y: FloatArray
 ) -> FloatArray:
-    """Where the grid's edges cross y = 0 within the space, (m, k): unit (..., k) and y (...) on the
-    grid.
+    """Points where the grid's edges cross y = 0 within the space, (m, k), for unit points (..., k)
+    and y (...) on the grid.
     """
     crossings = []
     for axis in range(y.ndim):

@@ -82,8 +82,8 @@ class Surface:
 def coordinates(
     logical: LogicalScenario, training: FloatArray
 ) -> Callable[[FloatArray], FloatArray] | None:
-    """From the parameters' unit box to better coordinates for the GP, scaled so that the training
-    points fill a unit box; None: the scenario names none.
+    """Function from the parameters' unit box to the scenario's coordinates for the GP, scaled so
+    that the training points fill a unit box; None: the scenario has none.
     """
     better = logical.zone_coordinates
     if better is None:

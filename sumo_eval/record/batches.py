@@ -1,4 +1,4 @@
-"""Which cases go to a child process together, and which alone.
+"""Choice of the cases that go to a child process together, and of those that go alone.
 
 Cases of one kind (same scenario, same driver of the ego) can share one simulation where that driver
 has a form for many cases. A batch has a cost of its own, so batches are as large as allowed, and
@@ -200,7 +200,7 @@ class Batches:
         self._remarks[case.key] = why, printed
 
     def remark(self, case: Case) -> tuple[Alone | None, str]:
-        """Why a case ran alone, and what its log also holds; given once."""
+        """Reason why a case ran alone, and addition to its log; each is given once."""
         return self._remarks.pop(case.key, (None, ""))
 
 
@@ -218,6 +218,6 @@ def _kind(case: Case) -> Kind:
 
 
 def driven(batch: Batch) -> int:
-    """How many cases are simulated for a batch: all of a block, whichever of it are wanted."""
+    """Number of cases simulated for a batch: all of a block, even if only some are wanted."""
     block = batch[0].block
     return len(batch) if block is None else len(block.concretes)

@@ -1,5 +1,5 @@
-"""Which build of each ADS drives: what its entry says, or the Git commit of the folder that the
-evaluation lies in.
+"""Build of each ADS: as its entry states it, or the Git commit of the folder that contains the
+evaluation.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ class Block:
 
     @classmethod
     def of(cls, first: int, concretes: Sequence[ConcreteScenario]) -> Block:
-        """Of the points from `first` on."""
+        """The block of the points from `first` on."""
         return cls(first, hashlib.sha256(repr(concretes).encode()).hexdigest(), tuple(concretes))
 
 

@@ -1,5 +1,5 @@
-"""How child processes are made: warm ones with the simulator loaded, which cannot outlive the
-process that wants them.
+"""Creation of child processes: warm ones with the simulator loaded, which cannot outlive the
+process that started them.
 
 A child never runs the user's script again. One that only computes leads a process group of its own
 (a Ctrl-C at the terminal is not its business) and is killed by the kernel when its owner's end of
@@ -85,7 +85,7 @@ class _Context(type(_ordinary)):  # type: ignore[misc]
 
 
 def child_context() -> BaseContext:
-    """Where process pools get their children from."""
+    """Multiprocessing context from which pools start their children."""
     context = _Context()
     if _KIND == "forkserver":
         context.set_forkserver_preload(["sumo_eval.record.loaded_loops"])

@@ -100,7 +100,7 @@ def run_on_cluster(
 
 
 def _threads(client: Any, address: str) -> int:
-    """How many threads the cluster's workers have, at least 1.
+    """Number of threads of the cluster's workers, at least 1.
 
     Raises InputError where the scheduler is gone.
     """

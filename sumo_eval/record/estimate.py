@@ -78,7 +78,7 @@ class Estimate:
 
 
 def estimate(run: Resolved, folder: Path | None) -> Estimate:
-    """How many drives an evaluation takes, and how long: timed on points from all over each
+    """Number of drives of an evaluation, and their duration: timed at points from all over each
     scenario.
 
     Points that are chosen in rounds all count, as if one round had them.
@@ -127,7 +127,7 @@ def _in_one_round(run: Resolved) -> tuple[ScenarioSettings, ...]:
 
 
 def _recorded(folder: Path, spaces: Sequence[Space], plan: Planner) -> int:
-    """How many drives a run folder holds already."""
+    """Number of drives that a run folder holds already."""
     if not (folder / FACTS).is_file():
         return 0
     with open_store(folder / FACTS) as store:

@@ -67,9 +67,7 @@ class Run:
 
     @property
     def counts(self) -> pd.DataFrame:
-        """How many drives ended how, by scenario, role and ADS, without reading the drives
-        themselves.
-        """
+        """Number of drives by scenario, role, ADS and end, without reading the drives."""
         import pandas as pd
 
         with self._store() as store:

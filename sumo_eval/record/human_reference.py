@@ -83,7 +83,9 @@ class LeftOut:
 
     @classmethod
     def of(cls, indexes: Sequence[AnthropomorphicIndex], exchanges: int) -> LeftOut:
-        """From the indexes of `left_out_pairings`, the last of which are exchanges."""
+        """Results of leaving out drivers, from the indexes of `left_out_pairings`, the last of
+        which are exchanges.
+        """
         first = len(indexes) - exchanges
         values = [index.value for index in indexes]
         likenesses = [index.likeness.value for index in indexes if index.likeness is not None]
@@ -109,8 +111,8 @@ _RECORDS = {
 
 @contextmanager
 def point_processes(store: Store, workers: int) -> Iterator[Spread]:
-    """Where `compute_points` may spread the points of a run: as many processes, if it has enough of
-    them.
+    """Function that spreads the points of a run over processes, for `compute_points`, or computes
+    them here if they are few.
 
     They begin with the first piece of work: where all is kept, none does.
     """

@@ -35,8 +35,8 @@ _PAGE = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096
 
 
 class Report(NamedTuple):
-    """How a child ended: its exit code (the negative number of a signal), and the MB it was ended
-    for holding, or 0.
+    """End of a child: its exit code (negative: the number of a signal), and the MB of memory
+    because of which it was ended, or 0.
     """
 
     exitcode: int

@@ -110,7 +110,7 @@ def files_identity(ads: AdsSettings, source: Path) -> str:
 
 
 def people_identity(settings: DriverSettings, source: Path) -> str:
-    """How recorded people are chosen, and hashes of the files that they are in."""
+    """Identity of recorded drivers: how they are chosen, and hashes of their files."""
     folder = source / settings.cases
     files = {name: source / name for name in settings.recordings}
     cases = sorted(folder.rglob("*.csv")) if settings.cases else []

@@ -96,7 +96,7 @@ def choose_points(
 
 
 def _refusals(logical: LogicalScenario, points: Sample) -> str:
-    """How many of the points that were chosen each constraint rules out, as a closing sentence."""
+    """Number of chosen points that each constraint excludes, as a sentence."""
     refused = points.refused
     if not len(refused):
         return ""

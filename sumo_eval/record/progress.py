@@ -1,6 +1,4 @@
-"""How long work tells how far it is, and asks whether to continue: functions that its caller
-brings.
-"""
+"""Progress and stopping of long work: functions that a caller passes in."""
 
 from __future__ import annotations
 

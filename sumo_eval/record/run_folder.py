@@ -186,7 +186,7 @@ def resolved_run(folder: Path) -> Resolved:
 
 
 def source_of(folder: Path) -> Path:
-    """Where relative paths of a run's evaluation start."""
+    """Folder where relative paths of a run's evaluation start."""
     return Path(read_manifest(folder)["source_folder"])
 
 

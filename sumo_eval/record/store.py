@@ -339,7 +339,7 @@ class Store:
         return self._first('SELECT 1 FROM let_go WHERE "case" = ?', case) is not None
 
     def no_trajectory(self, case: str) -> InputError:
-        """Why there is no trajectory of the ego in a case."""
+        """Reason why a case has no trajectory of the ego."""
         if self.is_discarded(case):
             return InputError(
                 f"The trajectories of case `{case}` of {self.path.parent} were discarded after it "
@@ -447,7 +447,7 @@ class Store:
             ) from error
 
     def difference(self, case: str, other: Store) -> str:
-        """Where a case differs from the same case in another store, in words."""
+        """Differences of a case from the same case in another store, in words."""
         query = 'SELECT * FROM facts WHERE "case" = ?'
         names = [name for _, name, *_ in self._read("PRAGMA table_info(facts)")]
         columns = zip(names, self._first(query, case), other._first(query, case), strict=True)
@@ -556,8 +556,8 @@ class Store:
 
     @property
     def content(self) -> str:
-        """How many cases a complete run has, and a hash over the hashes of all that was recorded of
-        them; nothing where it is not complete.
+        """Number of cases of a complete run, and a hash over the hashes of all its records; empty
+        for an incomplete run.
         """
         return self.noted(_CONTENT) or self.noted(_SEAL)
 
@@ -574,8 +574,8 @@ class Store:
         return list(self._read(query))
 
     def simulated_alone(self, scenario: str, ads: str) -> dict[Alone, int]:
-        """How many drives of an ADS, and of those that it is compared with, left their batch, by
-        the reason.
+        """Number of drives of an ADS, and of those that it is compared with, that left their batch,
+        by reason.
         """
         query = (
             'SELECT alone, count(*) FROM facts JOIN circumstances USING ("case") WHERE scenario = '

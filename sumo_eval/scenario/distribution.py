@@ -1,5 +1,5 @@
-"""How often the values of a parameter occur: a distribution of scipy.stats by its name there, cut
-to the range.
+"""Distribution of a parameter's values on the road: one of scipy.stats by its name there, cut to
+the range.
 
 scipy.stats is imported when a distribution is used: it takes 0.7 s, and every child process imports
 this module.

@@ -111,8 +111,8 @@ class Expression:
             return np.asarray(self._evaluated(values))
 
     def room(self, values: Mapping[str, ArrayLike]) -> Any:
-        """How far a condition is from its limit, in the unit of what it compares: below 0 where it
-        does not hold.
+        """Distance of a condition from its limit, in the unit of the compared values; below 0 where
+        it does not hold.
         """
         with np.errstate(all="ignore"):
             return np.asarray(_work(_room(_tree(self.text)))(values))
@@ -143,7 +143,7 @@ class Definitions:
     options: tuple[tuple[str, float], ...] = ()
 
     def needed_by(self, *expressions: Expression) -> Definitions:
-        """Those without which the expressions have no value."""
+        """Names without which the expressions have no value."""
         names = set().union(*(expression.names for expression in expressions))
         entries = []
         for name, expression in reversed(self.entries):

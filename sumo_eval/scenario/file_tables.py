@@ -118,7 +118,7 @@ class ParameterTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class ConstraintTable(Checked):
-    """Which points of the box exist."""
+    """Constraint on the points of the box."""
 
     require: Annotated[str, About("a condition on the parameters, e.g. `lead_speed < ego_speed`")]
     about: Annotated[str, About("the same in words: the point must be ...")] = ""
@@ -342,7 +342,7 @@ class OptionTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class JointTable(Checked):
-    """How often points occur, by recorded events: keeps the dependence between parameters."""
+    """Exposure of points from recorded events, with the dependence between parameters."""
 
     events: Annotated[
         str,

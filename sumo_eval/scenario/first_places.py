@@ -65,8 +65,8 @@ def misplaced(
 
 
 def _reach(actor: Actor, furthest: float) -> float:
-    """How far beside the lanes a vehicle may be, m: not at all where SUMO drives it, or its script
-    knows time alone.
+    """Distance that a vehicle may be beside the lanes, m: 0 if SUMO drives it or its script depends
+    on time alone.
     """
     beside = actor.body in VULNERABLE or (actor.lively and not actor.follows_at_once)
     return furthest if beside else 0.0

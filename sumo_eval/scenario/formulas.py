@@ -30,7 +30,7 @@ Formula = str | float
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Which values a formula may have; stands in the annotation of its key.
+    """Limits of a formula's values, in the annotation of its key.
 
     endless: inf as well.
     """
@@ -55,7 +55,7 @@ class Formulas:
 
     @classmethod
     def of(cls, definitions: Definitions, *expressions: Expression) -> Formulas:
-        """Those expressions."""
+        """Formulas of these expressions."""
         return cls(definitions.needed_by(*expressions), expressions)
 
     def __call__(self, values: Values) -> tuple[FloatArray, ...]:
@@ -87,7 +87,7 @@ class Condition:
         return np.asarray(self.formulas(values)[0], dtype=np.bool_)
 
     def room(self, values: Values) -> FloatArray:
-        """How far it is from its limit: below 0 where it does not hold."""
+        """Distance from its limit, below 0 where it does not hold."""
         known = self.formulas.definitions.extend(values)
         return np.asarray(self.formulas.expressions[0].room(known), dtype=np.float64)
 

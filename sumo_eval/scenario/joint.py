@@ -1,5 +1,4 @@
-"""How often points of a space occur, by recorded events: densities that keep the dependence
-between parameters.
+"""Densities of points of a space from recorded events, with the dependence between parameters.
 
 Two kinds over the same events, both cut to the box of the space:
 
@@ -128,7 +127,7 @@ class Joint:
         return np.concatenate(parts)[:count]
 
     def _inside(self, rows: FloatArray) -> BoolArray:
-        """Which points (n, k) lie within the box."""
+        """Whether each of the points (n, k) is within the box."""
         within: BoolArray = np.all(
             (rows >= np.array(self.low)) & (rows <= np.array(self.high)), axis=1
         )

@@ -217,7 +217,7 @@ class Counterpart:
 
 @dataclass(frozen=True, slots=True)
 class Occurrence(Checked):
-    """How often the scenario occurred on the road, whatever its parameters were."""
+    """Frequency with which the scenario occurred on the road, over all values of its parameters."""
 
     events: Annotated[int, Ge(0), About("how many times")]
     vehicle_km: Annotated[
@@ -356,13 +356,13 @@ class LogicalScenario:
         return np.array([values[name] for name in self.names])
 
     def in_box(self, points: ArrayLike) -> BoolArray:
-        """Which points (n, k) lie within the ranges of all parameters."""
+        """Whether each of the points (n, k) is within the ranges of all parameters."""
         array = np.asarray(points, dtype=np.float64)
         inside: BoolArray = np.all((array >= self.low) & (array <= self.high), axis=-1)
         return inside
 
     def feasible(self, points: ArrayLike) -> BoolArray:
-        """Which points (n, k) satisfy every constraint."""
+        """Whether each of the points (n, k) satisfies every constraint."""
         values = self.columns(points)
         holds = np.ones(np.shape(points)[:-1], dtype=np.bool_)
         for constraint in self.constraints:

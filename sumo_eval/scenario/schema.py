@@ -12,12 +12,12 @@ from sumo_eval.settings import EvaluationSettings, about
 
 
 def scenario_schema() -> dict[str, Any]:
-    """Of a scenario file."""
+    """JSON schema of a scenario file."""
     return _schema(ScenarioFile)
 
 
 def evaluation_schema() -> dict[str, Any]:
-    """Of an evaluation file."""
+    """JSON schema of an evaluation file."""
     return _schema(EvaluationSettings)
 
 

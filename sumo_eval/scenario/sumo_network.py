@@ -145,7 +145,7 @@ def _spans(
     ends: Sequence[float],
     owner: str,
 ) -> tuple[LaneSpan, ...]:
-    """Where outermost lanes are that are not there throughout.
+    """Spans of outermost lanes that do not exist throughout.
 
     there: the places from the right that each edge has lanes in.
     begins, ends: of each edge along the road, m.

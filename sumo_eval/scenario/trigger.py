@@ -158,7 +158,7 @@ class _Writer:
 
     @property
     def _place(self) -> str:
-        """How errors call the condition."""
+        """Name of the condition in error messages."""
         return f"`{self.text}` of {self.owner}"
 
     def _of_the_moment(self, node: ast.expr) -> bool:

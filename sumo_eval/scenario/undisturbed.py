@@ -133,7 +133,7 @@ def _begun(concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, 
 
 @kernel
 def _braking_from(play: Any, acts: Any, delay: float) -> float:
-    """When ideal braking begins, s; inf while the obstacle waits."""
+    """Time at which ideal braking begins, s; inf while the obstacle waits."""
     if not math.isinf(play.first_begin):
         return float(play.first_begin + delay)
     for q in range(play.acts):

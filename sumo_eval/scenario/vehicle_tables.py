@@ -133,7 +133,7 @@ class EgoTable(Checked):
         )
 
     def start(self, numbers: Mapping[str, Any], road: Road, owner: str) -> Start:
-        """Where it begins.
+        """Start of the ego.
 
         numbers: of the table, by key.
         """

@@ -1,3 +1,3 @@
-"""From recorded facts to scores: likeness of each case, terms of collisions, and how far a score
-can be trusted.
+"""Scores from recorded facts: likeness of each case, terms of collisions, and the confidence of
+each score.
 """

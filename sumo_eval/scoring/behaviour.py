@@ -1,4 +1,4 @@
-"""How each ADS of a run behaves in all scenarios together, and its cases to look at first."""
+"""Behaviour of each ADS of a run in all scenarios together, and its cases to look at first."""
 
 from __future__ import annotations
 

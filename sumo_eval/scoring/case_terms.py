@@ -74,7 +74,7 @@ class CaseTerms:
     task: FloatArray
 
     def part(self, rows: NDArray[np.intp] | BoolArray | slice) -> CaseTerms:
-        """Those of some of the cases."""
+        """Terms of some of the cases."""
         return CaseTerms(*(getattr(self, item.name)[rows] for item in fields(self)))
 
 

@@ -1,4 +1,4 @@
-"""Which points of a run matter most: what `[run] keep = "critical"` keeps the trajectories of."""
+"""Points of a run that matter most: those whose trajectories `[run] keep = "critical"` keeps."""
 
 from __future__ import annotations
 

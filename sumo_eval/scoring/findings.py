@@ -63,12 +63,12 @@ class Findings:
 
     @classmethod
     def of(cls, evaluation: Evaluation, score: ScenarioResult) -> Findings:
-        """Those of one result of a run."""
+        """Findings of one result of a run."""
         return cls(score, evaluation.cases_of(score.ads, score.scenario), evaluation.settings)
 
     @property
     def missing(self) -> BoolArray:
-        """Which cases are missing from a mean, (n,)."""
+        """Whether each case is missing from a mean, (n,)."""
         cases, why = self.cases, self.score.d_reason
         missed = cases.counts_for_index & np.isnan(cases.index)
         if why is not None and why.why in ("collisions", "no_drivers"):
@@ -77,14 +77,16 @@ class Findings:
 
     @property
     def slow(self) -> BoolArray:
-        """Which safe cases without any contact are slower than the slowest reference, (n,)."""
+        """Whether each case is safe, without any contact, and slower than the slowest reference,
+        (n,).
+        """
         cases = self.cases
         late = cases.counts_for_index & (cases.task_share < 1.0 - NOTICEABLE)
         return np.asarray(late & ~cases.incident)
 
     @property
     def stands(self) -> BoolArray:
-        """Which of the slow cases end at a standstill, (n,)."""
+        """Whether each case is slow and ends at a standstill, (n,)."""
         return np.asarray(self.slow & (self.cases.end_reason == "standstill"))
 
     @property
@@ -119,17 +121,17 @@ class Findings:
 
     @property
     def indexed(self) -> BoolArray:
-        """Which safe cases have a D_i, (n,)."""
+        """Whether each case is safe and has a D_i, (n,)."""
         return np.asarray(self.cases.safe & np.isfinite(self.cases.index))
 
     @property
     def likened(self) -> BoolArray:
-        """Which cases have a human-likeness, (n,)."""
+        """Whether each case has a human-likeness, (n,)."""
         return np.isfinite(self.cases.human_likeness)
 
     @property
     def tasked(self) -> BoolArray:
-        """Which cases T is the mean of, (n,)."""
+        """Whether each case enters the mean T, (n,)."""
         return np.asarray(self.cases.safe & np.isfinite(self.cases.task_share))
 
     def shares(self, counted: BoolArray, weights: FloatArray) -> FloatArray:
@@ -171,7 +173,7 @@ def mean_of(values: FloatArray, exposure: FloatArray) -> float | None:
 
 
 def findings(evaluation: Evaluation, ads: str | None = None) -> list[Findings]:
-    """Of every ADS, or of one, in every scenario."""
+    """Findings of every ADS, or of one, in every scenario."""
     scores = (score for score in evaluation.scores if ads in (None, score.ads))
     return [Findings.of(evaluation, score) for score in scores]
 
@@ -183,7 +185,7 @@ def unevaluated(evaluation: Evaluation) -> list[CaseTable]:
 
 @dataclass(frozen=True, slots=True)
 class PeopleBehind:
-    """How many recorded people stand behind the D_i and H of a scenario.
+    """Number of recorded drivers behind the D_i and H of a scenario.
 
     points: safe concrete scenarios;
     with_people: of these, with recorded people that D_i compares with;

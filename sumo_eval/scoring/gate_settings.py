@@ -187,7 +187,7 @@ class ShiftSettings(Checked):
 
 @dataclass(frozen=True, slots=True)
 class NoiseSettings(Checked):
-    """How an ADS that does not repeat bit for bit is found, and what is forgiven to it."""
+    """Detection of ADSs that do not repeat bit for bit, and the tolerance for them."""
 
     cases: Annotated[
         int, Ge(0), About("cases of an ADS that a night drives twice; 0: each ADS repeats")
@@ -205,7 +205,7 @@ class NoiseSettings(Checked):
 
 @dataclass(frozen=True, slots=True)
 class GateSettings(Checked):
-    """How two runs are compared, and what is not let through."""
+    """Comparison of two runs, and the changes that fail it."""
 
     confidence: Annotated[
         float, Gt(0.0), Lt(1.0), About("share that the intervals of differences cover")

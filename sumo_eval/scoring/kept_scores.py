@@ -90,7 +90,7 @@ class RowWriter:
         return table_of(self._kept, self._key, self._chunks).part(scenario, ads)
 
     def chunks(self, order: Sequence[tuple[str, str]]) -> tuple[KeptChunk, ...]:
-        """Where the rows are, ADSs and scenarios in this order of (ADS, scenario)."""
+        """Chunks of the rows, in this order of (ADS, scenario)."""
         return tuple(
             chunk for pair in order for chunk in self._chunks if (chunk.ads, chunk.scenario) == pair
         )

@@ -20,8 +20,8 @@ SLICE_WORTH_SHOWING = 0.1
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """How a space is drawn: columns of x and y (None: a strip), panels along a third, the rest held
-    fixed.
+    """View of a space in a map: columns of x and y (None: a strip), panels along a third, the
+    others held fixed.
 
     panels: values of the `panel` parameter, one panel each; a single None where there is no such
         parameter.
@@ -83,8 +83,8 @@ def choose_view(
 
 
 def _variety(column: FloatArray) -> tuple[int, float]:
-    """How many values a parameter takes, and the most common one, of equals the least; where each
-    is taken once, the middle one.
+    """Number of values of a parameter, and the most common one, of equals the least; where each
+    occurs once, the middle one.
     """
     values, often = np.unique(column, return_counts=True)
     return len(values), float(values[len(values) // 2 if often.max() == 1 else np.argmax(often)])

@@ -1,4 +1,4 @@
-"""Which requirements of a scenario a drive does not meet."""
+"""Requirements of a scenario that a drive does not meet."""
 
 from __future__ import annotations
 

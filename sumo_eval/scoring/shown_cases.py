@@ -1,4 +1,4 @@
-"""Which cases a page has where a run has more than a page can hold."""
+"""Choice of cases for a page, where a run has more than a page can hold."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str
 
 
 def telling(cases: CaseTable, named: Collection[str]) -> FloatArray:
-    """How much each case tells, (n,)."""
+    """Weight of each case in this choice: how much it tells a reader, (n,)."""
     severity = np.nan_to_num(cases.incident_severity)
     harm = _HIT + severity / max(float(severity.max(initial=0.0)), 1.0)
     tells = np.where(cases.incident, harm, np.nan_to_num(1.0 - cases.human_likeness))

@@ -48,7 +48,7 @@ class ScenarioRun:
 
     @property
     def name(self) -> str:
-        """Of the scenario."""
+        """Name of the scenario."""
         return self.logical.name
 
     @property

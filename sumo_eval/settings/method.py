@@ -26,7 +26,9 @@ class FieldSettings(Checked):
         About("decay of the field with distance", symbol="k1", equation="10"),
     ] = 0.5
     k2: Annotated[
-        NotNegativeFloat, Le(1.0), About("growth of the field with speed ahead", "s/m", "k2", "10")
+        NotNegativeFloat,
+        Le(1.0),
+        About("growth of the field with speed ahead", unit="s/m", symbol="k2", equation="10"),
     ] = 0.005
     sample_interval: Annotated[
         PositiveFloat, About("time between summed samples", "s", equation="9")
@@ -101,7 +103,12 @@ class AnthropomorphicSettings(Checked):
     ] = "manoeuvre"
     steering_threshold_deg: Annotated[
         PositiveFloat,
-        About("steering wheel angle above which an operation begins (wheel)", "deg", "k3", "12"),
+        About(
+            "steering wheel angle above which an operation begins (wheel)",
+            unit="deg",
+            symbol="k3",
+            equation="12",
+        ),
     ] = 10.0
     steering_lateral_acceleration: Annotated[
         float | None,
@@ -123,7 +130,12 @@ class AnthropomorphicSettings(Checked):
     ] = 2.7
     acceleration_threshold: Annotated[
         PositiveFloat,
-        About("longitudinal acceleration above which an operation begins", "m/s2", "k4", "12"),
+        About(
+            "longitudinal acceleration above which an operation begins",
+            unit="m/s2",
+            symbol="k4",
+            equation="12",
+        ),
     ] = 0.5
     neutral_time: Annotated[
         NotNegativeFloat,
@@ -132,7 +144,10 @@ class AnthropomorphicSettings(Checked):
         ),
     ] = 0.5
     stop_speed: Annotated[
-        PositiveFloat, About("speed below which a vehicle counts as stopped", "m/s", "L", "12")
+        PositiveFloat,
+        About(
+            "speed below which a vehicle counts as stopped", unit="m/s", symbol="L", equation="12"
+        ),
     ] = 0.1
 
 
@@ -141,10 +156,16 @@ class ZoneSettings(Checked):
     """Safe and hazardous zones, Eqs. 1-8."""
 
     deceleration: Annotated[
-        float, Ge(0.01), About("ideal braking deceleration of the zones", "m/s2", "a", "5")
+        float,
+        Ge(0.01),
+        About("ideal braking deceleration of the zones", unit="m/s2", symbol="a", equation="5"),
     ] = 5.0
     critical_inverse_ttc: Annotated[
-        float, Ge(0.001), About("inverse TTC from which a point is hazardous", "1/s", "ITTC*", "6")
+        float,
+        Ge(0.001),
+        About(
+            "inverse TTC from which a point is hazardous", unit="1/s", symbol="ITTC*", equation="6"
+        ),
     ] = 0.7
     target: Annotated[
         Literal["squared_time", "label"],

@@ -201,7 +201,7 @@ def _projected(
 
 
 def _ends(cases: Sequence[ConcreteScenario], recordings: Sequence[Recording]) -> list[Finding]:
-    """How the cases end: those that do well one by one, each cause of a fault once, with its
+    """Findings on how cases end: each case that does well, and each cause of a fault once, with its
     count.
     """
     alike: dict[str, list[tuple[ConcreteScenario, Recording]]] = {}
@@ -279,7 +279,7 @@ def _in_range(recordings: Sequence[Recording]) -> Finding:
 
 
 def _planned(recordings: Sequence[Recording]) -> list[Finding]:
-    """How far the vehicle was from what its ADS planned at worst, where it plans."""
+    """Finding on the largest distance of the vehicle from its ADS's plan, for an ADS that plans."""
     worst = _worst(recordings, _OF_A_PLAN)
     if not worst:
         return []

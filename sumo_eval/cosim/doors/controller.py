@@ -62,7 +62,7 @@ class Briefing:
 
     @property
     def speed_limit(self) -> float:
-        """Of the road, m/s."""
+        """Speed limit of the road, m/s."""
         return self.road.speed_limit
 
 
@@ -524,7 +524,9 @@ def adapter_for(found: Any) -> str:
 
 
 def _foreign(found: Any, described: str) -> str | None:
-    """Why the ADS of another tool is refused, with the name of its adapter; None: it is not one."""
+    """Reason why the ADS of another tool is refused, with the name of its adapter; None: it is not
+    such an ADS.
+    """
     kind = found if inspect.isclass(found) else type(found)
     smarts = any(base.__module__.partition(".")[0] == "smarts" for base in kind.__mro__)
     own = ("act", "step")

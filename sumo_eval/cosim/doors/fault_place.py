@@ -1,5 +1,5 @@
-"""Where in the user's code an exception came from: data of a recording, beside the sentence that
-says what happened.
+"""Place in the user's code that an exception came from, kept in a recording beside the error
+message.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def fault_place(error: BaseException | None, driver: Any, folder: Path | None) -
 
 
 def _asked_at(driver: Any, folder: Path | None) -> str:
-    """Where the user's function or method begins that gave what cannot be used; "" where it is no
-    code of Python's.
+    """Place where the user's function or method begins whose result cannot be used; "" if it is not
+    Python code.
     """
     methods = (getattr(type(driver), name, None) for name in ("act", "step"))
     code = next((one.__code__ for one in (driver, *methods) if isinstance(one, FunctionType)), None)

@@ -396,7 +396,7 @@ class _Fmu:
 
 
 def _count(variable: Any) -> int | None:
-    """How many values an array has; None: it is none."""
+    """Number of values of an array; None: it is not an array."""
     return math.prod(variable.shape) if variable.dimensions else None
 
 

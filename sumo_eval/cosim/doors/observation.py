@@ -279,7 +279,7 @@ class Observation:
 
     @property
     def speed_limit(self) -> float:
-        """Of the road, m/s."""
+        """Speed limit of the road, m/s."""
         return self.road.speed_limit
 
     @property
@@ -291,8 +291,8 @@ class Observation:
 
     @property
     def change(self) -> tuple[float, float] | None:
-        """From which x on and by which the ego has to change to the goal's lane, m; None: it may
-        stay in its lane.
+        """x from which on, and x by which, the ego has to change to the goal's lane, m; None: it
+        may stay in its lane.
         """
         return self._task.change
 
@@ -312,12 +312,12 @@ class Observation:
 
     @property
     def left_edge(self) -> float:
-        """From the ego's centre to the left edge of the road there, m."""
+        """Distance from the ego's centre to the left edge of the road, m."""
         return float(self.road.left_edge_at(self._ego[0])) - self._ego[1]
 
     @property
     def right_edge(self) -> float:
-        """From the ego's centre to the right edge of the road there, m."""
+        """Distance from the ego's centre to the right edge of the road, m."""
         return self._ego[1] - float(self.road.right_edge_at(self._ego[0]))
 
     @property
@@ -572,7 +572,7 @@ class Perception:
         return self._late(time, egos.copy(), seen)
 
     def keep(self, rows: NDArray[np.intp]) -> None:
-        """From now on these cases, in this order."""
+        """Drop all cases but these; keep their order."""
         self._limits = self._limits[rows]
         self._memory = deque((time, egos[rows], seen[rows]) for time, egos, seen in self._memory)
         if self._steps:

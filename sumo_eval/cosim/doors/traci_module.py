@@ -195,7 +195,7 @@ class Guard:
 
     @property
     def ignored(self) -> dict[str, str]:
-        """Why SUMO ignored calls of this case, by call."""
+        """TraCI call -> reason why SUMO ignored it in this case."""
         return {
             call: WHY_IGNORED[IGNORED[call]]
             for call in self.asked
@@ -216,7 +216,7 @@ class Guard:
 
 
 def heeding(concrete: ConcreteScenario) -> set[str]:
-    """Which of `WHY_IGNORED` a case has from its start."""
+    """Names in `WHY_IGNORED` that hold for a case from its start."""
     drives = any(actor.model is not None for actor in concrete.actors)
     return {
         by

@@ -247,7 +247,9 @@ def _variables(port: int) -> dict[str, str]:
 
 
 def _hang_up(program: ChildProgram, connection: Any) -> None:
-    """When the program ends, SUMO would wait for it for ever, and the harness for SUMO."""
+    """Close the program's connection once it has ended: else SUMO would wait for it for ever, and
+    this process for SUMO.
+    """
     program.process.wait()
     with suppress(OSError, AttributeError):  # the case was over first
         connection._socket.shutdown(socket.SHUT_RDWR)

@@ -186,7 +186,7 @@ class _None(ModuleType):
 
 
 class _Console(io.TextIOBase):
-    """Where a hook of a batch prints: what a case prints is its own."""
+    """Output stream of a hook in a batch: each case keeps its own output."""
 
     def write(self, text: str) -> int:
         GUARD.leave()

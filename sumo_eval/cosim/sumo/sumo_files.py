@@ -238,7 +238,7 @@ def _segment(road: Road) -> float:
 
 
 def _joints(one: Section, other: Section) -> list[tuple[tuple[str, int], tuple[str, int]]]:
-    """Where lanes continue from one section to the next: edge and index, of both."""
+    """Lanes that continue from one section to the next: (edge, index) in both."""
     before, after = (
         {lane: (part.edge, index) for index, lane in enumerate(part.lanes)}
         | {part.ramp: (part.ramp_edge, 0)}
@@ -435,9 +435,7 @@ def _remarks(concrete: ConcreteScenario, origin: str) -> str:
 
 @functools.lru_cache(maxsize=64)
 def view_xml(road: Road) -> str:
-    """Where sumo-gui looks when it opens a case: the beginning of the road, slowed down enough to
-    be watched.
-    """
+    """View of sumo-gui at the start of a case: the beginning of the road, slowed down."""
     # per cent of a view of the whole network
     zoom = 100 * (road.length + road.run_out) / VIEW_LENGTH
     middle = (road.left_edge + road.right_edge) / 2

@@ -171,7 +171,9 @@ def _feet(
 def _derivatives(
     grid: _Grid, line: _Line, s: FloatArray, left: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Of the places at s to the left: by the first heading, (n, 1), by the curvatures, (n, k)."""
+    """Derivatives of the positions at s, to the left: by the first heading, (n, 1), and by the
+    curvatures, (n, k).
+    """
     below = np.clip(np.searchsorted(grid.s, s, side="right") - 1, 0, len(grid.middle) - 1)
     share = ((s - grid.s[below]) / grid.step)[:, None]
 

@@ -25,7 +25,8 @@ from sumo_eval.trajectory import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class LaneSpan:
-    """Where the outermost lane of a side is, by its number (0: the right-hand one).
+    """Part of the road on which the outermost lane of a side exists, by its number (0: the
+    right-hand one).
 
     It has its full width from `begin` to `end`, m along the road; it opens over `opening` m before
     that and narrows over `closing` m behind it.
@@ -43,7 +44,7 @@ class LaneSpan:
 
     @property
     def places(self) -> tuple[float, float, float, float]:
-        """Where it begins to open, is open, begins to narrow and is gone, m."""
+        """Positions where it begins to open, is open, begins to narrow and is gone, m."""
         return self.begin - self.opening, self.begin, self.end, self.end + self.closing
 
 

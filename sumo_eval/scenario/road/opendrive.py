@@ -231,7 +231,7 @@ PROFILES = ("elevationProfile/elevation", "lateralProfile/superelevation")
 
 
 def lane_offset(road: etree._Element, owner: str, *, flat: bool = False) -> float:
-    """How far the lanes of a level road are shifted to the left of its reference line, m.
+    """Shift of a level road's lanes to the left of its reference line, m.
 
     flat: whatever its height is.
 
@@ -321,8 +321,8 @@ def _sections(road: etree._Element, owner: str, length: float, side: str) -> lis
 def _inner_lanes(
     sections: Sequence[_Section], outer: int, owner: str
 ) -> tuple[dict[int, float], dict[int, float]]:
-    """Where each lane up to the outermost driven one begins, and the width of all but that one, m,
-    by rank: constant, and the same in every section.
+    """Begin of each lane up to the outermost driven one, and width of all but that one, m, by rank:
+    constant, and the same in every section.
     """
     begins: dict[int, float] = {}
     widths: dict[int, float] = {}
@@ -364,7 +364,7 @@ def _outermost(sections: Sequence[_Section], outer: int, owner: str) -> tuple[_K
 
 
 def _rank(lane: etree._Element) -> int:
-    """How far out a lane is: 1 beside the reference line."""
+    """Rank of a lane from the reference line outwards, from 1 on."""
     number = lane.get("id", "0")
     if not re.fullmatch(r"[+-]?\d{1,6}", number):
         raise must_be("The `id`", "a <lane>", "a whole number", number)
@@ -397,7 +397,7 @@ def _span_of(
     length: float,
     owner: str, *, against: bool,
 ) -> tuple[LaneSpan, ...]:  # fmt: skip
-    """Where the outermost lane is, () where that is throughout.
+    """Spans of the outermost lane; () if it exists throughout.
 
     knots: its width along the road.
     """

@@ -39,7 +39,7 @@ class Cubic:
         return np.asarray(u(p), dtype=np.float64), np.asarray(v(p), dtype=np.float64)
 
     def heading(self, p: FloatArray) -> FloatArray:
-        """Of the curve, rad, without jumps."""
+        """Direction of the curve, rad, without jumps."""
         u, v = self.at(p, 1)
         turned: FloatArray = np.unwrap(np.arctan2(v, u))
         return turned
@@ -51,7 +51,7 @@ class Cubic:
         return found
 
     def lengths(self, ends: FloatArray) -> FloatArray:
-        """Of the curve between neighbouring p, m: Gauss-Legendre quadrature of |(u', v')|."""
+        """Length of the curve between neighbouring p, m: quadrature of |(u', v')|."""
         half = 0.5 * np.diff(ends)
         middle = 0.5 * (ends[:-1] + ends[1:])
         u, v = self.at(middle[:, None] + half[:, None] * _NODES, 1)

@@ -1,1 +1,1 @@
-"""Which points of a parameter space become concrete scenarios."""
+"""Choice of the points of a parameter space that become concrete scenarios."""

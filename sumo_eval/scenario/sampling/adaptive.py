@@ -90,7 +90,7 @@ def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
 
 
 def size_of_round(budget: int, size: int | None, owner: str) -> int:
-    """How many points a round has: what was asked for, or a fifth of all.
+    """Number of points of a round: as asked for, or a fifth of all.
 
     Refuses what makes no rounds.
     """
@@ -106,15 +106,15 @@ def size_of_round(budget: int, size: int | None, owner: str) -> int:
 
 
 def cells_of_round(size: int) -> int:
-    """How many cells the space has for rounds of that size: half the points go where it tells
+    """Number of cells of the space for rounds of this size: half of the points go where they tell
     most.
     """
     return min(1 << max(size // (2 * LEAST_IN_CELL), 1).bit_length() - 1, MOST_CELLS)
 
 
 def size_of_next(budget: int, size: int, done: int) -> int:
-    """How many points the next round has when `done` are there; a last one takes what is too few
-    for another.
+    """Number of points of the next round after `done` points; the last round takes a rest that is
+    too small for another.
     """
     left = budget - done
     return size if left >= 2 * size else left if left >= LEAST_IN_CELL * cells_of_round(size) else 0
@@ -156,7 +156,7 @@ def spread(points: int, attention: FloatArray, room: FloatArray) -> tuple[int, .
 
 
 def capacity_of_cells(logical: LogicalScenario, size: int, seed: int) -> FloatArray:
-    """How many candidates each cell of the space has for rounds of that size, (H,)."""
+    """Number of candidates in each cell of the space for rounds of this size, (H,)."""
     return np.array([len(cell) for cell in _cells(logical, size, seed)[1]], dtype=np.float64)
 
 

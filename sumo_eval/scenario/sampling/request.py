@@ -23,8 +23,8 @@ Steps = Mapping[str, float] | None
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """How points are to be chosen; which keys a method takes is in
-    `sumo_eval.scenario.sampling.samples.METHODS`.
+    """Request for points; `sumo_eval.scenario.sampling.samples.METHODS` has the keys that each
+    method takes.
 
     levels: points on each axis, evenly spaced with both ends; one number for all axes, or by
         parameter name.
@@ -75,7 +75,7 @@ class Request:
 
 
 def owner_of(logical: LogicalScenario) -> str:
-    """How errors call the sampling of a space."""
+    """Name of a space's sampling in error messages."""
     return f"the sampling of scenario `{logical.name}`"
 
 

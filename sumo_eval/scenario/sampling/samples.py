@@ -1,5 +1,5 @@
-"""Which points of a space become concrete scenarios, what was left out of them, and how much each
-one counts.
+"""Points of a space that become concrete scenarios, those that were left out, and the weight of
+each.
 
 Every method is a function of a space and a `Request`; what the constraints exclude is taken out
 here, for all of them, and kept as refused points. Random methods draw from a named stream of the

@@ -1,3 +1,3 @@
-"""How far a score can be trusted: intervals, risk, what the sample covers, and which further cases
-would help most.
+"""Confidence of scores: intervals, risk, coverage of the sample, and the further cases that would
+help most.
 """

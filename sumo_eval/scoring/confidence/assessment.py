@@ -75,7 +75,7 @@ class Confidence:
 def assess(
     evaluation: Evaluation, partitions: Mapping[str, ZonePartition], progress: Progress = quiet
 ) -> Confidence:
-    """How far each score of an evaluation can be trusted.
+    """Confidence of each score of an evaluation.
 
     partitions: the zones, by scenario name.
     """
@@ -129,7 +129,7 @@ def intervals_of(score: ScenarioResult) -> dict[str, Interval]:
 
 
 def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
-    """How many points of S each case moves, (n,): the first-order effect of its weight on C and
+    """Points of S by which each case moves it, (n,): the first-order effect of its weight on C and
     D.
     """
     moved, whole = np.zeros(len(terms.exposure)), worth(method.score)

@@ -1,4 +1,4 @@
-"""Which further cases would tell most: where neighbouring cases differ much, and count much."""
+"""Further cases that would tell most: where neighbouring cases differ much, and count much."""
 
 from __future__ import annotations
 

@@ -316,7 +316,7 @@ class UnseenCollisions:
 
     @classmethod
     def of(cls, one: Judged, method: MethodSettings) -> UnseenCollisions:
-        """Those of all cases of an ADS."""
+        """Unseen collisions of an ADS, from all its cases."""
         terms = one.terms
         known, stake = _known_stake(terms)
         among = known & one.hazardous if (known & one.hazardous).any() else known
@@ -353,8 +353,8 @@ class UnseenCollisions:
 
 
 def _known_stake(terms: CaseTerms) -> tuple[BoolArray, FloatArray]:
-    """Which cases were evaluated and have something to be compared with, and max(0, U0 - Ug) there,
-    0 elsewhere.
+    """Whether each case was evaluated and can be compared with its references, and max(0, U0 - Ug)
+    there, 0 elsewhere.
     """
     stake = excess(terms.unreacting, terms.ideal)
     known = terms.counted & np.isfinite(stake)

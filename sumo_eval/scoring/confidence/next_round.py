@@ -1,4 +1,4 @@
-"""How far the rounds of an adaptive sample have come, and how many points the next one takes from
+"""State of the rounds of an adaptive sample, and the number of points that the next one takes from
 each cell.
 """
 
@@ -65,7 +65,7 @@ def standing(
     method: MethodSettings,
     scenario: str,
 ) -> Standing:
-    """Where the rounds of a scenario stand.
+    """State of a scenario's rounds.
 
     scores, rows, places: of each ADS its result, its cases, and which of the points each is.
     """

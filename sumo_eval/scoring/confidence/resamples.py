@@ -1,4 +1,5 @@
-"""How often each point stands in each replicate of a bootstrap over the points of a scenario.
+"""Number of times that each point of a scenario occurs in each replicate of a bootstrap over the
+points.
 
 Points that may stand for each other are a list (`Strata`), and each replicate draws from every list
 as many points as it has. Points of a method that leaves no part of the space out are balanced over
@@ -53,7 +54,7 @@ class Strata:
 
     @property
     def sizes(self) -> IntArray:
-        """How many places each list has, (g,)."""
+        """Number of points of each list, (g,)."""
         return np.diff(self.ends, prepend=0)
 
     def of_size(self, size: int) -> IntArray:
@@ -70,7 +71,7 @@ class Strata:
 
     @property
     def points(self) -> int:
-        """How many points they have together."""
+        """Number of points of all lists."""
         return len(self.order)
 
 
@@ -135,7 +136,7 @@ def same_sizes(groups: Strata) -> list[tuple[int, IntArray]]:
 
 
 def draw_counts(groups: Strata, replicates: int, stream: np.random.Generator) -> FloatArray:
-    """How often each point stands in each replicate, (m, n).
+    """Number of times that each point occurs in each replicate, (m, n).
 
     From each group of s points s - 1 are drawn with replacement and count s/(s - 1) times (Rao and
     Wu 1988): so the variance of a mean is right for groups of two as well. A group of one stands in
@@ -153,8 +154,8 @@ def draw_counts(groups: Strata, replicates: int, stream: np.random.Generator) ->
 def _multinomial(
     size: int, shape: tuple[int, int], stream: np.random.Generator
 ) -> IntArray | FloatArray:
-    """How often each of `size` is among size - 1 draws, (*shape, size), by the stream's own
-    multinomial numbers.
+    """Number of times that each of `size` occurs among size - 1 draws, (*shape, size), by the
+    stream's own multinomial numbers.
 
     Of two they are one number each, above a half or not, which takes a sixth of the time.
     """
@@ -193,8 +194,8 @@ class Balance:
 
     @classmethod
     def of(cls, groups: Strata, unit: FloatArray) -> Balance | None:
-        """Of groups of points, (n, k) in the unit box; None with fewer than 2 k degrees of freedom
-        in the groups, where a trend cannot be told from chance.
+        """Balance of groups of points, (n, k) in the unit box; None with fewer than 2 k degrees of
+        freedom in the groups, where a trend cannot be told from chance.
         """
         n, k = unit.shape
         sizes = groups.sizes
@@ -240,7 +241,7 @@ class Balance:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Resampled:
-    """How often some of the points stand in each replicate.
+    """Number of times that some of the points occur in each replicate.
 
     places: which points, (k,).
     counts: balanced, where the sample is;
