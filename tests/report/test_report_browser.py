@@ -268,8 +268,11 @@ def test_play_at_a_contact_begins_at_the_start(opened: Page) -> None:
 @needs_chromium
 def test_a_case_that_the_page_lacks_is_said_to_be_elsewhere(opened: Page) -> None:
     absent = "document.getElementById('case-absent')"
-    opened.run("(location.hash = '#case:nowhere', null)")
-    opened.wait(f"{absent}.textContent.includes('sumo-eval replay') && !{absent}.hidden")
+    for key in ("nowhere", "50%"):
+        opened.run(f"(location.hash = '#case:{key}', null)")
+        opened.wait(f"{absent}.textContent.includes({json.dumps(f'The case {key} is')})")
+        assert "sumo-eval replay" in opened.run(f"{absent}.textContent")
+        assert not opened.run(f"{absent}.hidden")
     opened.run("(location.hash = '', null)")
     opened.wait(f"{absent}.hidden")
     assert opened.problems == []

@@ -75,8 +75,17 @@ const sumoPage = (() => {
     for (let at = element; at; at = at.parentElement) if (at.tagName === "DETAILS") at.open = true;
   }
 
+  /** The part of the address behind `#`; as it was typed where it is no valid encoding, such as `50%`. */
+  function anchor() {
+    try {
+      return decodeURIComponent(location.hash.slice(1));
+    } catch {
+      return location.hash.slice(1);
+    }
+  }
+
   function followAddress() {
-    const target = location.hash.length > 1 ? document.getElementById(decodeURIComponent(location.hash.slice(1))) : null;
+    const target = document.getElementById(anchor());
     if (!target) return;
     unfold(target);
     (target.closest("details.fold") ?? target).scrollIntoView();
@@ -195,5 +204,5 @@ const sumoPage = (() => {
     return made;
   }
 
-  return { theme, beforePrint: (ready) => preparations.push(ready), onTheme: (listener) => listeners.push(listener), colour, unfold, saver, copier, button };
+  return { theme, anchor, beforePrint: (ready) => preparations.push(ready), onTheme: (listener) => listeners.push(listener), colour, unfold, saver, copier, button };
 })();

@@ -1142,7 +1142,7 @@
 
   /** The case that the address names; where the page does not have it, a note says so. */
   function caseFromAddress() {
-    const key = location.hash.startsWith("#case:") ? decodeURIComponent(location.hash.slice("#case:".length)) : null;
+    const key = sumoPage.anchor().startsWith("case:") ? sumoPage.anchor().slice("case:".length) : null;
     const found = entryOf(key), note = byId("case-absent");
     note.hidden = key === null || found !== null;
     note.textContent = `The case ${key} is not on this page. The run's folder has it: ${replayCommand(key ?? "")}`;
