@@ -224,7 +224,7 @@ def _left_out(
         one.ads: evaluation.cases_of(one.ads, one.scenario)
         for one in evaluation.scores_in(logical.name)
     }
-    there = sum(int(np.count_nonzero(shown < len(cases))) for cases in tables.values())
+    there = sum(np.count_nonzero(shown < len(cases)) for cases in tables.values())
     left_out = sum(map(len, tables.values())) - there
     if not left_out:
         return {"left_out": 0}

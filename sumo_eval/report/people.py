@@ -30,7 +30,8 @@ def people_context(evaluation: Evaluation, _: Beside) -> dict[str, Any]:
         "worst": worst_cases(evaluation),
         "study": study_sentences(evaluation),
         "exposures": [
-            (name, exposure_sentence(found)) for name, found in evaluation.exposures.items()
+            (name, f"{capitalised(str(found.get('about', 'not recorded')))}.")
+            for name, found in evaluation.exposures.items()
         ],
     }
 
@@ -125,9 +126,3 @@ def worst_cases(evaluation: Evaluation) -> CaseTable:
     cases, below = evaluation.cases, evaluation.cases.index - evaluation.cases.human_mean
     places = np.flatnonzero(below < 0.0)
     return cases[places[np.lexsort((cases.case[places], below[places]))[:MOST_WORST]]]
-
-
-def exposure_sentence(found: Mapping[str, Any]) -> str:
-    """How a scenario's concrete scenarios were weighted."""
-    text = str(found.get("about", "not recorded"))
-    return f"{capitalised(text)}."
