@@ -8,9 +8,10 @@ from dataclasses import replace
 import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead
 
+from sumo_eval.cosim.doors import json_lines
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
-from sumo_eval.settings import ConditionSettings
+from sumo_eval.settings import AdsSettings, ConditionSettings
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process groups")
 
@@ -105,6 +106,14 @@ def test_a_hung_program_is_killed_at_its_deadline_with_everything_it_started(tmp
     assert clock.monotonic() - began < 30.0  # not the 60 s that it sleeps
     if sys.platform == "linux":
         assert not any(alive(int(pid)) for pid in pids.read_text().split())
+
+
+def test_a_program_that_reads_nothing_is_ended(monkeypatch):
+    """200 kB are more than a pipe holds."""
+    monkeypatch.setattr(json_lines, "START_TIMEOUT", 0.3)
+    ads = AdsSettings("a", "exec:sleep 60", options={"map": "x" * 200_000})
+    found = simulate(case(lead(100.0)), ads.locator, HALF_SECOND, step_timeout=0.3)
+    assert found.end_reason == "ads_timeout"
 
 
 def test_a_program_that_works_on_after_its_case_is_killed_too(tmp_path):

@@ -99,11 +99,15 @@ class JsonLinesProgram(Adapter):
         assert program is not None
         assert program.process.stdin is not None
         text = json.dumps(message, separators=(",", ":")).encode() + b"\n"
-        try:
-            os.write(program.process.stdin.fileno(), text)
-        except BrokenPipeError:
-            raise self._ended() from None
-        line = self._line(program, deadline)
+        handle, until = program.process.stdin.fileno(), clock.monotonic() + deadline
+        os.set_blocking(handle, False)  # a program that reads nothing leaves the pipe full
+        while text:
+            self._wait(program, ([], [handle]), until, deadline)
+            try:
+                text = text[os.write(handle, text) :]
+            except BrokenPipeError:
+                raise self._ended() from None
+        line = self._line(program, until, deadline)
         try:
             answer = json.loads(line)
         except ValueError:
@@ -118,19 +122,27 @@ class JsonLinesProgram(Adapter):
             )
         return answer
 
-    def _line(self, program: ChildProgram, deadline: float) -> str:
+    def _wait(
+        self,
+        program: ChildProgram,
+        handles: tuple[list[int], list[int]],
+        until: float,
+        deadline: float,
+    ) -> None:
+        """Wait until a handle can be read, or written; end the program at its deadline."""
+        left = until - clock.monotonic()
+        timeout = None if left == float("inf") else left
+        if left <= 0.0 or not any(select.select(*handles, [], timeout)):
+            program.kill()
+            raise ControllerTimeoutError(
+                f"The ADS's program must answer within {deadline:g} s, and was ended"
+            )
+
+    def _line(self, program: ChildProgram, until: float, deadline: float) -> str:
         assert program.process.stdout is not None
-        handle, until = program.process.stdout.fileno(), clock.monotonic() + deadline
+        handle = program.process.stdout.fileno()
         while b"\n" not in self._unread:
-            left = until - clock.monotonic()
-            if (
-                left <= 0.0
-                or not select.select([handle], [], [], None if left == float("inf") else left)[0]
-            ):
-                program.kill()
-                raise ControllerTimeoutError(
-                    f"The ADS's program must answer within {deadline:g} s, and was ended"
-                )
+            self._wait(program, ([handle], []), until, deadline)
             chunk = os.read(handle, 65536)
             if not chunk:
                 raise self._ended()
