@@ -1,10 +1,13 @@
 """Hooks of TraCI in one SUMO have exactly what they have alone."""
 
 import ast
+import math
 import os
 import random
+from array import array
 from collections import Counter
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from cosim_cases import case, lead
 
 from sumo_eval import Command
 from sumo_eval.cosim.doors import traci_module, traci_view
+from sumo_eval.cosim.doors.kept_state import first_change, kept_state
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import sample
@@ -287,6 +291,33 @@ class Counts:
     def step(self, traci, ego, time):
         Counts.calls += 1
         return Command(-0.001)
+
+
+class Slots:
+    __slots__ = ("calls",)
+
+
+def test_every_way_to_keep_state_is_seen_and_nan_is_none() -> None:
+    held = Slots()
+    generator = (item for item in range(9))
+    kept = {"nan": math.nan, "slot": held, "bytes": bytearray(1), "numbers": array("d", [0.0]),
+        "space": SimpleNamespace(calls=0), "generator": generator}  # fmt: skip
+
+    def hook() -> None:
+        vars(hook)
+
+    vars(hook).update(kept)
+    derived = type("Slots", (Slots,), {"hook": hook})
+    assert first_change(kept_state(derived), kept_state(derived)) is None
+    changes = (
+        lambda: setattr(held, "calls", 1), lambda: kept["bytes"].append(1),
+        lambda: kept["numbers"].append(1.0), lambda: vars(kept["space"]).update(calls=1),
+        lambda: next(generator),
+    )  # fmt: skip
+    for change in changes:
+        before = kept_state(derived)
+        change()
+        assert first_change(before, kept_state(derived)) == "Slots", change
 
 
 @pytest.mark.parametrize(

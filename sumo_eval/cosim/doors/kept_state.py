@@ -10,9 +10,11 @@ import inspect
 import os
 import random
 import sys
+from array import array
 from collections import deque
+from functools import cache
 from itertools import islice
-from types import FunctionType, ModuleType
+from types import FunctionType, GeneratorType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -22,13 +24,15 @@ _MOST = 10_000  # members of a container, the rest of which is not looked at
 _CONTAINERS = (dict, list, tuple, set, frozenset, deque)
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
 _FOREIGN_PACKAGES = ("sumo_eval", "numpy", "traci", "libsumo")  # and the standard library
+_LOOKED_INTO = ("types", "collections", "queue")  # modules with objects that hold others
 _ITERATOR = "itertools"  # module whose objects show their position in their `repr`
 
 
 def kept_state(ads: Any) -> dict[str, object]:
     """State outside the ADS's objects that its code can change, by name (`module.variable`).
 
-    Iterators of lists, plain generators and byte arrays are compared by identity alone.
+    Objects of the standard library and of compiled code, except those of `_LOOKED_INTO`, and
+    iterators of containers are compared by identity alone.
 
     ads: a class or a function.
     """
@@ -36,9 +40,10 @@ def kept_state(ads: Any) -> dict[str, object]:
     for module in reached_modules(ads):
         own = [(k, v) for k, v in list(vars(module).items()) if not k.startswith("__")]
         state |= {f"{module.__name__}.{name}": _frozen(value, 0) for name, value in own}
+    named: dict[str, list[object]] = {}  # a derived class may have the name of its base
     for kind in ads.__mro__[:-1] if inspect.isclass(ads) else (ads,):
-        state[kind.__qualname__] = _frozen(kind, 0)
-    return state
+        named.setdefault(kind.__qualname__, []).append(_frozen(kind, 0))
+    return state | named
 
 
 def reached_modules(ads: Any) -> list[ModuleType]:
@@ -112,7 +117,7 @@ def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> objec
     seen: these containers and objects, by id: one that contains itself ends there.
     """
     if isinstance(value, _PLAIN):
-        return value
+        return value if value == value else "nan"
     contains = isinstance(value, _CONTAINERS)
     # not the id of a container: `_parts` makes some anew in each picture
     identity = len(value) if contains else id(value)
@@ -133,6 +138,8 @@ def _stream(value: Any) -> object:
     """
     if isinstance(value, np.ndarray):
         return value.dtype.str, value.shape, value.tobytes()
+    if isinstance(value, bytearray | array):
+        return bytes(value)
     if isinstance(value, random.Random):
         return value.getstate()
     if isinstance(value, np.random.Generator):
@@ -147,15 +154,25 @@ def _stream(value: Any) -> object:
 def _parts(value: Any) -> tuple[Any, ...]:
     """Parts of an object, class or function that can change; none where its code is foreign.
 
-    Slots, and functions within a `staticmethod`, `classmethod` or `property`, are not looked into.
+    Functions within a `staticmethod`, `classmethod` or `property` are not looked into.
     """
+    if isinstance(value, GeneratorType):
+        frame = value.gi_frame
+        return () if frame is None else (frame.f_lasti, dict(frame.f_locals))
     kind = value if isinstance(value, type | FunctionType) else type(value)
-    if _is_foreign((kind.__module__ or "").partition(".")[0]):
+    package = (kind.__module__ or "").partition(".")[0]
+    if _is_foreign(package) and (kind is value or package not in _LOOKED_INTO):
         return ()
     if isinstance(value, FunctionType):
         cells = [_cell(it) for it in value.__closure__ or ()]
         return vars(value), value.__defaults__, value.__kwdefaults__, cells
-    return (dict(getattr(value, "__dict__", {})),)
+    slots = [getattr(value, name, None) for name in _slots(kind) if kind is not value]
+    return dict(getattr(value, "__dict__", {})), slots
+
+
+@cache
+def _slots(kind: type) -> list[str]:
+    return [name for name, it in inspect.getmembers_static(kind) if inspect.ismemberdescriptor(it)]
 
 
 def _cell(cell: Any) -> Any:
