@@ -97,16 +97,12 @@ class JsonLinesProgram(Adapter):
     def _ask(self, message: dict[str, Any], deadline: float) -> dict[str, Any]:
         program = self._program
         assert program is not None
-        assert program.process.stdin is not None
         text = json.dumps(message, separators=(",", ":")).encode() + b"\n"
-        handle, until = program.process.stdin.fileno(), clock.monotonic() + deadline
-        os.set_blocking(handle, False)  # a program that reads nothing leaves the pipe full
-        while text:
-            self._wait(program, ([], [handle]), until, deadline)
-            try:
-                text = text[os.write(handle, text) :]
-            except BrokenPipeError:
-                raise self._ended() from None
+        until = clock.monotonic() + deadline
+        try:
+            self._send(program, text, until, deadline)
+        except BrokenPipeError:
+            raise self._ended() from None
         line = self._line(program, until, deadline)
         try:
             answer = json.loads(line)
@@ -121,6 +117,14 @@ class JsonLinesProgram(Adapter):
                 f"The ADS must answer with one line, got more: {self._unread[:200]!r}"
             )
         return answer
+
+    def _send(self, program: ChildProgram, text: bytes, until: float, deadline: float) -> None:
+        assert program.process.stdin is not None
+        handle = program.process.stdin.fileno()
+        os.set_blocking(handle, False)  # a program that reads nothing leaves the pipe full
+        while text:
+            self._wait(program, ([], [handle]), until, deadline)
+            text = text[os.write(handle, text) :]
 
     def _wait(
         self,

@@ -69,7 +69,8 @@ def reached_modules(ads: Any) -> list[ModuleType]:
     return list(reached.values())
 
 
-def _is_foreign(package: str) -> bool:
+def _is_foreign(module: str) -> bool:
+    package = module.partition(".")[0]
     return package in _FOREIGN_PACKAGES or package in sys.stdlib_module_names
 
 
@@ -117,7 +118,7 @@ def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> objec
     seen: these containers and objects, by id: one that contains itself ends there.
     """
     if isinstance(value, _PLAIN):
-        return value if value == value else "nan"
+        return "nan" if value != value else value
     contains = isinstance(value, _CONTAINERS)
     # not the id of a container: `_parts` makes some anew in each picture
     identity = len(value) if contains else id(value)
@@ -126,10 +127,10 @@ def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> objec
     stream = _stream(value)
     if stream is not None:
         return stream
-    within = seen | {id(value)}
+    seen |= {id(value)}
     members = value.items() if isinstance(value, dict) else value
     parts = islice(members, _MOST) if contains else _parts(value)
-    return identity, [_frozen(it, depth + 1, within) for it in parts]
+    return identity, [_frozen(it, depth + 1, seen) for it in parts]
 
 
 def _stream(value: Any) -> object:
@@ -157,15 +158,14 @@ def _parts(value: Any) -> tuple[Any, ...]:
     Functions within a `staticmethod`, `classmethod` or `property` are not looked into.
     """
     if isinstance(value, GeneratorType):
-        frame = value.gi_frame
-        return () if frame is None else (frame.f_lasti, dict(frame.f_locals))
+        return _place(value)
     kind = value if isinstance(value, type | FunctionType) else type(value)
-    package = (kind.__module__ or "").partition(".")[0]
-    if _is_foreign(package) and (kind is value or package not in _LOOKED_INTO):
+    module = kind.__module__ or ""
+    if _is_foreign(module) and (kind is value or module not in _LOOKED_INTO):
         return ()
     if isinstance(value, FunctionType):
-        cells = [_cell(it) for it in value.__closure__ or ()]
-        return vars(value), value.__defaults__, value.__kwdefaults__, cells
+        cells = map(_cell, value.__closure__ or ())
+        return vars(value), value.__defaults__, value.__kwdefaults__, [*cells]
     slots = [getattr(value, name, None) for name in _slots(kind) if kind is not value]
     return dict(getattr(value, "__dict__", {})), slots
 
@@ -173,6 +173,11 @@ def _parts(value: Any) -> tuple[Any, ...]:
 @cache
 def _slots(kind: type) -> list[str]:
     return [name for name, it in inspect.getmembers_static(kind) if inspect.ismemberdescriptor(it)]
+
+
+def _place(generator: Any) -> tuple[Any, ...]:
+    frame = generator.gi_frame
+    return () if frame is None else (frame.f_lasti, dict(frame.f_locals))
 
 
 def _cell(cell: Any) -> Any:
