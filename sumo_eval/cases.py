@@ -481,7 +481,7 @@ class CaseTable(Outcome):
         )
 
     def parameters(self, names: Sequence[str]) -> FloatArray:
-        """Where the cases lie, (n, k): the parameters of these names."""
+        """Points of the cases, (n, k): the parameters of these names."""
         found, first = np.empty((sum(chunk.rows for chunk in self.chunks), len(names))), 0
         for chunk in self.chunks:
             known = json.loads(chunk.columns(slice(_PLACES["values"], _PLACES["values"] + 1))[0])
@@ -529,7 +529,7 @@ class CaseTable(Outcome):
 
 
 def counts(cases: CaseTable) -> dict[str, int]:
-    """How many cases are what, by the names of `ScenarioResult`."""
+    """Number of cases with each outcome, by the names of `ScenarioResult`."""
     flags = {name: getattr(cases, flag) for name, flag in _FLAGS.items()}
     flags |= {"safe_collisions": cases.collided & cases.safe, "not_evaluated": ~cases.evaluated}
     return {name: int(np.count_nonzero(flag)) for name, flag in flags.items()}

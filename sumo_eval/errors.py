@@ -74,7 +74,7 @@ def nearest(name: str, known: Sequence[str]) -> str | None:
 
 
 def _alike_at_the_start(one: str, other: str) -> int:
-    """How many letters two names have in common before the first that differs."""
+    """Number of letters that two names have in common before the first that differs."""
     shorter = min(len(one), len(other))
     return next((place for place in range(shorter) if one[place] != other[place]), shorter)
 

@@ -158,8 +158,8 @@ def _register(function: Callable[..., Any]) -> None:
 
 @functools.cache
 def cache_folder() -> Path:
-    """Where machine code is kept: a folder for each processor, numba, state of the sources, and
-    place of theirs.
+    """Folder of machine code: one for each processor, version of numba, state of the sources, and
+    folder of theirs.
 
     numba itself looks at the file of the loop alone, and would keep using old code of a rule that
     another file holds.

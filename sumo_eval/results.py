@@ -26,7 +26,7 @@ _SCORE = "sumo_eval.report.notebook:score_html"
 
 @dataclass(frozen=True, slots=True)
 class NotComputed:
-    """Why there is no mean over the safe cases, D or H.
+    """Reason why there is no mean over the safe cases, D or H.
 
     collisions: how many in the safe zone left none.
     """
@@ -409,7 +409,7 @@ class Evaluation:
 
     @property
     def source(self) -> Path:
-        """Where relative paths of its settings start."""
+        """Folder where relative paths of its settings start."""
         return Path(str(self.manifest.get("source_folder", ".")))
 
     @property

@@ -94,8 +94,8 @@ class Trajectory:
 
     @classmethod
     def of_block(cls, block: FloatArray, *, length: float, width: float) -> Trajectory:
-        """From one (7, n) array that holds every channel, in the order of `CHANNELS`; the array is
-        taken over and made read-only.
+        """Make a trajectory of one (7, n) array with every channel, in the order of `CHANNELS`; the
+        array is taken over and made read-only.
 
         Checks what the constructor does, in a fifth of its time.
         """
@@ -256,7 +256,7 @@ _WENT_WRONG = ("keeps_state", "together_failed", "pack_lost", "block_lost", "lat
 
 @dataclass(frozen=True, slots=True)
 class Alone:
-    """Why a case has to be driven alone.
+    """Reason why a case has to be driven alone.
 
     detail: message of what failed; empty where the reason is complete without it.
     """

@@ -180,7 +180,7 @@ def first_instant(
 
 @kernel
 def demand_jump(demand: Callable[..., float], scene: Any, begin: float, end: float) -> float:
-    """Where within begin..end, s, a demand that jumps there passes half of its change.
+    """Instant within begin..end, s, at which a demand that jumps there passes half of its change.
 
     A level in the middle of a part errs in second order where the demand is smooth in it, and in
     first order where it jumps. `end`, where the demand changes by less than 0.5 m/s2.

@@ -160,7 +160,7 @@ def evasion(
 
 
 def _end_at_its_speed(concrete: ConcreteScenario, settings: SimulationSettings) -> float:
-    """When an ego that keeps its speed is at the road's end, s; at most the time limit."""
+    """Time at which an ego that keeps its speed is at the road's end, s; at most the time limit."""
     ego = concrete.ego
     to_the_end = (concrete.road.length - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
     return min(settings.time_limit, to_the_end)
@@ -299,7 +299,7 @@ def _hides(
 
 
 class _Shape(NamedTuple):
-    """Where a (turned) body is, and half its extents along and across the road, m."""
+    """Centre of a (turned) body, and half its extents along and across the road, m."""
 
     x: float
     y: float

@@ -88,8 +88,8 @@ def _decide_at(scene: Any, after: float) -> float:
 
 @kernel
 def _turn_in(scene: Any, step: float) -> float:
-    """When in the coming `step` the lane change begins, or the acceleration that is wanted jumps,
-    s; `step`: never.
+    """Time in the coming `step` at which the lane change begins, or the wanted acceleration jumps,
+    s; `step`: neither.
     """
     memory = scene[1]
     now, changes_now = wanted_at(scene, 0.0), memory.tried.changing

@@ -108,7 +108,7 @@ BRAKES = ("brakes", fields("response", "braking", "jerk"))
 
 
 class Brakes(NamedTuple):
-    """How a driver brakes: `response` s after a demand, with up to `braking` m/s2, rising at `jerk`
+    """Brakes of a driver: `response` s after a demand, with up to `braking` m/s2, rising at `jerk`
     m/s3.
     """
 

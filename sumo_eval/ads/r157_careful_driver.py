@@ -443,7 +443,7 @@ class CarefulDriver(Compiled):
 
     @property
     def brakes(self) -> Brakes:
-        """Of the driver, and of the emergency brakes where they are stronger."""
+        """Brakes of the driver, or the emergency brakes where they are stronger."""
         strongest = AEB_BRAKING if self.aeb else HUMAN_BRAKING
         return Brakes(self.reaction, strongest, strongest / BUILD_UP)
 

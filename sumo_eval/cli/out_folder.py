@@ -1,6 +1,4 @@
-"""Where a command will write: tried before it works for minutes and then could not keep what it
-found.
-"""
+"""Output folder of a command: tried before the work begins, which could not be kept otherwise."""
 
 from __future__ import annotations
 

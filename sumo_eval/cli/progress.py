@@ -34,7 +34,7 @@ class _Burst(NamedTuple):
 
 
 class _Stage:
-    """How far one piece of work is."""
+    """Progress of one piece of work."""
 
     def __init__(self, now: float) -> None:
         self.task: Any = None  # of the bar

@@ -501,8 +501,8 @@ class Policies(EgoControl):
                 world.fail(row, fault, sentence)
 
     def _look(self, time: float) -> tuple[list[Any], list[Any], list[Any]]:
-        """Of each row the ego as it is, the ego as the ADS sees it, and the actors as it sees
-        them.
+        """The ego as it is, the ego as the ADS sees it, and the actors as it sees them, of each
+        row.
         """
         egos, others = self._ego_values.tolist(), present(self._other_values, self._present)
         if self._perception is None:

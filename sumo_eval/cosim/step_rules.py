@@ -357,7 +357,7 @@ def _go_back(body: Any, share: float) -> None:
 
 @kernel
 def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
-    """Why a case ends, 0 while it continues."""
+    """Reason why a case ends, 0 while it continues."""
     road = scenario.road
     ego.stood = ego.stood + scenario.step if ego.speed < scenario.standstill_speed else 0.0
     if not right_edge_at(road, ego.x) <= ego.y <= left_edge_at(road, ego.x):

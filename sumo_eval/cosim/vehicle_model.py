@@ -66,8 +66,8 @@ _SET_SPEED = vars(Command)["speed"].__set__
 
 @dataclass(frozen=True, slots=True)
 class Pedals:
-    """How far the pedals are pressed, 0..1, and the wheel turned, -1..1 of its end stops, positive
-    to the left.
+    """Positions of the pedals, 0..1, and of the steering wheel, -1..1 of its end stops, positive to
+    the left.
     """
 
     throttle: float = 0.0
@@ -385,9 +385,7 @@ def drive(
 
 @kernel
 def _ramp(a: float, target: float, limits: Any) -> tuple[float, float]:
-    """Where the acceleration goes next on its way from `a` to `target`, m/s2, and its rate, m/s3
-    (0: it is there).
-    """
+    """Next acceleration on the way from `a` to `target`, m/s2, and its rate, m/s3 (0: there)."""
     if abs(a - target) < _SAME:
         return a, 0.0
     if target < a:

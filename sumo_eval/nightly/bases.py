@@ -42,7 +42,7 @@ class Bases:
 
     @property
     def comparisons(self) -> tuple[Comparison, ...]:
-        """Those that there are."""
+        """All comparisons that exist."""
         return tuple(one for one in (self.comparison, self.pinned) if one is not None)
 
 

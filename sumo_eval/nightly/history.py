@@ -266,9 +266,7 @@ class History:
         return {night for (night,) in names}
 
     def stopped_last(self) -> list[str]:
-        """Those of them that began after the last one that has a line, in the order of their
-        beginning.
-        """
+        """Nights that began after the last one with a line, in the order of their beginning."""
         names = self._connection.execute(
             "SELECT night FROM begun WHERE rowid > coalesce((SELECT max(b.rowid) FROM begun AS b "
             "JOIN nights USING (night)), 0) ORDER BY rowid"

@@ -150,7 +150,7 @@ def _newly_bad_rows(
 
 
 def shaky_cases(done: Evaluation, bad: Mapping[str, int], settings: GateSettings) -> set[ShakyCase]:
-    """Those of the rerun cases that were not bad in all of their drives."""
+    """Rerun cases that were not bad in all of their drives."""
     some = {case for case, drives in bad.items() if drives <= settings.outcome.repeats}
     return {_place(row) for row in done.cases if row.case in some} if some else set()
 

@@ -148,7 +148,7 @@ def _shaky_words(shaky: Sequence[str], noise: Noise) -> str:
 
 
 def end_change(old: CaseResult, now: CaseResult, units: tuple[str, str]) -> CaseChange:
-    """How a case ended before and ends now, with the cause of a contact.
+    """End of a case before and now, in words, with the cause of a contact.
 
     units: of U, before and now.
     """

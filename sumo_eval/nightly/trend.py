@@ -114,7 +114,7 @@ def write_trend(folder: Path, history: History) -> Path:
 
 
 def failed_nights(nights: Sequence[Night]) -> list[dict[str, Any]]:
-    """Where on every chart a night stands that failed, and why it did."""
+    """Failed nights, with their place on every chart and the reason."""
     step = (WIDTH - LEFT - RIGHT) / max(len(nights), 1)
     return [
         {
@@ -165,7 +165,7 @@ Series = Mapping[tuple[str, str], float]
 
 
 def _place(number: int, nights: int) -> float:
-    """Where a night stands on a chart."""
+    """Place of a night on a chart."""
     return LEFT + (WIDTH - LEFT - RIGHT) / max(nights, 1) * (number + 0.5)
 
 

@@ -137,7 +137,7 @@ def _braking_before(ego: Trajectory, contact: float) -> str:
 
 
 def task_words(scene: CaseDrives, logical: LogicalScenario, margin: float) -> _Said:
-    """Where the drive fell furthest behind the slowest of the references.
+    """Words on where the drive fell furthest behind the slowest reference.
 
     margin: `road_margin`, m; a drive that departs from the road does not count as a reference.
     """
@@ -208,8 +208,8 @@ def _extreme(scene: CaseDrives, people: Quantiles) -> tuple[str, float]:
 
 
 def _reached(scene: CaseDrives, name: str, value: float) -> float:
-    """When a drive first reached an extreme, s: the shortest drive from its start that has it, by
-    bisection.
+    """Time at which a drive first reached an extreme, s: that of the shortest drive from its start
+    that has it, by bisection.
     """
     ego, low, high = scene.ego, 2, len(scene.ego.time)
     while low < high:
@@ -248,7 +248,7 @@ def _event(scene: CaseDrives, when: float) -> str:
 
 
 def _unlike(scene: CaseDrives) -> tuple[str, float]:
-    """Where path or speed lies furthest from the drivers' own spread."""
+    """Words on where path or speed differ most from the drivers' own spread."""
     ego, end = scene.ego, min(float(one.x.max()) for one in (scene.ego, *scene.drivers))
     places = np.arange(float(ego.x[0]), max(end, float(ego.x[0]) + 1.0))
     speed, y = (_furthest(scene, places, channel) for channel in ("speed", "y"))

@@ -224,7 +224,7 @@ def map_words(view: View) -> str:
 
 
 def gathered_words(view: View) -> str:
-    """Where the cases of a panel lie off its value; else nothing."""
+    """Note on the cases of a panel that have another value than the panel; empty without any."""
     if view.panel is None or not view.gathered:
         return ""
     return f"Each case is drawn in the panel whose {view.names[view.panel]} is nearest to its own."
@@ -346,8 +346,8 @@ def drawn_shape(road: Road) -> dict[str, Any]:
 
 
 def drawn_line(road: Road) -> list[list[float]]:
-    """Where the stretches of a road's line begin, rows of s, x, y, heading, curvature, its rate; []
-    for none.
+    """Begins of the pieces of a road's line, rows of s, x, y, heading, curvature, its rate; []
+    without a line.
     """
     return [[float(f"{value:z.9g}") for value in row] for row in knots_of(road.line).tolist()]
 

@@ -1,5 +1,5 @@
-"""Where the paper leaves something open, what was done in this run, and every setting with its unit
-and equation.
+"""Readings of the paper where it leaves something open, as in this run, and every setting with its
+unit and equation.
 """
 
 from __future__ import annotations

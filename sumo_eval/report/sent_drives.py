@@ -1,4 +1,4 @@
-"""Which recorded drives travel in a page, and how: small enough for one file.
+"""Choice of the recorded drives that a page contains, and their form: small enough for one file.
 
 Trajectories keep their recorded samples. Every channel is rounded to its step in `CHANNEL_STEPS`,
 written as differences of whole numbers, and deflated; values outside their range travel unchanged
@@ -176,8 +176,8 @@ def worth_embedding(
 def contact(
     hit: Collision | None, ego: Trajectory | None, last: float | None = None
 ) -> dict[str, Any] | None:
-    """Where the replay shows a contact: time since the recording began, the other's name, the side
-    that was hit.
+    """Contact as the replay shows it: time since the recording began, name of the other vehicle,
+    touched side.
 
     last: the last moment at which full braking avoids it, s.
     """
@@ -190,7 +190,7 @@ def contact(
 
 
 def contact_of(fact: Fact, ego: Trajectory) -> dict[str, Any] | None:
-    """Where the replay shows the contact of a recorded case."""
+    """Contact of a recorded case as the replay shows it."""
     return contact(fact.collision, ego, cause_of_contact(fact).no_return_time)
 
 

@@ -218,7 +218,9 @@ def comparison_lines(
 
 
 def comparison_notes(comparison: Comparison) -> Iterator[str]:
-    """Which ADSs and cases of two runs are compared, where a reader would take it for granted."""
+    """Notes on the ADSs and cases of two runs that are compared, where a reader could assume
+    something else.
+    """
     for new, base in comparison.supposed.items():
         yield f"`{new}` is compared with `{base}`: each run has one ADS only."
     for name in comparison.only_new:
@@ -351,7 +353,7 @@ def ledger_lines(evaluation: Evaluation) -> list[str]:
 
 
 def cause_of(line: LedgerLine, score: ScenarioResult) -> str:
-    """Why a line of the ledger gained or lost its points."""
+    """Reason why a line of the ledger gained or lost its points."""
     if line.cause != NOT_COMPUTED:
         return line.cause
     reasons = {"T": REASON_WITHOUT_T, **{name: reason_without(name, score) for name in "HD"}}

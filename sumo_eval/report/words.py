@@ -123,7 +123,7 @@ GLOSSARY = {
 
 @dataclass(frozen=True, slots=True)
 class VerdictStyle:
-    """How a verdict appears: words, the letter in a cell of the map (readable without colour),
+    """Appearance of a verdict: words, the letter in a cell of the map (readable without colour),
     colours.
     """
 
@@ -266,7 +266,7 @@ def one_line(text: str) -> str:
 
 
 def end_reason(case: CaseResult) -> str:
-    """Why a case ended, in words."""
+    """Reason why a case ended, in words."""
     if case.struck_from_behind:
         return STRUCK
     return _END.get(case.end_reason or "", case.end_reason or "not known")
@@ -326,7 +326,7 @@ def people_sentence(evaluation: Evaluation) -> str:
 
 
 def sampling_words(sampling: SamplingSettings, logical: LogicalScenario) -> str:
-    """How the points were chosen, in words; the rules are those of
+    """Choice of the points, in words; the rules are those of
     `sumo_eval.scenario.sampling.samples.sample`.
     """
     suffixes = {item.name: item.unit_suffix for item in logical.parameters}
@@ -354,7 +354,7 @@ def sampling_words(sampling: SamplingSettings, logical: LogicalScenario) -> str:
 
 
 def why_missing(case: CaseResult) -> str:
-    """Why a case is missing from a mean, of one that is."""
+    """Reason why a missing case is missing from a mean."""
     if not case.evaluated:
         return case.error or _STATUS.get(case.status, f"Its status is {case.status}.")
     for severity, whose, symbol, error in (
@@ -416,7 +416,7 @@ def missing_term(name: str, reason: str) -> str:
 
 
 def explain_a(found: Findings) -> str:
-    """Why A is what it is."""
+    """Explanation of A."""
     score = found.score
     said = collisions_sentence(score)
     if score.avoided_share is None:
@@ -436,14 +436,14 @@ def explain_a(found: Findings) -> str:
 
 
 def _most_from(name: str, case: CaseResult, lost: float, of: float) -> str:
-    """Which case took most from a score, if it is worth naming."""
+    """Case that took most from a score, if it is worth naming."""
     if not (lost and lost >= SHARE_WORTH_NAMING * of):
         return ""
     return f" {point_words(case.values)} took the most from {name}: {lost:z.3f} of {of:z.3f}."
 
 
 def explain_h(found: Findings) -> str:
-    """Why H is what it is."""
+    """Explanation of H."""
     score, likened = found.score, found.likened
     if score.human_likeness is None:
         return missing_term("H", reason_without("H", score))
@@ -457,7 +457,7 @@ def explain_h(found: Findings) -> str:
 
 
 def explain_s_plus(found: Findings) -> str:
-    """How S+ is made of T, A' and H."""
+    """Explanation of S+ from T, A' and H."""
     score, points = found.score, found.settings.method.score
     if score.s_plus is None:
         reason = REASON_WITHOUT_T if score.task_share is None else REASON_WITHOUT_C
@@ -469,7 +469,7 @@ def explain_s_plus(found: Findings) -> str:
 
 
 def explain_t(found: Findings) -> str:
-    """Why T is what it is."""
+    """Explanation of T."""
     score, beside = found.score, "the drivers alone: the run has no reference car"
     if score.task_share is None:
         return f"T is not computed: {REASON_WITHOUT_T}."
@@ -506,7 +506,7 @@ def ratio_of(case: CaseResult, loss: str) -> float:
 
 
 def explain_c(found: Findings) -> str:
-    """Why C is what it is."""
+    """Explanation of C."""
     score, loss = found.score, found.settings.method.collision.loss
     if score.c is None:
         return missing_term("C", REASON_WITHOUT_C)
@@ -531,7 +531,7 @@ def explain_c(found: Findings) -> str:
 
 
 def explain_d(found: Findings) -> str:
-    """Why D is what it is."""
+    """Explanation of D."""
     score, cases, counted = found.score, found.cases, found.indexed
     if score.d is None:
         return missing_term("D", reason_without("D", score))
@@ -554,7 +554,7 @@ TWO_GROUPS = (
 
 
 def _limit(means: Mapping[str, float], words: str) -> str:
-    """Which factor limits a mean most, with the mean of each.
+    """Factor that limits a mean most, with the mean of each.
 
     words: `{}`, or around it.
     """
@@ -566,7 +566,7 @@ def _limit(means: Mapping[str, float], words: str) -> str:
 
 
 def parts_of_total(ranking: Ranking) -> str:
-    """Which scenarios of an evaluation have no S+, and in which H counts 0; else nothing."""
+    """Scenarios of an evaluation without S+, and those in which H counts 0; empty without any."""
     parts = [
         f"{why} in {', '.join(names)}"
         for names, why in (
@@ -579,7 +579,7 @@ def parts_of_total(ranking: Ranking) -> str:
 
 
 def reason_without(name: str, score: ScenarioResult) -> str:
-    """Why there is no D, or no H, without the words `not computed`."""
+    """Reason why there is no D, or no H, without the words `not computed`."""
     note, what = {"D": (score.d_reason, "D_i"), "H": (score.h_reason, "human-likeness")}[name]
     if note is None:
         return ""
@@ -640,7 +640,7 @@ def index_note_words(case: CaseResult) -> str:
 
 
 def reference_note_words(case: CaseResult) -> str:
-    """Why the drivers of a case are too few, and what is done about it; nothing where they are
+    """Reason why the drivers of a case are too few, and the consequence; empty where they are
     enough.
     """
     note = case.reference_note
@@ -780,7 +780,7 @@ def _range(numbers: Sequence[int]) -> str:
 
 
 def explain_s(found: Findings) -> str:
-    """How S adds up."""
+    """Sum of S, in words."""
     score, terms = found.score, found.settings.method.score
     if score.s is None:
         return "S is not computed: nothing could be evaluated."

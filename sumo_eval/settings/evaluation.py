@@ -25,7 +25,7 @@ _Levels = Annotated[int, Ge(2)]
 
 @dataclass(frozen=True, slots=True)
 class SamplingSettings(Checked):
-    """Which concrete scenarios of a space are simulated."""
+    """Choice of the concrete scenarios of a space that are simulated."""
 
     method: Annotated[
         str | None,
@@ -113,7 +113,7 @@ class DeclaredDistribution(Checked):
 
 @dataclass(frozen=True, slots=True)
 class ExposureSettings(Checked):
-    """How often the concrete scenarios of a space occur on the road: p_i of Eq. 13."""
+    """Frequency of the concrete scenarios of a space on the road: p_i of Eq. 13."""
 
     kind: Annotated[
         Literal["scenario", "uniform", "recorded", "declared"],

@@ -12,7 +12,7 @@ from sumo_eval.settings.checked import About, Checked, PositiveFloat
 
 @dataclass(frozen=True, slots=True)
 class RunSettings(Checked):
-    """How the cases are worked off."""
+    """Execution of the cases."""
 
     workers: Annotated[int, Ge(1), Le(1_000), About("processes that simulate cases")] = 2
     case_timeout: Annotated[PositiveFloat, Le(1e6), About("wall time a case may take", "s")] = 60.0

@@ -144,9 +144,7 @@ class ConditionSettings(Checked):
 
 @dataclass(frozen=True, slots=True)
 class FmuSettings(Checked):
-    """Which variables of an FMU carry what; names that are not mapped are looked for as they
-    are.
-    """
+    """Mapping of an FMU's variables; names that are not mapped are looked for as they are."""
 
     inputs: Annotated[
         dict[str, str | float],
@@ -201,7 +199,7 @@ class TrackerSettings(Checked):
 
 @dataclass(frozen=True, slots=True)
 class SimulationSettings(Checked):
-    """How SUMO steps a case and when a case ends."""
+    """Simulation of a case: the steps of SUMO, and the end of the case."""
 
     step: Annotated[PositiveFloat, Le(0.1), About("step of SUMO and of the controller", "s")] = 0.05
     record_interval: Annotated[

@@ -51,7 +51,9 @@ class RecordedExposure(NamedTuple):
         return density.reshape(places.shape[1:])
 
     def supported(self, points: FloatArray) -> BoolArray:
-        """Which points (m, k) lie within `SUPPORT` kernel deviations of at least one event."""
+        """Whether each of the points (m, k) is within `SUPPORT` kernel deviations of at least one
+        event.
+        """
         from scipy.spatial import cKDTree
 
         kernel = np.atleast_2d(np.cov(self.points.T)) * self.factor**2
@@ -61,7 +63,7 @@ class RecordedExposure(NamedTuple):
 
 
 class RunExposure(NamedTuple):
-    """How a scenario's concrete scenarios are weighted.
+    """Exposure of a scenario's concrete scenarios.
 
     density: p at values by name.
     about: one sentence.

@@ -1,5 +1,5 @@
-"""From positions on a map to road coordinates, without a map: roads and lanes are read off the
-traffic itself.
+"""Road coordinates of positions on a map, without a map of the roads: roads and lanes are found
+from the traffic itself.
 
 Stream by stream: the longest track left is the axis; every vehicle that drives along it belongs to
 its stream, and what drives along none is left out and counted. Across the axis, traffic gathers in

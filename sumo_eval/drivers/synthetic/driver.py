@@ -231,7 +231,7 @@ class SyntheticDriver(Compiled):
 
     @property
     def habits(self) -> OvertakingHabits:
-        """How the driver overtakes."""
+        """Overtaking habits of the driver."""
         driver = self.driver
         return OvertakingHabits(
             inclined=driver.overtakes,

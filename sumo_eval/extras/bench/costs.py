@@ -103,7 +103,7 @@ class BatchPolicy:
         return np.where(self.brakes, -4.0, 0.0)
 
     def settled(self) -> NDArray[np.bool_]:
-        """Which egos keep their speed while no actor is near."""
+        """Whether each ego keeps its speed while no actor is near."""
         return np.logical_not(self.brakes)
 
 

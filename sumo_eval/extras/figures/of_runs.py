@@ -306,7 +306,7 @@ def _name_the_scores(ax: Axes, scores: Sequence[ScenarioResult]) -> None:
 
 
 def points(asked: Asked) -> Figure:
-    """Where the points of S+ and S went: what each ADS kept of its hundred and what each term cost,
+    """Figure of the points of S+ and S: what each ADS kept of its hundred and what each term cost,
     scenario by scenario.
     """
     scores = asked.scores

@@ -1,6 +1,4 @@
-"""How a figure looks and is saved: column widths, fonts, colours that colour-blind people tell
-apart.
-"""
+"""Appearance and saving of figures: column widths, fonts, colours for every colour vision."""
 
 from __future__ import annotations
 

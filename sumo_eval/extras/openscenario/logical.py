@@ -129,7 +129,7 @@ class Weighted:
 
 
 def refusal(space: FileSpace, road: Frame, point: Mapping[str, float]) -> str | None:
-    """Why a point is not supported; None where it is.
+    """Reason why a point is not supported; None: it is.
 
     A constraint that does not hold is `= constraint`.
     """
@@ -291,7 +291,7 @@ def notes_on(
 
 
 def _about_zones(logical: LogicalScenario, scenes: Scenes) -> Iterator[str]:
-    """Why every point counts as safe, where no zones are searched."""
+    """Reason why every point counts as safe, where no zones are searched."""
     if logical.search is not None:
         return
     if _search(scenes, logical.road) is not None:

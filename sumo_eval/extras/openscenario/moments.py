@@ -1,4 +1,4 @@
-"""When something begins: at a time, or when a condition on what happens holds.
+"""Begins of storyboard elements: at a time, or when a condition on what happens becomes true.
 
 A trigger that is known before the drive is a time. A condition on the drive becomes a
 program of `scenario.played`, as a `when` of a scenario file does.
@@ -371,13 +371,13 @@ class Conditions:
         return centre if free or ahead == 0.0 else centre + constant(ahead)
 
     def _ahead(self, element: Node, one: Entity, other: Entity | Pose, axis: int) -> Number:
-        """How far another body, or its reference point, is ahead or to the left, m."""
+        """Distance by which another body, or its reference point, is ahead or to the left, m."""
         free = element.flag("freespace")
         other_at = self._coordinate(other, axis, element, free=free)
         return other_at - self._coordinate(one, axis, element, free=free)
 
     def _apart(self, element: Node, one: Entity, other: Entity | Pose, axis: int) -> Number:
-        """How far two bodies, or their reference points, are apart along one axis, m."""
+        """Distance of two bodies, or of their reference points, along one axis, m."""
         apart = abs(self._ahead(element, one, other, axis))
         scale = self._scale(element, one) if axis == played.X else 1.0
         if not element.flag("freespace"):

@@ -56,7 +56,7 @@ class MapRoad:
 
     @property
     def length(self) -> float:
-        """Of its reference line, m."""
+        """Length of its reference line, m."""
         return length_of(self.line)
 
     @property

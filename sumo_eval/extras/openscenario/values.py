@@ -64,7 +64,7 @@ def plain(written: str) -> Value:
 
 
 class WrongValueError(Exception):
-    """Why a written value is wrong, as the end of a message on its element."""
+    """Reason why a written value is wrong, as the end of a message on its element."""
 
 
 def worked_out(written: str, known: Mapping[str, Value]) -> Value:

@@ -1,3 +1,3 @@
-"""From recordings to rates: logical scenarios learnt from traffic, and how often an ADS would crash
-in them.
+"""Crash rates from recordings: logical scenarios learnt from traffic, and how often an ADS would
+crash in them.
 """

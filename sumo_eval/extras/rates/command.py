@@ -1,4 +1,4 @@
-"""From recordings to rates: `learn` logical scenarios from traffic, run a `campaign` over them."""
+"""Commands for crash rates: `learn` logical scenarios from traffic, run a `campaign` over them."""
 
 from __future__ import annotations
 

@@ -175,12 +175,12 @@ class RareEvents:
 
     @property
     def points(self) -> FloatArray:
-        """Where drives were, (n, k)."""
+        """Points of the drives, (n, k)."""
         return self._search.points
 
     @property
     def collided(self) -> BoolArray:
-        """How they ended, (n,)."""
+        """Outcomes of the drives, (n,)."""
         return self._search.outcomes
 
     @property

@@ -50,7 +50,7 @@ DATE = "2022-01-01T00:00:00"  # the header of OpenSCENARIO needs one; the file d
 
 
 class Fit(NamedTuple):
-    """How well a model describes vehicles that it was not fitted to.
+    """Fit of a model to vehicles that it was not fitted to.
 
     log_likelihood: mean, nats an event.
     kolmogorov: parameter -> distance to the held-out vehicles.

@@ -31,7 +31,7 @@ class Table(NamedTuple):
 
     @property
     def numbers(self) -> tuple[bool, ...]:
-        """Which columns hold numbers alone."""
+        """Whether each column holds numbers alone."""
         columns = [[row[j] for row in self.rows if row[j]] for j in range(len(self.header))]
         return tuple(bool(cells) and all(NUMBER.match(cell) for cell in cells) for cells in columns)
 

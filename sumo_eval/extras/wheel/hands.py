@@ -1,5 +1,5 @@
-"""From keys, a steering wheel or a stick to the command of one step: the steering law, evaluated by
-the server.
+"""Command of one step from keys, a steering wheel or a stick: the steering law, evaluated by the
+server.
 
 A key cannot be pressed halfway. While one is held the steering wheel turns towards a limit that the
 speed sets, the angle that gives a stated acceleration across the road, and returns as soon as it is

@@ -27,7 +27,7 @@ SEEN = ROW.index("seen")
 
 @dataclass(frozen=True, slots=True)
 class QualitySettings(Checked):
-    """From which quality a drive counts."""
+    """Bounds of quality within which a drive counts."""
 
     dropped: Annotated[
         float, NotNegative, Le(1.0), About("largest share of pictures that came late")
@@ -94,7 +94,9 @@ class Quality:
         return words
 
     def against(self, rule: QualitySettings) -> tuple[str, ...]:
-        """Why a drive does not count, a sentence for each bound that it breaks; none: it counts."""
+        """Reasons why a drive does not count, a sentence for each bound that it breaks; none: it
+        counts.
+        """
         why = []
         for name, words in (
             ("dropped", "share of late pictures"),
@@ -143,14 +145,14 @@ def quality_of(
 
 
 def first_event(concrete: ConcreteScenario) -> float | None:
-    """When the first actor changes its motion, s; None where none does at a stated time."""
+    """Time at which the first actor changes its motion, s; None: none does at a known time."""
     begins = [act.begin for it in concrete.actors for act in it.acts if act.timed]
     return min((begin for begin in begins if np.isfinite(begin)), default=None)
 
 
 def reaction(recording: Recording, event: float, vehicle: VehicleSettings) -> float | None:
-    """From an event to the first braking or steering that was not there before it, s; None where
-    there is none.
+    """Time from an event to the first braking or steering that was not there before it, s; None:
+    none.
 
     Braking: 0.5 m/s2 below the acceleration at the event. Steering: 0.35 m/s2 across beyond that at
         the event, of the path that the steering wheel asks for, v^2 tan(angle / steering ratio) /

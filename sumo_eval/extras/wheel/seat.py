@@ -120,7 +120,7 @@ class Seat:
         return 0.0
 
     def _wait(self) -> float:
-        """Until the step is due; how late it is then, s."""
+        """Wait until the step is due; how late it is then, s."""
         desk = self._desk
         while True:
             if self._waits():

@@ -94,7 +94,7 @@ def read(path: Path) -> Samples:
 
 
 def _why_left_out(obstacle: Any, shape: Any, states: list[Any]) -> str:
-    """Why an obstacle is not a vehicle that was driven; empty: it is one."""
+    """Reason why an obstacle is not a driven vehicle; empty: it is one."""
     if obstacle.tag == "staticObstacle" or obstacle.findtext("role", "dynamic") != "dynamic":
         return "which stand"
     if shape is None:

@@ -116,8 +116,8 @@ def line_of_row(path: Path, row: int, heading: int = 1) -> int:
 
 
 def add_motion(table: pd.DataFrame, names: Sequence[str], owner: str) -> list[str]:
-    """Those channels of `names` that a table of tracks, sorted by time, lacks, added from the
-    motion of each track.
+    """Add those channels of `names` that a table of tracks, sorted by time, lacks, from the motion
+    of each track.
 
     owner: names the table in sentences.
     """
