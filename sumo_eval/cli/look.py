@@ -149,7 +149,7 @@ def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: P
         for path in write(run, out, kind or "csv"):
             tell(str(path))
         if lost := open_run(run).discarded:
-            size = f"{lost / 1e6:.2g} MB of trajectories"
+            size = f"{lost / 1e6:z.2g} MB of trajectories"
             tell(f"Not among them: {size} that `[run] keep` has discarded.", err=True)
         return
     if kind is not None:
