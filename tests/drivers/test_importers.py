@@ -13,7 +13,7 @@ from drivers.real_data import needs_recordings, recording
 from sumo_eval.cli import main
 from sumo_eval.drivers.recorded.importers import commonroad, highd, levelx, ngsim, openacc, sumo_fcd
 from sumo_eval.drivers.recorded.importing import FORMATS, each_of, import_recordings
-from sumo_eval.drivers.recorded.recordings import COLUMNS, read_csv, write_csv
+from sumo_eval.drivers.recorded.recordings import COLUMNS, canonical, read_csv, write_csv
 from sumo_eval.errors import InputError
 
 FCD = "timestep_time;vehicle_angle;vehicle_id;vehicle_speed;vehicle_x;vehicle_y\n"
@@ -294,6 +294,18 @@ def test_identifiers_are_text_whatever_it_is(tmp_path, form):
     (tmp_path / "empty.csv").write_text(text.replace("r,b,", "r,,"))
     with pytest.raises(InputError, match=r"`vehicle` in row 32 of .* must be a name, got nothing"):
         import_recordings(form, [tmp_path / "empty.csv"])
+
+
+@pytest.mark.parametrize("rate", [10, 20, 25])
+def test_a_lane_is_that_of_the_nearest_sample(tmp_path, rate):
+    table = pd.read_csv(_plain(tmp_path / "plain.csv"))
+    time = np.arange(2 * rate + 1) / rate
+    table = table.iloc[:1].drop(columns="t").merge(pd.DataFrame({"t": time}), how="cross")
+    table = table.assign(
+        lane=(time > 0.999).astype(int), heading=0.0, speed=20.0, **{"class": "car"}
+    )
+    lanes = canonical(table).table.set_index("t")["lane"]
+    assert (lanes[0.9], lanes[1.0]) == (0, 1)
 
 
 def test_one_bad_file_among_good_ones_imports_nothing(tmp_path):

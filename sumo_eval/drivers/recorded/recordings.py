@@ -120,7 +120,7 @@ def _on_the_clock(track: pd.DataFrame) -> pd.DataFrame | None:
     for name in ("x", "y", "speed"):
         even[name] = on_clock(given[name])
     even["heading"] = on_clock(np.unwrap(given["heading"]))
-    nearest = np.clip(np.searchsorted(time, clock - INTERVAL / 2), 0, len(time) - 1)
+    nearest = np.searchsorted(0.5 * (time[1:] + time[:-1]), clock)
     even["lane"] = track["lane"].to_numpy()[nearest].astype(np.int64)
     # nan at one sample makes a channel unknown
     even["acceleration"] = np.gradient(smooth(even["speed"].to_numpy(), 11), INTERVAL)
