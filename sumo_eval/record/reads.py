@@ -74,6 +74,7 @@ class _Watch:
         self._modules = 0
         if before is None:
             return
+        before.active = False  # where a Ctrl-C ended its run amid a case, it still watches
         for path, found in before._known:
             if found != WRITTEN:  # what was loaded then may still be in memory
                 same = content(path, _state(path)) == found
