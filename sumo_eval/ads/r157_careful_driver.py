@@ -107,7 +107,7 @@ lane_y: y of the centre of the lane where it was first seen; of a vehicle that s
 offset, time, speed: distance from `lane_y`, m, time, s, and speed along the road, m/s, when it was
     last seen.
 strayed_at: instant from which it is further off `lane_y` than wandering explains, s.
-braking: its deceleration of the last step, m/s2.
+braking: its mean deceleration since the step in which it was last seen, m/s2.
 braked_at: instant at which `braking` exceeded the driver's threshold, s.
 evaluated_at: instant at which the evaluation of an event of it ends, s.
 necessary_at: instant at which braking for it became necessary, s.
@@ -183,7 +183,9 @@ def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None
         known.lane_y = centre if other.speed > 0.0 else other.y
         known.offset, known.time = other.y - known.lane_y, time
     else:
-        braking = (known.speed - other.along) / scenario.step
+        # over the steps since it was last in sight
+        steps = max(round((time - known.time) / scenario.step), 1)
+        braking = (known.speed - other.along) / (steps * scenario.step)
     offset = other.y - known.lane_y
     if math.isnan(known.strayed_at) and abs(offset) > p.wander and abs(offset) > abs(known.offset):
         share = max((p.wander - abs(known.offset)) / (abs(offset) - abs(known.offset)), 0.0)

@@ -28,7 +28,7 @@ from sumo_eval.ads.r157 import (
     time_headway,
     time_to_collision,
 )
-from sumo_eval.ads.r157_careful_driver import CarefulDriver, needed_deceleration
+from sumo_eval.ads.r157_careful_driver import _WATCHED, CarefulDriver, _look_at, needed_deceleration
 from sumo_eval.ads.reg157 import Reg157, avoidable_ttc
 from sumo_eval.ads.rss import lateral_safe_distance, longitudinal_safe_distance
 from sumo_eval.cosim.records import MOVER
@@ -70,6 +70,17 @@ def test_headways_by_hand():
     assert time_headway(me, other) == pytest.approx(1.5)
     assert lateral_gap(me, other) == pytest.approx(1.7)
     assert time_to_collision(other, me) == math.inf
+
+
+def test_a_lead_that_was_out_of_sight_brakes_by_its_mean_rate():
+    """From 20 to 18 m/s in 1 s are 2 m/s2, below the 5 m/s2 that the driver perceives."""
+    known = fresh(_WATCHED)
+    p = SimpleNamespace(wander=0.375, lead_braking=5.0)
+    scenario = SimpleNamespace(step=0.1, road=SimpleNamespace(lane_width=3.5))
+    for time, speed in ((0.0, 20.0), (0.1, 20.0), (1.1, 18.0)):
+        _look_at(mover("lead", 50.0, along=speed), known, p, scenario, time)
+    assert known.braking == pytest.approx(2.0)
+    assert math.isnan(known.braked_at)
 
 
 def test_pfs_by_hand():
