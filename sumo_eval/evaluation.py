@@ -45,11 +45,13 @@ def evaluate(
     evaluation: Evaluable = None,
     out: str | os.PathLike[str] = "results",
     *,
+    workers: int | None = None,
+    engine: str | None = None,
+    scheduler: str | None = None,
     resume: bool = False,
     ads: Sequence[Any] = (),
     progress: Progress = quiet,
     stopping: Stopping = never,
-    **run_changes: object,
 ) -> Evaluation:
     """Simulate and score an evaluation into the folder `out`.
 
@@ -60,16 +62,17 @@ def evaluate(
 
     evaluation: settings, a dict as the file would be, the path of the file or of a run; None: the
         paper's, or with `resume` that of the run.
+    workers, engine, scheduler: in place of those in `[run]`.
     resume: continue the run in `out`.
     ads: ADSs in place of the evaluation's own: locators, whose relative paths start in the current
         folder, or classes, functions and objects, of a notebook's cell too.
-    run_changes: settings in place of those in `[run]`, such as `workers=4`, `engine="serial"` or
-        `scheduler="tcp://host:8786"`.
     """
     from sumo_eval.record.facts import resolve
 
     folder = Path(out)
-    run = resolve(evaluation, folder, resume, ads, **run_changes)
+    run = resolve(
+        evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler
+    )
     record_rounds(run, folder, resume=resume, progress=progress, stopping=stopping)
     done = score(folder, progress=progress, resolved=run)
     discard_trajectories(done)

@@ -70,9 +70,10 @@ class Trajectory:
         speed: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
         steering_wheel_angle: ArrayLike | None = None,
-        **body: float,
+        *,
+        length: float = 4.5,
+        width: float = 1.8,
     ) -> None:
-        """As the fields; body: `length` and `width`, by default 4.5 m and 1.8 m."""
         times = np.asarray(time, dtype=np.float64)
         if times.ndim != 1 or times.size == 0:
             raise InputError(
@@ -90,7 +91,7 @@ class Trajectory:
         angles = np.full(n, np.nan) if steering_wheel_angle is None else steering_wheel_angle
         channels = [times, xs, ys, headings, speeds, _channel("acceleration", rates, n)]
         channels.append(_channel("steering_wheel_angle", angles, n, nan_allowed=True))
-        self._hold(np.array(channels), **body)
+        self._hold(np.array(channels), length, width)
 
     @classmethod
     def of_block(cls, block: FloatArray, *, length: float, width: float) -> Trajectory:
@@ -108,10 +109,10 @@ class Trajectory:
         if not times.size or not increasing or not np.isfinite(block[:-1]).all():
             return cls(*block, length=length, width=width)  # raises: it names the fault
         made = object.__new__(cls)
-        made._hold(block, length=length, width=width)
+        made._hold(block, length, width)
         return made
 
-    def _hold(self, block: FloatArray, *, length: float = 4.5, width: float = 1.8) -> None:
+    def _hold(self, block: FloatArray, length: float, width: float) -> None:
         block.setflags(write=False)
         for name, values in zip(CHANNELS, block, strict=True):
             object.__setattr__(self, name, values)

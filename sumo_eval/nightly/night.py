@@ -18,7 +18,7 @@ import shlex
 import shutil
 import sqlite3
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -72,18 +72,18 @@ def run_night(
     gate: GateSettings,
     *,
     keep: int = 14,
+    workers: int | None = None,
     resume: bool = False,
     progress: Progress = quiet,
     stopping: Callable[[], AbstractContextManager[Stopping]] = lambda: nullcontext(never),
-    **run_changes: object,
 ) -> NightResult:
     """Run a night: drive and score the evaluation, and judge it by the gate.
 
     history: folder of the nights.
     keep: number of the newest nights whose folders stay.
+    workers: in place of that in `[run]`.
     resume: continue the night that was stopped, if one was.
     stopping: context, while cases are driven, of a function that says whether to stop.
-    run_changes: settings in place of those in `[run]`, such as `workers=4`.
     """
     # a mistake in the file is reported before anything is locked, removed or simulated
     read_evaluation(evaluation)
@@ -103,10 +103,10 @@ def run_night(
             done, again = _evaluated(
                 evaluation,
                 history / NIGHTS / name,
+                workers,
                 stopped is not None,
                 progress,
                 stopping,
-                run_changes,
             )
             judged = judge_night(history, lines, done, gate, progress)
             notes += [*again, *judged.bases.notes]
@@ -200,15 +200,15 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
 def _evaluated(
     evaluation: Path,
     folder: Path,
+    workers: int | None,
     resume: bool,
     progress: Progress,
     stopping: Callable[[], AbstractContextManager[Stopping]],
-    run_changes: Mapping[str, object],
 ) -> tuple[Evaluation, tuple[str, ...]]:
     """Drive the night's cases that are not recorded yet, and score all; the evaluation, and
     sentences on cases that were rerun.
     """
-    run = resolve(evaluation, folder, resume, (), **run_changes)
+    run = resolve(evaluation, folder, resume, workers=workers)
     with stopping() as asked:
         recorded = record_rounds(run, folder, resume=resume, progress=progress, stopping=asked)
     return score(folder, progress=progress, resolved=run), recorded.notes

@@ -60,7 +60,7 @@ class _WithEpisodes:
 
 
 class ScenarioEnv(_WithEpisodes, gymnasium.Env[Floats, Floats]):
-    """Single cases of a logical scenario; other arguments as in `EpisodeOptions`.
+    """Single cases of a logical scenario; arguments as of `Episodes`.
 
     `reset(options={"gap": 20.0})` sets parameters and draws the rest; `options={"sampler": f}`
     asks `f(generator)` for a point. `info` has the point (`values`) and, at the end, `end_reason`.
@@ -105,7 +105,7 @@ class ScenarioEnv(_WithEpisodes, gymnasium.Env[Floats, Floats]):
 
 
 class ScenarioVectorEnv(_WithEpisodes, VectorEnv[Floats, Floats, Floats]):
-    """`num_envs` parallel cases of a logical scenario; other arguments as in `EpisodeOptions`.
+    """`num_envs` parallel cases of a logical scenario; other arguments as of `Episodes`.
 
     autoreset_mode: when a finished episode restarts: with the next step, which gives its
         first observation and reward 0 (gymnasium's usual), with the same step, its last observation

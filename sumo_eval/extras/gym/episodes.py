@@ -80,54 +80,40 @@ def usual_reward(it: Transition) -> Floats:
     return np.asarray(worth)
 
 
-@dataclass(frozen=True, slots=True)
-class EpisodeOptions:
-    """Choices that an environment takes by keyword.
+class Episodes:
+    """n parallel episodes of one logical scenario.
 
-    interface: features and actions, or their file; None: the usual ones.
-    reward: worth of each step, (n,); None: `usual_reward`.
+    use: a shipped scenario's name, a scenario file, `module:name`, or a LogicalScenario.
+    interface: features and actions, or their file.
+    reward: worth of each step, (n,).
     sampler: draws a point from a generator; None: evenly over the space.
-    settings: of the simulation; None: the defaults.
     steering: whether the usual interface has steering.
     sumo: whether SUMO steps the actors, as in an evaluation; libsumo holds one simulation in a
         process. False: the actors follow their scripts, and a process holds any number.
     max_episode_steps: answers after which an episode ends with `step_limit`; None: no such limit.
     """
 
-    interface: Interface | str | Path | None = None
-    reward: Reward | None = None
-    sampler: Sampler | None = None
-    settings: SimulationSettings | None = None
-    steering: bool = False
-    sumo: bool = False
-    max_episode_steps: int | None = None
-
-
-class Episodes:
-    """n parallel episodes of one logical scenario.
-
-    use: a shipped scenario's name, a scenario file, `module:name`, or a LogicalScenario.
-    options: fields of `EpisodeOptions`.
-    """
-
-    def __init__(self, use: str | LogicalScenario, count: int, **options: Any) -> None:
-        chosen = EpisodeOptions(**options)
-        limit = chosen.max_episode_steps
+    def __init__(
+        self, use: str | LogicalScenario, count: int, *,
+        interface: Interface | str | Path | None = None,
+        reward: Reward | None = None, sampler: Sampler | None = None,
+        settings: SimulationSettings | None = None,
+        steering: bool = False, sumo: bool = False, max_episode_steps: int | None = None,
+    ) -> None:  # fmt: skip
         if count < 1:
             raise must_be("`num_envs`", "an environment", "at least 1", count)
-        if limit is not None and limit < 1:
-            raise must_be("`max_episode_steps`", "an environment", "at least 1", limit)
+        if max_episode_steps is not None and max_episode_steps < 1:
+            raise must_be("`max_episode_steps`", "an environment", "at least 1", max_episode_steps)
         self.logical = use if isinstance(use, LogicalScenario) else catalogue.find(use)
-        interface = chosen.interface
         if isinstance(interface, str | Path):
             interface = read_interface(Path(interface))
-        self.interface = interface or usual(steering=chosen.steering)
-        self.reward, self.sampler = chosen.reward or usual_reward, chosen.sampler
-        self.settings = chosen.settings or SimulationSettings()
-        self.count, self._sumo = count, chosen.sumo
+        self.interface = interface or usual(steering=steering)
+        self.reward, self.sampler = reward or usual_reward, sampler
+        self.settings = settings or SimulationSettings()
+        self.count, self._sumo = count, sumo
         self._pack: Pack | None = None
         self._start_speeds = np.zeros(count)
-        self._limit, self._answered = limit, np.zeros(count, dtype=np.int64)
+        self._limit, self._answered = max_episode_steps, np.zeros(count, dtype=np.int64)
         period, step = self.interface.period or self.settings.step, self.settings.step
         self._steps = round(period / step)
         if abs(self._steps * step - period) > 1e-9 or self._steps < 1:
