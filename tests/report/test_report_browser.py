@@ -299,6 +299,11 @@ def test_choosing_another_ads_keeps_the_point(opened: Page, evaluation: Evaluati
 
 @needs_chromium
 def test_a_click_on_the_map_shows_the_case(opened: Page) -> None:
+    # a case that was just shown still scrolls, and draws its charts
+    opened.run("""(async () => {
+        for (let last = null, at; last !== (at = document.body.getBoundingClientRect().y); last = at)
+            await new Promise((resolve) => setTimeout(resolve, 300));
+    })()""")
     place = opened.run("""(() => {
         const plot = document.querySelector('[data-map="0"] .plot');
         plot.scrollIntoView({ block: 'center' });
