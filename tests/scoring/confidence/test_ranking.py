@@ -141,7 +141,7 @@ def test_a_misspelt_scenario_and_weights_of_nothing_are_refused() -> None:
         rank(scores, found, RankingSettings({"z": 2.0}))
     with pytest.raises(InputError, match="at least one scenario a weight above 0"):
         rank(scores, found, RankingSettings({"s": 0.0}))
-    with pytest.raises(InputError, match="`weights.s` of `RankingSettings` must be at least 0"):
+    with pytest.raises(InputError, match=r"`weights.s` of `RankingSettings` must be at least 0"):
         RankingSettings({"s": -1.0})
 
 
