@@ -577,10 +577,13 @@ def test_change_lane_takes_the_lane_change_duration():
     assert found.ego.speed.max() == pytest.approx(math.hypot(20.0, 0.875))
 
 
-@pytest.mark.parametrize("speed", [0.5, 2.0, 8.0, 30.0])
-def test_a_lane_change_by_sumo_is_driving_at_any_speed(speed):
-    ads = at(0.5, lambda traci, ego: traci.vehicle.changeLane(ego, 1, 100.0))
-    found = simulate(case(speed=speed), ads, SimulationSettings(time_limit=8.0))
+@pytest.mark.parametrize(
+    ("speed", "y", "lane"),
+    [(0.5, 0.0, 1), (2.0, 0.0, 1), (8.0, 0.0, 1), (30.0, 0.0, 1), (30.0, 3.5, 0)],
+)
+def test_a_lane_change_by_sumo_is_driving_at_any_speed(speed, y, lane):
+    ads = at(0.5, lambda traci, ego: traci.vehicle.changeLane(ego, lane, 100.0))
+    found = simulate(case(speed=speed, y=y), ads, SimulationSettings(time_limit=8.0))
     assert (found.end_reason, found.error, found.clips) == ("time_limit", None, ())
     assert np.abs(np.diff(found.ego.heading)).max() < 0.2
 
