@@ -209,7 +209,12 @@ def test_a_block_is_refused_as_its_channels_are(channel, value):
     assert str(of_block.value) == str(of_channels.value)
 
 
-@pytest.mark.parametrize("shape", [(len(CHANNELS), 0), (len(CHANNELS) + 1, 3), (0, 3), (7,)])
+def test_an_empty_block_is_refused():
+    with pytest.raises(InputError, match="non-empty"):
+        Trajectory.of_block(np.empty((len(CHANNELS), 0)), length=4.5, width=1.8)
+
+
+@pytest.mark.parametrize("shape", [(len(CHANNELS) + 1, 3), (0, 3), (7,)])
 def test_a_block_of_another_shape_is_refused(shape):
-    with pytest.raises(InputError, match="shape"):
+    with pytest.raises(InputError, match=r"must have shape \(7, n\)"):
         Trajectory.of_block(np.empty(shape), length=4.5, width=1.8)

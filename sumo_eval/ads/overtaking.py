@@ -1,4 +1,4 @@
-"""Choice of changing to the left lane instead of following, and of its speed: for `lane_changer`
+"""The decision to change to the left lane instead of following, and how quickly: for `lane_changer`
 and the human drivers.
 
 A vehicle is in the ego's way if, at the present speeds, the ego's path overlaps it where the ego

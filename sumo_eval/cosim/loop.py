@@ -108,7 +108,7 @@ class EgoControl:
         raise NotImplementedError
 
     def after(self, world: World, now: float) -> None:
-        """Act after SUMO's step, which ended `now`, s."""
+        """Act after SUMO's step to `now`, s."""
 
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
         """Drop all rows but these; keep their order."""

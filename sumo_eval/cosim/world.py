@@ -107,15 +107,16 @@ def kind_of(concrete: ConcreteScenario) -> tuple[object, ...]:
 class World:
     """One simulation: n cases on one road with m actors each.
 
-    cases: all of them; rows: of which cases the arrays hold a row, by index, in the arrays' order.
-        Rows of ended cases stay until `keep`.
+    rows: indices of the cases that have a row in the arrays, in the arrays' order; rows of ended
+        cases stay until `keep`.
     each: settings of each case.
     placed: `MODEL`, `SUMO` or `PLANT`: what moves the egos.
     egos (n,), others (n, m): the vehicles' records.
-    tell: rows that SUMO receives in this step. shown (n, m, 4): x, y, angle and speed of the actors
-        as SUMO shows them.
+    tell: rows that SUMO receives in this step.
+    shown: x, y, angle and speed of the actors as SUMO shows them, (n, m, 4).
     going: number of cases that have not ended.
-    left: why a case has left its batch; ended: how to make the recording of a case.
+    left: reason why a case has left its batch.
+    ended: maker of the recording of a case that has ended.
     scenario: two `SCENARIO` records, or two for each row where the cases change the vehicle.
     """
 

@@ -63,7 +63,10 @@ class JsonLinesProgram(Adapter):
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Start the program and brief it."""
         self.log, self._unread = "", b""
-        self._program = ChildProgram(self.command, self.folder, talks=True)
+        self._program = program = ChildProgram(self.command, self.folder, talks=True)
+        assert program.process.stdin is not None
+        # a program that reads nothing leaves the pipe full
+        os.set_blocking(program.process.stdin.fileno(), False)
         road = scenario.road
         described: dict[str, Any] = {
             "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length,
@@ -121,7 +124,6 @@ class JsonLinesProgram(Adapter):
     def _send(self, program: ChildProgram, text: bytes, until: float, deadline: float) -> None:
         assert program.process.stdin is not None
         handle = program.process.stdin.fileno()
-        os.set_blocking(handle, False)  # a program that reads nothing leaves the pipe full
         while text:
             self._wait(program, ([], [handle]), until, deadline)
             text = text[os.write(handle, text) :]

@@ -186,7 +186,7 @@ class _None(ModuleType):
 
 
 class _Console(io.TextIOBase):
-    """Output stream of a hook in a batch: each case keeps its own output."""
+    """Output stream of a hook in a batch: a case that prints leaves, as its output is its own."""
 
     def write(self, text: str) -> int:
         GUARD.leave()
