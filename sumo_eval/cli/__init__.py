@@ -262,12 +262,12 @@ def _refuse(sentence: str) -> NoReturn:
 
 
 def _fill_closed_streams() -> None:
-    """Put the null device in place of standard streams that are closed, as by `>&-`: no file of a
-    run takes their numbers.
+    """Put the null device in place of standard streams that are closed, as by `>&-`, for children
+    as well: no file of a run takes their numbers.
     """
-    while os.open(os.devnull, os.O_RDWR) < 3:  # the lowest number that is free
-        pass
-    nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - to the end
+    while (number := os.open(os.devnull, os.O_RDWR)) < 3:  # the lowest number that is free
+        os.set_inheritable(number, True)
+    nowhere = os.fdopen(number, "w", encoding="utf-8")
     sys.stdout, sys.stderr = sys.stdout or nowhere, sys.stderr or nowhere
 
 

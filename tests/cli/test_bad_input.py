@@ -116,3 +116,11 @@ def test_closed_streams_do_not_end_a_command(folder: Path, closed: str) -> None:
     words = [sys.executable, "-m", "sumo_eval", "check", "good.toml"]
     done = subprocess.run(f"{shlex.join(words)} {closed}", shell=True, check=False, cwd=folder)
     assert done.returncode == 0
+    child = [sys.executable, "-c", "import os; [os.fstat(number) for number in range(3)]"]
+    script = f"""import subprocess, sys
+from sumo_eval.cli import _fill_closed_streams
+_fill_closed_streams()
+sys.exit(subprocess.call({child}))"""
+    words = [sys.executable, "-c", script]
+    done = subprocess.run(f"{shlex.join(words)} {closed}", shell=True, check=False)
+    assert done.returncode == 0, "children have the streams"
