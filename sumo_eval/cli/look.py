@@ -41,7 +41,7 @@ def explain(run: Path, case: str | None) -> None:
     from sumo_eval.evaluation import zone_partitions
     from sumo_eval.report.explain import explain_case, known_case
 
-    # a misspelt one is told before anything is computed
+    # a misspelt case is reported before anything is computed
     fact = None if case is None else known_case(run, case)
     evaluation = scored(run)
     if fact is None:
@@ -149,8 +149,11 @@ def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: P
         for path in write(run, out, kind or "csv"):
             tell(str(path))
         if lost := open_run(run).discarded:
-            size = f"{lost / 1e6:z.2g} MB of trajectories"
-            tell(f"Not among them: {size} that `[run] keep` has discarded.", err=True)
+            tell(
+                f"Not among them: {lost / 1e6:z,.2f} MB of trajectories that `[run] keep` has "
+                "discarded.",
+                err=True,
+            )
         return
     if kind is not None:
         raise click.UsageError(
