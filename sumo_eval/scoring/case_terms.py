@@ -8,9 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.cases import CaseResult, CaseTable, IntArray
 from sumo_eval.method import score_terms
 from sumo_eval.method.collision_avoidance import collision_loss
 from sumo_eval.method.score import score_of
@@ -73,7 +72,7 @@ class CaseTerms:
     counted: BoolArray
     task: FloatArray
 
-    def part(self, rows: NDArray[np.intp] | BoolArray | slice) -> CaseTerms:
+    def part(self, rows: IntArray | BoolArray | slice) -> CaseTerms:
         """Terms of some of the cases."""
         return CaseTerms(*(getattr(self, item.name)[rows] for item in fields(self)))
 

@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sumo_eval.cases import CaseResult, CaseTable, counts, point_numbers
+from sumo_eval.cases import CaseResult, CaseTable, IntArray, counts, point_numbers
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.method.score_terms import excess
 from sumo_eval.record.run_folder import FACTS
@@ -27,8 +26,6 @@ from sumo_eval.scoring.comparability import Difference, differences, refuse_unle
 from sumo_eval.scoring.confidence.paired_differences import COMPARED, paired_differences
 from sumo_eval.scoring.gate_settings import HARSHER_BY, TIMED, GateSettings, change_of_u
 from sumo_eval.trajectory import BoolArray, FloatArray
-
-IntArray = NDArray[np.intp]
 
 Change = Literal[
     "new collision", "left the road", "not evaluated any more", "harsher", "less human",
@@ -478,7 +475,7 @@ def _quantity_changes(
     terms: Sequence[CaseTerms], base: Evaluation, new: Evaluation, settings: GateSettings
 ) -> dict[str, QuantityChange]:
     runs = list(zip(terms, (base.settings.method, new.settings.method), strict=True))
-    old, now = (dict(point_values(*run)) for run in runs)
+    old, now = (point_values(*run) for run in runs)
     if base.settings.method.collision.unit != new.settings.method.collision.unit:
         old["regret"] = None
     resampled = paired_differences(runs[0], runs[1], settings.resamples, settings.seed)

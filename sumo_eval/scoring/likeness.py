@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sumo_eval.cases import EVALUATED, CaseTable, ThinReference, Zone
+from sumo_eval.cases import EVALUATED, CaseTable, IntArray, ThinReference, Zone
 from sumo_eval.errors import InputError
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.collision_avoidance import collision_weight
@@ -33,8 +32,6 @@ FEWEST_DRIVERS = 2  # a standard deviation needs two
 FEWEST_FOR_A_BAND = 3  # two must remain when a driver is compared with the rest
 _AT_ONCE = 8_192  # points whose zone and weight are computed at a time: 65,536 took 0.3 GB
 JACKKNIFED = 16  # cases of an ADS in a scenario for which drivers are left out one by one
-
-IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,6 +39,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri, ndtr, stdtrit
 
+from sumo_eval.cases import IntArray
 from sumo_eval.method.score_terms import (
     AskedTerms,
     Counts,
@@ -52,7 +53,7 @@ from sumo_eval.method.score_terms import (
 from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.scoring.case_terms import COMPUTED, CaseTerms, point_values, ratios, scores_of
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
-from sumo_eval.scoring.confidence.resamples import IntArray, Resampled, Strata, resamples
+from sumo_eval.scoring.confidence.resamples import Resampled, Strata, resamples
 from sumo_eval.settings import MethodSettings
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import BoolArray, FloatArray

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri
 
-from sumo_eval.cases import CaseTable
+from sumo_eval.cases import CaseTable, IntArray
 from sumo_eval.method.score_terms import excess, grade_slope
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scenario.logical import LogicalScenario
@@ -24,7 +24,6 @@ from sumo_eval.scenario.sampling.adaptive import (
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
 from sumo_eval.scoring.confidence.intervals import LEVEL
-from sumo_eval.scoring.confidence.resamples import IntArray
 from sumo_eval.settings import MethodSettings, SamplingSettings
 from sumo_eval.trajectory import FloatArray
 

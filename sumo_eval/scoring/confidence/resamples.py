@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sumo_eval.cases import IntArray
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
@@ -34,8 +34,6 @@ POINTS_IN_CACHE = 8_000
 EVEN = frozenset({"grid", "sobol", "halton"})
 SMALLEST = 4  # points that are split in halves
 _FLAT = 1e-9  # of the box: points that differ by less along a direction have no trend there
-
-IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
