@@ -1145,7 +1145,7 @@
     const key = sumoPage.anchor().startsWith("case:") ? sumoPage.anchor().slice("case:".length) : null;
     const found = entryOf(key), note = byId("case-absent");
     note.hidden = key === null || found !== null;
-    note.textContent = `The case ${key} is not on this page. The run's folder has it: ${replayCommand(key ?? "")}`;
+    note.textContent = `The case ${key} is not on this page. If the run has it, this shows it: ${replayCommand(key ?? "")}`;
     if (note.hidden) return found;
     sumoPage.unfold(note);
     note.scrollIntoView();
