@@ -105,14 +105,15 @@ def _incident(scene: CaseDrives, fact: Fact) -> _Said:
     if hit is not None:
         best = "a contact that the ideal vehicle has as well"
         if case.struck_from_behind:
-            best = "which ran into the ego's rear: its own fault"
+            best = "which ran into the ego's rear and is at fault"
         elif case.ideal_severity is None:
             best = "the ideal vehicle's case is not known"
         elif case.avoidable:
             best = "which the ideal vehicle avoids"
-        begun = f"{hit.time:z.1f} s after the start"
+        how = "Hit by" if case.struck_from_behind else "Hit"
         yield (
-            f"Hit `{hit.other}` at {3.6 * hit.relative_speed:z.0f} km/h, {begun}, {best}.",
+            f"{how} `{hit.other}` at {3.6 * hit.relative_speed:z.0f} km/h, "
+            f"{hit.time:z.1f} s after the start, {best}.",
             hit.time,
         )
         yield _braking_before(scene.ego, hit.time), hit.time

@@ -212,7 +212,7 @@ _END = {
     "ads_timeout": "the controller took too long over one step",
     "sim_error": "SUMO failed",
 }
-STRUCK = "another vehicle ran into the ego's rear, its own fault"
+STRUCK = "another vehicle, at fault, ran into the ego's rear"
 NEGLIGIBLE_LIMIT = 0.995  # a factor above this limits nothing that three digits would show
 SHARE_WORTH_NAMING = 0.05  # of the loss 1 - C
 
@@ -354,7 +354,7 @@ def sampling_words(sampling: SamplingSettings, logical: LogicalScenario) -> str:
 
 
 def why_missing(case: CaseResult) -> str:
-    """Reason why a missing case is missing from a mean."""
+    """Reason why a case is missing from a mean, for missing cases only."""
     if not case.evaluated:
         return case.error or _STATUS.get(case.status, f"Its status is {case.status}.")
     for severity, whose, symbol, error in (
