@@ -383,7 +383,7 @@ def _prune(history: Path, lines: History, keep: int) -> list[str]:
     kept = {night.night for night in nights[-keep:]}
     kept |= {night.night for night in [night for night in nights if night.good][-1:]}
     pins = in_force(lines.accepted())
-    # of the acceptances that end on one day, the last counts
+    # the acceptance that counts on each day on which one ends
     for day in {pin.until or "" for pin in pins}:
         kept |= {pin.night for pin in in_force(pins, day or "9999-12-31")[-1:]}
     notes, removed = [], 0

@@ -346,7 +346,7 @@ def drawn_shape(road: Road) -> dict[str, Any]:
 
 
 def drawn_line(road: Road) -> list[list[float]]:
-    """Begins of the pieces of a road's line, rows of s, x, y, heading, curvature, its rate; []
+    """Start of each piece of a road's line, rows of s, x, y, heading, curvature, its rate; []
     without a line.
     """
     return [[float(f"{value:z.9g}") for value in row] for row in knots_of(road.line).tolist()]

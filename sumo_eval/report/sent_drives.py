@@ -49,7 +49,7 @@ class Embedded:
 
 
 MOST_BYTES = 4_500_000  # of embedded trajectories; the whole page stays below 10 MB at 5,000 cases
-# how much a point with an incident or without an outcome tells, and its U; others at most 1
+# weight of a point with an incident or without an outcome, plus its U; of others at most 1
 FAILED = 2.0
 BYTES_OF_A_RUN = 900  # about; what is chosen is measured before it is embedded
 BYTES_BEYOND = 40  # about, of an entry of `beyond`

@@ -211,10 +211,10 @@ def worse_ends(base: Ends, new: Ends, severity_by: float) -> dict[str, BoolArray
 def severity_floor(once: Ends, twice: Ends, settings: NoiseSettings) -> float:
     """Floor of U from two drives of one build, m/s.
 
-    Only cases with a contact count: the zeros of all others would hide how much U varies.
+    Only cases with a U count: the zeros of all others would hide how much it varies.
     """
-    contact = (once.severity > 0.0) | (twice.severity > 0.0)
-    return floor_of((twice.severity - once.severity)[contact], settings)
+    harmed = (once.severity > 0.0) | (twice.severity > 0.0)
+    return floor_of((twice.severity - once.severity)[harmed], settings)
 
 
 def severity_limit(settings: GateSettings, repeats: Repeats, unit: str) -> float:
