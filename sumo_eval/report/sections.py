@@ -81,12 +81,13 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
     if comparison is None and not beside.gates and not beside.notes:
         return None
     ads = comparison.ads if comparison else ()
-    changed = [
-        *islice((case for one in ads for case in one.changed.worse), MOST_CHANGED),
-        *islice((case for one in ads for case in one.changed.better), MOST_CHANGED),
-    ]
+    changed = (
+        (case, *one.units)
+        for part in ("worse", "better")
+        for one in ads
+        for case in getattr(one.changed, part)
+    )
     order = {False: 0, True: 1, None: 2}
-    unit = evaluation.settings.method.collision.unit
     return {
         "verdict": verdict(comparison, beside.gates, evaluation).sentence,
         "failed": bool(failed(beside.gates)),
@@ -107,11 +108,11 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
         "cases": [
             {
                 "it": item,
-                "by": ", ".join(moved_words(item, unit)),
-                "base": _outcome(item.base, unit),
-                "new": _outcome(item.new, unit),
+                "by": ", ".join(moved_words(item, new_unit)),
+                "base": _outcome(item.base, base_unit),
+                "new": _outcome(item.new, new_unit),
             }
-            for item in changed[:MOST_CHANGED]
+            for item, base_unit, new_unit in islice(changed, MOST_CHANGED)
         ],
         "more": max(0, sum(len(one.changed) for one in ads) - MOST_CHANGED),
     }
