@@ -131,8 +131,10 @@ def as_driven(chosen: Sample, driven: FloatArray, *, whole: bool) -> Sample:
     """
     there = ~np.isnan(driven[:, 0])
     spare = len(chosen.points) - len(driven)
-    if (spare == 0 or (spare > 0 and not whole)) and np.array_equal(
-        chosen.points[: len(driven)][there], driven[there]
+    if (
+        spare >= 0
+        and not (whole and spare)
+        and np.array_equal(chosen.points[: len(driven)][there], driven[there])
     ):
         return chosen
     return sample_of(np.where(there[:, None], driven, driven[there][0]), chosen.method)
