@@ -129,6 +129,9 @@ def _judge_change(
         why = _why_missing(quantity, score)
         return result(False, f"{quantity} was {before} and is not computed any more: {why}")
 
+    if change.difference is None:
+        return result(None, f"{quantity} has another unit in the base", change.new)
+
     sign = 1.0 if quantity in HIGHER_IS_BETTER else -1.0
     allowed = abs(change.base) * most / 100.0 if unit else most
     slack = limit.tolerance * max(1.0, abs(change.base))

@@ -157,7 +157,8 @@ class Changes:
 class QuantityChange:
     """A quantity in both runs.
 
-    low, high: interval of the DIFFERENCE; None where the quantity is missing in a run.
+    difference: None where the quantity is missing in a run, or has another unit in each.
+    low, high: interval of the difference; None without one.
     """
 
     base: float | None
@@ -476,14 +477,14 @@ def _quantity_changes(
 ) -> dict[str, QuantityChange]:
     runs = list(zip(terms, (base.settings.method, new.settings.method), strict=True))
     old, now = (point_values(*run) for run in runs)
-    if base.settings.method.collision.unit != new.settings.method.collision.unit:
-        old["regret"] = None
+    one_unit = base.settings.method.collision.unit == new.settings.method.collision.unit
     resampled = paired_differences(runs[0], runs[1], settings.resamples, settings.seed)
     tail = (1.0 - settings.confidence) / 2.0
     changes = {}
     for name, score in COMPARED.items():
         before, after = old[score], now[score]
-        difference = None if before is None or after is None else after - before
+        alike = one_unit or name != "regret"
+        difference = after - before if alike and before is not None and after is not None else None
         drawn = np.empty(0) if difference is None else resampled.get(name, np.empty(0))
         ends = np.quantile(drawn, (tail, 1.0 - tail)).tolist() if drawn.size else [None, None]
         changes[name] = QuantityChange(before, after, difference, *ends)

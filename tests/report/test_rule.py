@@ -15,11 +15,13 @@ from sumo_eval.nightly import rule_limits
 from sumo_eval.nightly.gates import judge
 from sumo_eval.nightly.rule_limits import EVERYWHERE, judge_pairs
 from sumo_eval.report.gate_result import GateResult, failed
-from sumo_eval.report.verdict import verdict
+from sumo_eval.report.sections import change_content
+from sumo_eval.report.verdict import Beside, verdict
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import compare
 from sumo_eval.scoring.gate_settings import (
     GateSettings,
+    LimitSettings,
     MeasureSettings,
     NearMissSettings,
     NoiseSettings,
@@ -345,4 +347,14 @@ def test_a_harder_injury_risk_fails(evaluation: Evaluation) -> None:
     sides = compare(hit, risk(0.9), SETTINGS, accept_differences=True).ads
     assert not any(len(it.changed) for it in sides), "a speed is not compared with a risk"
     assert {it.units for it in sides} == {(" m/s", "")}
-    assert {it.quantities["regret"].difference for it in sides} == {None}
+    regrets = [it.quantities["regret"] for it in sides]
+    assert {it.difference for it in regrets} == {None}
+    assert all(it.base is not None for it in regrets)
+    free = with_case(risk(0.9), case.case, lambda it: replace(it, collided=False, severity=None))
+    comparison = compare(hit, free, SETTINGS, accept_differences=True)
+    content = change_content(free, Beside(comparison))
+    assert content is not None
+    limit = GateSettings(resamples=100, limit=(LimitSettings("regret", worse_by=0.0),))
+    (gate, *_) = [it for it in judge(free, comparison, limit) if it.quantity == "regret"]
+    assert (gate.passed, gate.sentence) == (None, "regret has another unit in the base")
+    assert content["cases"][0]["base"] == "U 0.1 m/s", "the base has a speed"
