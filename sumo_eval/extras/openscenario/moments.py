@@ -1,4 +1,4 @@
-"""Begins of storyboard elements: at a time, or when a condition on what happens becomes true.
+"""Moments at which storyboard elements begin: a time, or a condition on what happens.
 
 A trigger that is known before the drive is a time. A condition on the drive becomes a
 program of `scenario.played`, as a `when` of a scenario file does.
@@ -91,9 +91,9 @@ class Truth(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """time: s, inf for never; with a program it is the delay after the condition of the program
-    holds.
+    """A time, or a condition on the drive.
 
+    time: s, inf for never; with a program it is the delay after its condition holds.
     until: s, when it cannot begin any more.
     """
 

@@ -42,6 +42,7 @@ _PEAKS = {"linear": 1.0, "sinusoidal": 0.5 * math.pi, "cubic": 1.5}
 """Peak over mean rate by the shape of a change."""
 _STRONGEST = {"sinusoidal": 0.5 * math.pi**2, "cubic": 6.0}
 """Peak lateral acceleration of a move by 1 m in 1 s."""
+_DIMENSIONS = ("rate", "time", "distance")
 _SHAPES = ("linear", "step", "cubic", "sinusoidal")
 _SPEEDS, _ACROSS = (played.SPEED, played.BY_TIME, played.MATCH), (played.COSINE, played.CONSTANT)
 _SHARES = np.arange(1, 33) / 32  # of a change of speed, at its knots
@@ -204,8 +205,7 @@ class Moves:
 
     def _from_any_speed(self, dynamics: Node, entity: Entity, begin: Moment, speed: float) -> Span:
         """A change from whatever speed the entity then has, at once or at an even rate."""
-        kind = dynamics.one_of("dynamicsDimension", ("rate", "time", "distance"))
-        lasts = AT_ONCE
+        kind, lasts = dynamics.one_of("dynamicsDimension", _DIMENSIONS), AT_ONCE
         if not is_step(dynamics):
             if dynamics.text("dynamicsShape") != "linear" or kind == "distance":
                 raise dynamics.fault(f"the speed of `{entity.name}` when this begins is unknown")
@@ -216,7 +216,8 @@ class Moves:
         if lasts > AT_ONCE and kind == "rate":
             act = Act(played.SPEED, 0.0, 0.0, speed, 0.0, lasts)
         entity.pace, entity.begins["speed"] = speed, begin
-        return replace(self._add(entity, begin, act, lasts), end=NEVER, ended=self._ended(entity))
+        self._add(entity, begin, act, lasts)
+        return Span(begin, NEVER, self._ended(entity))
 
     def _ended(self, entity: Entity) -> Program:
         """The program that the last move of an entity has ended."""
@@ -224,7 +225,7 @@ class Moves:
 
     def _rate(self, dynamics: Node, entity: Entity, begin: Moment, speed: float) -> float:
         """The mean rate of a change of speed, m/s2."""
-        kind = dynamics.one_of("dynamicsDimension", ("rate", "time", "distance"))
+        kind = dynamics.one_of("dynamicsDimension", _DIMENSIONS)
         shape = dynamics.text("dynamicsShape")
         if (kind, shape) != ("rate", "linear") and _changes(entity, begin):
             raise dynamics.fault(
@@ -358,7 +359,7 @@ class Moves:
         dynamics = element.child("LaneChangeActionDynamics")
         shape = self._shape(dynamics, "lateral move", *_PEAKS)
         value = dynamics.above_zero("value")
-        kind = dynamics.one_of("dynamicsDimension", ("rate", "time", "distance"))
+        kind = dynamics.one_of("dynamicsDimension", _DIMENSIONS)
         if kind == "rate":
             value = abs(offset - entity.moved) / value * _PEAKS[shape]
         elif kind == "distance":

@@ -135,7 +135,7 @@ def _exported(whole: ConcreteScenario) -> FileCase:
 
 
 def _kinds(holder: Node) -> set[str]:
-    """Whether an event moves an entity along the road, across it, or on a path of its own."""
+    """Kinds of the actions in an event or an act that move an entity."""
     return {action.tag for action in holder.all(".//PrivateAction/*")} - set(IGNORED_PRIVATE)
 
 
@@ -543,13 +543,15 @@ class _Player:
             raise event.fault("an event must run once")
         parts: list[Span] = []
         for (action, inner), ignored in zip(actions, idle, strict=True):
-            spans = [
-                self.moves.begin(inner.only(), self.places.entity(name, event), begin)
-                for name in (() if ignored or begin.time == NEVER else names)
-            ]
-            span = Span.over(spans[0].begin, spans) if spans else Span(begin, NEVER)
             if ignored:
-                span.end = begin.time
+                span = Span(begin, begin.time)
+            else:
+                spans = [
+                    self.moves.begin(inner.only(), self.places.entity(name, event), begin)
+                    for name in names
+                    if begin.time < NEVER
+                ]
+                span = Span.over(spans[0].begin, spans) if spans else Span(begin, NEVER)
             parts.append(self.conditions.note(action, span))
         span = self.conditions.note(event, Span.over(begin, parts))
         if awaited and begin.program and span.end < NEVER and not span.ended:
