@@ -86,19 +86,22 @@ def _of(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) ->
     delays = [float(search.delay(point)) for point in values]
     if search.conflict:
         return conflict_criticality(placed, search.obstacle, delays, size, settings)
-    longest, length = min(logical.time_limit or _LONGEST, _LONGEST), logical.road.length
-    # at last the obstacle begins when the ego has come to the end of the road at its speed
+    longest = min(logical.time_limit or _LONGEST, _LONGEST)
+    # the obstacle begins before the ego has come to the end of the road
     until = [
-        min(
-            longest,
-            delay + ego.speed / settings.deceleration + (length - ego.x) / max(ego.speed, 1.0),
-        )
-        for ego, delay in zip([concrete.ego for concrete in placed], delays, strict=True)
+        min(longest, delay + concrete.ego.speed / settings.deceleration + _time_on_road(concrete))
+        for concrete, delay in zip(placed, delays, strict=True)
     ]
     met = meetings(
         placed, [size] * len(placed), _FINER, until, settings.deceleration, search.obstacle, delays
     )
     return met[:, :3].T
+
+
+def _time_on_road(concrete: ConcreteScenario) -> float:
+    """Time in which the ego comes to the end of the road at its first speed, s."""
+    ego = concrete.ego
+    return (concrete.road.length - ego.x) / max(ego.speed, 1.0)
 
 
 def crossing_conflict(
@@ -111,8 +114,7 @@ def crossing_conflict(
     size: length and width of the ego's body, m.
     """
     ego, (length, width) = concrete.ego, size
-    until = min((concrete.road.length - ego.x) / max(ego.speed, 1.0), _LONGEST)
-    found = tracks([concrete], [size], STEP, until)
+    found = tracks([concrete], [size], STEP, min(_time_on_road(concrete), _LONGEST))
     times: FloatArray = np.arange(found.others.shape[2], dtype=np.float64) * STEP
     track = found.others[0, other]
     long, wide = (reach[0] for reach in _extents(found.others[:, other], concrete, other))
@@ -296,15 +298,13 @@ def _with(
 
 
 def _begins(placed: Sequence[ConcreteScenario], other: int) -> FloatArray:
-    """Latest time at which the first move of vehicle `other` can begin, s, as far as its script
-    fixes it.
+    """Latest time at which the first move of vehicle `other` can begin, s: one with a condition
+    begins before the ego has come to the end of the road.
     """
     begins = []
     for concrete in placed:
-        script, ego = concrete.actors[other].acts, concrete.ego
-        on_the_road = (concrete.road.length - ego.x) / max(ego.speed, 1.0)
-        times = (on_the_road if act.program else act.begin for act in script)
-        begins.append(min(times, default=0.0))
+        latest, script = _time_on_road(concrete), concrete.actors[other].acts
+        begins.append(min([latest if act.program else act.begin for act in script], default=0.0))
     return np.array(begins)
 
 
