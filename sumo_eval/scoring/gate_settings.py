@@ -16,7 +16,9 @@ from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.settings import About, Checked, NotNegative
 from sumo_eval.settings.config import read_checked
 
-HIGHER_IS_BETTER: Final = tuple(name for name in SCORES if name != "regret")
+INDEXES: Final = {name: field for name, (field, _) in SCORES.items() if name != "regret"}
+"""Scores of which more is better: name -> field of ScenarioResult."""
+HIGHER_IS_BETTER: Final = tuple(INDEXES)
 WITH_INTERVAL: Final = (*HIGHER_IS_BETTER, "regret", "collision_probability")
 OF_THE_COMPARISON: Final = (
     "new_collisions", "harsher", "less_human", "newly_off_road", "newly_not_evaluated",

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeGuard
 
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.extras.figures import of_runs, of_studies
+from sumo_eval.extras.figures import of_runs
 from sumo_eval.extras.figures.chosen import Asked
 from sumo_eval.results import Evaluation
 
@@ -61,6 +61,8 @@ def draw(
     for name, value in (("case", case), ("scenario", scenario), ("ads", ads)):
         if value is not None and (name == "case" or figure != "trend"):
             raise InputError(f"Figure `{figure}` of {folder} takes no `{name}`, got {value!r}.")
+    from sumo_eval.extras.figures import of_studies
+
     if figure == "trend":
         return of_studies.trend(folder, scenario=scenario, ads=ads, width=width)
     return of_studies.edge(folder, width=width) if edge else of_studies.opinion(folder, width=width)

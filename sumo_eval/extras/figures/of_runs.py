@@ -25,7 +25,6 @@ from sumo_eval.extras.panels import (
     add_title_and_legend,
     edge_of,
 )
-from sumo_eval.extras.studies.opinion import INDEXES
 from sumo_eval.method.point_criticality import exact_target
 from sumo_eval.method.trajectory_field import trajectory_fields
 from sumo_eval.method.zone_partition import ZonePartition
@@ -34,6 +33,7 @@ from sumo_eval.report.words import LOOKS
 from sumo_eval.results import ScenarioResult
 from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.scoring.findings import Findings
+from sumo_eval.scoring.gate_settings import INDEXES
 from sumo_eval.scoring.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.scoring.map_view import View, choose_view, slice_points, telling_slice
 from sumo_eval.scoring.preventability import verdicts
@@ -50,11 +50,11 @@ LEARNT = "#d55e00"  # colour of the learnt boundary
 
 
 def zone_map(asked: Asked) -> Figure:
-    """The paper's Fig.
+    """The zones of a space, the paper's Fig. 8 or 9, with the boundary that was learnt and the exact
+    one, and every case's outcome.
 
-    8 or 9: the zones of a space, the boundary that was learnt and the exact one, and every case's
-    outcome in it; one map for each value of a third parameter. `case` says the ADS and scenario,
-    where it is given.
+    One map for each value of a third parameter. `case` selects the ADS and scenario, where it is
+    given.
     """
     evaluation, name = asked.evaluation, asked.one_place
     who = asked.names[0] if asked.case is None else asked.row.ads
@@ -150,9 +150,8 @@ def _zones(
 
 
 def field(asked: Asked) -> Figure:
-    """The paper's Fig.
-
-    6: the field of a driven trajectory over the road, Eqs. 9-10; below it a human driver's.
+    """The field of a driven trajectory over the road, Eqs. 9-10, the paper's Fig. 6; below it a
+    human driver's.
     """
     row = asked.row
     who = row.ads if asked.ads is None else asked.names[0]

@@ -18,12 +18,9 @@ from sumo_eval.method.agreement import Agreement, concordance, rank_correlation,
 from sumo_eval.report.opinion_section import OPINION, opinion_content
 from sumo_eval.report.study_page import write_study
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.case_terms import SCORES
-from sumo_eval.scoring.gate_settings import HIGHER_IS_BETTER
+from sumo_eval.scoring.gate_settings import INDEXES
 
 LEAST, MOST = 1.0, 10.0
-INDEXES = {name: SCORES[name][0] for name in HIGHER_IS_BETTER}
-"""Scores that ratings are compared with: name -> field of ScenarioResult."""
 
 
 class RatedScore(NamedTuple):
