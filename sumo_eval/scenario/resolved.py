@@ -44,7 +44,8 @@ class Resolved:
         for logical in scenarios:
             axes = settings.report.axes.get(logical.name, ())
             if len(set(map(logical.column, axes))) < len(axes):
-                raise must_be("`axes`", logical.name, "two different parameters", axes)
+                owner = f"scenario `{logical.name}`"
+                raise must_be("`report.axes`", owner, "two different parameters", axes)
         return cls(settings, source, {logical.name: logical for logical in scenarios})
 
     @property

@@ -522,8 +522,8 @@ class Vehicle:
         acts = [move.act(known, table.name) for move in self.moves if move.table.do not in left_out]
         if abs(heading) > _AHEAD and any(act.kind == played.BY_PLACE for act in acts):
             owner = f"vehicle `{table.name}` with `places` of a `speed_profile`"
-            must = f"within {_AHEAD:g} rad of the road's direction; elsewhere `times` are supported"
-            raise must_be("`heading`", owner, must, heading)
+            must = f"within {math.degrees(_AHEAD):.1f} deg of the road (use `times` otherwise)"
+            raise must_be("`heading`", owner, must, round(math.degrees(heading), 6))
         model = None
         if self.moves and (name := self.moves[-1].table.model) is not None:
             given, program = self.moves[-1].numbers.at(known), self.moves[-1].program(known)
