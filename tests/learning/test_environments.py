@@ -19,7 +19,7 @@ from sumo_eval.extras.gym.episodes import Transition
 from sumo_eval.gym import Action, Feature, Interface, usual_reward
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import central_point
-from sumo_eval.settings import ConditionSettings, SimulationSettings
+from sumo_eval.settings import ConditionSettings, SimulationSettings, VehicleSettings
 
 POINT = {"ego_speed": 25.0, "obstacle_speed": 10.0, "gap": 60.0}
 RAW = Interface((Feature("ego.x"), Feature("ego.y"), Feature("ego.speed"), Feature("lead.gap"),
@@ -248,6 +248,13 @@ def test_reset_takes_a_point_part_of_one_or_a_sampler() -> None:
         env.reset(options={**POINT, "gap": 1e6})
     with pytest.raises(InputError, match="The sampler must give a number for each parameter"):
         env.reset(options={"sampler": lambda generator: 3})
+
+
+def test_a_gap_is_from_the_bumper_of_the_ego_in_the_settings() -> None:
+    settings = SimulationSettings(vehicle=VehicleSettings(length=6.0))
+    env = make("sumo_eval/front_vehicle_low_speed-v0", interface=RAW, settings=settings)
+    seen, _ = env.reset(options={"ego_speed": 20.0, "lead_speed": 10.0})
+    assert seen[3] == pytest.approx(3.5 * 20.0)
 
 
 def test_the_usual_reward_by_hand() -> None:

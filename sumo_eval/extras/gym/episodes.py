@@ -16,8 +16,8 @@ from sumo_eval.cosim.doors.features import Interface, read_interface, usual
 from sumo_eval.cosim.doors.observation import Observations
 from sumo_eval.cosim.pack import Pack
 from sumo_eval.errors import InputError, must_be, said
-from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.resolved import find_with
 from sumo_eval.settings import SimulationSettings
 
 Floats = NDArray[Any]
@@ -104,12 +104,14 @@ class Episodes:
             raise must_be("`num_envs`", "an environment", "at least 1", count)
         if max_episode_steps is not None and max_episode_steps < 1:
             raise must_be("`max_episode_steps`", "an environment", "at least 1", max_episode_steps)
-        self.logical = use if isinstance(use, LogicalScenario) else catalogue.find(use)
+        self.settings = settings or SimulationSettings()
+        if not isinstance(use, LogicalScenario):
+            use = find_with(self.settings.vehicle, use, Path.cwd())
+        self.logical = use
         if isinstance(interface, str | Path):
             interface = read_interface(Path(interface))
         self.interface = interface or usual(steering=steering)
         self.reward, self.sampler = reward or usual_reward, sampler
-        self.settings = settings or SimulationSettings()
         self.count, self._sumo = count, sumo
         self._pack: Pack | None = None
         self._start_speeds = np.zeros(count)
