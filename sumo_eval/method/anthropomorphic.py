@@ -615,7 +615,7 @@ def _choice_notes(choice: Choice) -> list[IndexNote]:
 def _trajectory_notes(
     ads: _Vehicle, drivers: Sequence[_Vehicle], settings: AnthropomorphicSettings
 ) -> list[IndexNote]:
-    """Notes on cross-sections where another reading replaced that of the whole trajectory."""
+    """Notes on readings of the equations that apply to whole trajectories."""
     latest = ads.begin + settings.slice_spacing
     return [
         *_note([one.on_road is not one.whole for one in (ads, *drivers)], "past_the_road"),

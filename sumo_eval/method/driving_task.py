@@ -17,8 +17,7 @@ from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory, h
 
 PLACE_SPACING = 1.0  # m between the places of a way at which times are compared
 SHORT_OF_THE_END = 5.0
-"""m by which the asked way ends before the shortest reference: where vehicles stop differs by a few
-metres."""
+"""m by which the asked way ends before the shortest reference: vehicles stop a few metres apart."""
 EXCUSE_AHEAD, EXCUSE_BESIDE, EXCUSE_SPEED = 10.0, 3.5, 1.0
 """A road user excuses an ego that stands if it is at most this far ahead and to the side, m between
 bodies (3.5 m: a lane), and moves at most this fast along the road, m/s."""

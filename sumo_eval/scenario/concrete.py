@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import functools
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -269,14 +268,14 @@ def brake_to_stop(begin: float, deceleration: float, jerk: float = math.inf) -> 
 def _check_above_zero(
     name: str, owner: str, unit: str, value: float, *, endless: bool = False
 ) -> None:
-    if not 0.0 < value <= (math.inf if endless else sys.float_info.max):
+    if not value > 0.0 or (value == math.inf and not endless):
         finite = "" if endless else "finite and "
         raise must_be(f"`{name}`", owner, f"{finite}greater than 0 {unit}", value)
 
 
 def keeps_on(acts: Sequence[Act]) -> Act:
-    """An act that changes no motion, but makes the vehicle `lively`: only such vehicles may be
-    beside the lanes.
+    """An act that changes no motion, but makes the vehicle `lively`: of motor vehicles only such
+    may be beside the lanes.
 
     acts: the other acts of the vehicle.
     """
@@ -328,8 +327,8 @@ class Actor:
         tables do; otherwise it points where it moves.
     body: kind of road user (`scenario.bodies`).
     heading: at the start, rad to the left of the road.
-    model: SUMO drives it by this model, from the start, or from the begin of its act `FOLLOW` on;
-        None: its acts do.
+    model: SUMO drives it by this model, from the start or from its act `FOLLOW` on; None: its acts
+        do.
     on_map: on a curved road, x m, y m and heading rad of its start on the map, if its path is
         straight on the map instead of along the road: an actor that crosses the path of a turning
         ego. `start` and `heading` are in road coordinates even then. None: its path is along the

@@ -143,7 +143,7 @@ class Definitions:
     options: tuple[tuple[str, float], ...] = ()
 
     def needed_by(self, *expressions: Expression) -> Definitions:
-        """Names without which the expressions have no value."""
+        """The definitions that the expressions need."""
         names = set().union(*(expression.names for expression in expressions))
         entries = []
         for name, expression in reversed(self.entries):

@@ -65,8 +65,8 @@ def misplaced(
 
 
 def _reach(actor: Actor, furthest: float) -> float:
-    """Distance that a vehicle may be beside the lanes, m: 0 if SUMO drives it or its script depends
-    on time alone.
+    """Distance that an actor may be beside the lanes, m: 0 for a motor vehicle that SUMO drives
+    from the start, or whose script depends on time alone.
     """
     beside = actor.body in VULNERABLE or (actor.lively and not actor.follows_at_once)
     return furthest if beside else 0.0

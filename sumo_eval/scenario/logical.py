@@ -126,7 +126,7 @@ class Approach:
     passing_length: of both bodies, m: an ego that is further ahead when the conflict begins has
         passed.
 
-    With an `obstacle_deceleration` or a `conflict_begin` criticality is searched numerically.
+    With `obstacle_deceleration` or `conflict_begin`, criticality is searched numerically.
     """
 
     ego_speed: FloatArray

@@ -1,8 +1,8 @@
 """Closed forms of other vehicles' moves: across the road, and braking, of one vehicle at one
 instant.
 
-`move` and `brake` are acts (`scenario.played`), or records with the same fields. A move has a
-duration above 0, a brake a begin that is known.
+`move` and `brake` are acts (`scenario.played`), or records with the same fields. The `duration` of
+a move is above 0, the `begin` of a brake finite.
 """
 
 from __future__ import annotations
@@ -92,9 +92,9 @@ def lateral_motion(move: Any, time: float) -> tuple[float, float, float]:
 
 @kernel
 def _at_constant_speed(move: Any, since: float) -> tuple[float, float, float]:
-    """`lateral_motion` of a move at constant speed, `since` s after its begin.
+    """`lateral_motion` of a move at constant speed, `since` s after it began.
 
-    The speed builds up linearly and ends at once. `duration`: |offset| / speed + build-up / 2, s.
+    The speed builds up linearly and ends at once; `concrete.constant_lateral` has the duration.
     """
     rise, t = build_up(move), max(since, 0.0)
     going = 0.0 <= since < move.duration
@@ -113,7 +113,7 @@ def _at_constant_speed(move: Any, since: float) -> tuple[float, float, float]:
 
 @kernel
 def time_to_stand(brake: Any, speed: float) -> float:
-    """Time from the begin of braking at `speed` m/s to standstill, s."""
+    """Time that braking from `speed` m/s to standstill takes, s."""
     rise = brake.acceleration / brake.jerk
     if speed >= brake.acceleration * rise / 2.0:
         return float(speed / brake.acceleration + rise / 2.0)

@@ -33,9 +33,9 @@ SPEED = 10  # to a speed, with limited acceleration and jerk
 BY_TIME, BY_PLACE = 11, 12  # speeds by time, by position
 PATH = 13  # along points
 KEEP = 14  # the speed that it has
-FOLLOW = 15  # from its begin on SUMO drives the vehicle
+FOLLOW = 15  # from then on SUMO drives the vehicle
 MATCH = 16  # a speed, or a position, relative to another vehicle's at every instant
-# state of a move: its begin is unknown, is in the future, is past
+# state of a move: its `begin` is unknown, is in the future, is past
 WAITS, KNOWN, BEGUN = 0, 1, 2
 EGO = -1  # in place of the index of an actor
 AT_ONCE, HANDED_OVER = 1, 2  # SUMO drives a vehicle from the start, or from a FOLLOW on
@@ -77,14 +77,14 @@ duration: s.
 speed: at the end of a move along the line; of a lateral move its own, m/s.
 offset: of a lateral move, to the left, m.
 acceleration, jerk: largest, m/s2 and m/s3.
-delay: from the instant at which its condition holds to its begin, s.
+delay: from the instant at which its condition holds to `begin`, s.
 kind: `SMOOTH` to `MATCH`.
 first, count: index and number of its rows in `TABLE`.
 program, steps: index and number of the rows of its condition in `PROGRAM`.
 state: `WAITS`, `KNOWN` or `BEGUN`.
 """
 PIECE = np.dtype(_fields("f8", "duration", "acceleration", "jerk", "speed"))
-"""A piece of motion: its duration, acceleration at its begin, jerk, and the speed at its end."""
+"""A piece of motion: its duration, its first acceleration, its jerk, and the speed at its end."""
 TABLE = np.dtype(_fields("f8", "one", "two"))
 """Pairs of numbers: points of a path (x, y), knots of a profile (time or position, speed),
 positions of a recorded ego (x, y), or what a `MATCH` follows (see `PLAY`)."""
@@ -98,7 +98,7 @@ PLAY = np.dtype(
 x, y, heading: beginning and direction of its line.
 line_s, line_time: distance driven, m, and time, s, when the line began.
 since, s, v: time from which its pieces count, s, and distance, m, and speed, m/s, then.
-first_begin: begin of its first move, s.
+first_begin: `begin` of its first move, s.
 acts, pieces: number of its moves and of its pieces.
 path, points: index and number of the points of its path in `TABLE`; no points: a straight line.
 slides: 1 if it keeps its heading while it moves across the line.
@@ -137,8 +137,8 @@ class Act(NamedTuple):
 
     @property
     def timed(self) -> bool:
-        """Whether it has a closed form (`motion.lateral_motion`, `motion.braked`) and a begin that
-        is known before the drive.
+        """Whether it has a closed form (`motion.lateral_motion`, `motion.braked`) and a `begin`
+        that is known before the drive.
         """
         stops = self.kind == SPEED and self.speed == 0.0
         return not self.program and (stops or self.kind in (SMOOTH, CONSTANT, COSINE))
@@ -268,7 +268,7 @@ def _speed_up(pieces: Any, v: float, act: Any) -> int:
 @kernel
 def _follow_profile(pieces: Any, v: float, x: float, act: Any, table: Any) -> int:
     """Write the pieces of constant acceleration through the knots of a profile; their number."""
-    k, at = 0, (0.0 if act.kind == BY_TIME else x)  # at: s since the begin, or m along the line
+    k, at = 0, (0.0 if act.kind == BY_TIME else x)  # at: s since `begin`, or m along the line
     for q in range(act.first, act.first + act.count):
         knot, speed = table[q].one, table[q].two
         apart = knot - at
@@ -599,7 +599,7 @@ def arithmetic(op: int, a: float, b: float) -> float:
 
 @kernel
 def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
-    """Begin the move `acts[chosen]`, from where the vehicle is at its begin."""
+    """Begin the move `acts[chosen]`, from the position of the vehicle at that time."""
     act = acts[chosen]
     act.state = BEGUN
     play.first_begin = min(play.first_begin, act.begin)
@@ -807,15 +807,15 @@ def players(cases: Sequence[Sequence[Any]]) -> Players:
 
     def records(kind: Any, rows: list[list[tuple[Any, ...]]]) -> Records:
         """Records of each vehicle, (n, m, most that one has, at least one)."""
-        records = np.zeros((len(rows), max(map(len, rows), default=0) or 1), kind)
-        for row, values in zip(records, rows, strict=True):
+        array = np.zeros((len(rows), max(map(len, rows), default=0) or 1), kind)
+        for row, values in zip(array, rows, strict=True):
             if values:
                 row[: len(values)] = values
-        return records.reshape(*shape, records.shape[1])
+        return array.reshape(*shape, array.shape[1])
 
     plays = np.array([_play_of(actor) for actor in actors], PLAY).reshape(shape)
     acts, table = records(ACT, [it[0] for it in lists]), records(TABLE, [it[1] for it in lists])
-    # a profile has a piece a knot, a change of speed two
+    # a profile needs one piece for each knot, a change of speed two
     pieces = np.zeros((*shape, table.shape[2] + 2), PIECE)
     return Players(plays, acts, pieces, table, records(PROGRAM, [it[2] for it in lists]))
 

@@ -264,7 +264,7 @@ def _is_ghost(gap: float, ttc: float, accelerations: np.ndarray) -> bool:
 
 
 def _start_kind(traffic: RecordedTraffic, start: int, row: int) -> str:
-    """Kind of begin of an approach, at a row of the stretch that begins at `start`."""
+    """Kind of start of an approach, at a row of the stretch that begins at `start`."""
     if row == start:
         places = (start, traffic.lead[start])
         edge = any(place == traffic.slices[traffic.names[place]].start for place in places)
@@ -275,9 +275,7 @@ def _start_kind(traffic: RecordedTraffic, start: int, row: int) -> str:
 
 
 def _outcome(traffic: RecordedTraffic, row: int, end: int) -> tuple[str, int]:
-    """Kind of end of an approach that begins at a row of a stretch up to `end`, and the row of the
-    end.
-    """
+    """Kind and row of the end of an approach that begins at a row of a stretch up to `end`."""
     names, lane = traffic.names, traffic.lane
     followed = np.flatnonzero(traffic.closing[row:end] < RULES.follows_below)
     if followed.size:

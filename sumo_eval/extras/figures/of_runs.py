@@ -50,8 +50,8 @@ LEARNT = "#d55e00"  # colour of the learnt boundary
 
 
 def zone_map(asked: Asked) -> Figure:
-    """The zones of a space, the paper's Fig. 8 or 9, with the boundary that was learnt and the exact
-    one, and every case's outcome.
+    """The zones of a space, the paper's Fig. 8 or 9, with the learnt and the exact boundary, and
+    every case's outcome.
 
     One map for each value of a third parameter. `case` selects the ADS and scenario, where it is
     given.

@@ -180,7 +180,7 @@ class RareEvents:
 
     @property
     def collided(self) -> BoolArray:
-        """Outcomes of the drives, (n,)."""
+        """Whether each drive ended in a collision, (n,)."""
         return self._search.outcomes
 
     @property

@@ -151,8 +151,8 @@ def first_event(concrete: ConcreteScenario) -> float | None:
 
 
 def reaction(recording: Recording, event: float, vehicle: VehicleSettings) -> float | None:
-    """Time from an event to the first braking or steering that was not there before it, s; None:
-    none.
+    """Time from an event to the first braking or steering that was not there before it, s; None
+    without any.
 
     Braking: 0.5 m/s2 below the acceleration at the event. Steering: 0.35 m/s2 across beyond that at
         the event, of the path that the steering wheel asks for, v^2 tan(angle / steering ratio) /

@@ -321,8 +321,8 @@ def _sections(road: etree._Element, owner: str, length: float, side: str) -> lis
 def _inner_lanes(
     sections: Sequence[_Section], outer: int, owner: str
 ) -> tuple[dict[int, float], dict[int, float]]:
-    """Begin of each lane up to the outermost driven one, and width of all but that one, m, by rank:
-    constant, and the same in every section.
+    """Inner edge of each lane up to the outermost driven one, and width of all but that one, m, by
+    rank: constant, and the same in every section.
     """
     begins: dict[int, float] = {}
     widths: dict[int, float] = {}
