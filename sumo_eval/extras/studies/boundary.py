@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_eval.cases import EVALUATED
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.studies.straddle import BoundarySearch
 from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import identify, run_cases
@@ -147,17 +147,10 @@ def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalSce
 
     Raises InputError for unknown names and values.
     """
+    check_known(f"parameter of scenario `{logical.name}`", logical.names, *fixed)
     items = {item.name: item for item in logical.parameters}
     for name, value in fixed.items():
-        if name not in items:
-            raise unknown(f"parameter of scenario `{logical.name}`", name, logical.names)
-        item = items.pop(name)
-        if not item.low <= value <= item.high or (item.values and value not in item.values):
-            allowed = f"within {item.low:g}..{item.high:g}{item.unit_suffix}"
-            if item.values:
-                values = ", ".join(f"{known:g}" for known in item.values)
-                allowed = f"one of {values}{item.unit_suffix}"
-            raise must_be(f"`{name}`", f"the slice of scenario `{logical.name}`", allowed, value)
+        items.pop(name).check(value, f"the slice of scenario `{logical.name}`")
     if not items:
         raise InputError(
             f"The slice of scenario `{logical.name}` must leave at least one parameter free."
