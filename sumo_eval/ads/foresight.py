@@ -101,7 +101,7 @@ def evasion(
     deceleration: float,
 ) -> tuple[float, float, float, float]:
     """The path of an ideal vehicle that steers to the lane on its left: y of its lane's centre,
-    offset, x of the begin and length, m (`lane_change.PATH`). Offset 0: it keeps its lane and
+    offset, x of the start and length, m (`lane_change.PATH`). Offset 0: it keeps its lane and
     brakes.
 
     It steers where all of this holds:

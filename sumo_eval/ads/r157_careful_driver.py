@@ -402,7 +402,7 @@ class CarefulDriver(Compiled):
 
     wander: largest distance from the lane centre that does not count as a lane change, m.
     evaluation: time from perceiving an event to the end of its evaluation, s.
-    reaction: time from the instant at which braking became necessary to its begin, s.
+    reaction: time from the instant at which braking became necessary to its start, s.
     lead_braking: deceleration above which a lead vehicle is perceived as braking, m/s2.
     in_path_limit: needed deceleration from which approaching a vehicle in the path is an event,
         m/s2; the regulation has no such case.
@@ -414,7 +414,7 @@ class CarefulDriver(Compiled):
         *flags("aeb_brakes", "looked"),
     ]  # fmt: skip
     """path: of the driver's braking. me: the ego now. then: the ego at another instant. aeb_began:
-    begin of the emergency braking, s. looked: 1 after the first step."""
+    start of the emergency braking, s. looked: 1 after the first step."""
     known: ClassVar = [*_WATCHED, *SIGHTED]
     numbers: ClassVar = [
         BRAKES, *fields("wander", "evaluation", "reaction", "lead_braking", "in_path_limit"),

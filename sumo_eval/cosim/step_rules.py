@@ -264,7 +264,7 @@ def goes_straight(
     """Whether an ego goes straight on as its speed says.
 
     ahead, aside: motion of its front bumper in the step, m.
-    speed, before: at the step's end and begin, m/s.
+    speed, before: at the step's end and start, m/s.
     """
     gained, half = (speed - before) / step, 0.5 * step
     off, most = abs(ahead - half * (speed + before)), half * abs(speed - before) + JUMP_TOLERANCE

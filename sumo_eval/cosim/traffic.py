@@ -1,7 +1,7 @@
 """SUMO's side of cases in which vehicles react: SUMO drives these, and receives all other vehicles
 at every step.
 
-A vehicle that SUMO receives is put where it is at the begin of a step, with the speed that it has
+A vehicle that SUMO receives is put where it is at the start of a step, with the speed that it has
 at the end: when SUMO has moved it, followers see it where it is now. For SUMO a body is in one lane
 only. So a vehicle has two bodies here: one in the lane of its front's centre, and a shadow in the
 lane over whose line it reaches (`SimulationSettings.seen_over_line`). A shadow that is not needed
@@ -39,10 +39,10 @@ class _OnLane(NamedTuple):
 
     number: index of the vehicle in flat order (row by row, the ego first).
     lane, shadow_lane: of its body and of its shadow; -1: no shadow.
-    begin: position of its front along the lane at the step's begin, m.
+    begin: position of its front along the lane at the step's start, m.
     y: position across the road at the step's end, m.
     along: speed along the road at the step's end, m/s.
-    speed_before: speed at the step's begin, m/s.
+    speed_before: speed at the step's start, m/s.
     """
 
     number: int
@@ -237,7 +237,7 @@ class Traffic(Stage):
         return np.where(left, lane + 1, np.where(right, lane - 1, -1))
 
     def _put_on_lane(self, it: _OnLane) -> None:
-        """Put a vehicle and its shadow where they are at the step's begin, with the speed of its
+        """Put a vehicle and its shadow where they are at the step's start, with the speed of its
         end.
         """
         name, shadow = self._flat[it.number], self._shadow_of[it.number]

@@ -259,7 +259,7 @@ def ideal_impact_speed(
 Profile = Callable[[FloatArray], FloatArray]
 """Times (..., m), s -> speeds, m/s, or distances driven since t = 0, m, of the same shape."""
 
-_SHARES = 161  # moments looked at from the conflict's begin to the ego's standstill
+_SHARES = 161  # moments looked at from the conflict's start to the ego's standstill
 _ZOOM = 21  # moments looked at between the neighbours of the most critical one
 _BISECTIONS = 40
 
@@ -284,7 +284,7 @@ def searched_criticality(
     delay: s before braking.
     conflict_begin: s before which the lead is not in the way, so that neither ITTC nor contact
         counts.
-    passing_length: m, both bodies: with a gap below -passing_length at the conflict's begin the ego
+    passing_length: m, both bodies: with a gap below -passing_length at the conflict's start the ego
         has passed, and nothing counts any more; with one between that and 0 the lead moves into its
         side.
 

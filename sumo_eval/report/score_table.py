@@ -189,7 +189,7 @@ def _styled(cell: str, heading: str, size: int) -> str:
 
 
 def _shortened(name: str, size: int) -> str:
-    """A name of at most `size` characters: its begin and its end."""
+    """A name of at most `size` characters: its start and its end."""
     if len(name) <= size:
         return name
     begin = size // 2

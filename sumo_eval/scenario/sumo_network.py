@@ -63,7 +63,7 @@ class _Lane:
 
 
 def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
-    """The road along `edges` of a .net.xml; cases end at x = `end`, m from the begin of the first
+    """The road along `edges` of a .net.xml; cases end at x = `end`, m from the start of the first
     edge.
 
     Raises InputError where the file is not a network, an edge is not in it, or the edges are not

@@ -253,7 +253,7 @@ class ManoeuvreTable(Checked):
     cycles: Annotated[
         float | None, Positive, About("of `sinus`: swings, each to one side and back")
     ] = None
-    times: Annotated[tuple[Formula, ...], About("of `speed_profile`: since its begin", "s")] = ()
+    times: Annotated[tuple[Formula, ...], About("of `speed_profile`: since its start", "s")] = ()
     places: Annotated[
         tuple[Formula, ...], About("of `speed_profile`, `path`: of its centre along the road", "m")
     ] = ()

@@ -336,7 +336,7 @@ class Moves:
         ends = (*off.program, *constant(_THERE).program, operation(played.BELOW))
         there = (*follows, *ends, operation(played.AND))
         entity.acts.append(Act(played.KEEP, program=there))
-        # a speed that is kept has no end, its begin is remembered
+        # a speed that is kept has no end, its start is remembered
         return self._add(entity, Moment(0.0, there), Act(played.COSINE, 0.0, AT_ONCE), NEVER)
 
     # -- lateral moves -----------------------------------------------------------------------------

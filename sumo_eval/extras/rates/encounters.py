@@ -312,7 +312,7 @@ def fit_smooth_step(
     across = y - y.mean()
 
     def fit(values: FloatArray) -> tuple[float, float]:
-        """Sum of squares of a begin and a duration, and the offset that has the least."""
+        """Sum of squares of a start and a duration, and the offset that has the least."""
         share = smooth_step((time - values[0]) / max(abs(values[1]), INTERVAL))
         share = share - share.mean()
         spread = float((share**2).sum())

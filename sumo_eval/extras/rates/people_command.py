@@ -102,7 +102,7 @@ def exposure(scenario: str, tables: tuple[Path, ...], bandwidth: str) -> None:
     type=float,
     help="Begin of the scene, s of the recording (default: the vehicle's own).",
 )
-@click.option("--end", type=float, help="End of the scene, s (default: 30 s after its begin).")
+@click.option("--end", type=float, help="End of the scene, s (default: 30 s after its start).")
 @click.option(
     "--react",
     type=click.Choice(["IDM", "EIDM", "Krauss"]),

@@ -69,7 +69,7 @@ class WrittenScene(NamedTuple):
 
 
 class _Track(NamedTuple):
-    """Positions since the begin of the scene, across the road from the middle of its right-most
+    """Positions since the start of the scene, across the road from the middle of its right-most
     lane.
     """
 
@@ -96,7 +96,7 @@ def write_scene(
 
     ego: the vehicle that an ADS is to replace.
     recording: its name; None: the only one that the ego is in.
-    span: begin and end of the scene, s of the recording; default: the first 30 s of the ego.
+    span: start and end of the scene, s of the recording; default: the first 30 s of the ego.
     model: SUMO's, by which the actors react; None: they do not.
     beyond: m.
     """
@@ -224,7 +224,7 @@ def _speed(track: _Track, time: float) -> float:
 
 
 def _continued(track: _Track) -> _Track:
-    """From the begin of the scene on: before its first position it is assumed to have had its speed
+    """From the start of the scene on: before its first position it is assumed to have had its speed
     and lane.
     """
     before = np.arange(0.0, track.time[0] - INTERVAL / 2.0, INTERVAL)
@@ -237,7 +237,7 @@ def _continued(track: _Track) -> _Track:
 
 
 def _overlap(one: _Track, other: _Track) -> bool:
-    """Whether two bodies share ground at the begin of the scene."""
+    """Whether two bodies share ground at the start of the scene."""
     beside = abs(one.y[0] - other.y[0]) < (one.width + other.width) / 2.0
     return bool(beside and abs(one.x[0] - other.x[0]) < (one.length + other.length) / 2.0)
 

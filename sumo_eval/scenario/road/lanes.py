@@ -70,7 +70,7 @@ class LaneTable(Checked):
     lane: Annotated[int, About("its number; 0: the right-hand one")]
     begin: Annotated[
         float | None,
-        About("from there on it has its full width; default: from the road's begin", "m"),
+        About("from there on it has its full width; default: from the road's start", "m"),
     ] = None
     end: Annotated[
         float | None, About("to there it has its full width; default: to the road's end", "m")
