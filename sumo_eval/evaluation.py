@@ -22,6 +22,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.method.severity import chosen_severity
 from sumo_eval.record import run_folder
 from sumo_eval.record.kept_results import KeptResults
+from sumo_eval.record.points import choose_points, refuse_unknown_axes
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.store import open_store, vouch
 from sumo_eval.results import Evaluation
@@ -118,7 +119,6 @@ def record_rounds(
 
 def _further_rounds(done: Evaluation, settings: EvaluationSettings) -> EvaluationSettings:
     """The settings with one more round in every adaptive scenario that has not come to its end."""
-    from sumo_eval.record.points import choose_points
     from sumo_eval.scoring.confidence.next_round import further_round
 
     entries = []
@@ -160,6 +160,8 @@ def score(
     settings = with_changes(run_folder.read_settings(folder), changes)
     if resolved is None:
         resolved = Resolved.of(settings, run_folder.source_of(folder))
+    if changes:
+        refuse_unknown_axes(resolved.scenarios, settings.report)
     resolved = replace(resolved, settings=settings)
     exposures = run_folder.read_exposures(folder)
     severity = chosen_severity(settings.method.collision, resolved.source)

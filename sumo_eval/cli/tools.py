@@ -226,7 +226,7 @@ def _check_evaluation(path: Path) -> None:
     from sumo_eval.method.zone_partition import refuse_impossible_zones
     from sumo_eval.record.facts import settings_of, space_of
     from sumo_eval.record.only import narrowed
-    from sumo_eval.record.points import scenario_weights
+    from sumo_eval.record.points import refuse_unknown_axes, scenario_weights
     from sumo_eval.record.qualification import read_qualification
     from sumo_eval.record.recording import planner
     from sumo_eval.scenario.resolved import Resolved, refuse_doubles
@@ -256,8 +256,11 @@ def _check_evaluation(path: Path) -> None:
         planner(Resolved(replace(bare, **part), source, {}))  # refuses what a run would refuse
         return words
 
+    def axes() -> str:
+        refuse_unknown_axes(names, settings.report)
+        return ", ".join(settings.report.axes)
+
     def ranking() -> str:
-        names = [space.logical.name for space in spaces]
         weights = scenario_weights(names, settings.method.ranking)
         return ", ".join(f"{name} weighs {weight:g}" for name, weight in weights.items())
 
@@ -284,8 +287,10 @@ def _check_evaluation(path: Path) -> None:
         for space in spaces:
             wrong += _check_recorded_people(space, settings, source)
     closing = [("severity", severity)]
-    if settings.method.ranking.weights and len(spaces) == len(settings.scenario):
-        closing.append(("ranking", ranking))
+    names = [space.logical.name for space in spaces]
+    if len(names) == len(settings.scenario):
+        closing += [("axes of maps", axes)] if settings.report.axes else []
+        closing += [("ranking", ranking)] if settings.method.ranking.weights else []
     sys.exit(INPUT_WRONG if wrong + _count_mistakes(closing) else DONE)
 
 

@@ -19,7 +19,7 @@ from sumo_eval.cases import EVALUATED
 from sumo_eval.cosim.doors.controller import find_controller
 from sumo_eval.cosim.doors.entry import made_absolute
 from sumo_eval.drivers.recorded.exposure import exposure_of
-from sumo_eval.errors import InputError, StoppedError, check_known
+from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.method.point_criticality import exactly_hazardous
 from sumo_eval.method.severity import severity_of
 from sumo_eval.record import loops, run_folder
@@ -27,7 +27,7 @@ from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import refuse_engine, run_cases
 from sumo_eval.record.given import entry_of
 from sumo_eval.record.only import narrowed, points_only
-from sumo_eval.record.points import choose_points, scenario_weights
+from sumo_eval.record.points import choose_points, refuse_unknown_axes, scenario_weights
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.recording import (
@@ -83,7 +83,7 @@ def resolve(
     ads, changes: as of `settings_of`.
     """
     run = Resolved.of(*settings_of(evaluation, folder, resume, ads, **changes))
-    check_known("scenario in `report.axes`", run.scenarios, *run.settings.report.axes)
+    refuse_unknown_axes(run.scenarios, run.settings.report)
     return narrowed(run)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 from itertools import product
 
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError, check_known
 from sumo_eval.scenario.resolved import Resolved
 
 
@@ -45,8 +45,7 @@ def _place(case: str, scenarios: Sequence[str], every: Sequence[str]) -> tuple[s
         f"{scenario}-{number}-{ads}": (scenario, ads)
         for scenario, number, ads in product(scenarios, numbers, every)
     }
-    if case not in known:
-        raise unknown("case of the evaluation", case, known)
+    check_known("case of the evaluation", known, case)
     return known[case]
 
 

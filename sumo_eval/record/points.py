@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,10 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sumo_eval.coded import decoded, encoded
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.scenario.logical import LogicalScenario, Values
-from sumo_eval.settings import EvaluationSettings, RankingSettings, ScenarioSettings, ZoneSettings
+from sumo_eval.settings import (
+    EvaluationSettings,
+    RankingSettings,
+    ReportSettings,
+    ScenarioSettings,
+    ZoneSettings,
+)
 from sumo_eval.trajectory import FloatArray
 
 # looking up scenarios needs neither zones nor samples: half a second of imports
@@ -108,14 +114,17 @@ def _refusals(logical: LogicalScenario, points: Sample) -> str:
     return f" Of {len(refused)} points are ruled out: {', '.join(by)}."
 
 
+def refuse_unknown_axes(scenarios: Collection[str], settings: ReportSettings) -> None:
+    """Refuse axes of maps for a scenario that the evaluation does not have."""
+    check_known("scenario in `report.axes`", scenarios, *settings.axes)
+
+
 def scenario_weights(scenarios: Sequence[str], settings: RankingSettings) -> dict[str, float]:
     """The weight of every scenario of an evaluation, by name.
 
     Raises InputError for one that it does not have.
     """
-    for name in settings.weights:
-        if name not in scenarios:
-            raise unknown("scenario in `method.ranking.weights`", name, scenarios)
+    check_known("scenario in `method.ranking.weights`", scenarios, *settings.weights)
     weights = {name: float(settings.weights.get(name, 1.0)) for name in scenarios}
     if not any(weights.values()):
         raise InputError(

@@ -151,7 +151,17 @@ def test_two_scenarios_of_one_name_are_refused_alike(tmp_path: Path) -> None:
     evaluation.write_text(
         EVALUATION.replace("[[ads]]", '[[scenario]]\nuse = "other.toml"\n[[ads]]')
     )
-    words = "must differ in their names, got `own` twice"
+    refused_alike(evaluation, "must differ in their names, got `own` twice")
+
+
+def test_axes_of_an_unknown_scenario_are_refused_alike(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(GOOD)
+    evaluation = tmp_path / "evaluation.toml"
+    evaluation.write_text(EVALUATION + '[report]\naxes = { onw = ["ego_speed", "lead_speed"] }\n')
+    refused_alike(evaluation, "Unknown scenario `onw` in `report.axes`. Did you mean `own`?")
+
+
+def refused_alike(evaluation: Path, words: str) -> None:
     for command in (["run", str(evaluation), "--dry-run"], ["check", str(evaluation)]):
         done = CliRunner().invoke(main, command)
         assert done.exit_code == 2
