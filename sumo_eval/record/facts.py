@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 import os
-import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -167,7 +166,7 @@ def record_facts(
     Raises StoppedError after `stopping` returned true, or after Ctrl-C; recorded cases are kept,
     and `resume` continues.
     """
-    settings, source, shard = run.settings, run.source, "{}/{}".format(*run.shard)
+    settings, source = run.settings, run.source
     for entry in settings.scenario if run.shard != WHOLE else ():
         if entry.sampling.method == "adaptive":
             raise InputError(
@@ -189,7 +188,6 @@ def record_facts(
         notes = find_stale(store, source)
         store.remove_stale()
         store.unseal()
-        store.note(run_folder.SHARD, shard)
         try:
             _record_alongside(meanwhile, spaces, plan, store, progress, stopping)
         except (StoppedError, KeyboardInterrupt):
@@ -231,12 +229,12 @@ def compile_loops(
 def _begun(
     folder: Path, run: Resolved, spaces: Sequence[Space], *, another_round: bool = False
 ) -> Iterator[Store]:
-    """The store of a run folder that is filled with its other files.
+    """The store of a run folder that is filled with its other files; it notes the run's shard.
 
     Raises InputError for a run that cannot continue as this one, before a file of it changes.
     """
+    shard = "{}/{}".format(*run.shard)
     if run_folder.is_run(folder):
-        shard = "{}/{}".format(*run.shard)
         with open_store(folder / run_folder.FACTS, create=True, checked=True) as store:
             if (before := store.noted(run_folder.SHARD)) not in ("", shard):
                 raise InputError(
@@ -248,6 +246,7 @@ def _begun(
     )
     run_folder.write_exposures(folder, {space.logical.name: space.exposure for space in spaces})
     with open_store(folder / run_folder.FACTS, create=True) as store:
+        store.note(run_folder.SHARD, shard)
         yield store
 
 
@@ -331,7 +330,6 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
             remember(out, settings, run.source)
         for shard in sorted(folders):
             store.take_over(folders[shard] / run_folder.FACTS)
-        store.note(run_folder.SHARD, "1/1")
         store.seal()
         return _counted(store)
 
@@ -351,11 +349,7 @@ def _shard_of(
         if versions[name] != manifest["versions"][name]:
             raise InputError(f"{folder} was made with another version of {name} than {first}.")
     with open_store(folder / run_folder.FACTS) as store:
-        if not store.sealed:
-            raise InputError(
-                f"Shard {folder} is not complete; continue with: sumo-eval run --out "
-                f"{shlex.quote(str(folder))} --resume."
-            )
+        run_folder.refuse_incomplete(store, folder)
         return parse_shard(store.noted(run_folder.SHARD))
 
 

@@ -230,6 +230,11 @@ def check_complete(store: Store, folder: Path) -> None:
             f"Run {folder} is shard {store.noted(SHARD)} of an evaluation; put the shards together "
             "first: sumo-eval merge SHARD ... --out DIR."
         )
+    refuse_incomplete(store, folder)
+
+
+def refuse_incomplete(store: Store, folder: Path) -> None:
+    """Refuse a run, or a shard of one, that has not recorded all of its cases."""
     if not store.sealed:
         raise InputError(
             f"Run {folder} is not complete; continue with: sumo-eval run --out "
