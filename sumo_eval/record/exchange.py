@@ -46,8 +46,9 @@ class Run:
         import pandas as pd
 
         # an ADS may be called `007` or `NA`
-        plain: Any = {"dtype": dict.fromkeys(_NAMES, str), "keep_default_na": False}
-        return without_quotes(pd.read_csv(_scored(self.folder, CASES), na_values=[""], **plain))
+        options: Any = {"dtype": dict.fromkeys(_NAMES, str), "na_values": [""]}
+        file = _scored(self.folder, CASES)
+        return without_quotes(pd.read_csv(file, keep_default_na=False, **options))
 
     @property
     def scores(self) -> pd.DataFrame:
@@ -79,12 +80,9 @@ class Run:
     def trajectories(self, case: str) -> dict[str, Trajectory]:
         """Every vehicle's trajectory of a case, the ego's under `ego`."""
         with self._store() as store:
-            vehicles = store.trajectories(case)
-            if store.is_discarded(case):
-                raise store.no_trajectory(case)
-        if not vehicles:
-            raise InputError(f"There is no trajectory of case `{case}` in run {self.folder}.")
-        return vehicles
+            if vehicles := store.trajectories(case):
+                return vehicles
+            raise store.no_trajectory(case)
 
     def trajectory_table(self, case: str) -> pd.DataFrame:
         """The trajectories of a case as one table: vehicle, time, x, y, heading, speed,

@@ -339,16 +339,14 @@ class Store:
         return self._first('SELECT 1 FROM let_go WHERE "case" = ?', case) is not None
 
     def no_trajectory(self, case: str) -> InputError:
-        """Reason why a case has no trajectory of the ego."""
+        """Error that says why a case has no trajectories."""
         if self.is_discarded(case):
             return InputError(
                 f"The trajectories of case `{case}` of {self.path.parent} were discarded after it "
                 "was scored (`[run] keep`); what was computed of them then is known, anything else "
                 "needs the evaluation run again."
             )
-        return InputError(
-            f"There is no trajectory of `{EGO}` in case `{case}` of {self.path.parent}."
-        )
+        return InputError(f"There is no trajectory of case `{case}` in run {self.path.parent}.")
 
     def _read(
         self, query: str, values: Sequence[object] | Mapping[str, object] = ()
