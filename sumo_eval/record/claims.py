@@ -66,8 +66,8 @@ def as_plain(results: Results, reads: list[File] | None) -> list[Any]:
     reads: files that their process has newly read.
     """
     fields = attrgetter("status", "recording", "error", "log", "error_place", "batched")
-    rows: list[Any] = [it if isinstance(it, Alone) else fields(it) for it in results or ()]
-    return [reads, None if results is None else plain(rows)]
+    rows: Any = results and [it if isinstance(it, Alone) else fields(it) for it in results]
+    return [reads, plain(rows)]
 
 
 def results_of(answer: Any, cases: Sequence[Case]) -> Results:

@@ -5,14 +5,14 @@ each worker.
 from __future__ import annotations
 
 import logging
-from collections.abc import Generator, Iterable
+from collections.abc import Iterable
 from importlib.util import find_spec
 from typing import Any
 
 from sumo_eval.errors import InputError, needs_extra, said
 from sumo_eval.record.batches import Batch, Batches
 from sumo_eval.record.cases import Case, Outcome, Setup
-from sumo_eval.record.engines import once_each, run_in_children
+from sumo_eval.record.engines import Outcomes, once_each, run_in_children
 from sumo_eval.record.identity import harness_identity
 from sumo_eval.record.progress import Stopping
 
@@ -37,9 +37,7 @@ def run_batch(cases: Batch, setup: Setup, harness: str) -> list[Outcome] | str:
     return list(once_each(run_in_children(cases, setup)))
 
 
-def run_on_cluster(
-    cases: Iterable[Case], setup: Setup, stopping: Stopping
-) -> Generator[list[Outcome], None, None]:
+def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Outcomes:
     """Outcomes of the cases from the cluster whose scheduler `setup.run.scheduler` names, as
     batches end.
 

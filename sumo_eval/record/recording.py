@@ -189,7 +189,7 @@ def planner(run: Resolved) -> Planner:
         FmuPlant(plant, plant.file, source)
         harness += hash_of(source / plant.file, "FMU")
     setup = Setup(settings.simulation, settings.run, source)
-    identities = dict(identify(list(dict.fromkeys(named)), setup))
+    identities = identify(list(dict.fromkeys(named)), setup)
     over_arrays = frozenset(
         ads.locator for ads in settings.ads if is_over_arrays(identities[ads.locator])
     )

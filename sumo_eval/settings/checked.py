@@ -8,7 +8,6 @@ evaluation.toml.
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 import operator
 from collections.abc import Callable, Mapping
@@ -92,10 +91,9 @@ class Checked:
     def __post_init__(self) -> None:
         cls: type = type(self)
         for name, rule in _rules(cls):
-            wrong = _wrong(getattr(self, name), rule)
-            if wrong is not None:
-                place, demand, found = wrong
-                raise must_be(f"`{name}{place}`", f"`{cls.__name__}`", demand, found)
+            if wrong := _wrong(getattr(self, name), rule):
+                place, demand, value = wrong
+                raise must_be(f"`{name}{place}`", f"`{cls.__name__}`", demand, value)
 
 
 class _Rule(NamedTuple):
@@ -151,8 +149,8 @@ def _wrong(value: Any, rule: _Rule, place: str = "") -> Wrong | None:
         return None
     if rule.choices and value not in rule.choices:
         return place, "one of " + ", ".join(map(repr, rule.choices)), value
-    kind = rule.kind
-    if not isinstance(value, kind) or (isinstance(value, bool) and kind in (Real, Integral)):
+    number = rule.kind in (Real, Integral)
+    if not isinstance(value, rule.kind) or (number and isinstance(value, bool)):
         return place, rule.kind_words, value
     if isinstance(value, float) and not math.isfinite(value):
         return place, "a finite number" if math.isinf(value) else "a number", value
@@ -161,7 +159,7 @@ def _wrong(value: Any, rule: _Rule, place: str = "") -> Wrong | None:
             return place, f"{words} {limit:g}", value
     if rule.form in (dict, tuple):
         return _wrong_inside(value, rule, place)
-    wrongs = [wrong for it in rule.inner if (wrong := _wrong(value, it, place)) is not None]
+    wrongs = [wrong for it in rule.inner if (wrong := _wrong(value, it, place))]
     if not wrongs or len(wrongs) < len(rule.inner):
         return None
     words = " or ".join(dict.fromkeys(demand for _, demand, _ in wrongs))
@@ -171,11 +169,10 @@ def _wrong(value: Any, rule: _Rule, place: str = "") -> Wrong | None:
 def _wrong_inside(value: Any, rule: _Rule, place: str) -> Wrong | None:
     """The first mistake in a table or a list."""
     if rule.form is dict:
-        items = ((f"{place}.{key}", item, rule.inner[1]) for key, item in value.items())
+        items = [(f".{key}", item, rule.inner[1]) for key, item in value.items()]
+    elif (length := len(rule.inner)) in (1, len(value)):  # 1: a rule for all items
+        items = [(f"[{i}]", item, rule.inner[i % length]) for i, item in enumerate(value)]
     else:
-        if len(rule.inner) not in (1, len(value)):
-            return place, f"a list of {len(rule.inner)}", value
-        each = enumerate(zip(value, itertools.cycle(rule.inner), strict=False))
-        items = ((f"{place}[{number}]", *pair) for number, pair in each)
-    found = (_wrong(item, inner, at) for at, item, inner in items)
-    return next(filter(None, found), None)
+        return place, f"a list of {length}", value
+    wrongs = (_wrong(item, inner, place + at) for at, item, inner in items)
+    return next(filter(None, wrongs), None)

@@ -28,8 +28,8 @@ PAPER_EVALUATION = Path(__file__).with_name("paper_evaluation.toml")
 SUITES = Path(__file__).with_name("suites")
 """Frozen lists of scenarios, samples, drivers and seed, a file each."""
 _SUITE = "suite:"
-_FIXED = ("seed", "scenario", "drivers", "simulation", "method")
-"""Settings of an evaluation that a suite fixes."""
+_FIXED = ("seed", "drivers", "simulation", "method")
+"""Settings of an evaluation that a suite fixes together with the scenarios."""
 
 Settings = TypeVar("Settings", bound=Checked)
 
@@ -71,11 +71,7 @@ def with_suites(content: Mapping[str, Any], where: str) -> dict[str, Any]:
             "`use`."
         )
     suite = read_toml(SUITES / f"{names[0]}.toml", "suite")
-    changed = [
-        name
-        for name in ("seed", "drivers", "simulation", "method")
-        if name in plain and plain[name] != suite.get(name)
-    ]
+    changed = [name for name in _FIXED if name in plain and plain[name] != suite.get(name)]
     if changed:
         raise InputError(
             f"`{changed[0]}` in {where} is fixed by the suite `{names[0]}`; leave it out."
@@ -88,7 +84,7 @@ def suite_of(settings: EvaluationSettings) -> str:
     for path in sorted(SUITES.glob("*.toml")):
         content = {"name": settings.name, "scenario": [{"use": f"{_SUITE}{path.stem}"}]}
         suite = settings_from(content, path.stem, own_ads=False)
-        if all(getattr(settings, part) == getattr(suite, part) for part in _FIXED):
+        if all(getattr(settings, part) == getattr(suite, part) for part in ("scenario", *_FIXED)):
             return path.stem
     return ""
 
