@@ -129,27 +129,25 @@ def cool_down() -> None:
 
 
 def tie_to_owner(lifeline: Connection) -> None:
-    """Called in a child: end with the owner.
+    """End this child when its owner ends.
 
-    `lifeline`: reading end of a pipe whose writing end the owner holds.
+    lifeline: reading end of a pipe whose writing end the owner holds.
     """
-    if sys.platform == "win32":
+    if sys.platform != "win32":
+        os.setsid()
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform != "linux":
         threading.Thread(target=_leave_at_end_of, args=(lifeline,), daemon=True).start()
         return
-    os.setsid()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if sys.platform == "linux":
-        import fcntl
+    import fcntl
 
-        # A description of its own: owner and signal of the shared one would be the last child's.
-        own = os.open(f"/proc/self/fd/{lifeline.fileno()}", os.O_RDONLY | os.O_NONBLOCK)
-        fcntl.fcntl(own, fcntl.F_SETOWN, -os.getpgrp())
-        fcntl.fcntl(own, fcntl.F_SETSIG, signal.SIGKILL)
-        fcntl.fcntl(own, fcntl.F_SETFL, os.O_ASYNC | os.O_NONBLOCK)
-        if lifeline.poll():  # the owner had gone before anybody listened
-            os._exit(1)
-    else:
-        threading.Thread(target=_leave_at_end_of, args=(lifeline,), daemon=True).start()
+    # A description of its own: owner and signal of the shared one would be the last child's.
+    own = os.open(f"/proc/self/fd/{lifeline.fileno()}", os.O_RDONLY | os.O_NONBLOCK)
+    fcntl.fcntl(own, fcntl.F_SETOWN, -os.getpgrp())
+    fcntl.fcntl(own, fcntl.F_SETSIG, signal.SIGKILL)
+    fcntl.fcntl(own, fcntl.F_SETFL, os.O_ASYNC | os.O_NONBLOCK)
+    if lifeline.poll():  # the owner ended before the signal was set up
+        os._exit(1)
 
 
 def _leave_at_end_of(lifeline: Connection) -> None:

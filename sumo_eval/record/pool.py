@@ -427,15 +427,17 @@ class _Child:
 def _begin(pipes: Sequence[Connection], memory_limit: float, scratch: str) -> None:
     """Become the supervisor of a process that works on items."""
     *ends, leash, report = (pipe.fileno() for pipe in pipes)
-    orders, results, output = ends
-    work = partial(_serve, orders, results, output, memory_limit, scratch)
+    work = partial(_serve, ends, memory_limit, scratch)
     supervise(work, leash, report, memory_limit)
 
 
-def _serve(orders: int, results: int, output: int, memory_limit: float, scratch: str) -> None:
+def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
     """Work on items until no more come, or until one leaves a process or a thread behind, which
     must not disturb further items.
+
+    ends: of the pipes for orders, results and output.
     """
+    orders, results, output = ends
     os.dup2(output, 1)
     os.dup2(output, 2)
     text = partial(open, mode="w", buffering=1, encoding="utf-8", errors="replace", closefd=False)
