@@ -1,7 +1,4 @@
-"""Engines: work off cases here, in child processes or on a cluster.
-
-Outcomes come as cases end.
-"""
+"""Engines: drive cases in this process, in child processes or on a cluster."""
 
 from __future__ import annotations
 
@@ -34,19 +31,17 @@ IDLE = 0.2
 _CLUSTER = "sumo_eval.record.cluster:run_on_cluster"
 
 Outcomes = Generator[list[Outcome], None, None]
-"""Outcomes of cases by batches, a list of those that ended together. One of a hook that ended in a
-batch comes once more, of a drive alone, when the hook turns out to keep state."""
+"""Lists of outcomes, each of cases that ended together. A hook's case that ended in a batch comes
+once more, driven alone, if the hook turns out to keep state."""
 
 
 def run_cases(cases: Iterable[Case], setup: Setup) -> Generator[Outcome, None, None]:
-    """Outcomes of the cases as they end, each exactly once, from the engine that `setup.run`
-    names.
-    """
+    """One outcome of each case, from the engine that `setup.run` names (see `once_each`)."""
     return once_each(run_batches(cases, setup))
 
 
 def once_each(ended: Outcomes) -> Generator[Outcome, None, None]:
-    """The last outcome of each case: those that another may replace come at the end."""
+    """The last outcome of each case, as it ends; at the very end if another could replace it."""
     replaceable: dict[str, Outcome] = {}
     with closing(ended) as batches:
         for outcome in chain.from_iterable(batches):

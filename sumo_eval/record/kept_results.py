@@ -1,11 +1,10 @@
 """Results computed of a run, kept beside its facts: parts of bytes, each under a hash of all that
 it depends on.
 
-Scores are computed from recorded facts, so computing them again gives them again: a caller that
-asks for
-a part with the hash of the facts, settings and sources that it depends on, and finds one, need not.
-The file may be deleted, which costs the time to compute it. Every part carries a hash of its own
-content: a damaged one is an error, never a number.
+Scores are computed from recorded facts, so computing them again gives the same: a caller that finds
+a part under the hash of the facts, settings and sources that it depends on need not. The file may
+be deleted, which costs the time to compute it. Every part carries a hash of its own content: a
+damaged one is an error, never a number.
 """
 
 from __future__ import annotations

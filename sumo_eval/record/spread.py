@@ -54,16 +54,16 @@ def spread_over(workers: int, prepare: Callable[[], object]) -> Iterator[Spread]
 def _results(
     pool: ProcessPoolExecutor, work: Callable[[Part], Result], parts: Sequence[Part]
 ) -> Iterator[Result]:
-    """Results from a pool, in order.
+    """Results from a pool, in the order of the parts.
 
-    Raises InputError when a process of it was lost.
+    Raises InputError if a process of the pool was lost.
     """
     try:
         yield from pool.map(work, parts)
     except BrokenProcessPool as error:
         raise InputError(
-            "A process that computes scores was killed, as happens when memory runs out. What it "
-            "had computed is kept: score the run again, with `--set run.workers=1` in less memory."
+            "A process that computes scores was killed, as happens when memory runs out. Score the "
+            "run again; `--set run.workers=1` needs the least memory."
         ) from error
 
 

@@ -102,7 +102,7 @@ class _Rule(NamedTuple):
     form: its kind as annotated.
     kind: accepted type; object: any.
     bounds: (test of a value and the limit, limit, words before the limit).
-    inner: rules of its kinds, or of what is in it.
+    inner: rules of the kinds of a union, of a table's keys and values, or of a list's items.
     """
 
     form: Any
@@ -140,11 +140,11 @@ def _rule(hint: Any) -> _Rule:
 
 
 Wrong = tuple[str, str, object]
-"""A place in a value, `.speed` or `[0]`, the demand on what is there, and what is there."""
+"""Place in a value (`.speed`, `[0]`, or "" for all of it), demand on that part, and the part."""
 
 
 def _wrong(value: Any, rule: _Rule, place: str = "") -> Wrong | None:
-    """The first mistake in a value; of one that may be of several kinds, what they demand."""
+    """The first mistake in a value; for a value of several possible kinds, the demands of all."""
     if value is None and rule.optional:
         return None
     if rule.choices and value not in rule.choices:

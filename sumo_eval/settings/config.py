@@ -201,12 +201,14 @@ def _without_none(value: Any) -> Any:
 
 
 def mistakes(error: ValidationError, where: str, root: type, file: Path | None = None) -> str:
-    """Everything that pydantic found, one sentence a line. `root`: the settings class that was
-    being read.
+    """All mistakes that pydantic found, one sentence a line.
 
-    Findings on one value that may be of several kinds make one mistake; one inside it is that.
+    Findings on one value that may be of several kinds make one mistake. A finding inside a value
+    replaces those on the value itself.
 
-    file: to tell lines of.
+    where: name of the content.
+    root: settings class that was read.
+    file: source of the line numbers.
     """
     text = "" if file is None else read_input_text(file, "file")
     found: dict[tuple[Any, ...], list[Any]] = {}

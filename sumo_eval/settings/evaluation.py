@@ -198,10 +198,10 @@ class AdsSettings(Checked):
 
     @property
     def locator(self) -> str:
-        """The controller with its period, options and FMU variables as one text:
+        """The controller with its period, batch, options and FMU variables as one text:
         `fmu:acc.fmu?inputs.v=ego_speed`.
 
-        `files` and `build` are not in it: they count in the identity of the ADS.
+        `files` are not in it, but count in the identity of the ADS; `build` is information only.
         """
         pairs = [] if self.period is None else [("period", json.dumps(self.period))]
         pairs += [] if self.batch else [("batch", "false")]

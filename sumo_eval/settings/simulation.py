@@ -193,7 +193,11 @@ class TrackerSettings(Checked):
     ] = 2.5
     softening_speed: Annotated[
         PositiveFloat,
-        About("steering angle = atan(steering_gain * distance / (speed + this)) (Stanley)", "m/s"),
+        About(
+            "wheel angle towards the path: atan(steering_gain * distance / (speed + this)) "
+            "(Stanley)",
+            "m/s",
+        ),
     ] = 1.0
 
 
@@ -219,8 +223,8 @@ class SimulationSettings(Checked):
         NotNegativeFloat,
         Le(2.0),
         About(
-            "how far a body must reach over the line of their lane for vehicles that react to see "
-            "it; 0: as soon as it touches; at the latest once the middle of its front is there",
+            "how far a body must reach into the lane of vehicles that react before they see it; 0: "
+            "at the first touch; at the latest once the middle of its front is in their lane",
             "m",
         ),
     ] = 0.0
