@@ -36,7 +36,6 @@ from sumo_eval.report.words import (
     placed,
     ratio_of,
     reason_without,
-    severity_unit,
 )
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, Findings
@@ -261,7 +260,7 @@ def _avoided(case: CaseResult, found: Findings) -> Iterator[str]:
             "evaluated"
         )
         return
-    unit, terms = severity_unit(found.settings), found.terms
+    unit, terms = found.settings.method.collision.regret_unit, found.terms
     row = int(np.flatnonzero(found.cases.case == case.case)[0])
     u, ideal, nothing = (
         float(part[row]) for part in (terms.severity, terms.ideal, terms.unreacting)

@@ -12,7 +12,6 @@ from sumo_eval.report.words import (
     count,
     number,
     parts_of_total,
-    severity_unit,
     span,
 )
 from sumo_eval.results import Evaluation, RankedAds
@@ -75,7 +74,7 @@ def safety_words(evaluation: Evaluation, found: Behaviour) -> str:
     hits = count(found.avoidable, "avoidable collision") if hit else "no avoidable collision"
     hits += f" in {count(found.cases, 'case')}"
     hits += f", worst {3.6 * found.worst:z.0f} km/h" if found.worst else ""
-    if not found.excess > 0.0 or not severity_unit(evaluation.settings):
+    if not found.excess > 0.0 or not evaluation.settings.method.collision.regret_unit:
         return hits
     spaces = {score.scenario for score in evaluation.scores}
     grids = "this grid" if len(spaces) == 1 else "these grids"

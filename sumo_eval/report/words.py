@@ -380,14 +380,6 @@ def placed(sentence: str, case: CaseResult) -> str:
     return f"{sentence} At {case.error_place}." if case.error_place else sentence
 
 
-def severity_unit(settings: EvaluationSettings) -> str:
-    """Unit of the U, Ug and U0 that A compares, and of the regret, behind a blank; a loss in 0..1
-    has none.
-    """
-    chosen = settings.method.collision
-    return chosen.unit if chosen.loss == "severity" else ""
-
-
 def severity_words(value: float | None, unit: str, digits: int = 1) -> str:
     """`5.0 m/s`; a loss in 0..1, which has no unit, with three decimals."""
     return "not known" if value is None else number(value, digits if unit else 3) + unit
@@ -421,7 +413,7 @@ def explain_a(found: Findings) -> str:
     said = collisions_sentence(score)
     if score.avoided_share is None:
         return f"{said} {missing_term('A', 'no case could be evaluated')}"
-    unit = severity_unit(found.settings)
+    unit = found.settings.method.collision.regret_unit
     regret = "" if score.regret is None else f"; the regret is {number(score.regret, 3)}{unit}"
     if score.avoided_share == 1.0:
         return f"{said} A = A' = 1: no incident is harder than the ideal vehicle's{regret}."

@@ -358,19 +358,21 @@ def _compare_ads(
 ) -> AdsComparison:
     """The cases of an ADS in a scenario, pair by pair."""
     first, tables = paired.new[0], (paired.base, paired.new)
+    old, latest = (run.settings.method.collision for run in (base, new))
+    one_unit = old.regret_unit == latest.regret_unit
     terms = [case_terms(tables[k], run.settings.method) for k, run in enumerate((base, new))]
     then, now = (
         counts(it) | {"requirements_missed": int(np.sum(it.requirements_missed != ""))}
         for it in tables
     )
-    units = base.settings.method.collision.unit, new.settings.method.collision.unit
+    units = old.unit, latest.unit
     return AdsComparison(
         first.ads,
         paired.base[0].ads,
         first.scenario,
         identical_pairs(paired, base.folder, new.folder),
-        _changes(paired, terms, settings, units),
-        _quantity_changes(terms, base, new, settings),
+        _changes(paired, terms, settings, units, one_unit=one_unit),
+        _quantity_changes(terms, base, new, settings, one_unit=one_unit),
         {name: (then[name], now[name]) for name in then},
         units,
     )
@@ -430,12 +432,18 @@ def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
 
 
 def _changes(
-    paired: Paired, terms: Sequence[CaseTerms], settings: GateSettings, units: tuple[str, str]
+    paired: Paired,
+    terms: Sequence[CaseTerms],
+    settings: GateSettings,
+    units: tuple[str, str],
+    *,
+    one_unit: bool,
 ) -> Changes:
     """The change of each concrete scenario: the first of the changes below that applies.
 
     terms: of the base and of the new run.
     units: of U in the base and in the new run.
+    one_unit: whether both have one unit of the regret.
     """
     old, now = paired.base, paired.new
     kind, by = np.full(len(old), -1, dtype=np.intp), np.full(len(old), np.nan)
@@ -467,17 +475,25 @@ def _changes(
     which = np.flatnonzero(kind >= 0)
     order = np.lexsort((now.case[which], -np.abs(np.nan_to_num(by[which])), kind[which]))
     which = which[order]
-    moves = {"regret": regrets[1] - regrets[0] + compared, "H_i": likeness, "D_i": index}
+    moves = {
+        "regret": regrets[1] - regrets[0] + (0.0 if one_unit else np.nan),
+        "H_i": likeness,
+        "D_i": index,
+    }
     moved = {name: np.where(it != 0.0, it, np.nan)[which] for name, it in moves.items()}
     return Changes(paired, kind[which], which, by[which], moved)
 
 
 def _quantity_changes(
-    terms: Sequence[CaseTerms], base: Evaluation, new: Evaluation, settings: GateSettings
+    terms: Sequence[CaseTerms],
+    base: Evaluation,
+    new: Evaluation,
+    settings: GateSettings,
+    *,
+    one_unit: bool,
 ) -> dict[str, QuantityChange]:
     runs = list(zip(terms, (base.settings.method, new.settings.method), strict=True))
     old, now = (point_values(*run) for run in runs)
-    one_unit = base.settings.method.collision.unit == new.settings.method.collision.unit
     resampled = paired_differences(runs[0], runs[1], settings.resamples, settings.seed)
     tail = (1.0 - settings.confidence) / 2.0
     changes = {}

@@ -258,6 +258,13 @@ class CollisionSettings(Checked):
         """Unit of U, Ug and U0 behind a blank; none of what replaces them by a loss in 0..1."""
         return " m/s" if self.severity in ("severity", "eq14") else ""
 
+    @property
+    def regret_unit(self) -> str:
+        """Unit of the severities that A compares, and of the regret, behind a blank; a loss in 0..1
+        has none.
+        """
+        return self.unit if self.loss == "severity" else ""
+
 
 @dataclass(frozen=True, slots=True)
 class PlausibilitySettings(Checked):

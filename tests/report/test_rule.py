@@ -350,6 +350,11 @@ def test_a_harder_injury_risk_fails(evaluation: Evaluation) -> None:
     regrets = [it.quantities["regret"] for it in sides]
     assert {it.difference for it in regrets} == {None}
     assert all(it.base is not None for it in regrets)
+    own = replace(method, collision=CollisionSettings(loss="class"))
+    classes = replace(hit, settings=replace(hit.settings, method=own))
+    sides = compare(hit, classes, SETTINGS, accept_differences=True).ads
+    assert {it.quantities["regret"].difference for it in sides} == {None}
+    assert not any("regret" in it.moved for one in sides for it in one.changed)
     free = with_case(risk(0.9), case.case, lambda it: replace(it, collided=False, severity=None))
     comparison = compare(hit, free, SETTINGS, accept_differences=True)
     content = change_content(free, Beside(comparison))
