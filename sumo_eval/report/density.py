@@ -40,13 +40,7 @@ def density_maps(
     return [
         (
             f"how many cases, up to {most:,} in a tile; {axes}",
-            _tiles(
-                number / max(most, 1),
-                number,
-                "--c",
-                f"number of cases, {axes}",
-                (across, up),
-            ),
+            _tiles(number / max(most, 1), number, "--c", f"number of cases, {axes}", (across, up)),
         ),
         (
             f"share of them that collided, up to {share.max(initial=0.0):z.0%}; {axes}",

@@ -23,12 +23,7 @@ from sumo_eval.record.run_folder import EVALUATION, EXPOSURES, FACTS, MANIFEST
 from sumo_eval.report.checks import FAILED, PASSED, checked_cases
 from sumo_eval.report.page import template, write_page
 from sumo_eval.report.qualification import holds, qualification_sentence
-from sumo_eval.report.words import (
-    count,
-    people_sentence,
-    reference_sentence,
-    sampling_words,
-)
+from sumo_eval.report.words import count, people_sentence, reference_sentence, sampling_words
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.confidence.assessment import risk
 from sumo_eval.scoring.confidence.intervals import LEVEL
@@ -283,8 +278,8 @@ def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
 
 def _assumptions(evaluation: Evaluation, score: ScenarioResult) -> Iterator[str]:
     """Conditions of the claims on a scenario that the run does not show."""
-    named = {logical.name: (entry, logical) for entry, logical in evaluation.resolved.entries}
-    entry, logical = named[score.scenario]
+    entries = evaluation.resolved.entries
+    entry, logical = next(named for named in entries if named[1].name == score.scenario)
     zone = next(it for it in evaluation.zones if it.scenario == score.scenario)
     yield (
         f"{count(zone.sampled, 'point')} ({sampling_words(entry.sampling, logical)}) stand for the "

@@ -88,8 +88,8 @@ def people_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
         score, own = one.score, one.cases[one.indexed]
         if not len(own):
             continue
-        drivers, banded = own.drivers, int(np.count_nonzero(np.isfinite(own.human_mean)))
-        below = int(np.count_nonzero(own.index < np.nan_to_num(own.human_low)))
+        drivers, banded = own.drivers, np.isfinite(own.human_mean).sum()
+        below = (own.index < own.human_low).sum()
         numbers = np.unique(drivers[np.isfinite(drivers)]).astype(int).tolist()
         recorded, everybody = (int(np.nansum(values)) for values in (own.recorded_drivers, drivers))
         range_ = "–".join(dict.fromkeys(str(n) for n in (*numbers[:1], *numbers[-1:]))) or "no"

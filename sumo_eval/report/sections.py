@@ -38,12 +38,7 @@ from sumo_eval.report.verdict import Beside as Beside
 from sumo_eval.report.verdict import verdict
 from sumo_eval.report.words import number, parts_of_total, severity_words
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.comparison import (
-    BETTER,
-    WORSE,
-    AdsComparison,
-    QuantityChange,
-)
+from sumo_eval.scoring.comparison import BETTER, WORSE, AdsComparison, QuantityChange
 from sumo_eval.scoring.findings import findings
 from sumo_eval.scoring.gate_settings import HIGHER_IS_BETTER
 from sumo_eval.scoring.ledger import Ledger, ledger, ledger_plus

@@ -98,7 +98,7 @@ def _linked(logical: LogicalScenario, points: FloatArray, failed: IntArray) -> l
     points: all of the ADS, (n, k).
     failed: indices of those that fail in one way.
     """
-    if len(failed) < 2 or len(failed) > MOST_LINKED:
+    if not 1 < len(failed) <= MOST_LINKED:
         return [failed]
     # imported here: scipy's clustering takes half a second, and a replay never groups
     from scipy.cluster.hierarchy import fcluster, linkage

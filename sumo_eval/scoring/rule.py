@@ -302,7 +302,7 @@ def values_of(
     paired: Paired, measure: MeasureSettings, *, fill: bool
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """A quantity of all pairs in the base and in the new run, and whether a pair has it in both and
-    ended well in both, (n,) each.
+    has the status `ok` in both, (n,) each.
 
     fill: a missing value becomes the limit of the measure's `zone`.
     """
