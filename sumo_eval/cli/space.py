@@ -108,8 +108,7 @@ def sample(
     settings = EvaluationSettings("sample", (entry,), (AdsSettings("none", "no_reaction"),), seed)
     logical = find(scenario, Path.cwd())
     chosen = choose_points(logical, entry, Path.cwd(), settings)
-    how = method or ("grid" if levels else "file" if file else logical.default_sample)
-    title = f"{logical.name}: {how}, {len(chosen.points)} points"
+    title = f"{logical.name}: {chosen.method}, {len(chosen.points)} points"
     table, page = write_points(
         logical, chosen, out or out_folder.default(logical.name, "points"), title
     )

@@ -53,6 +53,7 @@ from sumo_eval.report.sections import Beside
 from sumo_eval.report.summary import first_case
 from sumo_eval.report.tables import write_tables
 from sumo_eval.report.verdict import verdict
+from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.gate_settings import GateSettings
 from sumo_eval.settings.config import read_evaluation
@@ -253,10 +254,9 @@ def _refuse_without_history(history: Path) -> None:
     """
     nights = sorted((history / NIGHTS).glob("*"))
     if nights and not is_begun(history):
-        count = f"{len(nights)} night{'s' if len(nights) > 1 else ''}"
         raise InputError(
-            f"The night was not begun: {history / NIGHTS} holds {count} and {history / HISTORY} "
-            "is missing or empty. "
+            f"The night was not begun: {history / NIGHTS} holds {count(len(nights), 'night')} and "
+            f"{history / HISTORY} is missing or empty. "
             "Put a copy of it back, begin in another folder, or make a new one of these nights: "
             f"{_importing(history, nights[-1])}. Nothing was removed."
         )
