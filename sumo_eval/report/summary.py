@@ -80,7 +80,7 @@ def _looks(
     if least is not None:
         at = ", ".join(f"{name} {value:z.4g}" for name, value in least.values.items())
         yield f"the least human-like case of {best}: {at}", f"#case:{case_key(least.case)}"
-    if (evaluation.cases.collided | ~evaluation.cases.evaluated).any():
+    if (evaluation.cases.incident | ~evaluation.cases.evaluated).any():
         yield "failures that are alike, in the maps", "#maps"
 
 

@@ -48,6 +48,9 @@ def test_departures_stand_beside_collisions(evaluation: Evaluation) -> None:
         assert (
             row["of"].departures == 2 * sum(score.ads == row["of"].ads for score in left.scores) > 0
         )
+    gone = [case for case in evaluation.cases if case.evaluated and not case.incident]
+    alone = replace(evaluation, cases=tuple(replace(case, departure_time=1.0) for case in gone))
+    assert "#maps" in dict(summary_content(alone, Beside())["looks"]).values()
 
 
 def test_what_to_look_at_leads_to_cases_of_the_run(evaluation: Evaluation) -> None:
