@@ -29,6 +29,7 @@ from sumo_eval.scenario.bodies import CAR
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.road.reference_line import knots_of
+from sumo_eval.scoring.drive_measures import finite
 from sumo_eval.scoring.failure_groups import FailureGroup, failure_groups
 from sumo_eval.scoring.findings import findings, mean_of
 from sumo_eval.scoring.map_view import View, choose_view, slice_points, telling_slice
@@ -95,17 +96,13 @@ def told_cases(evaluation: Evaluation, shown: Mapping[str, IntArray]) -> dict[st
             avoided, lost = parts.get(place, (np.nan, np.nan))
             beside = {
                 "missing": why_missing(case) if missing[place] else None,
-                "avoided": _finite(avoided),
-                "lost": _finite(lost),
-                "aLost": _finite(losses[place]) if case.collided else None,
+                "avoided": finite(avoided),
+                "lost": finite(lost),
+                "aLost": finite(losses[place]) if case.collided else None,
                 "verdict": str(judged[place]),
             }
             told[one.score.scenario].append((case, beside))
     return told
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]) -> dict[str, Any]:
