@@ -433,9 +433,6 @@ def space_of(run: Resolved, number: int, looked_at: int | None = None) -> Space:
     total = len(points.points)
     every = 1 if looked_at is None else -(-total // looked_at)
     check_points(logical, points.points[::every])
-    # misspelt ones must not be found out at the report
-    for name in settings.report.axes.get(logical.name, ()):
-        logical.column(name)
     hazardous = exactly_hazardous(logical, points.points[::every], settings.method.zones)
     index, count = run.shard
     # the scenario's number, so that shards share the points of all evenly
