@@ -89,8 +89,8 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     if folder is None:
         run = replace(run, settings=replace(run.settings, scenario=_in_one_round(run)))
     settings, workers = run.settings, run.settings.run.workers
-    # a recorded case needs the identity of its ADS
-    every = -(-len(settings.ads) // _KINDS) if folder is None else 1
+    # a recorded case needs the identity of its ADS, and `run.only` the names of all ADSs
+    every = 1 if folder or settings.run.only else -(-len(settings.ads) // _KINDS)
     some = replace(run, settings=replace(settings, ads=settings.ads[::every]))
     plan, spaces = planned(some, looked_at=_LOOKED_AT)
     for space in spaces:

@@ -441,7 +441,7 @@ def space_of(run: Resolved, number: int, looked_at: int | None = None) -> Space:
         logical,
         points.points,
         np.repeat(hazardous, every)[:total],
-        points_only(share, settings.run.only, logical.name, total),
+        points_only(share, settings, logical.name, total),
         points.exposure,
         exposure.plain(points.points),
     )

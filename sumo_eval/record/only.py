@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.scenario.resolved import Resolved
+from sumo_eval.settings import EvaluationSettings
 
 
 def narrowed(run: Resolved) -> Resolved:
@@ -50,20 +51,20 @@ def _place(case: str, scenarios: Sequence[str], every: Sequence[str]) -> tuple[s
 
 
 def points_only(
-    numbers: Sequence[int], cases: Collection[str], scenario: str, points: int
+    numbers: Sequence[int], settings: EvaluationSettings, scenario: str, points: int
 ) -> Sequence[int]:
-    """Numbers of the points of a logical scenario that `run.only` names; all where it names none.
+    """Numbers of the points of a logical scenario that `run.only` names; all where it names no
+    case.
 
+    numbers: those to choose from.
     points: how many the scenario has.
     Raises InputError for a number beyond them.
     """
-    if not cases:
+    if not settings.run.only:
         return numbers
-    named = {
-        re.sub(rf"^{re.escape(scenario)}-(\d{{4,}})-.*", r"\1", case, flags=re.DOTALL)
-        for case in cases
-    }
-    wanted = {int(number) for number in named if number.isdecimal()}
+    drivers = "|".join(re.escape(ads.name) for ads in settings.ads)
+    named = re.compile(rf"{re.escape(scenario)}-(\d{{4,}})-(?:{drivers})")
+    wanted = {int(match[1]) for match in map(named.fullmatch, settings.run.only) if match}
     if wanted and max(wanted) >= points:
         raise InputError(
             f"A case of {scenario} must be numbered 0000 to {points - 1:04d}, got "

@@ -1,5 +1,6 @@
 """Which points of a space an evaluation drives, and what is said where it drives none."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 import sumo_eval
 from sumo_eval.errors import InputError
 from sumo_eval.record.facts import resolve
-from sumo_eval.record.only import narrowed
+from sumo_eval.record.only import narrowed, points_only
 from sumo_eval.record.points import choose_points
 from sumo_eval.scenario.catalogue import load
 from sumo_eval.scenario.resolved import Resolved
@@ -58,6 +59,10 @@ def test_only_knows_cases_of_names_that_hold_numbers(tmp_path):
     assert [ads.name for ads in kept.settings.ads] == ["v-2026-1"]
     assert list(kept.settings.method.ranking.weights) == ["misspelt"]  # which is refused later
     assert not kept.settings.report.axes
+    cases = replace(settings.run, only=("cut-in-0001-v-2025-1", "cut-in-2026-de-0003-v-2026-1"))
+    both = replace(settings, run=cases)
+    assert points_only(range(9), both, "cut-in", 9) == [1]
+    assert points_only(range(9), both, "cut-in-2026-de", 9) == [3]
 
 
 def test_axes_of_an_unknown_scenario_are_refused(tmp_path):
