@@ -69,7 +69,7 @@ def supervise(work: Callable[[], object], leash: int, report: int, memory_limit:
     keep_open(leash, report)
     ended = _watch(child, leash, memory_limit)
     _end_family()
-    with suppress(OSError):  # nobody may be there to read it
+    with suppress(OSError):  # the owner may have gone
         os.write(report, _REPORT.pack(*ended))
     os._exit(0)
 

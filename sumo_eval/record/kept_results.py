@@ -94,7 +94,7 @@ class KeptResults:
         return []
 
     def put(self, parts: Iterable[Part]) -> None:
-        """Keep parts, all of them or none; a part of that key gives way."""
+        """Keep parts, all of them or none; each replaces the part with its kind, key and number."""
         rows = [
             (kind, key, place, data, _hash(kind, key, place, data))
             for kind, key, place, data in parts

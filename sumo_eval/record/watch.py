@@ -128,12 +128,12 @@ class WatchedController(Adapter):
             except self._interrupts as error:
                 raise interrupted(error) from error
             finally:
-                # the step forked: this is the copy, which nobody asked for
+                # the step forked, and this is the copy: it must not continue
                 if os.getpid() != self._process:
                     os._exit(COPY)
                 _ASKED[0] = False
-                # our own alarm may go on: it rings for nobody until the next step sets it anew; an
-                # ADS's may not
+                # our own alarm may stay set: `_interrupt` ignores it until the next step sets it
+                # again; an alarm of the ADS may not
                 if self._armed and getsignal(_ALARM) is not _interrupt:
                     signal.setitimer(signal.ITIMER_REAL, 0.0)
         except _OverdueError as overdue:

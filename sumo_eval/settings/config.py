@@ -113,7 +113,7 @@ def validated(
     """Settings of a kind.
 
     where: names the content in errors.
-    file: where it was read, to tell lines of mistakes.
+    file: source of the line numbers of mistakes.
     """
     # every class can be hashed
     adapter: TypeAdapter[Settings] = _adapter(kind)  # type: ignore[arg-type]

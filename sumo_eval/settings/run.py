@@ -1,4 +1,4 @@
-"""Settings of how cases are worked off: processes, time limits, memory."""
+"""Settings of the execution of cases: processes, time limits, memory."""
 
 from __future__ import annotations
 
