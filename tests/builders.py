@@ -1,7 +1,5 @@
 """Evaluations made by hand, with a real facts file: what the report is tested on, without SUMO."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

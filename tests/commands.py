@@ -5,8 +5,6 @@ environment, where modules are looked for, the user's modules, who hears signals
 state of the random generators.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import random

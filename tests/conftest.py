@@ -1,8 +1,6 @@
 """How all tests run: in which order, on how many cores and examples each, and the run that many of
 them share."""
 
-from __future__ import annotations
-
 import gc
 import json
 import os

@@ -1,7 +1,5 @@
 """Fenced blocks and commands of the pages, and the desk on which a reader would try them."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil

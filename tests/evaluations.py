@@ -1,7 +1,5 @@
 """Evaluations of a few points with a few drivers, in the process of the test."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

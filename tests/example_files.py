@@ -1,8 +1,6 @@
 """The files that the examples of `--help` and of the docs name, each as small as its command takes
 it."""
 
-from __future__ import annotations
-
 import functools
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Programs of the repository that are no modules of the package, as modules."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

@@ -6,8 +6,6 @@ Two scenarios of three levels an axis, one of two parameters and one of three; f
 drivers. As `sumo-eval run` leaves it.
 """
 
-from __future__ import annotations
-
 import fcntl
 from pathlib import Path
 

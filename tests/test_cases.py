@@ -1,10 +1,7 @@
 """A table says of a case what its record says, wherever its columns lie."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 
 import builders
 import numpy as np
@@ -40,7 +37,7 @@ def rows(tmp_path_factory: pytest.TempPathFactory) -> list[CaseResult]:
     ]  # fmt: skip
 
 
-def test_flags_of_a_table_are_those_of_its_records(rows: list[CaseResult]) -> None:
+def test_flags_of_a_table_are_those_of_its_records(rows):
     table = CaseTable.of(rows)
     for name in FLAGS:
         assert getattr(table, name).tolist() == [getattr(row, name) for row in rows], name
@@ -49,9 +46,7 @@ def test_flags_of_a_table_are_those_of_its_records(rows: list[CaseResult]) -> No
     assert not len(CaseTable.of([]).avoidable)
 
 
-def test_law_columns_and_records_are_the_same_whatever_the_chunks(
-    rows: list[CaseResult], tmp_path: Path
-) -> None:
+def test_law_columns_and_records_are_the_same_whatever_the_chunks(rows, tmp_path):
     writer = RowWriter(KeptResults(tmp_path), b"key")
     for first in range(0, len(rows), 100):
         writer.add(rows[first : first + 100])
@@ -78,7 +73,7 @@ def test_law_columns_and_records_are_the_same_whatever_the_chunks(
         kept.no_such_column()
 
 
-def test_rows_come_back_as_they_were(rows: list[CaseResult]) -> None:
+def test_rows_come_back_as_they_were(rows):
     odd = [
         replace(
             rows[0], severity=-0.0, error="a ü\ud800 line\n",
@@ -95,7 +90,7 @@ def test_rows_come_back_as_they_were(rows: list[CaseResult]) -> None:
     )
 
 
-def test_points_have_one_number_in_all_tables(rows: list[CaseResult]) -> None:
+def test_points_have_one_number_in_all_tables(rows):
     here = [
         replace(rows[0], values={"a": a, "b": b}) for a, b in ((1.0, 2.0), (2.0, 1.0), (1.0, 2.0))
     ]

@@ -121,8 +121,8 @@ def test_an_exception_in_words(error, words):
 
 
 def test_a_missing_extra_is_named_with_the_command_that_installs_it_from_where_the_package_came(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     origins = {
         '{"url": "file:///home/me/sumo%20eval", "dir_info": {"editable": '
         "true}}": "-e '/home/me/sumo eval[fmu]'",

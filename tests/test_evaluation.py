@@ -1,8 +1,6 @@
 """The six steps on real SUMO runs: scores follow from facts, facts from the configuration, nothing
 is lost between."""
 
-from __future__ import annotations
-
 import csv
 import html
 import json
@@ -62,7 +60,7 @@ def done(tmp_path_factory: pytest.TempPathFactory, _standard_run: Path) -> Evalu
         "r157_cut_out",
     ],
 )
-def test_the_ideal_vehicle_scores_c_1_where_it_collides_itself(name: str, tmp_path: Path) -> None:
+def test_the_ideal_vehicle_scores_c_1_where_it_collides_itself(name, tmp_path):
     """It hits somebody at corners of these scenarios alone; golden files hold others."""
     corners = SamplingSettings(method="grid", levels=2)
     everywhere = EvaluationSettings(
@@ -78,12 +76,12 @@ def test_the_ideal_vehicle_scores_c_1_where_it_collides_itself(name: str, tmp_pa
     assert (score.c, score.collisions > 0) == (1.0, True)
 
 
-def test_the_ideal_vehicle_scores_c_1_in_every_scenario(done: Evaluation) -> None:
+def test_the_ideal_vehicle_scores_c_1_in_every_scenario(done):
     for scenario in ("front_vehicle_low_speed", "front_vehicle_cut_out"):
         assert done.score("ideal_braking", scenario).c == 1.0
 
 
-def test_an_ads_that_does_nothing_collides_in_the_safe_zone_and_has_no_d(done: Evaluation) -> None:
+def test_an_ads_that_does_nothing_collides_in_the_safe_zone_and_has_no_d(done):
     result = done.score("no_reaction", "front_vehicle_low_speed")
     assert result.d is None
     assert result.d_points == 0.0
@@ -92,12 +90,12 @@ def test_an_ads_that_does_nothing_collides_in_the_safe_zone_and_has_no_d(done: E
     assert result.c == 0.0, "the ideal vehicle avoids every one of these collisions"
 
 
-def test_the_score_is_eq_18_of_what_is_printed(done: Evaluation) -> None:
+def test_the_score_is_eq_18_of_what_is_printed(done):
     for result in done.scores:
         assert result.s == pytest.approx(50 * result.c + 50 * (result.d or 0.0), abs=1e-12)
 
 
-def test_c_is_eq_17_of_the_case_table(done: Evaluation) -> None:
+def test_c_is_eq_17_of_the_case_table(done):
     for result in done.scores:
         hits = [
             case
@@ -113,7 +111,7 @@ def test_c_is_eq_17_of_the_case_table(done: Evaluation) -> None:
         assert result.c == pytest.approx(expected, abs=1e-12)
 
 
-def test_d_is_eq_13_of_the_case_table(done: Evaluation) -> None:
+def test_d_is_eq_13_of_the_case_table(done):
     computed = [result for result in done.scores if result.d is not None]
     assert len(computed) >= 4
     for result in computed:
@@ -131,7 +129,7 @@ def test_d_is_eq_13_of_the_case_table(done: Evaluation) -> None:
             assert case.index == pytest.approx(product, abs=1e-12)
 
 
-def test_no_case_is_lost(done: Evaluation) -> None:
+def test_no_case_is_lost(done):
     for entry in done.settings.scenario:
         (zone,) = [zone for zone in done.zones if zone.scenario == entry.use]
         for ads in done.settings.ads:
@@ -142,14 +140,12 @@ def test_no_case_is_lost(done: Evaluation) -> None:
             assert len({case.case for case in rows}) == len(rows)
 
 
-def test_low_speed_has_no_hazardous_zone_and_cut_out_has_one(done: Evaluation) -> None:
+def test_low_speed_has_no_hazardous_zone_and_cut_out_has_one(done):
     zones = {zone.scenario: zone.zones for zone in done.zones}
     assert zones == {"front_vehicle_low_speed": 0, "front_vehicle_cut_out": 1}
 
 
-def test_scoring_again_gives_the_same_numbers_without_a_simulation(
-    done: Evaluation, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_scoring_again_gives_the_same_numbers_without_a_simulation(done, monkeypatch):
     import libsumo
 
     def refuse(*_: object) -> None:
@@ -161,22 +157,20 @@ def test_scoring_again_gives_the_same_numbers_without_a_simulation(
     assert list(again.cases) == list(done.cases)
 
 
-def test_scoring_with_another_a_moves_points_between_the_terms(done: Evaluation) -> None:
+def test_scoring_with_another_a_moves_points_between_the_terms(done):
     again = sumo_eval.score(done.folder, ["method.score.a=80"])
     for before, after in zip(done.scores, again.scores, strict=True):
         assert (after.c, after.d) == (before.c, before.d)
         assert after.s == pytest.approx(80 * before.c + 20 * (before.d or 0.0), abs=1e-12)
 
 
-def test_scoring_refuses_changes_that_the_facts_depend_on(done: Evaluation) -> None:
+def test_scoring_refuses_changes_that_the_facts_depend_on(done):
     with pytest.raises(InputError, match=r"`simulation\.step` cannot be changed by scoring"):
         sumo_eval.score(done.folder, ["simulation.step=0.1"])
 
 
 @pytest.mark.parametrize("gone", ["scenario = 'front_vehicle_cut_out'", "point = 1"])
-def test_no_ranking_mixes_rows_with_and_without_reference_car(
-    done: Evaluation, tmp_path: Path, gone: str
-) -> None:
+def test_no_ranking_mixes_rows_with_and_without_reference_car(done, tmp_path, gone):
     """Without one of its drives the whole run has none, as one recorded earlier: T is beside the
     drivers everywhere."""
     assert {score.task_reference for score in done.scores} == {"attentive"}
@@ -200,7 +194,7 @@ def test_no_ranking_mixes_rows_with_and_without_reference_car(
     assert "reference car" in "\n".join(closing_lines(part))
 
 
-def test_drives_that_cannot_be_a_reference_are_named(done: Evaluation, tmp_path: Path) -> None:
+def test_drives_that_cannot_be_a_reference_are_named(done, tmp_path):
     folder = tmp_path / "copy"
     shutil.copytree(done.folder, folder)
     one = """SELECT "case" FROM facts WHERE role = 'human' AND scenario = 'front_vehicle_low_speed' LIMIT 1"""
@@ -223,8 +217,8 @@ def test_drives_that_cannot_be_a_reference_are_named(done: Evaluation, tmp_path:
 
 
 def test_why_reference_drives_could_not_be_evaluated_is_said_by_reason_with_counts_and_an_example(
-    done: Evaluation, tmp_path: Path
-) -> None:
+    done, tmp_path
+):
     """Three ideal drives of nine fail: two for one reason that differs in its numbers, one for
     another."""
     folder = tmp_path / "copy"
@@ -289,7 +283,7 @@ def test_why_reference_drives_could_not_be_evaluated_is_said_by_reason_with_coun
     assert rows["front_vehicle_low_speed-0001-idm"]["ideal_error"] == ""
 
 
-def test_the_run_folder_holds_what_the_contract_names(done: Evaluation) -> None:
+def test_the_run_folder_holds_what_the_contract_names(done):
     for name in ("evaluation.toml", "manifest.json", "facts.sqlite"):
         assert (done.folder / name).is_file()
     assert read_evaluation(done.folder / "evaluation.toml") == done.settings
@@ -300,7 +294,7 @@ def test_the_run_folder_holds_what_the_contract_names(done: Evaluation) -> None:
     assert len(list((done.folder / "routes").glob("*.rou.xml"))) == 2
 
 
-def test_the_same_configuration_gives_the_same_facts(done: Evaluation, tmp_path: Path) -> None:
+def test_the_same_configuration_gives_the_same_facts(done, tmp_path):
     settings = small(("lane_changer",))
     again = sumo_eval.evaluate(replace(settings, run=RunSettings(workers=1)), tmp_path / "again")
     with (
@@ -315,12 +309,12 @@ def test_the_same_configuration_gives_the_same_facts(done: Evaluation, tmp_path:
                 assert np.array_equal(before[name].y, after[name].y)
 
 
-def test_a_run_folder_is_never_written_over(done: Evaluation) -> None:
+def test_a_run_folder_is_never_written_over(done):
     with pytest.raises(InputError, match="already exists and is not empty"):
         sumo_eval.evaluate(small(("idm",), SCENARIOS), done.folder)
 
 
-def test_an_ads_may_be_called_like_the_ideal_vehicle_or_a_driver(tmp_path: Path) -> None:
+def test_an_ads_may_be_called_like_the_ideal_vehicle_or_a_driver(tmp_path):
     settings = replace(
         small(("idm",)),
         ads=(AdsSettings("ideal", "no_reaction"), AdsSettings("driver_00", "idm")),
@@ -337,7 +331,7 @@ print("D is there" if evaluation.scores[0].d is not None else "no D")
 """
 
 
-def test_a_plain_script_without_a_main_guard_runs_once(tmp_path: Path) -> None:
+def test_a_plain_script_without_a_main_guard_runs_once(tmp_path):
     (tmp_path / "evaluation.toml").write_text(
         'name = "plain"\n[[scenario]]\nuse = '
         '"front_vehicle_low_speed"\n[scenario.sampling]\nlevels = 2\n'
@@ -356,7 +350,7 @@ def test_a_plain_script_without_a_main_guard_runs_once(tmp_path: Path) -> None:
     assert done.returncode == 0
 
 
-def test_a_misspelt_ads_is_found_before_the_first_case(tmp_path: Path) -> None:
+def test_a_misspelt_ads_is_found_before_the_first_case(tmp_path):
     with pytest.raises(InputError, match=r"Unknown ADS `idn`.*Did you mean `idm`"):
         sumo_eval.evaluate(small(("idn",), SCENARIOS), tmp_path / "run")
     assert not (tmp_path / "run").exists()
@@ -375,7 +369,7 @@ class Flaky:
 """
 
 
-def test_cases_that_cannot_be_evaluated_are_counted_and_named_not_dropped(tmp_path: Path) -> None:
+def test_cases_that_cannot_be_evaluated_are_counted_and_named_not_dropped(tmp_path):
     (tmp_path / "flaky.py").write_text(HALF_BROKEN)
     (tmp_path / "evaluation.toml").write_text(
         'name = "flaky"\n[[scenario]]\nuse = '
@@ -392,7 +386,7 @@ def test_cases_that_cannot_be_evaluated_are_counted_and_named_not_dropped(tmp_pa
     assert any(isinstance(note, CasesMissing) and note.cases == 3 for note in result.notes)
 
 
-def test_an_ads_that_never_drives_has_no_c_and_no_points(tmp_path: Path) -> None:
+def test_an_ads_that_never_drives_has_no_c_and_no_points(tmp_path):
     (tmp_path / "broken.py").write_text(
         "def broken(traci, ego, time):\n    raise RuntimeError('no plan')\n"
     )
@@ -419,7 +413,7 @@ def drivers(concrete):
 """
 
 
-def test_the_human_reference_is_a_door(tmp_path: Path) -> None:
+def test_the_human_reference_is_a_door(tmp_path):
     (tmp_path / "recorded.py").write_text(RECORDED)
     (tmp_path / "evaluation.toml").write_text(
         'name = "own drivers"\n[[scenario]]\nuse = '
@@ -434,9 +428,7 @@ def test_the_human_reference_is_a_door(tmp_path: Path) -> None:
     assert evaluation.scores[0].d is not None
 
 
-def test_every_evaluated_case_carries_its_criticality_and_no_cell_is_garbage(
-    done: Evaluation,
-) -> None:
+def test_every_evaluated_case_carries_its_criticality_and_no_cell_is_garbage(done):
     names = [
         "min_ttc",
         "max_ittc",
@@ -464,7 +456,7 @@ def test_every_evaluated_case_carries_its_criticality_and_no_cell_is_garbage(
     assert {case.max_deceleration for case in no_reaction} == {0.0}
 
 
-def test_the_ideal_vehicle_has_an_outcome_wherever_an_ads_collided(done: Evaluation) -> None:
+def test_the_ideal_vehicle_has_an_outcome_wherever_an_ads_collided(done):
     hits = [case for case in done.cases if case.collided]
     assert hits
     assert all(case.ideal_collided == (case.ideal_severity > 0.0) for case in hits)
@@ -475,9 +467,7 @@ def test_the_ideal_vehicle_has_an_outcome_wherever_an_ads_collided(done: Evaluat
         )
 
 
-def test_what_was_preventable_follows_the_reference_and_needs_no_simulation(
-    done: Evaluation,
-) -> None:
+def test_what_was_preventable_follows_the_reference_and_needs_no_simulation(done):
     from sumo_eval.scoring.preventability import preventability
 
     ideal = {(row.ads, row.scenario): row for row in preventability(done)}

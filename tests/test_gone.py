@@ -1,9 +1,5 @@
 """Removed names answer with one sentence that says what to use instead."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 from click.testing import CliRunner
 
@@ -27,19 +23,19 @@ from sumo_eval.gone import refuse_command
         ("check sumo_eval.adapters:CarlaAgent?options.agent=my.py:Agent", "docs/examples/adapters"),
     ],
 )
-def test_removed_name_says_where_it_went(arguments: str, replacement: str) -> None:
+def test_removed_name_says_where_it_went(arguments, replacement):
     result = CliRunner().invoke(main, arguments.split())
     assert result.exit_code == 2
     assert replacement in " ".join(result.output.split())
     assert "Traceback" not in result.output
 
 
-def test_folder_of_a_removed_name_is_an_argument() -> None:
+def test_folder_of_a_removed_name_is_an_argument():
     refuse_command(["humans", "import", "coverage"])
 
 
 @pytest.mark.parametrize("use", ['"UC-1.feature.md"', '"autoware"\nfolder = "."'])
-def test_removed_scenario_of_an_evaluation_says_where(tmp_path: Path, use: str) -> None:
+def test_removed_scenario_of_an_evaluation_says_where(tmp_path, use):
     evaluation = tmp_path / "evaluation.toml"
     evaluation.write_text(
         f'name = "n"\n[[scenario]]\nuse = {use}\n[[ads]]\nname = "i"\ncontroller = "idm"\n'
@@ -51,6 +47,6 @@ def test_removed_scenario_of_an_evaluation_says_where(tmp_path: Path, use: str) 
     assert "`[[require]]` of a scenario file" in " ".join(result.output.split())
 
 
-def test_removed_class_says_which_function_makes_its_act() -> None:
+def test_removed_class_says_which_function_makes_its_act():
     with pytest.raises(ImportError, match=r"`Brake` was removed: .*brake_to_stop"):
         exec("from sumo_eval.scenario import Brake")

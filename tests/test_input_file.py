@@ -1,7 +1,5 @@
 """Files of a user: what is no regular file is refused before it is opened, through every way in."""
 
-from __future__ import annotations
-
 import os
 import random
 import re
@@ -77,7 +75,7 @@ NAMES |= {f"recording, {form}": "01_tracks.csv" for form in LEVELX}
 
 @pytest.mark.parametrize("what", READERS)
 @pytest.mark.parametrize("kind", ["pipe", "link to a device"])
-def test_special_files_are_refused_unopened(what: str, kind: str, tmp_path: Path) -> None:
+def test_special_files_are_refused_unopened(what, kind, tmp_path):
     place = tmp_path / NAMES.get(what, "special")
     for name in ("01_tracksMeta.csv", "01_recordingMeta.csv"):
         (tmp_path / name).write_text("id\n1\n")
@@ -95,7 +93,7 @@ def test_special_files_are_refused_unopened(what: str, kind: str, tmp_path: Path
 @pytest.mark.parametrize(
     "seeds", [range(60), pytest.param(range(60, 3_000), marks=pytest.mark.campaign)]
 )
-def test_a_special_file_behind_links_is_refused(seeds: range, tmp_path: Path) -> None:
+def test_a_special_file_behind_links_is_refused(seeds, tmp_path):
     """A fuzz of what stands in the place of a file that any reader is given."""
     for seed in seeds:
         draw, folder = random.Random(seed), tmp_path / str(seed)
@@ -133,7 +131,7 @@ def test_a_special_file_behind_links_is_refused(seeds: range, tmp_path: Path) ->
         assert len(str(found.value).splitlines()) == 1, (seed, what, kind)
 
 
-def test_a_socket_is_named_as_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_socket_is_named_as_one(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with socket.socket(socket.AF_UNIX) as server:
         server.bind("here")
@@ -141,7 +139,7 @@ def test_a_socket_is_named_as_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
             read_input(Path("here"), "file")
 
 
-def test_whole_files_have_a_limit(tmp_path: Path) -> None:
+def test_whole_files_have_a_limit(tmp_path):
     path = tmp_path / "long"
     path.write_bytes(b"x" * 1_000_001)
     assert read_input(path, "file", 1_000_001) == b"x" * 1_000_001
@@ -149,7 +147,7 @@ def test_whole_files_have_a_limit(tmp_path: Path) -> None:
         read_input(path, "file", 1_000_000)
 
 
-def test_rooms_of_input_open_files_one_way() -> None:
+def test_rooms_of_input_open_files_one_way():
     package = Path(__file__).parents[1] / "sumo_eval"
     files = [
         file
@@ -166,7 +164,7 @@ def test_rooms_of_input_open_files_one_way() -> None:
     assert not wrong
 
 
-def test_events_of_a_spreadsheet_with_a_byte_order_mark_are_read(tmp_path: Path) -> None:
+def test_events_of_a_spreadsheet_with_a_byte_order_mark_are_read(tmp_path):
     path = tmp_path / "events.csv"
     path.write_text("a\n1\n2\n4\n", encoding="utf-8-sig")
     joint = read_joint(path, "copula", ["a"], ([0.0], [5.0]), None)

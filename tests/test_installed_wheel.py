@@ -1,8 +1,6 @@
 """The wheel as installed: each name that users call is imported and called, commands and formats
 are found."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -119,7 +117,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.campaign  # .ci/run has it
-def test_every_name_that_users_call_is_in_the_wheel_and_works(site: Path, tmp_path: Path) -> None:
+def test_every_name_that_users_call_is_in_the_wheel_and_works(site, tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(site), "SUMO_EVAL_INTERPRETED": "1"}
     done = subprocess.run(
         [sys.executable, "-c", CALLS, str(site)], cwd=tmp_path, env=environment,
@@ -129,7 +127,7 @@ def test_every_name_that_users_call_is_in_the_wheel_and_works(site: Path, tmp_pa
     assert done.returncode == 0, done.stderr
 
 
-def test_the_wheel_ships_networks_routes_and_the_extras(site: Path) -> None:
+def test_the_wheel_ships_networks_routes_and_the_extras(site):
     for name in (
         "networks/two_lanes_1400m.net.xml",
         "routes",

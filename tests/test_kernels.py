@@ -106,7 +106,7 @@ def test_there_are_kernels():
 
 
 @pytest.mark.parametrize("file", KERNELS)
-def test_a_kernel_holds_nothing_that_compiles_to_other_bits_or_not_at_all(file: str):
+def test_a_kernel_holds_nothing_that_compiles_to_other_bits_or_not_at_all(file):
     """`x ** 2` and math.hypot differ in the last bit; remainder and fmod, raise and try do not
     compile or lose rows."""
     for node in (node for function in KERNELS[file] for node in ast.walk(function)):
@@ -124,7 +124,7 @@ def test_a_kernel_holds_nothing_that_compiles_to_other_bits_or_not_at_all(file: 
 
 
 @pytest.mark.parametrize("ads", ADS)
-def test_a_case_alone_has_the_bits_that_it_has_beside_others(ads: str):
+def test_a_case_alone_has_the_bits_that_it_has_beside_others(ads):
     for name, every in SCENARIOS.items():
         cases = points(name, every)
         drivers = controllers(ads, cases)
@@ -141,9 +141,7 @@ def test_a_case_alone_has_the_bits_that_it_has_beside_others(ads: str):
     ("sparse", "drivers"),
     [(8192, ("lane_changer", "people")), pytest.param(4, ADS, marks=pytest.mark.campaign)],
 )
-def test_interpreted_and_compiled_rules_drive_alike_to_the_bit(
-    sparse: int, drivers: tuple[str, ...]
-):
+def test_interpreted_and_compiled_rules_drive_alike_to_the_bit(sparse, drivers):
     script = (
         "import sys; sys.path.insert(0, sys.argv[1]); import test_kernels as it; "
         f"print(*(it.digest(ads, {sparse}) for ads in {drivers}))"
@@ -162,7 +160,7 @@ def test_interpreted_and_compiled_rules_drive_alike_to_the_bit(
 
 @pytest.mark.campaign  # compiles all that the run needs, once more
 @pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
-def test_small_evaluation_scores_alike_without_borrowed_insides(tmp_path: Path) -> None:
+def test_small_evaluation_scores_alike_without_borrowed_insides(tmp_path):
     (tmp_path / "small.toml").write_text(
         'name = "small"\n[[scenario]]\nuse = '
         '"front_vehicle_low_speed"\n[scenario.sampling]\nlevels = 2\n'
@@ -336,7 +334,7 @@ def test_whatever_becomes_of_machine_code_is_compiled_again(tmp_path, monkeypatc
 
 @needs_numba
 @pytest.mark.parametrize("place", ["a file", "a folder of that name", "closed"])
-def test_code_that_cannot_be_kept_is_compiled_in_each_process(tmp_path, monkeypatch, place: str):
+def test_code_that_cannot_be_kept_is_compiled_in_each_process(tmp_path, monkeypatch, place):
     monkeypatch.setattr(kernels, "cache_folder", lambda: tmp_path / "kernels")
     if place == "a file":
         (tmp_path / "kernels").write_bytes(b"")

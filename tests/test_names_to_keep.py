@@ -1,8 +1,6 @@
 """Names that users' code and other tools call: importable from where they stand, with their
 parameters."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 
@@ -53,14 +51,14 @@ def found(place: str) -> object:
 
 
 @pytest.mark.parametrize("place", KEPT)
-def test_a_function_is_where_it_was_and_takes_what_it_took(place: str) -> None:
+def test_a_function_is_where_it_was_and_takes_what_it_took(place):
     function = found(place)
     assert callable(function)
     assert set(filter(None, KEPT[place].split(", "))) <= set(inspect.signature(function).parameters)
 
 
 @pytest.mark.parametrize("place", FIELDS)
-def test_a_record_has_what_it_had(place: str) -> None:
+def test_a_record_has_what_it_had(place):
     assert set(FIELDS[place].split(", ")) <= {
         *dir(found(place)),
         *getattr(found(place), "__dataclass_fields__", {}),

@@ -1,7 +1,5 @@
 """Text from outside: nothing that harms, no more than is kept, and nothing lost without a mark."""
 
-from __future__ import annotations
-
 import csv
 import io
 
@@ -37,13 +35,13 @@ HARMFUL = {
 
 
 @pytest.mark.parametrize("name", HARMFUL)
-def test_what_harms_is_replaced_by_its_number(name: str) -> None:
+def test_what_harms_is_replaced_by_its_number(name):
     text, expected = HARMFUL[name]
     assert clean(text) == expected
     assert clean_log(text) == expected
 
 
-def test_ordinary_text_of_any_language_is_left_alone() -> None:
+def test_ordinary_text_of_any_language_is_left_alone():
     for text in (
         "no path found",
         "Fußgänger, 歩行者, עובר",
@@ -53,14 +51,14 @@ def test_ordinary_text_of_any_language_is_left_alone() -> None:
         assert clean(text) == clean_log(text) == text
 
 
-def test_a_sentence_is_one_line_and_a_log_keeps_its_lines() -> None:
+def test_a_sentence_is_one_line_and_a_log_keeps_its_lines():
     assert clean("one\r\ntwo\rthree") == "one two\\rthree"
     assert clean_log("one\r\ntwo\r100 %") == "one\ntwo\n100 %"
 
 
 @pytest.mark.parametrize("letter", ["x", "\x00", "\ud800", "\n", "👩"])
 @pytest.mark.parametrize("length", [0, 1, 80, SENTENCE, SENTENCE + 1, 3 * LOG, 40_000_000])
-def test_any_text_becomes_short_valid_and_stays_as_it_is(letter: str, length: int) -> None:
+def test_any_text_becomes_short_valid_and_stays_as_it_is(letter, length):
     for cleaned, most, again in ((clean, SENTENCE, clean), (clean_log, LOG, clean_log)):
         found = cleaned(letter * length)
         assert len(found) <= most
@@ -70,7 +68,7 @@ def test_any_text_becomes_short_valid_and_stays_as_it_is(letter: str, length: in
         assert "left out" in found or length <= most
 
 
-def test_what_is_cut_says_how_much_was_left_out() -> None:
+def test_what_is_cut_says_how_much_was_left_out():
     found = clean("x" * 1_000)
     kept = found.count("x")
     assert found == f"{'x' * kept} … [{1_000 - kept} characters left out]"
@@ -138,26 +136,26 @@ ODD = {
 @pytest.mark.parametrize(
     "error", ODD, ids=lambda error: type.__dict__["__name__"].__get__(type(error))
 )
-def test_any_exception_can_be_put_in_words_and_logged(error: BaseException) -> None:
+def test_any_exception_can_be_put_in_words_and_logged(error):
     assert said(error) == ODD[error]
     assert len(traceback_of(error)) <= LOG
     traceback_of(error).encode()
     shown(error).encode()
 
 
-def test_a_long_exception_leaves_room_for_the_sentence_around_it() -> None:
+def test_a_long_exception_leaves_room_for_the_sentence_around_it():
     assert len(words_of(ValueError("x" * 40_000_000))) <= WORDS
     assert len(traceback_of(ValueError("x" * 40_000_000))) <= LOG
 
 
-def test_what_was_got_is_shown_whatever_it_is() -> None:
+def test_what_was_got_is_shown_whatever_it_is():
     assert "must be small, got (int that cannot be shown: ValueError)." in str(
         must_be("`a`", "b", "small", 10**5000)
     )
     assert len(str(must_be("`a`", "b", "small", "x" * 10**6))) < SENTENCE
 
 
-def test_a_name_that_cannot_be_shown_is_refused() -> None:
+def test_a_name_that_cannot_be_shown_is_refused():
     check_name("an ADS", "[red] =Fußgänger (2)")
     for name in ("a\nb", "\x1b[2J", "\u202eeman", "x" * (SENTENCE + 1)):
         with pytest.raises(
@@ -170,7 +168,7 @@ FORMULAS = ("=1+2", "'=1+2", "+cmd", "-2+3", "@SUM(A1)", "\t=1", "\r=1", '=HYPER
 
 
 @pytest.mark.parametrize("text", FORMULAS)
-def test_a_cell_that_a_spreadsheet_would_run_is_quoted_and_read_back(text: str) -> None:
+def test_a_cell_that_a_spreadsheet_would_run_is_quoted_and_read_back(text):
     assert cell(text) == f"'{text}"
     assert from_cell(cell(text)) == text
 
@@ -178,12 +176,12 @@ def test_a_cell_that_a_spreadsheet_would_run_is_quoted_and_read_back(text: str) 
 @pytest.mark.parametrize(
     "value", ["-1.5", "+2", "-1e-9", "-inf", -1.5, None, "", "a=b", "it's", "'tis", True]
 )
-def test_numbers_and_ordinary_cells_stay_as_they_are(value: object) -> None:
+def test_numbers_and_ordinary_cells_stay_as_they_are(value):
     assert cell(value) is value
     assert from_cell(value) is value
 
 
-def test_a_table_is_quoted_in_text_and_headings_and_read_back() -> None:
+def test_a_table_is_quoted_in_text_and_headings_and_read_back():
     table = pd.DataFrame(
         {"=name": ["=a", "b"], "x": [-1.5, 2.0], "n": [1, -2], "mixed": [None, "-2+3"]}
     )
@@ -195,5 +193,5 @@ def test_a_table_is_quoted_in_text_and_headings_and_read_back() -> None:
     assert without_quotes(pd.read_csv(io.StringIO(text))).to_csv() == table.to_csv()
 
 
-def test_capitalised_keeps_names() -> None:
+def test_capitalised_keeps_names():
     assert capitalised("parameter `A` of Mine.toml") == "Parameter `A` of Mine.toml"

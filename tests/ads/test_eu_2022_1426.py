@@ -1,7 +1,5 @@
 """Reference drivers of Regulation (EU) 2022/1426: the twelve values of its table through SUMO."""
 
-from __future__ import annotations
-
 import pytest
 
 from sumo_eval.ads.eu_2022_1426 import SEATED, STANDING

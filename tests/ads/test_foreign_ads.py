@@ -4,8 +4,6 @@ What is not installed is skipped: the wrappers of MetaDrive's expert and FLOW's 
 held against published formulas, without their packages.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import sys
@@ -64,7 +62,7 @@ def expert(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
     sys.modules.pop("metadrive_expert")
 
 
-def test_metadrives_expert_is_shown_what_metadrive_shows(expert: Any) -> None:
+def test_metadrives_expert_is_shown_what_metadrive_shows(expert):
     """State 9, two checkpoints of 5, four vehicles of 4, 240 rays: 275 numbers in 0..1."""
     shown = expert.observed(seen(Body(130.0, 0.0, 0.0, 10.0, 4.5, 1.8)))
     assert shown.shape == (275,)
@@ -85,7 +83,7 @@ def test_metadrives_expert_is_shown_what_metadrive_shows(expert: Any) -> None:
     assert rays[1] == rays[-1] == pytest.approx(27.75 / 50.0 / math.cos(math.radians(1.5)))
 
 
-def test_metadrives_pedals_are_its_default_vehicles(expert: Any) -> None:
+def test_metadrives_pedals_are_its_default_vehicles(expert):
     """-0.1 of the brakes of 4 x 7500 N on 1100 kg: -2.73 m/s2; half of 40 degrees to the left at
     the wheels."""
     acceleration, steering = expert.act(seen())
@@ -96,7 +94,7 @@ def test_metadrives_pedals_are_its_default_vehicles(expert: Any) -> None:
 @pytest.mark.skipif(
     find_spec("metadrive") is None, reason="metadrive-simulator, with the weights, is not installed"
 )
-def test_metadrives_expert_follows_a_slower_vehicle_near_its_lane() -> None:
+def test_metadrives_expert_follows_a_slower_vehicle_near_its_lane():
     found = drive("metadrive_expert.py:Expert", SLOWER)
     assert found.ego.speed[-1] == pytest.approx(5.0, abs=0.5)
     assert np.abs(found.ego.y).max() < 1.2
@@ -137,7 +135,7 @@ def flow(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "flow.controllers", controllers)
 
 
-def test_a_controller_of_flow_sees_its_environment(flow: None) -> None:
+def test_a_controller_of_flow_sees_its_environment(flow):
     """20 m/s, wanted 20, 45.5 m behind 10 m/s: 1 - 1 - ((2 + 20 + 20 x 10/(2 sqrt 1.5))/45.5)^2 =
     -5.27 m/s2."""
     found = drive("flow_drivers.py:Driver")
@@ -157,7 +155,7 @@ def test_a_controller_of_flow_sees_its_environment(flow: None) -> None:
     reason="comma-deps-acados or a checkout of openpilot, named by OPENPILOT, is not here",
 )
 @pytest.mark.filterwarnings("default")  # of acados
-def test_openpilots_longitudinal_mpc_follows_gently() -> None:
+def test_openpilots_longitudinal_mpc_follows_gently():
     """Its own limit is -3.5 m/s2."""
     found = drive(
         f"openpilot_long.py:Longitudinal?options.source={os.environ['OPENPILOT']}", seconds=30.0
@@ -171,6 +169,6 @@ def test_openpilots_longitudinal_mpc_follows_gently() -> None:
     "REACTIVE_PLANNER" not in os.environ,
     reason="no Python with commonroad-reactive-planner, named by REACTIVE_PLANNER",
 )
-def test_the_reactive_planner_passes_by_in_an_environment_of_its_own() -> None:
+def test_the_reactive_planner_passes_by_in_an_environment_of_its_own():
     found = drive(f"exec:{os.environ['REACTIVE_PLANNER']} reactive_planner.py", seconds=6.0)
     assert {clip.what: clip.applied for clip in found.clips}["plan_error"] < 0.5

@@ -1,8 +1,6 @@
 """docs/examples/ros2_node.py with a stack behind it, without ROS: a stand-in carries the same
 messages."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
@@ -29,7 +27,7 @@ def drive(seconds: float, *variables: str, option: str = "") -> Recording:
     return found
 
 
-def test_a_stack_drives_by_controls_in_lockstep() -> None:
+def test_a_stack_drives_by_controls_in_lockstep():
     """The stack is the ten-line ACC, kept from accelerating; its controls of an earlier stamp do
     not count."""
     stack = drive(8.0)
@@ -44,11 +42,11 @@ def test_a_stack_drives_by_controls_in_lockstep() -> None:
     np.testing.assert_allclose(stack.ego.speed, here.ego.speed, atol=1e-6)
 
 
-def test_a_control_may_be_a_speed() -> None:
+def test_a_control_may_be_a_speed():
     assert drive(6.0, option="--follow speed").ego.speed[-1] == pytest.approx(10.0, abs=0.2)
 
 
-def test_a_path_is_a_plan() -> None:
+def test_a_path_is_a_plan():
     """1 m/s slower at every step's plan: the tracker follows within its error, straight on."""
     found = drive(2.0, "STACK_PLANS=1")
     assert found.ego.speed[-1] < 19.0

@@ -5,8 +5,6 @@ Each build is an entry of an evaluation with other options. noise is drawn anew 
 by a seed from the clock.
 """
 
-from __future__ import annotations
-
 import math
 import random
 from collections import deque

@@ -1,8 +1,6 @@
 """Evaluation files that somebody broke: wrong types, unknown keys, nan, negative, huge, truncated,
 binary."""
 
-from __future__ import annotations
-
 import copy
 import random
 from typing import Any

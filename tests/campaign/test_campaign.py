@@ -6,8 +6,6 @@ SUMO_EVAL_CAMPAIGN_SHARE, default 1, is the share of the full size that is run; 
 was run.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import subprocess
@@ -64,9 +62,7 @@ def size(full: int) -> int:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("fault", EXPECTED)
-def test_faults_by_the_thousand_cost_their_own_cases(
-    fault: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_faults_by_the_thousand_cost_their_own_cases(fault, capsys):
     concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20, lead_speed=10)
     limits = RunSettings(workers=2, case_timeout=30.0, step_timeout=5.0, memory_limit=800.0)
     limits = replace(limits, **TIGHT.get(fault, {}))
@@ -92,9 +88,7 @@ def test_faults_by_the_thousand_cost_their_own_cases(
 
 
 @pytest.mark.campaign
-def test_runs_that_are_killed_again_and_again_end_with_the_same_content(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_runs_that_are_killed_again_and_again_end_with_the_same_content(tmp_path, capsys):
     kills, folders = kill_and_resume(tmp_path, size(50), levels=4)
     with capsys.disabled():
         print(
@@ -196,25 +190,21 @@ def run_own_inputs(number: int, folder: Path) -> str:
 
 @pytest.mark.campaign
 def test_own_scenarios_networks_tables_and_locators_are_taken_or_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+    tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     ends = Counter(run_own_inputs(number, tmp_path) for number in range(size(2000)))
     with capsys.disabled():
         print(f"\n{sum(ends.values())} own inputs: {dict(ends)}")
 
 
-def test_a_few_own_inputs_are_taken_or_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_few_own_inputs_are_taken_or_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert {run_own_inputs(number, tmp_path) for number in range(16)} == {"taken", "refused"}
 
 
 @pytest.mark.campaign
-def test_broken_evaluation_files_never_show_a_traceback(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_broken_evaluation_files_never_show_a_traceback(tmp_path, capsys):
     ends: Counter[str] = Counter()
     faults = []
     for number in range(size(2000)):
@@ -228,6 +218,6 @@ def test_broken_evaluation_files_never_show_a_traceback(
     assert not faults
 
 
-def test_a_few_broken_evaluation_files_never_show_a_traceback(tmp_path: Path) -> None:
+def test_a_few_broken_evaluation_files_never_show_a_traceback(tmp_path):
     ends = {run_mutant(number, tmp_path) for number in range(12)}
     assert "refused" in ends

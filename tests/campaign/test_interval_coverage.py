@@ -8,11 +8,8 @@ run. tests/scoring/confidence/test_intervals.py is the small version, on a probl
 known.
 """
 
-from __future__ import annotations
-
 import os
 from collections import defaultdict
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -37,7 +34,7 @@ NAMES = (
 
 
 @pytest.mark.campaign
-def test_95_per_cent_intervals_hold_the_mean_over_seeds(tmp_path: Path) -> None:
+def test_95_per_cent_intervals_hold_the_mean_over_seeds(tmp_path):
     found: dict[tuple[str, str, str], list[tuple[float, float, float]]] = defaultdict(list)
     for seed in range(1, max(3, round(SHARE * SEEDS)) + 1):
         settings = EvaluationSettings(

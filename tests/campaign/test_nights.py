@@ -5,8 +5,6 @@ SUMO_EVAL_NIGHT_CASES names the sizes. Another ladder is kept for acceptance: no
 fitted to this one.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections import Counter
@@ -229,7 +227,7 @@ def false_alarms(run: Evaluation, drives: Sequence[str]) -> list[list[str]]:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("cases", SIZES)
-def test_planted_changes_are_found_and_silence_is_kept(cases: int, tmp_path: Path) -> None:
+def test_planted_changes_are_found_and_silence_is_kept(cases, tmp_path):
     shutil.copy(Path(__file__).with_name("ladder_ads.py"), tmp_path)
     base = driven(tmp_path, "first", cases, [entry(BASE, {"work": WORK})])
     well = next(case for case in base.cases if case.status == "ok" and case.zone == "hazardous")
@@ -261,7 +259,7 @@ def test_planted_changes_are_found_and_silence_is_kept(cases: int, tmp_path: Pat
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("cases", SIZES)
-def test_noise_raises_one_alarm_in_fifty_nights_at_most(cases: int, tmp_path: Path) -> None:
+def test_noise_raises_one_alarm_in_fifty_nights_at_most(cases, tmp_path):
     shutil.copy(Path(__file__).with_name("ladder_ads.py"), tmp_path)
     entries = [
         entry(f"{noise} {k:02d}", {"noise": noise}) for noise in NOISES for k in range(DRIVES)

@@ -1,8 +1,6 @@
 """Recorded people beside bad driving in their own concrete scenarios: what D and H make of them
 (docs/trust.md)."""
 
-from __future__ import annotations
-
 import pytest
 from drivers.real_data import HUMAN, needs_recordings
 from loaded import load

@@ -25,7 +25,7 @@ def touched(use: str, ads: str, count: int, settings: SimulationSettings) -> lis
 
 
 @pytest.mark.parametrize("ads", ["ideal_braking", "idm"])
-def test_who_waits_for_a_turning_vehicle_touches_it_no_later(ads: str) -> None:
+def test_who_waits_for_a_turning_vehicle_touches_it_no_later(ads):
     assert touched("turn_across_path", ads, 10, SETTINGS) == touched(
         "turn_across_path", ads, 10, WAITING
     )
@@ -34,6 +34,6 @@ def test_who_waits_for_a_turning_vehicle_touches_it_no_later(ads: str) -> None:
 @pytest.mark.campaign
 @pytest.mark.parametrize("ads", ["ideal_braking", "idm"])
 @pytest.mark.parametrize("use", sorted(catalogue.SCENARIOS))
-def test_a_vehicle_that_stood_for_two_seconds_touches_none_later(use: str, ads: str) -> None:
+def test_a_vehicle_that_stood_for_two_seconds_touches_none_later(use, ads):
     count = max(5, round(150 * SHARE))
     assert touched(use, ads, count, SETTINGS) == touched(use, ads, count, WAITING)

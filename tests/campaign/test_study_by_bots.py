@@ -1,8 +1,6 @@
 """A whole study by three participants without persons, in real time, in a browser: from the first
 code to Fig. 11."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
@@ -88,7 +86,7 @@ def take_part(page: Page, code: str) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
-def test_three_bots_drive_a_study_in_a_browser_and_fig_11_is_drawn(tmp_path: Path) -> None:
+def test_three_bots_drive_a_study_in_a_browser_and_fig_11_is_drawn(tmp_path):
     """8 drives each: every tape comes to the same bytes again, every rated score stands in the
     figure."""
     (tmp_path / "base.toml").write_text(RUN)

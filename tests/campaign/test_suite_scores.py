@@ -1,8 +1,6 @@
 """The leaderboard's scores of what ships are what the program comes to: a suite that is cited can
 be run again."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -16,7 +14,7 @@ BOARD = Path(__file__).parents[2] / "docs" / "leaderboard"
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("suite", ["2026.1", "2026.2"])
-def test_the_kept_scores_of_the_suite_are_found_again(tmp_path: Path, suite: str) -> None:
+def test_the_kept_scores_of_the_suite_are_found_again(tmp_path, suite):
     """S+ of 2026.1 was another score; C, D and S are as they were."""
     ads = [{"name": name, "controller": name} for name in SHIPPED]
     evaluation = {"name": f"suite {suite}", "scenario": [{"use": f"suite:{suite}"}], "ads": ads}

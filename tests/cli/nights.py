@@ -1,8 +1,6 @@
 """A small evaluation whose ADS can be given one planted fault, and drivers that cost no
 simulation."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 ADS = '''

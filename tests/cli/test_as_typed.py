@@ -1,8 +1,6 @@
 """Each example of `--help`, and a locator of each scheme, runs as it is typed into a shell: quotes,
 spaces, options."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex
@@ -65,7 +63,7 @@ runs."""
         if name not in (*NOT_RUN, "run", "replay")
     ],
 )
-def test_the_example_of_a_command_runs_as_typed(name: str, desk: Path, tmp_path: Path) -> None:
+def test_the_example_of_a_command_runs_as_typed(name, desk, tmp_path):
     folder = Path(shutil.copytree(desk, tmp_path / "desk"))
     line = EXAMPLES[name]
     write_needs(shlex.split(line), folder)
@@ -80,7 +78,7 @@ def test_the_example_of_a_command_runs_as_typed(name: str, desk: Path, tmp_path:
         assert (folder / place).exists(), place
 
 
-def test_an_example_runs_in_a_real_shell_and_opens_the_page(desk: Path, tmp_path: Path) -> None:
+def test_an_example_runs_in_a_real_shell_and_opens_the_page(desk, tmp_path):
     """BROWSER names what opens a page, as on any desktop: here a program that writes down what it
     was asked for."""
     browser = tmp_path / "browser"
@@ -102,12 +100,12 @@ def in_a_shell(line: str, folder: Path, **variables: str) -> subprocess.Complete
 
 
 @pytest.mark.parametrize("command", ["schema evaluation", "--help", "--version"])
-def test_closed_pipe_is_no_failed_gate(command: str, tmp_path: Path) -> None:
+def test_closed_pipe_is_no_failed_gate(command, tmp_path):
     done = in_a_shell(f"sumo-eval {command} | true; exit ${{PIPESTATUS[0]}}", tmp_path)
     assert (done.returncode, done.stderr) == (141, "")
 
 
-def test_each_example_that_is_not_run_says_why_and_what_runs_it() -> None:
+def test_each_example_that_is_not_run_says_why_and_what_runs_it():
     assert set(NOT_RUN) < set(EXAMPLES)
     for reason in NOT_RUN.values():
         for place in re.findall(r"tests/[\w/]+\.py", reason):
@@ -173,7 +171,7 @@ IN_ANOTHER_TEST = {
     "locator",
     [pytest.param(it, marks=pytest.mark.campaign) if it in IN_ANOTHER_TEST else it for it in HERE],
 )
-def test_a_locator_of_each_scheme_drives_as_typed(locator: str, tmp_path: Path) -> None:
+def test_a_locator_of_each_scheme_drives_as_typed(locator, tmp_path):
     doors(tmp_path)
     if locator.startswith("fmu:"):
         fmu(tmp_path)
@@ -182,7 +180,7 @@ def test_a_locator_of_each_scheme_drives_as_typed(locator: str, tmp_path: Path) 
     assert done.returncode == 0, done.stdout + done.stderr  # 3 where a case could not be evaluated
 
 
-def test_the_table_of_doors_has_no_locator_that_nothing_types() -> None:
+def test_the_table_of_doors_has_no_locator_that_nothing_types():
     table = (ROOT / PLACES).read_text(encoding="utf-8").split("## Choose a way")[1].split("\n\n")[1]
     named = [
         locator

@@ -1,8 +1,6 @@
 """Bad input at the command line: one clear sentence, the right status, no traceback, and no
 finished work lost."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import subprocess
@@ -63,9 +61,7 @@ def folder(tmp_path: Path) -> Path:
         (("report", "."), "there is no facts.sqlite in it"),
     ],
 )
-def test_what_cannot_be_used_is_one_short_sentence_and_status_2(
-    folder: Path, arguments: tuple[str, ...], words: str
-) -> None:
+def test_what_cannot_be_used_is_one_short_sentence_and_status_2(folder, arguments, words):
     own_process = "import.toml" in arguments  # whose sentence no encoding can hold
     done = (in_a_process if own_process else sumo_eval)(*arguments, cwd=folder)
     said = done.stdout + done.stderr
@@ -77,9 +73,7 @@ def test_what_cannot_be_used_is_one_short_sentence_and_status_2(
 
 @pytest.mark.campaign
 @pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
-def test_a_full_device_behind_stdout_loses_no_finished_work(
-    folder: Path,
-) -> None:
+def test_a_full_device_behind_stdout_loses_no_finished_work(folder):
     with FULL.open("w") as full:
         done = in_a_process("run", folder / "good.toml", "--out", folder / "o", stdout=full)
     assert done.returncode == 2
@@ -94,7 +88,7 @@ def test_a_full_device_behind_stdout_loses_no_finished_work(
 
 @pytest.mark.campaign
 @pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
-def test_a_full_device_behind_stderr_does_not_end_a_run(folder: Path) -> None:
+def test_a_full_device_behind_stderr_does_not_end_a_run(folder):
     with FULL.open("w") as full:
         done = in_a_process("run", folder / "good.toml", "--out", folder / "o", stderr=full)
     assert done.returncode == 0
@@ -102,7 +96,7 @@ def test_a_full_device_behind_stderr_does_not_end_a_run(folder: Path) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="nothing is closed to root")
-def test_a_read_only_folder_is_refused(folder: Path) -> None:
+def test_a_read_only_folder_is_refused(folder):
     (folder / "closed").mkdir(mode=0o500)
     done = sumo_eval("run", folder / "good.toml", "--out", folder / "closed" / "o")
     assert done.returncode == 2
@@ -112,7 +106,7 @@ def test_a_read_only_folder_is_refused(folder: Path) -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell's way to close a stream")
 @pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>&-"])
-def test_closed_streams_do_not_end_a_command(folder: Path, closed: str) -> None:
+def test_closed_streams_do_not_end_a_command(folder, closed):
     words = [sys.executable, "-m", "sumo_eval", "check", "good.toml"]
     done = subprocess.run(f"{shlex.join(words)} {closed}", shell=True, check=False, cwd=folder)
     assert done.returncode == 0

@@ -1,8 +1,6 @@
 """The command line as a person meets it: quick help, sentences instead of tracebacks, statuses that
 mean something."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -38,7 +36,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Done, Path]:
     return Done(done.returncode, done.stdout, done.stderr), folder / "out"
 
 
-def test_help_imports_nothing_heavy() -> None:
+def test_help_imports_nothing_heavy():
     code = (
         "import sys\nfrom sumo_eval.cli import main\n"
         "try:\n    main(['--help'])\nexcept SystemExit as stop:\n    assert stop.code == 0\n"
@@ -51,7 +49,7 @@ def test_help_imports_nothing_heavy() -> None:
     assert "partition" in done.stdout
 
 
-def test_running_and_scoring_import_no_more_than_synthetic_drivers_on_a_grid_need() -> None:
+def test_running_and_scoring_import_no_more_than_synthetic_drivers_on_a_grid_need():
     code = (
         "import sys, sumo_eval.evaluation, sumo_eval.report.assessed, sumo_eval.report.tables\n"
         "heavy = {'pandas', 'sklearn', 'scipy.stats', 'numba', 'plotly.graph_objects', 'fmpy', "
@@ -62,9 +60,7 @@ def test_running_and_scoring_import_no_more_than_synthetic_drivers_on_a_grid_nee
     assert done.returncode == 0, done.stderr
 
 
-def test_linear_algebra_keeps_to_one_thread_unless_the_user_says_otherwise(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_linear_algebra_keeps_to_one_thread_unless_the_user_says_otherwise(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "")
     monkeypatch.delenv("OPENBLAS_NUM_THREADS")
@@ -72,7 +68,7 @@ def test_linear_algebra_keeps_to_one_thread_unless_the_user_says_otherwise(
     assert (os.environ["OMP_NUM_THREADS"], os.environ["OPENBLAS_NUM_THREADS"]) == ("3", "1")
 
 
-def test_a_run_ends_with_a_table_a_report_and_status_0(finished: tuple[Done, Path]) -> None:
+def test_a_run_ends_with_a_table_a_report_and_status_0(finished):
     done, out = finished
     assert done.returncode == 0, done.stderr
     assert "front_vehicle_low_speed" in done.stdout
@@ -90,7 +86,7 @@ def test_a_run_ends_with_a_table_a_report_and_status_0(finished: tuple[Done, Pat
     json.loads((out / "scores.json").read_text())
 
 
-def test_score_prints_the_same_table_again(finished: tuple[Done, Path]) -> None:
+def test_score_prints_the_same_table_again(finished):
     done, out = finished
     before = (out / "scores.json").read_text()
     again = sumo_eval("score", str(out))
@@ -104,21 +100,21 @@ def without_path(text: str) -> list[str]:
     return [line for line in lines if not line.startswith("The report is ")]
 
 
-def test_report_writes_the_report_again(finished: tuple[Done, Path]) -> None:
+def test_report_writes_the_report_again(finished):
     _, out = finished
     (out / "report.html").unlink()
     assert sumo_eval("report", str(out)).returncode == 0
     assert (out / "report.html").stat().st_size > 100_000
 
 
-def test_scenarios_lists_names_units_and_ranges() -> None:
+def test_scenarios_lists_names_units_and_ranges():
     done = sumo_eval("scenarios")
     assert done.returncode == 0
     assert "front_vehicle_cut_out" in done.stdout
     assert "20..120 m, step 10" in done.stdout
 
 
-def test_partition_says_where_the_danger_is_greatest() -> None:
+def test_partition_says_where_the_danger_is_greatest():
     done = sumo_eval("partition", "front_vehicle_cut_out")
     assert done.returncode == 0, done.stderr
     assert "1 hazardous zone" in done.stdout
@@ -138,9 +134,7 @@ def test_partition_says_where_the_danger_is_greatest() -> None:
         (("run", "--out", "x", "--workers", "0"), "--workers"),
     ],
 )
-def test_bad_input_gets_a_sentence_and_status_2(
-    arguments: tuple[str, ...], sentence: str, tmp_path: Path
-) -> None:
+def test_bad_input_gets_a_sentence_and_status_2(arguments, sentence, tmp_path):
     done = sumo_eval(*arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert sentence in done.stderr
@@ -148,9 +142,7 @@ def test_bad_input_gets_a_sentence_and_status_2(
     assert not (tmp_path / "x").exists()
 
 
-def test_an_unknown_key_an_unknown_ads_and_a_missing_controller_file_get_a_sentence(
-    tmp_path: Path,
-) -> None:
+def test_an_unknown_key_an_unknown_ads_and_a_missing_controller_file_get_a_sentence(tmp_path):
     for before, after, sentence in (
         ("levels = 2", "level = 2", "Did you mean `levels`?"),
         ('controller = "idm"', 'controller = "idn"', "Did you mean `idm`?"),
@@ -173,7 +165,7 @@ def test_an_unknown_key_an_unknown_ads_and_a_missing_controller_file_get_a_sente
         assert not (tmp_path / "out").exists()
 
 
-def test_cases_that_cannot_be_evaluated_give_status_3_and_are_listed(tmp_path: Path) -> None:
+def test_cases_that_cannot_be_evaluated_give_status_3_and_are_listed(tmp_path):
     (tmp_path / "broken.py").write_text(
         "def broken(traci, ego, time):\n    raise RuntimeError('no plan')\n"
     )
@@ -187,9 +179,7 @@ def test_cases_that_cannot_be_evaluated_give_status_3_and_are_listed(tmp_path: P
     assert "Traceback" not in done.stdout + done.stderr
 
 
-def test_a_replay_lies_in_its_run_whatever_the_ads_is_called(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_replay_lies_in_its_run_whatever_the_ads_is_called(tmp_path, monkeypatch):
     fact, run = SimpleNamespace(scenario="s"), SimpleNamespace(scenarios={"s": None})
     monkeypatch.setattr("sumo_eval.record.run_folder.resolved_run", lambda _: run)
     monkeypatch.setattr("sumo_eval.report.replay.recorded", lambda *_: fact)

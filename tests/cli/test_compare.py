@@ -1,7 +1,5 @@
 """A real run beside its repeat, and beside a build that does worse in one case of many."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 
@@ -29,14 +27,14 @@ def builds(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_repeat_of_the_same_build_is_green(builds: Path) -> None:
+def test_a_repeat_of_the_same_build_is_green(builds):
     done = sumo_eval("compare", builds / "base", builds / "repeat")
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.startswith("THE SAME as")
     assert "cases equal to the last bit" in done.stdout
 
 
-def test_one_planted_regression_among_many_cases_is_named(builds: Path) -> None:
+def test_one_planted_regression_among_many_cases_is_named(builds):
     done = sumo_eval(
         "compare", builds / "base", builds / "new", "--junit", builds / "junit.xml", "--report"
     )
@@ -61,13 +59,13 @@ def test_one_planted_regression_among_many_cases_is_named(builds: Path) -> None:
     assert page.index("WORSE than") < page.index('id="verdict"')
 
 
-def test_the_way_back_is_better_and_green(builds: Path) -> None:
+def test_the_way_back_is_better_and_green(builds):
     done = sumo_eval("compare", builds / "new", builds / "base")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "collision gone: 1" in done.stdout
 
 
-def test_a_gate_file_decides_what_is_let_through(builds: Path, tmp_path: Path) -> None:
+def test_a_gate_file_decides_what_is_let_through(builds, tmp_path):
     (tmp_path / "gate.toml").write_text(
         'outcome.on = false\n[[limit]]\nquantity = "new_collisions"\nat_most = 1\n'
     )
@@ -79,7 +77,7 @@ def test_a_gate_file_decides_what_is_let_through(builds: Path, tmp_path: Path) -
     )
 
 
-def test_other_settings_are_refused_and_with_consent_shown(builds: Path, tmp_path: Path) -> None:
+def test_other_settings_are_refused_and_with_consent_shown(builds, tmp_path):
     file = evaluation(tmp_path, "2")
     assert sumo_eval("run", file, "--out", tmp_path / "other").returncode == 0
     done = sumo_eval("compare", builds / "base", tmp_path / "other")
@@ -91,7 +89,7 @@ def test_other_settings_are_refused_and_with_consent_shown(builds: Path, tmp_pat
     assert "exist in one run only" in done.stdout
 
 
-def test_a_wrong_pair_and_a_folder_without_a_run_are_refused(builds: Path) -> None:
+def test_a_wrong_pair_and_a_folder_without_a_run_are_refused(builds):
     kept = builds / "repeat" / "kept.sqlite"
     kept.unlink()
     for arguments, sentence in (
@@ -107,7 +105,7 @@ def test_a_wrong_pair_and_a_folder_without_a_run_are_refused(builds: Path) -> No
     assert "is not a run folder" in sumo_eval("compare", builds, builds / "base").stderr
 
 
-def test_explain_prints_the_arithmetic_that_the_score_is_made_of(builds: Path) -> None:
+def test_explain_prints_the_arithmetic_that_the_score_is_made_of(builds):
     """The planted collision is the only one: r (1 - Ug/U) / sum r is all of 1 - C, 50 points."""
     key = next(
         line.split(",")[0]
@@ -143,7 +141,7 @@ def test_explain_prints_the_arithmetic_that_the_score_is_made_of(builds: Path) -
     assert f"Did you mean `{key}`?" in misspelt.stderr
 
 
-def test_run_only_drives_one_case_again(builds: Path, tmp_path: Path) -> None:
+def test_run_only_drives_one_case_again(builds, tmp_path):
     """The command that a failed limit names, as it is typed: the case ends as in the run, to the
     last bit."""
     done = sumo_eval("compare", builds / "base", builds / "new")
@@ -162,7 +160,7 @@ def test_run_only_drives_one_case_again(builds: Path, tmp_path: Path) -> None:
     assert "have no partner; 1 avoidable collision." in beside.stdout.splitlines()[0]
 
 
-def test_run_only_names_what_it_does_not_know(builds: Path, tmp_path: Path) -> None:
+def test_run_only_names_what_it_does_not_know(builds, tmp_path):
     for case, words in (
         ("front_vehicle_low_speed-0002-mime", "Did you mean `front_vehicle_low_speed-0002-mine`?"),
         ("front_vehicle_low_speed-9999-mine", "must be numbered 0000 to"),
@@ -185,9 +183,7 @@ def test_run_only_names_what_it_does_not_know(builds: Path, tmp_path: Path) -> N
         ('quantity = "d_i"\nworse_by = 1.0', ""),
     ],
 )
-def test_a_column_of_the_table_may_be_a_limit(
-    builds: Path, tmp_path: Path, limit: str, sentence: str
-) -> None:
+def test_a_column_of_the_table_may_be_a_limit(builds, tmp_path, limit, sentence):
     (tmp_path / "gate.toml").write_text(f"outcome.on = false\n[[limit]]\n{limit}\n")
     done = sumo_eval("compare", builds / "base", builds / "new", "--gate", tmp_path / "gate.toml")
     assert done.returncode == (1 if sentence else 0), done.said

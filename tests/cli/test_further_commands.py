@@ -1,7 +1,5 @@
 """Commands that installed packages bring: entry points of the group `sumo_eval.commands`."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -41,7 +39,7 @@ def install(site: Path, entry: str) -> None:
     (folder / "entry_points.txt").write_text(f"[{cli.GROUP}]\n{entry}\n")
 
 
-def test_an_installed_package_brings_a_command_of_its_own(site: Path) -> None:
+def test_an_installed_package_brings_a_command_of_its_own(site):
     install(site, "weather = weather_tool:weather")
     assert CliRunner().invoke(cli.main, ["weather"]).output == "dry\n"
     shown = CliRunner().invoke(cli.main, ["--help"]).output
@@ -58,7 +56,7 @@ def test_an_installed_package_brings_a_command_of_its_own(site: Path) -> None:
         ("weather = weather_tool:nothing", "must be a click command, got int."),
     ],
 )
-def test_what_is_not_a_command_gets_status_2(site: Path, entry: str, sentence: str) -> None:
+def test_what_is_not_a_command_gets_status_2(site, entry, sentence):
     install(site, entry)
     done = CliRunner().invoke(cli.main, ["weather"])
     assert done.exit_code == 2
@@ -67,15 +65,13 @@ def test_what_is_not_a_command_gets_status_2(site: Path, entry: str, sentence: s
     assert (help_.exit_code, sentence in " ".join(help_.output.split())) == (0, True)
 
 
-def test_our_command_without_its_entry_point_says_what_to_do(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_our_command_without_its_entry_point_says_what_to_do(monkeypatch):
     monkeypatch.setattr(cli, "_plugins", dict)
     done = CliRunner().invoke(cli.main, ["drive", "cut_in"])
     assert done.exit_code == 2
     assert "Command `drive` is not installed: run `pip install -e .` again." in done.output
 
 
-def test_no_package_takes_the_place_of_our_commands(site: Path) -> None:
+def test_no_package_takes_the_place_of_our_commands(site):
     install(site, "run = weather_tool:weather")
     assert "EVALUATION" in CliRunner().invoke(cli.main, ["run", "--help"]).output

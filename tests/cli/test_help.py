@@ -1,8 +1,6 @@
 """`--help`: commands by task, an example for each that its own parser takes, the nearest command by
 meaning."""
 
-from __future__ import annotations
-
 import io
 import os
 import shlex
@@ -33,9 +31,7 @@ def all_commands() -> list[tuple[str, click.Command]]:
 @pytest.mark.parametrize(
     ("name", "command"), all_commands(), ids=lambda value: value if isinstance(value, str) else ""
 )
-def test_every_command_has_an_example_that_its_own_parser_takes(
-    name: str, command: click.Command
-) -> None:
+def test_every_command_has_an_example_that_its_own_parser_takes(name, command):
     shown = CliRunner().invoke(main, [*name.split(), "--help"])
     assert shown.exit_code == 0
     assert command.epilog is not None
@@ -49,7 +45,7 @@ def test_every_command_has_an_example_that_its_own_parser_takes(
     command.make_context(name, words, parent=CONTEXT)  # raises for an option that does not exist
 
 
-def test_the_help_names_every_command_under_its_task_and_cuts_no_line() -> None:
+def test_the_help_names_every_command_under_its_task_and_cuts_no_line():
     shown = CliRunner().invoke(main, ["--help"], terminal_width=80).output
     assert [line[:-1] for line in shown.splitlines() if line.rstrip(":") in TASKS] == list(TASKS)
     assert "..." not in shown.partition("Evaluate:")[2]
@@ -65,26 +61,26 @@ def test_the_help_names_every_command_under_its_task_and_cuts_no_line() -> None:
         ("validate", "check"), ("Benchmark", "bench"), ("runn", "run"), ("nigthly", "nightly"),
     ],
 )  # fmt: skip
-def test_the_nearest_command_is_found_by_meaning_first(typed: str, meant: str) -> None:
+def test_the_nearest_command_is_found_by_meaning_first(typed, meant):
     done = CliRunner().invoke(main, [typed])
     assert done.exit_code == 2
     assert f"Did you mean `{meant}`?" in done.output
 
 
-def test_no_word_means_two_commands_and_none_is_a_command_itself() -> None:
+def test_no_word_means_two_commands_and_none_is_a_command_itself():
     words = [word for line in MEANT.values() for word in line.split()]
     assert len(words) == len(set(words))
     assert not set(words) & set(commands())
     assert MEANT.keys() == set(commands())
 
 
-def test_the_help_of_humans_cuts_no_line_either() -> None:
+def test_the_help_of_humans_cuts_no_line_either():
     shown = CliRunner().invoke(main, ["humans", "--help"], terminal_width=80).output
     assert "..." not in shown.partition("Commands:")[2]
     assert "\n  departure " in shown
 
 
-def test_a_line_wider_than_the_terminal_continues_indented() -> None:
+def test_a_line_wider_than_the_terminal_continues_indented():
     line = (
         "  2. an_ads_with_a_long_name  57.2 (39.9..66.0)  -8.0 to another_one: not told apart, "
         "the place is shared"
@@ -99,9 +95,7 @@ def test_a_line_wider_than_the_terminal_continues_indented() -> None:
 
 
 @pytest.mark.parametrize("err", [False, True], ids=["stdout", "stderr"])
-def test_sentences_break_on_a_terminal_and_nowhere_else(
-    err: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_sentences_break_on_a_terminal_and_nowhere_else(err, monkeypatch, capsys):
     line = "The next round is expected to move a part of the space: settled.\n  second"
     monkeypatch.setattr("shutil.get_terminal_size", lambda: os.terminal_size((40, 20)))
     monkeypatch.setattr("sys.stderr" if err else "sys.stdout", OnTerminal())

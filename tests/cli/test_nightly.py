@@ -1,8 +1,6 @@
 """Nights in a row: good, worse, broken, killed, twice at once; the history only grows, folders go
 by a rule."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import json
@@ -50,7 +48,7 @@ def week(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     return folder, outputs
 
 
-def test_each_night_is_compared_with_the_last_good_one(week: tuple[Path, list[str]]) -> None:
+def test_each_night_is_compared_with_the_last_good_one(week):
     folder, outputs = week
     found = nights(folder / "history")
     assert [night.exit_status for night in found] == [0, 0, 1, 1]
@@ -68,9 +66,7 @@ def test_each_night_is_compared_with_the_last_good_one(week: tuple[Path, list[st
     assert "no plan here" in outputs[3]
 
 
-def test_the_first_good_night_pins_itself_and_keeps_its_folder(
-    week: tuple[Path, list[str]],
-) -> None:
+def test_the_first_good_night_pins_itself_and_keeps_its_folder(week):
     folder, _ = week
     with open_history(folder / "history") as lines:
         (pin,) = lines.accepted()
@@ -79,7 +75,7 @@ def test_the_first_good_night_pins_itself_and_keeps_its_folder(
     assert (folder / "history" / first.folder).is_dir()
 
 
-def test_a_night_leaves_what_people_and_machines_read(week: tuple[Path, list[str]]) -> None:
+def test_a_night_leaves_what_people_and_machines_read(week):
     folder, _ = week
     last = folder / "history" / nights(folder / "history")[-1].folder
     for name in ("report.html", "junit.xml", "scores.json", "cases.csv", "facts.sqlite"):
@@ -103,9 +99,7 @@ def test_a_night_leaves_what_people_and_machines_read(week: tuple[Path, list[str
     assert f'href="{nights(folder / "history")[-1].folder}/report.html"' in trend
 
 
-def test_the_newest_nights_and_the_last_good_one_keep_their_folders(
-    week: tuple[Path, list[str]],
-) -> None:
+def test_the_newest_nights_and_the_last_good_one_keep_their_folders(week):
     """Two folders are kept, the third and the fourth; the second is the last good one, the first is
     accepted."""
     folder, _ = week
@@ -114,7 +108,7 @@ def test_the_newest_nights_and_the_last_good_one_keep_their_folders(
     assert there == [True, True, True, True]
 
 
-def test_the_history_cannot_be_changed(week: tuple[Path, list[str]], tmp_path: Path) -> None:
+def test_the_history_cannot_be_changed(week, tmp_path):
     copy = tmp_path / "history.sqlite"
     shutil.copy(week[0] / "history" / "history.sqlite", copy)
     connection = sqlite3.connect(copy)
@@ -125,7 +119,7 @@ def test_the_history_cannot_be_changed(week: tuple[Path, list[str]], tmp_path: P
     connection.close()
 
 
-def test_a_second_night_is_refused_while_one_is_running(week: tuple[Path, list[str]]) -> None:
+def test_a_second_night_is_refused_while_one_is_running(week):
     folder, _ = week
     before = len(nights(folder / "history"))
     with (folder / "history" / "lock").open("a+") as lock:
@@ -137,9 +131,7 @@ def test_a_second_night_is_refused_while_one_is_running(week: tuple[Path, list[s
     assert len(nights(folder / "history")) == before
 
 
-def test_what_a_killed_night_left_is_removed_and_said(
-    week: tuple[Path, list[str]], tmp_path: Path
-) -> None:
+def test_what_a_killed_night_left_is_removed_and_said(week, tmp_path):
     folder, _ = week
     history = tmp_path / "history"
     shutil.copytree(folder / "history", history)
@@ -179,7 +171,7 @@ def copied(folder: Path, tmp_path: Path) -> tuple[Path, Path, Path]:
 
 
 @pytest.mark.campaign
-def test_a_night_that_is_killed_leaves_nothing_that_counts(killed: Path, tmp_path: Path) -> None:
+def test_a_night_that_is_killed_leaves_nothing_that_counts(killed, tmp_path):
     file, history, left = copied(killed, tmp_path)
     assert nights(history) == []
     evaluation(file.parent, "2")
@@ -217,9 +209,7 @@ def recorded(history: Path) -> int:
     return 0
 
 
-def test_a_killed_night_continues_to_the_digest_of_a_whole_one(
-    killed: Path, tmp_path: Path
-) -> None:
+def test_a_killed_night_continues_to_the_digest_of_a_whole_one(killed, tmp_path):
     file, history, left = copied(killed, tmp_path)
     file.write_text(file.read_text().replace('"processes"', '"serial"'))
     kept = recorded(history)
@@ -248,7 +238,7 @@ def test_a_killed_night_continues_to_the_digest_of_a_whole_one(
     assert open_run(left).digest() == open_run(history / whole.folder).digest()
 
 
-def test_a_night_of_another_evaluation_is_not_continued(tmp_path: Path) -> None:
+def test_a_night_of_another_evaluation_is_not_continued(tmp_path):
     file, history = evaluation(tmp_path, "3"), tmp_path / "history"
     run_night(file, history, GateSettings(resamples=100))
     with open_history(history, create=True) as lines:
@@ -272,11 +262,8 @@ def test_a_night_of_another_evaluation_is_not_continued(tmp_path: Path) -> None:
     ],
 )
 def test_a_disk_that_fails_without_being_full_and_a_late_ctrl_c_keep_the_night(
-    fault: BaseException,
-    week: tuple[Path, list[str]],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    fault, week, tmp_path, monkeypatch
+):
     folder, _ = week
     history = tmp_path / "history"
     shutil.copytree(folder / "history", history)
@@ -299,9 +286,7 @@ def test_a_disk_that_fails_without_being_full_and_a_late_ctrl_c_keep_the_night(
     assert len(nights(history)) == before + 1
 
 
-def test_a_full_disk_leaves_earlier_nights_alone(
-    week: tuple[Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_leaves_earlier_nights_alone(week, tmp_path, monkeypatch):
     folder, _ = week
     history = tmp_path / "history"
     shutil.copytree(folder / "history", history)
@@ -323,9 +308,7 @@ def test_a_full_disk_leaves_earlier_nights_alone(
         run_night(folder / "evaluation.toml", history, GateSettings(resamples=100))
 
 
-def test_lost_pairs_fail_until_they_are_accepted(
-    week: tuple[Path, list[str]], tmp_path: Path
-) -> None:
+def test_lost_pairs_fail_until_they_are_accepted(week, tmp_path):
     """Two levels of three: the middle ones are gone, three of six cases, more than a tenth.
 
     Both corners are judged.
@@ -356,7 +339,7 @@ def test_lost_pairs_fail_until_they_are_accepted(
     assert again.night.verdict.startswith("THE SAME as")
 
 
-def test_a_mistake_in_the_file_is_said_before_anything_is_touched(tmp_path: Path) -> None:
+def test_a_mistake_in_the_file_is_said_before_anything_is_touched(tmp_path):
     file = evaluation(tmp_path)
     file.write_text(file.read_text().replace("levels", "level"))
     done = sumo_eval("nightly", file, "--history", tmp_path / "history")
@@ -365,9 +348,7 @@ def test_a_mistake_in_the_file_is_said_before_anything_is_touched(tmp_path: Path
     assert not (tmp_path / "history").exists()
 
 
-def test_older_runs_are_imported_as_nights_without_a_verdict(
-    week: tuple[Path, list[str]], tmp_path: Path
-) -> None:
+def test_older_runs_are_imported_as_nights_without_a_verdict(week, tmp_path):
     folder, _ = week
     kept = nights(folder / "history")[1]
     run = folder / "history" / kept.folder
@@ -437,9 +418,7 @@ def a_folder(path: Path) -> None:
         (a_folder, "unable to open"),
     ],
 )
-def test_a_history_that_cannot_be_read_removes_no_night(
-    week: tuple[Path, list[str]], tmp_path: Path, spoil: Callable[[Path], None], words: str
-) -> None:
+def test_a_history_that_cannot_be_read_removes_no_night(week, tmp_path, spoil, words):
     folder, _ = week
     history = tmp_path / "history"
     shutil.copytree(folder / "history", history)
@@ -453,9 +432,7 @@ def test_a_history_that_cannot_be_read_removes_no_night(
     assert sorted(path.relative_to(history) for path in (history / "nights").rglob("*")) == before
 
 
-def test_a_history_without_a_line_keeps_the_folders_that_it_does_not_know(
-    week: tuple[Path, list[str]], tmp_path: Path
-) -> None:
+def test_a_history_without_a_line_keeps_the_folders_that_it_does_not_know(week, tmp_path):
     folder, _ = week
     history = tmp_path / "history"
     shutil.copytree(folder / "history" / "nights", history / "nights")
@@ -471,9 +448,7 @@ def test_a_history_without_a_line_keeps_the_folders_that_it_does_not_know(
 
 
 @pytest.mark.parametrize("known_lines", [0, 1], ids=["no line", "the oldest line"])
-def test_old_history_put_back_keeps_complete_nights(
-    week: tuple[Path, list[str]], tmp_path: Path, known_lines: int
-) -> None:
+def test_old_history_put_back_keeps_complete_nights(week, tmp_path, known_lines):
     folder, _ = week
     history = tmp_path / "history"
     shutil.copytree(folder / "history" / "nights", history / "nights")
@@ -505,9 +480,7 @@ def test_old_history_put_back_keeps_complete_nights(
 @pytest.mark.parametrize(
     "seeds", [range(8), pytest.param(range(8, 300), marks=pytest.mark.campaign)]
 )
-def test_no_history_removes_a_complete_night(
-    week: tuple[Path, list[str]], tmp_path: Path, seeds: range
-) -> None:
+def test_no_history_removes_a_complete_night(week, tmp_path, seeds):
     """A fuzz of histories: any begun, finished and lost lines, beside complete, stopped and damaged
     nights."""
     source = sorted((week[0] / "history" / "nights").iterdir())[0]
@@ -547,7 +520,7 @@ def test_no_history_removes_a_complete_night(
         assert {name for name, kind in kinds.items() if kind == "complete"} <= left, seed
 
 
-def test_a_line_that_names_another_place_removes_nothing_there(tmp_path: Path) -> None:
+def test_a_line_that_names_another_place_removes_nothing_there(tmp_path):
     history, precious = tmp_path / "history", tmp_path / "precious"
     (history / "nights" / "b").mkdir(parents=True)
     precious.mkdir()
@@ -567,7 +540,7 @@ def test_a_line_that_names_another_place_removes_nothing_there(tmp_path: Path) -
     assert sum("it was left" in note for note in notes) == 2
 
 
-def test_a_link_in_place_of_a_stopped_night_is_not_followed(tmp_path: Path) -> None:
+def test_a_link_in_place_of_a_stopped_night_is_not_followed(tmp_path):
     history, precious = tmp_path / "history", tmp_path / "precious"
     (history / "nights").mkdir(parents=True)
     precious.mkdir()
@@ -579,9 +552,7 @@ def test_a_link_in_place_of_a_stopped_night_is_not_followed(tmp_path: Path) -> N
     assert notes == ["Night a was stopped before its end; its folder could not be removed."]
 
 
-def test_a_noisy_ads_is_found_and_its_new_collision_rerun(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch):
     """At one of three points the ADS sleeps and shakes: no two drives are alike, and all five
     collide. Trajectories that the night does not keep are there until the night is over, so that
     a stopped one can continue."""

@@ -1,8 +1,6 @@
 """`check` of a scenario file, `check` of an evaluation that uses it, and `run` say the same, in the
 same sentence."""
 
-from __future__ import annotations
-
 import random
 import re
 from pathlib import Path
@@ -118,7 +116,7 @@ def sentences(monkeypatch: pytest.MonkeyPatch) -> None:
     "name",
     [pytest.param(it, marks=pytest.mark.campaign) if it == "another gap" else it for it in CHANGES],
 )
-def test_check_and_run_have_one_verdict_and_one_sentence(tmp_path: Path, name: str) -> None:
+def test_check_and_run_have_one_verdict_and_one_sentence(tmp_path, name):
     old, new = CHANGES[name]
     assert old in GOOD
     (tmp_path / "own.toml").write_text(GOOD.replace(old, new, 1))
@@ -127,7 +125,7 @@ def test_check_and_run_have_one_verdict_and_one_sentence(tmp_path: Path, name: s
 
 
 @pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.campaign), *range(1, 8)])
-def test_damaged_files_are_evaluated_alike(tmp_path: Path, seed: int) -> None:
+def test_damaged_files_are_evaluated_alike(tmp_path, seed):
     rng = random.Random(seed)
     lines = GOOD.strip().splitlines()
     if seed % 2:
@@ -144,7 +142,7 @@ def test_damaged_files_are_evaluated_alike(tmp_path: Path, seed: int) -> None:
     assert alike(tmp_path)[0] in (0, 2)
 
 
-def test_two_scenarios_of_one_name_are_refused_alike(tmp_path: Path) -> None:
+def test_two_scenarios_of_one_name_are_refused_alike(tmp_path):
     (tmp_path / "own.toml").write_text(GOOD)
     (tmp_path / "other.toml").write_text(GOOD)
     evaluation = tmp_path / "evaluation.toml"
@@ -154,7 +152,7 @@ def test_two_scenarios_of_one_name_are_refused_alike(tmp_path: Path) -> None:
     refused_alike(evaluation, "must differ in their names, got `own` twice")
 
 
-def test_axes_of_an_unknown_scenario_are_refused_alike(tmp_path: Path) -> None:
+def test_axes_of_an_unknown_scenario_are_refused_alike(tmp_path):
     (tmp_path / "own.toml").write_text(GOOD)
     evaluation = tmp_path / "evaluation.toml"
     evaluation.write_text(EVALUATION + '[report]\naxes = { onw = ["ego_speed", "lead_speed"] }\n')

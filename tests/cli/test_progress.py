@@ -1,17 +1,13 @@
 """Progress where there is no terminal: plain lines with rate, time left and failures, one at a
 stage's end."""
 
-from __future__ import annotations
-
 import pytest
 
 from sumo_eval.cli import progress as module
 from sumo_eval.cli.progress import Progress
 
 
-def test_plain_lines_tell_rate_time_left_and_failures(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_plain_lines_tell_rate_time_left_and_failures(monkeypatch, capsys):
     now = [100.0]
     monkeypatch.setattr(module.clock, "monotonic", lambda: now[0])
     with Progress() as show:
@@ -43,9 +39,7 @@ def shown(
             show("drives", done, total)
 
 
-def test_what_is_compiled_before_the_first_case_does_not_count_for_the_rest(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_compiled_before_the_first_case_does_not_count_for_the_rest(monkeypatch, capsys):
     """After 40 s of compiling, packs of 20 every 2 s: 10/s.
 
     The mean since the beginning, 80/46 s, would give 9 min.
@@ -59,16 +53,12 @@ def test_what_is_compiled_before_the_first_case_does_not_count_for_the_rest(
     ]
 
 
-def test_a_batch_that_ends_at_once_has_no_rate(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_batch_that_ends_at_once_has_no_rate(monkeypatch, capsys):
     shown(monkeypatch, [(0.0, 0), *((11.0 + k / 1000, k) for k in range(1, 200))], 1000)
     assert capsys.readouterr().err.splitlines() == ["drives: 1 of 1000"]
 
 
-def test_a_search_that_may_settle_reports_it(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_search_that_may_settle_reports_it(monkeypatch, capsys):
     shown(monkeypatch, [(0.0, 0), (2.0, 8), (7.0, 28), (12.0, 48)], 500, at_most=True)
     assert capsys.readouterr().err.splitlines() == [
         "drives: 48 of at most 500, 4.0/s, about 113 s left if it takes them all"

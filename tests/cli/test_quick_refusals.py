@@ -1,7 +1,5 @@
 """What is wrong at first sight is told at once, before anything is compiled, split or simulated."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -21,9 +19,7 @@ TWO = (
 
 
 @pytest.mark.parametrize("words", [("check",), ("run", "--out", "x", "--ads")])
-def test_a_file_without_a_name_lists_what_it_holds(
-    tmp_path: Path, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_without_a_name_lists_what_it_holds(tmp_path, words, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text(TWO)
     result = CliRunner().invoke(main, [*words, "mine.py"])
@@ -31,7 +27,7 @@ def test_a_file_without_a_name_lists_what_it_holds(
     assert "is a file; name one of what it holds (`Brake`, `steer`): mine.py:Brake" in result.output
 
 
-def test_a_file_that_is_not_there_is_said_to_be_missing() -> None:
+def test_a_file_that_is_not_there_is_said_to_be_missing():
     result = CliRunner().invoke(main, ["check", "nothing.py"])
     assert result.exit_code == 2
     assert result.output == "sumo-eval: There is no file nothing.py.\n"
@@ -47,14 +43,14 @@ SCHEMES = [
 
 @pytest.mark.parametrize("words", [("check",), ("run", "--dry-run", "--ads")])
 @pytest.mark.parametrize("locator", [*SCHEMES, "sumo:a.py", "fmu:a.py", "onnx:a.py", "given:a.py"])
-def test_a_locator_with_a_scheme_is_not_a_file(locator: str, words: tuple[str, ...]) -> None:
+def test_a_locator_with_a_scheme_is_not_a_file(locator, words):
     told = CliRunner().invoke(main, [*words, f"{locator.replace('python', 'no-such')}"]).output
     assert "There is no file '" not in told
     assert "is a file; name one" not in told
     assert "evaluation file" not in told
 
 
-def test_an_evaluation_without_ads_is_driven_by_those_named(tmp_path: Path) -> None:
+def test_an_evaluation_without_ads_is_driven_by_those_named(tmp_path):
     file = tmp_path / "é b.toml"
     file.write_text(
         'name = "a"\n[[scenario]]\nuse = "front_vehicle_low_speed"\nsampling.levels = '
@@ -67,7 +63,7 @@ def test_an_evaluation_without_ads_is_driven_by_those_named(tmp_path: Path) -> N
     assert "must have at least one [[ads]], or be run with `--ads LOCATOR`" in refused.output
 
 
-def test_a_value_of_a_parameter_without_unit_is_refused_without_a_unit(tmp_path: Path) -> None:
+def test_a_value_of_a_parameter_without_unit_is_refused_without_a_unit(tmp_path):
     words = ["boundary", "exit_cut", "idm", "--fix", "side=0.5", "--out", str(tmp_path / "edge")]
     result = CliRunner().invoke(main, words)
     assert result.exit_code == 2
@@ -76,9 +72,7 @@ def test_a_value_of_a_parameter_without_unit_is_refused_without_a_unit(tmp_path:
     )
 
 
-def test_a_folder_that_is_taken_is_refused_before_the_evaluation_is_looked_at(
-    tmp_path: Path,
-) -> None:
+def test_a_folder_that_is_taken_is_refused_before_the_evaluation_is_looked_at(tmp_path):
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "notes.txt").write_text("mine")
     result = CliRunner().invoke(main, ["run", "--out", str(tmp_path / "taken")])
@@ -87,7 +81,7 @@ def test_a_folder_that_is_taken_is_refused_before_the_evaluation_is_looked_at(
     assert "zones" not in result.output
 
 
-def test_gates_not_evaluated_for_one_reason_are_one_line() -> None:
+def test_gates_not_evaluated_for_one_reason_are_one_line():
     reason = "there is no base to compare with"
     gates = [
         GateResult(quantity, ads, "s", None, f"{quantity}: {reason}", None, None)
@@ -103,9 +97,7 @@ def test_gates_not_evaluated_for_one_reason_are_one_line() -> None:
 
 
 @pytest.mark.parametrize("options", [("--out", "x"), ("--dry-run",)])
-def test_a_misspelt_scenario_is_refused_before_an_ads_is_asked(
-    tmp_path: Path, options: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_misspelt_scenario_is_refused_before_an_ads_is_asked(tmp_path, options, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text('open("asked", "w").close()\n\n\ndef acc(seen):\n    return 0.0\n')
     Path("evaluation.toml").write_text(
@@ -119,9 +111,7 @@ def test_a_misspelt_scenario_is_refused_before_an_ads_is_asked(
     assert not Path("asked").exists()
 
 
-def test_a_curve_too_tight_for_the_steering_is_refused_at_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_curve_too_tight_for_the_steering_is_refused_at_once(tmp_path, monkeypatch):
     """A steering wheel that stops at 8 deg turns the wheels by 0.5 deg: 2.7 m / tan(0.5 deg) =
     309.4 m, in the left lane, which is 3.5 m further inside.
     """
@@ -139,9 +129,7 @@ def test_a_curve_too_tight_for_the_steering_is_refused_at_once(
     )
 
 
-def test_impossible_placement_is_refused_before_compiling(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_impossible_placement_is_refused_before_compiling(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shipped = scenario_files()["front_vehicle_cut_out"].read_text(encoding="utf-8")
     Path("bad.toml").write_text(shipped.replace("min(1.0 * ego_speed, lead_room)", "-3.0"))
@@ -162,8 +150,8 @@ def test_impossible_placement_is_refused_before_compiling(
     ],
 )
 def test_a_cluster_that_cannot_be_is_refused_before_anything_is_compiled(
-    tmp_path: Path, options: tuple[str, ...], words: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    tmp_path, options, words, monkeypatch
+):
     monkeypatch.setattr(cluster, "find_spec", lambda name: None)
     result = CliRunner().invoke(
         main, ["run", "--engine", "dask", *options, "--out", str(tmp_path / "x")]
@@ -174,16 +162,14 @@ def test_a_cluster_that_cannot_be_is_refused_before_anything_is_compiled(
     assert not (tmp_path / "x").exists()
 
 
-def test_missing_matplotlib_is_reported_before_the_run_is_opened(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_matplotlib_is_reported_before_the_run_is_opened(tmp_path, monkeypatch):
     monkeypatch.setattr(style, "find_spec", lambda name: None)
     result = CliRunner().invoke(main, ["plot", str(tmp_path / "no run"), "zone_map"])
     assert result.exit_code == 2
     assert "A figure needs the extra `plots`, which this installs: " in result.output
 
 
-def test_a_folder_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(tmp_path):
     (tmp_path / "file").write_text("")
     result = CliRunner().invoke(main, ["qualify", "--out", str(tmp_path / "file" / "x")])
     assert result.exit_code == 2
@@ -191,14 +177,14 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(tmp_path: Pa
     assert "passed" not in result.output
 
 
-def test_learning_from_a_folder_says_what_to_name(tmp_path: Path) -> None:
+def test_learning_from_a_folder_says_what_to_name(tmp_path):
     result = CliRunner().invoke(main, ["learn", str(tmp_path), "--out", str(tmp_path / "learned")])
     assert result.exit_code == 2
     assert f"{tmp_path} is a folder" in result.output
     assert "humans import" in result.output
 
 
-def test_a_folder_to_check_is_answered_with_what_it_holds(tmp_path: Path) -> None:
+def test_a_folder_to_check_is_answered_with_what_it_holds(tmp_path):
     result = CliRunner().invoke(main, ["check", str(tmp_path)])
     assert result.exit_code == 2
     assert "is a folder without an evaluation, a scenario (.toml) or an ADS (.py)." in result.output

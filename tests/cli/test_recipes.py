@@ -1,7 +1,5 @@
 """The files of docs/examples/nights start a night as the command line takes it."""
 
-from __future__ import annotations
-
 import shlex
 import subprocess
 from importlib.metadata import version
@@ -18,7 +16,7 @@ NIGHTS = Path(__file__).parents[2] / "docs" / "examples" / "nights"
 @pytest.mark.parametrize(
     "name", ["night.cron", "sumo-eval-night.service", "night.yml", "gitlab.yml"]
 )
-def test_recipe_names_options_of_nightly(name: str) -> None:
+def test_recipe_names_options_of_nightly(name):
     text = (NIGHTS / name).read_text()
     known = CliRunner().invoke(main, ["nightly", "--help"]).output
     lines = [line for line in text.splitlines() if "sumo-eval nightly" in line]
@@ -30,14 +28,14 @@ def test_recipe_names_options_of_nightly(name: str) -> None:
         assert all(option in known for option in options)
 
 
-def test_lines_for_cron_are_lines_of_a_shell() -> None:
+def test_lines_for_cron_are_lines_of_a_shell():
     for line in (NIGHTS / "night.cron").read_text().splitlines():
         assert line.startswith("#") or "%" not in line, "cron ends a command there"
         command = line if line.startswith("#") else line.split(None, 5)[5]
         subprocess.run(["sh", "-n", "-c", command], check=True)
 
 
-def test_recipes_hide_no_failure_and_pin_what_they_run() -> None:
+def test_recipes_hide_no_failure_and_pin_what_they_run():
     texts = {path.name: path.read_text() for path in NIGHTS.iterdir()}
     service, workflow = texts["sumo-eval-night.service"], texts["night.yml"]
     assert service.count("ExecStartPre=/bin/sh -c ") == 2
@@ -51,7 +49,7 @@ def test_recipes_hide_no_failure_and_pin_what_they_run() -> None:
         assert version("sumo_eval") in texts[name], name
 
 
-def test_removed_option_names_the_files() -> None:
+def test_removed_option_names_the_files():
     result = CliRunner().invoke(
         main, ["nightly", "evaluation.toml", "--history", "nights", "--install", "cron"]
     )

@@ -1,8 +1,6 @@
 """Special files where a user's file is asked for: one sentence, at once, whatever command reads
 them."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Iterator
@@ -99,7 +97,7 @@ def within_20_seconds() -> Iterator[None]:
 
 @pytest.mark.usefixtures("within_20_seconds")
 @pytest.mark.parametrize("command", INPUTS)
-def test_special_file_is_refused_at_once(command: str, desk: Path) -> None:
+def test_special_file_is_refused_at_once(command, desk):
     done = sumo_eval(*INPUTS[command], cwd=desk)
     assert done.returncode == 2, done.said
     assert "must be a regular file, got a" in done.said
@@ -107,7 +105,7 @@ def test_special_file_is_refused_at_once(command: str, desk: Path) -> None:
     assert not (desk / "out" / "facts.sqlite").exists()
 
 
-def test_gate_that_is_a_pipe_is_refused(standard_run_read_only: Path, tmp_path: Path) -> None:
+def test_gate_that_is_a_pipe_is_refused(standard_run_read_only, tmp_path):
     os.mkfifo(tmp_path / "gate.toml")
     run = str(standard_run_read_only)
     done = sumo_eval("compare", run, run, "--gate", "gate.toml", cwd=tmp_path)

@@ -1,7 +1,5 @@
 """Roads that bend, through SUMO: a bend changes nothing but what it must."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -46,7 +44,7 @@ def channels(recording: Recording) -> np.ndarray:
 @pytest.mark.parametrize(
     "ads", ["idm", "careful_driver", "ideal_braking", "no_reaction", "reg157", "fsm", "rss"]
 )
-def test_law_on_a_radius_of_a_thousand_kilometres_all_is_as_on_the_straight(ads: str) -> None:
+def test_law_on_a_radius_of_a_thousand_kilometres_all_is_as_on_the_straight(ads):
     """The rear axle is on the line; half a wheelbase ahead the centre is l^2 / (2 R) = 9e-7 m
     outside it. That decides when a lead has left the lane, up to 1e-6 s earlier or later, and rules
     that switch then show it.
@@ -71,7 +69,7 @@ def test_law_on_a_radius_of_a_thousand_kilometres_all_is_as_on_the_straight(ads:
 
 
 @pytest.mark.parametrize("radius", [250.0, -250.0, 60.0])
-def test_law_an_ego_that_keeps_its_lane_drives_the_circle_of_the_closed_form(radius: float) -> None:
+def test_law_an_ego_that_keeps_its_lane_drives_the_circle_of_the_closed_form(radius):
     """At constant speed the rear axle is on the circle, half a wheelbase before it the centre on
     one of the radius sqrt(R^2 + l^2), and both turn by v / R a second.
     """
@@ -91,7 +89,7 @@ def test_law_an_ego_that_keeps_its_lane_drives_the_circle_of_the_closed_form(rad
 
 
 @pytest.mark.parametrize("ads", ["idm", "lane_changer", "careful_driver", "fsm"])
-def test_law_on_a_curve_too_a_case_has_the_bits_it_has_alone(ads: str) -> None:
+def test_law_on_a_curve_too_a_case_has_the_bits_it_has_alone(ads):
     cases = [
         on(bend(radius), it)
         for radius in (250.0, -250.0)
@@ -103,7 +101,7 @@ def test_law_on_a_curve_too_a_case_has_the_bits_it_has_alone(ads: str) -> None:
         assert channels(found).tobytes() == channels(simulate(concrete, ads, SHORT)).tobytes()
 
 
-def test_over_a_spiral_into_a_curve_and_out_the_lane_is_kept() -> None:
+def test_over_a_spiral_into_a_curve_and_out_the_lane_is_kept():
     line = (Piece(60.0), Piece(60.0, 0.0, 1 / 200), arc(100.0, 200.0), Piece(60.0, 1 / 200, 0.0))
     concrete = on(
         replace(ROAD, name="spirals", run_out=900.0, line=line),
@@ -114,7 +112,7 @@ def test_over_a_spiral_into_a_curve_and_out_the_lane_is_kept() -> None:
     assert np.abs(found.ego.y).max() < 0.02
 
 
-def test_a_lane_changer_arrives_in_the_left_lane_of_a_curve() -> None:
+def test_a_lane_changer_arrives_in_the_left_lane_of_a_curve():
     slow = Actor("slow", Start(110.0, 0.0, 10.0))
     found = simulate(
         on(bend(500.0), case(slow)), "lane_changer", SimulationSettings(time_limit=20.0)
@@ -123,7 +121,7 @@ def test_a_lane_changer_arrives_in_the_left_lane_of_a_curve() -> None:
     assert found.ego.y[-1] == pytest.approx(3.5, abs=0.05)
 
 
-def test_a_rear_end_on_a_curve_is_evaluated_on_the_map() -> None:
+def test_a_rear_end_on_a_curve_is_evaluated_on_the_map():
     """On R = 100 m bodies 4.55 m apart are turned by 0.0455 rad, and the ego leans out by atan(1.35
     / 100) more."""
     found = simulate(
@@ -149,7 +147,7 @@ class StraightOn:
         return Command(0.0, 0.0)
 
 
-def test_an_ego_that_does_not_steer_leaves_the_road_where_the_tangent_does() -> None:
+def test_an_ego_that_does_not_steer_leaves_the_road_where_the_tangent_does():
     """On R = 250 m the right edge is sqrt(251.75^2 - 250^2) = 29.63 m along the tangent; an ego
     that leans out of the bend by 1.35 / 250 to begin with is there after 28.3 m.
     """
@@ -159,7 +157,7 @@ def test_an_ego_that_does_not_steer_leaves_the_road_where_the_tangent_does() -> 
     assert -1.75 - 0.15 < found.ego.y[-1] < -1.75
 
 
-def test_what_an_ads_sees_of_a_curve() -> None:
+def test_what_an_ads_sees_of_a_curve():
     seen = []
 
     class Looks:
@@ -184,7 +182,7 @@ def test_what_an_ads_sees_of_a_curve() -> None:
 
 
 @pytest.mark.parametrize("ads", ["sumo:IDM", "sumo:Krauss"])
-def test_a_model_of_sumos_follows_a_curve(ads: str) -> None:
+def test_a_model_of_sumos_follows_a_curve(ads):
     found = simulate(
         on(bend(250.0), case(lead(40.0, 15.0))), ads, SimulationSettings(time_limit=15.0)
     )
@@ -194,7 +192,7 @@ def test_a_model_of_sumos_follows_a_curve(ads: str) -> None:
     assert found.collision is None
 
 
-def test_a_shipped_rule_asked_through_traci_drives_the_curve() -> None:
+def test_a_shipped_rule_asked_through_traci_drives_the_curve():
     from sumo_eval.ads.car_following import Idm
 
     class Mine(Idm):
@@ -208,7 +206,7 @@ def test_a_shipped_rule_asked_through_traci_drives_the_curve() -> None:
     assert np.abs(channels(plain)[1:3] - channels(mine)[1:3]).max() < 0.03
 
 
-def test_an_ego_may_begin_sideways() -> None:
+def test_an_ego_may_begin_sideways():
     """asin(0.6 / 20) = 0.030005 rad to the left; the lane is kept after that."""
     concrete = case(lead(500.0, 30.0), speed=20.0)
     concrete = replace(concrete, ego=Start(50.0, 0.0, 20.0, 0.6))

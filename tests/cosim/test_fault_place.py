@@ -1,7 +1,5 @@
 """Where in the user's code an exception came from, from real files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -47,9 +45,7 @@ PLACES = {
 
 
 @pytest.mark.parametrize("name", PLACES)
-def test_the_place_is_the_innermost_line_of_the_users_own_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
+def test_the_place_is_the_innermost_line_of_the_users_own_file(tmp_path, monkeypatch, name):
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "fault_place_helper.py").write_text(
         "def plan():\n    raise ValueError('no path')\n"
@@ -60,7 +56,7 @@ def test_the_place_is_the_innermost_line_of_the_users_own_file(
     assert found.error_place == PLACES[name]
 
 
-def test_outside_the_users_file_it_is_the_innermost_line_of_no_library() -> None:
+def test_outside_the_users_file_it_is_the_innermost_line_of_no_library():
     try:
         {}["key"]
     except KeyError as error:

@@ -3,8 +3,6 @@
 They are built here.
 """
 
-from __future__ import annotations
-
 import textwrap
 import zipfile
 from dataclasses import replace
@@ -155,20 +153,18 @@ def deceleration(locator: str, folder: Path, *others: object) -> float:
         ("inputs.whole_in=lead_present&inputs.truth_in=true&inputs.text_in=firm", -0.2),
     ],
 )
-def test_constants_start_values_and_every_type_of_fmi_2(
-    fmus: Path, mapping: str, expected: float
-) -> None:
+def test_constants_start_values_and_every_type_of_fmi_2(fmus, mapping, expected):
     """-0.1 of the whole number, which starts as 7, twice as much if the text is `firm`, nothing if
     not true."""
     assert deceleration(f"{TWO}&{mapping}", fmus, lead(50.0)) == expected
 
 
-def test_an_output_may_be_a_whole_number(fmus: Path) -> None:
+def test_an_output_may_be_a_whole_number(fmus):
     locator = f"{TWO.replace('=real_out', '=whole_out')}&inputs.whole_in=2&inputs.*=start"
     assert deceleration(locator, fmus) == -2.0
 
 
-def test_arrays_of_fmi_3_are_given_a_value_of_each_vehicle(fmus: Path) -> None:
+def test_arrays_of_fmi_3_are_given_a_value_of_each_vehicle(fmus):
     """Gaps of 40 and 90 m, the nearest first: -0.01 of their sum, -1 for each that is there, -0.5
     of the 3 that `count` starts with.
     """
@@ -182,7 +178,7 @@ def test_arrays_of_fmi_3_are_given_a_value_of_each_vehicle(fmus: Path) -> None:
     assert deceleration(f"{THREE}&outputs.acceleration=speeds[1]", fmus, lead(90.0)) == -1.0
 
 
-def test_kinds_of_vehicles_are_numbers(fmus: Path) -> None:
+def test_kinds_of_vehicles_are_numbers(fmus):
     """A lorry is 2 and nobody -1: -0.01 of the sum over the one that is there."""
     locator = THREE.replace("objects_gap", "objects_kind") + "&outputs.acceleration=speeds[0]"
     assert deceleration(locator, fmus, replace(lead(50.0), body="truck")) == -0.02
@@ -195,7 +191,7 @@ PLANS = {
 
 
 @pytest.mark.parametrize("kind", PLANS)
-def test_an_fmu_may_plan(fmus: Path, kind: str) -> None:
+def test_an_fmu_may_plan(fmus, kind):
     """From where the ego is at half its speed, every second or at every step: it slows down along
     its lane."""
     found = simulate(case(), PLANS[kind], SimulationSettings(time_limit=2.0), folder=fmus)
@@ -205,7 +201,7 @@ def test_an_fmu_may_plan(fmus: Path, kind: str) -> None:
     assert "plan_error" in {clip.what for clip in found.clips}
 
 
-def test_a_plan_that_an_fmu_does_not_have_is_refused(fmus: Path) -> None:
+def test_a_plan_that_an_fmu_does_not_have_is_refused(fmus):
     with pytest.raises(
         InputError,
         match=r"has no output `plan_x`, nor `plan_x\[1\]`, for `plan_x`; `outputs` must map it",
@@ -237,15 +233,13 @@ def test_a_plan_that_an_fmu_does_not_have_is_refused(fmus: Path) -> None:
         ),
     ],
 )
-def test_what_does_not_fit_is_refused_before_anything_runs(
-    fmus: Path, locator: str, sentence: str
-) -> None:
+def test_what_does_not_fit_is_refused_before_anything_runs(fmus, locator, sentence):
     with pytest.raises(InputError) as caught:
         load_controller(locator, fmus)
     assert sentence in str(caught.value)
 
 
-def test_a_whole_number_that_its_type_cannot_hold_ends_the_case(fmus: Path) -> None:
+def test_a_whole_number_that_its_type_cannot_hold_ends_the_case(fmus):
     locator = f"{THREE}&inputs.count=ego_acceleration&outputs.acceleration=speeds[2]"
     recording = simulate(case(),
         locator.replace("inputs.count=ego_acceleration", "inputs.count=-3"), HALF_SECOND,
@@ -254,7 +248,7 @@ def test_a_whole_number_that_its_type_cannot_hold_ends_the_case(fmus: Path) -> N
     assert "is of type UInt64, which cannot hold -3" in (recording.error or "")
 
 
-def test_fmi_1_is_refused_by_its_version(tmp_path: Path) -> None:
+def test_fmi_1_is_refused_by_its_version(tmp_path):
     text = (
         '<fmiModelDescription fmiVersion="1.0" modelName="old" modelIdentifier="old" guid="{1}"'
         ' numberOfContinuousStates="0" '
@@ -271,7 +265,7 @@ def test_fmi_1_is_refused_by_its_version(tmp_path: Path) -> None:
         load_controller("fmu:old.fmu", tmp_path)
 
 
-def test_a_constant_in_the_evaluation_file_is_a_number() -> None:
+def test_a_constant_in_the_evaluation_file_is_a_number():
     settings = settings_from(
         {
             "name": "x", "scenario": [{"use": "front_vehicle_low_speed"}],

@@ -1,8 +1,6 @@
 """A recording in a SUMO program: every vehicle stands where it was, front bumper and angle as SUMO
 has them."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 from pathlib import Path
@@ -21,9 +19,7 @@ SUMO = str(BESIDE) if BESIDE.is_file() else shutil.which("sumo")
 
 @pytest.mark.skipif(SUMO is None, reason="the sumo program is not installed (extra `gui`)")
 @pytest.mark.parametrize("scenario", ["front_vehicle_cut_out", "ramp_merge", "crossing_path"])
-def test_vehicles_stand_where_they_were_recorded_and_are_what_they_were(
-    scenario: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_vehicles_stand_where_they_were_recorded_and_are_what_they_were(scenario, monkeypatch):
     from traci import main as traci
 
     road = catalogue.load(scenario).road

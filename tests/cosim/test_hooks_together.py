@@ -297,7 +297,7 @@ class Slots:
     __slots__ = ("calls",)
 
 
-def test_every_way_to_keep_state_is_seen_and_nan_is_none() -> None:
+def test_every_way_to_keep_state_is_seen_and_nan_is_none():
     held = Slots()
     generator = (item for item in range(9))
     kept = {"nan": math.nan, "slot": held, "bytes": bytearray(1), "numbers": array("d", [0.0]),

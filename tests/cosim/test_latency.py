@@ -1,11 +1,9 @@
 """Times of steps: their middle and their late ones, and a fixed piece of work beside them."""
 
-from __future__ import annotations
-
 from sumo_eval.cosim.latency import Latencies
 
 
-def test_median_and_late_steps_are_those_of_the_case() -> None:
+def test_median_and_late_steps_are_those_of_the_case():
     """1 to 100 ms: the middle one of 100 is 51 ms, the hundredth is late, the mean 50.5 ms."""
     times = Latencies(2)
     times.own[0].extend(0.001 * number for number in range(100, 0, -1))
@@ -16,7 +14,7 @@ def test_median_and_late_steps_are_those_of_the_case() -> None:
     assert times.of(1)[:4] == (0.0, 0.0, 0.0, 0.0)
 
 
-def test_steps_of_all_rows_are_every_rows_steps() -> None:
+def test_steps_of_all_rows_are_every_rows_steps():
     times = Latencies(2)
     times.shared.extend([0.5, 0.25])
     assert times.of(0)[:2] == times.of(1)[:2] == (0.375, 0.5)

@@ -1,8 +1,6 @@
 """The TraCI server of `traci:` is out of reach of every network: measured in the kernel's own table
 of sockets."""
 
-from __future__ import annotations
-
 import socket
 import sys
 import time as clock
@@ -61,7 +59,7 @@ def connect(server: PrivateServer) -> None:
             clock.sleep(0.005)
 
 
-def test_in_a_network_of_its_own_sumo_listens_alone(tmp_path: Path) -> None:
+def test_in_a_network_of_its_own_sumo_listens_alone(tmp_path):
     server, port = started(tmp_path, isolated=True)
     try:
         if not server.isolated:
@@ -95,7 +93,7 @@ def waiting(port: int) -> int:
     )
 
 
-def test_without_one_sumo_serves_its_two_clients_and_never_a_third(tmp_path: Path) -> None:
+def test_without_one_sumo_serves_its_two_clients_and_never_a_third(tmp_path):
     server, port = started(tmp_path, isolated=False)
     try:
         assert not server.isolated
@@ -116,7 +114,7 @@ def test_without_one_sumo_serves_its_two_clients_and_never_a_third(tmp_path: Pat
         server.sockets[1].close()
 
 
-def test_the_relay_listens_on_loopback_only_for_one_client_and_passes_on_both_ways() -> None:
+def test_the_relay_listens_on_loopback_only_for_one_client_and_passes_on_both_ways():
     with socket.create_server((LOOPBACK, 0)) as there:
         near = socket.create_connection(there.getsockname())
         far, _ = there.accept()

@@ -5,8 +5,6 @@ Their releases are no package: REFERENCE_FMUS names a folder with `2.0` and `3.0
 release's archive.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
@@ -34,7 +32,7 @@ TYPES = {
 @pytest.mark.parametrize(
     ("file", "kind"), [(file, kind) for file, kinds in TYPES.items() for kind in kinds]
 )
-def test_feedthrough_gives_back_what_it_is_given_in_every_type(file: str, kind: str) -> None:
+def test_feedthrough_gives_back_what_it_is_given_in_every_type(file, kind):
     """-2 in, -2 m/s2 out; all its other inputs keep their start values."""
     locator = f"fmu:{file}?inputs.{kind}_input=-2&inputs.*=start&outputs.acceleration={kind}_output"
     found = simulate(case(lead(80.0)), locator, HALF_SECOND, folder=FOLDER)
@@ -42,7 +40,7 @@ def test_feedthrough_gives_back_what_it_is_given_in_every_type(file: str, kind: 
     assert found.ego.acceleration[-1] == -2.0
 
 
-def test_feedthrough_takes_texts_truth_and_enumerations_beside() -> None:
+def test_feedthrough_takes_texts_truth_and_enumerations_beside():
     given = "Boolean_input=true&inputs.Enumeration_input=2&inputs.String_input='hello'&inputs.Binary_input=abc"
     locator = f"fmu:3.0/Feedthrough.fmu?inputs.{given}&inputs.*=start&outputs.acceleration=Enumeration_output"
     found = simulate(case(), locator, HALF_SECOND, folder=FOLDER)
@@ -61,7 +59,7 @@ def test_feedthrough_takes_texts_truth_and_enumerations_beside() -> None:
         ("Resource", "y"),
     ],
 )
-def test_models_without_inputs_drive_too(version: str, name: str, output: str) -> None:
+def test_models_without_inputs_drive_too(version, name, output):
     found = simulate(
         case(),
         f"fmu:{version}/{name}.fmu?outputs.acceleration={output}",
@@ -71,12 +69,12 @@ def test_models_without_inputs_drive_too(version: str, name: str, output: str) -
     assert found.error is None, found.log
 
 
-def test_a_state_space_takes_an_array() -> None:
+def test_a_state_space_takes_an_array():
     locator = "fmu:3.0/StateSpace.fmu?inputs.u=objects_gap&inputs.*=start&outputs.acceleration=y[0]"
     assert simulate(case(lead(80.0)), locator, HALF_SECOND, folder=FOLDER).error is None
 
 
-def test_clocks_is_refused_for_what_it_is() -> None:
+def test_clocks_is_refused_for_what_it_is():
     with pytest.raises(
         InputError, match="must be one for co-simulation, got one for scheduled execution"
     ):

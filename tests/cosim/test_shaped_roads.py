@@ -1,8 +1,6 @@
 """Driving where lanes open and end: the way of an ego, the end of its lane, merging, missing an
 exit."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any
@@ -55,9 +53,7 @@ class Straight:
         return Command(0.0, 0.0)
 
 
-def test_an_ego_that_stays_in_a_lane_that_ends_leaves_the_road_where_its_centre_crosses_the_edge() -> (
-    None
-):
+def test_an_ego_that_stays_in_a_lane_that_ends_leaves_the_road_where_its_centre_crosses_the_edge():
     ads = Straight()
     found = simulate(case("ramp_merge", offset=60.0), ads)
     # the edge moves from y = -1.75 m at 660 m to 1.75 m at 720 m: it is at 0 at 690 m; 24 m/s and
@@ -70,7 +66,7 @@ def test_an_ego_that_stays_in_a_lane_that_ends_leaves_the_road_where_its_centre_
     assert (ads.edges[0], min(ads.edges) < 0.0 < ads.edges[-1] + 0.2) == (-1.75, True)
 
 
-def test_law_arrays_of_policies_have_the_edges_of_others() -> None:
+def test_law_arrays_of_policies_have_the_edges_of_others():
     wanted = Interface((Feature("left_edge"), Feature("right_edge")), (Action("acceleration"),))
     shown: list[list[float]] = [[], []]
 
@@ -91,12 +87,12 @@ def test_law_arrays_of_policies_have_the_edges_of_others() -> None:
     assert len(set(shown[1])) > 2
 
 
-def test_missing_an_exit_is_reported_by_the_case() -> None:
+def test_missing_an_exit_is_reported_by_the_case():
     found = simulate(case("exit"), Straight())
     assert (found.end_reason, clips(found) & {"goal_missed"}) == ("road_end", {"goal_missed"})
 
 
-def test_law_whose_rule_is_for_the_pedals_changes_lanes_on_the_fixed_way() -> None:
+def test_law_whose_rule_is_for_the_pedals_changes_lanes_on_the_fixed_way():
     concrete = case("ramp_merge", offset=60.0, other_speed=28.0, other_acceleration=2.0)
     found = simulate(concrete, "no_reaction")
     wanted = concrete.ego.y_at(found.ego.x)
@@ -108,7 +104,7 @@ def test_law_whose_rule_is_for_the_pedals_changes_lanes_on_the_fixed_way() -> No
 
 @pytest.mark.parametrize("name", sorted(POINTS))
 @pytest.mark.parametrize("ads", ["idm", "lane_changer"])
-def test_who_chooses_a_gap_reaches_its_goal_without_a_touch(name: str, ads: str) -> None:
+def test_who_chooses_a_gap_reaches_its_goal_without_a_touch(name, ads):
     concrete = case(name)
     assert concrete.ego.way is not None
     found = simulate(concrete, ads)
@@ -117,7 +113,7 @@ def test_who_chooses_a_gap_reaches_its_goal_without_a_touch(name: str, ads: str)
     assert found.ego.acceleration.min() > -4.0
 
 
-def test_who_finds_no_gap_waits_before_the_end_of_its_lane() -> None:
+def test_who_finds_no_gap_waits_before_the_end_of_its_lane():
     concrete = case(
         "ramp_merge", offset=0.0, other_acceleration=0.0, ego_speed=16.0, other_speed=16.0
     )
@@ -131,7 +127,7 @@ def test_who_finds_no_gap_waits_before_the_end_of_its_lane() -> None:
     assert found.ego.speed[-1] < 1.0
 
 
-def test_law_a_case_on_such_a_road_has_the_bits_alone_that_it_has_in_company() -> None:
+def test_law_a_case_on_such_a_road_has_the_bits_alone_that_it_has_in_company():
     cases = [case("ramp_merge", offset=offset) for offset in (-30.0, 15.0, 60.0)]
     together = list(simulate_many(cases, "idm"))
     for concrete, packed in zip(cases, together, strict=True):
@@ -145,7 +141,7 @@ def test_law_a_case_on_such_a_road_has_the_bits_alone_that_it_has_in_company() -
             assert np.array_equal(one.speed, other.speed)
 
 
-def test_a_model_of_sumos_takes_the_exit_that_its_route_leads_to() -> None:
+def test_a_model_of_sumos_takes_the_exit_that_its_route_leads_to():
     found = simulate(case("exit", gap=65.0, other_acceleration=0.0), "sumo:IDM")
     assert (found.collision, found.end_reason, found.error) == (None, "road_end", None)
     assert found.ego.y[-1] == pytest.approx(0.0, abs=1e-6)
@@ -159,9 +155,7 @@ def bent(concrete: ConcreteScenario, radius: float) -> ConcreteScenario:
 
 
 @pytest.mark.parametrize("name", sorted(POINTS | CROSSED))
-def test_law_shapes_on_a_wide_curve_are_those_on_a_straight_road(
-    name: str,
-) -> None:
+def test_law_shapes_on_a_wide_curve_are_those_on_a_straight_road(name):
     straight, wide = (simulate(it, "idm") for it in (case(name), bent(case(name), 1e9)))
     assert straight.end_reason == wide.end_reason
     assert len(straight.ego) == len(wide.ego)
@@ -172,9 +166,7 @@ def test_law_shapes_on_a_wide_curve_are_those_on_a_straight_road(
 
 
 @pytest.mark.parametrize("radius", [250.0, -250.0])
-def test_on_a_curve_a_lane_change_reaches_the_goal_in_the_frame(
-    radius: float,
-) -> None:
+def test_on_a_curve_a_lane_change_reaches_the_goal_in_the_frame(radius):
     merges = simulate(bent(case("ramp_merge"), radius), "idm")
     assert (merges.collision, merges.end_reason, clips(merges) & {"goal_missed"}) == (
         None,
@@ -189,7 +181,7 @@ def test_on_a_curve_a_lane_change_reaches_the_goal_in_the_frame(
 
 
 @pytest.mark.parametrize("radius", [250.0, -250.0])
-def test_a_road_crosses_a_curve_straight_through_its_centre(radius: float) -> None:
+def test_a_road_crosses_a_curve_straight_through_its_centre(radius):
     """At x = 300 m of an arc from the beginning on, the bend's centre is (0, R) and everything at
     that x on one line through it. Who drives along the crossing at 10 m/s covers that of it on the
     map, SUMO shows him there (or the case would be a `sim_error`), and an ego that does nothing is
@@ -217,7 +209,7 @@ def test_a_road_crosses_a_curve_straight_through_its_centre(radius: float) -> No
     assert found.collision.relative_speed == pytest.approx(meets, abs=0.01)
 
 
-def test_the_network_of_a_curve_has_the_road_that_crosses_it() -> None:
+def test_the_network_of_a_curve_has_the_road_that_crosses_it():
     """Its lane ends 130 m to both sides of the line: 250 - 130 and 250 + 130 m from the centre (0,
     250) of the bend."""
     net = etree.fromstring(network_xml(bent(case("crossing_path"), 250.0).road).encode())

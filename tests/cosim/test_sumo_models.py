@@ -1,8 +1,6 @@
 """`sumo:`: Plexe's CC, CACC and EIDM with parameters, and TraCI code that names its vehicle's
 type."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest
@@ -20,13 +18,13 @@ TEN = SimulationSettings(time_limit=10.0)
     "model",
     ["sumo:CC", "sumo:cc?tauEngine=0.3", "sumo:CACC?gapControlGainGap=0.5", "sumo:EIDM?jerkmax=2"],
 )
-def test_a_model_follows_a_slower_vehicle_without_a_contact(model: str) -> None:
+def test_a_model_follows_a_slower_vehicle_without_a_contact(model):
     found = simulate(case(lead(60.0, speed=10.0)), model, SimulationSettings(time_limit=30.0))
     assert (found.error, found.collision) == (None, None)
     assert found.ego.speed[-1] < 13.0
 
 
-def test_a_parameter_of_plexe_reaches_its_model() -> None:
+def test_a_parameter_of_plexe_reaches_its_model():
     """Its cruise control (`ccac` 1) slows down to the 12 m/s that it is told, on an empty road."""
     alone = simulate(case(), "sumo:CC", TEN)
     slower = simulate(case(), "sumo:CC?carFollowModel.ccac=1&carFollowModel.ccds=12", TEN)
@@ -34,7 +32,7 @@ def test_a_parameter_of_plexe_reaches_its_model() -> None:
     assert slower.ego.speed[-1] < alone.ego.speed[-1] - 3.0
 
 
-def test_traci_code_names_its_vehicles_type() -> None:
+def test_traci_code_names_its_vehicles_type():
     class Platoon:
         vehicle_type = {"carFollowModel": "CC", "tauEngine": 0.3}  # noqa: RUF012
 
@@ -61,7 +59,7 @@ def test_traci_code_names_its_vehicles_type() -> None:
         ("CC", "must be a dict"),
     ],
 )
-def test_a_type_is_how_the_vehicle_follows_and_nothing_else(given: object, sentence: str) -> None:
+def test_a_type_is_how_the_vehicle_follows_and_nothing_else(given, sentence):
     class Mine:
         vehicle_type = given
 
@@ -73,6 +71,6 @@ def test_a_type_is_how_the_vehicle_follows_and_nothing_else(given: object, sente
     assert sentence in str(caught.value)
 
 
-def test_an_unknown_model_is_refused_with_the_nearest() -> None:
+def test_an_unknown_model_is_refused_with_the_nearest():
     with pytest.raises(InputError, match=r"Did you mean `CACC`\?"):
         load_controller("sumo:CACCC")

@@ -1,7 +1,5 @@
 """Vehicles that react: SUMO drives them and sees the ego, alone and in packs to the same bits."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
@@ -47,7 +45,7 @@ def same(one: Recording, two: Recording) -> bool:
 
 
 @pytest.mark.parametrize("model", ["Krauss", "IDM", "EIDM"])
-def test_a_vehicle_behind_brakes_for_the_ego_and_begins_one_step_later(model: str) -> None:
+def test_a_vehicle_behind_brakes_for_the_ego_and_begins_one_step_later(model):
     settings = SimulationSettings(time_limit=12.0, record_interval=0.05)
     found = simulate(scene(rear(model, gap=40.0)), brakes, settings)
     follower = found.actors["rear"]
@@ -61,7 +59,7 @@ def test_a_vehicle_behind_brakes_for_the_ego_and_begins_one_step_later(model: st
     assert first + 0.04 <= follower.time[differs] <= first + (0.51 if model == "EIDM" else 0.06)
 
 
-def test_one_that_is_too_near_runs_into_the_ego_from_behind() -> None:
+def test_one_that_is_too_near_runs_into_the_ego_from_behind():
     found = simulate(scene(rear("IDM", gap=1.0, speed=33.0)), lambda observation: -9.0, TWENTY)
     assert found.collision is not None
     assert (found.collision.other, found.collision.side) == ("rear", "rear")
@@ -78,7 +76,7 @@ def cuts_in(observation: Any) -> tuple[float, float]:
     )
 
 
-def test_how_long_the_ego_had_been_in_the_lane_in_which_it_is_struck() -> None:
+def test_how_long_the_ego_had_been_in_the_lane_in_which_it_is_struck():
     # it crosses the line, y = 1.75 m, and brakes, with the other 15 m/s faster and 15 m behind
     found = simulate(scene(rear("IDM", 40.0, 3.5, speed=35.0), speed=20.0), cuts_in, TWENTY)
     assert found.collision is not None
@@ -89,7 +87,7 @@ def test_how_long_the_ego_had_been_in_the_lane_in_which_it_is_struck() -> None:
 
 
 @pytest.mark.parametrize("radius", [1e6, 250.0])
-def test_law_on_a_curve_vehicles_react_as_on_a_straight_road(radius: float) -> None:
+def test_law_on_a_curve_vehicles_react_as_on_a_straight_road(radius):
     content = {
         "name": "t",
         "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
@@ -121,7 +119,7 @@ def test_law_on_a_curve_vehicles_react_as_on_a_straight_road(radius: float) -> N
     assert found.actors["walker"].y.max() > -3.0
 
 
-def test_law_reacting_traffic_has_the_same_bits_in_any_batch() -> None:
+def test_law_reacting_traffic_has_the_same_bits_in_any_batch():
     cases = [
         scene(rear(gap=10.0 + 3 * k), rear("EIDM", 5.0, 3.5, "beside", 20.0 + k), speed=20.0 + k)
         for k in range(6)
@@ -135,8 +133,8 @@ def test_law_reacting_traffic_has_the_same_bits_in_any_batch() -> None:
 
 
 def test_law_cases_with_other_numbers_of_vehicles_between_them_have_the_bits_that_they_have_alone(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     """A stream's number of vehicles follows from its density: of five cases those with two others
     share a simulation, and those with three, although they take turns."""
     short, sizes = SimulationSettings(time_limit=4.0), []
@@ -168,9 +166,7 @@ def swerve(observation: Any) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("over", [0.0, 0.6])
-def test_others_see_the_ego_once_it_reaches_over_their_line_as_the_setting_says(
-    over: float,
-) -> None:
+def test_others_see_the_ego_once_it_reaches_over_their_line_as_the_setting_says(over):
     settings = replace(
         SimulationSettings(time_limit=8.0, record_interval=0.05), seen_over_line=over
     )
@@ -183,7 +179,7 @@ def test_others_see_the_ego_once_it_reaches_over_their_line_as_the_setting_says(
     assert crossing - 0.11 <= braking <= crossing + 0.2
 
 
-def test_a_scripted_vehicle_is_followed_as_well() -> None:
+def test_a_scripted_vehicle_is_followed_as_well():
     content = {
         "name": "t",
         "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
@@ -203,7 +199,7 @@ def test_a_scripted_vehicle_is_followed_as_well() -> None:
     assert behind.speed[-1] < 0.5
 
 
-def test_a_trigger_that_never_fires_is_on_record() -> None:
+def test_a_trigger_that_never_fires_is_on_record():
     content = {
         "name": "t",
         "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
@@ -222,7 +218,7 @@ def test_a_trigger_that_never_fires_is_on_record() -> None:
     assert np.ptp(found.actors["child"].y) == 0.0
 
 
-def test_law_packed_scripts_with_conditions_have_the_bits_of_single_ones() -> None:
+def test_law_packed_scripts_with_conditions_have_the_bits_of_single_ones():
     content = {
         "name": "t",
         "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],

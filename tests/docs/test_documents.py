@@ -1,8 +1,6 @@
 """What the pages for who carries on name is there: links, files, make targets; and the picture is
 sound."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -38,7 +36,7 @@ def paths_in(page: str) -> set[str]:
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_files_that_a_page_names_are_there(page: str) -> None:
+def test_files_that_a_page_names_are_there(page):
     said = text(page).split("\n## Where it is going")[0]
     missing = {
         path
@@ -48,14 +46,14 @@ def test_files_that_a_page_names_are_there(page: str) -> None:
     assert not missing
 
 
-def test_every_room_of_the_package_stands_in_the_architecture() -> None:
+def test_every_room_of_the_package_stands_in_the_architecture():
     table = text("ARCHITECTURE.md").split("\n## Rooms as they are")[1].split("\n## ")[0]
     for path in sorted((ROOT / "sumo_eval").iterdir()):
         if path.is_dir() and (path / "__init__.py").is_file():
             assert f"`{path.name}/`" in table, path.name
 
 
-def test_make_targets_that_the_pages_name_are_there_and_quick_names_files_that_are() -> None:
+def test_make_targets_that_the_pages_name_are_there_and_quick_names_files_that_are():
     makefile = text("Makefile")
     for target in {
         target
@@ -69,13 +67,13 @@ def test_make_targets_that_the_pages_name_are_there_and_quick_names_files_that_a
         assert (ROOT / path).is_file(), path
 
 
-def test_make_test_takes_as_long_on_every_page_as_it_says_itself() -> None:
+def test_make_test_takes_as_long_on_every_page_as_it_says_itself():
     (minutes,) = re.findall(r"^TEST_MINUTES := (\d+)$", text("Makefile"), flags=re.M)
     for page in ("README.md", "CONTRIBUTING.md"):
         assert f"about {minutes} minutes on two" in text(page), page
 
 
-def test_the_tables_that_are_named_for_extension_are_there() -> None:
+def test_the_tables_that_are_named_for_extension_are_there():
     from sumo_eval.cosim.doors.controller import DOORS, SHIPPED
     from sumo_eval.drivers.recorded.importing import READERS
     from sumo_eval.report.sections import SECTIONS
@@ -86,7 +84,7 @@ def test_the_tables_that_are_named_for_extension_are_there() -> None:
         assert f"`{name}`" in text("CONTRIBUTING.md")
 
 
-def test_every_decision_stands_in_the_list_and_is_half_a_page() -> None:
+def test_every_decision_stands_in_the_list_and_is_half_a_page():
     listed = text("docs/decisions/README.md")
     for page in DECISIONS:
         name = Path(page).name
@@ -96,7 +94,7 @@ def test_every_decision_stands_in_the_list_and_is_half_a_page() -> None:
             assert "**What would change it.**" in text(page), name
 
 
-def test_the_picture_is_small_says_what_it_shows_and_has_colours_for_light_and_dark() -> None:
+def test_the_picture_is_small_says_what_it_shows_and_has_colours_for_light_and_dark():
     assert PICTURE.stat().st_size < 10_000
     root = ElementTree.parse(PICTURE).getroot()
     assert root.find(f"{SVG}title") is not None
@@ -113,13 +111,13 @@ def test_the_picture_is_small_says_what_it_shows_and_has_colours_for_light_and_d
     assert text("docs/formulas.md").split("## ")[0].count("](pictures/flow.svg)") == 1
 
 
-def test_the_source_archive_takes_the_pages_along() -> None:
+def test_the_source_archive_takes_the_pages_along():
     sdist = text("pyproject.toml").split("[tool.hatch.build.targets.sdist]")[1].split("\n[")[0]
     for name in ("ARCHITECTURE.md", "CONTRIBUTING.md", "GLOSSARY.md", "docs", "tools", "Makefile"):
         assert f'"{name}"' in sdist
 
 
-def test_what_runs_before_a_commit_is_what_make_check_runs() -> None:
+def test_what_runs_before_a_commit_is_what_make_check_runs():
     check = text("Makefile").split("\ncheck:")[1].split("\n\n")[0]
     for tool in ("ruff check", "ruff format", "mypy", "lint-imports", "tools/house_check.py"):
         assert tool in check
@@ -147,7 +145,7 @@ NOT_UNDERSTOOD = (
 """Pieces of sentences that readers did not understand."""
 
 
-def test_sentences_that_readers_did_not_understand_stand_nowhere() -> None:
+def test_sentences_that_readers_did_not_understand_stand_nowhere():
     files = [*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")]
     files += [
         path for ending in ("py", "j2", "js") for path in (ROOT / "sumo_eval").rglob(f"*.{ending}")

@@ -2,8 +2,6 @@
 says what runs it elsewhere or why nothing here can; and so is every command.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil
@@ -150,14 +148,14 @@ def read(words: list[str]) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_the_programs_own_parser_reads_every_command_of_a_block(page: str) -> None:
+def test_the_programs_own_parser_reads_every_command_of_a_block(page):
     for block in BLOCKS:
         for words in block.commands() if block.page == page else ():
             read(words)
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_every_command_within_a_text_exists_with_its_options(page: str) -> None:
+def test_every_command_within_a_text_exists_with_its_options(page):
     for words in mentioned(page):
         if words[0].startswith("-"):
             continue
@@ -201,7 +199,7 @@ def first_of_each_command() -> list[Any]:
 
 
 @pytest.mark.parametrize("typed", first_of_each_command())
-def test_every_command_of_a_block_runs_over_few_points(typed: str, desk: Desk) -> None:
+def test_every_command_of_a_block_runs_over_few_points(typed, desk):
     words = TO_RUN[typed]
     desk.lay_out()
     write_needs(words, desk.folder)
@@ -210,12 +208,12 @@ def test_every_command_of_a_block_runs_over_few_points(typed: str, desk: Desk) -
     assert "Traceback" not in done.said
 
 
-def test_reasons_not_to_run_a_command_are_all_used() -> None:
+def test_reasons_not_to_run_a_command_are_all_used():
     found = [words for block in BLOCKS for words in block.commands()]
     assert {word for word in NOT_RUN if any(word in words for words in found)} == set(NOT_RUN)
 
 
-def test_shell_can_read_every_block_of_it() -> None:
+def test_shell_can_read_every_block_of_it():
     for block in BLOCKS:
         if block.language in ("sh", "bash"):
             text = re.sub(r"^[AB]\$ ", "", block.text, flags=re.M)
@@ -225,7 +223,7 @@ def test_shell_can_read_every_block_of_it() -> None:
             assert checked.returncode == 0, (block.place, checked.stderr)
 
 
-def test_other_programs_that_blocks_call_are_there() -> None:
+def test_other_programs_that_blocks_call_are_there():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
         "optional-dependencies"
     ]
@@ -308,7 +306,7 @@ def files(name: str) -> dict[str, Any]:
 @pytest.mark.parametrize(
     "block", [one for one in BLOCKS if one.language == "toml"], ids=lambda one: one.place
 )
-def test_the_programs_own_reader_reads_every_block_of_toml(block: Block, desk: Desk) -> None:
+def test_the_programs_own_reader_reads_every_block_of_toml(block, desk):
     if "consent" in block.text:
         shutil.copytree(desk.run, desk.folder / "results" / "first")
     read_toml_block(block.text, desk.folder)
@@ -348,9 +346,7 @@ def drivable(block: Block) -> bool:
 @pytest.mark.parametrize(
     "block", [one for one in BLOCKS if drivable(one)], ids=lambda one: one.place
 )
-def test_the_first_point_of_a_scenario_or_an_evaluation_of_a_block_is_driven(
-    block: Block, desk: Desk
-) -> None:
+def test_the_first_point_of_a_scenario_or_an_evaluation_of_a_block_is_driven(block, desk):
     desk.lay_out()
     content = tomllib.loads(block.text)
     if reader_of(content) == "scenario":
@@ -367,13 +363,13 @@ def test_the_first_point_of_a_scenario_or_an_evaluation_of_a_block_is_driven(
         assert recording.end_reason not in ("ads_error", "sim_error"), recording.error
 
 
-def test_reasons_not_to_drive_a_block_are_all_used() -> None:
+def test_reasons_not_to_drive_a_block_are_all_used():
     assert {text for text in NOT_DRIVEN if any(text in block.text for block in BLOCKS)} == set(
         NOT_DRIVEN
     )
 
 
-def test_every_block_of_yaml_can_be_read() -> None:
+def test_every_block_of_yaml_can_be_read():
     for block in BLOCKS:
         if block.language == "yaml":
             assert isinstance(yaml.safe_load(block.text), dict), block.place
@@ -400,7 +396,7 @@ STAND_INS = {
 
 
 @pytest.mark.parametrize("block", PYTHON, ids=lambda one: one.place)
-def test_every_block_of_python_runs(block: Block, desk: Desk) -> None:
+def test_every_block_of_python_runs(block, desk):
     desk.lay_out()
     text = block.text
     for marker, changes in STAND_INS.items():
@@ -424,7 +420,7 @@ def test_every_block_of_python_runs(block: Block, desk: Desk) -> None:
         assert recording.collision is None or "Platoon" in space
 
 
-def test_the_controller_in_shell_drives(tmp_path: Path) -> None:
+def test_the_controller_in_shell_drives(tmp_path):
     program = tmp_path / "ads.sh"
     program.write_text(code_of("docs/ads/exec.md", "read -r briefing"))
     program.chmod(0o755)
@@ -437,7 +433,7 @@ def test_the_controller_in_shell_drives(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "block", [one for one in BLOCKS if is_gate(one)], ids=lambda one: one.place
 )
-def test_a_gate_of_a_block_judges_a_run_beside_itself(block: Block, desk: Desk) -> None:
+def test_a_gate_of_a_block_judges_a_run_beside_itself(block, desk):
     text = block.text.replace('"mine"', '"idm"').replace('"cut_in"', '"front_vehicle_low_speed"')
     (desk.folder / "gate.toml").write_text(text, encoding="utf-8")
     done = sumo_eval("compare", desk.run, desk.run, "--gate", "gate.toml")
@@ -469,7 +465,7 @@ def why_only_read(block: Block) -> str:
     return next(filter(None, map(why_not_run, block.commands())), "") or next(said, "")
 
 
-def test_no_block_is_of_a_language_that_nothing_treats() -> None:
+def test_no_block_is_of_a_language_that_nothing_treats():
     assert {block.language for block in BLOCKS} <= {*MARKED, *CODE, "python", "toml"}
     drawn = [block for block in BLOCKS if block.language in ("", "groovy")]
     assert len(drawn) == 6, (
@@ -477,7 +473,7 @@ def test_no_block_is_of_a_language_that_nothing_treats() -> None:
     )
 
 
-def test_every_block_runs_or_says_what_runs_it_or_why_nothing_can() -> None:
+def test_every_block_runs_or_says_what_runs_it_or_why_nothing_can():
     only_read = [block for block in BLOCKS if treated(block) == "read"]
     assert [block.place for block in only_read if not why_only_read(block)] == []
     assert {text for text in ELSEWHERE if any(text in block.text for block in only_read)} == set(
@@ -485,7 +481,7 @@ def test_every_block_runs_or_says_what_runs_it_or_why_nothing_can() -> None:
     )
 
 
-def test_what_a_reason_says_to_run_a_block_is_there() -> None:
+def test_what_a_reason_says_to_run_a_block_is_there():
     for reason in (*NOT_RUN.values(), *NOT_DRIVEN.values(), *ELSEWHERE.values()):
         for name in re.findall(r"[\w./]+\.py|tests/\w+", reason):
             assert (ROOT / name).exists() or list((ROOT / "tests").rglob(name)), reason

@@ -1,8 +1,6 @@
 """GLOSSARY.md has every symbol, reference/outputs.md every column and key of a score, and nothing
 else."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 import re
@@ -38,7 +36,7 @@ def symbols() -> set[str]:
     return {symbol for row in rows("Symbols") for symbol in row[0].split(", ")}
 
 
-def test_every_column_of_cases_csv_has_one_row_and_every_row_a_column(tmp_path: Path) -> None:
+def test_every_column_of_cases_csv_has_one_row_and_every_row_a_column(tmp_path):
     run = settings.EvaluationSettings(name="none", scenario=(), ads=())
     cases_csv(Evaluation("none", tmp_path, run, {}, (), (), ()), tmp_path / "cases.csv")
     written = (tmp_path / "cases.csv").read_text(encoding="utf-8").strip().split(",")
@@ -47,12 +45,12 @@ def test_every_column_of_cases_csv_has_one_row_and_every_row_a_column(tmp_path: 
     assert {field.name for field in dataclasses.fields(CaseResult)} <= set(found)
 
 
-def test_every_key_of_a_score_has_one_row_and_every_row_a_key() -> None:
+def test_every_key_of_a_score_has_one_row_and_every_row_a_key():
     fields = [field.name for field in dataclasses.fields(ScenarioResult)]
     assert sorted(names("Keys of a score in scores.json")) == sorted(fields)
 
 
-def test_every_symbol_of_a_setting_and_of_the_readmes_equations_has_a_row() -> None:
+def test_every_symbol_of_a_setting_and_of_the_readmes_equations_has_a_row():
     classes = [
         found
         for found in vars(settings).values()
@@ -74,7 +72,7 @@ def test_every_symbol_of_a_setting_and_of_the_readmes_equations_has_a_row() -> N
     assert used <= symbols()
 
 
-def test_every_symbol_used_in_a_table_is_explained() -> None:
+def test_every_symbol_used_in_a_table_is_explained():
     shown = {
         row[2].partition(",")[0]
         for section in ("Columns of cases.csv", "Keys of a score in scores.json")
@@ -101,12 +99,12 @@ def test_every_symbol_used_in_a_table_is_explained() -> None:
         "ZonePartition.most_dangerous",
     }),
 )  # fmt: skip
-def test_a_function_named_beside_a_symbol_exists(function: str) -> None:
+def test_a_function_named_beside_a_symbol_exists(function):
     module, _, name = function.partition(".")
     assert callable(getattr(importlib.import_module(f"sumo_eval.method.{module}"), name))
 
 
-def test_a_setting_named_beside_a_symbol_exists() -> None:
+def test_a_setting_named_beside_a_symbol_exists():
     run = settings.EvaluationSettings(name="none", scenario=(), ads=())
     entry = settings.ScenarioSettings("cut_in")
     named = {

@@ -1,8 +1,6 @@
 """Data files of measurements: complete, linked from a page, and equal to the figures that
 docs/trust.md repeats."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -45,7 +43,7 @@ def page_rows(heading: str) -> dict[str, list[str]]:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_data_file_is_complete_and_linked(path: Path) -> None:
+def test_data_file_is_complete_and_linked(path):
     content = json.loads(path.read_text(encoding="utf-8"))
     if path.stem != "paper_example":  # written by docs/examples/paper_example.py
         assert set(content) == {"name", "about", "version", "libsumo", "tables"}
@@ -58,12 +56,12 @@ def test_data_file_is_complete_and_linked(path: Path) -> None:
     assert f"measurements/{path.name}" in pages
 
 
-def test_summary_of_the_page_is_the_generated_one() -> None:
+def test_summary_of_the_page_is_the_generated_one():
     summary = load("docs/measurements/trust_summary.py").summary()
     assert summary in (DOCS / "trust.md").read_text(encoding="utf-8")
 
 
-def test_ladder_of_the_page_is_the_measured_one() -> None:
+def test_ladder_of_the_page_is_the_measured_one():
     rows = page_rows("A ladder of ADSs")
     measured = table("trust", "Pairs of a ladder")["rows"]
     assert {name: [int(cell) for cell in cells] for name, cells in rows.items()} == {
@@ -71,7 +69,7 @@ def test_ladder_of_the_page_is_the_measured_one() -> None:
     }
 
 
-def test_games_of_the_page_are_the_measured_ones() -> None:
+def test_games_of_the_page_are_the_measured_ones():
     measured = {row[0]: row for row in table("trust", "Games")["rows"]}
     shown = page_rows("Games")
     for name in (
@@ -86,7 +84,7 @@ def test_games_of_the_page_are_the_measured_ones() -> None:
         assert [float(cell) for cell in shown[name]] == [task, grade, likeness, s_plus]
 
 
-def test_areas_under_curves_of_the_page_are_the_measured_ones() -> None:
+def test_areas_under_curves_of_the_page_are_the_measured_ones():
     rows = {row[0]: row for row in table("trust", "AUC")["rows"]}
     for name, (paper, likeness, least, target) in page_rows("Recorded drivers").items():
         row = (

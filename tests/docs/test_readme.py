@@ -1,8 +1,6 @@
 """README is true: its ADS runs, its evaluation file is accepted; so is the table of equations in
 docs/formulas.md."""
 
-from __future__ import annotations
-
 import importlib
 import re
 from pathlib import Path
@@ -33,13 +31,13 @@ def equations(text: str) -> set[int]:
     return set(range(int(first), int(last or first) + 1))
 
 
-def test_every_equation_of_the_paper_has_a_row() -> None:
+def test_every_equation_of_the_paper_has_a_row():
     covered = set().union(*(equations(row[0]) for row in equation_rows()))
     assert covered == set(range(1, 19))
 
 
 @pytest.mark.parametrize("row", equation_rows(), ids=lambda row: row[0])
-def test_an_equation_is_where_the_table_says(row: tuple[str, str, str, str, str]) -> None:
+def test_an_equation_is_where_the_table_says(row):
     number, _, function, test, twin = row
     module_name, _, name = function.rpartition(".")
     found = getattr(importlib.import_module(f"sumo_eval.method.{module_name}"), name)
@@ -57,7 +55,7 @@ def test_an_equation_is_where_the_table_says(row: tuple[str, str, str, str, str]
         assert f"twins.{module} import" in source or f"twins import {module}" in source
 
 
-def test_the_ten_line_ads_and_its_evaluation_file_run_as_printed(tmp_path: Path) -> None:
+def test_the_ten_line_ads_and_its_evaluation_file_run_as_printed(tmp_path):
     ads = next(block for block in code_blocks("python") if "class MyAds" in block)
     assert len([line for line in ads.splitlines() if line.strip()]) <= 10
     (tmp_path / "my_ads.py").write_text(ads)
@@ -71,7 +69,7 @@ def test_the_ten_line_ads_and_its_evaluation_file_run_as_printed(tmp_path: Path)
     assert acted, "it brakes in time somewhere"
 
 
-def test_every_baseline_has_a_row() -> None:
+def test_every_baseline_has_a_row():
     from sumo_eval.cosim.doors.controller import SHIPPED
 
     page = (ROOT / "docs" / "baselines.md").read_text(encoding="utf-8")
@@ -79,18 +77,18 @@ def test_every_baseline_has_a_row() -> None:
         assert f"`{name}`" in page
 
 
-def test_readme_is_short() -> None:
+def test_readme_is_short():
     assert len(README.split()) <= 900
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_picture_of_the_report_is_small(scheme: str) -> None:
+def test_picture_of_the_report_is_small(scheme):
     path = f"docs/pictures/report_{scheme}.png"
     assert path in README
     assert (ROOT / path).stat().st_size < 150_000
 
 
-def test_first_program_is_one_file_on_every_page() -> None:
+def test_first_program_is_one_file_on_every_page():
     program = (ROOT / "docs" / "examples" / "my_ads.py").read_text(encoding="utf-8")
     for page in ("README.md", "docs/index.md", "docs/tutorials/own_ads.md"):
         assert f"```python\n{program}```" in (ROOT / page).read_text(encoding="utf-8"), page

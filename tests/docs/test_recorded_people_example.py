@@ -1,13 +1,10 @@
 """The worked example of recorded people, as the tutorial has it, on a recording that anybody can
 have."""
 
-from __future__ import annotations
-
 import json
 import runpy
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -25,8 +22,8 @@ PAGE = "docs/tutorials/recorded_drivers.md"
     reason="the wheel tasi is not installed: pip install --no-deps tasi",
 )
 def test_the_tutorials_example_runs_from_the_public_recording_to_the_count_of_people(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    tmp_path, monkeypatch
+):
     commands = [words for block in blocks(PAGE) for words in block.commands()]
     evaluation = next(block.text for block in blocks(PAGE) if "motorway_approach" in block.text)
     monkeypatch.chdir(tmp_path)
@@ -50,7 +47,7 @@ def test_the_tutorials_example_runs_from_the_public_recording_to_the_count_of_pe
 
 
 @pytest.mark.parametrize("given", [[], ["recordings"], ["recordings", "all"]])
-def test_the_sample_says_what_to_name(given: list[str]) -> None:
+def test_the_sample_says_what_to_name(given):
     told = subprocess.run(
         [sys.executable, ROOT / "docs" / "examples" / "dlr_sample.py", *given],
         capture_output=True,

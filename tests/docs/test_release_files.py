@@ -1,8 +1,6 @@
 """What a release ships beside the wheel agrees with the package: image, conda recipe, citation,
 system libraries."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
@@ -35,7 +33,7 @@ def requirement(line: str) -> tuple[str, str]:
     return name, versions.replace(" ", "")
 
 
-def test_the_conda_recipe_requires_what_the_package_requires() -> None:
+def test_the_conda_recipe_requires_what_the_package_requires():
     source = text("packaging/conda/meta.yaml")
     recipe = yaml.safe_load(
         re.sub(r"\{% .*? %\}", "", source).replace("{{ ", "").replace(" }}", "")
@@ -51,7 +49,7 @@ def test_the_conda_recipe_requires_what_the_package_requires() -> None:
     assert requirement(builder) in [requirement(line) for line in recipe["requirements"]["host"]]
 
 
-def test_the_citation_names_the_version_the_licence_and_the_paper() -> None:
+def test_the_citation_names_the_version_the_licence_and_the_paper():
     citation = yaml.safe_load(text("CITATION.cff"))
     assert citation["version"] == PROJECT["version"]
     assert citation["license"] == PROJECT["license"]
@@ -59,16 +57,14 @@ def test_the_citation_names_the_version_the_licence_and_the_paper() -> None:
     assert PROJECT["urls"]["Paper"] == f"https://doi.org/{paper['doi']}"
 
 
-def test_the_image_and_the_pages_name_the_system_libraries_that_sumo_links() -> None:
+def test_the_image_and_the_pages_name_the_system_libraries_that_sumo_links():
     packages = " ".join(SYSTEM_LIBRARIES)
     assert f"install --yes --no-install-recommends {packages}" in text("Dockerfile")
     for page in ("README.md", "docs/index.md", "docs/ci.md"):
         assert packages in text(page), page
 
 
-def test_a_missing_system_library_names_its_install_command(
-    tmp_path: Path,
-) -> None:
+def test_a_missing_system_library_names_its_install_command(tmp_path):
     """A libsumo that cannot be loaded, as in a container without a desktop's libraries."""
     words = "libGL.so.1: cannot open shared object file: No such file or directory"
     (tmp_path / "libsumo.py").write_text(f"raise ImportError({words!r})\n")

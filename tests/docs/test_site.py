@@ -1,8 +1,6 @@
 """The site's pages are true: blocks of code parse, commands and options exist, links lead
 somewhere, examples run."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re
@@ -41,14 +39,14 @@ def blocks(page: Path, *languages: str) -> list[str]:
 
 
 @pytest.mark.parametrize("page", NAMES)
-def test_links_between_pages_lead_somewhere(page: str) -> None:
+def test_links_between_pages_lead_somewhere(page):
     text = re.sub(r"```.*?```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.S)
     for target in re.findall(r"\]\((?![a-z]+:)([^)#\s]+)[^)]*\)", text):
         assert (ROOT / page).parent.joinpath(target).resolve().exists(), target
 
 
 @pytest.mark.parametrize("repository", ["", "https://example.org/sumo_eval"])
-def test_page_of_the_package_has_absolute_links_only(repository: str) -> None:
+def test_page_of_the_package_has_absolute_links_only(repository):
     make = load("packaging/package_page.py").package_page
     page = make((ROOT / "README.md").read_text(encoding="utf-8"), repository)
     assert not re.findall(r"\]\((?!https?:)|(?:src|srcset)=\"(?!https?:)", page)
@@ -56,14 +54,14 @@ def test_page_of_the_package_has_absolute_links_only(repository: str) -> None:
     assert "class MyAds" in page
 
 
-def test_every_page_of_the_menu_is_there() -> None:
+def test_every_page_of_the_menu_is_there():
     menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:")[1]
     made = re.compile(r"project/")
     for path in re.findall(r": ([\w/]+\.md)", menu):
         assert made.match(path) or (DOCS / path).is_file(), path
 
 
-def test_every_page_is_in_the_menu() -> None:
+def test_every_page_is_in_the_menu():
     menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:")[1]
     listed = re.findall(r": ([\w/]+\.md)", menu)
     assert len(listed) == len(set(listed))
@@ -81,20 +79,20 @@ def redirects() -> dict[str, str]:
     return dict(re.findall(r"^    (\S+): (\S+)$", rows, flags=re.M))
 
 
-def test_old_addresses_lead_to_pages() -> None:
+def test_old_addresses_lead_to_pages():
     pages = {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")}
     made = hooks().moved_pages(redirects(), {*pages, "project/glossary.md"})
     assert len(made) == len(redirects())
 
 
-def test_old_address_leads_up_and_to_a_heading() -> None:
+def test_old_address_leads_up_and_to_a_heading():
     (page,) = hooks().moved_pages({"ads/old.md": "run.md#part"}, {"run.md"}).items()
     assert page[0] == "ads/old.html"
     assert 'url=../run.html#part"' in page[1]
 
 
 @pytest.mark.parametrize("row", [{"run.md": "run.md"}, {"old.md": "gone.md"}])
-def test_wrong_redirect_is_refused(row: dict[str, str]) -> None:
+def test_wrong_redirect_is_refused(row):
     with pytest.raises(ValueError, match="redirects"):
         hooks().moved_pages(row, {"run.md"})
 
@@ -104,7 +102,7 @@ def hooks() -> Any:
     return load("docs/site_hooks.py")
 
 
-def test_every_scenario_is_described_on_one_family_page() -> None:
+def test_every_scenario_is_described_on_one_family_page():
     reference = hooks().reference
     families = reference.scenario_families()
     assert set(families) == set(SCENARIOS)
@@ -119,7 +117,7 @@ def test_every_scenario_is_described_on_one_family_page() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(SCENARIOS))
-def test_a_scenario_has_its_picture_parameters_options_and_source(name: str) -> None:
+def test_a_scenario_has_its_picture_parameters_options_and_source(name):
     text = hooks().reference.with_scenarios(f"# Page\n\n## {name}\n")
     assert f"](../pictures/moving/{name}.svg)" in text
     logical = find(name, ROOT)
@@ -138,7 +136,7 @@ def reference_file(name: str) -> dict[str, Any]:
     )
 
 
-def test_the_reference_has_every_setting_command_and_option() -> None:
+def test_the_reference_has_every_setting_command_and_option():
     reference = hooks().reference
     settings, commands = reference.settings_reference(), reference.command_reference()
     for owner, name in every_setting(EvaluationSettings):
@@ -165,13 +163,13 @@ def every_setting(owner: Any) -> Iterator[tuple[str, str]]:
                 yield from every_setting(inner)
 
 
-def test_site_adds_elements_of_openscenario() -> None:
+def test_site_adds_elements_of_openscenario():
     from sumo_eval.extras.openscenario.conformity import table
 
     assert hooks().reference.GENERATED["reference/openscenario.md"]() == table()
 
 
-def test_the_leaderboard_has_every_ads_that_ships_in_every_suite_with_what_the_files_say() -> None:
+def test_the_leaderboard_has_every_ads_that_ships_in_every_suite_with_what_the_files_say():
     text = hooks().leaderboard()
     for suite in SUITES.glob("*.toml"):
         part = text.split(f"\n## {suite.stem}\n")[1].split("\n## ")[0]
@@ -189,7 +187,7 @@ def test_the_leaderboard_has_every_ads_that_ships_in_every_suite_with_what_the_f
 
 
 @pytest.mark.parametrize(("key", "value"), [("seed", 1), ("drivers", {"count": 7}), ("zones", [])])
-def test_scores_of_another_suite_are_refused(tmp_path: Path, key: str, value: Any) -> None:
+def test_scores_of_another_suite_are_refused(tmp_path, key, value):
     module = hooks()
     board = tmp_path / "leaderboard" / "2026.1"
     board.mkdir(parents=True)
@@ -205,7 +203,7 @@ def test_scores_of_another_suite_are_refused(tmp_path: Path, key: str, value: An
 @pytest.mark.parametrize(
     "name", ["bicycle_crossing", "cut_in", "curve_cut_in", "lane_drop", "turn_across_path"]
 )
-def test_a_moving_picture_shows_what_the_code_drives(name: str) -> None:
+def test_a_moving_picture_shows_what_the_code_drives(name):
     """Where this fails: python tools/animate_scenarios.py docs/pictures/moving"""
     kept = DOCS / "pictures" / "moving" / f"{name}.svg"
     assert load("tools/animate_scenarios.py").drawn(find(name, ROOT)) == kept.read_text(
@@ -213,7 +211,7 @@ def test_a_moving_picture_shows_what_the_code_drives(name: str) -> None:
     )
 
 
-def test_figures_of_the_formulas_are_what_their_functions_give() -> None:
+def test_figures_of_the_formulas_are_what_their_functions_give():
     """Where this fails: python tools/draw_method.py"""
     done = subprocess.run(
         [sys.executable, str(ROOT / "tools" / "draw_method.py"), "--check"],
@@ -228,7 +226,7 @@ def test_figures_of_the_formulas_are_what_their_functions_give() -> None:
     assert sorted(shown) == sorted(path.name for path in (DOCS / "pictures").glob("method_*.svg"))
 
 
-def test_formulas_and_the_glossary_of_the_site_are_the_repositorys() -> None:
+def test_formulas_and_the_glossary_of_the_site_are_the_repositorys():
     formulas = (DOCS / "formulas.md").read_text(encoding="utf-8")
     assert formulas.count("```math") >= 7
     assert all(
@@ -237,7 +235,7 @@ def test_formulas_and_the_glossary_of_the_site_are_the_repositorys() -> None:
     )
 
 
-def test_the_scenario_of_the_tutorial_is_one(tmp_path: Path) -> None:
+def test_the_scenario_of_the_tutorial_is_one(tmp_path):
     (source,) = [
         text
         for text in blocks(DOCS / "tutorials" / "own_scenario.md", "toml")
@@ -260,9 +258,7 @@ nbformat.write(book, "executed.ipynb")
 
 
 @pytest.mark.campaign
-def test_the_notebook_runs_in_a_kernel_and_shows_its_tables(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_notebook_runs_in_a_kernel_and_shows_its_tables(tmp_path, monkeypatch):
     pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")
     done = subprocess.run(
@@ -282,7 +278,7 @@ def test_the_notebook_runs_in_a_kernel_and_shows_its_tables(
     assert "idm" in open_run("first-look")._repr_html_()
 
 
-def test_no_module_needs_posix_to_be_imported() -> None:
+def test_no_module_needs_posix_to_be_imported():
     posix = re.compile(
         r"^(?:import|from) (?:fcntl|resource|termios|pwd|grp|pty|tty|syslog)\b", flags=re.M
     )

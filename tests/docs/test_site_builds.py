@@ -1,8 +1,6 @@
 """`make docs`: builds the site; a broken link fails; what was built leads nowhere and loads
 nothing."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -45,9 +43,7 @@ def addresses(page: html.HtmlElement) -> Iterator[str]:
             yield address
 
 
-def test_every_link_of_the_built_site_leads_somewhere(
-    site: Path, pages: dict[Path, html.HtmlElement]
-) -> None:
+def test_every_link_of_the_built_site_leads_somewhere(site, pages):
     assert len(pages) > 80
     names = {path: {*page.xpath("//@id"), *page.xpath("//a/@name")} for path, page in pages.items()}
     broken = []
@@ -63,9 +59,7 @@ def test_every_link_of_the_built_site_leads_somewhere(
     assert broken == []
 
 
-def test_no_page_of_the_site_loads_anything_from_elsewhere(
-    pages: dict[Path, html.HtmlElement],
-) -> None:
+def test_no_page_of_the_site_loads_anything_from_elsewhere(pages):
     for path, page in pages.items():
         loaded = page.xpath(
             "//script/@src | //img/@src | //link[@rel='stylesheet']/@href | //iframe/@src"
@@ -73,9 +67,7 @@ def test_no_page_of_the_site_loads_anything_from_elsewhere(
         assert not [address for address in loaded if str(address).startswith(("http", "//"))], path
 
 
-def test_formulas_are_rendered_and_every_scenario_moves(
-    site: Path, pages: dict[Path, html.HtmlElement]
-) -> None:
+def test_formulas_are_rendered_and_every_scenario_moves(site, pages):
     assert len(pages[site / "formulas.html"].xpath("//*[local-name()='math']")) >= 9
     pictures = {
         Path(address).stem: str(address).removeprefix("../")
@@ -90,9 +82,7 @@ def test_formulas_are_rendered_and_every_scenario_moves(
         assert "<animate" in (site / picture).read_text(encoding="utf-8"), name
 
 
-def test_the_search_of_pages_read_as_files_says_what_it_needs(
-    pages: dict[Path, html.HtmlElement],
-) -> None:
+def test_the_search_of_pages_read_as_files_says_what_it_needs(pages):
     for path, page in pages.items():
         if page.xpath("//meta[@http-equiv='refresh']"):
             continue  # an old address

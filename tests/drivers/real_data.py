@@ -1,7 +1,5 @@
 """Where the recordings for tests are, if they are on this machine at all."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Events: rules on traffic worked by hand, and against the tables of real events."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Importers: the traps of each format, on real samples and on rows worked by hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

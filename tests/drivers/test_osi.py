@@ -1,8 +1,6 @@
 """OSI and omega-prime: traces, MCAP files and tables become recordings; what is left out is
 counted."""
 
-from __future__ import annotations
-
 import gzip
 import math
 import struct

@@ -1,7 +1,5 @@
 """The synthetic population: each setting changes what it names."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, replace
 

@@ -1,8 +1,6 @@
 """The human reference from recordings and the exposure from their events, on traffic made by
 hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,12 +1,9 @@
 """Figures for papers: every one is drawn of a real run, in every format and width, and mistakes are
 sentences."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
-from pathlib import Path
 
 import commands
 import pytest
@@ -35,9 +32,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
 
 @pytest.mark.parametrize("name", OF_RUNS)
 @pytest.mark.parametrize("width", WIDTHS)
-def test_every_figure_of_a_run_fits_its_width_and_holds_its_words(
-    done: Evaluation, tmp_path: Path, name: str, width: str
-) -> None:
+def test_every_figure_of_a_run_fits_its_width_and_holds_its_words(done, tmp_path, name, width):
     file = save(draw(done, name, width=width), tmp_path / f"{name}.svg")
     root = ElementTree.parse(file).getroot()
     found = re.fullmatch(r"([\d.]+)pt", root.attrib["width"])
@@ -51,7 +46,7 @@ def test_every_figure_of_a_run_fits_its_width_and_holds_its_words(
         )
 
 
-def test_a_column_is_88_mm_and_a_page_180_mm() -> None:
+def test_a_column_is_88_mm_and_a_page_180_mm():
     assert WIDTHS["column"] / MM == pytest.approx(88.0)
     assert WIDTHS["page"] / MM == pytest.approx(180.0)
 
@@ -59,9 +54,7 @@ def test_a_column_is_88_mm_and_a_page_180_mm() -> None:
 @pytest.mark.parametrize(
     ("ending", "begin"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")]
 )
-def test_the_ending_says_the_format(
-    done: Evaluation, tmp_path: Path, ending: str, begin: bytes
-) -> None:
+def test_the_ending_says_the_format(done, tmp_path, ending, begin):
     file = save(
         draw(done, "zone_map", ads="idm", scenario="front_vehicle_cut_out"),
         tmp_path / f"map.{ending}",
@@ -70,7 +63,7 @@ def test_the_ending_says_the_format(
     assert ending != "pdf" or b"/FontFile2" in file.read_bytes(), "the fonts are in the file"
 
 
-def test_every_point_of_a_map_is_drawn(done: Evaluation) -> None:
+def test_every_point_of_a_map_is_drawn(done):
     """Each panel of cut-out is one ego speed; its dots are the cases of the ADS at that speed."""
     figure = draw(done, "zone_map", ads="no_reaction", scenario="front_vehicle_cut_out")
     dots = sum(
@@ -84,7 +77,7 @@ def test_every_point_of_a_map_is_drawn(done: Evaluation) -> None:
     )
 
 
-def test_the_bars_of_the_points_end_at_the_score(done: Evaluation) -> None:
+def test_the_bars_of_the_points_end_at_the_score(done):
     figure = draw(done, "points")
     kept = [
         patch.get_width()
@@ -94,7 +87,7 @@ def test_the_bars_of_the_points_end_at_the_score(done: Evaluation) -> None:
     assert kept == [pytest.approx(done.scores[0].s_plus)]
 
 
-def test_axes_hold_what_is_drawn_and_no_more(done: Evaluation) -> None:
+def test_axes_hold_what_is_drawn_and_no_more(done):
     """Points go from 0 to 100; the share of collisions begins at 0, the field's colours at its
     lowest value."""
     assert draw(done, "points").axes[0].get_xlim() == (0.0, 100.0)
@@ -104,7 +97,7 @@ def test_axes_hold_what_is_drawn_and_no_more(done: Evaluation) -> None:
     assert mesh.get_clim()[0] > 0.0
 
 
-def test_an_ads_without_an_outcome_has_no_boundary(done: Evaluation) -> None:
+def test_an_ads_without_an_outcome_has_no_boundary(done):
     first = done.ads_names[0]
     cases = [replace(it, status="sim_error") if it.ads == first else it for it in done.cases]
     figure = draw(replace(done, cases=tuple(cases)), "boundary")
@@ -112,7 +105,7 @@ def test_an_ads_without_an_outcome_has_no_boundary(done: Evaluation) -> None:
 
 
 @pytest.mark.campaign
-def test_a_map_of_four_parameters_is_the_slice_with_most_collisions(tmp_path: Path) -> None:
+def test_a_map_of_four_parameters_is_the_slice_with_most_collisions(tmp_path):
     """Two levels of cut_in: `no_reaction` collides nowhere at the slow lateral speed and a gap of 0
     m, the first slice; no stray piece of the learnt boundary stands at the stairs of the edge of
     what can be.
@@ -128,7 +121,7 @@ def test_a_map_of_four_parameters_is_the_slice_with_most_collisions(tmp_path: Pa
     assert sum(len(path.to_polygons(closed_only=False)) for path in paths) <= 2
 
 
-def test_a_history_of_nights_is_drawn(done: Evaluation, tmp_path: Path) -> None:
+def test_a_history_of_nights_is_drawn(done, tmp_path):
     history = tmp_path / "history"
     history.mkdir()
     import_runs(history, [done.folder])
@@ -153,14 +146,12 @@ def test_a_history_of_nights_is_drawn(done: Evaluation, tmp_path: Path) -> None:
         ("opinion", {"ads": "idm"}, "takes no `ads`, got 'idm'"),
     ],
 )
-def test_what_is_missing_is_named(
-    done: Evaluation, figure: str, more: dict[str, str], words: str
-) -> None:
+def test_what_is_missing_is_named(done, figure, more, words):
     with pytest.raises(InputError, match=words):
         draw(done, figure, **more)
 
 
-def test_the_command_draws_and_says_what_it_wrote(done: Evaluation, tmp_path: Path) -> None:
+def test_the_command_draws_and_says_what_it_wrote(done, tmp_path):
     out = tmp_path / "of" / "paper.png"
     told = commands.sumo_eval("plot", done.folder, "intervals", "--out", out)
     assert told.returncode == 0, told.stderr
@@ -172,7 +163,7 @@ def test_the_command_draws_and_says_what_it_wrote(done: Evaluation, tmp_path: Pa
     assert "Traceback" not in wrong.stderr
 
 
-def test_the_list_of_figures_is_the_documented_one() -> None:
+def test_the_list_of_figures_is_the_documented_one():
     documented = (
         "zone_map field trajectories time_history collisions boundary intervals points trend "
         "opinion"
@@ -181,7 +172,7 @@ def test_the_list_of_figures_is_the_documented_one() -> None:
 
 
 @pytest.mark.campaign
-def test_on_a_curve_field_and_ways_are_drawn_on_the_map(tmp_path: Path) -> None:
+def test_on_a_curve_field_and_ways_are_drawn_on_the_map(tmp_path):
     """Along an arc of R = 250 m to the left the ego ends about s^2 / 2R to the left of where it
     began: metres."""
     evaluation = {

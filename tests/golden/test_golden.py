@@ -1,8 +1,6 @@
 """How golden files are compared, and the table of the README; the scenarios are in the files beside
 this one."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -15,11 +13,11 @@ from sumo_eval.scenario.catalogue import SCENARIOS
 from sumo_eval.settings.config import PAPER_EVALUATION
 
 
-def test_every_scenario_is_golden_in_one_part() -> None:
+def test_every_scenario_is_golden_in_one_part():
     assert sorted(name for part in golden.PARTS for name in part) == sorted(SCENARIOS)
 
 
-def test_a_changed_drive_a_changed_score_and_a_lost_drive_are_each_named() -> None:
+def test_a_changed_drive_a_changed_score_and_a_lost_drive_are_each_named():
     kept = golden.kept("front_vehicle_low_speed")
     case, drive = next(iter(kept["drives"].items()))
     ads, score = next(iter(kept["scores"].items()))
@@ -39,7 +37,7 @@ def test_a_changed_drive_a_changed_score_and_a_lost_drive_are_each_named() -> No
 
 
 @pytest.mark.campaign
-def test_the_table_of_the_readme_is_what_the_papers_evaluation_comes_to(tmp_path: Path) -> None:
+def test_the_table_of_the_readme_is_what_the_papers_evaluation_comes_to(tmp_path):
     readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
     table = readme.split("```\n      ")[1].split("\n```")[0].splitlines()
     lines = score_lines(sumo_eval.evaluate(PAPER_EVALUATION, tmp_path / "run"))

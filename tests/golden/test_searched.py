@@ -1,12 +1,10 @@
 """Some of the scenarios whose zones are searched: drives, people and scores are the golden ones."""
 
-from __future__ import annotations
-
 import pytest
 
 from golden import golden
 
 
 @pytest.mark.parametrize("scenario", golden.PARTS[1])
-def test_drives_people_and_scores_are_the_golden_ones(scenario: str) -> None:
+def test_drives_people_and_scores_are_the_golden_ones(scenario):
     golden.check(scenario)

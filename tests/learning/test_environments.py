@@ -1,8 +1,6 @@
 """Environments to learn in: what gymnasium asks of them, and that a drive there is a drive in an
 evaluation."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 
@@ -59,7 +57,7 @@ def scenarios() -> tuple[str, ...]:
 
 
 @pytest.mark.parametrize("scenario", scenarios())
-def test_gymnasium_accepts_the_environment_of_every_scenario(scenario: str) -> None:
+def test_gymnasium_accepts_the_environment_of_every_scenario(scenario):
     bent = catalogue.load(scenario).road.bent
     logical = catalogue.load(scenario)
     if logical.concretes(central_point(logical)[None])[0].lively:
@@ -84,9 +82,7 @@ def test_gymnasium_accepts_the_environment_of_every_scenario(scenario: str) -> N
         ("front_vehicle_braking", {}),
     ],
 )
-def test_a_drive_in_the_environment_is_a_drive_in_sumo(
-    scenario: str, values: dict[str, float]
-) -> None:
+def test_a_drive_in_the_environment_is_a_drive_in_sumo(scenario, values):
     """The ego brakes gently and steers a little; SUMO steps one of both drives."""
     settings = SimulationSettings(record_interval=0.05, time_limit=12.0)
     interface = Interface(RAW.features, (Action("acceleration"), Action("steering")))
@@ -119,7 +115,7 @@ def test_a_drive_in_the_environment_is_a_drive_in_sumo(
         )
 
 
-def test_an_episode_does_not_depend_on_its_company_nor_on_those_before_it() -> None:
+def test_an_episode_does_not_depend_on_its_company_nor_on_those_before_it():
     settings = SimulationSettings(time_limit=4.0)
     vector = make_vec(
         "sumo_eval/cut_in-v0", num_envs=5, settings=settings, autoreset_mode=AutoresetMode.SAME_STEP
@@ -153,7 +149,7 @@ def test_an_episode_does_not_depend_on_its_company_nor_on_those_before_it() -> N
         np.testing.assert_allclose(np.array(told), np.array(episode["seen"]), atol=1e-6)
 
 
-def test_the_next_step_mode_gives_a_first_observation_and_no_reward() -> None:
+def test_the_next_step_mode_gives_a_first_observation_and_no_reward():
     vector = make_vec(
         "sumo_eval/cut_in-v0", num_envs=3, settings=SimulationSettings(time_limit=0.5)
     )
@@ -171,7 +167,7 @@ def test_the_next_step_mode_gives_a_first_observation_and_no_reward() -> None:
     assert (vector.unwrapped.episodes.pack.world.egos["time"] == 0.0).all()
 
 
-def test_several_environments_and_a_simulation_live_in_one_process() -> None:
+def test_several_environments_and_a_simulation_live_in_one_process():
     """Two environments take turns, with an evaluation's simulation in between; each as if it were
     alone."""
 
@@ -195,7 +191,7 @@ def test_several_environments_and_a_simulation_live_in_one_process() -> None:
     assert not np.array_equal(two[0], two[1])
 
 
-def test_a_second_simulation_in_the_process_is_refused_with_the_way_out() -> None:
+def test_a_second_simulation_in_the_process_is_refused_with_the_way_out():
     make("sumo_eval/cut_in-v0", sumo=True).reset(seed=0)
     with pytest.raises(
         InputError, match="close the other environment first, or make this one with `sumo=False`"
@@ -203,7 +199,7 @@ def test_a_second_simulation_in_the_process_is_refused_with_the_way_out() -> Non
         gymnasium.make("sumo_eval/cut_in-v0", sumo=True).reset(seed=0)
 
 
-def test_what_sumo_shows_is_what_the_scripts_say() -> None:
+def test_what_sumo_shows_is_what_the_scripts_say():
     """Twelve episodes beside each other, many of which begin anew, with SUMO and without: the same,
     to rounding."""
     told = []
@@ -230,7 +226,7 @@ def test_what_sumo_shows_is_what_the_scripts_say() -> None:
     assert "sim_error" not in reasons
 
 
-def test_reset_takes_a_point_part_of_one_or_a_sampler() -> None:
+def test_reset_takes_a_point_part_of_one_or_a_sampler():
     env = make("sumo_eval/front_vehicle_cut_out-v0")
     assert env.reset(options=POINT)[1]["values"] == POINT
     values = env.reset(seed=4, options={"gap": 50.0})[1]["values"]
@@ -250,14 +246,14 @@ def test_reset_takes_a_point_part_of_one_or_a_sampler() -> None:
         env.reset(options={"sampler": lambda generator: 3})
 
 
-def test_a_gap_is_from_the_bumper_of_the_ego_in_the_settings() -> None:
+def test_a_gap_is_from_the_bumper_of_the_ego_in_the_settings():
     settings = SimulationSettings(vehicle=VehicleSettings(length=6.0))
     env = make("sumo_eval/front_vehicle_low_speed-v0", interface=RAW, settings=settings)
     seen, _ = env.reset(options={"ego_speed": 20.0, "lead_speed": 10.0})
     assert seen[3] == pytest.approx(3.5 * 20.0)
 
 
-def test_the_usual_reward_by_hand() -> None:
+def test_the_usual_reward_by_hand():
     """0.05 s each.
 
     Cruising at 20 of 20 m/s: 0.05. At 10 m/s braking by 3 m/s2: (0.5 - 0.1) 0.05 = 0.02. A contact
@@ -274,7 +270,7 @@ def test_the_usual_reward_by_hand() -> None:
     assert usual_reward(it) == pytest.approx([0.05, 0.02, 0.05 - 30.0, -0.0005])
 
 
-def test_a_reward_of_the_user_is_asked_at_every_step_of_the_simulation() -> None:
+def test_a_reward_of_the_user_is_asked_at_every_step_of_the_simulation():
     """A period of 0.2 s holds four steps of 0.05 s, of which each is worth 1."""
     interface = Interface(RAW.features, RAW.actions, period=0.2)
     env = make("sumo_eval/cut_in-v0", interface=interface, reward=lambda it: np.ones(len(it.speed)))
@@ -284,7 +280,7 @@ def test_a_reward_of_the_user_is_asked_at_every_step_of_the_simulation() -> None
     assert seen[4] == pytest.approx(0.2)
 
 
-def test_a_contact_ends_an_episode_with_its_impact_speed() -> None:
+def test_a_contact_ends_an_episode_with_its_impact_speed():
     """Full speed into an obstacle that is 15 m/s slower."""
     found = []
 
@@ -306,7 +302,7 @@ def test_a_contact_ends_an_episode_with_its_impact_speed() -> None:
 
 
 @pytest.mark.parametrize("sumo", [False, True])
-def test_max_episode_steps_truncates_one_and_many(sumo: bool) -> None:
+def test_max_episode_steps_truncates_one_and_many(sumo):
     """Five answers: the fifth ends the episode, the next step of many begins another."""
     one = make("sumo_eval/cut_in-v0", max_episode_steps=5, sumo=sumo)
     one.reset(seed=0)
@@ -318,7 +314,7 @@ def test_max_episode_steps_truncates_one_and_many(sumo: bool) -> None:
     assert list(steps[4][4]["end_reason"]) == ["step_limit"] * 2
 
 
-def test_an_action_of_a_discrete_set_is_its_values() -> None:
+def test_an_action_of_a_discrete_set_is_its_values():
     """Two accelerations by three angles: action 4 is the second and the second."""
     set_of = Action("acceleration", values=(-2.0, 1.0)), Action("steering", values=(-0.1, 0.0, 0.1))
     asked = []
@@ -338,7 +334,7 @@ def test_an_action_of_a_discrete_set_is_its_values() -> None:
         Interface(RAW.features, (set_of[0], Action("steering")))
 
 
-def test_what_the_environment_cannot_do_is_refused() -> None:
+def test_what_the_environment_cannot_do_is_refused():
     with pytest.raises(InputError, match="nothing in `conditions`"):
         make(
             "sumo_eval/cut_in-v0",
@@ -356,13 +352,13 @@ def test_what_the_environment_cannot_do_is_refused() -> None:
         make("sumo_eval/cut_in-v0").unwrapped.step(np.zeros(1))
 
 
-def test_every_scenario_is_registered_once() -> None:
+def test_every_scenario_is_registered_once():
     sumo_eval.extras.gym.register()
     for scenario in scenarios():
         assert f"sumo_eval/{scenario}-v0" in gymnasium.registry
 
 
-def test_the_first_reset_begins_all_whatever_its_mask() -> None:
+def test_the_first_reset_begins_all_whatever_its_mask():
     vector = make_vec("sumo_eval/cut_in-v0", num_envs=3)
     _, masked = vector.reset(seed=4, options={"reset_mask": np.zeros(3, dtype=np.bool_)})
     _, again = vector.reset(seed=4)

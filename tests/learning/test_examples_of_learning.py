@@ -1,8 +1,6 @@
 """The examples of docs/learn.md and of drivers that nobody here wrote: they run, and drive as their
 pages say."""
 
-from __future__ import annotations
-
 import runpy
 import sys
 from pathlib import Path
@@ -31,7 +29,7 @@ def trainer(monkeypatch: pytest.MonkeyPatch) -> Any:
     sys.modules.pop("train_policy")
 
 
-def test_what_was_trained_drives_as_it_was_trained(trainer: Any, tmp_path: Path) -> None:
+def test_what_was_trained_drives_as_it_was_trained(trainer, tmp_path):
     """Three generations of few, short episodes; the file's answers are the trainer's to float32."""
     weights, history = trainer.train("front_vehicle_cut_out", 60.0, generations=3)
     assert len(history) == 3
@@ -57,9 +55,7 @@ def test_what_was_trained_drives_as_it_was_trained(trainer: Any, tmp_path: Path)
 
 
 @pytest.mark.filterwarnings("default")  # torch's exporter warns of torch
-def test_what_ppo_learnt_drives_as_it_was_trained(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_what_ppo_learnt_drives_as_it_was_trained(monkeypatch, tmp_path):
     """Two short updates; what the file answers is the mean of stable-baselines3's policy, to
     float32."""
     for needed in ("stable_baselines3", "onnxscript"):
@@ -90,13 +86,13 @@ def test_what_ppo_learnt_drives_as_it_was_trained(
     )
 
 
-def test_ppo_names_missing_packages_before_it_trains(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ppo_names_missing_packages_before_it_trains(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(SystemExit, match="Not installed: gymnasium, onnx"):
         runpy.run_path(str(EXAMPLES / "train_ppo.py"))
 
 
-def test_highway_envs_drivers_keep_or_change_their_lane() -> None:
+def test_highway_envs_drivers_keep_or_change_their_lane():
     """25 m/s, a lead that cuts out before an obstacle of 10 m/s: IDM slows down to it, MOBIL drives
     past."""
     pytest.importorskip("highway_env")

@@ -1,8 +1,6 @@
 """`onnx:`: a model and its table at the wheel, the same alone and in company; what cannot be used
 is refused."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 from types import SimpleNamespace
@@ -70,7 +68,7 @@ def deep(folder: Path, **given: object) -> Path:
     return write_model(folder, layers, interface, **given)  # type: ignore[arg-type]
 
 
-def test_a_model_drives_as_its_arithmetic_says(tmp_path: Path) -> None:
+def test_a_model_drives_as_its_arithmetic_says(tmp_path):
     """The first answer of the linear model at 25 m/s behind nobody, 150 m: tanh(-1.875 + 7.5 - 0.5)
     is almost 1, so 3 m/s2; the same rule as a plain function drives the same way as far as float32
     allows.
@@ -91,7 +89,7 @@ def test_a_model_drives_as_its_arithmetic_says(tmp_path: Path) -> None:
     assert np.ptp(recording.ego.speed) > 2.0
 
 
-def test_a_case_does_not_depend_on_its_company(tmp_path: Path) -> None:
+def test_a_case_does_not_depend_on_its_company(tmp_path):
     """Eleven cases alone, together, and in another order: the bits of a dense network's drives are
     the same."""
     path = deep(tmp_path)
@@ -105,7 +103,7 @@ def test_a_case_does_not_depend_on_its_company(tmp_path: Path) -> None:
     assert len({it.ego.x[-1] for it in alone}) > 1
 
 
-def test_a_model_made_for_one_row_drives_too(tmp_path: Path) -> None:
+def test_a_model_made_for_one_row_drives_too(tmp_path):
     for name in ("any", "one"):
         (tmp_path / name).mkdir()
     concrete = CUT_OUT.concrete(**POINT)
@@ -117,7 +115,7 @@ def test_a_model_made_for_one_row_drives_too(tmp_path: Path) -> None:
     assert double.ego.x[-1] == pytest.approx(usual_one.ego.x[-1], abs=1e-2)
 
 
-def test_what_is_seen_in_learning_is_seen_in_an_evaluation(tmp_path: Path) -> None:
+def test_what_is_seen_in_learning_is_seen_in_an_evaluation(tmp_path):
     """The model at the wheel of the environment and of an evaluation of the same point."""
     path = deep(tmp_path)
     policy = load_controller(f"onnx:{path}").target  # type: ignore[attr-defined]
@@ -140,7 +138,7 @@ def test_what_is_seen_in_learning_is_seen_in_an_evaluation(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("index", [False, True])
-def test_a_model_chooses_from_a_discrete_set(tmp_path: Path, index: bool) -> None:
+def test_a_model_chooses_from_a_discrete_set(tmp_path, index):
     """By scores, the second is the greatest, or by the index of the greatest."""
     actions = (Action("acceleration", values=(1.0, -2.0, 0.0)),)
     interface = Interface((Feature("ego.speed"),), actions)
@@ -157,7 +155,7 @@ def test_a_model_chooses_from_a_discrete_set(tmp_path: Path, index: bool) -> Non
     assert recording.ego.speed[-1] == pytest.approx(POINT["ego_speed"] - 2.0, abs=0.2)
 
 
-def test_a_period_holds_each_answer(tmp_path: Path) -> None:
+def test_a_period_holds_each_answer(tmp_path):
     """A model that shows the time as its acceleration, asked every 0.2 s: the held values are 0,
     0.2, 0.4 ..."""
     interface = Interface((Feature("time"),), (Action("acceleration"),), period=0.2)
@@ -168,7 +166,7 @@ def test_a_period_holds_each_answer(tmp_path: Path) -> None:
     assert recording.ego.acceleration[1:] == pytest.approx(asked, abs=2e-3)
 
 
-def test_its_identity_holds_the_model_and_its_table(tmp_path: Path) -> None:
+def test_its_identity_holds_the_model_and_its_table(tmp_path):
     path = linear(tmp_path)
     before = locator_identity(("ADS", "onnx:policy.onnx"), tmp_path)
     assert "policy.toml" in str(before)
@@ -180,7 +178,7 @@ def test_its_identity_holds_the_model_and_its_table(tmp_path: Path) -> None:
     assert locator_identity(("ADS", "onnx:policy.onnx"), tmp_path) not in (before, after)
 
 
-def test_what_cannot_be_used_is_refused(tmp_path: Path) -> None:
+def test_what_cannot_be_used_is_refused(tmp_path):
     with pytest.raises(InputError, match="`mean` of `Feature` must be a number, got nan"):
         Feature("ego.speed", mean=float("nan"), deviation=1.0)
     with pytest.raises(InputError, match="There is no model"):
@@ -209,7 +207,7 @@ def test_what_cannot_be_used_is_refused(tmp_path: Path) -> None:
         find_controller("onnx:policy.onnx", tmp_path)
 
 
-def test_a_model_of_whole_numbers_is_refused(tmp_path: Path) -> None:
+def test_a_model_of_whole_numbers_is_refused(tmp_path):
     graph = helper.make_graph(
         [helper.make_node("Identity", ["seen"], ["out"])], "policy",
         [helper.make_tensor_value_info("seen", TensorProto.INT64, ["rows", 3])],
@@ -222,7 +220,7 @@ def test_a_model_of_whole_numbers_is_refused(tmp_path: Path) -> None:
         find_controller("onnx:policy.onnx", tmp_path)
 
 
-def test_an_answer_that_is_not_a_number_ends_the_case(tmp_path: Path) -> None:
+def test_an_answer_that_is_not_a_number_ends_the_case(tmp_path):
     path = write_model(tmp_path, [(np.array([[np.nan]]), np.array([0.0]))],
                        Interface((Feature("ego.speed"),), (Action("acceleration"),)))  # fmt: skip
     recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", SHORT)
@@ -230,14 +228,14 @@ def test_an_answer_that_is_not_a_number_ends_the_case(tmp_path: Path) -> None:
     assert "must be a finite number, got nan" in (recording.error or "")
 
 
-def test_too_many_outputs_end_the_case(tmp_path: Path) -> None:
+def test_too_many_outputs_end_the_case(tmp_path):
     path = write_model(tmp_path, [(np.ones((3, 2)), np.zeros(2))], ACC)
     recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", SHORT)
     assert recording.end_reason == "ads_error"
     assert "must have the shape (32, 1)" in (recording.error or "")
 
 
-def test_a_choice_that_is_not_there_ends_the_case(tmp_path: Path) -> None:
+def test_a_choice_that_is_not_there_ends_the_case(tmp_path):
     choices = Interface((Feature("ego.speed"),), (Action("acceleration", values=(-1.0, 0.0)),))
     path = write_model(tmp_path, [(np.zeros((1, 2)), np.array([0.1, 0.3]))], choices)
     policy = load_controller(f"onnx:{path}").target  # type: ignore[attr-defined]
@@ -249,7 +247,7 @@ def test_a_choice_that_is_not_there_ends_the_case(tmp_path: Path) -> None:
         policy._answers(np.zeros((1, 1), np.float32))
 
 
-def test_arrays_show_the_world_as_it_is_and_conditions_report_it(tmp_path: Path) -> None:
+def test_arrays_show_the_world_as_it_is_and_conditions_report_it(tmp_path):
     conditions = ConditionSettings(position_noise=1.0)
     recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{linear(tmp_path)}",
                          SimulationSettings(time_limit=2.0, conditions=conditions))  # fmt: skip

@@ -1,7 +1,5 @@
 """Rank correlation and concordance, by hand."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -38,7 +36,7 @@ def test_too_little_is_refused():
         concordance([[1.0, 2.0, 3.0]])
 
 
-def test_the_p_value_of_few_pairs_counts_orders() -> None:
+def test_the_p_value_of_few_pairs_counts_orders():
     """Of 4! = 24 orders two have |rho| = 1: p = 1/12, not 0.
 
     [1, 2, 3, 4] against [2, 1, 4, 3]: rho 0.6; 10 of 24 are as large. Tied, [1, 1, 2] against [1,
@@ -53,7 +51,7 @@ def test_the_p_value_of_few_pairs_counts_orders() -> None:
     assert rank_correlation([1.0, 1.0, 2.0], [1.0, 2.0, 3.0]).p_value == pytest.approx(4.0 / 6.0)
 
 
-def test_the_interval_of_rho_is_bonett_and_wrights() -> None:
+def test_the_interval_of_rho_is_bonett_and_wrights():
     """rho 0.5, n 28: atanh 0.5 = 0.54931, half 1.95996 sqrt(1.125 / 25) = 0.41577; tanh of 0.13354
     and 0.96508."""
     ends = rank_interval(0.5, 28)

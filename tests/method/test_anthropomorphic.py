@@ -1,7 +1,5 @@
 """Laws and worked numbers of the anthropomorphic index D, Eqs. 11-13."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -115,7 +113,7 @@ def humans(seed: int = 0, n: int = 4) -> list[Trajectory]:
         "stands",
     ],
 )
-def test_identical_driving_scores_1(same: Trajectory) -> None:
+def test_identical_driving_scores_1(same):
     index = anthropomorphic_index(same, [same] * 3, ROAD)
     assert (index.value, index.length_factor, index.operation_factor, index.similarity) == (
         1.0,
@@ -128,9 +126,7 @@ def test_identical_driving_scores_1(same: Trajectory) -> None:
 
 
 @given(seed=st.integers(0, 1000), speed=st.floats(8.0, 25.0), y=st.floats(-1.5, 5.0))
-def test_the_index_is_the_product_of_its_factors_and_lies_between_0_and_1(
-    seed: int, speed: float, y: float
-) -> None:
+def test_the_index_is_the_product_of_its_factors_and_lies_between_0_and_1(seed, speed, y):
     index = anthropomorphic_index(drive(speed, y, steering_deg=[15.0]), humans(seed), ROAD)
     assert 0.0 <= index.value <= 1.0
     assert index.value == index.length_factor * index.operation_factor * index.similarity
@@ -139,14 +135,12 @@ def test_the_index_is_the_product_of_its_factors_and_lies_between_0_and_1(
     assert index.ingredients.lowest <= index.similarity + 1e-12
 
 
-def test_no_pairings_are_an_empty_answer() -> None:
+def test_no_pairings_are_an_empty_answer():
     assert module.indexes_by_group(humans(1), [[]], ROAD) == [[]]
 
 
 @pytest.mark.parametrize("factor", [1e-6, 3.7, 1e6])
-def test_a_field_scaled_by_a_constant_changes_nothing(
-    factor: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_field_scaled_by_a_constant_changes_nothing(factor, monkeypatch):
     ads, drivers = drive(24.0, 0.2), humans(1)
     before = anthropomorphic_index(ads, drivers, ROAD)
     assert 0.05 < before.ingredients.field_similarity < 0.95
@@ -156,7 +150,7 @@ def test_a_field_scaled_by_a_constant_changes_nothing(
 
 
 @given(shift=st.floats(-5e3, 5e3), wait=st.floats(-100.0, 100.0))
-def test_moving_the_world_moves_nothing(shift: float, wait: float) -> None:
+def test_moving_the_world_moves_nothing(shift, wait):
     def moved(t: Trajectory) -> Trajectory:
         return Trajectory(
             t.time + wait,
@@ -174,7 +168,7 @@ def test_moving_the_world_moves_nothing(shift: float, wait: float) -> None:
     assert there.value == pytest.approx(anthropomorphic_index(ads, drivers, ROAD).value, rel=1e-6)
 
 
-def test_a_mirrored_world_scores_the_same() -> None:
+def test_a_mirrored_world_scores_the_same():
     middle = (ROAD.left_edge + ROAD.right_edge) / 2
 
     def mirrored(t: Trajectory) -> Trajectory:
@@ -187,13 +181,13 @@ def test_a_mirrored_world_scores_the_same() -> None:
     assert there.value == pytest.approx(here.value, rel=1e-9)
 
 
-def test_the_order_of_the_drivers_does_not_matter() -> None:
+def test_the_order_of_the_drivers_does_not_matter():
     ads, drivers = drive(24.0, 0.2), humans(3, n=6)
     here = anthropomorphic_index(ads, drivers, ROAD).value
     assert anthropomorphic_index(ads, drivers[::-1], ROAD).value == pytest.approx(here, rel=1e-12)
 
 
-def test_what_lies_past_the_roads_end_changes_nothing() -> None:
+def test_what_lies_past_the_roads_end_changes_nothing():
     speeds, offsets = [14.0, 15.0, 17.0], [0.1, -0.2, 0.3]
     short = [drive(v, y) for v, y in zip(speeds, offsets, strict=True)]
     long = [drive(v, y, until=400.0) for v, y in zip(speeds, offsets, strict=True)]
@@ -208,7 +202,7 @@ def test_what_lies_past_the_roads_end_changes_nothing() -> None:
     assert IndexNote("past_the_road", 4, 4) in there.notes
 
 
-def test_the_further_from_the_humans_the_lower_the_score() -> None:
+def test_the_further_from_the_humans_the_lower_the_score():
     drivers = [drive(v, y) for v, y in ((14.0, -0.2), (15.0, 0.0), (16.0, 0.2), (15.5, 0.1))]
     by_offset = [
         anthropomorphic_index(drive(15.0, y), drivers, ROAD).value for y in (0.0, 0.6, 1.0, 2.0)
@@ -247,7 +241,7 @@ def test_the_further_from_the_humans_the_lower_the_score() -> None:
     ],
     ids=["changes lane", "k1 k2", "stops", "off the road", "ends early"],
 )
-def test_the_index_is_the_plain_loops(ads: Trajectory, chosen: AnthropomorphicSettings) -> None:
+def test_the_index_is_the_plain_loops(ads, chosen):
     drivers = [
         *humans(5, 2),
         drive(13.0, 0.3, steering_deg=11.0, acceleration=0.6),
@@ -261,7 +255,7 @@ def test_the_index_is_the_plain_loops(ads: Trajectory, chosen: AnthropomorphicSe
 @given(
     st.lists(st.sampled_from([0.0, 0.0, 0.0, 0.4, 0.5, 0.51, -0.6, 2.0]), min_size=1, max_size=60)
 )
-def test_counting_operations_is_the_plain_state_machine(signal: list[float]) -> None:
+def test_counting_operations_is_the_plain_state_machine(signal):
     n = len(signal)
     t = Trajectory(
         0.1 * np.arange(n),
@@ -289,14 +283,14 @@ def test_counting_operations_is_the_plain_state_machine(signal: list[float]) -> 
         (1e200, 0.0),
     ],
 )
-def test_a_value_z_deviations_off(z: float, expected: float) -> None:
+def test_a_value_z_deviations_off(z, expected):
     for mean, deviation, sign in ((0.0, 1.0, 1), (3.0, 0.25, -1)):
         with np.errstate(over="ignore"):
             similarity = gaussian_similarity(mean + sign * z * deviation, mean, deviation)
         assert similarity == pytest.approx(expected, rel=1e-9)
 
 
-def test_centre_three_floors_off() -> None:
+def test_centre_three_floors_off():
     # Drivers all at y = 0: deviation 0, floor 0.15 m. The ADS at 0.45 m is z = 3: exp(-2.5) at
     # every slice.
     index = anthropomorphic_index(drive(y=0.45), [drive()] * 3, ROAD)
@@ -311,7 +305,7 @@ def test_centre_three_floors_off() -> None:
     )
 
 
-def test_centre_with_a_real_deviation() -> None:
+def test_centre_with_a_real_deviation():
     # Drivers at 0, 0.4, 0.8 m: mean 0.4, sample deviation sqrt((0.16 + 0 + 0.16) / 2) = 0.4. The
     # ADS at 1.6 is z = 3.
     drivers = [drive(y=y) for y in (0.0, 0.4, 0.8)]
@@ -330,9 +324,7 @@ def test_centre_with_a_real_deviation() -> None:
         (12.0, [2.0, 4.0, 6.0], math.exp(2.0 - 8.0)),  # z = 4
     ],
 )
-def test_field_with_known_values(
-    own: float, others: list[float], expected: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_field_with_known_values(own, others, expected, monkeypatch):
 
     def fields(
         shared: module.SharedFields, x: np.ndarray, y: np.ndarray, places: Sequence[int]
@@ -345,7 +337,7 @@ def test_field_with_known_values(
     assert index.similarity == index.ingredients.field_similarity
 
 
-def test_the_settings_of_the_field_reach_it() -> None:
+def test_the_settings_of_the_field_reach_it():
     ads, drivers = drive(24.0, 0.2), humans(1)
     values = {
         anthropomorphic_index(
@@ -393,11 +385,11 @@ def test_the_settings_of_the_field_reach_it() -> None:
         (drive(start=70.0, until=90.0), 0.0),
     ],
 )
-def test_driven_length(trajectory: Trajectory, expected: float) -> None:
+def test_driven_length(trajectory, expected):
     assert driven_length(trajectory, ROAD) == pytest.approx(expected, abs=1e-9)
 
 
-def test_a_shorter_drive_scales_the_score_and_a_longer_one_does_not() -> None:
+def test_a_shorter_drive_scales_the_score_and_a_longer_one_does_not():
     # The ADS stops at 30 m; the drivers at 30, 60 (the road's end) and 60 m: L = 30, mean 50, f_L =
     # 0.6.
     drivers = [stopping(30.0), drive(), drive(14.0)]
@@ -411,7 +403,7 @@ def test_a_shorter_drive_scales_the_score_and_a_longer_one_does_not() -> None:
     assert IndexNote("driver_not_so_far", 40, 101) in beyond.notes  # 30.5 .. 50
 
 
-def test_drivers_who_did_not_get_there_have_no_centre() -> None:
+def test_drivers_who_did_not_get_there_have_no_centre():
     # Past 30 m only the two at 0.0 and 0.4 m count: mean 0.2, deviation 0.283, the ADS at 0.2 is z
     # = 0. With the third, held at 3 m, the mean would be 1.13 and the deviation 1.62.
     drivers = [drive(y=0.0), drive(y=0.4), stopping(30.0, 3.0)]
@@ -425,7 +417,7 @@ def test_drivers_who_did_not_get_there_have_no_centre() -> None:
     assert far.ingredients.centre_similarity == pytest.approx(np.mean(terms), rel=1e-9)
 
 
-def test_drivers_that_ended_earlier_hold_their_last_position() -> None:
+def test_drivers_that_ended_earlier_hold_their_last_position():
     # Two stop at 20 m at y = 0, one passes at 1.5 m: mean length 33.3 m. Everywhere mean 0.5,
     # deviation 0.866.
     drivers = [stopping(20.0), stopping(20.0), drive(y=1.5)]
@@ -450,11 +442,11 @@ def test_drivers_that_ended_earlier_hold_their_last_position() -> None:
         (0.0, 1.0 + 1e-9, [0.0, 0.5, 1.0]),
     ],
 )
-def test_slices_every_half_metre(start: float, length: float, expected: list[float]) -> None:
+def test_slices_every_half_metre(start, length, expected):
     assert slice_positions(start, length, 0.5) == pytest.approx(expected, abs=1e-8)
 
 
-def test_a_road_of_540_metres_has_1081_slices() -> None:
+def test_a_road_of_540_metres_has_1081_slices():
     assert slice_positions(0.0, 540.0, 0.5).size == 1081
 
 
@@ -476,9 +468,7 @@ def test_a_road_of_540_metres_has_1081_slices() -> None:
         ([0, 0, 0], [1, 2, 3], 0.5, 3.0),
     ],
 )
-def test_lateral_position_at_the_first_crossing(
-    x: list[float], y: list[float], position: float, expected: float
-) -> None:
+def test_lateral_position_at_the_first_crossing(x, y, position, expected):
     t = Trajectory(np.arange(len(x)), x, y)
     assert lateral_position(t, [position]) == pytest.approx([expected], rel=1e-12)
 
@@ -496,7 +486,7 @@ def test_lateral_position_at_the_first_crossing(
         (6.0, [4.5, 5.0, 5.5, 6.0, 6.0, 6.0, 6.0]),  # and on the left
     ],
 )
-def test_seven_points_a_slice(centre: float, expected: list[float]) -> None:
+def test_seven_points_a_slice(centre, expected):
     points = slice_points(np.array([3.0, 4.0]), np.array([1.0, centre]), ROAD)
     assert points.shape == (2, 7, 2)
     np.testing.assert_array_equal(points[:, :, 0], [[3.0] * 7, [4.0] * 7])
@@ -541,7 +531,7 @@ WHEEL = AnthropomorphicSettings(steering_rule="wheel")
         (signal((15.0, 0.1)), 1),
     ],
 )
-def test_steering_operations(degrees: list[float], expected: int) -> None:
+def test_steering_operations(degrees, expected):
     assert count_operations(recorded(steering_wheel_angle=np.radians(degrees)), WHEEL) == expected
     # it never leaves its line
     assert count_operations(recorded(steering_wheel_angle=np.radians(degrees))) == 0
@@ -557,7 +547,7 @@ def test_steering_operations(degrees: list[float], expected: int) -> None:
         (signal((1.0, 1.0), NONE, (-3.0, 1.0), NONE), 2),
     ],
 )
-def test_pedal_operations(acceleration: list[float], expected: int) -> None:
+def test_pedal_operations(acceleration, expected):
     assert count_operations(recorded(acceleration=acceleration)) == expected
 
 
@@ -572,12 +562,12 @@ def test_pedal_operations(acceleration: list[float], expected: int) -> None:
         (signal((3.0, 0.5), (3.0 + 1e-12, 0.1), (2.0, 1.0)), 1),
     ],
 )
-def test_most_operations_at_any_level_by_hand(acceleration: list[float], expected: int) -> None:
+def test_most_operations_at_any_level_by_hand(acceleration, expected):
     assert most_operations(recorded(acceleration=acceleration)) == expected
 
 
 @given(st.lists(st.integers(-256, 256), min_size=1, max_size=120), st.integers(64, 640))
-def test_law_a_stronger_signal_never_has_fewer_operations(steps: list[int], factor: int) -> None:
+def test_law_a_stronger_signal_never_has_fewer_operations(steps, factor):
     """Up to 4 m/s2 in steps of 1/64, one to ten times as strong: products without rounding."""
     weak, strong = (np.array(steps) / 64.0 * scale for scale in (1.0, factor / 64.0))
     assert most_operations(recorded(acceleration=strong)) >= most_operations(
@@ -585,7 +575,7 @@ def test_law_a_stronger_signal_never_has_fewer_operations(steps: list[int], fact
     )
 
 
-def test_steering_and_pedals_are_counted_separately_and_added() -> None:
+def test_steering_and_pedals_are_counted_separately_and_added():
     both = recorded(
         steering_wheel_angle=np.radians(signal(OUT, NONE, OUT)),
         acceleration=signal((1.0, 1.5), (0.0, 1.5)),
@@ -593,7 +583,7 @@ def test_steering_and_pedals_are_counted_separately_and_added() -> None:
     assert count_operations(both, WHEEL) == 3
 
 
-def test_thresholds_and_neutral_time_are_settings() -> None:
+def test_thresholds_and_neutral_time_are_settings():
     t = recorded(
         steering_wheel_angle=np.radians(signal(OUT, NONE, OUT)),
         acceleration=signal((1.0, 1.5), (0.0, 1.5)),
@@ -607,7 +597,7 @@ def test_thresholds_and_neutral_time_are_settings() -> None:
         assert count_operations(t, replace(WHEEL, **changes)) == expected
 
 
-def test_the_wheels_threshold_may_be_a_lateral_acceleration() -> None:
+def test_the_wheels_threshold_may_be_a_lateral_acceleration():
     # a = v^2 tan(angle / 16) / 2.7 m: at 10 m/s 2 m/s2 needs 16 atan(2.7 * 2 / 100) = 49.5 deg, at
     # 30 m/s 5.5 deg.
     chosen = replace(WHEEL, steering_lateral_acceleration=2.0)
@@ -624,7 +614,7 @@ def test_the_wheels_threshold_may_be_a_lateral_acceleration() -> None:
         assert count_operations(turned, chosen) == expected
 
 
-def test_the_wheel_rule_is_refused_unless_both_sides_have_a_steering_signal() -> None:
+def test_the_wheel_rule_is_refused_unless_both_sides_have_a_steering_signal():
     with_signal, without = drive(), without_steering([0.0] * 30)
     for ads, drivers in ((without, [with_signal] * 2), (with_signal, [with_signal, without])):
         with pytest.raises(
@@ -633,7 +623,7 @@ def test_the_wheel_rule_is_refused_unless_both_sides_have_a_steering_signal() ->
             anthropomorphic_index(ads, drivers, ROAD, WHEEL)
 
 
-def test_the_same_drive_has_the_same_index_with_and_without_its_steering_signal() -> None:
+def test_the_same_drive_has_the_same_index_with_and_without_its_steering_signal():
     """A lane change at 20 m/s, with a wheel that turns by 30 degrees or with one that nobody
     recorded."""
     y = np.array(lateral((5.0, 6.0, 3.5)))
@@ -652,14 +642,14 @@ def test_the_same_drive_has_the_same_index_with_and_without_its_steering_signal(
     assert values[0] == values[1] > 0.9
 
 
-def test_half_a_second_is_half_a_second_at_any_time() -> None:
+def test_half_a_second_is_half_a_second_at_any_time():
     # 0.1 * 43 - 0.1 * 38 is 0.4999999999999996.
     for before in range(60):
         acceleration = [0.0] * before + signal((1.0, 0.1), (0.0, 0.5), (1.0, 0.1))
         assert count_operations(recorded(acceleration=acceleration)) == 2
 
 
-def test_neutral_time_is_seconds_not_samples() -> None:
+def test_neutral_time_is_seconds_not_samples():
     # 0.04 s samples: 12 neutral ones last 0.48 s, 13 last 0.52 s.
     for neutral, expected in ((12, 1), (13, 2)):
         acceleration = np.array([1.0] * 5 + [0.0] * neutral + [1.0] * 5)
@@ -674,7 +664,7 @@ def test_neutral_time_is_seconds_not_samples() -> None:
         assert count_operations(t) == expected
 
 
-def test_unknown_steering_samples_are_left_out() -> None:
+def test_unknown_steering_samples_are_left_out():
     angles = np.radians(signal(OUT, (math.nan, 1.0), OUT, NONE, (math.nan, 1.0), OUT))
     assert count_operations(recorded(steering_wheel_angle=angles), WHEEL) == 2
 
@@ -710,17 +700,15 @@ def lateral(*moves: tuple[float, float, float]) -> list[float]:
         (list(0.25 * np.sin(0.3 * np.arange(400) * 0.1)), 0),  # wanders
     ],
 )
-def test_without_steering_a_lateral_manoeuvre_is_one_operation(
-    y: list[float], expected: int, seed: int | None
-) -> None:
+def test_without_steering_a_lateral_manoeuvre_is_one_operation(y, expected, seed):
     assert count_operations(without_steering(y, seed)) == expected
 
 
-def test_one_sample_without_steering_is_not_a_manoeuvre() -> None:
+def test_one_sample_without_steering_is_not_a_manoeuvre():
     assert count_operations(Trajectory([0.0], [0.0], [0.0])) == 0
 
 
-def test_more_operations_than_the_humans_lower_the_score_and_fewer_do_not_raise_it() -> None:
+def test_more_operations_than_the_humans_lower_the_score_and_fewer_do_not_raise_it():
     # Drivers: 1 and 3 operations, mean 2. The ADS: 0, 1, 2, 4.
     def pressing(times: int) -> Trajectory:
         return drive(5.0, acceleration=(signal((1.0, 1.0), NONE) * times + [0.0] * 121)[:121])
@@ -734,7 +722,7 @@ def test_more_operations_than_the_humans_lower_the_score_and_fewer_do_not_raise_
         assert index.value == factor * index.similarity
 
 
-def test_operations_where_drivers_make_none_give_0_and_a_note() -> None:
+def test_operations_where_drivers_make_none_give_0_and_a_note():
     index = anthropomorphic_index(drive(acceleration=1.0), [drive(), drive()], ROAD)
     assert (index.value, index.operation_factor) == (0.0, 0.0)
     assert IndexNote("drivers_without_operation", 1, 1) in index.notes
@@ -743,7 +731,7 @@ def test_operations_where_drivers_make_none_give_0_and_a_note() -> None:
 # --- the human-likeness of a case -----------------------------------------------------------------
 
 
-def test_operations_have_the_tolerance_of_everything_else() -> None:
+def test_operations_have_the_tolerance_of_everything_else():
     # Drivers make 1, 2 and 3: mean 2, deviation 1. Up to 4 is within two deviations; 5: exp(2 -
     # 9/2), 6: exp(2 - 8).
     for operations, expected in (
@@ -760,7 +748,7 @@ def test_operations_have_the_tolerance_of_everything_else() -> None:
     assert operation_tolerance(2, [0, 0]) == pytest.approx(math.exp(-6.0), rel=1e-12)
 
 
-def test_the_likeness_has_the_similarity_of_mixture_mode_in_either_mode() -> None:
+def test_the_likeness_has_the_similarity_of_mixture_mode_in_either_mode():
     """Drivers of two manoeuvres: one Gaussian calls the ADS between both usual, mixture mode does
     not."""
     y = np.array(lateral((1.0, 2.0, 3.5)))[:130]
@@ -781,7 +769,7 @@ def test_the_likeness_has_the_similarity_of_mixture_mode_in_either_mode() -> Non
     assert gaussian.likeness.value == mixture.similarity  # f_L and f_n+ are 1
 
 
-def test_an_index_has_the_same_bits_whatever_else_is_evaluated() -> None:
+def test_an_index_has_the_same_bits_whatever_else_is_evaluated():
     drivers, ads = humans(5, 2), [drive(12.0, 0.4), drive(14.0, -0.2), stopping(40.0)]
     others = tuple(range(3, 3 + len(drivers)))
     groups = [[Pairing(place, others, 0.5, likeness=True)] for place in range(3)]
@@ -794,7 +782,7 @@ def test_an_index_has_the_same_bits_whatever_else_is_evaluated() -> None:
 # --- notes ----------------------------------------------------------------------------------------
 
 
-def test_an_ordinary_case_has_no_notes() -> None:
+def test_an_ordinary_case_has_no_notes():
     drivers = [drive(v, y) for v, y in ((13.0, -0.4), (15.0, 0.0), (17.0, 0.4))]
     assert anthropomorphic_index(drive(), drivers, ROAD).notes == ()
 
@@ -835,28 +823,26 @@ def test_an_ordinary_case_has_no_notes() -> None:
         ),
     ],
 )
-def test_a_reading_that_applies_is_noted(
-    ads: Trajectory, drivers: list[Trajectory], note: IndexNote
-) -> None:
+def test_a_reading_that_applies_is_noted(ads, drivers, note):
     assert note in anthropomorphic_index(ads, drivers, ROAD).notes
 
 
 @pytest.mark.parametrize(
     "offsets", [(0.0, 0.1, 0.2, 3.5), (0.0, 3.3, 3.4, 3.5), (0.0, 0.1, 1.8, 1.9), (0.0, 3.5)]
 )
-def test_one_outlier_or_a_small_gap_is_not_bimodal(offsets: tuple[float, ...]) -> None:
+def test_one_outlier_or_a_small_gap_is_not_bimodal(offsets):
     notes = anthropomorphic_index(drive(), [drive(y=y) for y in offsets], ROAD).notes
     assert not [note for note in notes if note.kind == "two_groups"]
 
 
-def test_a_group_that_did_not_get_there_does_not_make_it_bimodal() -> None:
+def test_a_group_that_did_not_get_there_does_not_make_it_bimodal():
     drivers = [drive(y=0.0), drive(y=0.1), stopping(30.0, 3.4), stopping(30.0, 3.5)]
     notes = anthropomorphic_index(drive(), drivers, ROAD).notes
     # Mean length 45 m: 91 slices, 61 of them up to 30 m.
     assert IndexNote("two_groups", 61, 91) in notes
 
 
-def test_drivers_who_did_not_get_there_are_no_group() -> None:
+def test_drivers_who_did_not_get_there_are_no_group():
     drivers = [
         *(stopping(30.0, y) for y in (0.0, 0.1)),
         *(drive(y=y) for y in (3.2, 3.3, 3.4, 3.5)),
@@ -869,7 +855,7 @@ def test_drivers_who_did_not_get_there_are_no_group() -> None:
 # --- Eq. 13 ---------------------------------------------------------------------------------------
 
 
-def test_the_index_over_the_safe_zone() -> None:
+def test_the_index_over_the_safe_zone():
     # (0.5 * 3 + 1.0 * 1) / 4 = 0.625
     assert exposure_weighted_index([0.5, 1.0], [3.0, 1.0]) == pytest.approx(0.625, rel=1e-14)
     assert exposure_weighted_index([0.5, 1.0], [0.0, 2.0]) == 1.0
@@ -879,9 +865,7 @@ def test_the_index_over_the_safe_zone() -> None:
     st.lists(st.tuples(st.floats(0, 1), st.floats(1e-6, 1e3)), min_size=1, max_size=20),
     st.floats(1e-3, 1e3),
 )
-def test_the_weighted_index_is_a_mean_and_only_relative_exposure_counts(
-    cases: list[tuple[float, float]], factor: float
-) -> None:
+def test_the_weighted_index_is_a_mean_and_only_relative_exposure_counts(cases, factor):
     values, exposure = np.array(cases).T
     index = exposure_weighted_index(values, exposure)
     assert values.min() - 1e-12 <= index <= values.max() + 1e-12
@@ -903,7 +887,7 @@ def test_the_weighted_index_is_a_mean_and_only_relative_exposure_counts(
         ([], [], "sum of `exposure` .* greater than 0"),
     ],
 )
-def test_the_weighted_index_refuses(values: list[float], exposure: list[float], words: str) -> None:
+def test_the_weighted_index_refuses(values, exposure, words):
     with pytest.raises(InputError, match=words):
         exposure_weighted_index(values, exposure)
 
@@ -912,12 +896,12 @@ def test_the_weighted_index_refuses(values: list[float], exposure: list[float], 
 
 
 @pytest.mark.parametrize("drivers", [[], [drive()]])
-def test_fewer_than_two_drivers_are_not_a_reference(drivers: list[Trajectory]) -> None:
+def test_fewer_than_two_drivers_are_not_a_reference(drivers):
     with pytest.raises(InputError, match=f"at least 2, got {len(drivers)}"):
         anthropomorphic_index(drive(), drivers, ROAD)
 
 
-def test_an_ads_that_starts_past_the_roads_end_is_refused() -> None:
+def test_an_ads_that_starts_past_the_roads_end_is_refused():
     with pytest.raises(
         InputError, match=r"start of road `test` must be before its end at x = 60 m, got 60.0"
     ):

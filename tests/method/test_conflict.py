@@ -1,8 +1,6 @@
 """Conflicts of ways: the time to collision on them against closed forms, and the area, time to it
 and PET by hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -52,15 +50,13 @@ def critical(concrete: ConcreteScenario, delay: float = 0.0) -> tuple[float, flo
         (15.0, 5.0, 40.0, 1.0),
     ],
 )
-def test_law_behind_a_vehicle_in_the_lane_it_is_the_closed_form(
-    speed: float, lead: float, gap: float, delay: float
-) -> None:
+def test_law_behind_a_vehicle_in_the_lane_it_is_the_closed_form(speed, lead, gap, delay):
     concrete = scene(speed, {"speed": lead, "gap": gap})
     wanted = float(max_inverse_ttc(speed, lead, gap, deceleration=5.0, delay=delay))
     assert critical(concrete, delay)[0] == pytest.approx(wanted, rel=1e-2)
 
 
-def test_law_ideal_braking_that_hits_hits_as_the_closed_form_says() -> None:
+def test_law_ideal_braking_that_hits_hits_as_the_closed_form_says():
     inverse, impact, _ = critical(scene(20.0, {"speed": 0.0, "gap": 30.0}))
     assert inverse == np.inf
     # sqrt(400 - 2 * 5 * 30) = 10 m/s; found at most one look of 0.1 s (0.5 m/s) late
@@ -70,9 +66,7 @@ def test_law_ideal_braking_that_hits_hits_as_the_closed_form_says() -> None:
 
 
 @pytest.mark.parametrize("leaves", [2.3, 2.6, 4.0])
-def test_law_a_crossing_vehicle_counts_as_long_as_the_ego_would_find_it_in_its_way(
-    leaves: float,
-) -> None:
+def test_law_a_crossing_vehicle_counts_as_long_as_the_ego_would_find_it_in_its_way(leaves):
     # It is in the strip (2.25 + 0.9 m to both sides) from 1 s until `leaves`; the ego's front is 20
     # m from its side.
     across = 6.3 / (leaves - 1.0)
@@ -90,12 +84,12 @@ def test_law_a_crossing_vehicle_counts_as_long_as_the_ego_would_find_it_in_its_w
         )
 
 
-def test_without_a_meeting_there_is_no_conflict() -> None:
+def test_without_a_meeting_there_is_no_conflict():
     concrete = scene(20.0, {"speed": 5.0, "heading": 90.0, "x": 75.0, "y": -20.0})
     assert critical(concrete)[0] == 0.0
 
 
-def test_law_a_merge_behind_a_slower_vehicle_is_the_approach_to_it() -> None:
+def test_law_a_merge_behind_a_slower_vehicle_is_the_approach_to_it():
     # 25 m/s against 15 m/s and 50 m: they would touch after 5 s, at x = 175 m, when the change
     # (120..220 m) has brought the ego's side over the other's; from the ramp it is the closed form
     # of a vehicle in the own lane.
@@ -109,7 +103,7 @@ def test_law_a_merge_behind_a_slower_vehicle_is_the_approach_to_it() -> None:
     assert critical(beside)[0] == 0.0
 
 
-def test_the_area_the_time_to_it_and_the_pet_of_a_crossing_by_hand() -> None:
+def test_the_area_the_time_to_it_and_the_pet_of_a_crossing_by_hand():
     # The other's side is at x = 99.1..100.9 m. In the ego's strip from y = -3.15 to 3.15 m: 2.1 m/s
     # from y = -10 m on.
     concrete = scene(10.0, {"speed": 2.1, "heading": 90.0, "x": 100.0, "y": -10.0})
@@ -132,7 +126,7 @@ def test_the_area_the_time_to_it_and_the_pet_of_a_crossing_by_hand() -> None:
     assert np.isnan(away.pet)
 
 
-def test_the_pet_of_ways_that_join_is_that_at_the_place_where_they_do() -> None:
+def test_the_pet_of_ways_that_join_is_that_at_the_place_where_they_do():
     # The other drives in lane 1, its rear at p = `begin` when its body comes into the ego's strip.
     # It is 50 m ahead at 25 m/s, the ego is at 20 m/s: the other's rear leaves p first, the ego's
     # front is there at (p - 52.25) / 20.
@@ -154,7 +148,7 @@ def test_the_pet_of_ways_that_join_is_that_at_the_place_where_they_do() -> None:
     )
 
 
-def test_whose_way_conflicts_is_the_obstacle_of_a_conflict_or_who_crosses() -> None:
+def test_whose_way_conflicts_is_the_obstacle_of_a_conflict_or_who_crosses():
     for name, expected in (
         ("crossing_path", 0),
         ("pedestrian_crossing", 0),

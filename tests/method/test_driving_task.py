@@ -1,7 +1,5 @@
 """Departure, excuse and t_i: worked numbers, and the laws of the driving task."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -50,7 +48,7 @@ def share(
     return task_share(ego, asked, way, incident=False, excused=excused)
 
 
-def test_a_departure_is_the_first_corner_beyond_the_edge_and_the_margin() -> None:
+def test_a_departure_is_the_first_corner_beyond_the_edge_and_the_margin():
     """The right edge is at y = -1.75, half the body 0.9: with 0.5 m more, a corner is out from y =
     -1.35 on."""
     found = first_departure(drive(20.0, 5.0, sideways=-1.0), ROAD, 0.5)
@@ -60,36 +58,36 @@ def test_a_departure_is_the_first_corner_beyond_the_edge_and_the_margin() -> Non
     assert first_departure(drive(20.0, 5.0, sideways=-1.0), ROAD, 5.0) is None
 
 
-def test_a_road_that_crosses_is_drivable() -> None:
+def test_a_road_that_crosses_is_drivable():
     crossing = Road("road", 400.0, 2, 3.5, 0.0, crossings=(Crossing(50.0, 200.0, 100.0),))
     assert first_departure(drive(20.0, 5.0, sideways=-1.0), crossing, 0.5) is None
 
 
-def test_a_departure_weighs_as_a_full_width_contact_with_a_standing_car() -> None:
+def test_a_departure_weighs_as_a_full_width_contact_with_a_standing_car():
     found = first_departure(drive(20.0, 5.0, sideways=-1.0), ROAD, 0.5)
     assert found is not None
     contact = roadside_contact(found, 1.0)
     assert (contact.relative_speed, contact.overlap, contact.side) == (20.0, 1.0, "front")
 
 
-def test_times_at_places() -> None:
+def test_times_at_places():
     found = times_at(drive(10.0, 5.0), np.array([10.0, 25.0, 60.0]))
     np.testing.assert_allclose(found, [1.0, 2.5, np.inf])
 
 
-def test_place_beyond_a_stop_is_reached_after_it() -> None:
+def test_place_beyond_a_stop_is_reached_after_it():
     halting = Trajectory([0.0, 5.0, 64.0, 65.0, 66.0], [0.0, 49.9, 49.9, 49.9, 60.0], np.zeros(5))
     np.testing.assert_allclose(times_at(halting, np.array([49.0, 50.0])), [4.91, 65.01], atol=1e-3)
 
 
-def test_a_reference_has_1_and_half_its_speed_has_a_half() -> None:
+def test_a_reference_has_1_and_half_its_speed_has_a_half():
     fast, slow = drive(20.0, 10.0), drive(10.0, 20.0)
     assert share(fast, fast) == 1.0
     assert share(slow, fast) == pytest.approx(0.5)
     assert share(slow, fast, slow) == pytest.approx(1.0), "the slowest reference counts"
 
 
-def test_a_stop_is_0_from_there_on_unless_it_is_excused() -> None:
+def test_a_stop_is_0_from_there_on_unless_it_is_excused():
     """10 m/s, brakes with 1 m/s2: it stands after 50 m of the 195 m that are asked for."""
     reference, stopped = drive(10.0, 20.0), drive(10.0, 20.0, brakes=1.0)
     plain, excused = share(stopped, reference), share(stopped, reference, excused=True)
@@ -98,7 +96,7 @@ def test_a_stop_is_0_from_there_on_unless_it_is_excused() -> None:
     assert excused > plain
 
 
-def test_who_stands_behind_a_standing_car_is_excused() -> None:
+def test_who_stands_behind_a_standing_car_is_excused():
     stopped, n = drive(10.0, 20.0, brakes=1.0), 201
     time = np.arange(n) * 0.1
 
@@ -119,14 +117,14 @@ def test_who_stands_behind_a_standing_car_is_excused() -> None:
     assert not is_excused(drive(10.0, 20.0), car(64.0, 0.0)), "an ego that drives needs no excuse"
 
 
-def test_an_incident_leaves_nothing_and_no_reference_no_share() -> None:
+def test_an_incident_leaves_nothing_and_no_reference_no_share():
     asked = asked_way(0.0, [drive(10.0, 20.0)])
     assert asked is not None
     assert task_share(drive(10.0, 20.0), asked, None, incident=True, excused=False) == 0.0
     assert asked_way(0.0, []) is None
 
 
-def test_behind_a_missed_lane_change_nothing_counts() -> None:
+def test_behind_a_missed_lane_change_nothing_counts():
     """95 of the 195 places lie at most at x = 95, where the change should have been made."""
     reference, way = drive(10.0, 20.0), Way(3.5, 20.0, 95.0, ends=False)
     assert share(drive(10.0, 20.0), reference, way=way) == pytest.approx(95.0 / 195.0)
@@ -134,9 +132,7 @@ def test_behind_a_missed_lane_change_nothing_counts() -> None:
 
 
 @given(st.floats(2.0, 30.0), st.floats(0.0, 10.0), st.floats(3.0, 20.0))
-def test_later_or_cut_off_earlier_is_not_better(
-    speed: float, faster: float, seconds: float
-) -> None:
+def test_later_or_cut_off_earlier_is_not_better(speed, faster, seconds):
     reference = drive(20.0, 10.0)
     assert (
         share(drive(speed, 20.0), reference)

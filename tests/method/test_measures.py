@@ -289,7 +289,7 @@ def straight(
     )  # fmt: skip
 
 
-def test_the_pet_of_a_crossing_by_hand_in_either_order() -> None:
+def test_the_pet_of_a_crossing_by_hand_in_either_order():
     # The ego drives along y = 0 from x = 0 at 10 m/s, the other upwards along x = 53.15 m at 10
     # m/s: the area is
     # x 52.25..54.05 m, y -0.9..0.9 m. The ego is in it from (52.25 - 2.25) / 10 = 5 s to (54.05 +
@@ -305,9 +305,7 @@ def test_the_pet_of_a_crossing_by_hand_in_either_order() -> None:
         )
 
 
-def test_the_pet_of_conflicting_ways_is_0_with_contact_and_none_apart_and_the_headway_behind_one_another() -> (
-    None
-):
+def test_the_pet_of_conflicting_ways_is_0_with_contact_and_none_apart_and_the_headway_behind_one_another():
     ego = straight(0.0, 0.0, 10.0)
     assert conflict_pet(ego, straight(53.15, -53.15, 10.0, math.pi / 2.0)) == 0.0
     assert math.isnan(conflict_pet(ego, straight(0.0, 5.0, 10.0)))
@@ -316,7 +314,7 @@ def test_the_pet_of_conflicting_ways_is_0_with_contact_and_none_apart_and_the_he
 
 
 @pytest.mark.parametrize("angle", [0.3, 1.0, 2.2, -2.8])
-def test_law_turning_and_moving_the_scene_leaves_its_pet(angle: float) -> None:
+def test_law_turning_and_moving_the_scene_leaves_its_pet(angle):
     def turned(one: Trajectory) -> Trajectory:
         c, s = math.cos(angle), math.sin(angle)
         return replace(

@@ -1,8 +1,6 @@
 """Mixture mode and the leave-one-driver-out band: laws, worked numbers, and real motorway
 drivers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

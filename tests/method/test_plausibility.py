@@ -1,8 +1,6 @@
 """Plausibility: worked numbers, laws, and the shipped table against the recordings that it was made
 from."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

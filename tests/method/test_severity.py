@@ -1,8 +1,6 @@
 """What stands in the place of U: the paper's, injury risks against their published anchors, and a
 user's function."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

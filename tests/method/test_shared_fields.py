@@ -1,8 +1,6 @@
 """Fields by boxes are the plain sum, wherever the samples are; and the plain sum where boxes would
 not do."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -61,9 +59,7 @@ def by_boxes(x: np.ndarray, y: np.ndarray) -> bool:
     speed=st.floats(0.0, 70.0),
     k1=st.sampled_from([0.0, 0.3, 0.5, 0.7, 1.0]),
 )
-def test_one_sample_alone_is_within_the_bound_at_every_point(
-    x: float, y: float, heading: float, speed: float, k1: float
-) -> None:
+def test_one_sample_alone_is_within_the_bound_at_every_point(x, y, heading, speed, k1):
     # A single sample is the hardest: in a sum the near ones, which are exact, outweigh those
     # interpolated.
     constants, sample = FieldSettings(k1=k1), [standing(x, y, heading, speed)]
@@ -74,7 +70,7 @@ def test_one_sample_alone_is_within_the_bound_at_every_point(
 
 
 @pytest.mark.parametrize("k1", [0.0, 0.5, 1.0])
-def test_samples_just_far_enough_from_the_shortest_boxes_are_within_the_bound(k1: float) -> None:
+def test_samples_just_far_enough_from_the_shortest_boxes_are_within_the_bound(k1):
     # 32 boxes of 17.2 m, the strip as wide as they allow; one length away from a box is where
     # another one ends.
     length, random = 550.0 / 32, np.random.default_rng(3)
@@ -94,7 +90,7 @@ def test_samples_just_far_enough_from_the_shortest_boxes_are_within_the_bound(k1
 
 
 @pytest.mark.parametrize("k1", [0.5, 0.7, 1.0])
-def test_synthetic_extremes_are_within_the_bound(k1: float) -> None:
+def test_synthetic_extremes_are_within_the_bound(k1):
     time = 0.1 * np.arange(200)
     there, back = 50.0 + 70.0 * time, 620.0 - 3.0 * time**1.5
     drives = [
@@ -144,9 +140,7 @@ def driven() -> tuple[list[Trajectory], np.ndarray]:
 
 
 @pytest.mark.parametrize("k1", [0.5, 0.75])
-def test_real_drives_are_within_a_tenth_of_the_bound(
-    driven: tuple[list[Trajectory], np.ndarray], k1: float
-) -> None:
+def test_real_drives_are_within_a_tenth_of_the_bound(driven, k1):
     drives, points = driven
     x, y = points[:, 0, 0], points[..., 1]
     assert by_boxes(x, y)
@@ -156,7 +150,7 @@ def test_real_drives_are_within_a_tenth_of_the_bound(
     )
 
 
-def test_the_order_of_the_rows_does_not_matter(driven: tuple[list[Trajectory], np.ndarray]) -> None:
+def test_the_order_of_the_rows_does_not_matter(driven):
     drives, points = driven
     mixed = np.random.default_rng(1).permutation(len(points))
     straight = shared_fields(points[:, 0, 0], points[..., 1], drives, PLAIN)
@@ -164,7 +158,7 @@ def test_the_order_of_the_rows_does_not_matter(driven: tuple[list[Trajectory], n
     np.testing.assert_allclose(there, straight[:, mixed], rtol=1e-13)
 
 
-def test_same_input_same_bytes(driven: tuple[list[Trajectory], np.ndarray]) -> None:
+def test_same_input_same_bytes(driven):
     drives, points = driven
     first, second = (
         shared_fields(points[:, 0, 0], points[..., 1], drives, PLAIN) for _ in range(2)
@@ -172,7 +166,7 @@ def test_same_input_same_bytes(driven: tuple[list[Trajectory], np.ndarray]) -> N
     assert first.tobytes() == second.tobytes()
 
 
-def test_samples_and_points_on_a_line_are_within_the_bound() -> None:
+def test_samples_and_points_on_a_line_are_within_the_bound():
     # No width at all: the strip is treated as if it had some.
     line, drives = np.zeros((551, 8)), [standing(321.0, 0.0, 0.0, 30.0), standing(10.0, 0.0)]
     np.testing.assert_allclose(
@@ -181,9 +175,7 @@ def test_samples_and_points_on_a_line_are_within_the_bound() -> None:
 
 
 @pytest.mark.parametrize("asked_before", [False, True])
-def test_points_off_the_stretch_are_within_the_bound(
-    driven: tuple[list[Trajectory], np.ndarray], asked_before: bool
-) -> None:
+def test_points_off_the_stretch_are_within_the_bound(driven, asked_before):
     drives, points = driven
     x, y = points[:, 0, 0], points[..., 1]
     stretch = Stretch(80.0, 500.0, -1.76, 4.9)
@@ -196,9 +188,7 @@ def test_points_off_the_stretch_are_within_the_bound(
     )
 
 
-def test_earlier_questions_change_no_bit(
-    driven: tuple[list[Trajectory], np.ndarray],
-) -> None:
+def test_earlier_questions_change_no_bit(driven):
     drives, points = driven
     x, y = points[:, 0, 0], points[..., 1]
     fields = SharedFields(drives, around(x, y), PLAIN, y.size)
@@ -210,7 +200,7 @@ def test_earlier_questions_change_no_bit(
     assert again.tobytes() == alone.tobytes()
 
 
-def test_company_changes_no_bit(driven: tuple[list[Trajectory], np.ndarray]) -> None:
+def test_company_changes_no_bit(driven):
     drives, points = driven
     x, y = points[:, 0, 0], points[..., 1]
     plainly_summed = standing(200.0, 1.0, 0.1, 120.0)
@@ -221,9 +211,7 @@ def test_company_changes_no_bit(driven: tuple[list[Trajectory], np.ndarray]) -> 
         assert both[number].tobytes() == fields.at(x, y, [place])[0].tobytes()
 
 
-def test_far_samples_are_summed_once(
-    driven: tuple[list[Trajectory], np.ndarray], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_far_samples_are_summed_once(driven, monkeypatch):
     from sumo_eval.method import field_loops
 
     drives, points = driven
@@ -249,14 +237,14 @@ def test_far_samples_are_summed_once(
         FieldSettings(k2=1.0),
     ],
 )
-def test_large_constants_and_vectors_are_summed_plainly(constants: FieldSettings) -> None:
+def test_large_constants_and_vectors_are_summed_plainly(constants):
     drives = [standing(200.0, 1.0, 0.1, 50.0), standing(400.0, 1.0, 0.0, 50.0)]
     np.testing.assert_array_equal(
         shared_fields(X, Y, drives, constants), plain(X, Y, drives, constants)
     )
 
 
-def test_few_points_and_a_short_road_are_summed_plainly() -> None:
+def test_few_points_and_a_short_road_are_summed_plainly():
     drives = [standing(55.0, 1.0, 0.1, 50.0)]
     for x, y in (
         (X[::50], Y[::50]),
@@ -270,5 +258,5 @@ def test_few_points_and_a_short_road_are_summed_plainly() -> None:
         )
 
 
-def test_no_trajectories_are_an_empty_answer() -> None:
+def test_no_trajectories_are_an_empty_answer():
     assert shared_fields(X, Y, [], PLAIN).shape == (0, 551, 8)

@@ -1,7 +1,5 @@
 """One operation count for both sides: knowing the steering wheel's angle changes no D_i."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

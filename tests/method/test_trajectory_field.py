@@ -1,7 +1,5 @@
 """Laws and worked numbers of the trajectory field, Eqs. 9-10."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys
@@ -78,9 +76,7 @@ def around(trajectory: Trajectory, n: int, seed: int = 7) -> np.ndarray:
         ((-1e-10, 0.0), 0.5, 0.005, 1.1051709180756477),
     ],
 )
-def test_one_vehicle_at_the_origin_at_20_metres_per_second(
-    point: tuple[float, float], k1: float, k2: float, expected: float
-) -> None:
+def test_one_vehicle_at_the_origin_at_20_metres_per_second(point, k1, k2, expected):
     assert instantaneous_field([point], [0.0, 0.0], [20.0, 0.0], k1=k1, k2=k2) == pytest.approx(
         [expected], rel=1e-12
     )
@@ -89,7 +85,7 @@ def test_one_vehicle_at_the_origin_at_20_metres_per_second(
     )
 
 
-def test_the_defaults_are_those_of_the_settings() -> None:
+def test_the_defaults_are_those_of_the_settings():
     assert trajectory_field([(4.0, 0.0)], one_sample(20.0)) == pytest.approx(
         [0.5525854590378238], rel=1e-12
     )
@@ -98,13 +94,13 @@ def test_the_defaults_are_those_of_the_settings() -> None:
     )
 
 
-def test_samples_add_up() -> None:
+def test_samples_add_up():
     two = Trajectory([0.0, 0.1], [0.0, 2.0], [0.0, 0.0], speed=[20.0, 20.0], heading=[0.0, 0.0])
     # 6 m and 4 m ahead: exp(0.1) (1/sqrt(6) + 1/2) = 1.10517092 * 0.90824829
     assert trajectory_field([(6.0, 0.0)], two) == pytest.approx([1.0037695977], rel=1e-9)
 
 
-def test_a_standing_vehicle_counts_once_for_every_tenth_of_a_second() -> None:
+def test_a_standing_vehicle_counts_once_for_every_tenth_of_a_second():
     standing = Trajectory(STEP * np.arange(31), np.full(31, 5.0), np.zeros(31))
     assert trajectory_field([(9.0, 0.0)], standing) == pytest.approx([31 / 2], rel=1e-12)
 
@@ -118,32 +114,30 @@ constant = {"k1": st.floats(0.0, 3.0), "k2": st.floats(0.0, 0.1)}
 
 
 @given(direction=angle, near=distance, far=distance, speed=speed, **constant)
-def test_the_field_falls_with_distance(
-    direction: float, near: float, far: float, speed: float, k1: float, k2: float
-) -> None:
+def test_the_field_falls_with_distance(direction, near, far, speed, k1, k2):
     ray = np.array([math.cos(direction), math.sin(direction)])
     at = instantaneous_field(np.outer(sorted((near, far)), ray), [0, 0], [speed, 0], k1=k1, k2=k2)
     assert at[1] <= at[0] * (1 + 1e-12)
 
 
-def test_beyond_one_metre_the_field_falls_strictly() -> None:
+def test_beyond_one_metre_the_field_falls_strictly():
     at = instantaneous_field([(r, 0.0) for r in (1.0, 1.1, 2.0, 50.0)], [0, 0], [20, 0])
     assert np.all(np.diff(at) < 0.0)
 
 
 @given(ahead=st.floats(0.01, 300.0), beside=st.floats(-50.0, 50.0), speed=st.floats(0.1, 60.0))
-def test_the_field_is_larger_ahead_than_behind(ahead: float, beside: float, speed: float) -> None:
+def test_the_field_is_larger_ahead_than_behind(ahead, beside, speed):
     at = instantaneous_field([(ahead, beside), (-ahead, beside)], [0, 0], [speed, 0])
     assert at[0] > at[1]
 
 
 @given(x=st.floats(-300, 300), y=st.floats(0.0, 50.0), speed=speed)
-def test_left_and_right_of_the_vehicle_are_alike(x: float, y: float, speed: float) -> None:
+def test_left_and_right_of_the_vehicle_are_alike(x, y, speed):
     at = instantaneous_field([(x, y), (x, -y)], [0, 0], [speed, 0])
     assert at[0] == pytest.approx(at[1], rel=1e-14)
 
 
-def test_without_k2_the_speed_does_not_matter_and_without_k1_the_distance_does_not() -> None:
+def test_without_k2_the_speed_does_not_matter_and_without_k1_the_distance_does_not():
     points = [(3.0, 1.0), (-30.0, 2.0)]
     still, fast = (instantaneous_field(points, [0, 0], [v, 0], k2=0.0) for v in (0.0, 30.0))
     np.testing.assert_array_equal(still, fast)
@@ -155,9 +149,7 @@ def test_without_k2_the_speed_does_not_matter_and_without_k1_the_distance_does_n
 
 
 @given(turn=angle, east=st.floats(-1e4, 1e4), north=st.floats(-1e4, 1e4), seed=st.integers(0, 100))
-def test_moving_or_rotating_the_world_moves_nothing(
-    turn: float, east: float, north: float, seed: int
-) -> None:
+def test_moving_or_rotating_the_world_moves_nothing(turn, east, north, seed):
     drive = winding(seed, n=20)
     points = around(drive, 20)
     rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
@@ -170,7 +162,7 @@ def test_moving_or_rotating_the_world_moves_nothing(
     )
 
 
-def test_many_trajectories_at_once_are_each_alone_to_the_last_bit() -> None:
+def test_many_trajectories_at_once_are_each_alone_to_the_last_bit():
     drives = [winding(seed, n=10 + seed) for seed in range(5)]
     points = around(drives[0], 300)
     together = trajectory_fields(points, drives, FieldSettings(k1=1.0, k2=0.02))
@@ -179,7 +171,7 @@ def test_many_trajectories_at_once_are_each_alone_to_the_last_bit() -> None:
         np.testing.assert_array_equal(row, trajectory_field(points, drive, k1=1.0, k2=0.02))
 
 
-def test_same_input_same_bytes_whatever_other_points_there_are() -> None:
+def test_same_input_same_bytes_whatever_other_points_there_are():
     drive = winding(3)
     points = around(drive, 700)
     field = trajectory_field(points, drive)
@@ -188,7 +180,7 @@ def test_same_input_same_bytes_whatever_other_points_there_are() -> None:
     assert trajectory_field(points[400:401], drive) == pytest.approx(field[400:401], rel=1e-14)
 
 
-def test_no_points_and_no_trajectories_are_empty_answers() -> None:
+def test_no_points_and_no_trajectories_are_empty_answers():
     assert trajectory_field(np.empty((0, 2)), winding(1)).shape == (0,)
     assert trajectory_fields([(0.0, 0.0)], [], FieldSettings()).shape == (0, 1)
 
@@ -196,7 +188,7 @@ def test_no_points_and_no_trajectories_are_empty_answers() -> None:
 # --- sampling -------------------------------------------------------------------------------------
 
 
-def test_a_trajectory_on_the_grid_is_used_as_it_is_to_the_last_bit() -> None:
+def test_a_trajectory_on_the_grid_is_used_as_it_is_to_the_last_bit():
     drive = winding(5)
     jitter = np.random.default_rng(0).uniform(-4e-7, 4e-7, len(drive)) * (np.arange(len(drive)) > 0)
     unsteady = Trajectory(
@@ -207,7 +199,7 @@ def test_a_trajectory_on_the_grid_is_used_as_it_is_to_the_last_bit() -> None:
 
 
 @pytest.mark.parametrize("finer", [2, 5])
-def test_samples_between_the_grid_change_nothing(finer: int) -> None:
+def test_samples_between_the_grid_change_nothing(finer):
     fine = winding(6, n=60, step=STEP / finer)
     coarse = Trajectory(
         *(c[::finer] for c in (fine.time, fine.x, fine.y, fine.heading, fine.speed))
@@ -218,14 +210,14 @@ def test_samples_between_the_grid_change_nothing(finer: int) -> None:
     )
 
 
-def test_a_coarse_trajectory_is_interpolated_linearly() -> None:
+def test_a_coarse_trajectory_is_interpolated_linearly():
     # 0.2 s apart at 20 m/s: the grid adds x = 2 at 0.1 s. 2.0, 4.0 and 6.0 m behind the point.
     coarse = Trajectory([3.0, 3.2], [0.0, 4.0], [0.0, 0.0], speed=[20.0, 20.0], heading=[0.0, 0.0])
     expected = math.exp(0.1) * (6.0**-0.5 + 4.0**-0.5 + 2.0**-0.5)
     assert trajectory_field([(6.0, 0.0)], coarse) == pytest.approx([expected], rel=1e-12)
 
 
-def test_uneven_times_are_interpolated_even_where_their_number_fits() -> None:
+def test_uneven_times_are_interpolated_even_where_their_number_fits():
     uneven = Trajectory(
         [0.0, 0.15, 0.2], [0.0, 3.0, 4.0], [0.0] * 3, speed=[20.0] * 3, heading=[0.0] * 3
     )
@@ -237,7 +229,7 @@ def test_uneven_times_are_interpolated_even_where_their_number_fits() -> None:
     )
 
 
-def test_a_remainder_shorter_than_the_interval_is_left_out() -> None:
+def test_a_remainder_shorter_than_the_interval_is_left_out():
     drive = Trajectory(
         [0.0, 0.1, 0.15], [0.0, 2.0, 3.0], [0.0, 0.0, 0.0], speed=[20.0] * 3, heading=[0.0] * 3
     )
@@ -247,7 +239,7 @@ def test_a_remainder_shorter_than_the_interval_is_left_out() -> None:
     )
 
 
-def test_the_heading_between_samples_takes_the_short_way_round() -> None:
+def test_the_heading_between_samples_takes_the_short_way_round():
     # From 170 to 190 deg; half way it is 180 deg, so the point at x = -5 is dead ahead, not behind.
     edge = math.radians(170.0)
     turning = Trajectory(
@@ -257,7 +249,7 @@ def test_the_heading_between_samples_takes_the_short_way_round() -> None:
     assert trajectory_field([(-5.0, 0.0)], turning) == pytest.approx([expected], rel=1e-12)
 
 
-def test_another_sample_interval_sums_other_samples() -> None:
+def test_another_sample_interval_sums_other_samples():
     drive = winding(8, n=41)
     points = around(drive, 20)
     every_other = [twin.trajectory_field(point, drive, interval=0.2) for point in points]
@@ -283,7 +275,7 @@ def test_another_sample_interval_sums_other_samples() -> None:
     ],
 )
 @pytest.mark.parametrize("step", [STEP, 0.04, 0.23])
-def test_the_kernels_are_the_plain_loops(k1: float, k2: float, step: float) -> None:
+def test_the_kernels_are_the_plain_loops(k1, k2, step):
     drive = winding(int(100 * step), n=25, step=step)
     points = around(drive, 15)
     plain = [twin.trajectory_field(point, drive, k1, k2) for point in points]
@@ -302,7 +294,7 @@ def numpys(points: np.ndarray, samples: np.ndarray, k1: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("n", [1, 255, 256, 257, 900])
-def test_compiled_sum_is_numpys_whatever_the_number_of_points(n: int) -> None:
+def test_compiled_sum_is_numpys_whatever_the_number_of_points(n):
     drive = winding(n)
     points = around(drive, n)
     samples = module.samples_of(drive, 0.005, STEP)
@@ -311,7 +303,7 @@ def test_compiled_sum_is_numpys_whatever_the_number_of_points(n: int) -> None:
         np.testing.assert_allclose(magnitude_sum(points, samples, k1), plain, rtol=1e-12)
 
 
-def test_far_from_all_points_of_a_block_the_field_is_exact_to_1e_13() -> None:
+def test_far_from_all_points_of_a_block_the_field_is_exact_to_1e_13():
     # Points that lie together and samples beside them take the loop without decisions, up to 40 m/s
     # at 0.005 s/m.
     points = np.random.default_rng(3).uniform((0.0, -3.0), (5.0, 3.0), (300, 2))
@@ -328,7 +320,7 @@ def test_far_from_all_points_of_a_block_the_field_is_exact_to_1e_13() -> None:
             np.testing.assert_allclose(trajectory_field(points, drive)[:40], plain, rtol=1e-13)
 
 
-def test_the_inlined_exponential_is_exact_to_1e_13() -> None:
+def test_the_inlined_exponential_is_exact_to_1e_13():
     speeds = np.concatenate((np.linspace(-70.0, 70.0, 281), np.geomspace(1e-6, 60.0, 50)))
     for k2 in (0.005, 0.05):
         field = [trajectory_field([(0.5, 0.0)], one_sample(v), k2=k2)[0] for v in speeds]
@@ -346,7 +338,7 @@ def test_the_inlined_exponential_is_exact_to_1e_13() -> None:
 
 
 @pytest.mark.parametrize(("k1", "k2"), [(0.5, 0.005), (1.0, 0.05)])
-def test_the_sum_of_vectors_is_the_plain_loops(k1: float, k2: float) -> None:
+def test_the_sum_of_vectors_is_the_plain_loops(k1, k2):
     drive = winding(11, n=25)
     points = around(drive, 30)
     plain = [twin.vector_field(point, drive, k1, k2) for point in points]
@@ -354,7 +346,7 @@ def test_the_sum_of_vectors_is_the_plain_loops(k1: float, k2: float) -> None:
     assert field == pytest.approx(plain, rel=1e-9, abs=1e-12)
 
 
-def test_vectors_cancel_on_the_path_where_magnitudes_peak() -> None:
+def test_vectors_cancel_on_the_path_where_magnitudes_peak():
     # Standing at 0, then at 10 m (there for one sample each): half way the two pull in opposite
     # directions.
     two = Trajectory([0.0, 0.1], [0.0, 10.0], [0.0, 0.0], speed=[0.0, 0.0], heading=[0.0, 0.0])
@@ -368,12 +360,12 @@ def test_vectors_cancel_on_the_path_where_magnitudes_peak() -> None:
     )
 
 
-def test_numba_is_imported_late() -> None:
+def test_numba_is_imported_late():
     script = "import sys, sumo_eval.method.trajectory_field; sys.exit('numba' in sys.modules)"
     subprocess.run([sys.executable, "-c", script], check=True)
 
 
-def test_compiled_loops_are_ordinary_python_too() -> None:
+def test_compiled_loops_are_ordinary_python_too():
     drive = winding(2, n=3)
     points = around(drive, 3)
     samples = module.samples_of(drive, 0.02, STEP)
@@ -405,7 +397,7 @@ def test_compiled_loops_are_ordinary_python_too() -> None:
         ({"superposition": "sum"}, r"`superposition` .* 'magnitude', 'vector', got 'sum'"),
     ],
 )
-def test_a_field_refuses(change: dict[str, object], words: str) -> None:
+def test_a_field_refuses(change, words):
     arguments: dict[str, object] = {"points": [(1.0, 2.0)], "trajectory": one_sample(20.0)}
     trajectory_field(**arguments)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=words):

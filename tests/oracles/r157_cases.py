@@ -1,7 +1,5 @@
 """The scenarios of UN R157 as the reference tables have them, one concrete scenario a row."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

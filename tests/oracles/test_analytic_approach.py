@@ -1,8 +1,6 @@
 """Known in closed form, reproduced through SUMO: an ego with delay, ramp and plateau behind a
 steady target."""
 
-from __future__ import annotations
-
 import csv
 import math
 from pathlib import Path

@@ -1,8 +1,6 @@
 """`careful_driver`, through SUMO, where every independent reading of the regulation's human
 agrees."""
 
-from __future__ import annotations
-
 import random
 
 import pytest

@@ -1,8 +1,6 @@
 """What must not matter: the speed itself in a cut-in, the place on the road, the side, and the
 step."""
 
-from __future__ import annotations
-
 import random
 from dataclasses import replace
 

@@ -1,8 +1,6 @@
 """`fsm` and `rss`, through SUMO, against the JRC's simulator in cut-ins with its lateral run-up of
 1.5 m/s2."""
 
-from __future__ import annotations
-
 import random
 from dataclasses import replace
 

@@ -1,8 +1,6 @@
 """Traffic with planted cut-ins, as SUMO floating car data: known ranges, a known correlation, a
 known rate."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,8 +1,6 @@
 """A scenario whose probability of collision is known in closed form: three normal parameters and a
 plane."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,8 +1,6 @@
 """Campaigns of three scenarios whose rates are known: collisions beyond a line of a plane of two
 normal parameters."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Final, Literal

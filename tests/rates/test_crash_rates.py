@@ -1,8 +1,6 @@
 """`sumo-eval campaign`: rare collisions are counted right, and rates are in the order that is
 known."""
 
-from __future__ import annotations
-
 import json
 from types import SimpleNamespace
 

@@ -1,8 +1,6 @@
 """`sumo-eval learn`: what was planted in floating car data is found again, and what is written can
 be driven."""
 
-from __future__ import annotations
-
 import gc
 import itertools
 import json

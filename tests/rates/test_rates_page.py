@@ -1,8 +1,6 @@
 """The page of what was learnt and of rates: charts when they are unfolded, tables by their columns,
 nothing escapes."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
@@ -17,14 +15,14 @@ from browser import CHROMIUM, Page
 HOSTILE = "</script><b>bold"
 
 
-def test_large_amounts_are_written_out_and_small_ones_in_three_digits() -> None:
+def test_large_amounts_are_written_out_and_small_ones_in_three_digits():
     assert amount(168_123.0) == "168,000"
     assert (amount(999.4), amount(-999.7)) == ("999", "-1,000")
     assert amount(0.00012345) == "0.000123"
     assert interval(0.0, 1234.5) == "0 to 1,230"
 
 
-def test_a_column_is_one_of_numbers_when_all_its_cells_are() -> None:
+def test_a_column_is_one_of_numbers_when_all_its_cells_are():
     found = table(
         [{"who": "a", "rate": "12 (3 to 40)", "where": "as given"}, {"who": "b", "where": "2 km"}]
     )
@@ -33,9 +31,7 @@ def test_a_column_is_one_of_numbers_when_all_its_cells_are() -> None:
 
 @pytest.mark.campaign
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
-def test_a_chart_in_a_folded_section_is_drawn_when_it_opens_and_follows_the_theme(
-    tmp_path: Path,
-) -> None:
+def test_a_chart_in_a_folded_section_is_drawn_when_it_opens_and_follows_the_theme(tmp_path):
     chart = Chart("recorded", go.Figure(go.Scatter(x=[1, 2], y=[3, 4], name=HOSTILE)))
     inside = Fold(HOSTILE, "one chart", (chart, Text("a sentence")))
     page = write_parts(

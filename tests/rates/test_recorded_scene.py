@@ -1,8 +1,6 @@
 """A recorded scene with an ADS in the place of one of its vehicles: others as they drove, or
 reacting to it."""
 
-from __future__ import annotations
-
 import tomllib
 from itertools import pairwise
 from pathlib import Path
@@ -56,9 +54,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_file_and_the_terminal_say_what_of_the_road_is_not_written(
-    scene: Path, tmp_path: Path
-) -> None:
+def test_the_file_and_the_terminal_say_what_of_the_road_is_not_written(scene, tmp_path):
     assert read_scenario(scene).about.endswith(ROAD_AS_WRITTEN)
     table = tmp_path / "people.csv.gz"
     write_csv(recorded(), table)
@@ -80,7 +76,7 @@ def test_the_file_and_the_terminal_say_what_of_the_road_is_not_written(
     assert ROAD_AS_WRITTEN in told.output
 
 
-def test_names_that_differ_in_punctuation_stay_apart(tmp_path: Path) -> None:
+def test_names_that_differ_in_punctuation_stay_apart(tmp_path):
     table = recorded().table.replace({"vehicle": {"side": "a-1", "left": "a_1"}})
     people = Recordings(table)
     write_scene(people, tmp_path / "scene.toml", "ego")
@@ -88,13 +84,13 @@ def test_names_that_differ_in_punctuation_stay_apart(tmp_path: Path) -> None:
     assert {it.name for it in actors} == {"vrear", "va_1", "va_1_"}
 
 
-def test_ego_stands_in_its_place_at_the_begin_of_the_scene(tmp_path: Path) -> None:
+def test_ego_stands_in_its_place_at_the_begin_of_the_scene(tmp_path):
     """`rear` is at 101.6 s where the ego was at 100 s."""
     found = write_scene(recorded(), tmp_path / "scene.toml", "ego", span=(101.6, 110.0))
     assert (found.others, found.left_out) == (3, {FAR: 1})
 
 
-def test_without_a_model_no_vehicle_reacts_and_one_point_is_left(tmp_path: Path) -> None:
+def test_without_a_model_no_vehicle_reacts_and_one_point_is_left(tmp_path):
     path = tmp_path / "scene.toml"
     write_scene(recorded(), path, "ego", span=(None, 120.0))
     logical = read_scenario(path)
@@ -104,7 +100,7 @@ def test_without_a_model_no_vehicle_reacts_and_one_point_is_left(tmp_path: Path)
     assert not any(clip.what == "handed_over" for clip in found.clips)
 
 
-def test_without_a_departure_all_drive_as_recorded(scene: Path) -> None:
+def test_without_a_departure_all_drive_as_recorded(scene):
     logical = read_scenario(scene)
     # the recorded ego kept its speed, too
     found = simulate(logical.concrete(react_beyond=2.0), "no_reaction")
@@ -124,7 +120,7 @@ def brakes(observation: object) -> float:
     return -3.0 if observation.time >= 12.0 else 0.0  # type: ignore[attr-defined]
 
 
-def test_others_react_from_the_departure_on_else_they_collide(scene: Path) -> None:
+def test_others_react_from_the_departure_on_else_they_collide(scene):
     logical = read_scenario(scene)
     reacting, blind = (
         simulate(logical.concrete(react_beyond=beyond), brakes) for beyond in (2.0, NEVER)
@@ -142,7 +138,7 @@ def test_others_react_from_the_departure_on_else_they_collide(scene: Path) -> No
     assert (blind.collision.other, blind.collision.side) == ("vrear", "rear")
 
 
-def test_distance_from_a_recorded_ego_by_hand() -> None:
+def test_distance_from_a_recorded_ego_by_hand():
     # at 0.05 s it was half-way between (0, 0) and (3, 4); after 0.1 s it stays at (3, 4)
     found = departures(((0.0, 0.0), (3.0, 4.0)), [0.0, 0.05, 9.0], [0.0, 1.5, 0.0], [0.0, 0.0, 0.0])
     assert found == pytest.approx([0.0, 2.0, 5.0])
@@ -156,7 +152,7 @@ def test_distance_from_a_recorded_ego_by_hand() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_law_a_way_that_straight_speeds_drive_gives_them_back_wherever_it_begins(seed: int) -> None:
+def test_law_a_way_that_straight_speeds_drive_gives_them_back_wherever_it_begins(seed):
     stream = np.random.default_rng(seed)
     time = np.round(np.arange(3.0, 9.01, 0.1), 1)
     truth = stream.uniform(5.0, 30.0, 13)  # at 3, 3.5, ... 9 s
@@ -172,7 +168,7 @@ def test_law_a_way_that_straight_speeds_drive_gives_them_back_wherever_it_begins
     assert speeds == pytest.approx(truth, abs=1e-3)
 
 
-def test_law_no_vehicle_drives_backwards_where_the_tracker_jumps() -> None:
+def test_law_no_vehicle_drives_backwards_where_the_tracker_jumps():
     time = np.arange(0.0, 4.01, 0.1)
     assert fit_speeds(time, np.zeros(len(time)))[1] == pytest.approx(0.0, abs=1e-9)
     way = np.where(time < 2.0, 5.0 * time, 10.0 - 3.0 * (time - 2.0))
@@ -181,16 +177,14 @@ def test_law_no_vehicle_drives_backwards_where_the_tracker_jumps() -> None:
     assert speeds[-1] == pytest.approx(0.0, abs=1e-9)  # he stands while his track goes back
 
 
-def test_points_that_make_a_line_by_hand() -> None:
+def test_points_that_make_a_line_by_hand():
     x = np.arange(5.0)
     assert thinned(x, np.array([0.0, 0.0, 1.0, 0.0, 0.0]), 0.1) == [0, 1, 2, 3, 4]
     assert thinned(x, 0.3 * x, 0.1) == [0, 4]
 
 
 @pytest.mark.parametrize("tolerance", [0.01, 0.03, 0.3])
-def test_law_a_thinned_path_keeps_its_ends_and_is_nowhere_further_off_than_it_may_be(
-    tolerance: float,
-) -> None:
+def test_law_a_thinned_path_keeps_its_ends_and_is_nowhere_further_off_than_it_may_be(tolerance):
     stream = np.random.default_rng(7)
     x = np.cumsum(stream.uniform(0.5, 3.0, 300))
     y = np.cumsum(stream.normal(0.0, 0.05, 300))
@@ -204,7 +198,7 @@ def test_law_a_thinned_path_keeps_its_ends_and_is_nowhere_further_off_than_it_ma
     assert len(kept) < 300
 
 
-def test_a_path_that_comes_back_to_where_it_began_keeps_its_furthest_point() -> None:
+def test_a_path_that_comes_back_to_where_it_began_keeps_its_furthest_point():
     assert thinned(np.array([0.0, 3.0, 0.0]), np.array([0.0, 4.0, 0.0]), 0.1) == [0, 1, 2]
 
 
@@ -217,9 +211,7 @@ def test_a_path_that_comes_back_to_where_it_began_keeps_its_furthest_point() -> 
         ({"ego": "ego", "model": "IDM", "beyond": 0.0}, "must be above 0 m"),
     ],
 )
-def test_a_scene_that_cannot_be_is_refused(
-    tmp_path: Path, given: dict[str, object], words: str
-) -> None:
+def test_a_scene_that_cannot_be_is_refused(tmp_path, given, words):
     with pytest.raises(InputError, match=words):
         write_scene(recorded(), tmp_path / "scene.toml", **given)  # type: ignore[arg-type]
 
@@ -231,7 +223,7 @@ def twice(*, with_ego: bool) -> Recordings:
     return canonical(pd.concat([table, other.assign(recording="s")], ignore_index=True))
 
 
-def test_of_several_recordings_the_only_one_with_the_ego_is_taken(tmp_path: Path) -> None:
+def test_of_several_recordings_the_only_one_with_the_ego_is_taken(tmp_path):
     path = tmp_path / "scene.toml"
     write_scene(twice(with_ego=False), path, "ego", span=(None, 120.0))
     alone = tmp_path / "alone" / "scene.toml"
@@ -249,7 +241,7 @@ def test_of_several_recordings_the_only_one_with_the_ego_is_taken(tmp_path: Path
     assert "s, recorded" in read_scenario(path).source
 
 
-def test_one_who_follows_late_must_do_nothing_after_it_and_departed_needs_a_recorded_ego() -> None:
+def test_one_who_follows_late_must_do_nothing_after_it_and_departed_needs_a_recorded_ego():
     follow = {"do": "follow", "model": "IDM", "when": "departed > far"}
     content = {
         "name": "t", "parameter": [{"name": "far", "unit": "m", "values": [1.0, 2.0]}],
@@ -267,7 +259,7 @@ def test_one_who_follows_late_must_do_nothing_after_it_and_departed_needs_a_reco
         scenario_from(content, "t", Path())
 
 
-def test_law_others_are_handed_over_on_a_curve_as_on_a_straight(scene: Path) -> None:
+def test_law_others_are_handed_over_on_a_curve_as_on_a_straight(scene):
     """The recorded ego brakes with 3 m/s2 from 12 s on, the ADS does not: 2 m apart after sqrt(4 /
     3) = 1.155 s."""
     content = tomllib.loads(scene.read_text())

@@ -1,7 +1,5 @@
 """The interval of a rate that is summed over scenarios holds the rate, where the rate is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from rates.sums import Known, rate_of, truth

@@ -1,8 +1,6 @@
 """A facts file that says something else than what was simulated, with hashes that fit: as another
 machine wrote it."""
 
-from __future__ import annotations
-
 import sqlite3
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Small evaluations on disk, and commands on them."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

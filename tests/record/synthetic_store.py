@@ -3,8 +3,6 @@
 Run as a program: one figure.
 """
 
-from __future__ import annotations
-
 import resource
 import sys
 import tempfile

@@ -1,8 +1,6 @@
 """Cases that run together are what they are alone, whatever the size of the batches, and a fault
 costs its own case."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -80,9 +78,7 @@ def facts(outcomes: list[Outcome]) -> dict[str, tuple[object, ...]]:
         ("FillsMemory", "ads_error", False),
     ],
 )
-def test_faulty_case_fails_alone_and_its_log_names_the_batch(
-    fault: str, status: str, breaks: bool
-) -> None:
+def test_faulty_case_fails_alone_and_its_log_names_the_batch(fault, status, breaks):
     drives = cases(f"faulty_policies.py:{fault}")
     assert drives[FAULTY].concrete.ego.speed == 20.0
     # three times it takes all of it
@@ -100,7 +96,7 @@ def test_faulty_case_fails_alone_and_its_log_names_the_batch(
 
 
 @pytest.mark.parametrize("ads", ["Gambles", "ImportsTraci", "Steps"])
-def test_case_that_cannot_share_a_batch_drives_alone(ads: str) -> None:
+def test_case_that_cannot_share_a_batch_drives_alone(ads):
     """Global random numbers have to come case by case; who asks SUMO needs its case alone, and so
     does TraCI code."""
     together = list(run_cases(cases(f"faulty_policies.py:{ads}"), setup(workers=1)))
@@ -112,7 +108,7 @@ def test_case_that_cannot_share_a_batch_drives_alone(ads: str) -> None:
     )
 
 
-def test_what_a_batch_prints_and_how_it_ended_stands_in_the_logs() -> None:
+def test_what_a_batch_prints_and_how_it_ended_stands_in_the_logs():
     (first, *others) = run_cases(cases("faulty_policies.py:Chatters"), setup(workers=1))
     assert first.log.startswith("Printed by its batch of 9 cases:\na word from the faulty point\n")
     assert not any(outcome.log for outcome in others)
@@ -122,7 +118,7 @@ def test_what_a_batch_prints_and_how_it_ended_stands_in_the_logs() -> None:
     assert {outcome.log for outcome in others if outcome.case.point != FAULTY} == {why}
 
 
-def test_an_ads_that_cannot_be_loaded_is_rejected_case_by_case() -> None:
+def test_an_ads_that_cannot_be_loaded_is_rejected_case_by_case():
     outcomes = list(run_cases(cases("faulty_policies.py:Missing"), setup(workers=1)))
     assert [outcome.status for outcome in outcomes] == ["rejected"] * 9
 
@@ -150,9 +146,7 @@ def stored(path: Path, run: Setup) -> str:
         return store.digest()
 
 
-def test_batch_size_workers_and_engine_change_no_byte(
-    tmp_path: Path,
-) -> None:
+def test_batch_size_workers_and_engine_change_no_byte(tmp_path):
     alone = stored(tmp_path / "alone", setup(workers=1, cases_per_pack=1))
     for number, run in enumerate(
         [
@@ -167,9 +161,7 @@ def test_batch_size_workers_and_engine_change_no_byte(
         assert stored(tmp_path / str(number), run) == alone
 
 
-def test_conditions_keep_an_ads_out_of_batches(
-    tmp_path: Path,
-) -> None:
+def test_conditions_keep_an_ads_out_of_batches(tmp_path):
     noisy = replace(SIMULATION, conditions=replace(SIMULATION.conditions, reveal_scenario=True))
     found = [
         stored(
@@ -206,7 +198,7 @@ def idle_at_the_end(sizes: list[int], lengths: list[int], workers: int) -> int:
 @pytest.mark.parametrize(
     ("count", "workers"), [(2125, 2), (1500, 2), (300, 2), (10_000, 8), (40, 2), (1, 2)]
 )
-def test_batches_are_few_and_leave_all_workers_work_to_the_end(count: int, workers: int) -> None:
+def test_batches_are_few_and_leave_all_workers_work_to_the_end(count, workers):
     concrete = SPACE.concrete(ego_speed=20.0, lead_speed=10.0)
     drives = [Case(number, concrete, "ads", "a", "a") for number in range(count)]
     sizes = taken(Batches(drives, workers, 256))
@@ -224,7 +216,7 @@ def test_batches_are_few_and_leave_all_workers_work_to_the_end(count: int, worke
         assert idle_at_the_end(sizes, lengths, workers) <= (workers - 1) * least
 
 
-def test_a_batch_holds_one_kind_and_never_more_than_allowed() -> None:
+def test_a_batch_holds_one_kind_and_never_more_than_allowed():
     batches = Batches(kinds(), 1, 3)
     seen = 0
     while batch := batches.take():
@@ -234,7 +226,7 @@ def test_a_batch_holds_one_kind_and_never_more_than_allowed() -> None:
     assert seen == len(kinds())
 
 
-def test_longest_cases_of_a_kind_go_first() -> None:
+def test_longest_cases_of_a_kind_go_first():
     slow, quick = (SPACE.concrete(ego_speed=20.0, lead_speed=speed) for speed in (5.0, 15.0))
     drives = [Case(number, quick if number % 2 else slow, "ads", "a", "a") for number in range(8)]
     drives += [Case(number, slow, "human", "driver_00", "synthetic") for number in range(4)]
@@ -250,9 +242,7 @@ def test_longest_cases_of_a_kind_go_first() -> None:
     ]
 
 
-def test_all_roles_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_each(
-    tmp_path: Path,
-) -> None:
+def test_all_roles_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_each(tmp_path):
     coarse = {
         "front_vehicle_low_speed": {"ego_speed": 5.0, "lead_speed": 10.0},
         "front_vehicle_cut_out": {"ego_speed": 10.0, "obstacle_speed": 10.0, "gap": 90.0},
@@ -283,7 +273,7 @@ def test_all_roles_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_eac
 @pytest.mark.parametrize(
     ("too_slow", "expected"), [(False, [16, 32, 64, 64]), (True, [16, 16, 16, 16])]
 )
-def test_batches_shrink_when_lost_and_grow_again(too_slow: bool, expected: list[int]) -> None:
+def test_batches_shrink_when_lost_and_grow_again(too_slow, expected):
     concrete = SPACE.concrete(ego_speed=20.0, lead_speed=10.0)
     batches = Batches([Case(number, concrete, "ads", "a", "a") for number in range(4000)], 1, 64)
     batch = batches.take()
@@ -303,7 +293,7 @@ def test_batches_shrink_when_lost_and_grow_again(too_slow: bool, expected: list[
     assert sizes == expected
 
 
-def test_an_evaluation_with_millions_of_cases_is_not_planned_before_it_begins() -> None:
+def test_an_evaluation_with_millions_of_cases_is_not_planned_before_it_begins():
     asked = []
 
     def many() -> Any:
@@ -315,7 +305,7 @@ def test_an_evaluation_with_millions_of_cases_is_not_planned_before_it_begins() 
     assert len(asked) <= 2 * 4 * 256
 
 
-def test_settings_that_reject_a_case_reject_it_in_a_batch() -> None:
+def test_settings_that_reject_a_case_reject_it_in_a_batch():
     odd = replace(SIMULATION, step=0.03, record_interval=0.1)
     for ads in ("careful_driver", "idm"):
         found = [
@@ -326,7 +316,7 @@ def test_settings_that_reject_a_case_reject_it_in_a_batch() -> None:
         assert {outcome.status for outcome in found[1]} == {"rejected"}
 
 
-def test_score_says_which_drives_left_their_batch(tmp_path: Path) -> None:
+def test_score_says_which_drives_left_their_batch(tmp_path):
     sampling = SamplingSettings(steps={"ego_speed": 5.0, "lead_speed": 10.0})
     settings = EvaluationSettings(
         name="batches",
@@ -349,9 +339,7 @@ def test_score_says_which_drives_left_their_batch(tmp_path: Path) -> None:
     assert not any("could not share" in score_note(note) for note in idm.notes)
 
 
-def test_finished_batches_run_again_alone_once_state_shows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_finished_batches_run_again_alone_once_state_shows(tmp_path, monkeypatch):
     monkeypatch.setattr("sumo_eval.record.batches._LOOSE", 3)
     (tmp_path / "mine.py").write_text(
         "SLOW = []\n"

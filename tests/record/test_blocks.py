@@ -1,8 +1,6 @@
 """A policy over arrays is shown its cases in blocks that the evaluation fixes: the same bytes,
 however a run goes."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -69,9 +67,7 @@ def digest(run: Path) -> str:
 
 
 @pytest.mark.campaign
-def test_the_same_bytes_whatever_the_workers_and_the_engine_and_after_a_loss(
-    whole: Path, tmp_path: Path
-) -> None:
+def test_the_same_bytes_whatever_the_workers_and_the_engine_and_after_a_loss(whole, tmp_path):
     one = digest(whole)
     shutil.copytree(whole, tmp_path / "one")
     for number, run in enumerate([{"workers": 2}, {"workers": 8}, {"engine": "serial"}]):
@@ -95,19 +91,19 @@ def test_the_same_bytes_whatever_the_workers_and_the_engine_and_after_a_loss(
     assert verify(tmp_path / "one", 0.3)[1] == []
 
 
-def test_verify_finds_it_when_the_answers_of_a_block_change(tmp_path: Path) -> None:
+def test_verify_finds_it_when_the_answers_of_a_block_change(tmp_path):
     record_facts(evaluation("OfTheProcess"), tmp_path / "run")
     assert verify(tmp_path / "run", 0.1)[1]
 
 
-def test_a_stopped_run_continues_in_the_same_blocks(whole: Path, tmp_path: Path) -> None:
+def test_a_stopped_run_continues_in_the_same_blocks(whole, tmp_path):
     asked = iter([False])
     with pytest.raises(StoppedError):
         record_facts(evaluation(), tmp_path / "two", stopping=lambda: next(asked, True))
     assert recorded(evaluation(workers=2), tmp_path / "two", resume=True) == digest(whole)
 
 
-def test_a_shard_drives_the_blocks_of_the_whole(whole: Path, tmp_path: Path) -> None:
+def test_a_shard_drives_the_blocks_of_the_whole(whole, tmp_path):
     shards = [tmp_path / "first", tmp_path / "second"]
     for number, shard in enumerate(shards, start=1):
         record_facts(replace(evaluation(), shard=(number, 2)), shard)
@@ -134,14 +130,14 @@ def driven(name: str, wanted: list[int], **run: Any) -> list[Outcome]:
     return sorted(outcomes, key=lambda outcome: outcome.case.point)
 
 
-def test_some_cases_of_a_block_are_what_they_are_when_all_are_wanted(tmp_path: Path) -> None:
+def test_some_cases_of_a_block_are_what_they_are_when_all_are_wanted(tmp_path):
     every = driven("OfTheMean", [0, 1, 2, 3])
     for wanted in ([2], [0, 3]):
         for outcome in driven("OfTheMean", wanted, engine="serial"):
             assert outcome.recording.drives == every[outcome.case.point].recording.drives  # type: ignore[union-attr]
 
 
-def test_an_exception_in_a_call_belongs_to_all_cases_of_the_block(tmp_path: Path) -> None:
+def test_an_exception_in_a_call_belongs_to_all_cases_of_the_block(tmp_path):
     for outcome in driven("Raises", [0, 1, 2, 3]):
         assert outcome.status == "ads_error"
         assert outcome.error == (
@@ -152,7 +148,7 @@ def test_an_exception_in_a_call_belongs_to_all_cases_of_the_block(tmp_path: Path
         assert not outcome.log.startswith(ALONE)
 
 
-def test_a_lost_block_is_driven_case_by_case_and_logged(tmp_path: Path) -> None:
+def test_a_lost_block_is_driven_case_by_case_and_logged(tmp_path):
     for outcome in driven("Exits", [0, 1, 2, 3]):
         assert outcome.status == "collision"
         assert outcome.log.startswith(
@@ -161,9 +157,7 @@ def test_a_lost_block_is_driven_case_by_case_and_logged(tmp_path: Path) -> None:
         assert "died with exit code 7" in outcome.log
 
 
-def test_a_policy_says_by_batch_that_it_takes_arrays_as_a_class_and_as_an_object(
-    tmp_path: Path,
-) -> None:
+def test_a_policy_says_by_batch_that_it_takes_arrays_as_a_class_and_as_an_object(tmp_path):
     locators = [f"batch_policies.py:{name}" for name in ("OfTheMean", "the_object", "ByCase")]
     found = identify(
         [("ADS", locator) for locator in locators], Setup(SIMULATION, RunSettings(), HERE)
@@ -171,7 +165,7 @@ def test_a_policy_says_by_batch_that_it_takes_arrays_as_a_class_and_as_an_object
     assert [is_over_arrays(found[locator]) for locator in locators] == [True, True, False]
 
 
-def test_the_note_beside_the_score_says_that_cases_were_shown_in_blocks() -> None:
+def test_the_note_beside_the_score_says_that_cases_were_shown_in_blocks():
     assert score_note(DrivenInBlocks(6, (2, 4))) == (
         "Its policy over arrays received cases in fixed batches of 2 and 4 (6 drives). "
         "The last bits of its answers may depend on the batch."

@@ -1,8 +1,6 @@
 """A real Dask scheduler and two workers in processes of their own; one of them is killed in the
 middle."""
 
-from __future__ import annotations
-
 import random
 import sqlite3
 import subprocess
@@ -89,7 +87,7 @@ def started(folder: Path) -> Iterator[Cluster]:
 
 @pytest.mark.campaign
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
-def test_every_case_ends_once_when_a_worker_is_killed_in_the_middle(cluster: Cluster) -> None:
+def test_every_case_ends_once_when_a_worker_is_killed_in_the_middle(cluster):
     victim = cluster.worker("--no-nanny")
     cluster.worker("--nanny")
     cluster.wait_for(2)
@@ -121,9 +119,7 @@ def test_every_case_ends_once_when_a_worker_is_killed_in_the_middle(cluster: Clu
 
 @pytest.mark.campaign
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
-def test_the_command_line_runs_on_the_cluster_to_the_same_digest(
-    cluster: Cluster, tmp_path: Path
-) -> None:
+def test_the_command_line_runs_on_the_cluster_to_the_same_digest(cluster, tmp_path):
     import sumo_eval
 
     path = write_evaluation(tmp_path, levels=2)
@@ -143,7 +139,7 @@ def test_the_command_line_runs_on_the_cluster_to_the_same_digest(
 
 @pytest.mark.campaign
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
-def test_workers_that_are_killed_at_random_moments_cost_no_case(tmp_path: Path) -> None:
+def test_workers_that_are_killed_at_random_moments_cost_no_case(tmp_path):
     """In the place of each worker that is killed another one is started."""
     with started(tmp_path) as cluster:
         workers = [cluster.worker("--no-nanny") for _ in range(2)]
@@ -176,9 +172,7 @@ SLOW_TO_BEGIN = MY_ADS.replace(
 
 
 @pytest.mark.campaign
-def test_a_run_whose_scheduler_is_killed_continues_with_another(
-    tmp_path: Path,
-) -> None:
+def test_a_run_whose_scheduler_is_killed_continues_with_another(tmp_path):
     path, far = write_evaluation(tmp_path, SLOW_TO_BEGIN, levels=5), tmp_path / "far"
     (tmp_path / "first").mkdir()
     with started(tmp_path / "first") as cluster:
@@ -230,14 +224,14 @@ def recorded(folder: Path) -> int:
         return 0
 
 
-def test_without_a_scheduler_there_is_a_message(tmp_path: Path) -> None:
+def test_without_a_scheduler_there_is_a_message(tmp_path):
     setup = Setup(SimulationSettings(), RunSettings(engine="dask"), HERE)
     with pytest.raises(InputError, match="needs the address of a scheduler"):
         next(run_cases([], setup))
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_scheduler_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
     monkeypatch.setattr("sumo_eval.record.cluster._CONNECT_TIME", 0.5)
     setup = Setup(
         SimulationSettings(), RunSettings(engine="dask", scheduler="tcp://127.0.0.1:9"), HERE

@@ -1,8 +1,6 @@
 """The certificates and settings of docs/clusters.md, word for word: a cluster on loopback that
 talks to nobody else."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -53,9 +51,7 @@ def with_certificates(folder: Path) -> dict[str, str]:
 
 
 @pytest.mark.campaign
-def test_a_cluster_with_the_certificates_of_the_page_runs_cases_and_refuses_who_has_none(
-    tmp_path: Path,
-) -> None:
+def test_a_cluster_with_the_certificates_of_the_page_runs_cases_and_refuses_who_has_none(tmp_path):
     environment = with_certificates(tmp_path)
     address = tmp_path / "scheduler.json"
     path = write_evaluation(tmp_path, levels=2)

@@ -1,8 +1,6 @@
 """Real SUMO runs in child processes: one fault costs one case, the rest is untouched, every case
 ends once."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -17,7 +15,7 @@ from sumo_eval.cli.stopping import heard
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import InputError
-from sumo_eval.record.cases import Case, Outcome, Setup, Status
+from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import LATE, is_late_by_chance, run_batches, run_cases
 from sumo_eval.record.kept import KeptRecording, packed
 from sumo_eval.record.pool import Ended
@@ -80,15 +78,13 @@ def outcomes() -> dict[str, Outcome]:
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_faulty_ads_costs_its_own_case_and_the_row_says_why(
-    outcomes: dict[str, Outcome], name: str
-) -> None:
+def test_a_faulty_ads_costs_its_own_case_and_the_row_says_why(outcomes, name):
     status, sentence = FAULTS[name]
     assert outcomes[name].status == status
     assert sentence in (outcomes[name].error or "")
 
 
-def test_cases_beside_faulty_ones_are_what_they_are_alone(outcomes: dict[str, Outcome]) -> None:
+def test_cases_beside_faulty_ones_are_what_they_are_alone(outcomes):
     alone = {"coast": simulate(CONCRETE, lambda *_: Command(0.0)), "idm": simulate(CONCRETE, "idm")}
     innocent = [outcome for key, outcome in outcomes.items() if key.startswith("front_vehicle")]
     assert len(innocent) == len(FAULTS) * len(INNOCENT)
@@ -127,9 +123,7 @@ def waits(traci, ego, now):
 @pytest.mark.parametrize(
     ("name", "status", "drives"), [("loads_late", "collision", ""), ("waits", "ads_timeout", "xx")]
 )
-def test_late_case_is_driven_once_more_alone(
-    tmp_path: Path, name: str, status: str, drives: str
-) -> None:
+def test_late_case_is_driven_once_more_alone(tmp_path, name, status, drives):
     (tmp_path / "late.py").write_text(LATE_ADS)
     setup = Setup(SimulationSettings(), RunSettings(workers=1, **LIMITS), tmp_path)
     cases = [Case(n, CONCRETE, "ads", ads, ads) for n, ads in enumerate((f"late.py:{name}", "idm"))]
@@ -154,9 +148,7 @@ def test_late_case_is_driven_once_more_alone(
         ("ads_error", 0.0, 0.9, False),
     ],
 )
-def test_only_lateness_without_a_processor_is_chance(
-    outcomes: dict[str, Outcome], status: Status, simulated: float | None, idle: float, again: bool
-) -> None:
+def test_only_lateness_without_a_processor_is_chance(outcomes, status, simulated, idle, again):
     kept = outcomes["raises"].recording
     assert isinstance(kept, KeptRecording)
     recording = None if simulated is None else kept._replace(simulated_time=simulated)
@@ -177,15 +169,11 @@ def test_only_lateness_without_a_processor_is_chance(
         ("vanishes", "last words before vanishing"),
     ],
 )
-def test_the_log_shows_where_it_happened(
-    outcomes: dict[str, Outcome], name: str, words: str
-) -> None:
+def test_the_log_shows_where_it_happened(outcomes, name, words):
     assert words in outcomes[name].log
 
 
-def test_what_a_case_prints_is_its_own_log_bounded_and_never_on_our_stdout(
-    outcomes: dict[str, Outcome], capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_what_a_case_prints_is_its_own_log_bounded_and_never_on_our_stdout(outcomes, capfd):
     log = outcomes["chatters"].log
     assert "xxxx" in log
     assert "zzzz" in log
@@ -200,7 +188,7 @@ def test_what_a_case_prints_is_its_own_log_bounded_and_never_on_our_stdout(
     assert capfd.readouterr() == ("", "")
 
 
-def test_what_a_case_has_started_ends_with_it(outcomes: dict[str, Outcome]) -> None:
+def test_what_a_case_has_started_ends_with_it(outcomes):
     commands = []
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         try:
@@ -211,7 +199,7 @@ def test_what_a_case_has_started_ends_with_it(outcomes: dict[str, Outcome]) -> N
     assert not any(b"3600.25" in command for command in commands)
 
 
-def test_no_child_is_left_and_no_zombie() -> None:
+def test_no_child_is_left_and_no_zombie():
     setup = Setup(SimulationSettings(), RunSettings(workers=2), HERE)
     cases = [Case(n, CONCRETE, "ads", "idm", "idm") for n in range(6)]
     outcomes = run_cases(cases, setup)
@@ -261,16 +249,14 @@ def drives(workers: int, numbers: list[int], controller: str = "synthetic") -> d
 
 
 @pytest.mark.parametrize("controller", ["synthetic", "faulty_ads.py:random_driver"])
-def test_neither_the_number_of_workers_nor_the_order_changes_a_byte(
-    controller: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_neither_the_number_of_workers_nor_the_order_changes_a_byte(controller, monkeypatch):
     two = drives(2, [0, 1, 2], controller)
     assert len(set(two.values())) == 3, "three different drives"
     assert drives(1, [2, 1, 0], controller) == two
     assert drives(8, [1, 0, 2], controller) == two
 
 
-def test_the_least_memory_that_is_accepted_is_enough() -> None:
+def test_the_least_memory_that_is_accepted_is_enough():
     with pytest.raises(InputError, match="must be at least 512"):
         RunSettings(memory_limit=511.0)
     setup = Setup(SimulationSettings(), RunSettings(memory_limit=512.0), HERE)
@@ -278,7 +264,7 @@ def test_the_least_memory_that_is_accepted_is_enough() -> None:
     assert outcome.status == "ok"
 
 
-def test_a_child_is_replaced_after_its_share_of_cases() -> None:
+def test_a_child_is_replaced_after_its_share_of_cases():
     setup = Setup(SimulationSettings(), RunSettings(workers=1, cases_per_child=2), HERE)
     cases = [Case(n, CONCRETE, "ads", "pid", "faulty_ads.py:PrintsPid") for n in range(5)]
     pids = [outcome.log for outcome in run_cases(cases, setup)]
@@ -288,7 +274,7 @@ def test_a_child_is_replaced_after_its_share_of_cases() -> None:
 
 @pytest.mark.parametrize("ads", ["interrupts", "InterruptsWhenMade"])
 @pytest.mark.parametrize("number", [1, 2])
-def test_ctrl_c_ends_the_serial_engine(ads: str, number: int) -> None:
+def test_ctrl_c_ends_the_serial_engine(ads, number):
     setup = Setup(SimulationSettings(), RunSettings(engine="serial"), HERE)
     cases = [Case(it, CONCRETE, "ads", ads, f"faulty_ads.py:{ads}") for it in range(number)]
     with pytest.raises(KeyboardInterrupt):
@@ -296,7 +282,7 @@ def test_ctrl_c_ends_the_serial_engine(ads: str, number: int) -> None:
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 
-def test_the_serial_engine_gives_the_same_without_children() -> None:
+def test_the_serial_engine_gives_the_same_without_children():
     case = Case(0, CONCRETE, "ads", "idm", "idm")
     (here,) = run_cases([case], Setup(SimulationSettings(), RunSettings(engine="serial"), HERE))
     (there,) = run_cases([case], Setup(SimulationSettings(), RunSettings(), HERE))
@@ -305,7 +291,7 @@ def test_the_serial_engine_gives_the_same_without_children() -> None:
     assert packed(here.recording.ego) == packed(there.recording.ego)
 
 
-def test_stopping_lets_running_cases_end_and_begins_no_more() -> None:
+def test_stopping_lets_running_cases_end_and_begins_no_more():
     setup = Setup(SimulationSettings(), RunSettings(workers=2, cases_per_pack=1), HERE)
     asked: list[bool] = []
 

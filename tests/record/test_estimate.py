@@ -1,7 +1,5 @@
 """A dry run of many ADSs or points: it looks at a few of them, and counts them all."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +18,7 @@ def estimated(ads: tuple[AdsSettings, ...], source: Path = HERE) -> costs.Estima
     return costs.estimate(Resolved.of(EvaluationSettings("x", (HALTON,), ads), source), None)
 
 
-def test_an_estimate_looks_at_some_points_and_counts_all(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_estimate_looks_at_some_points_and_counts_all(monkeypatch):
     placed = []
     monkeypatch.setattr(facts, "check_points", lambda logical, points: placed.append(len(points)))
     settings = EvaluationSettings("x", (HALTON,), (AdsSettings("idm", "idm"),))
@@ -32,7 +30,7 @@ def test_an_estimate_looks_at_some_points_and_counts_all(monkeypatch: pytest.Mon
     assert some.hazardous.mean() == pytest.approx(whole.hazardous.mean(), abs=0.1)
 
 
-def test_an_estimate_of_many_ads_times_a_few_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_estimate_of_many_ads_times_a_few_of_them(monkeypatch):
     timed = []
 
     def seconds_a_drive(kinds, setup):
@@ -50,9 +48,7 @@ def test_an_estimate_of_many_ads_times_a_few_of_them(monkeypatch: pytest.MonkeyP
     assert len({cases[0].driver for cases in timed}) == 12
 
 
-def test_kinds_without_a_time_take_that_of_measured_ones(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_kinds_without_a_time_take_that_of_measured_ones(monkeypatch):
     monkeypatch.setattr(costs, "_TIMED_FOR", -1.0)
     found = estimated((AdsSettings("idm", "idm"),))
     assert found.timed == 1
@@ -76,7 +72,7 @@ class Slow:
 """
 
 
-def test_estimate_of_slow_ads_loads_a_few_and_drives_a_few(tmp_path: Path) -> None:
+def test_estimate_of_slow_ads_loads_a_few_and_drives_a_few(tmp_path):
     (tmp_path / "slow.py").write_text(SLOW)
     ads = tuple(
         AdsSettings(f"a{number}", f"slow.py:Slow?options.number={number}") for number in range(1000)

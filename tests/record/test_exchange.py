@@ -1,7 +1,5 @@
 """A run as tables: what pandas and duckdb read is what was recorded."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shlex
@@ -32,7 +30,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "run"
 
 
-def test_an_opened_run_gives_tables_and_trajectories(run: Path) -> None:
+def test_an_opened_run_gives_tables_and_trajectories(run):
     opened = sumo_eval.open_run(run)
     assert set(opened.cases["ads"]) == {"mine", "idm"}
     assert list(opened.scores["ads"]) == ["mine", "idm"]
@@ -49,7 +47,7 @@ def test_an_opened_run_gives_tables_and_trajectories(run: Path) -> None:
         opened.trajectories("nobody")
 
 
-def test_csv_brings_every_number_back(run: Path, tmp_path: Path) -> None:
+def test_csv_brings_every_number_back(run, tmp_path):
     done = sumo_eval_cli("export", run, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     opened = sumo_eval.open_run(run)
@@ -65,7 +63,7 @@ def test_csv_brings_every_number_back(run: Path, tmp_path: Path) -> None:
     assert x == opened.trajectories(case)["ego"].x.tolist()
 
 
-def test_parquet_holds_the_same_as_csv(run: Path, tmp_path: Path) -> None:
+def test_parquet_holds_the_same_as_csv(run, tmp_path):
     duckdb = pytest.importorskip("duckdb")
     written = export(run, tmp_path / "it's here", "parquet")
     assert [path.name for path in written] == [
@@ -88,7 +86,7 @@ def test_parquet_holds_the_same_as_csv(run: Path, tmp_path: Path) -> None:
     )
 
 
-def test_parquet_holds_text_as_it_is_where_csv_quotes_it(tmp_path: Path) -> None:
+def test_parquet_holds_text_as_it_is_where_csv_quotes_it(tmp_path):
     duckdb = pytest.importorskip("duckdb")
     ads = dict.fromkeys(("=1+1", "-x", "'plain", "007", "NA"), "idm")
     evaluation = small(ads, drivers=2, steps={"ego_speed": 100.0, "lead_speed": 100.0})
@@ -109,7 +107,7 @@ def test_parquet_holds_text_as_it_is_where_csv_quotes_it(tmp_path: Path) -> None
     assert set(sumo_eval.open_run(tmp_path / "run").cases["ads"]) == set(ads)
 
 
-def test_names_of_digits_stay_texts(tmp_path: Path) -> None:
+def test_names_of_digits_stay_texts(tmp_path):
     duckdb = pytest.importorskip("duckdb")
     evaluation = small({"007": "idm"}, drivers=2, steps={"ego_speed": 100.0, "lead_speed": 100.0})
     write_tables(sumo_eval.evaluate(evaluation, tmp_path / "run"))
@@ -119,9 +117,7 @@ def test_names_of_digits_stay_texts(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "exposure.json"])
-def test_an_edited_file_of_a_run_is_reported_wherever_it_is_read(
-    run: Path, tmp_path: Path, name: str
-) -> None:
+def test_an_edited_file_of_a_run_is_reported_wherever_it_is_read(run, tmp_path, name):
     copy = tmp_path / "copy"
     shutil.copytree(run, copy)
     content = json.loads((copy / name).read_text())
@@ -140,7 +136,7 @@ def test_an_edited_file_of_a_run_is_reported_wherever_it_is_read(
         assert f"{name} is not as it was written" in " ".join(done.stderr.split())
 
 
-def test_a_run_that_is_none_unscored_or_newer_is_refused(run: Path, tmp_path: Path) -> None:
+def test_a_run_that_is_none_unscored_or_newer_is_refused(run, tmp_path):
     for command in (("export", tmp_path, "--out", tmp_path / "out"), ("verify", tmp_path)):
         done = sumo_eval_cli(*command)
         assert (
@@ -167,7 +163,7 @@ def test_a_run_that_is_none_unscored_or_newer_is_refused(run: Path, tmp_path: Pa
         sumo_eval.open_run(copy)
 
 
-def test_a_printed_command_takes_a_folder_with_spaces(run: Path, tmp_path: Path) -> None:
+def test_a_printed_command_takes_a_folder_with_spaces(run, tmp_path):
     copy = shutil.copytree(run, tmp_path / "it's my run")
     (copy / "cases.csv").unlink()
     with pytest.raises(InputError) as unscored:

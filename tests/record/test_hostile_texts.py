@@ -1,8 +1,6 @@
 """A run of ADSs whose exceptions hold anything: a row each, a run folder of ordinary size, files
 that can be read."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil
@@ -64,7 +62,7 @@ def rows(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_the_module_of_this_test_drives_every_ads() -> None:
+def test_the_module_of_this_test_drives_every_ads():
     made = {
         name
         for name, item in vars(hostile_texts).items()
@@ -74,9 +72,7 @@ def test_the_module_of_this_test_drives_every_ads() -> None:
 
 
 @pytest.mark.parametrize("name", ADSS)
-def test_every_such_exception_is_a_row_with_message_and_place(
-    run: tuple[str, Path], name: str
-) -> None:
+def test_every_such_exception_is_a_row_with_message_and_place(run, name):
     _, folder = run
     found = [row for row in rows(folder) if row["ads"] == name]
     assert len(found) == POINTS
@@ -88,7 +84,7 @@ def test_every_such_exception_is_a_row_with_message_and_place(
         assert row["error_place"].endswith(" in step")
 
 
-def test_the_run_folder_has_an_ordinary_size_and_logs_are_bounded(run: tuple[str, Path]) -> None:
+def test_the_run_folder_has_an_ordinary_size_and_logs_are_bounded(run):
     _, folder = run
     # one message of 40 MB alone would be 20 times that
     assert (folder / "facts.sqlite").stat().st_size < 2_000_000
@@ -99,7 +95,7 @@ def test_the_run_folder_has_an_ordinary_size_and_logs_are_bounded(run: tuple[str
             assert "\x1b" not in fact.log
 
 
-def test_every_file_of_the_run_can_be_read(run: tuple[str, Path]) -> None:
+def test_every_file_of_the_run_can_be_read(run):
     _, folder = run
     scores = json.loads((folder / "scores.json").read_text(encoding="utf-8"))
     assert {score["ads"] for score in scores["scores"]} == {FORMULA_NAME, *ADSS}
@@ -119,16 +115,14 @@ def test_every_file_of_the_run_can_be_read(run: tuple[str, Path]) -> None:
     assert "<code>hostile_texts.py:" in page
 
 
-def test_the_names_that_a_spreadsheet_would_run_are_quoted(run: tuple[str, Path]) -> None:
+def test_the_names_that_a_spreadsheet_would_run_are_quoted(run):
     _, folder = run
     text = (folder / "cases.csv").read_text(encoding="utf-8")
     assert "'=1+2" in text
     assert ",=1+2" not in text
 
 
-def test_the_terminal_names_the_first_of_each_kind_and_counts(
-    run: tuple[str, Path],
-) -> None:
+def test_the_terminal_names_the_first_of_each_kind_and_counts(run):
     said, _ = run
     lines = [line for line in said.splitlines() if " At hostile_texts.py:" in line]
     assert len(lines) == 5  # kinds; the report has the others
@@ -139,9 +133,7 @@ def test_the_terminal_names_the_first_of_each_kind_and_counts(
     assert "\x1b" not in said
 
 
-def test_such_a_run_can_be_resumed_scored_reported_explained_and_exported(
-    run: tuple[str, Path], tmp_path: Path
-) -> None:
+def test_such_a_run_can_be_resumed_scored_reported_explained_and_exported(run, tmp_path):
     _, folder = run
     case = next(row["case"] for row in rows(folder) if row["ads"] == "Controls")
     for status, arguments in (

@@ -2,8 +2,6 @@
 over only while it is what computing it again would give.
 """
 
-from __future__ import annotations
-
 import sqlite3
 from contextlib import closing
 from dataclasses import replace
@@ -53,7 +51,7 @@ def computed(job: Job, settings: AnthropomorphicSettings = SETTINGS) -> PointRes
 
 
 @pytest.mark.parametrize("mode", ["gaussian", "mixture"])
-def test_band_and_left_out_drivers_are_each_index_alone(job: Job, mode: str) -> None:
+def test_band_and_left_out_drivers_are_each_index_alone(job, mode):
     facts, wanted = job
     (ads,) = wanted.left_out
     settings = replace(SETTINGS, slice_spacing=3.0, band_slice_spacing=4.0, mode=mode)
@@ -87,7 +85,7 @@ def test_band_and_left_out_drivers_are_each_index_alone(job: Job, mode: str) -> 
     assert found.band == pytest.approx([index.value for index in among], rel=1e-9)
 
 
-def test_with_two_drivers_none_can_be_left_out(job: Job) -> None:
+def test_with_two_drivers_none_can_be_left_out(job):
     facts, wanted = job
     found = computed((facts, replace(wanted, drivers=wanted.drivers[:2], band=False)))
     (left_out,) = found.left_out.values()
@@ -99,9 +97,7 @@ def test_with_two_drivers_none_can_be_left_out(job: Job) -> None:
     assert 0.0 < left_out.everyone <= 1.0
 
 
-def test_what_is_kept_is_what_was_computed_to_the_last_digit(
-    job: Job, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_kept_is_what_was_computed_to_the_last_digit(job, monkeypatch):
     facts, wanted = job
     judged = facts, replace(wanted, ads=wanted.left_out)
     first = computed(judged)
@@ -117,9 +113,7 @@ def test_what_is_kept_is_what_was_computed_to_the_last_digit(
 
 
 @pytest.mark.parametrize("spacing", [0.5, 2.5])
-def test_an_index_is_the_same_to_the_last_bit_whether_or_not_the_band_is_kept(
-    job: Job, spacing: float
-) -> None:
+def test_an_index_is_the_same_to_the_last_bit_whether_or_not_the_band_is_kept(job, spacing):
     # At 2.5 m boxes pay for the band and not for the index alone; at 0.5 m they pay for both.
     facts, whole = job
     wanted, settings = replace(whole, ads=whole.left_out), replace(SETTINGS, slice_spacing=spacing)
@@ -131,7 +125,7 @@ def test_an_index_is_the_same_to_the_last_bit_whether_or_not_the_band_is_kept(
     assert len({(index.value, index.similarity, index.likeness) for index in found}) == 1
 
 
-def test_other_settings_and_drives_are_not_mistaken_for_the_same(job: Job) -> None:
+def test_other_settings_and_drives_are_not_mistaken_for_the_same(job):
     facts, whole = job
     assert computed(job) != computed(job, replace(SETTINGS, centre_deviation_floor=0.5))
     fewer = computed((facts, replace(whole, drivers=whole.drivers[1:])))
@@ -144,7 +138,7 @@ def test_other_settings_and_drives_are_not_mistaken_for_the_same(job: Job) -> No
     "damage",
     [b"no database at all, but long enough to be one" * 40, b"SQLite format 3\0" + 200 * b"x"],
 )
-def test_a_damaged_file_of_results_is_computed_again(job: Job, damage: bytes) -> None:
+def test_a_damaged_file_of_results_is_computed_again(job, damage):
     first = computed(job)
     kept = job[0].parent / KEPT
     kept.write_bytes(damage)
@@ -155,7 +149,7 @@ def test_a_damaged_file_of_results_is_computed_again(job: Job, damage: bytes) ->
 
 
 @pytest.mark.parametrize("kind", ["index", "left_out", "band"])
-def test_an_edited_number_in_a_file_of_results_is_found(job: Job, kind: str) -> None:
+def test_an_edited_number_in_a_file_of_results_is_found(job, kind):
     facts, wanted = job
     judged = facts, replace(wanted, ads=wanted.left_out)
     computed(judged)
@@ -173,7 +167,7 @@ def test_an_edited_number_in_a_file_of_results_is_found(job: Job, kind: str) -> 
     assert computed(judged).band is not None
 
 
-def test_a_file_of_another_version_is_computed_again(job: Job) -> None:
+def test_a_file_of_another_version_is_computed_again(job):
     first = computed(job)
     kept = job[0].parent / KEPT
     with closing(sqlite3.connect(kept)) as connection:
@@ -181,7 +175,7 @@ def test_a_file_of_another_version_is_computed_again(job: Job) -> None:
     assert computed(job) == first
 
 
-def test_a_read_only_folder_loses_the_saving_and_no_score(tmp_path: Path) -> None:
+def test_a_read_only_folder_loses_the_saving_and_no_score(tmp_path):
     kept = KeptResults(tmp_path / "gone")  # no file can be made there
     try:
         assert kept.get("band", b"key") is None

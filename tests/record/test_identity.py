@@ -1,7 +1,5 @@
 """What facts depend on is part of their fingerprint."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -19,7 +17,7 @@ from sumo_eval.settings import DriverSettings
 PACKAGE = Path(sumo_eval.__file__).parent
 
 
-def test_facts_depend_on_the_code_that_makes_them_and_on_the_scenario_files(tmp_path: Path) -> None:
+def test_facts_depend_on_the_code_that_makes_them_and_on_the_scenario_files(tmp_path):
     copy = tmp_path / "sumo_eval"
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
     as_it_was = sources_of_facts(copy)
@@ -39,7 +37,7 @@ def test_facts_depend_on_the_code_that_makes_them_and_on_the_scenario_files(tmp_
     assert changed == {"scenario/files/cut_in.toml"}
 
 
-def test_recorded_drivers_are_the_same_in_any_folder(tmp_path: Path) -> None:
+def test_recorded_drivers_are_the_same_in_any_folder(tmp_path):
     settings = DriverSettings(recordings=("a.csv",), cases="cases")
     identities = []
     for folder in (tmp_path / "one", tmp_path / "other"):
@@ -59,7 +57,7 @@ def test_recorded_drivers_are_the_same_in_any_folder(tmp_path: Path) -> None:
         "fmu:my ads.py?inputs.v=ego_speed",
     ],
 )
-def test_a_locator_depends_on_the_file_it_names(locator: str, tmp_path: Path) -> None:
+def test_a_locator_depends_on_the_file_it_names(locator, tmp_path):
     (tmp_path / "my ads.py").write_text("import shutil")
     locator = locator.format(long="x" * 300)
     assert named_files(locator, tmp_path) == {tmp_path / "my ads.py"}

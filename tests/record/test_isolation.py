@@ -1,8 +1,6 @@
 """Accidents in the process that serves an ADS: its own row is lost at most, and every other is as
 without."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -10,7 +8,6 @@ import subprocess
 import sys
 import time as clock
 from collections import Counter
-from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 
@@ -107,29 +104,23 @@ def outcomes() -> list[Outcome]:
 
 
 @pytest.mark.parametrize("accident", OF_EACH_KIND)
-def test_an_accident_fails_its_own_row_which_reports_it(
-    outcomes: list[Outcome], accident: str
-) -> None:
+def test_an_accident_fails_its_own_row_which_reports_it(outcomes, accident):
     (outcome,) = [outcome for outcome in outcomes if outcome.case.driver == accident]
     assert outcome.status in hostile_ads.ACCIDENTS[accident], outcome.error
     assert outcome.error or outcome.status in ("ok", "collision", "off_road")
 
 
-def test_every_row_beside_accidents_is_what_it_is_alone(outcomes: list[Outcome]) -> None:
+def test_every_row_beside_accidents_is_what_it_is_alone(outcomes):
     untouched(outcomes)
 
 
-def test_processes_in_sessions_of_their_own_end_with_the_child_that_left_them(
-    outcomes: list[Outcome],
-) -> None:
+def test_processes_in_sessions_of_their_own_end_with_the_child_that_left_them(outcomes):
     assert outcomes
     assert nothing_left()
 
 
 @pytest.mark.parametrize("accident", ["fills_shared_memory", "lets_another_fill_memory"])
-def test_memory_that_is_shared_or_anothers_counts_and_the_row_says_how_much(
-    outcomes: list[Outcome], accident: str
-) -> None:
+def test_memory_that_is_shared_or_anothers_counts_and_the_row_says_how_much(outcomes, accident):
     (outcome,) = [outcome for outcome in outcomes if outcome.case.driver == accident]
     assert "more than the 600 MB of `run.memory_limit`" in (outcome.error or "")
 
@@ -168,7 +159,7 @@ def bytes_of(cases: list[Case], folder: Path, workers: int) -> dict[str, tuple[o
     return {outcome.case.key: facts(outcome) for outcome in found}
 
 
-def test_two_adss_that_import_a_helper_of_one_name_drive_with_their_own(tmp_path: Path) -> None:
+def test_two_adss_that_import_a_helper_of_one_name_drive_with_their_own(tmp_path):
     cases = two_planners(tmp_path)
     alone = {key: row for case in cases for key, row in bytes_of([case], tmp_path, 1).items()}
     assert len({repr(row) for row in alone.values()}) == len(cases), "four different drives"
@@ -176,7 +167,7 @@ def test_two_adss_that_import_a_helper_of_one_name_drive_with_their_own(tmp_path
         assert bytes_of(cases[::order], tmp_path, workers) == alone
 
 
-def test_a_child_does_not_get_the_helper_of_an_earlier_ads(tmp_path: Path) -> None:
+def test_a_child_does_not_get_the_helper_of_an_earlier_ads(tmp_path):
     (tmp_path / "first").mkdir()
     earlier, *_ = two_planners(tmp_path / "first")
     alone = RunSettings(engine="serial")
@@ -185,7 +176,7 @@ def test_a_child_does_not_get_the_helper_of_an_earlier_ads(tmp_path: Path) -> No
     assert len({repr(row) for row in rows.values()}) == len(rows), "four different drives"
 
 
-def test_a_process_serves_one_locator_in_its_life(tmp_path: Path) -> None:
+def test_a_process_serves_one_locator_in_its_life(tmp_path):
     cases = two_planners(tmp_path)
     served: dict[str, set[str]] = {}
     setup = Setup(SimulationSettings(), RunSettings(workers=2), tmp_path)
@@ -196,7 +187,7 @@ def test_a_process_serves_one_locator_in_its_life(tmp_path: Path) -> None:
     assert all(len(locators) == 1 for locators in served.values())
 
 
-def test_the_serial_engine_refuses_a_second_ads_of_the_users_and_takes_one(tmp_path: Path) -> None:
+def test_the_serial_engine_refuses_a_second_ads_of_the_users_and_takes_one(tmp_path):
     cases = two_planners(tmp_path)
     setup = Setup(SimulationSettings(), RunSettings(engine="serial"), tmp_path)
     with pytest.raises(
@@ -211,7 +202,7 @@ def test_the_serial_engine_refuses_a_second_ads_of_the_users_and_takes_one(tmp_p
 # --- frames ---------------------------------------------------------------------------------------
 
 
-def test_a_frame_is_read_byte_by_byte_as_it_was_written() -> None:
+def test_a_frame_is_read_byte_by_byte_as_it_was_written():
     message = [1, "two", None, 0.1, b"three", {"four": []}]
     reader = FrameReader(4)
     data = frame(message, 4)
@@ -229,12 +220,12 @@ def test_a_frame_is_read_byte_by_byte_as_it_was_written() -> None:
         (lambda data: frame(None, 5), "another case"),
     ],
 )
-def test_anything_else_is_not_a_frame(change: Callable[[bytes], bytes], says: str) -> None:
+def test_anything_else_is_not_a_frame(change, says):
     with pytest.raises(FrameError, match=says):
         FrameReader(4).feed(change(frame([1], 4)))
 
 
-def test_no_bit_of_a_frame_can_flip_unseen() -> None:
+def test_no_bit_of_a_frame_can_flip_unseen():
     data = frame(["ok", b"abc"], 4)
     for i in range(len(data)):
         changed = data[:i] + bytes([data[i] ^ 0x10]) + data[i + 1 :]
@@ -249,7 +240,7 @@ def test_no_bit_of_a_frame_can_flip_unseen() -> None:
 # --- process hygiene ------------------------------------------------------------------------------
 
 
-def test_no_process_of_the_pool_holds_a_descriptor_of_the_owner(tmp_path: Path) -> None:
+def test_no_process_of_the_pool_holds_a_descriptor_of_the_owner(tmp_path):
     (tmp_path / "ads.py").write_text(
         "import os, json\nfrom sumo_eval import Command\n\n"
         "def held(pid):\n"
@@ -282,9 +273,7 @@ def test_no_process_of_the_pool_holds_a_descriptor_of_the_owner(tmp_path: Path) 
     assert all(name.startswith(ours) for name in child), child
 
 
-def test_folders_of_owners_that_have_gone_are_removed_and_others_are_not(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_folders_of_owners_that_have_gone_are_removed_and_others_are_not(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     mine = hygiene.scratch_folder()
     owner = mine.name.removeprefix("sumo_eval_pool_").partition("_")[0]
@@ -298,7 +287,7 @@ def test_folders_of_owners_that_have_gone_are_removed_and_others_are_not(
     assert left == {mine.name, other.name, *(f"sumo_eval_pool_{name}_x" for name in kept)}
 
 
-def test_the_process_that_makes_children_leaves_what_its_owner_says_to_the_owner() -> None:
+def test_the_process_that_makes_children_leaves_what_its_owner_says_to_the_owner():
     script = (
         "import sys; import sumo_eval.record.loaded_loops\n"
         "for kind in (EOFError, BlockingIOError, ValueError):\n"
@@ -313,9 +302,7 @@ def test_the_process_that_makes_children_leaves_what_its_owner_says_to_the_owner
 @pytest.mark.parametrize(
     "number", [pytest.param(signal.SIGTERM, marks=pytest.mark.campaign), signal.SIGKILL]
 )
-def test_a_signal_ends_a_run_whatever_its_children_do(
-    tmp_path: Path, number: signal.Signals
-) -> None:
+def test_a_signal_ends_a_run_whatever_its_children_do(tmp_path, number):
     ads = (
         "import os, time\nfrom sumo_eval import Command\n\n"
         "class MyAds:\n"
@@ -351,7 +338,7 @@ def test_a_signal_ends_a_run_whatever_its_children_do(
 
 
 @pytest.mark.campaign
-def test_accidents_again_and_again(capsys: pytest.CaptureFixture[str]) -> None:
+def test_accidents_again_and_again(capsys):
     share = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
     accidents = [name for name in hostile_ads.ACCIDENTS for _ in range(max(1, round(20 * share)))]
     found = driven(accidents, workers=2)

@@ -1,12 +1,9 @@
 """The lock of run folders and histories: one holder, whose words a refusal repeats; it ends with
 the process."""
 
-from __future__ import annotations
-
 import errno
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -24,7 +21,7 @@ with held(Path(sys.argv[1]), "process of the test", "The folder", str):
 """
 
 
-def test_the_second_writer_sees_the_first_and_deletes_nothing(tmp_path: Path) -> None:
+def test_the_second_writer_sees_the_first_and_deletes_nothing(tmp_path):
     path = tmp_path / "lock"
     with held(path, "the first", "The folder", str):
         for _ in range(2):
@@ -39,9 +36,7 @@ def test_the_second_writer_sees_the_first_and_deletes_nothing(tmp_path: Path) ->
         assert path.read_text() == "the second\n"
 
 
-def test_a_file_system_without_locks_is_not_another_writer(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_system_without_locks_is_not_another_writer(tmp_path, monkeypatch):
     def no_locks(_file: int) -> None:
         raise OSError(errno.ENOLCK, "No locks available")
 
@@ -53,7 +48,7 @@ def test_a_file_system_without_locks_is_not_another_writer(
         pass
 
 
-def test_the_lock_of_a_process_that_was_killed_is_free(tmp_path: Path) -> None:
+def test_the_lock_of_a_process_that_was_killed_is_free(tmp_path):
     path = tmp_path / "lock"
     with subprocess.Popen(
         [sys.executable, "-c", HOLDER, str(path)],

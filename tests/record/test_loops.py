@@ -1,8 +1,6 @@
 """Compiling before the first case: what a run needs, once on a machine; only what came to its end
 counts as done."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -26,9 +24,7 @@ CONCRETE = ConcreteScenario(
 
 
 @pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
-def test_what_failed_to_compile_is_not_marked_as_done(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_failed_to_compile_is_not_marked_as_done(tmp_path, monkeypatch):
     monkeypatch.setattr(loops, "cache_folder", lambda: tmp_path)
     monkeypatch.setattr(loops, "warm", lambda scripts: loops._mark("idm").touch())
     told: list[tuple[int, int, int]] = []
@@ -43,12 +39,12 @@ def test_what_failed_to_compile_is_not_marked_as_done(
     assert len(told) == 2, "what is done is not done again"
 
 
-def test_children_that_end_badly_are_waited_for(tmp_path: Path) -> None:
+def test_children_that_end_badly_are_waited_for(tmp_path):
     kernels.warm([f"open({str(tmp_path / 'done')!r}, 'w').close()", "raise SystemExit(3)"])
     assert (tmp_path / "done").is_file()
 
 
-def test_an_interrupt_ends_what_compiles(tmp_path: Path) -> None:
+def test_an_interrupt_ends_what_compiles(tmp_path):
     """Only this process is told, as by a service; a terminal tells its children, too."""
     file = tmp_path / "pid"
 
@@ -70,7 +66,7 @@ def test_an_interrupt_ends_what_compiles(tmp_path: Path) -> None:
 
 
 @pytest.mark.campaign
-def test_children_take_no_module_from_the_folder_in_which_a_run_is_started(tmp_path: Path) -> None:
+def test_children_take_no_module_from_the_folder_in_which_a_run_is_started(tmp_path):
     """A clone of this package lies there, as where it is installed from, and files that are called
     as modules are."""
     (tmp_path / "sumo_eval").mkdir()
@@ -92,7 +88,7 @@ def test_children_take_no_module_from_the_folder_in_which_a_run_is_started(tmp_p
     assert "failed" not in done.stderr
 
 
-def test_a_run_compiles_what_it_needs() -> None:
+def test_a_run_compiles_what_it_needs():
     settings = read_evaluation(PAPER_EVALUATION)
     assert loops.of_evaluation(settings) == {
         loops.WORLD, loops.FIELDS, loops.PEOPLE, "ideal_braking", "no_reaction", "idm",
@@ -105,7 +101,7 @@ def test_a_run_compiles_what_it_needs() -> None:
     }
 
 
-def test_every_rule_that_ships_is_a_piece() -> None:
+def test_every_rule_that_ships_is_a_piece():
     for locator in SHIPPED:
         (piece,) = loops.of_cases([Case(0, CONCRETE, "ads", "it", locator)]) - {loops.WORLD}
         assert piece in loops.everything()

@@ -1,7 +1,5 @@
 """A hundred thousand rows: what the parent holds does not grow with them."""
 
-from __future__ import annotations
-
 import tracemalloc
 from pathlib import Path
 
@@ -19,7 +17,7 @@ def peak(path: Path, rows: int) -> float:
 
 
 @pytest.mark.campaign
-def test_the_memory_of_the_parent_is_bounded(tmp_path: Path) -> None:
+def test_the_memory_of_the_parent_is_bounded(tmp_path):
     small, large = peak(tmp_path / "a", 300), peak(tmp_path / "b", 3_000)
     assert large - small < 2.0, (
         "MB for ten times the rows; the numbers of the struck points are all that grows"
@@ -27,5 +25,5 @@ def test_the_memory_of_the_parent_is_bounded(tmp_path: Path) -> None:
 
 
 @pytest.mark.campaign
-def test_the_memory_of_the_parent_is_bounded_at_100_000_rows(tmp_path: Path) -> None:
+def test_the_memory_of_the_parent_is_bounded_at_100_000_rows(tmp_path):
     assert peak(tmp_path / "c", 100_000) < 20.0, "MB"

@@ -57,9 +57,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> sumo_eval.Evaluation:
     return chased(tmp_path_factory.mktemp("chased"), 1)
 
 
-def test_a_collision_from_behind_is_counted_apart_by_default(
-    done: sumo_eval.Evaluation,
-) -> None:
+def test_a_collision_from_behind_is_counted_apart_by_default(done):
     (score,) = done.scores
     struck = [case for case in done.cases if case.struck_from_behind]
     assert 0 < len(struck) == score.struck_from_behind < len(done.cases)
@@ -78,9 +76,7 @@ def test_a_collision_from_behind_is_counted_apart_by_default(
     assert (again.struck_from_behind, again.collisions) == (0, len(struck))
 
 
-def test_where_no_drivers_know_the_scene_d_and_h_report_it(
-    done: sumo_eval.Evaluation,
-) -> None:
+def test_where_no_drivers_know_the_scene_d_and_h_report_it(done):
     (score,) = done.scores
     assert (score.d, score.human_likeness, score.not_evaluated) == (None, None, 0)
     assert score.d_reason is not None
@@ -90,8 +86,8 @@ def test_where_no_drivers_know_the_scene_d_and_h_report_it(
 
 
 def test_law_facts_of_reacting_traffic_are_the_same_for_two_workers_and_after_a_resume(
-    done: sumo_eval.Evaluation, tmp_path: Path
-) -> None:
+    done, tmp_path
+):
     first = sumo_eval.open_run(done.folder).digest()
     assert sumo_eval.open_run(chased(tmp_path / "two", 2).folder).digest() == first
     shutil.copytree(done.folder, tmp_path / "half")
@@ -104,9 +100,7 @@ def test_law_facts_of_reacting_traffic_are_the_same_for_two_workers_and_after_a_
 
 
 @pytest.mark.campaign
-def test_law_facts_of_reacting_traffic_are_the_same_for_eight_workers(
-    done: sumo_eval.Evaluation, tmp_path: Path
-) -> None:
+def test_law_facts_of_reacting_traffic_are_the_same_for_eight_workers(done, tmp_path):
     eight = sumo_eval.open_run(chased(tmp_path / "eight", 8).folder).digest()
     assert eight == sumo_eval.open_run(done.folder).digest()
 
@@ -146,8 +140,8 @@ class Mine:
 
 @pytest.mark.campaign
 def test_law_facts_of_a_stream_and_of_a_follower_at_a_ramp_are_the_same_for_one_two_and_eight_workers(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     digests = set()
     for workers in (1, 2, 8):
         folder = tmp_path / str(workers)

@@ -1,7 +1,5 @@
 """A recorded case is reused only while all that its process had read is there as it was."""
 
-from __future__ import annotations
-
 import os
 import py_compile
 import shutil
@@ -128,7 +126,7 @@ def _pipe(path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", CHANGES)
-def test_case_depends_on_what_its_ads_had_read(whole: Path, tmp_path: Path, kind: str) -> None:
+def test_case_depends_on_what_its_ads_had_read(whole, tmp_path, kind):
     folder = copy_of(whole, tmp_path)
     name, change = CHANGES[kind]
     assert stale(folder) == ()
@@ -137,7 +135,7 @@ def test_case_depends_on_what_its_ads_had_read(whole: Path, tmp_path: Path, kind
     assert said.startswith(f"3 recorded cases of ADS `mine` cannot be reused: {name} changed")
 
 
-def test_touched_and_written_files_change_nothing(whole: Path, tmp_path: Path) -> None:
+def test_touched_and_written_files_change_nothing(whole, tmp_path):
     folder = copy_of(whole, tmp_path)
     os.utime(folder / "source" / "weights" / "again.txt")
     (folder / "source" / "log.txt").write_text("emptied")
@@ -146,7 +144,7 @@ def test_touched_and_written_files_change_nothing(whole: Path, tmp_path: Path) -
     assert stale(folder) == ()
 
 
-def test_an_edited_planner_is_rerun_and_reported(whole: Path, tmp_path: Path) -> None:
+def test_an_edited_planner_is_rerun_and_reported(whole, tmp_path):
     folder = copy_of(whole, tmp_path)
     (folder / "source" / "lazy" / "planner.py").write_text(ROLLS)
     run = sumo_eval_cli(
@@ -163,7 +161,7 @@ def test_an_edited_planner_is_rerun_and_reported(whole: Path, tmp_path: Path) ->
     assert stale(folder) == ()
 
 
-def test_list_that_cases_share_stands_once(whole: Path) -> None:
+def test_list_that_cases_share_stands_once(whole):
     with sqlite3.connect(whole / "run" / "facts.sqlite") as facts:
         names = facts.execute("SELECT DISTINCT ads FROM files_read").fetchall()
         files = facts.execute("SELECT count(*), count(DISTINCT path) FROM files_read").fetchone()
@@ -174,11 +172,11 @@ def test_list_that_cases_share_stands_once(whole: Path) -> None:
 @pytest.mark.parametrize(
     "path", ["\ud800", "a\0b", "/dev/zero", "/proc/self/mem", "../" * 3_000, ""]
 )
-def test_a_name_without_a_file_is_not_the_same(tmp_path: Path, path: str) -> None:
+def test_a_name_without_a_file_is_not_the_same(tmp_path, path):
     assert reads.changed([("mine", path, "a hash")], tmp_path) == {"mine": [path]}
 
 
-def test_a_damaged_list_is_rerun(whole: Path, tmp_path: Path) -> None:
+def test_a_damaged_list_is_rerun(whole, tmp_path):
     folder = copy_of(whole, tmp_path)
     with sqlite3.connect(folder / "run" / "facts.sqlite") as facts:
         facts.execute("UPDATE files_read SET hash = 'x'")
@@ -229,7 +227,7 @@ WAYS = (
 )  # fmt: skip
 
 
-def test_every_way_by_which_python_opens_counts(tmp_path: Path) -> None:
+def test_every_way_by_which_python_opens_counts(tmp_path):
     real = tmp_path / "real"
     real.mkdir()
     (tmp_path / "link").symlink_to(real)
@@ -254,7 +252,7 @@ def test_every_way_by_which_python_opens_counts(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kept_in", ["", "elsewhere"])
-def test_kept_bytecode_hides_no_source(tmp_path: Path, kept_in: str) -> None:
+def test_kept_bytecode_hides_no_source(tmp_path, kept_in):
     (tmp_path / "planner.py").write_text("a = 1\n")
     look = (
         "import sys; from pathlib import Path; from sumo_eval.record import reads; "
@@ -282,7 +280,7 @@ def test_kept_bytecode_hides_no_source(tmp_path: Path, kept_in: str) -> None:
     assert [*tmp_path.rglob("planner.*.pyc")]
 
 
-def test_a_program_depends_on_modules_of_its_folder(tmp_path: Path) -> None:
+def test_a_program_depends_on_modules_of_its_folder(tmp_path):
     client = tmp_path / "client.py"
     client.write_text("from helpers import planner\nimport json, nowhere\n")
     (tmp_path / "helpers").mkdir()
@@ -322,7 +320,7 @@ class Mine:
 """
 
 
-def test_two_versions_in_one_run_stop_it(tmp_path: Path) -> None:
+def test_two_versions_in_one_run_stop_it(tmp_path):
     path = written(tmp_path / "source", EDITED_MEANWHILE, cases_per_child=1)
     with pytest.raises(
         InputError,
@@ -335,15 +333,13 @@ def test_two_versions_in_one_run_stop_it(tmp_path: Path) -> None:
     assert stale(tmp_path) == ()
 
 
-def test_process_that_is_lost_leaves_what_others_had_read(tmp_path: Path) -> None:
+def test_process_that_is_lost_leaves_what_others_had_read(tmp_path):
     lost = ADS.replace("return self.plan()", "os._exit(3)")
     sumo_eval.evaluate(written(tmp_path / "source", lost), tmp_path / "run")
     assert "3 recorded cases" in stale(tmp_path)[0], "no process lived to tell what it had read"
 
 
-def test_every_written_file_counts_as_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_written_file_counts_as_written(tmp_path, monkeypatch):
     monkeypatch.setattr(reads, "_MOST_REPORTED", 1)
     watch = reads._Watch(tmp_path)
     for name in ("a.txt", "b.txt"):

@@ -1,8 +1,6 @@
 """Nothing recorded is lost or simulated twice: kill -9, Ctrl-C, a full disk, a changed ADS, a
 second writer, shards."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -65,7 +63,7 @@ def started(run: Path, path: Path, *options: str, at_rows: int = 1) -> subproces
     return process
 
 
-def test_a_killed_run_continues_to_the_same_content(whole: Path, tmp_path: Path) -> None:
+def test_a_killed_run_continues_to_the_same_content(whole, tmp_path):
     path = write_evaluation(tmp_path)
     process = started(tmp_path / "run", path, at_rows=4)
     process.kill()
@@ -79,9 +77,7 @@ def test_a_killed_run_continues_to_the_same_content(whole: Path, tmp_path: Path)
     assert len(json.loads((tmp_path / "run" / "manifest.json").read_text())["resumed"]) == 1
 
 
-def test_resuming_a_complete_run_simulates_nothing(
-    whole: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_resuming_a_complete_run_simulates_nothing(whole, monkeypatch):
     before = digest(whole)
     simulated = []
     from sumo_eval.record import recording
@@ -98,9 +94,7 @@ def test_resuming_a_complete_run_simulates_nothing(
     assert evaluation.name == "batch"
 
 
-def test_a_changed_ads_runs_again_and_an_unchanged_one_does_not(
-    whole: Path, tmp_path: Path
-) -> None:
+def test_a_changed_ads_runs_again_and_an_unchanged_one_does_not(whole, tmp_path):
     path = write_evaluation(tmp_path)
     sumo_eval.evaluate(path, tmp_path / "run")
     assert digest(tmp_path / "run") == digest(whole), "another folder is the same run"
@@ -117,7 +111,7 @@ def test_a_changed_ads_runs_again_and_an_unchanged_one_does_not(
     assert again == {case for case in after if case.endswith("-mine")}
 
 
-def test_a_module_that_the_ads_imports_is_part_of_it(tmp_path: Path) -> None:
+def test_a_module_that_the_ads_imports_is_part_of_it(tmp_path):
     path = write_evaluation(tmp_path, "from gains import GAIN\n" + MY_ADS)
     (tmp_path / "gains.py").write_text("GAIN = 1.0\n")
     (tmp_path / "unrelated.py").write_text("x = 1\n")
@@ -133,7 +127,7 @@ def test_a_module_that_the_ads_imports_is_part_of_it(tmp_path: Path) -> None:
     assert second["my_ads.py:MyAds"] != first["my_ads.py:MyAds"]
 
 
-def test_changed_drives_of_an_own_reference_are_taken(tmp_path: Path) -> None:
+def test_changed_drives_of_an_own_reference_are_taken(tmp_path):
     people = (
         "from pathlib import Path\n"
         "from sumo_eval.trajectory import Trajectory\n"
@@ -154,7 +148,7 @@ def test_changed_drives_of_an_own_reference_are_taken(tmp_path: Path) -> None:
         assert store.trajectory(case).x[-1] == 95.0
 
 
-def test_resuming_with_fewer_cases_is_refused_and_loses_none(whole: Path) -> None:
+def test_resuming_with_fewer_cases_is_refused_and_loses_none(whole):
     before, written = digest(whole), whole / "evaluation.toml"
     run, text = Resolved.of(read_evaluation(written), whole.parent), written.read_text()
     settings = run.settings
@@ -170,7 +164,7 @@ def test_resuming_with_fewer_cases_is_refused_and_loses_none(whole: Path) -> Non
     assert digest(whole) == before
 
 
-def test_a_second_writer_is_refused(tmp_path: Path) -> None:
+def test_a_second_writer_is_refused(tmp_path):
     path = write_evaluation(tmp_path)
     with only_writer(tmp_path / "run", resume=False):
         second = sumo_eval_cli("run", path, "--out", tmp_path / "run", "--resume")
@@ -180,7 +174,7 @@ def test_a_second_writer_is_refused(tmp_path: Path) -> None:
         pass
 
 
-def test_ctrl_c_once_ends_the_cases_and_says_how_to_resume(whole: Path, tmp_path: Path) -> None:
+def test_ctrl_c_once_ends_the_cases_and_says_how_to_resume(whole, tmp_path):
     path = write_evaluation(tmp_path)
     process = started(tmp_path / "run", path, at_rows=2)
     process.send_signal(signal.SIGINT)
@@ -209,9 +203,7 @@ def children_of_fork_servers(root: int) -> set[int]:
 
 
 @pytest.mark.parametrize("how", ["killed", pytest.param("twice", marks=pytest.mark.campaign)])
-def test_hanging_children_are_gone_after_ctrl_c_twice_and_after_kill_9(
-    how: str, tmp_path: Path
-) -> None:
+def test_hanging_children_are_gone_after_ctrl_c_twice_and_after_kill_9(how, tmp_path):
     path = write_evaluation(tmp_path, HANGS, case_timeout=300.0)
     process = started(tmp_path / "run", path, at_rows=1)
     time.sleep(0.5)
@@ -239,7 +231,7 @@ def alive(pids: set[int]) -> set[int]:
 
 
 @pytest.mark.campaign
-def test_a_run_whose_disk_fills_up_stops_and_continues_later(whole: Path, tmp_path: Path) -> None:
+def test_a_run_whose_disk_fills_up_stops_and_continues_later(whole, tmp_path):
     path = write_evaluation(tmp_path)
 
     def small_files() -> None:
@@ -257,7 +249,7 @@ def test_a_run_whose_disk_fills_up_stops_and_continues_later(whole: Path, tmp_pa
 
 
 @pytest.mark.campaign
-def test_a_folder_that_was_half_made_is_made_again(whole: Path, tmp_path: Path) -> None:
+def test_a_folder_that_was_half_made_is_made_again(whole, tmp_path):
     path = write_evaluation(tmp_path)
     (tmp_path / "run" / "networks").mkdir(parents=True)
     (tmp_path / "run" / "evaluation.toml.half").write_text("nam")
@@ -301,7 +293,7 @@ def in_shell(line: str, folder: Path, **variables: str) -> subprocess.CompletedP
 
 
 @pytest.mark.campaign
-def test_shards_make_the_whole_and_only_together(whole: Path, tmp_path: Path) -> None:
+def test_shards_make_the_whole_and_only_together(whole, tmp_path):
     """As docs/clusters.md has it for Slurm, with two jobs of one process in place of eight of
     sixteen."""
     write_evaluation(tmp_path)
@@ -340,12 +332,12 @@ def test_shards_make_the_whole_and_only_together(whole: Path, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("text", ["0/4", "5/4", "1", "a/b", "1/", "-1/4"])
-def test_a_shard_that_is_none_is_refused(text: str) -> None:
+def test_a_shard_that_is_none_is_refused(text):
     with pytest.raises(InputError, match="must have the form i/n"):
         parse_shard(text)
 
 
-def test_verify_passes_on_the_same_and_fails_on_a_bit(tmp_path: Path) -> None:
+def test_verify_passes_on_the_same_and_fails_on_a_bit(tmp_path):
     sumo_eval.evaluate(write_evaluation(tmp_path), tmp_path / "run")
     done = sumo_eval_cli("verify", tmp_path / "run", "--share", "1")
     assert done.returncode == 0, done.stdout + done.stderr
@@ -363,7 +355,7 @@ def test_verify_passes_on_the_same_and_fails_on_a_bit(tmp_path: Path) -> None:
     assert "depends on something that has changed since" in done.stdout
 
 
-def test_a_dry_run_counts_the_drives_and_makes_no_folder(tmp_path: Path) -> None:
+def test_a_dry_run_counts_the_drives_and_makes_no_folder(tmp_path):
     path = write_evaluation(tmp_path)
     done = sumo_eval_cli("run", path, "--dry-run", "--out", tmp_path / "run")
     assert done.returncode == 0, done.stderr
@@ -373,7 +365,7 @@ def test_a_dry_run_counts_the_drives_and_makes_no_folder(tmp_path: Path) -> None
 
 
 @pytest.mark.campaign
-def test_the_hash_seed_of_the_interpreter_changes_nothing(whole: Path, tmp_path: Path) -> None:
+def test_the_hash_seed_of_the_interpreter_changes_nothing(whole, tmp_path):
     path = write_evaluation(tmp_path)
     environment = {**os.environ, "PYTHONHASHSEED": "77"}
     code = (
@@ -383,7 +375,7 @@ def test_the_hash_seed_of_the_interpreter_changes_nothing(whole: Path, tmp_path:
     assert digest(tmp_path / "run") == digest(whole)
 
 
-def test_a_caller_can_stop_a_run_and_continue(whole: Path, tmp_path: Path) -> None:
+def test_a_caller_can_stop_a_run_and_continue(whole, tmp_path):
     path = write_evaluation(tmp_path)
     seen: list[int] = []
 
@@ -446,9 +438,7 @@ class LostElsewhere:
             os._exit(9)
 
 
-def test_what_fails_beside_the_driving_ends_it_with_its_own_sentence(
-    whole: Path, tmp_path: Path
-) -> None:
+def test_what_fails_beside_the_driving_ends_it_with_its_own_sentence(whole, tmp_path):
     path = write_evaluation(tmp_path, SLOW_ADS)
     run = Resolved.of(read_evaluation(path), tmp_path)
     with pytest.raises(InputError, match="zones of `mine`"):
@@ -456,15 +446,13 @@ def test_what_fails_beside_the_driving_ends_it_with_its_own_sentence(
     assert rows(tmp_path / "run") < rows(whole), "not after an hour of driving"
 
 
-def test_driving_continues_when_another_process_was_lost(whole: Path, tmp_path: Path) -> None:
+def test_driving_continues_when_another_process_was_lost(whole, tmp_path):
     run = Resolved.of(read_evaluation(write_evaluation(tmp_path)), tmp_path)
     record_facts(run, tmp_path / "run", meanwhile=LostElsewhere(os.getpid()))
     assert digest(tmp_path / "run") == digest(whole)
 
 
-def test_missing_zones_are_reported_by_runs_and_by_a_check(
-    tmp_path: Path,
-) -> None:
+def test_missing_zones_are_reported_by_runs_and_by_a_check(tmp_path):
     """The point lies where the constraint allows it, and of the even grid by which zones are found
     none does."""
     (tmp_path / "narrow.toml").write_text(NARROW, encoding="utf-8")

@@ -1,7 +1,5 @@
 """Work alongside other work."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time
@@ -25,7 +23,7 @@ class Writing:
         self.path.write_text("done")
 
 
-def test_what_is_done_alongside_is_done_at_the_end(tmp_path: Path) -> None:
+def test_what_is_done_alongside_is_done_at_the_end(tmp_path):
     with alongside(Writing(tmp_path / "file")):
         pass
     assert (tmp_path / "file").read_text() == "done"
@@ -38,7 +36,7 @@ def _interrupted(work: Writing, began: Path) -> None:
         raise KeyboardInterrupt
 
 
-def test_what_ends_early_ends_what_is_done_alongside(tmp_path: Path) -> None:
+def test_what_ends_early_ends_what_is_done_alongside(tmp_path):
     began = tmp_path / "file.pid"
     with pytest.raises(KeyboardInterrupt):
         _interrupted(Writing(tmp_path / "file", after=60.0), began)
@@ -48,7 +46,7 @@ def test_what_ends_early_ends_what_is_done_alongside(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-def test_a_killed_process_of_scoring_is_one_sentence() -> None:
+def test_a_killed_process_of_scoring_is_one_sentence():
     with (
         pytest.raises(InputError, match="A process that computes scores was killed"),
         spread_over(2, os.getpid) as spread,

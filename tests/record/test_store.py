@@ -1,7 +1,5 @@
 """The facts file: what goes in comes out, a case whole or not at all, foreign files refused."""
 
-from __future__ import annotations
-
 import sqlite3
 import subprocess
 import sys
@@ -43,7 +41,7 @@ def collision() -> Collision:
     )
 
 
-def test_a_packed_trajectory_comes_back_time_and_x_exact_the_rest_to_single_precision() -> None:
+def test_a_packed_trajectory_comes_back_time_and_x_exact_the_rest_to_single_precision():
     before = drive()
     after = unpack(packed(before))
     assert np.array_equal(after.time, before.time)
@@ -55,20 +53,20 @@ def test_a_packed_trajectory_comes_back_time_and_x_exact_the_rest_to_single_prec
     assert (after.length, after.width) == (4.3, 1.9)
 
 
-def test_packing_what_was_unpacked_changes_no_byte() -> None:
+def test_packing_what_was_unpacked_changes_no_byte():
     data = packed(drive())
     assert packed(unpack(data)) == data
 
 
 @pytest.mark.parametrize("kept", [slice(0, 10), slice(0, 40), slice(0, -1)])
-def test_a_damaged_drive_is_refused_with_a_sentence(kept: slice) -> None:
+def test_a_damaged_drive_is_refused_with_a_sentence(kept):
     with pytest.raises(InputError, match="A recorded trajectory"):
         unpack(packed(drive())[kept])
     with pytest.raises(InputError, match="is damaged: Error -3"):
         unpack(packed(drive())[:20] + b"no deflated bytes")
 
 
-def test_a_case_comes_back_as_it_was_recorded(tmp_path: Path) -> None:
+def test_a_case_comes_back_as_it_was_recorded(tmp_path):
     clips = (Clip("friction", 3, 0.5, -12.0, -9.0),)
     took = Latency(1e-5, 2e-5, 9e-6, 1.9e-5, 8e-6)
     recording = Recording(
@@ -86,7 +84,7 @@ def test_a_case_comes_back_as_it_was_recorded(tmp_path: Path) -> None:
     assert (fact.latency_median, fact.latency_p99, fact.latency_reference) == (9e-6, 1.9e-5, 8e-6)
 
 
-def test_file_without_latencies_still_reads(tmp_path: Path) -> None:
+def test_file_without_latencies_still_reads(tmp_path):
     """One that an older version wrote has no table of them; what is added to it later has them."""
     path, took = tmp_path / "facts.sqlite", Latency(1e-5, 2e-5, 9e-6, 1.9e-5, 8e-6)
     with open_store(path, create=True) as store:
@@ -101,7 +99,7 @@ def test_file_without_latencies_still_reads(tmp_path: Path) -> None:
             assert (fact.latency_max, fact.latency_median) == (2e-5, None)
 
 
-def test_a_case_without_a_recording_is_kept_with_its_sentence(tmp_path: Path) -> None:
+def test_a_case_without_a_recording_is_kept_with_its_sentence(tmp_path):
     with open_store(tmp_path / "facts.sqlite", create=True) as store:
         store.add(Outcome(case(), "crashed", None, "The process died."))
         (fact,) = store.facts("ads")
@@ -113,7 +111,7 @@ def test_a_case_without_a_recording_is_kept_with_its_sentence(tmp_path: Path) ->
     )
 
 
-def test_a_case_that_cannot_be_stored_whole_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_a_case_that_cannot_be_stored_whole_leaves_nothing_behind(tmp_path):
     recording = Recording(drive(), {}, None, "road_end")
     with open_store(tmp_path / "facts.sqlite", create=True) as store:
         store.add(Outcome(case(), "ok", recording))
@@ -125,9 +123,7 @@ def test_a_case_that_cannot_be_stored_whole_leaves_nothing_behind(tmp_path: Path
         assert [fact.point for fact in store.facts("ads")] == [7]
 
 
-def test_facts_are_selected_by_role_scenario_and_driver_in_the_order_of_points(
-    tmp_path: Path,
-) -> None:
+def test_facts_are_selected_by_role_scenario_and_driver_in_the_order_of_points(tmp_path):
     with open_store(tmp_path / "facts.sqlite", create=True) as store:
         for point in (9, 2, 5):
             for driver in ("b", "a"):
@@ -141,7 +137,7 @@ def test_facts_are_selected_by_role_scenario_and_driver_in_the_order_of_points(
         assert list(store.facts("ads", "front_vehicle_low_speed")) == []
 
 
-def test_a_file_that_is_not_a_facts_file_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_facts_file_is_refused(tmp_path):
     with (
         pytest.raises(InputError, match="is not a run folder"),
         open_store(tmp_path / "facts.sqlite"),
@@ -157,7 +153,7 @@ def test_a_file_that_is_not_a_facts_file_is_refused(tmp_path: Path) -> None:
         pass
 
 
-def test_a_newer_format_is_refused_with_both_versions(tmp_path: Path) -> None:
+def test_a_newer_format_is_refused_with_both_versions(tmp_path):
     path = tmp_path / "facts.sqlite"
     with open_store(path, create=True):
         pass
@@ -174,9 +170,7 @@ def test_a_newer_format_is_refused_with_both_versions(tmp_path: Path) -> None:
         pass
 
 
-def test_a_finished_store_is_one_file_that_can_be_read_where_nothing_can_be_written(
-    tmp_path: Path,
-) -> None:
+def test_a_finished_store_is_one_file_that_can_be_read_where_nothing_can_be_written(tmp_path):
     folder = tmp_path / "archive"
     folder.mkdir()
     with open_store(folder / "facts.sqlite", create=True) as store:
@@ -187,7 +181,7 @@ def test_a_finished_store_is_one_file_that_can_be_read_where_nothing_can_be_writ
     connection.close()
 
 
-def test_reading_a_store_cannot_change_it(tmp_path: Path) -> None:
+def test_reading_a_store_cannot_change_it(tmp_path):
     path = tmp_path / "facts.sqlite"
     with open_store(path, create=True):
         pass
@@ -204,16 +198,14 @@ def filled(path: Path, order: list[int], log: str = "") -> str:
         return store.digest()
 
 
-def test_the_digest_depends_on_the_facts_alone(
-    tmp_path: Path,
-) -> None:
+def test_the_digest_depends_on_the_facts_alone(tmp_path):
     forth = filled(tmp_path / "a", [1, 2, 3])
     assert filled(tmp_path / "b", [3, 1, 2], "printed at 12:00") == forth
     assert filled(tmp_path / "c", [1, 2]) != forth
     assert filled(tmp_path / "d", [1, 2, 4]) != forth
 
 
-def test_a_case_with_another_fingerprint_takes_the_place_of_the_old_one(tmp_path: Path) -> None:
+def test_a_case_with_another_fingerprint_takes_the_place_of_the_old_one(tmp_path):
     first, second = replace(case(), fingerprint="a"), replace(case(), fingerprint="b")
     with open_store(tmp_path / "facts.sqlite", create=True) as store:
         store.add(
@@ -227,7 +219,7 @@ def test_a_case_with_another_fingerprint_takes_the_place_of_the_old_one(tmp_path
         assert store.trajectories(fact.case) == {}
 
 
-def test_a_full_disk_is_reported_and_what_was_recorded_stays(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_what_was_recorded_stays(tmp_path):
     with open_store(tmp_path / "facts.sqlite", create=True) as store:
         store.add(Outcome(case(), "ok", Recording(drive(), {}, None, "road_end")))
         store._connection.execute("PRAGMA max_page_count = 12")
@@ -270,7 +262,7 @@ def reads(path: Path) -> str:
         "WHERE \"case\" LIKE '%-0002-%'",
     ],
 )
-def test_an_edited_row_is_reported_with_its_case(tmp_path: Path, change: str) -> None:
+def test_an_edited_row_is_reported_with_its_case(tmp_path, change):
     filled(tmp_path / "facts.sqlite", [1, 2, 3])
     assert reads(tmp_path / "facts.sqlite") == ""
     edit(tmp_path / "facts.sqlite", change)
@@ -283,7 +275,7 @@ def test_an_edited_row_is_reported_with_its_case(tmp_path: Path, change: str) ->
         pass
 
 
-def test_a_case_that_was_taken_out_of_a_complete_run_breaks_its_seal(tmp_path: Path) -> None:
+def test_a_case_that_was_taken_out_of_a_complete_run_breaks_its_seal(tmp_path):
     path = tmp_path / "facts.sqlite"
     filled(path, [1, 2, 3])
     with open_store(path, create=True) as store:
@@ -296,7 +288,7 @@ def test_a_case_that_was_taken_out_of_a_complete_run_breaks_its_seal(tmp_path: P
     assert reads(path) == ""
 
 
-def test_every_flipped_bit_is_reported_or_changes_nothing(tmp_path: Path) -> None:
+def test_every_flipped_bit_is_reported_or_changes_nothing(tmp_path):
     """Of 300 bits all over a file: each is either refused, or the file says the same to the last
     bit."""
     path = tmp_path / "facts.sqlite"
@@ -322,7 +314,7 @@ def test_every_flipped_bit_is_reported_or_changes_nothing(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("share", [0.0, 0.001, 0.1, 0.5, 0.9, 0.999])
-def test_a_file_that_was_cut_off_is_refused(tmp_path: Path, share: float) -> None:
+def test_a_file_that_was_cut_off_is_refused(tmp_path, share):
     path = tmp_path / "facts.sqlite"
     filled(path, list(range(12)))
     data = path.read_bytes()
@@ -330,7 +322,7 @@ def test_a_file_that_was_cut_off_is_refused(tmp_path: Path, share: float) -> Non
     assert str(path) in reads(path)
 
 
-def test_a_file_of_an_older_format_is_refused_with_what_to_do(tmp_path: Path) -> None:
+def test_a_file_of_an_older_format_is_refused_with_what_to_do(tmp_path):
     path = tmp_path / "facts.sqlite"
     filled(path, [1])
     edit(path, "PRAGMA user_version = 2")
@@ -340,7 +332,7 @@ def test_a_file_of_an_older_format_is_refused_with_what_to_do(tmp_path: Path) ->
     assert "run its evaluation again into a new folder" in said
 
 
-def test_a_locked_file_is_refused(tmp_path: Path) -> None:
+def test_a_locked_file_is_refused(tmp_path):
     path = tmp_path / "facts.sqlite"
     filled(path, [1])
     other = sqlite3.connect(path)
@@ -349,7 +341,7 @@ def test_a_locked_file_is_refused(tmp_path: Path) -> None:
     other.close()
 
 
-def test_a_folder_in_place_of_the_file_is_refused(tmp_path: Path) -> None:
+def test_a_folder_in_place_of_the_file_is_refused(tmp_path):
     (tmp_path / "facts.sqlite").mkdir()
     assert "is not a run folder" in reads(tmp_path / "facts.sqlite")
     with (
@@ -359,7 +351,7 @@ def test_a_folder_in_place_of_the_file_is_refused(tmp_path: Path) -> None:
         pass
 
 
-def test_an_interrupted_write_leaves_whole_cases_and_a_log_that_is_read(tmp_path: Path) -> None:
+def test_an_interrupted_write_leaves_whole_cases_and_a_log_that_is_read(tmp_path):
     """A process that is killed leaves the write-ahead log; with the log cut off, what is left is
     whole cases."""
     path = tmp_path / "facts.sqlite"
@@ -391,7 +383,7 @@ def test_an_interrupted_write_leaves_whole_cases_and_a_log_that_is_read(tmp_path
         assert len(found) == 6 or share < 1.0
 
 
-def test_what_no_number_or_its_sign_is_comes_back_with_a_hash_that_fits(tmp_path: Path) -> None:
+def test_what_no_number_or_its_sign_is_comes_back_with_a_hash_that_fits(tmp_path):
     recording = Recording(
         drive(), {"b": drive(), "a": drive()}, None, "road_end", (), None, "",
         Latency(float("nan"), np.float64(-0.0)),

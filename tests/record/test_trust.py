@@ -1,7 +1,5 @@
 """The code that a run names is run for a run of one's own, and for nobody else's."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable
@@ -105,7 +103,7 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("kind", COMMANDS)
-def test_no_command_runs_code_of_others(foreign: Path, tmp_path: Path, kind: str) -> None:
+def test_no_command_runs_code_of_others(foreign, tmp_path, kind):
     run = tmp_path / "run"
     shutil.copytree(foreign / "run", run)
     status, words = said(*(word.format(run=run) for word in COMMANDS[kind]))
@@ -128,7 +126,7 @@ DOORS: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("door", DOORS)
-def test_no_function_runs_code_of_others(foreign: Path, tmp_path: Path, door: str) -> None:
+def test_no_function_runs_code_of_others(foreign, tmp_path, door):
     run = tmp_path / "run"
     shutil.copytree(foreign / "run", run)
     with pytest.raises(
@@ -155,9 +153,7 @@ EVIL = {
         for it in EVIL
     ],
 )
-def test_every_name_of_code_is_refused(
-    own: Path, tmp_path: Path, kind: str, another_process: None
-) -> None:
+def test_every_name_of_code_is_refused(own, tmp_path, kind, another_process):
     """A run recorded here, to which somebody has added a name of code since."""
     run, evil = tmp_path / "run", tmp_path / "evil.py"
     evil.write_text(CODE)
@@ -174,16 +170,14 @@ def test_every_name_of_code_is_refused(
     assert not (tmp_path / "it_ran").exists()
 
 
-def test_own_run_needs_no_option(own: Path, another_process: None) -> None:
+def test_own_run_needs_no_option(own, another_process):
     (own / "source" / "it_ran").unlink(missing_ok=True)
     for command in (("report", own / "run"), ("verify", own / "run"), ("explain", own / "run")):
         status, words = said(*command)
         assert status == 0, words
 
 
-def test_own_run_that_names_other_code_now_is_refused(
-    own: Path, tmp_path: Path, another_process: None
-) -> None:
+def test_own_run_that_names_other_code_now_is_refused(own, tmp_path, another_process):
     before = (own / "run" / "evaluation.toml").read_text()
     try:
         (own / "run" / "evaluation.toml").write_text(
@@ -195,9 +189,7 @@ def test_own_run_that_names_other_code_now_is_refused(
         (own / "run" / "evaluation.toml").write_text(before)
 
 
-def test_own_run_with_paths_from_elsewhere_is_refused(
-    own: Path, tmp_path: Path, another_process: None
-) -> None:
+def test_own_run_with_paths_from_elsewhere_is_refused(own, tmp_path, another_process):
     manifest = own / "run" / "manifest.json"
     before = manifest.read_text()
     content = {name: value for name, value in json.loads(before).items() if name != SEAL}
@@ -209,7 +201,7 @@ def test_own_run_with_paths_from_elsewhere_is_refused(
         manifest.write_text(before)
 
 
-def test_trust_is_asked_once(foreign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_trust_is_asked_once(foreign, monkeypatch):
     assert said("score", foreign / "run")[0] == 2
     assert said("score", foreign / "run", "--trust")[0] == 0
     monkeypatch.setattr(trust, "_given", set())
@@ -217,7 +209,7 @@ def test_trust_is_asked_once(foreign: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert said("score", foreign / "run")[0] == 0
 
 
-def test_code_that_the_evaluation_names_is_the_users(foreign: Path, tmp_path: Path) -> None:
+def test_code_that_the_evaluation_names_is_the_users(foreign, tmp_path):
     """As in a job whose base comes out of a cache: what it names, the run beside it names too."""
     base = tmp_path / "base"
     shutil.copytree(foreign / "run", base)
@@ -227,9 +219,7 @@ def test_code_that_the_evaluation_names_is_the_users(foreign: Path, tmp_path: Pa
     assert status == 0, words
 
 
-def test_state_folder_that_takes_nothing_ends_no_run(
-    own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_state_folder_that_takes_nothing_ends_no_run(own, tmp_path, monkeypatch):
     (tmp_path / "state").write_text("a file in its place")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     assert sumo_eval.evaluate(own / "source" / "evaluation.toml", tmp_path / "run").scores

@@ -3,13 +3,10 @@
 Whether Windows itself runs the program cannot be seen here.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -77,7 +74,7 @@ count = 2
 
 
 @pytest.mark.campaign
-def test_every_module_can_be_imported_without_posix() -> None:
+def test_every_module_can_be_imported_without_posix():
     script = f"{IMPORT_ALL}{TAKE_AWAY}everything()"
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=False
@@ -87,8 +84,8 @@ def test_every_module_can_be_imported_without_posix() -> None:
 
 @pytest.mark.parametrize("how", [(), ("--dry-run",)])
 def test_where_nothing_forks_the_engine_of_processes_is_refused_before_the_work(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: tuple[str, ...]
-) -> None:
+    tmp_path, monkeypatch, how
+):
     (tmp_path / "evaluation.toml").write_text(EVALUATION)
     monkeypatch.delattr(os, "fork")
     words = ["run", str(tmp_path / "evaluation.toml"), "--out", str(tmp_path / "run"), *how]
@@ -100,9 +97,7 @@ def test_where_nothing_forks_the_engine_of_processes_is_refused_before_the_work(
 
 
 @pytest.mark.campaign
-def test_a_whole_run_and_its_report_are_made_without_posix_by_the_serial_engine(
-    tmp_path: Path,
-) -> None:
+def test_a_whole_run_and_its_report_are_made_without_posix_by_the_serial_engine(tmp_path):
     (tmp_path / "evaluation.toml").write_text(EVALUATION)
     words = [
         "run",

@@ -1,7 +1,5 @@
 """What travels deflated inside a page, out and in again."""
 
-from __future__ import annotations
-
 import base64
 import re
 import zlib

@@ -1,8 +1,6 @@
 """What holds for every page: words can be read, charts saved, three screens folded, nothing beside
 the window."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from browser import Page

@@ -1,8 +1,6 @@
 """Cases of the evaluation made by hand, picked and changed: what the tests of comparison, gates and
 JUnit share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,8 +1,6 @@
 """The paired bootstrap is the plain loop: draw concrete scenarios, compute both runs' scores from
 them, subtract."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import builders
@@ -46,7 +44,7 @@ def slowly(cases: list[CaseResult]) -> tuple[float, float]:
     )
 
 
-def test_each_resample_is_what_the_method_makes_of_the_drawn_cases(evaluation: Evaluation) -> None:
+def test_each_resample_is_what_the_method_makes_of_the_drawn_cases(evaluation):
     """Of the drawn counts c' = n/(n - 1) times how often a case is drawn, which cancels in
     means."""
     cases = cut_out(evaluation)
@@ -69,7 +67,7 @@ def test_each_resample_is_what_the_method_makes_of_the_drawn_cases(evaluation: E
     np.testing.assert_allclose(found["S"], 50.0 * (c + d), atol=1e-9)
 
 
-def test_what_both_runs_have_in_common_cancels(evaluation: Evaluation) -> None:
+def test_what_both_runs_have_in_common_cancels(evaluation):
     """D 0.1 lower in every case is 0.1 lower in every resample, however much D itself varies with
     the cases drawn."""
     cases = cut_out(evaluation)
@@ -83,7 +81,7 @@ def test_what_both_runs_have_in_common_cancels(evaluation: Evaluation) -> None:
     assert np.ptp(drawn["C"]) == 0.0
 
 
-def test_a_change_in_one_case_of_many_is_not_certain(evaluation: Evaluation) -> None:
+def test_a_change_in_one_case_of_many_is_not_certain(evaluation):
     """About 37 % of the resamples miss the one case, (1 - 1/n)^(n - 1), so the interval reaches
     0."""
     cases = cut_out(evaluation)
@@ -97,7 +95,7 @@ def test_a_change_in_one_case_of_many_is_not_certain(evaluation: Evaluation) -> 
     assert drawn.max() == 0.0
 
 
-def test_the_same_seed_draws_the_same_resamples(evaluation: Evaluation) -> None:
+def test_the_same_seed_draws_the_same_resamples(evaluation):
     cases = case_terms(cut_out(evaluation), METHOD)
     other = replace(cases, index=cases.index * 0.9)
     first, again, third = (
@@ -107,7 +105,7 @@ def test_the_same_seed_draws_the_same_resamples(evaluation: Evaluation) -> None:
     assert not np.array_equal(first, third)
 
 
-def test_blocks_drawn_in_place_of_single_scenarios_have_the_variance_of_a_mean() -> None:
+def test_blocks_drawn_in_place_of_single_scenarios_have_the_variance_of_a_mean():
     """A of n cases that lose x or nothing each varies by s / sqrt(n), whether cases or blocks of
     them are drawn."""
     n, half = 25_000, np.zeros(25_000)

@@ -1,17 +1,14 @@
 """The line that a run is cited by."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
 
 from sumo_eval.report.citation import citation, digest
-from sumo_eval.results import Evaluation
 from sumo_eval.settings.config import settings_from, suite_of
 
 
-def test_citation_names_run_versions_seed_digest_and_command(evaluation: Evaluation) -> None:
+def test_citation_names_run_versions_seed_digest_and_command(evaluation):
     line = citation(evaluation)
     for part in (
         evaluation.name,
@@ -25,7 +22,7 @@ def test_citation_names_run_versions_seed_digest_and_command(evaluation: Evaluat
     assert "\n" not in line
 
 
-def test_digest_follows_every_score_and_no_order(evaluation: Evaluation) -> None:
+def test_digest_follows_every_score_and_no_order(evaluation):
     first, *rest = evaluation.scores
     assert digest(replace(evaluation, scores=(*rest, first))) == digest(evaluation)
     for changed in ({"s": 1.0}, {"avoided_share": 0.1}, {"departures": 7}, {"ads": "other"}):
@@ -38,7 +35,7 @@ def test_digest_follows_every_score_and_no_order(evaluation: Evaluation) -> None
 
 
 @pytest.mark.parametrize("changes", [{}, {"seed": 99}])
-def test_suite_is_named_only_as_it_is(evaluation: Evaluation, changes: dict[str, int]) -> None:
+def test_suite_is_named_only_as_it_is(evaluation, changes):
     content = {
         "name": "mine",
         "scenario": [{"use": "suite:2026.1"}],

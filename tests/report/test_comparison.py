@@ -1,11 +1,8 @@
 """Two runs side by side: what changed is found whatever the order, and nothing else is compared in
 silence."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import builders
 import pytest
@@ -15,7 +12,6 @@ from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.report.terminal import comparison_notes, moved_words
-from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import Comparison, compare
 from sumo_eval.scoring.gate_settings import GateSettings
 from sumo_eval.scoring.kept_scores import RowWriter, table_of
@@ -28,9 +24,7 @@ def changes(comparison: Comparison) -> list[tuple[str, str]]:
     return [(item.change, item.new.case) for one in comparison.ads for item in one.changed]
 
 
-def test_a_run_beside_itself_has_no_change_and_intervals_of_zero_width(
-    evaluation: Evaluation,
-) -> None:
+def test_a_run_beside_itself_has_no_change_and_intervals_of_zero_width(evaluation):
     comparison = compare(evaluation, evaluation, GATE)
     assert changes(comparison) == []
     assert comparison.differences == ()
@@ -43,7 +37,7 @@ def test_a_run_beside_itself_has_no_change_and_intervals_of_zero_width(
             )
 
 
-def test_the_quantities_over_all_pairs_are_the_printed_ones(evaluation: Evaluation) -> None:
+def test_the_quantities_over_all_pairs_are_the_printed_ones(evaluation):
     for one in compare(evaluation, evaluation, GATE).ads:
         score = evaluation.score(one.ads, one.scenario)
         printed = {
@@ -57,7 +51,7 @@ def test_the_quantities_over_all_pairs_are_the_printed_ones(evaluation: Evaluati
             )
 
 
-def test_every_kind_of_change_is_found_and_named(evaluation: Evaluation) -> None:
+def test_every_kind_of_change_is_found_and_named(evaluation):
     safe, struck = pick(evaluation, collided=False), pick(evaluation, collided=True)
     likened = next(
         case for case in evaluation.cases if case.ads == builders.CALM and case.index is not None
@@ -90,9 +84,7 @@ def test_every_kind_of_change_is_found_and_named(evaluation: Evaluation) -> None
         assert not back.worse
 
 
-def test_a_case_that_is_less_human_only_in_h_is_found_with_what_it_moved(
-    evaluation: Evaluation,
-) -> None:
+def test_a_case_that_is_less_human_only_in_h_is_found_with_what_it_moved(evaluation):
     likened = next(
         case
         for case in evaluation.cases
@@ -106,7 +98,7 @@ def test_a_case_that_is_less_human_only_in_h_is_found_with_what_it_moved(
     assert moved_words(item, " m/s") == ["H_i -0.2"]
 
 
-def test_a_new_collision_says_by_how_much_the_regret_grew(evaluation: Evaluation) -> None:
+def test_a_new_collision_says_by_how_much_the_regret_grew(evaluation):
     """The ideal vehicle avoids, so the regret of the case grows by U = 5 m/s, and A falls."""
     safe = pick(evaluation, collided=False)
     comparison = compare(evaluation, with_case(evaluation, safe.case, hit), GATE)
@@ -121,7 +113,7 @@ def test_a_new_collision_says_by_how_much_the_regret_grew(evaluation: Evaluation
     assert change.difference < 0.0
 
 
-def test_a_change_below_the_tolerance_is_none(evaluation: Evaluation) -> None:
+def test_a_change_below_the_tolerance_is_none(evaluation):
     struck = pick(evaluation, collided=True)
     other = with_case(
         evaluation, struck.case, lambda case: replace(case, severity=(case.severity or 0.0) + 0.05)
@@ -132,7 +124,7 @@ def test_a_change_below_the_tolerance_is_none(evaluation: Evaluation) -> None:
     ]
 
 
-def test_kept_rows_compare_as_rows_in_memory_do(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_kept_rows_compare_as_rows_in_memory_do(evaluation, tmp_path):
     """Columns that are read in arrays have every number, missing ones too, that the rows have."""
     changed = with_case(evaluation, pick(evaluation, collided=False).case, hit)
     kept, runs = KeptResults(tmp_path), []
@@ -152,7 +144,7 @@ def test_kept_rows_compare_as_rows_in_memory_do(evaluation: Evaluation, tmp_path
     ]
 
 
-def test_counts_of_a_comparison_are_those_of_its_rows(evaluation: Evaluation) -> None:
+def test_counts_of_a_comparison_are_those_of_its_rows(evaluation):
     for one in compare(evaluation, evaluation, GATE).ads:
         rows = list(one.changed.paired.new)
         expected = {
@@ -170,9 +162,7 @@ def test_counts_of_a_comparison_are_those_of_its_rows(evaluation: Evaluation) ->
         assert one.counts == {name: (number, number) for name, number in expected.items()}
 
 
-def test_cases_are_paired_by_their_values_not_by_their_order_or_number(
-    evaluation: Evaluation,
-) -> None:
+def test_cases_are_paired_by_their_values_not_by_their_order_or_number(evaluation):
     renumbered = [
         replace(case, case=f"other-{number}")
         for number, case in enumerate(reversed(evaluation.cases))
@@ -181,13 +171,13 @@ def test_cases_are_paired_by_their_values_not_by_their_order_or_number(
     assert changes(compare(evaluation, other, GATE)) == []
 
 
-def test_a_case_in_one_run_only_is_counted_and_said(evaluation: Evaluation) -> None:
+def test_a_case_in_one_run_only_is_counted_and_said(evaluation):
     comparison = compare(evaluation, replace(evaluation, cases=evaluation.cases[1:]), GATE)
     assert len(comparison.ads[0].changed.paired.lost) == 1
     assert any("exist in one run only" in note for note in comparison_notes(comparison))
 
 
-def test_an_ads_without_a_partner_is_said_and_a_pair_can_be_named(evaluation: Evaluation) -> None:
+def test_an_ads_without_a_partner_is_said_and_a_pair_can_be_named(evaluation):
     renamed = replace(
         evaluation,
         scores=tuple(
@@ -235,9 +225,7 @@ def test_an_ads_without_a_partner_is_said_and_a_pair_can_be_named(evaluation: Ev
         ),
     ],
 )  # fmt: skip
-def test_what_could_change_a_score_by_itself_is_refused_unless_accepted(
-    evaluation: Evaluation, change: Callable[[Evaluation], Evaluation], words: str
-) -> None:
+def test_what_could_change_a_score_by_itself_is_refused_unless_accepted(evaluation, change, words):
     other = change(evaluation)
     with pytest.raises(InputError, match="not only the ADS differs") as refusal:
         compare(evaluation, other, GATE)
@@ -246,9 +234,7 @@ def test_what_could_change_a_score_by_itself_is_refused_unless_accepted(
     assert any(words in item.words and item.decides for item in comparison.differences)
 
 
-def test_another_controller_or_another_version_of_numpy_is_shown_and_not_refused(
-    evaluation: Evaluation,
-) -> None:
+def test_another_controller_or_another_version_of_numpy_is_shown_and_not_refused(evaluation):
     versions = {**evaluation.manifest["versions"], "numpy": "3.0"}
     ads = (AdsSettings(builders.CALM, "lane_changer"), *evaluation.settings.ads[1:])
     other = replace(

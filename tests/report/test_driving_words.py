@@ -1,8 +1,6 @@
 """What one case looks like in driving words: worked scenes, each with its quantity, people and
 time."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from types import SimpleNamespace
@@ -54,11 +52,11 @@ def scene(
     )
 
 
-def test_every_extreme_has_words() -> None:
+def test_every_extreme_has_words():
     assert set(EXTREMES) <= set(words.EXTREME_WORDS)
 
 
-def test_hard_braking_before_the_lead_brakes_in_words(case: CaseResult) -> None:
+def test_hard_braking_before_the_lead_brakes_in_words(case):
     """20 to 2 m/s between 2 and 4 s: 9 m/s2 over any whole second.
 
     The lead brakes from 5.0 s on.
@@ -74,7 +72,7 @@ def test_hard_braking_before_the_lead_brakes_in_words(case: CaseResult) -> None:
     assert 2.4 <= when <= 2.7, "the middle of the first whole second at 9 m/s2"
 
 
-def test_standing_and_crawling_name_the_references(case: CaseResult) -> None:
+def test_standing_and_crawling_name_the_references(case):
     """At 20 m/s the asked way ends 5 m short of 200 m; a stop from 20 m/s in 4 s takes 40 m."""
     logical, reference = catalogue.load(case.scenario), drive([(0, 20), (10, 20)], x=0.0)
     begin = logical.placed(case.values).ego.x
@@ -101,7 +99,7 @@ def test_standing_and_crawling_name_the_references(case: CaseResult) -> None:
     assert own > theirs, "late on the way, although first at its end"
 
 
-def test_a_missed_lane_change_is_said(case: CaseResult) -> None:
+def test_a_missed_lane_change_is_said(case):
     """The reference changes to the left lane by 100 m, the ego never: t_i is 0 from there on."""
     logical = catalogue.load(case.scenario)
     placed = logical.placed(case.values)
@@ -116,9 +114,7 @@ def test_a_missed_lane_change_is_said(case: CaseResult) -> None:
     (1.5, 20.0, "1.5 m further left than 3 drivers in the mean"),
     (0.0, 10.0, "it drove 36 km/h where 3 drivers drove 68 to 76 km/h"),
 ])  # fmt: skip
-def test_unlike_path_or_speed_names_place_and_drivers(
-    case: CaseResult, offset: float, speed: float, expected: str
-) -> None:
+def test_unlike_path_or_speed_names_place_and_drivers(case, offset, speed, expected):
     drivers = [drive([(0, one), (10, one)]) for one in (19.0, 20.0, 21.0)]
     ego = drive([(0, speed), (20, speed)], 20.0, y=offset)
     ((sentence, _),) = words.likeness_words(
@@ -127,7 +123,7 @@ def test_unlike_path_or_speed_names_place_and_drivers(
     assert expected in sentence
 
 
-def test_picture_is_as_wide_as_the_drive_and_marks_the_moment(case: CaseResult) -> None:
+def test_picture_is_as_wide_as_the_drive_and_marks_the_moment(case):
     stops = scene(case, drive([(0, 20), (5, 0), (10, 0)]))
     ego, mark, scale = words.picture(stops, 5.0)
     assert len(ego.split()[1]) == words.PICTURE

@@ -1,7 +1,5 @@
 """Evidence for a safety case, and the qualification that a run names."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import platform
@@ -79,7 +77,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "run"
 
 
-def test_claims_say_what_the_facts_bear_out(run: Path, tmp_path: Path) -> None:
+def test_claims_say_what_the_facts_bear_out(run, tmp_path):
     """A car that does nothing closes 20 m at 10 m/s, and 60 m within 6 s and 120 m: both of its
     cases collide, the ideal vehicle's none. Of two equally frequent cases without a collision at
     least 1 - 0.025^(1/2) = 0.842 is open."""
@@ -127,7 +125,7 @@ def test_claims_say_what_the_facts_bear_out(run: Path, tmp_path: Path) -> None:
     assert places == sorted(places)
 
 
-def test_nothing_is_claimed_of_harm_that_no_vehicle_could_do(run: Path) -> None:
+def test_nothing_is_claimed_of_harm_that_no_vehicle_could_do(run):
     """Where a car that does nothing touches nobody A is 1 by definition, with 1 to 1 as its
     interval."""
     whole = score(run)
@@ -138,7 +136,7 @@ def test_nothing_is_claimed_of_harm_that_no_vehicle_could_do(run: Path) -> None:
     assert (claim.claim, claim.verdict) == (f"{calm.ads} in approach had harm to avoid.", "open")
 
 
-def test_a_varied_condition_is_no_missing_condition(run: Path) -> None:
+def test_a_varied_condition_is_no_missing_condition(run):
     """`No conditions are set` would be false of a space with a parameter `conditions.`."""
     whole = score(run)
     logical = whole.scenarios["approach"]
@@ -152,7 +150,7 @@ def test_a_varied_condition_is_no_missing_condition(run: Path) -> None:
     assert "no conditions are set" not in assumed(replace(whole, scenarios={"approach": varied}))
 
 
-def test_points_alike_in_six_digits_are_two_rows_of_checks(run: Path) -> None:
+def test_points_alike_in_six_digits_are_two_rows_of_checks(run):
     whole = score(run)
     near = {20.0: 40.00001, 60.0: 40.00002}
     cases = [replace(it, values={"gap0": near[it.values["gap0"]]}) for it in whole.cases]
@@ -162,7 +160,7 @@ def test_points_alike_in_six_digits_are_two_rows_of_checks(run: Path) -> None:
     assert (table["of"], [point for point, _ in table["rows"]]) == (2, ["gap0=40", "gap0=40"])
 
 
-def test_the_report_carries_the_qualification_that_the_run_names(run: Path) -> None:
+def test_the_report_carries_the_qualification_that_the_run_names(run):
     evaluation = score(run)
     (sentence,) = (line for line in closing_lines(evaluation) if line.startswith("Qualification"))
     assert sentence == (
@@ -175,7 +173,7 @@ def test_the_report_carries_the_qualification_that_the_run_names(run: Path) -> N
     assert content["holds"]
 
 
-def test_a_continued_run_needs_no_qualification(run: Path, tmp_path: Path) -> None:
+def test_a_continued_run_needs_no_qualification(run, tmp_path):
     shutil.copytree(run, tmp_path / "run")
     moved = run.parent / "qualification.json"
     kept = moved.read_bytes()
@@ -202,9 +200,7 @@ def test_a_continued_run_needs_no_qualification(run: Path, tmp_path: Path) -> No
         ),
     ],
 )
-def test_a_qualification_that_does_not_hold_is_said_to(
-    tmp_path: Path, passed: tuple[bool, ...], versions: dict[str, str], sentence: str
-) -> None:
+def test_a_qualification_that_does_not_hold_is_said_to(tmp_path, passed, versions, sentence):
     named = read_qualification(
         "qualification.json", qualification(tmp_path, passed, **versions).parent
     )
@@ -222,9 +218,7 @@ def test_a_qualification_that_does_not_hold_is_said_to(
         ('{"checks": [], "created": "", "versions": {}, "machine": {}}', "holds no checks"),
     ],
 )  # fmt: skip
-def test_a_wrong_qualification_is_refused_before_any_drive(
-    tmp_path: Path, text: str | None, sentence: str
-) -> None:
+def test_a_wrong_qualification_is_refused_before_any_drive(tmp_path, text, sentence):
     if text is not None:
         (tmp_path / "q.json").write_text(text, encoding="utf-8")
     content = {
@@ -241,5 +235,5 @@ def test_a_wrong_qualification_is_refused_before_any_drive(
     [(0.49977, "0.5", "0.499"), (0.5, "0.5", "0.5"), (0.1, "0.1", "0.1"), (0.0, "0", "0"),
      (-0.12345, "-0.123", "-0.124"), (1.2341e-7, "1.24e-07", "1.23e-07")],
 )  # fmt: skip
-def test_a_claim_rounds_to_the_side_that_claims_less(end: float, below: str, at_least: str) -> None:
+def test_a_claim_rounds_to_the_side_that_claims_less(end, below, at_least):
     assert (_outward(end, ROUND_CEILING), _outward(end, ROUND_FLOOR)) == (below, at_least)

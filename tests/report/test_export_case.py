@@ -1,8 +1,6 @@
 """`sumo-eval export RUN CASE`: what is written drives, loads and says the same as what was
 recorded."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,11 +1,8 @@
 """Gates: a limit fails when its bound is passed, says by what and where, and is never judged
 without a base."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import builders
 import pytest
@@ -45,7 +42,7 @@ def with_scores(evaluation: Evaluation, **values: float | None) -> Evaluation:
     )
 
 
-def test_a_repeat_of_the_same_run_passes_every_gate(evaluation: Evaluation) -> None:
+def test_a_repeat_of_the_same_run_passes_every_gate(evaluation):
     results = judged(evaluation, evaluation)
     assert {result.ads for result in results} == {score.ads for score in evaluation.scores}
     assert not failed(results)
@@ -58,9 +55,7 @@ def test_a_repeat_of_the_same_run_passes_every_gate(evaluation: Evaluation) -> N
     assert all("cannot see a change with 0 cases" in result.sentence for result in blind)
 
 
-def test_a_limit_on_missed_requirements_is_about_the_scenarios_that_have_some(
-    evaluation: Evaluation,
-) -> None:
+def test_a_limit_on_missed_requirements_is_about_the_scenarios_that_have_some(evaluation):
     limit = LimitSettings("requirements_missed", at_most=0.0)
     first, *others = evaluation.scores
     assert any(score.scenario != first.scenario for score in others)
@@ -82,7 +77,7 @@ def test_a_limit_on_missed_requirements_is_about_the_scenarios_that_have_some(
     )
 
 
-def test_one_new_collision_fails_the_gate_that_names_it(evaluation: Evaluation) -> None:
+def test_one_new_collision_fails_the_gate_that_names_it(evaluation):
     case = pick(evaluation, collided=False)
     (outcome,) = failed(judged(evaluation, with_case(evaluation, case.case, hit)))
     assert (outcome.quantity, outcome.cases) == ("collided", (case.case,))
@@ -95,7 +90,7 @@ def test_one_new_collision_fails_the_gate_that_names_it(evaluation: Evaluation) 
     assert "it must be at most 0" in named[0].sentence
 
 
-def test_limits_are_absolute_relative_or_of_the_value_itself(evaluation: Evaluation) -> None:
+def test_limits_are_absolute_relative_or_of_the_value_itself(evaluation):
     """D of `calm` falls by 0.05 in every case; its printed base value is in the run."""
     lower = replace(
         evaluation,
@@ -119,9 +114,7 @@ def test_limits_are_absolute_relative_or_of_the_value_itself(evaluation: Evaluat
         assert result.passed is passes, limit
 
 
-def test_an_uncertain_change_is_excused_only_by_its_limit(
-    evaluation: Evaluation,
-) -> None:
+def test_an_uncertain_change_is_excused_only_by_its_limit(evaluation):
     case = next(
         case for case in evaluation.cases if case.ads == builders.CALM and case.index is not None
     )
@@ -134,7 +127,7 @@ def test_an_uncertain_change_is_excused_only_by_its_limit(
     assert (strict.passed, lenient.passed) == (False, True)
 
 
-def test_an_index_that_is_not_computed_any_more_fails(evaluation: Evaluation) -> None:
+def test_an_index_that_is_not_computed_any_more_fails(evaluation):
     case = pick(evaluation, collided=False, zone="safe")
     other = with_case(evaluation, case.case, hit)
     (result,) = judged(
@@ -146,7 +139,7 @@ def test_an_index_that_is_not_computed_any_more_fails(evaluation: Evaluation) ->
     assert "not computed any more" in result.sentence
 
 
-def test_a_limit_on_what_the_run_has_not_says_so(evaluation: Evaluation) -> None:
+def test_a_limit_on_what_the_run_has_not_says_so(evaluation):
     for limit in (
         LimitSettings("collisions", ads="misspelt", at_most=0.0),
         LimitSettings("collisions", scenario="misspelt", at_most=0.0),
@@ -157,7 +150,7 @@ def test_a_limit_on_what_the_run_has_not_says_so(evaluation: Evaluation) -> None
         assert "misspelt" in found.sentence
 
 
-def test_without_a_base_only_limits_on_values_are_evaluated(evaluation: Evaluation) -> None:
+def test_without_a_base_only_limits_on_values_are_evaluated(evaluation):
     settings = GateSettings(
         limit=(LimitSettings("new_collisions", at_most=0.0), LimitSettings("S", at_least=100.0))
     )
@@ -167,7 +160,7 @@ def test_without_a_base_only_limits_on_values_are_evaluated(evaluation: Evaluati
     assert all(result.threshold == 100.0 for result in results if result.quantity == "S")
 
 
-def test_a_value_that_is_missing_cannot_be_at_least_something(evaluation: Evaluation) -> None:
+def test_a_value_that_is_missing_cannot_be_at_least_something(evaluation):
     lost = with_scores(evaluation, collision_probability=math.nan)
     limit = LimitSettings("collision_probability", at_most=1.0)
     assert "is not computed;" in failed(judged(lost, lost, limit))[0].sentence
@@ -189,7 +182,7 @@ at_most = 0
 """
 
 
-def test_a_gate_file_is_read(tmp_path: Path) -> None:
+def test_a_gate_file_is_read(tmp_path):
     (tmp_path / "gate.toml").write_text(GATE_FILE)
     settings = read_gate(tmp_path / "gate.toml")
     assert settings.confidence == 0.9
@@ -219,9 +212,7 @@ def test_a_gate_file_is_read(tmp_path: Path) -> None:
         ("[[limit]]", "[[limit", "not valid TOML"),
     ],
 )
-def test_a_mistake_in_a_gate_file_gets_a_sentence(
-    before: str, after: str, sentence: str, tmp_path: Path
-) -> None:
+def test_a_mistake_in_a_gate_file_gets_a_sentence(before, after, sentence, tmp_path):
     (tmp_path / "gate.toml").write_text(GATE_FILE.replace(before, after))
     with pytest.raises(InputError) as refusal:
         read_gate(tmp_path / "gate.toml")
@@ -239,9 +230,7 @@ def test_a_mistake_in_a_gate_file_gets_a_sentence(
         ("caused_collisions", "caused_collisions"),
     ],
 )  # fmt: skip
-def test_the_scores_that_order_can_be_limited_by_value(
-    evaluation: Evaluation, quantity: str, field: str
-) -> None:
+def test_the_scores_that_order_can_be_limited_by_value(evaluation, quantity, field):
     """The bound is the value itself, which holds; the same bound with another value in the run does
     not."""
     score = evaluation.score(builders.CALM, builders.SCENARIOS[1])
@@ -258,7 +247,7 @@ def test_the_scores_that_order_can_be_limited_by_value(
     assert quantity in broken.sentence
 
 
-def test_more_avoidable_collisions_than_the_base_fail(evaluation: Evaluation) -> None:
+def test_more_avoidable_collisions_than_the_base_fail(evaluation):
     case = pick(evaluation, collided=False)
     limit = LimitSettings(
         "avoidable_collisions", ads=case.ads, scenario=case.scenario, worse_by=0.0
@@ -270,9 +259,7 @@ def test_more_avoidable_collisions_than_the_base_fail(evaluation: Evaluation) ->
 @pytest.mark.parametrize(
     ("by", "tolerance", "passes"), [(1e-12, 1e-9, True), (1e-6, 1e-9, False), (1e-6, 1e-5, True)]
 )
-def test_worse_by_has_a_tolerance_of_its_own(
-    evaluation: Evaluation, by: float, tolerance: float, passes: bool
-) -> None:
+def test_worse_by_has_a_tolerance_of_its_own(evaluation, by, tolerance, passes):
     """A regret of 0 that rises by the last digit of 1 fails no limit, though any share of 0 is
     0."""
     still = replace(evaluation, cases=tuple(replace(case, index=0.5) for case in evaluation.cases))
@@ -286,7 +273,7 @@ def test_worse_by_has_a_tolerance_of_its_own(
     assert judged(still, with_scores(still, d=0.5 - by), rounded)[0].passed is passes
 
 
-def test_a_column_is_evaluated_case_by_case(evaluation: Evaluation) -> None:
+def test_a_column_is_evaluated_case_by_case(evaluation):
     """Gaps of 5 m, one of them 3 m now: 2 m worse, 40 % worse, below 4 m; a case without a value is
     not judged."""
     base = replace(evaluation, cases=tuple(replace(case, min_gap=5.0) for case in evaluation.cases))

@@ -1,7 +1,5 @@
 """The first words of a run: worked numbers, and an alarm for each thing that must not be missed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import builders
@@ -71,7 +69,7 @@ ALARMS = {
 
 
 @pytest.mark.parametrize("words", ALARMS)
-def test_each_alarm_is_raised_by_one_case(evaluation: Evaluation, words: str) -> None:
+def test_each_alarm_is_raised_by_one_case(evaluation, words):
     first, *rest = clean(evaluation, builders.CALM)
     calm = headline(of_one_scenario(evaluation, [first, *rest]))
     assert calm.alarms == ()
@@ -81,7 +79,7 @@ def test_each_alarm_is_raised_by_one_case(evaluation: Evaluation, words: str) ->
     assert words in said
 
 
-def test_alarm_and_ledger_count_the_same_standing_cases(evaluation: Evaluation) -> None:
+def test_alarm_and_ledger_count_the_same_standing_cases(evaluation):
     """A case that stands just before the end of the way is in neither."""
     shares = (0.4, 0.9, 0.995, 1.0)
     odd = of_one_scenario(
@@ -98,7 +96,7 @@ def test_alarm_and_ledger_count_the_same_standing_cases(evaluation: Evaluation) 
     )
 
 
-def test_safety_in_a_test_engineers_words(evaluation: Evaluation) -> None:
+def test_safety_in_a_test_engineers_words(evaluation):
     """One hit of 12 m/s = 43 km/h in 4 cases: mean excess 3 m/s, 50 / 3.6 / 3 = 4.6 cases a
     contact."""
     first, *rest = clean(evaluation, builders.CALM)
@@ -127,7 +125,7 @@ def test_safety_in_a_test_engineers_words(evaluation: Evaluation) -> None:
 
 
 @pytest.mark.parametrize(("hits", "words"), [(5, "Not told apart"), (6, "Told apart")])
-def test_sign_test_tells_the_safest_apart(evaluation: Evaluation, hits: int, words: str) -> None:
+def test_sign_test_tells_the_safest_apart(evaluation, hits, words):
     """2 x 0.5^5 = 0.063 is chance, 2 x 0.5^6 = 0.031 is not."""
     calm, hostile = (clean(evaluation, ads, 8) for ads in (builders.CALM, builders.HOSTILE))
     hostile = [replace(case, **HIT) if place < hits else case for place, case in enumerate(hostile)]  # type: ignore[arg-type]
@@ -143,7 +141,7 @@ def test_sign_test_tells_the_safest_apart(evaluation: Evaluation, hits: int, wor
     )
 
 
-def test_the_best_is_distinguished_or_not(evaluation: Evaluation) -> None:
+def test_the_best_is_distinguished_or_not(evaluation):
     first, second = builders.CALM, builders.HOSTILE
     for apart, words in ((True, "Told apart from"), (False, "Not told apart from")):
         ads = (
@@ -159,14 +157,14 @@ def test_the_best_is_distinguished_or_not(evaluation: Evaluation) -> None:
         )
 
 
-def test_without_a_task_a_prime_stands_in_for_s_plus(evaluation: Evaluation) -> None:
+def test_without_a_task_a_prime_stands_in_for_s_plus(evaluation):
     scores = tuple(replace(score, task_share=None, s_plus=None) for score in evaluation.scores)
     answer = dict(headline(replace(evaluation, scores=scores)).answers)["Best by S+"]
     assert answer.startswith("none: no safe case could be compared with a reference")
     assert "A'" in answer
 
 
-def test_a_departure_is_off_road_on_every_picture(evaluation: Evaluation) -> None:
+def test_a_departure_is_off_road_on_every_picture(evaluation):
     first, *rest = clean(evaluation, builders.CALM)
     gone = replace(first, **ALARMS["left the road in 1 case"])  # type: ignore[arg-type]
     assert (first.outcome, gone.outcome) == ("no contact", "off road")
@@ -174,9 +172,7 @@ def test_a_departure_is_off_road_on_every_picture(evaluation: Evaluation) -> Non
     assert [words[kind] for kind in kinds] == ["off road", "", "", ""]
 
 
-def test_a_collision_without_ug_is_not_called_unavoidable(
-    evaluation: Evaluation,
-) -> None:
+def test_a_collision_without_ug_is_not_called_unavoidable(evaluation):
     hit = next(case for case in evaluation.cases if case.collided)
     kinds, words = failure_kinds(CaseTable.of([replace(hit, ideal_severity=None)]))
     assert words[kinds[0]] == "collision"

@@ -1,7 +1,5 @@
 """The order of nights, accepted nights, and since when a limit fails: histories without a drive."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -42,9 +40,7 @@ def add(
         lines.add(night, evaluation, gates)
 
 
-def test_a_clock_that_ran_ahead_once_decides_nothing(
-    evaluation: Evaluation, tmp_path: Path
-) -> None:
+def test_a_clock_that_ran_ahead_once_decides_nothing(evaluation, tmp_path):
     for name in (FUTURE, TODAY, LATER):
         add(tmp_path, name, evaluation)
     with open_history(tmp_path, create=True) as lines:
@@ -53,12 +49,12 @@ def test_a_clock_that_ran_ahead_once_decides_nothing(
     assert [path.name for path in (tmp_path / "nights").iterdir()] == [LATER]
 
 
-def test_a_link_that_leads_nowhere_has_a_size(tmp_path: Path) -> None:
+def test_a_link_that_leads_nowhere_has_a_size(tmp_path):
     (tmp_path / "gone").symlink_to(tmp_path / "nowhere")
     assert _size(tmp_path) > 0
 
 
-def test_an_expired_acceptance_gives_way_to_the_one_before() -> None:
+def test_an_expired_acceptance_gives_way_to_the_one_before():
     first = Accepted("a", "2026-11-01", "the first good night", None, itself=True)
     second = Accepted("b", "2026-11-02", "on purpose", "2026-11-25", itself=False)
     assert in_force([first, second], "2026-11-25") == [first, second]
@@ -66,9 +62,7 @@ def test_an_expired_acceptance_gives_way_to_the_one_before() -> None:
     assert pinned_by_itself("c", "only improved", second).until == "2026-11-25"
 
 
-def test_pruning_keeps_each_night_that_will_be_the_pin(
-    evaluation: Evaluation, tmp_path: Path
-) -> None:
+def test_pruning_keeps_each_night_that_will_be_the_pin(evaluation, tmp_path):
     """The last acceptance counts until January, the one before until March, then the first."""
     names = [f"2026-11-{day}T02-00-00Z" for day in range(20, 25)]
     for name in names:
@@ -83,9 +77,7 @@ def test_pruning_keeps_each_night_that_will_be_the_pin(
     assert left == [names[0], *names[2:]]
 
 
-def test_a_night_that_is_no_base_is_named_once_a_gone_one_not(
-    evaluation: Evaluation, tmp_path: Path
-) -> None:
+def test_a_night_that_is_no_base_is_named_once_a_gone_one_not(evaluation, tmp_path):
     for name in (FUTURE, TODAY, LATER):
         add(tmp_path, name, evaluation)
     (tmp_path / "nights" / FUTURE).rmdir()
@@ -101,7 +93,7 @@ def test_a_night_that_is_no_base_is_named_once_a_gone_one_not(
     assert bases.unusable
 
 
-def test_accept_keeps_what_when_and_why(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_accept_keeps_what_when_and_why(evaluation, tmp_path):
     add(tmp_path, TODAY, evaluation)
     add(tmp_path, LATER, evaluation, FAILED)
     add(tmp_path, FUTURE, evaluation, imported=True)
@@ -129,7 +121,7 @@ def test_accept_keeps_what_when_and_why(evaluation: Evaluation, tmp_path: Path) 
         accept(tmp_path, LATER, "x", None)
 
 
-def test_a_failure_says_since_when_without_a_break(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_a_failure_says_since_when_without_a_break(evaluation, tmp_path):
     """It failed in the first night, not in the second, then in the third and tonight: since the
     third, 2 nights."""
     for name, gates in ((FUTURE, (FAILED,)), (TODAY, ()), (LATER, (FAILED,))):
@@ -139,7 +131,7 @@ def test_a_failure_says_since_when_without_a_break(evaluation: Evaluation, tmp_p
     assert (since.night, since.nights, since.words) == (LATER, 2, f"since {LATER}, 2 nights")
 
 
-def test_a_dead_mans_switch_knows_its_hours(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_a_dead_mans_switch_knows_its_hours(evaluation, tmp_path):
     """From 02:00 to 04:00 of the next day are 26 h."""
     add(tmp_path, TODAY, evaluation)
     on_time, late = (datetime(2026, 11, 26, 4, 0, second, tzinfo=UTC) for second in (0, 1))

@@ -1,8 +1,6 @@
 """JUnit: a failure is the ADS doing badly, an error is a harness that could not tell; junitparser
 reads it back."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -42,9 +40,7 @@ def with_report(evaluation: Evaluation, **values: object) -> Evaluation:
     )  # type: ignore[arg-type]
 
 
-def test_every_case_is_a_test_with_the_verdict_of_the_table(
-    evaluation: Evaluation, tmp_path: Path
-) -> None:
+def test_every_case_is_a_test_with_the_verdict_of_the_table(evaluation, tmp_path):
     found = read(write_junit(run_suites(evaluation), tmp_path / "junit.xml"))
     missing = {case.case for table in unevaluated(evaluation) for case in table}
     assert sum(len(tests) for tests in found.values()) == len(evaluation.cases)
@@ -65,7 +61,7 @@ def test_every_case_is_a_test_with_the_verdict_of_the_table(
             assert tests[point_words(case.values)] == expected, case.case
 
 
-def test_a_suite_names_s_plus_and_its_parts(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_a_suite_names_s_plus_and_its_parts(evaluation, tmp_path):
     """Departures and giving up are told with what they cost. junitparser reads properties back."""
     safe, other = (
         pick(evaluation, collided=hits, zone=zone)
@@ -98,7 +94,7 @@ def test_a_suite_names_s_plus_and_its_parts(evaluation: Evaluation, tmp_path: Pa
     assert "giving up counts as doing nothing: U = 7.50 m/s" in gave_up.text
 
 
-def test_the_totals_are_the_sums(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_the_totals_are_the_sums(evaluation, tmp_path):
     xml = junitparser.JUnitXml.fromfile(
         str(write_junit(run_suites(evaluation), tmp_path / "junit.xml"))
     )
@@ -109,9 +105,7 @@ def test_the_totals_are_the_sums(evaluation: Evaluation, tmp_path: Path) -> None
     assert xml.errors > 0
 
 
-def test_an_unavoidable_collision_passes_unless_the_setting_says_any(
-    evaluation: Evaluation, tmp_path: Path
-) -> None:
+def test_an_unavoidable_collision_passes_unless_the_setting_says_any(evaluation, tmp_path):
     hard = with_report(evaluation, junit_failures="any")
     mild, strict = (
         read(write_junit(run_suites(one), tmp_path / "junit.xml")) for one in (evaluation, hard)
@@ -136,9 +130,7 @@ def test_an_unavoidable_collision_passes_unless_the_setting_says_any(
     )
 
 
-def test_a_failure_says_whether_the_collision_was_avoidable_or_caused(
-    evaluation: Evaluation, tmp_path: Path
-) -> None:
+def test_a_failure_says_whether_the_collision_was_avoidable_or_caused(evaluation, tmp_path):
     struck = next(
         case for case in evaluation.cases if case.unavoidable and case.no_reaction_severity
     )
@@ -162,7 +154,7 @@ def test_a_failure_says_whether_the_collision_was_avoidable_or_caused(
     assert kinds == {"caused", "avoidable"}
 
 
-def test_a_cell_fails_when_a_case_in_it_does(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_a_cell_fails_when_a_case_in_it_does(evaluation, tmp_path):
     """Two cells an axis over three levels: at most 2 x 2 x 2 tests a scenario instead of one a
     case."""
     celled = with_report(evaluation, junit="cell", junit_cells=2)
@@ -177,9 +169,7 @@ def test_a_cell_fails_when_a_case_in_it_does(evaluation: Evaluation, tmp_path: P
     assert any("cases failed" in message for message in said)
 
 
-def test_a_comparison_has_a_suite_of_gates_and_one_test_a_case(
-    evaluation: Evaluation, tmp_path: Path
-) -> None:
+def test_a_comparison_has_a_suite_of_gates_and_one_test_a_case(evaluation, tmp_path):
     case = pick(evaluation, collided=False)
     other = with_case(evaluation, case.case, hit)
     settings = GateSettings(resamples=100)
@@ -201,9 +191,7 @@ def test_a_comparison_has_a_suite_of_gates_and_one_test_a_case(
 
 
 @pytest.mark.parametrize("text", ["\x00\x1b[31m", "]]><x>&", "\ud800", "line\nline"])
-def test_whatever_a_controller_says_the_file_stays_xml(
-    evaluation: Evaluation, text: str, tmp_path: Path
-) -> None:
+def test_whatever_a_controller_says_the_file_stays_xml(evaluation, text, tmp_path):
     broken = next(case for case in evaluation.cases if case.status == "crashed")
     other = with_case(evaluation, broken.case, lambda case: replace(case, error=text))
     found = read(write_junit(run_suites(other), tmp_path / "junit.xml"))

@@ -1,7 +1,5 @@
 """The ledger adds up: every point between 100 and S is on a line, and every line is its cases."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -24,7 +22,7 @@ def index(found: Ledger, term: str) -> float:
     return math.fsum(line.index for line in found.lines if line.term == term)
 
 
-def test_the_lines_add_up_to_the_printed_scores(evaluation: Evaluation) -> None:
+def test_the_lines_add_up_to_the_printed_scores(evaluation):
     for score in evaluation.scores:
         found = ledger(Findings.of(evaluation, score))
         assert found.total == pytest.approx(score.s, abs=1e-9)
@@ -32,14 +30,14 @@ def test_the_lines_add_up_to_the_printed_scores(evaluation: Evaluation) -> None:
         assert index(found, "D") == pytest.approx(score.d or 0.0, abs=1e-12)
 
 
-def test_a_ledger_of_no_score_says_that_there_is_none(evaluation: Evaluation) -> None:
+def test_a_ledger_of_no_score_says_that_there_is_none(evaluation):
     score = replace(evaluation.scores[0], s_plus=None, s=0.0)
     found = Findings.of(evaluation, score)
     assert ledger_words(ledger_plus(found), 1) == "S+ is not computed"
     assert ledger_words(ledger(found), 1).startswith("S = ")
 
 
-def test_every_line_with_cases_is_the_sum_of_its_cases(evaluation: Evaluation) -> None:
+def test_every_line_with_cases_is_the_sum_of_its_cases(evaluation):
     lines = [
         line
         for score in evaluation.scores
@@ -53,7 +51,7 @@ def test_every_line_with_cases_is_the_sum_of_its_cases(evaluation: Evaluation) -
         assert [case for case, _ in line.worst(2)] == list(line.entries[line.parts < 0.0])[:2]
 
 
-def test_scales_and_points_of_eq_18_are_in_the_sum(evaluation: Evaluation) -> None:
+def test_scales_and_points_of_eq_18_are_in_the_sum(evaluation):
     """a = 60, k5 = 0.5, k6 = 2: S = 60 * 0.5 C + 40 * 2 D."""
     settings = replace(
         evaluation.settings, method=MethodSettings(score=ScoreSettings(a=60.0, k5=0.5, k6=2.0))
@@ -65,7 +63,7 @@ def test_scales_and_points_of_eq_18_are_in_the_sum(evaluation: Evaluation) -> No
         )
 
 
-def test_a_missing_d_is_a_line_with_the_collisions_that_took_it(evaluation: Evaluation) -> None:
+def test_a_missing_d_is_a_line_with_the_collisions_that_took_it(evaluation):
     score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
     assert score.d is None
     (line,) = [
@@ -77,7 +75,7 @@ def test_a_missing_d_is_a_line_with_the_collisions_that_took_it(evaluation: Eval
     assert len(line.entries) == score.safe_collisions
 
 
-def test_what_cost_most_is_said_first(evaluation: Evaluation) -> None:
+def test_what_cost_most_is_said_first(evaluation):
     score = evaluation.score(builders.CALM, builders.SCENARIOS[1])
     said = sentences(ledger(Findings.of(evaluation, score)))
     lost = [float(sentence.split(" lost ")[1].split(" of ")[0]) for sentence in said]
@@ -85,7 +83,7 @@ def test_what_cost_most_is_said_first(evaluation: Evaluation) -> None:
     assert any("operations factor in" in sentence for sentence in said)
 
 
-def test_a_case_that_gains_leaves_the_points_of_its_term(evaluation: Evaluation) -> None:
+def test_a_case_that_gains_leaves_the_points_of_its_term(evaluation):
     found = ledger(Findings.of(evaluation, evaluation.score(builders.CALM, builders.SCENARIOS[1])))
     line = next(line for line in found.lines if line.term == "D" and line.entries)
     gain = replace(line, index=0.001)
@@ -105,7 +103,7 @@ def scores_with_a_below_zero(evaluation: Evaluation) -> tuple[Evaluation, Scenar
     return worse, found
 
 
-def test_the_lines_of_s_plus_add_up_and_each_case_takes_its_part(evaluation: Evaluation) -> None:
+def test_the_lines_of_s_plus_add_up_and_each_case_takes_its_part(evaluation):
     for score in evaluation.scores:
         found = ledger_plus(Findings.of(evaluation, score))
         assert found.total == pytest.approx(score.s_plus, abs=1e-9)
@@ -120,7 +118,7 @@ def test_the_lines_of_s_plus_add_up_and_each_case_takes_its_part(evaluation: Eva
                 assert math.fsum(line.parts * line.scale) == pytest.approx(line.points, abs=1e-9)
 
 
-def test_a_case_given_up_costs_points_of_t(evaluation: Evaluation) -> None:
+def test_a_case_given_up_costs_points_of_t(evaluation):
     score = evaluation.score(builders.CALM, builders.SCENARIOS[0])
     (line,) = [
         line
@@ -131,7 +129,7 @@ def test_a_case_given_up_costs_points_of_t(evaluation: Evaluation) -> None:
     assert line.points < 0.0
 
 
-def test_a_case_struck_from_behind_is_a_cause_of_its_own_in_t(evaluation: Evaluation) -> None:
+def test_a_case_struck_from_behind_is_a_cause_of_its_own_in_t(evaluation):
     score = evaluation.score(builders.CALM, builders.SCENARIOS[0])
     rows = list(Findings.of(evaluation, score).cases)
     hit = next(row for row in rows if row.counts_for_index and not row.incident)
@@ -148,7 +146,7 @@ def test_a_case_struck_from_behind_is_a_cause_of_its_own_in_t(evaluation: Evalua
     assert not found.slow[rows.index(struck)]
 
 
-def test_an_a_below_zero_is_shown_and_taken_as_zero(evaluation: Evaluation) -> None:
+def test_an_a_below_zero_is_shown_and_taken_as_zero(evaluation):
     worse, score = scores_with_a_below_zero(evaluation)
     assert score.avoided_share is not None
     assert score.avoided_share < 0.0
@@ -158,7 +156,7 @@ def test_an_a_below_zero_is_shown_and_taken_as_zero(evaluation: Evaluation) -> N
     assert "worse than doing nothing" in explain_a(Findings.of(worse, score))
 
 
-def test_a_collision_that_doing_nothing_avoids_is_called_caused(evaluation: Evaluation) -> None:
+def test_a_collision_that_doing_nothing_avoids_is_called_caused(evaluation):
     score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
     rows = Findings.of(evaluation, score).cases
     struck = [case for case in rows if case.avoidable and case.no_reaction_severity == 0.0]
@@ -171,9 +169,7 @@ def test_a_collision_that_doing_nothing_avoids_is_called_caused(evaluation: Eval
     assert f"({len(struck)} of them caused by the ADS)" in explain_a(Findings.of(evaluation, score))
 
 
-def test_a_safe_case_with_an_avoidable_collision_costs_its_whole_share_of_h(
-    evaluation: Evaluation,
-) -> None:
+def test_a_safe_case_with_an_avoidable_collision_costs_its_whole_share_of_h(evaluation):
     score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
     (line,) = [
         line

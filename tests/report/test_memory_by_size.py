@@ -1,8 +1,6 @@
 """What the process that scores and reports holds of a case: at most what a million of them may take
 in 500 MB."""
 
-from __future__ import annotations
-
 import tracemalloc
 from functools import lru_cache
 from pathlib import Path
@@ -47,9 +45,7 @@ def made_up(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
 
 @pytest.mark.usefixtures("small_buffers")
 @pytest.mark.parametrize("name", OF_ROWS_ALONE)
-def test_law_no_part_holds_more_of_a_case_than_a_million_cases_allow(
-    name: str, made_up: dict[int, Path], tmp_path: Path
-) -> None:
+def test_law_no_part_holds_more_of_a_case_than_a_million_cases_allow(name, made_up, tmp_path):
     def make(cases: int) -> None:
         SIZES.PARTS[name](SIZES.of_rows_alone(made_up[cases], cases), tmp_path)
 
@@ -71,7 +67,7 @@ def test_law_no_part_holds_more_of_a_case_than_a_million_cases_allow(
 @pytest.mark.parametrize(
     "name", [name for name in SIZES.PARTS if name != "intervals of 20 replicates"]
 )
-def test_law_a_million_cases_fit_into_memory(name: str, campaign_folder: Path) -> None:
+def test_law_a_million_cases_fit_into_memory(name, campaign_folder):
     """The line through what a process of its own holds at most at two sizes, both beyond every
     buffer."""
     small, large = (

@@ -1,8 +1,6 @@
 """What a night leaves for the morning: summary, chat, annotations, JUnit; the pin, and a drift
 beside it."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from dataclasses import replace
@@ -90,7 +88,7 @@ def folder(judged: JudgedNight, tmp_path: Path) -> Path:
     return found
 
 
-def test_summary_and_chat_say_what_failed_and_since_when(judged: JudgedNight, folder: Path) -> None:
+def test_summary_and_chat_say_what_failed_and_since_when(judged, folder):
     (gate,) = failed(judged.gates)
     case = gate.worst[0].case
     summary, chat = (
@@ -107,7 +105,7 @@ def test_summary_and_chat_say_what_failed_and_since_when(judged: JudgedNight, fo
     assert f"differs: build of {builders.CALM}: abc in the base, def in the new run" in chat["text"]
 
 
-def test_night_json_names_case_and_ways_to_it(judged: JudgedNight, folder: Path) -> None:
+def test_night_json_names_case_and_ways_to_it(judged, folder):
     told = json.loads((folder / "night.json").read_text())
     (one,) = told["failed"]
     (case,) = one["cases"]
@@ -118,9 +116,7 @@ def test_night_json_names_case_and_ways_to_it(judged: JudgedNight, folder: Path)
     assert told["builds"] == {builders.CALM: "def"}
 
 
-def test_accept_lists_the_cases_that_it_accepts(
-    judged: JudgedNight, folder: Path, evaluation: Evaluation
-) -> None:
+def test_accept_lists_the_cases_that_it_accepts(judged, folder, evaluation):
     history = folder.parents[1]
     with open_history(history, create=True) as lines:
         lines.add(night(SECOND, 1), evaluation, judged.gates)
@@ -132,9 +128,7 @@ def test_accept_lists_the_cases_that_it_accepts(
 
 
 @pytest.mark.parametrize("alone", [True, False])
-def test_a_limit_on_own_values_is_not_accepted(
-    alone: bool, judged: JudgedNight, folder: Path, evaluation: Evaluation
-) -> None:
+def test_a_limit_on_own_values_is_not_accepted(alone, judged, folder, evaluation):
     """`S` of at least 101 fails whatever the base; only a limit beside it can be accepted."""
     limit = GateSettings(limit=(LimitSettings("S", ads=builders.CALM, at_least=101.0),))
     own = failed(judge(evaluation, None, limit))
@@ -155,7 +149,7 @@ def test_a_limit_on_own_values_is_not_accepted(
         assert len(accepted.accepted) == 2
 
 
-def test_an_annotation_is_one_line_for_github(judged: JudgedNight) -> None:
+def test_an_annotation_is_one_line_for_github(judged):
     """GitHub decodes `:` and `,` in a title, and not in a message."""
     (gate,) = failed(judged.gates)
     (line,) = github_annotations([replace(gate, quantity="a: b, c", sentence="d: e, 5 %")])
@@ -167,14 +161,14 @@ def test_an_annotation_is_one_line_for_github(judged: JudgedNight) -> None:
     assert "0.92 -> 0.32" in body
 
 
-def test_new_failures_stand_before_old_ones(judged: JudgedNight) -> None:
+def test_new_failures_stand_before_old_ones(judged):
     (gate,) = failed(judged.gates)
     old, other = replace(gate, quantity="pet"), replace(gate, quantity="min_ttc", passed=True)
     since = {old.name: Since(FIRST, 2), gate.name: Since(SECOND, 1)}
     assert new_first([other, old, gate], since) == [gate, old, other]
 
 
-def test_junit_has_values_before_and_after(judged: JudgedNight, tmp_path: Path) -> None:
+def test_junit_has_values_before_and_after(judged, tmp_path):
     write_junit(comparison_suites(judged.bases.comparison, judged.gates), tmp_path / "junit.xml")
     suites = junitparser.JUnitXml.fromfile(str(tmp_path / "junit.xml"))
     (bad,) = [
@@ -184,7 +178,7 @@ def test_junit_has_values_before_and_after(judged: JudgedNight, tmp_path: Path) 
     assert "--only" in bad.result[0].text
 
 
-def test_a_drift_of_two_percent_is_found_by_night_ten(evaluation: Evaluation) -> None:
+def test_a_drift_of_two_percent_is_found_by_night_ten(evaluation):
     """0.9 m times 0.98 a night: 0.1 m are gone after 6 nights (0.9 (1 - 0.98^5) = 0.086, ^6 =
     0.103)."""
     pinned = calm(evaluation, 0.9)
@@ -208,7 +202,7 @@ def pin_after(history: Path, comparison: Comparison | None, noise: Noise = Noise
         return pin.reason if pin else ""
 
 
-def test_only_a_better_night_moves_the_pin(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_only_a_better_night_moves_the_pin(evaluation, tmp_path):
     base = calm(evaluation, 0.9)
     better, same = compare(base, nearer(base, 1.5), SETTINGS), compare(base, base, SETTINGS)
     assert pin_after(tmp_path, None) == "the first good night"
@@ -224,7 +218,7 @@ def test_only_a_better_night_moves_the_pin(evaluation: Evaluation, tmp_path: Pat
     )
 
 
-def test_an_acceptance_of_yesterday_counts_no_more(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_an_acceptance_of_yesterday_counts_no_more(evaluation, tmp_path):
     for name in (FIRST, SECOND):
         (tmp_path / "nights" / name).mkdir(parents=True)
         with open_history(tmp_path, create=True) as lines:
@@ -238,9 +232,7 @@ def test_an_acceptance_of_yesterday_counts_no_more(evaluation: Evaluation, tmp_p
         assert pin.night == pinned
 
 
-def test_the_trend_shows_departures_builds_and_acceptance(
-    evaluation: Evaluation, tmp_path: Path
-) -> None:
+def test_the_trend_shows_departures_builds_and_acceptance(evaluation, tmp_path):
     (tmp_path / "nights" / FIRST).mkdir(parents=True)
     with open_history(tmp_path, create=True) as lines:
         lines.add(night(FIRST), built(calm(evaluation, 0.9), "abc"), ())
@@ -260,7 +252,7 @@ def test_the_trend_shows_departures_builds_and_acceptance(
         assert words in page
 
 
-def test_the_command_for_a_folder_with_a_blank_is_quoted(tmp_path: Path) -> None:
+def test_the_command_for_a_folder_with_a_blank_is_quoted(tmp_path):
     lost = tmp_path / "my nights" / "nights" / FIRST
     lost.mkdir(parents=True)
     with pytest.raises(InputError) as error:

@@ -1,9 +1,6 @@
 """People's opinion stands in the report of a run once somebody has been asked."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import pytest
 
@@ -12,7 +9,7 @@ from sumo_eval.extras.studies.opinion import Opinion, RatedScore, opinion_json
 from sumo_eval.report.opinion_section import OPINION, opinion_content
 
 
-def test_the_section_is_there_only_where_people_were_asked(tmp_path: Path) -> None:
+def test_the_section_is_there_only_where_people_were_asked(tmp_path):
     assert opinion_content(tmp_path) is None
     rated = RatedScore(
         "idm", "cut_out", 6.5, 0.5, 4, {"S+": 70.0, "A": -0.5, "S": 80.0, "D": None, "C": 0.25}
@@ -36,9 +33,7 @@ def test_the_section_is_there_only_where_people_were_asked(tmp_path: Path) -> No
         '{"rows": [], "correlations": {"A": 1}, "intervals": [1]}',
     ],
 )
-def test_a_damaged_file_of_opinions_is_said_and_not_passed_over(
-    tmp_path: Path, damage: str
-) -> None:
+def test_a_damaged_file_of_opinions_is_said_and_not_passed_over(tmp_path, damage):
     (tmp_path / OPINION).write_text(damage, encoding="utf-8")
     with pytest.raises(InputError, match="ask again with: sumo-eval humans opinion"):
         opinion_content(tmp_path)

@@ -1,7 +1,5 @@
 """Charts on a page."""
 
-from __future__ import annotations
-
 import pytest
 
 from sumo_eval.extras.panels import INK, Marks, Panel, on_page
@@ -11,6 +9,6 @@ from sumo_eval.extras.panels import INK, Marks, Panel, on_page
     ("line", "marker", "mode"),
     [("-", "", "lines"), ("", "o", "markers"), ("-", "o", "lines+markers")],
 )
-def test_law_a_page_shows_the_line_and_the_marker(line: str, marker: str, mode: str) -> None:
+def test_law_a_page_shows_the_line_and_the_marker(line, marker, mode):
     page = on_page([Panel([Marks("a", [0.0, 1.0], [0.0, 1.0], INK, line, marker)])], 1, 300)
     assert page.data[0].mode == mode

@@ -1,8 +1,6 @@
 """Preventability: every case has one verdict beside the reference, and the counts add up to what
 the cases say."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -77,7 +75,7 @@ def by_case(evaluation: Evaluation) -> dict[str, str]:
     }
 
 
-def test_every_pair_of_outcomes_has_its_verdict(evaluation: Evaluation) -> None:
+def test_every_pair_of_outcomes_has_its_verdict(evaluation):
     odd = made(evaluation, {"mine": [*"-X-XXXRGE-"], "careful_driver": [*"--XXREX-G-"]})
     found = by_case(odd)
     assert [found[f"mine-{number}"] for number in range(10)] == [
@@ -99,7 +97,7 @@ def test_every_pair_of_outcomes_has_its_verdict(evaluation: Evaluation) -> None:
     )
 
 
-def test_without_the_named_ads_the_ideal_vehicle_is_the_reference(evaluation: Evaluation) -> None:
+def test_without_the_named_ads_the_ideal_vehicle_is_the_reference(evaluation):
     odd = made(
         evaluation, {"mine": [*"XXX--"], "idm": [*"X--X-"]}, ideal=[False, True, None, True, None]
     )
@@ -112,7 +110,7 @@ def test_without_the_named_ads_the_ideal_vehicle_is_the_reference(evaluation: Ev
 
 
 @pytest.mark.parametrize("reference", ["idm", "ideal_braking"])
-def test_the_counts_add_up(evaluation: Evaluation, reference: str) -> None:
+def test_the_counts_add_up(evaluation, reference):
     odd = against(evaluation, reference)
     found = by_case(odd)
     assert set(found) == {case.case for case in evaluation.cases}
@@ -125,7 +123,7 @@ def test_the_counts_add_up(evaluation: Evaluation, reference: str) -> None:
         assert row.better <= row.avoided
 
 
-def test_the_reference_is_found_by_name_before_controller(evaluation: Evaluation) -> None:
+def test_the_reference_is_found_by_name_before_controller(evaluation):
     ads = (AdsSettings("first", "careful_driver"), AdsSettings("careful_driver", "idm"))
     both = replace(evaluation.settings, ads=ads)
     assert reference_ads(both) == "careful_driver"
@@ -133,9 +131,7 @@ def test_the_reference_is_found_by_name_before_controller(evaluation: Evaluation
     assert "“first”" in reference_sentence(replace(both, ads=ads[:1]))
 
 
-def test_the_reference_prevents_nothing_of_its_own_and_is_never_better_than_itself(
-    evaluation: Evaluation,
-) -> None:
+def test_the_reference_prevents_nothing_of_its_own_and_is_never_better_than_itself(evaluation):
     odd = against(evaluation, "idm")  # the controller of `calm`
     own = [row for row in preventability(odd) if row.ads == builders.CALM]
     assert own
@@ -144,9 +140,7 @@ def test_the_reference_prevents_nothing_of_its_own_and_is_never_better_than_itse
         assert row.unpreventable == row.incidents
 
 
-def test_an_ads_that_only_avoids_more_never_has_more_preventable_collisions(
-    evaluation: Evaluation,
-) -> None:
+def test_an_ads_that_only_avoids_more_never_has_more_preventable_collisions(evaluation):
     reference = [*"-XX--X-X"]
     worse = preventability(made(evaluation, {"mine": [*"XXXX--XX"], "careful_driver": reference}))[
         0
@@ -158,7 +152,7 @@ def test_an_ads_that_only_avoids_more_never_has_more_preventable_collisions(
     assert gentler.better >= worse.better
 
 
-def test_scores_json_carries_the_counts_and_the_reference(evaluation: Evaluation) -> None:
+def test_scores_json_carries_the_counts_and_the_reference(evaluation):
     plain = json.loads(json.dumps(scores_json(evaluation), allow_nan=False))["preventability"]
     assert plain["reference"] == "ideal vehicle"
     assert [row["preventable"] for row in plain["rows"]] == [
@@ -167,7 +161,7 @@ def test_scores_json_carries_the_counts_and_the_reference(evaluation: Evaluation
     assert scores_json(against(evaluation, "idm"))["preventability"]["reference"] == builders.CALM
 
 
-def test_no_two_verdicts_look_the_same() -> None:
+def test_no_two_verdicts_look_the_same():
     assert (
         len({look.letter for look in LOOKS.values()})
         == len({look.colour for look in LOOKS.values()})

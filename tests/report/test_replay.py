@@ -1,13 +1,10 @@
 """The replay: its TTC is the method's, it plays in a browser without a request, and shows what was
 recorded."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess
 from importlib.resources import files
-from pathlib import Path
 
 import builders
 import numpy as np
@@ -45,7 +42,7 @@ def plain(trajectory: Trajectory) -> dict[str, object]:
 
 @needs_node
 @pytest.mark.parametrize("contact", [False, True])
-def test_the_page_computes_the_gap_and_ttc_of_the_method(contact: bool) -> None:
+def test_the_page_computes_the_gap_and_ttc_of_the_method(contact):
     """An ego that weaves behind a braking lorry, beside a faster car, with an actor whose recording
     ends early."""
     ego = builders.drive(50.0, 0.0, 25.0, 6.0, offset=2.0)
@@ -98,7 +95,7 @@ def collision(evaluation: Evaluation) -> Fact:
     return recorded(evaluation.folder, key)
 
 
-def test_a_replay_is_small_and_asks_for_nothing(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_a_replay_is_small_and_asks_for_nothing(evaluation, tmp_path):
     """The player is about 60 kB; one case of the hand-made evaluation adds less than the 14 kB a
     case may take."""
     fact = collision(evaluation)
@@ -121,7 +118,7 @@ PAINTED = """Promise.all([...document.querySelectorAll('canvas')].map(async (can
 
 
 @needs_chromium
-def test_the_replay_page_plays_in_a_browser(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_the_replay_page_plays_in_a_browser(evaluation, tmp_path):
     fact = collision(evaluation)
     logical = catalogue.load(fact.scenario)
     path = write_replay(
@@ -179,9 +176,7 @@ def share_of(page: Page, colour: tuple[int, int, int], within: int = 40) -> floa
 
 @pytest.mark.campaign
 @needs_chromium
-def test_every_camera_shows_road_and_ego_and_contact_has_its_frames(
-    evaluation: Evaluation, tmp_path: Path
-) -> None:
+def test_every_camera_shows_road_and_ego_and_contact_has_its_frames(evaluation, tmp_path):
     """Asphalt is grey in every camera; the ego's blue, its bonnet from the seat; red frames at
     contact, none before."""
     fact = collision(evaluation)
@@ -209,9 +204,7 @@ def test_every_camera_shows_road_and_ego_and_contact_has_its_frames(
 
 @pytest.mark.campaign
 @needs_chromium
-def test_where_webgl_is_missing_the_plain_drawing_stays(
-    evaluation: Evaluation, tmp_path: Path
-) -> None:
+def test_where_webgl_is_missing_the_plain_drawing_stays(evaluation, tmp_path):
     fact = collision(evaluation)
     path = write_replay(
         evaluation.folder, catalogue.load(fact.scenario), fact, tmp_path / "replay.html"
@@ -225,8 +218,8 @@ def test_where_webgl_is_missing_the_plain_drawing_stays(
 
 
 def test_a_case_without_a_recording_and_a_companion_that_was_not_there_get_a_sentence(
-    evaluation: Evaluation, tmp_path: Path
-) -> None:
+    evaluation, tmp_path
+):
     crashed = next(case for case in evaluation.cases if case.status == "crashed")
     with pytest.raises(InputError, match="has no recording to replay"):
         recorded(evaluation.folder, crashed.case)
@@ -243,9 +236,7 @@ def test_a_case_without_a_recording_and_a_companion_that_was_not_there_get_a_sen
         )
 
 
-def test_without_sumo_gui_a_sentence_says_how_to_get_it(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_without_sumo_gui_a_sentence_says_how_to_get_it(monkeypatch, tmp_path):
     monkeypatch.setattr("sys.executable", str(tmp_path / "python"))
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(
@@ -255,7 +246,7 @@ def test_without_sumo_gui_a_sentence_says_how_to_get_it(
 
 
 @needs_node
-def test_the_page_puts_a_curve_where_the_road_has_it() -> None:
+def test_the_page_puts_a_curve_where_the_road_has_it():
     line = (
         Piece(40.0),
         Piece(60.0, 0.0, 1 / 200),
@@ -285,7 +276,7 @@ def test_the_page_puts_a_curve_where_the_road_has_it() -> None:
 
 
 @needs_node
-def test_bodies_are_drawn_in_their_size_as_what_their_scenario_says() -> None:
+def test_bodies_are_drawn_in_their_size_as_what_their_scenario_says():
     """A truck of a van's size is a truck; at 20 m a pixel a child is 4 by 8 of them."""
     bodies = [
         {"kind": kind, "length": body.length, "width": body.width} for kind, body in BODIES.items()
@@ -330,7 +321,7 @@ def test_bodies_are_drawn_in_their_size_as_what_their_scenario_says() -> None:
 
 @needs_node
 @pytest.mark.parametrize(("length", "kind"), [(4.5, "car"), (12.0, "truck")])
-def test_the_ego_is_drawn_as_what_its_size_looks_like(length: float, kind: str) -> None:
+def test_the_ego_is_drawn_as_what_its_size_looks_like(length, kind):
     ego = plain(builders.drive(0.0, 0.0, 10.0, 1.0)) | {"length": length, "width": 2.5}
     given = json.dumps(ego | {"acceleration": [0.0] * 99})
     script = f"""
@@ -341,7 +332,7 @@ def test_the_ego_is_drawn_as_what_its_size_looks_like(length: float, kind: str) 
 
 
 @needs_node
-def test_a_lane_without_a_taper_is_gone_at_once() -> None:
+def test_a_lane_without_a_taper_is_gone_at_once():
     """As networks of SUMO have it: the left lane, y 1.75 to 5.25, ends at x = 500."""
     road = Road("road", 1000.0, 2, 3.5, 100.0, spans=(LaneSpan(1, end=500.0),))
     templates = files("sumo_eval.report") / "templates"
@@ -365,7 +356,7 @@ def test_a_lane_without_a_taper_is_gone_at_once() -> None:
 
 
 @needs_node
-def test_an_actor_that_has_left_is_drawn_no_more() -> None:
+def test_an_actor_that_has_left_is_drawn_no_more():
     script = f"""
         const replay = require({json.dumps(REPLAY_JS)});
         const still = (time, x) => ({{ time, x: [x, x], y: [0, 0], heading: [0, 0], speed: [0, 0],
@@ -390,8 +381,8 @@ def test_an_actor_that_has_left_is_drawn_no_more() -> None:
 @pytest.mark.campaign
 @needs_chromium
 def test_the_charts_of_a_replay_follow_the_theme_and_are_saved_as_they_are_drawn(
-    evaluation: Evaluation, tmp_path: Path
-) -> None:
+    evaluation, tmp_path
+):
     fact = collision(evaluation)
     path = write_replay(
         evaluation.folder, catalogue.load(fact.scenario), fact, tmp_path / "replay.html"

@@ -1,8 +1,6 @@
 """The report in a browser: it draws without an error, asks nobody for anything, and computes the
 method's own field."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess
@@ -21,7 +19,6 @@ from page_checks import CONTRAST, WRITTEN_IN_CELLS, press
 from sumo_eval.method.trajectory_field import trajectory_field
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, encode_trajectories
 from sumo_eval.report.words import LOOKS
-from sumo_eval.results import Evaluation
 from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.trajectory import Trajectory
 
@@ -89,9 +86,7 @@ def coarse() -> Trajectory:
     ],
 )
 @pytest.mark.parametrize("superposition", ["magnitude", "vector"])
-def test_the_page_computes_the_field_of_the_method(
-    make: Any, k1: float, k2: float, superposition: str
-) -> None:
+def test_the_page_computes_the_field_of_the_method(make, k1, k2, superposition):
     trajectory = make()
     rng = np.random.default_rng(7)
     points = np.column_stack([rng.uniform(40.0, 110.0, 60), rng.uniform(-3.0, 6.0, 60)])
@@ -111,7 +106,7 @@ def test_the_page_computes_the_field_of_the_method(
 
 
 @needs_node
-def test_trajectories_come_back_from_the_page_to_their_steps() -> None:
+def test_trajectories_come_back_from_the_page_to_their_steps():
     sent = [
         turning(),
         standing(),
@@ -135,7 +130,7 @@ def test_trajectories_come_back_from_the_page_to_their_steps() -> None:
 
 
 @needs_node
-def test_extreme_samples_come_back_from_the_page_as_they_were() -> None:
+def test_extreme_samples_come_back_from_the_page_as_they_were():
     # 1073741823 steps are the last that differences of 32 bits hold: of x 10,737,418.23 m, of speed
     # as much in m/s
     edge = (2**30 - 1) * 1e-2
@@ -209,9 +204,7 @@ def opened(report: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[P
 
 
 @needs_chromium
-def test_the_report_opens_without_an_error_and_without_a_request(
-    opened: Page, report: Path
-) -> None:
+def test_the_report_opens_without_an_error_and_without_a_request(opened, report):
     assert opened.problems == []
     outside = [address for address in opened.requests if not address.startswith(("data:", "blob:"))]
     assert outside == [report.as_uri()]
@@ -224,7 +217,7 @@ def test_the_report_opens_without_an_error_and_without_a_request(
 
 
 @needs_chromium
-def test_hostile_names_stay_text_in_the_charts(opened: Page) -> None:
+def test_hostile_names_stay_text_in_the_charts(opened):
     assert opened.run("document.querySelectorAll('img').length") == 0
     names = opened.run(
         "[...document.getElementById('pick-ads').options].map((option) => option.textContent)"
@@ -234,7 +227,7 @@ def test_hostile_names_stay_text_in_the_charts(opened: Page) -> None:
 
 @needs_chromium
 @pytest.mark.parametrize("most", [3, pytest.param(99, marks=pytest.mark.campaign)])
-def test_a_case_of_every_kind_can_be_shown(opened: Page, evaluation: Evaluation, most: int) -> None:
+def test_a_case_of_every_kind_can_be_shown(opened, evaluation, most):
     kinds = {(case.status, case.zone): case.case for case in evaluation.cases}
     for key in [*kinds.values()][:most]:
         opened.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(key)}), null)")
@@ -247,7 +240,7 @@ def test_a_case_of_every_kind_can_be_shown(opened: Page, evaluation: Evaluation,
 
 
 @needs_chromium
-def test_play_at_a_contact_begins_at_the_start(opened: Page) -> None:
+def test_play_at_a_contact_begins_at_the_start(opened):
     """Times of a trajectory are rounded to 1 ms, that of the contact is not."""
     opened.run("""(() => {
         const drive = (x) => ({ time: [0, 1], x: [x, x + 9], y: [0, 0], heading: [0, 0],
@@ -266,7 +259,7 @@ def test_play_at_a_contact_begins_at_the_start(opened: Page) -> None:
 
 
 @needs_chromium
-def test_a_case_that_the_page_lacks_is_said_to_be_elsewhere(opened: Page) -> None:
+def test_a_case_that_the_page_lacks_is_said_to_be_elsewhere(opened):
     absent = "document.getElementById('case-absent')"
     for key in ("nowhere", "50%"):
         opened.run(f"(location.hash = '#case:{key}', null)")
@@ -279,7 +272,7 @@ def test_a_case_that_the_page_lacks_is_said_to_be_elsewhere(opened: Page) -> Non
 
 
 @needs_chromium
-def test_choosing_another_ads_keeps_the_point(opened: Page, evaluation: Evaluation) -> None:
+def test_choosing_another_ads_keeps_the_point(opened, evaluation):
     case = next(case for case in evaluation.cases if case.ads == builders.CALM and case.collided)
     opened.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(case.case)}), null)")
     words = ", ".join(f"{name} {value:g}" for name, value in case.values.items())
@@ -298,7 +291,7 @@ def test_choosing_another_ads_keeps_the_point(opened: Page, evaluation: Evaluati
 
 
 @needs_chromium
-def test_a_click_on_the_map_shows_the_case(opened: Page) -> None:
+def test_a_click_on_the_map_shows_the_case(opened):
     # a case that was just shown still scrolls, and draws its charts
     opened.run("""(async () => {
         for (let last = null, at; last !== (at = document.body.getBoundingClientRect().y); last = at)
@@ -328,9 +321,7 @@ def test_a_click_on_the_map_shows_the_case(opened: Page) -> None:
 
 
 @needs_chromium
-def test_the_preventability_map_shows_the_verdicts_of_the_chosen_ads(
-    opened: Page, evaluation: Evaluation
-) -> None:
+def test_the_preventability_map_shows_the_verdicts_of_the_chosen_ads(opened, evaluation):
     for which, scenario in enumerate(builders.SCENARIOS):
         for position, ads in enumerate((builders.CALM, builders.HOSTILE)):
             letters = opened.run(f"""(() => {{
@@ -346,9 +337,7 @@ def test_the_preventability_map_shows_the_verdicts_of_the_chosen_ads(
 
 
 @needs_chromium
-def test_the_case_panel_tells_the_criticality_measures_in_words(
-    opened: Page, evaluation: Evaluation
-) -> None:
+def test_the_case_panel_tells_the_criticality_measures_in_words(opened, evaluation):
     case = [case for case in evaluation.cases if case.ads == builders.CALM and case.collided][-1]
     opened.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(case.case)}), null)")
     opened.wait(
@@ -365,7 +354,7 @@ def test_the_case_panel_tells_the_criticality_measures_in_words(
 
 @pytest.mark.campaign
 @needs_chromium
-def test_more_than_three_parameters_are_slices_to_choose(report: Path, tmp_path: Path) -> None:
+def test_more_than_three_parameters_are_slices_to_choose(report, tmp_path):
     """The page of the other tests with a fifth of its cases moved to a second value of two more
     parameters."""
     text = report.read_text(encoding="utf-8")
@@ -415,9 +404,7 @@ def test_more_than_three_parameters_are_slices_to_choose(report: Path, tmp_path:
 
 
 @needs_chromium
-def test_on_a_slice_of_ones_own_what_cannot_be_is_hatched_up_to_its_limit_and_holds_no_case(
-    opened: Page,
-) -> None:
+def test_on_a_slice_of_ones_own_what_cannot_be_is_hatched_up_to_its_limit_and_holds_no_case(opened):
     card = f"""document.querySelector('[data-map="{builders.SCENARIOS.index("front_vehicle_cut_out")}"]')"""
     pick = f"""(which, value) => {{ const axis = {card}.querySelector(`[data-axis=${{which}}]`);
         axis.value = value; axis.dispatchEvent(new Event('change')); }}"""
@@ -449,9 +436,7 @@ def test_on_a_slice_of_ones_own_what_cannot_be_is_hatched_up_to_its_limit_and_ho
 
 
 @needs_chromium
-def test_a_second_ads_stands_beside_the_first_and_the_filter_holds_for_both(
-    opened: Page, evaluation: Evaluation
-) -> None:
+def test_a_second_ads_stands_beside_the_first_and_the_filter_holds_for_both(opened, evaluation):
     card = """document.querySelector('[data-map="1"]')"""
     opened.run(f"""(() => {{ const beside = {card}.querySelector('[data-beside]');
         beside.selectedIndex = 1; beside.dispatchEvent(new Event('change')); }})()""")
@@ -502,7 +487,7 @@ def test_a_second_ads_stands_beside_the_first_and_the_filter_holds_for_both(
 
 @pytest.mark.campaign
 @needs_chromium
-def test_every_word_can_be_read_in_the_light_and_in_the_dark(opened: Page) -> None:
+def test_every_word_can_be_read_in_the_light_and_in_the_dark(opened):
     for theme in ("Dark", "Light"):
         opened.run(
             "[...document.querySelectorAll('[data-tools] button')].find((b) => b.textContent === "
@@ -517,7 +502,7 @@ def test_every_word_can_be_read_in_the_light_and_in_the_dark(opened: Page) -> No
 
 
 @needs_chromium
-def test_every_chart_can_be_saved(opened: Page) -> None:
+def test_every_chart_can_be_saved(opened):
     charts = "[...document.querySelectorAll('.js-plotly-plot')].filter((plot) => plot.clientWidth)"
     assert opened.run(
         f"{charts}.every((plot) => plot.closest('figure, .panel').querySelectorAll('.save "
@@ -551,7 +536,7 @@ def test_every_chart_can_be_saved(opened: Page) -> None:
 
 
 @needs_chromium
-def test_a_copy_button_keeps_its_words_when_clicked_twice(opened: Page) -> None:
+def test_a_copy_button_keeps_its_words_when_clicked_twice(opened):
     copy = "document.querySelector('[data-copy]')"
     before = opened.run(f"{copy}.textContent")
     opened.run(f"{copy}.click(); setTimeout(() => {copy}.click(), 200); null")
@@ -561,9 +546,7 @@ def test_a_copy_button_keeps_its_words_when_clicked_twice(opened: Page) -> None:
 
 @pytest.mark.campaign
 @needs_chromium
-def test_the_replay_plays_beside_another_ads_and_printing_redraws(
-    opened: Page, evaluation: Evaluation
-) -> None:
+def test_the_replay_plays_beside_another_ads_and_printing_redraws(opened, evaluation):
     case = next(case for case in evaluation.cases if case.ads == builders.CALM and case.collided)
     opened.run(
         "(location.hash = '', location.hash = '#case:' + "
@@ -591,9 +574,7 @@ def test_the_replay_plays_beside_another_ads_and_printing_redraws(
 
 
 @needs_chromium
-def test_keys_alone_unfold_sections_change_the_case_and_are_seen_where_they_are(
-    opened: Page,
-) -> None:
+def test_keys_alone_unfold_sections_change_the_case_and_are_seen_where_they_are(opened):
     fold = "document.querySelector('details.fold')"
     opened.run(f"({fold}.open = false, document.querySelector('.skip').focus(), null)")
     for _ in range(60):
@@ -623,7 +604,7 @@ def test_keys_alone_unfold_sections_change_the_case_and_are_seen_where_they_are(
 
 
 @needs_chromium
-def test_the_terms_of_c_are_the_numbers_of_the_table(opened: Page, evaluation: Evaluation) -> None:
+def test_the_terms_of_c_are_the_numbers_of_the_table(opened, evaluation):
     for which, scenario in enumerate(builders.SCENARIOS):
         hits = [case for case in evaluation.cases if case.scenario == scenario and case.collided]
         if not hits:
@@ -652,7 +633,7 @@ def test_the_terms_of_c_are_the_numbers_of_the_table(opened: Page, evaluation: E
 
 @needs_chromium
 @pytest.mark.parametrize("width", [390, 1400, pytest.param(2560, marks=pytest.mark.campaign)])
-def test_no_page_is_wider_than_its_window(opened: Page, width: int) -> None:
+def test_no_page_is_wider_than_its_window(opened, width):
     opened.call(
         "Emulation.setDeviceMetricsOverride",
         width=width,

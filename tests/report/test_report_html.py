@@ -1,8 +1,6 @@
 """The report as a file: complete, closed, and deaf to what people write into names and error
 texts."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re
@@ -21,7 +19,6 @@ from packed_pages import unpacked
 
 from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError
-from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report import sent_drives
 from sumo_eval.report.html import term, write_report
 from sumo_eval.report.page import template
@@ -72,7 +69,7 @@ def visible(page: str) -> str:
     return " ".join(unescape(re.sub(r"<[^>]+>", " ", bare)).split())
 
 
-def test_the_scores_stand_in_the_verdict(evaluation: Evaluation, page: str) -> None:
+def test_the_scores_stand_in_the_verdict(evaluation, page):
     text = visible(page)
     for score in evaluation.scores:
         assert f"{score.c:.3f}" in text
@@ -90,9 +87,7 @@ def test_the_scores_stand_in_the_verdict(evaluation: Evaluation, page: str) -> N
             assert f"{score.caused_collisions} of these caused" in text
 
 
-def test_the_collisions_and_s_plus_come_before_the_papers_scores(
-    tags: list[Any], page: str
-) -> None:
+def test_the_collisions_and_s_plus_come_before_the_papers_scores(tags, page):
     heading = re.search(r'<table class="scores">.*?</thead>', page, flags=re.S)
     assert heading is not None
     columns = [
@@ -121,12 +116,12 @@ def test_the_collisions_and_s_plus_come_before_the_papers_scores(
         "plausibility",
     ],
 )
-def test_jargon_has_a_line_in_the_glossary(page: str, name: str) -> None:
+def test_jargon_has_a_line_in_the_glossary(page, name):
     glossary = page[page.index('<dl class="glossary">') :]
     assert f"<dt>{name}</dt><dd>{escape(GLOSSARY[name], quote=False)[:20]}" in unescape(glossary)
 
 
-def test_the_scores_headings_have_tooltips(tags: list[Any]) -> None:
+def test_the_scores_headings_have_tooltips(tags):
     told = {dict(attributes).get("title") for tag, attributes in tags if tag == "abbr"}
     assert {
         GLOSSARY[name]
@@ -134,9 +129,7 @@ def test_the_scores_headings_have_tooltips(tags: list[Any]) -> None:
     } <= told
 
 
-def test_an_interval_stands_below_its_score(
-    evaluation: Evaluation, partitions: dict[str, ZonePartition], tmp_path: Path
-) -> None:
+def test_an_interval_stands_below_its_score(evaluation, partitions, tmp_path):
     page = write_report(
         replace(
             evaluation,
@@ -147,7 +140,7 @@ def test_an_interval_stands_below_its_score(
     assert page.count('<small class="pair">12..87</small>') == len(evaluation.scores)
 
 
-def test_the_ranking_has_a_section_where_there_is_one(evaluation: Evaluation) -> None:
+def test_the_ranking_has_a_section_where_there_is_one(evaluation):
     """Two ADSs whose difference may be chance share the first place."""
     assert ranking_content(evaluation, Beside()) is None
     ranked = SimpleNamespace(
@@ -167,7 +160,7 @@ def test_the_ranking_has_a_section_where_there_is_one(evaluation: Evaluation) ->
     assert "a 1, b 2" in words
 
 
-def test_d_that_was_not_computed_is_said_with_its_reason(evaluation: Evaluation, page: str) -> None:
+def test_d_that_was_not_computed_is_said_with_its_reason(evaluation, page):
     score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
     assert score.d is None
     assert f"not computed {count(score.safe_collisions, 'collision')} in the safe zone" in visible(
@@ -175,9 +168,7 @@ def test_d_that_was_not_computed_is_said_with_its_reason(evaluation: Evaluation,
     )
 
 
-def test_the_drivers_are_called_synthetic_and_only_when_they_are(
-    evaluation: Evaluation, partitions: dict[str, ZonePartition], page: str
-) -> None:
+def test_the_drivers_are_called_synthetic_and_only_when_they_are(evaluation, partitions, page):
     assert (
         visible(page).count(
             "synthetic: drawn from distributions fitted to recorded traffic. They are not"
@@ -196,16 +187,14 @@ def test_the_drivers_are_called_synthetic_and_only_when_they_are(
     assert "mine:drivers" in other
 
 
-def test_every_collision_and_every_missing_case_is_listed(
-    evaluation: Evaluation, tags: list[Any]
-) -> None:
+def test_every_collision_and_every_missing_case_is_listed(evaluation, tags):
     links = [attributes.get("href") or "" for tag, attributes in tags if tag == "a"]
     linked = {unquote(link.removeprefix("#case:")) for link in links if link.startswith("#case:")}
     missing = {case.case for table in unevaluated(evaluation) for case in table}
     assert linked >= {case.case for case in evaluation.cases if case.collided} | missing
 
 
-def test_names_and_errors_are_text_everywhere(page: str, tags: list[Any]) -> None:
+def test_names_and_errors_are_text_everywhere(page, tags):
     assert builders.HOSTILE not in page
     assert escape(builders.HOSTILE, quote=False).split("&quot;")[0][:20] in page
     assert builders.ERROR not in page
@@ -214,12 +203,12 @@ def test_names_and_errors_are_text_everywhere(page: str, tags: list[Any]) -> Non
     assert sum(tag == "script" for tag, _ in tags) == page.count("</script>") == 7
 
 
-def test_the_data_cannot_be_read_as_markup(page: str) -> None:
+def test_the_data_cannot_be_read_as_markup(page):
     for name in ("report-data", "plotly-code"):
         assert unpacked(page, name), "it is plain base64 in the page"
 
 
-def test_the_data_holds_every_name_as_it_is(evaluation: Evaluation, data: dict[str, Any]) -> None:
+def test_the_data_holds_every_name_as_it_is(evaluation, data):
     assert [scenario["ads"] for scenario in data["scenarios"]] == [
         [builders.CALM, builders.HOSTILE]
     ] * 2
@@ -227,7 +216,7 @@ def test_the_data_holds_every_name_as_it_is(evaluation: Evaluation, data: dict[s
     assert sorted(keys) == sorted(case.case for case in evaluation.cases)
 
 
-def test_nothing_is_fetched_from_anywhere(page: str, tags: list[Any]) -> None:
+def test_nothing_is_fetched_from_anywhere(page, tags):
     for tag, attributes in tags:
         for name in ("src", "href", "data", "poster", "srcset", "action"):
             address = attributes.get(name) or ""
@@ -241,7 +230,7 @@ def test_nothing_is_fetched_from_anywhere(page: str, tags: list[Any]) -> None:
     assert "http" not in policy
 
 
-def test_every_label_and_picture_has_words(tags: list[Any]) -> None:
+def test_every_label_and_picture_has_words(tags):
     for tag, attributes in tags:
         if attributes.get("role") == "img":
             assert attributes.get("aria-label"), (tag, attributes)
@@ -260,9 +249,7 @@ def test_every_label_and_picture_has_words(tags: list[Any]) -> None:
     assert targets <= set(ids)
 
 
-def test_the_preventability_of_every_ads_stands_in_a_table(
-    evaluation: Evaluation, page: str
-) -> None:
+def test_the_preventability_of_every_ads_stands_in_a_table(evaluation, page):
     text = visible(page)
     assert "No ADS of this run is “careful_driver”, so the reference is the ideal vehicle" in text
     for row in preventability(evaluation):
@@ -277,7 +264,7 @@ def test_the_preventability_of_every_ads_stands_in_a_table(
         assert " ".join(map(str, counts)) in text
 
 
-def test_a_map_of_many_parameters_takes_the_two_that_vary_most(evaluation: Evaluation) -> None:
+def test_a_map_of_many_parameters_takes_the_two_that_vary_most(evaluation):
     rows = [
         [float(a), 1.0, float(b), float(c)] for a in range(2) for b in range(4) for c in range(3)
     ]
@@ -286,7 +273,7 @@ def test_a_map_of_many_parameters_takes_the_two_that_vary_most(evaluation: Evalu
     assert set(view.fixed) == {0, 1}
 
 
-def test_a_map_shows_the_two_chosen_parameters(evaluation: Evaluation) -> None:
+def test_a_map_shows_the_two_chosen_parameters(evaluation):
     rows = [
         [float(a), 1.0, float(b), float(c)] for a in range(2) for b in range(4) for c in range(3)
     ]
@@ -302,7 +289,7 @@ def test_a_map_shows_the_two_chosen_parameters(evaluation: Evaluation) -> None:
             Resolved.of(replace(evaluation.settings, report=settings), Path())
 
 
-def test_a_map_with_slices_opens_where_most_collisions_are(evaluation: Evaluation) -> None:
+def test_a_map_with_slices_opens_where_most_collisions_are(evaluation):
     rows = [
         [float(a), float(b), float(c), float(d)]
         for a in range(3)
@@ -322,9 +309,7 @@ def test_a_map_with_slices_opens_where_most_collisions_are(evaluation: Evaluatio
 
 
 @pytest.mark.parametrize("name", ["front_vehicle_cut_out", "curve_braking", "oncoming_in_lane"])
-def test_law_the_least_room_of_constraints_is_what_is_possible(
-    name: str,
-) -> None:
+def test_law_the_least_room_of_constraints_is_what_is_possible(name):
     logical = catalogue.load(name)
     rows = logical.from_unit(np.random.default_rng(1).random((500, len(logical.parameters))))
     told = [
@@ -341,11 +326,11 @@ def test_law_the_least_room_of_constraints_is_what_is_possible(
     assert ((np.min(plain, axis=0) >= 0) == logical.feasible(rows)).all()
 
 
-def test_zones_stand_with_their_boundary_errors(page: str) -> None:
+def test_zones_stand_with_their_boundary_errors(page):
     assert "1.23 % 2.34 % over the whole box" in visible(page)
 
 
-def test_settings_stand_with_unit_and_meaning(page: str) -> None:
+def test_settings_stand_with_unit_and_meaning(page):
     text = visible(page)
     assert (
         "critical_inverse_ttc 0.7 1/s ITTC* 6 inverse TTC from which a point is hazardous" in text
@@ -354,15 +339,11 @@ def test_settings_stand_with_unit_and_meaning(page: str) -> None:
     assert "count 3 default 10" in text
 
 
-def test_the_same_evaluation_gives_the_same_bytes(
-    evaluation: Evaluation, partitions: dict[str, ZonePartition], page: str
-) -> None:
+def test_the_same_evaluation_gives_the_same_bytes(evaluation, partitions, page):
     assert write_report(evaluation, partitions).read_text(encoding="utf-8") == page
 
 
-def test_a_run_without_facts_is_refused(
-    evaluation: Evaluation, partitions: dict[str, ZonePartition], tmp_path: Path
-) -> None:
+def test_a_run_without_facts_is_refused(evaluation, partitions, tmp_path):
     with pytest.raises(InputError, match="is not a run folder"):
         write_report(replace(evaluation, folder=tmp_path), partitions)
 
@@ -390,9 +371,7 @@ def points(evaluation: Evaluation, rows: list[list[float]]) -> CaseTable:
 @pytest.mark.parametrize(
     ("k", "x", "y", "panel"), [(1, 0, None, None), (2, 0, 1, None), (3, 1, 2, 0)]
 )
-def test_up_to_three_parameters_are_all_shown(
-    evaluation: Evaluation, k: int, x: int, y: int | None, panel: int | None
-) -> None:
+def test_up_to_three_parameters_are_all_shown(evaluation, k, x, y, panel):
     cases = points(evaluation, [[0.0] * k, [5.0] * k])
     view = choose_view(space(k), cases)
     assert (view.x, view.y, view.panel) == (x, y, panel)
@@ -401,14 +380,14 @@ def test_up_to_three_parameters_are_all_shown(
     assert gathered_words(view) == ""
 
 
-def test_many_values_of_the_first_parameter_share_panels(evaluation: Evaluation) -> None:
+def test_many_values_of_the_first_parameter_share_panels(evaluation):
     cases = points(evaluation, [[0.1 * index, 1.0, 2.0] for index in range(50)])
     view = choose_view(space(3), cases)
     assert len(view.panels) == 6
     assert "p0 is nearest" in gathered_words(view)
 
 
-def test_the_report_names_the_slice_of_four_parameters(evaluation: Evaluation) -> None:
+def test_the_report_names_the_slice_of_four_parameters(evaluation):
     rows = [[7.0, x, 3.0, y, z] for x in (0.0, 5.0) for y in (0.0, 5.0) for z in (0.0, 0.0, 5.0)]
     view = choose_view(space(5), points(evaluation, rows))
     assert (view.x, view.y, view.panel) == (1, 3, None)
@@ -416,18 +395,15 @@ def test_the_report_names_the_slice_of_four_parameters(evaluation: Evaluation) -
     assert not view.projected
 
 
-def test_when_hardly_a_case_is_on_the_slice_all_are_projected(evaluation: Evaluation) -> None:
+def test_when_hardly_a_case_is_on_the_slice_all_are_projected(evaluation):
     rows = [[float(index % 11), float(index), 0.1 * index, 0.2 * index] for index in range(11)]
     view = choose_view(space(4), points(evaluation, rows))
     assert view.projected
 
 
 def test_a_large_evaluation_reports_that_it_embeds_some_points(
-    evaluation: Evaluation,
-    partitions: dict[str, ZonePartition],
-    page: str,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    evaluation, partitions, page, monkeypatch
+):
     assert "points are in this file" not in page
     monkeypatch.setattr(sent_drives, "MOST_BYTES", 20 * sent_drives.BYTES_OF_A_RUN)
     small = write_report(evaluation, partitions).read_text(encoding="utf-8")
@@ -449,7 +425,7 @@ def test_a_large_evaluation_reports_that_it_embeds_some_points(
     )
 
 
-def test_the_reading_of_u_names_what_replaces_it(evaluation: Evaluation) -> None:
+def test_the_reading_of_u_names_what_replaces_it(evaluation):
     method = evaluation.settings.method
     own = replace(method, collision=replace(method.collision, severity="injury:car_driver"))
     plain, replaced = (

@@ -1,11 +1,8 @@
 """cases.csv and scores.json: what machines read is complete, valid and equal to the results."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import asdict, replace
-from pathlib import Path
 
 import builders
 import pandas as pd
@@ -29,9 +26,7 @@ def table(evaluation: Evaluation, tmp_path_factory: pytest.TempPathFactory) -> p
     return pd.read_csv(path, keep_default_na=False, na_values=[""])
 
 
-def test_every_case_is_a_row_and_every_field_comes_back(
-    evaluation: Evaluation, table: pd.DataFrame
-) -> None:
+def test_every_case_is_a_row_and_every_field_comes_back(evaluation, table):
     assert len(table) == len(evaluation.cases)
     for (_, row), case in zip(table.iterrows(), evaluation.cases, strict=True):
         plain = asdict(case) | {
@@ -47,28 +42,26 @@ def test_every_case_is_a_row_and_every_field_comes_back(
                 assert row[name] == value, name
 
 
-def test_parameters_of_another_scenario_are_empty(table: pd.DataFrame) -> None:
+def test_parameters_of_another_scenario_are_empty(table):
     low_speed = table[table["scenario"] == "front_vehicle_low_speed"]
     assert low_speed["gap"].isna().all()
     assert low_speed["lead_speed"].notna().all()
 
 
-def test_a_parameter_that_is_called_like_a_column_keeps_its_values(
-    evaluation: Evaluation, tmp_path: Path
-) -> None:
+def test_a_parameter_that_is_called_like_a_column_keeps_its_values(evaluation, tmp_path):
     odd = replace(evaluation, cases=(replace(evaluation.cases[0], values={"zone": 3.5}),))
     cases_csv(odd, tmp_path / "odd.csv")
     row = pd.read_csv(tmp_path / "odd.csv").iloc[0]
     assert (row["parameter_zone"], row["zone"]) == (3.5, evaluation.cases[0].zone)
 
 
-def test_a_folder_that_cannot_be_is_refused(evaluation: Evaluation, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_is_refused(evaluation, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         cases_csv(evaluation, tmp_path / "file" / "cases.csv")
 
 
-def test_scores_json_is_strictly_valid_and_holds_the_scores(evaluation: Evaluation) -> None:
+def test_scores_json_is_strictly_valid_and_holds_the_scores(evaluation):
     plain = scores_json(evaluation)
     again = json.loads(json.dumps(plain, allow_nan=False))
     assert again == plain
@@ -85,14 +78,14 @@ def test_scores_json_is_strictly_valid_and_holds_the_scores(evaluation: Evaluati
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_numbers_that_json_does_not_know_become_null(evaluation: Evaluation, value: float) -> None:
+def test_numbers_that_json_does_not_know_become_null(evaluation, value):
     odd = replace(evaluation, scores=(replace(evaluation.scores[0], collision_probability=value),))
     plain = scores_json(odd)
     json.dumps(plain, allow_nan=False)
     assert plain["scores"][0]["collision_probability"] is None
 
 
-def test_a_score_that_is_not_there_is_refused_by_name(evaluation: Evaluation) -> None:
+def test_a_score_that_is_not_there_is_refused_by_name(evaluation):
     known = evaluation.scores[0]
     with pytest.raises(InputError, match=f"Unknown ADS `nobody` of scenario `{known.scenario}`"):
         evaluation.score("nobody", known.scenario)

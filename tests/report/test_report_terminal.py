@@ -1,7 +1,5 @@
 """What a run says at its end: the table's numbers, and every thing that a person must know."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import builders
@@ -10,19 +8,19 @@ from click import unstyle
 from sumo_eval.report.score_table import score_lines
 from sumo_eval.report.terminal import closing_lines, ledger_lines
 from sumo_eval.report.words import count
-from sumo_eval.results import Evaluation, NotComputed
+from sumo_eval.results import NotComputed
 from sumo_eval.scoring.findings import unevaluated
 from sumo_eval.settings import DriverSettings
 
 
-def test_control_characters_of_an_ads_do_not_reach_the_terminal(evaluation: Evaluation) -> None:
+def test_control_characters_of_an_ads_do_not_reach_the_terminal(evaluation):
     odd = replace(evaluation, scores=(replace(evaluation.scores[0], ads="a\x1b[2Jb\nc"),))
     lines = [unstyle(line) for line in score_lines(odd)]
     assert not any("\x1b" in line or "\n" in line for line in lines)
     assert sum(line.startswith("a [2Jb c") for line in lines) == 1
 
 
-def test_closing_lines_say_what_the_table_cannot(evaluation: Evaluation) -> None:
+def test_closing_lines_say_what_the_table_cannot(evaluation):
     lines = closing_lines(evaluation)
     text = "\n".join(lines)
     without = [score for score in evaluation.scores if score.d is None]
@@ -37,9 +35,7 @@ def test_closing_lines_say_what_the_table_cannot(evaluation: Evaluation) -> None
     assert str(evaluation.folder / "report.html") in lines[-1]
 
 
-def test_at_most_five_kinds_of_cases_are_listed_and_the_rest_is_counted(
-    evaluation: Evaluation,
-) -> None:
+def test_at_most_five_kinds_of_cases_are_listed_and_the_rest_is_counted(evaluation):
     broken = tuple(
         replace(case, status="timeout", collided=False, error=f"Lost at {number}.")
         for number, case in enumerate(evaluation.cases)
@@ -52,7 +48,7 @@ def test_at_most_five_kinds_of_cases_are_listed_and_the_rest_is_counted(
     assert f"  and {len(broken) - 5} more, all in the report." in lines
 
 
-def test_nothing_is_said_of_synthetic_drivers_when_they_are_not(evaluation: Evaluation) -> None:
+def test_nothing_is_said_of_synthetic_drivers_when_they_are_not(evaluation):
     recorded = replace(evaluation.settings, drivers=DriverSettings(source="mine:drivers"))
     assert not any(
         "synthetic" in line for line in closing_lines(replace(evaluation, settings=recorded))
@@ -72,7 +68,7 @@ def test_nothing_is_said_of_synthetic_drivers_when_they_are_not(evaluation: Eval
     assert f"They are not recorded people. There are none in {last.scenario}." in told
 
 
-def test_the_ledger_on_the_terminal_adds_up_to_s_plus_and_s(evaluation: Evaluation) -> None:
+def test_the_ledger_on_the_terminal_adds_up_to_s_plus_and_s(evaluation):
     lines = ledger_lines(evaluation)
     for score in evaluation.scores:
         assert any(line.endswith(f"in {score.scenario}: S+ = {score.s_plus:.2f}") for line in lines)

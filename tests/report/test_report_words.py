@@ -1,7 +1,5 @@
 """The sentences: they must say what the numbers say."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace
@@ -15,7 +13,6 @@ import pytest
 from sumo_eval.cases import CaseTable
 from sumo_eval.method.anthropomorphic import IndexNote, NoteKind
 from sumo_eval.method.collision_avoidance import collision_avoidance_index
-from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.nightly.rule_limits import end_change
 from sumo_eval.report import words
 from sumo_eval.report.explain import _zone
@@ -46,9 +43,7 @@ def with_loss(evaluation: Evaluation, loss: str) -> Evaluation:
 
 
 @pytest.mark.parametrize("loss", ["severity", "class"])
-def test_the_parts_of_the_collisions_add_up_to_what_c_lost(
-    evaluation: Evaluation, loss: str
-) -> None:
+def test_the_parts_of_the_collisions_add_up_to_what_c_lost(evaluation, loss):
     odd = with_loss(evaluation, loss)
     found = Findings.of(odd, odd.score(builders.HOSTILE, CUT_OUT))
     rows, shares = found.cases, found.collisions
@@ -63,7 +58,7 @@ def test_the_parts_of_the_collisions_add_up_to_what_c_lost(
     assert shares.lost.tolist() == sorted(shares.lost, reverse=True)
 
 
-def test_without_any_weight_every_collision_counts_the_same(evaluation: Evaluation) -> None:
+def test_without_any_weight_every_collision_counts_the_same(evaluation):
     rows = [
         replace(row, weight=0.0, ideal_severity=0.0) for row in evaluation.cases if row.collided
     ][:4]
@@ -75,9 +70,7 @@ def test_without_any_weight_every_collision_counts_the_same(evaluation: Evaluati
     )
 
 
-def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(
-    evaluation: Evaluation,
-) -> None:
+def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(evaluation):
     score = evaluation.score(builders.CALM, CUT_OUT)
     rows = Findings.of(evaluation, score).cases
     first = next(row for row in rows if row.collided)
@@ -94,7 +87,7 @@ def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(
     assert first.case in {case.case for table in unevaluated(odd) for case in table}
 
 
-def test_c_is_explained_by_counts_of_each_zone(evaluation: Evaluation) -> None:
+def test_c_is_explained_by_counts_of_each_zone(evaluation):
     score = evaluation.score(builders.HOSTILE, CUT_OUT)
     text = explain_c(Findings.of(evaluation, score))
     assert (
@@ -106,7 +99,7 @@ def test_c_is_explained_by_counts_of_each_zone(evaluation: Evaluation) -> None:
     assert f"C = {score.c:.3f}" in text
 
 
-def test_no_collision_is_said_as_such(evaluation: Evaluation) -> None:
+def test_no_collision_is_said_as_such(evaluation):
     score = evaluation.score(builders.CALM, builders.SCENARIOS[0])
     rows = Findings.of(evaluation, score).cases
     sentence = explain_c(Findings.of(evaluation, score))
@@ -117,7 +110,7 @@ def test_no_collision_is_said_as_such(evaluation: Evaluation) -> None:
     )
 
 
-def test_d_names_the_factor_that_limits_it(evaluation: Evaluation) -> None:
+def test_d_names_the_factor_that_limits_it(evaluation):
     score = evaluation.score(builders.CALM, CUT_OUT)
     means = Findings.of(evaluation, score).factor_means
     assert means["operations"] == pytest.approx(0.5)
@@ -126,7 +119,7 @@ def test_d_names_the_factor_that_limits_it(evaluation: Evaluation) -> None:
     assert f"mean over {score.safe_cases} safe cases" in text
 
 
-def test_a_perfect_d_is_limited_by_nothing(evaluation: Evaluation) -> None:
+def test_a_perfect_d_is_limited_by_nothing(evaluation):
     score = evaluation.score(builders.CALM, CUT_OUT)
     rows = [
         replace(
@@ -141,7 +134,7 @@ def test_a_perfect_d_is_limited_by_nothing(evaluation: Evaluation) -> None:
     )
 
 
-def test_no_d_is_a_value_with_a_reason(evaluation: Evaluation) -> None:
+def test_no_d_is_a_value_with_a_reason(evaluation):
     score = evaluation.score(builders.HOSTILE, CUT_OUT)
     sentence = explain_d(Findings.of(evaluation, score))
     assert (
@@ -152,7 +145,7 @@ def test_no_d_is_a_value_with_a_reason(evaluation: Evaluation) -> None:
     assert "D, not computed, gives 0" in explain_s(Findings.of(evaluation, score))
 
 
-def test_the_same_note_with_other_numbers_is_gathered(evaluation: Evaluation) -> None:
+def test_the_same_note_with_other_numbers_is_gathered(evaluation):
     notes = [
         note
         for note in index_notes(evaluation)
@@ -170,7 +163,7 @@ def test_the_same_note_with_other_numbers_is_gathered(evaluation: Evaluation) ->
 
 
 @pytest.mark.parametrize("kind", get_args(NoteKind))
-def test_every_kind_of_note_has_a_sentence_with_its_numbers(kind: NoteKind) -> None:
+def test_every_kind_of_note_has_a_sentence_with_its_numbers(kind):
     sentence = notes_sentence([IndexNote(kind, 3, 7, (0, 1))])
     assert sentence.endswith(".")
     assert "{" not in sentence
@@ -190,11 +183,11 @@ def test_every_kind_of_note_has_a_sentence_with_its_numbers(kind: NoteKind) -> N
         (np.nan, "not known"),
     ],
 )
-def test_shares_have_three_digits(share: float, text: str) -> None:
+def test_shares_have_three_digits(share, text):
     assert percent(share) == text
 
 
-def test_no_number_is_shown_as_minus_zero() -> None:
+def test_no_number_is_shown_as_minus_zero():
     assert number(-0.0004, 3) == number(-0.0, 3) == "0.000"
     assert number(-0.0006, 3) == "-0.001"
     # a fixed format without `z`
@@ -204,7 +197,7 @@ def test_no_number_is_shown_as_minus_zero() -> None:
             assert not found.findall(file.read_text(encoding="utf-8")), file
 
 
-def test_a_loss_in_place_of_u_has_no_unit_anywhere(evaluation: Evaluation) -> None:
+def test_a_loss_in_place_of_u_has_no_unit_anywhere(evaluation):
     """An injury risk of 0.05 is not 0.1 m/s, in JUnit, changes and limits alike."""
     collision = CollisionSettings(severity="injury:car_driver")
     method = replace(evaluation.settings.method, collision=collision)
@@ -219,9 +212,7 @@ def test_a_loss_in_place_of_u_has_no_unit_anywhere(evaluation: Evaluation) -> No
     assert CollisionSettings(severity="eq14").unit == " m/s", "L is computed from U"
 
 
-def test_the_zone_of_a_case_is_that_of_its_criticality(
-    evaluation: Evaluation, partitions: dict[str, ZonePartition]
-) -> None:
+def test_the_zone_of_a_case_is_that_of_its_criticality(evaluation, partitions):
     """Also where the learnt boundary has the point on its other side."""
     zones = partitions[CUT_OUT]
     rows = zones.logical.from_unit(np.random.default_rng(1).random((4_000, 3)))
@@ -233,7 +224,7 @@ def test_the_zone_of_a_case_is_that_of_its_criticality(
     assert learnt.endswith("safe as learnt, for maps and weights")
 
 
-def test_points_of_a_file_are_not_said_to_be_the_scenarios_own() -> None:
+def test_points_of_a_file_are_not_said_to_be_the_scenarios_own():
     logical = catalogue.load("ncap_ccrs")
     assert sampling_words(SamplingSettings(file="own.csv"), logical) == "file, own.csv"
     assert sampling_words(SamplingSettings(levels=3), logical) == "grid, 3 points on each axis"

@@ -1,7 +1,5 @@
 """The rule of a night: worked numbers of its equations, and what each part finds and lets pass."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -48,14 +46,14 @@ NOISY = Repeats(30, 0)
 Change = Callable[[CaseResult], CaseResult]
 
 
-def test_worsening_has_the_sign_of_the_quantity() -> None:
+def test_worsening_has_the_sign_of_the_quantity():
     """A gap that falls from 0.92 to 0.32 m is 0.60 m worse; a DRAC that rises from 3.5 to 4.1 is
     0.6 m/s2 worse."""
     assert worsening(np.array([0.92]), np.array([0.32]), GAP) == pytest.approx([0.60])
     assert worsening(np.array([3.5]), np.array([4.1]), DRAC) == pytest.approx([0.6])
 
 
-def test_tolerance_is_the_largest_of_three() -> None:
+def test_tolerance_is_the_largest_of_three():
     """max(0.1, 0.1 * 0.5, 0) = 0.1; max(0.1, 0.1 * 1.5, 0) = 0.15; with a floor of 0.4 both are
     0.4."""
     base = np.array([0.5, 1.5])
@@ -63,27 +61,27 @@ def test_tolerance_is_the_largest_of_three() -> None:
     assert tolerance(base, GAP, 0.4) == pytest.approx([0.4, 0.4])
 
 
-def test_sign_test_counts_coins() -> None:
+def test_sign_test_counts_coins():
     """5 of 5: 1/32; 4 of 5: (1 + 5) / 32; 0 of 0: certain."""
     assert [sign_test(5, 0), sign_test(4, 1), sign_test(0, 0)] == pytest.approx(
         [1 / 32, 6 / 32, 1.0]
     )
 
 
-def test_kept_margin_is_a_ratio_towards_the_accident() -> None:
+def test_kept_margin_is_a_ratio_towards_the_accident():
     """A gap of 0.32 of 0.92 m keeps 0.348; a DRAC of 7 after 3.5 m/s2 keeps half."""
     assert kept_margin(np.array([0.92]), np.array([0.32]), GAP) == pytest.approx([0.32 / 0.92])
     assert kept_margin(np.array([3.5]), np.array([7.0]), DRAC) == pytest.approx([0.5])
 
 
-def test_floor_is_half_again_the_95th_percentile() -> None:
+def test_floor_is_half_again_the_95th_percentile():
     """|d| = 0, 1, ..., 20: the 95th percentile is 19, the floor 28.5; of nothing it is 0."""
     differences = np.arange(21.0) * np.tile([1.0, -1.0, 1.0], 7)
     assert floor_of(differences, NoiseSettings()) == pytest.approx(28.5)
     assert floor_of(np.full(3, np.nan), NoiseSettings()) == 0.0
 
 
-def test_floor_of_u_is_that_of_cases_with_a_contact() -> None:
+def test_floor_of_u_is_that_of_cases_with_a_contact():
     """19 of 20 cases end without contact; the other has U = 4, then 3 m/s: |d| = 1, the floor 1.5
     m/s, not 0."""
     never = np.zeros(20, dtype=bool)
@@ -95,7 +93,7 @@ def test_floor_of_u_is_that_of_cases_with_a_contact() -> None:
     assert severity_floor(once, once, NoiseSettings()) == 0.0
 
 
-def test_holm_rejects_in_steps_and_leaves_out_what_cannot_fail() -> None:
+def test_holm_rejects_in_steps_and_leaves_out_what_cannot_fail():
     """0.02 / 2 = 0.01 >= 0.008, then 0.02 / 1 >= 0.015: both.
 
     With a third test that counts, 0.02 / 3 < 0.008: none.
@@ -133,7 +131,7 @@ def judged(base: Evaluation, new: Evaluation, noise: Noise | None = None) -> lis
     return list(failed(judge(new, comparison, SETTINGS, noise or Noise())))
 
 
-def test_one_case_that_lost_most_of_its_gap_fails(evaluation: Evaluation) -> None:
+def test_one_case_that_lost_most_of_its_gap_fails(evaluation):
     """The planted brakes of the issue: 0.92 to 0.32 m without a contact anywhere."""
     base = calm(evaluation, min_gap=0.92, min_ttc=9.0)
     (gate,) = judged(base, some(base, 1, lambda case: replace(case, min_gap=0.32)))
@@ -146,20 +144,18 @@ def test_one_case_that_lost_most_of_its_gap_fails(evaluation: Evaluation) -> Non
 @pytest.mark.parametrize(
     ("gap", "after"), [(0.92, 0.82 + 1e-12), (2.5, 2.05), (0.92, 0.92 + 1e-12), (0.92, 1.5)]
 )
-def test_a_change_within_the_tolerance_or_far_away_passes(
-    evaluation: Evaluation, gap: float, after: float
-) -> None:
+def test_a_change_within_the_tolerance_or_far_away_passes(evaluation, gap, after):
     base = calm(evaluation, min_gap=gap, min_ttc=9.0)
     assert not judged(base, some(base, 1, lambda case: replace(case, min_gap=after)))
 
 
-def test_as_many_farther_as_nearer_passes(evaluation: Evaluation) -> None:
+def test_as_many_farther_as_nearer_passes(evaluation):
     base = calm(evaluation, min_gap=0.9, min_ttc=9.0)
     nearer = some(base, 2, lambda case: replace(case, min_gap=1.5))
     assert not judged(base, some(nearer, 1, lambda case: replace(case, min_gap=0.7)))
 
 
-def test_a_missing_ttc_counts_as_the_limit_of_the_zone(evaluation: Evaluation) -> None:
+def test_a_missing_ttc_counts_as_the_limit_of_the_zone(evaluation):
     """Never closing in before, 0.5 s now: 1.5 - 0.5 = 1 s worse."""
     base = replace(
         evaluation, cases=tuple(replace(case, min_ttc=None) for case in evaluation.cases)
@@ -168,7 +164,7 @@ def test_a_missing_ttc_counts_as_the_limit_of_the_zone(evaluation: Evaluation) -
     assert [gate.quantity for gate in gates] == ["min_ttc"]
 
 
-def test_a_shift_needs_three_cases_and_no_better_one(evaluation: Evaluation) -> None:
+def test_a_shift_needs_three_cases_and_no_better_one(evaluation):
     """Time to come through from 12 to 13 s: tolerance max(0.25, 0.02 * 12) = 0.25."""
     base = calm(evaluation, simulated_time=12.0)
     of = sum(case.ads == builders.CALM and case.status == "ok" for case in base.cases)
@@ -180,7 +176,7 @@ def test_a_shift_needs_three_cases_and_no_better_one(evaluation: Evaluation) -> 
     assert not judged(base, rounding)
 
 
-def test_a_noisy_ads_needs_five_drives_to_lose_a_case(evaluation: Evaluation) -> None:
+def test_a_noisy_ads_needs_five_drives_to_lose_a_case(evaluation):
     """Bad in two of five drives: listed. In three: failed. Bad in some drives before: listed."""
     case = pick(evaluation, collided=False)
     new = with_case(evaluation, case.case, hit)
@@ -192,9 +188,7 @@ def test_a_noisy_ads_needs_five_drives_to_lose_a_case(evaluation: Evaluation) ->
         assert any(listed in gate.sentence for gate in results) is not fails
 
 
-def test_more_shaky_cases_than_are_named_fail_nothing(
-    evaluation: Evaluation, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_more_shaky_cases_than_are_named_fail_nothing(evaluation, monkeypatch):
     monkeypatch.setattr(rule_limits, "MOST_KEYS", 1)
     new = some(evaluation, 2, hit)
     shaky = frozenset(case.case for case in new.cases)
@@ -203,7 +197,7 @@ def test_more_shaky_cases_than_are_named_fail_nothing(
     assert (gate.value, len(gate.cases)) == (2.0, 1)
 
 
-def test_a_noisy_ads_is_evaluated_by_chance_alone(evaluation: Evaluation) -> None:
+def test_a_noisy_ads_is_evaluated_by_chance_alone(evaluation):
     """One case 0.6 m nearer fails for an ADS that repeats; by chance it is 1 of 1, P = 0.5."""
     base = calm(evaluation, min_gap=0.92, min_ttc=9.0)
     one = some(base, 1, lambda case: replace(case, min_gap=0.32))
@@ -215,7 +209,7 @@ def test_a_noisy_ads_is_evaluated_by_chance_alone(evaluation: Evaluation) -> Non
     assert not judged(base, every, floor)
 
 
-def test_too_few_cases_are_not_good_news(evaluation: Evaluation) -> None:
+def test_too_few_cases_are_not_good_news(evaluation):
     base = calm(evaluation, min_gap=5.0, min_ttc=9.0)
     results = judge(base, compare(base, base, SETTINGS), SETTINGS)
     (gap,) = [one for one in results if one.ads == builders.CALM and one.quantity == "min_gap"]
@@ -223,14 +217,14 @@ def test_too_few_cases_are_not_good_news(evaluation: Evaluation) -> None:
     assert gap.sentence == "smallest gap: cannot see a change with 0 cases inside 2 m"
 
 
-def test_parts_are_settings(evaluation: Evaluation) -> None:
+def test_parts_are_settings(evaluation):
     base = calm(evaluation, min_gap=0.92, min_ttc=9.0)
     new = calm(base, min_gap=0.32)
     settings = replace(SETTINGS, near_miss=NearMissSettings(on=False))
     assert not failed(judge(new, compare(base, new, settings), settings))
 
 
-def test_only_improved_forgives_no_last_millimetre(evaluation: Evaluation) -> None:
+def test_only_improved_forgives_no_last_millimetre(evaluation):
     base = calm(evaluation, min_gap=0.9, min_ttc=9.0)
     better = some(base, 1, lambda case: replace(case, min_gap=1.5))
     assert only_improved(compare(base, better, SETTINGS), SETTINGS)
@@ -241,7 +235,7 @@ def test_only_improved_forgives_no_last_millimetre(evaluation: Evaluation) -> No
     assert not only_improved(compare(base, mixed, SETTINGS), SETTINGS)
 
 
-def test_lost_ads_scenario_and_tenth_of_pairs_fail(evaluation: Evaluation) -> None:
+def test_lost_ads_scenario_and_tenth_of_pairs_fail(evaluation):
     """Of one ADS in one scenario the first case is lost, then all of them, then the ADS
     everywhere."""
 
@@ -268,7 +262,7 @@ def test_lost_ads_scenario_and_tenth_of_pairs_fail(evaluation: Evaluation) -> No
     assert f"`{first.ads}` has no case of the base's {first.scenario} any more" in sentence(part)
 
 
-def test_the_same_is_said_of_equal_bits_alone(evaluation: Evaluation) -> None:
+def test_the_same_is_said_of_equal_bits_alone(evaluation):
     """The last digit of one value of one case is enough; so is a case without a partner."""
 
     def told(new: Evaluation) -> str:
@@ -294,7 +288,7 @@ def test_the_same_is_said_of_equal_bits_alone(evaluation: Evaluation) -> None:
     assert told(slower).startswith("same: THE SAME as"), "no two drives take the same time"
 
 
-def test_the_verdict_names_the_run_that_a_limit_failed_beside(evaluation: Evaluation) -> None:
+def test_the_verdict_names_the_run_that_a_limit_failed_beside(evaluation):
     """The base, the accepted night where only that comparison failed, or neither."""
     comparison = compare(evaluation, evaluation, SETTINGS)
     failure = GateResult("min_gap", builders.CALM, EVERYWHERE, False, "nearer")
@@ -315,7 +309,7 @@ def test_the_verdict_names_the_run_that_a_limit_failed_beside(evaluation: Evalua
     )
 
 
-def test_a_slower_ads_fails_and_a_loaded_machine_does_not(evaluation: Evaluation) -> None:
+def test_a_slower_ads_fails_and_a_loaded_machine_does_not(evaluation):
     """20 times the fixed work before.
 
     30 now: its half is allowed (max(10, 0.5 * 20) = 10). 31: it is not.
@@ -328,7 +322,7 @@ def test_a_slower_ads_fails_and_a_loaded_machine_does_not(evaluation: Evaluation
     ]
 
 
-def test_a_harder_injury_risk_fails(evaluation: Evaluation) -> None:
+def test_a_harder_injury_risk_fails(evaluation):
     """0.5, meant for m/s, is half of all losses."""
     method = replace(
         evaluation.settings.method, collision=CollisionSettings(severity="injury:cyclist")

@@ -1,8 +1,6 @@
 """The tables of scores in text: as wide as the terminal at most, a row an ADS and scenario, every
 number somewhere."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import click
@@ -34,9 +32,7 @@ def with_ads(evaluation: Evaluation, number: int) -> Evaluation:
 @pytest.mark.parametrize("number", [1, 12])
 @pytest.mark.parametrize("everything", [False, True])
 @pytest.mark.parametrize("width", [30, 60, 80, 100, 140])
-def test_no_line_is_wider_than_the_terminal(
-    evaluation: Evaluation, width: int, number: int, everything: bool
-) -> None:
+def test_no_line_is_wider_than_the_terminal(evaluation, width, number, everything):
     many = with_ads(evaluation, number)
     lines = [click.unstyle(line) for line in score_lines(many, width, everything)]
     assert max(len(line) for line in lines if not line.startswith("Not shown")) <= width
@@ -45,7 +41,7 @@ def test_no_line_is_wider_than_the_terminal(
 
 
 @pytest.mark.parametrize("number", [1, 12])
-def test_a_narrower_terminal_gets_fewer_columns(evaluation: Evaluation, number: int) -> None:
+def test_a_narrower_terminal_gets_fewer_columns(evaluation, number):
     many, before = with_ads(evaluation, number), len(KEPT_LONGEST)
     for width in (140, 100, 80, 60, 40, 30):
         text = click.unstyle("\n".join(score_lines(many, width)))
@@ -62,12 +58,12 @@ def test_a_narrower_terminal_gets_fewer_columns(evaluation: Evaluation, number: 
     assert before < len(FIRST)
 
 
-def test_a_hundred_characters_hold_the_whole_first_table(evaluation: Evaluation) -> None:
+def test_a_hundred_characters_hold_the_whole_first_table(evaluation):
     for number in (1, 12):
         assert "Not shown" not in "\n".join(score_lines(with_ads(evaluation, number), 100))
 
 
-def test_all_prints_every_number_at_every_width(evaluation: Evaluation) -> None:
+def test_all_prints_every_number_at_every_width(evaluation):
     score = with_ads(evaluation, 1).scores[0]
     cells = cells_of(score)
     for width in (60, 100):
@@ -81,13 +77,13 @@ def test_all_prints_every_number_at_every_width(evaluation: Evaluation) -> None:
             assert all(word in text for word in heading.split("\n"))
 
 
-def test_long_names_keep_begin_and_end(evaluation: Evaluation) -> None:
+def test_long_names_keep_begin_and_end(evaluation):
     text = click.unstyle("\n".join(score_lines(with_ads(evaluation, 12), 80)))
     names = {line.split()[0] for line in text.splitlines() if " of " in line and "…" in line}
     assert len(names) == 8, "names that differ at their end stay different"
 
 
-def test_avoidable_collisions_are_red_and_none_are_not(evaluation: Evaluation) -> None:
+def test_avoidable_collisions_are_red_and_none_are_not(evaluation):
     hit = replace(evaluation.scores[0], avoidable_collisions=3, collisions=5)
     calm = replace(hit, avoidable_collisions=0)
     red = click.style("3 of 5".rjust(10), fg="red")

@@ -1,13 +1,10 @@
 """A page of more cases than it can hold: what it leaves out, what it shows of all, and how a case
 is found."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import builders
 import numpy as np
@@ -16,26 +13,22 @@ from packed_pages import unpacked
 
 from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError
-from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report.density import TILES, density_maps
 from sumo_eval.report.found_cases import nearest_cases
 from sumo_eval.report.html import write_report
-from sumo_eval.results import Evaluation
 from sumo_eval.scoring import shown_cases as module
 from sumo_eval.scoring.behaviour import least_human, ranked, worst_case
 from sumo_eval.scoring.failure_groups import failure_kinds
 from sumo_eval.scoring.shown_cases import shown_cases
 
 
-def test_a_page_that_holds_all_cases_leaves_none_out(evaluation: Evaluation) -> None:
+def test_a_page_that_holds_all_cases_leaves_none_out(evaluation):
     for name, places in shown_cases(evaluation).items():
         most = max(len(evaluation.cases_of(one.ads, name)) for one in evaluation.scores_in(name))
         assert places.tolist() == list(range(most))
 
 
-def test_half_of_the_shown_cases_tell_most_half_lie_evenly(
-    evaluation: Evaluation, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_half_of_the_shown_cases_tell_most_half_lie_evenly(evaluation, monkeypatch):
     monkeypatch.setattr(module, "MOST_SHOWN", 4 * len(evaluation.scores))
     for name, shown in shown_cases(evaluation).items():
         assert len(shown) == len(set(shown.tolist())) == 4
@@ -52,9 +45,7 @@ def test_half_of_the_shown_cases_tell_most_half_lie_evenly(
         assert sum(tells[shown] > 0.0) >= min(2, sum(tells > 0.0))
 
 
-def test_linked_cases_are_on_the_page(
-    evaluation: Evaluation, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_linked_cases_are_on_the_page(evaluation, monkeypatch):
     monkeypatch.setattr(module, "MOST_SHOWN", 4 * len(evaluation.scores))
     shown = {name: set(places.tolist()) for name, places in shown_cases(evaluation).items()}
     left_out = [
@@ -76,11 +67,8 @@ def test_linked_cases_are_on_the_page(
 
 
 def test_the_page_says_what_it_leaves_out_and_draws_where_all_cases_lie(
-    evaluation: Evaluation,
-    partitions: dict[str, ZonePartition],
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-) -> None:
+    evaluation, partitions, monkeypatch, tmp_path
+):
     monkeypatch.setattr(module, "MOST_SHOWN", 4 * len(evaluation.scores))
     shutil.copytree(evaluation.folder, tmp_path / "run")
     page = write_report(replace(evaluation, folder=tmp_path / "run"), partitions).read_text()
@@ -106,9 +94,7 @@ def test_the_page_says_what_it_leaves_out_and_draws_where_all_cases_lie(
         )
 
 
-def test_tiles_hold_every_case_once_and_shares_are_of_those_that_collided(
-    evaluation: Evaluation, partitions: dict[str, ZonePartition]
-) -> None:
+def test_tiles_hold_every_case_once_and_shares_are_of_those_that_collided(evaluation, partitions):
     name = builders.SCENARIOS[1]
     logical, cases = partitions[name].logical, evaluation.cases_of(builders.HOSTILE, name)
     places = {
@@ -131,7 +117,7 @@ def test_tiles_hold_every_case_once_and_shares_are_of_those_that_collided(
     assert share_words.startswith("share of them that collided, up to ")
 
 
-def test_a_case_is_found_by_some_of_its_parameters(evaluation: Evaluation) -> None:
+def test_a_case_is_found_by_some_of_its_parameters(evaluation):
     case = [one for one in evaluation.cases if one.ads == builders.CALM][2]
     some = dict(list(case.values.items())[:2])
     head, first, *_ = nearest_cases(evaluation, some, case.ads, case.scenario, 3)
@@ -149,14 +135,12 @@ def test_a_case_is_found_by_some_of_its_parameters(evaluation: Evaluation) -> No
         ({"ego_speed": np.nan}, None, "finite"),
     ],
 )
-def test_what_the_run_does_not_have_is_said(
-    evaluation: Evaluation, values: dict, ads: str | None, words: str
-) -> None:
+def test_what_the_run_does_not_have_is_said(evaluation, values, ads, words):
     with pytest.raises(InputError, match=words):
         list(nearest_cases(evaluation, values, ads, None, 1))
 
 
-def test_a_departure_tells_as_much_as_a_collision(evaluation: Evaluation) -> None:
+def test_a_departure_tells_as_much_as_a_collision(evaluation):
     calm = next(case for case in evaluation.cases if case.evaluated and not case.incident)
     rows = [
         replace(calm, human_likeness=None, departure_time=1.0, departure_severity=speed)

@@ -1,10 +1,7 @@
 """The pages beside the report, in a browser: two runs compared, and the points of a space."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import builders
 import numpy as np
@@ -13,11 +10,10 @@ from browser import CHROMIUM, Page
 from page_checks import holds_what_every_page_holds, saved_table, size
 from report_cases import hit, pick, with_case
 
-from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.html import Beside, write_comparison, write_report
 from sumo_eval.report.points_page import write_points
-from sumo_eval.results import Evaluation, NotComputed
+from sumo_eval.results import NotComputed
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.comparison import compare
@@ -27,8 +23,8 @@ from sumo_eval.scoring.gate_settings import GateSettings
 @pytest.mark.campaign
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 def test_compare_points_and_a_report_without_people_hold_what_every_page_holds(
-    evaluation: Evaluation, partitions: dict[str, ZonePartition], tmp_path: Path
-) -> None:
+    evaluation, partitions, tmp_path
+):
     """In the last one nothing but C is computed: "not computed" and its reason stand in nearly
     every cell."""
     struck = with_case(evaluation, pick(evaluation, collided=False).case, hit)

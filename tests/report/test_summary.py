@@ -1,7 +1,5 @@
 """The first screen and the groups of failures, on evaluations made by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from urllib.parse import unquote
 
@@ -12,13 +10,12 @@ from sumo_eval.cases import CaseTable
 from sumo_eval.report.headline import headline
 from sumo_eval.report.summary import summary_content
 from sumo_eval.report.verdict import Beside
-from sumo_eval.results import Evaluation
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.behaviour import worst_case
 from sumo_eval.scoring.failure_groups import failure_groups
 
 
-def test_worst_case_of_the_best_ads_comes_first(evaluation: Evaluation) -> None:
+def test_worst_case_of_the_best_ads_comes_first(evaluation):
     """The case that takes most from A; without any the least human-like one."""
     for ads in (builders.CALM, builders.HOSTILE):
         worst = worst_case(evaluation, [ads])
@@ -34,13 +31,13 @@ def test_worst_case_of_the_best_ads_comes_first(evaluation: Evaluation) -> None:
     )
 
 
-def test_first_screen_says_what_the_terminal_says(evaluation: Evaluation) -> None:
+def test_first_screen_says_what_the_terminal_says(evaluation):
     shown, said = summary_content(evaluation, Beside()), headline(evaluation)
     assert (shown["answers"], shown["alarms"]) == (said.answers, said.alarms)
     assert shown["alarms"]
 
 
-def test_departures_stand_beside_collisions(evaluation: Evaluation) -> None:
+def test_departures_stand_beside_collisions(evaluation):
     left = replace(
         evaluation, scores=tuple(replace(score, departures=2) for score in evaluation.scores)
     )
@@ -53,7 +50,7 @@ def test_departures_stand_beside_collisions(evaluation: Evaluation) -> None:
     assert "#maps" in dict(summary_content(alone, Beside())["looks"]).values()
 
 
-def test_what_to_look_at_leads_to_cases_of_the_run(evaluation: Evaluation) -> None:
+def test_what_to_look_at_leads_to_cases_of_the_run(evaluation):
     looks = summary_content(evaluation, Beside())["looks"]
     keys = {case.case for case in evaluation.cases}
     targets = [
@@ -66,9 +63,7 @@ def test_what_to_look_at_leads_to_cases_of_the_run(evaluation: Evaluation) -> No
     assert any(address == "#missing" for _, address in looks)
 
 
-def test_failures_next_to_each_other_are_one_group_and_far_ones_another(
-    evaluation: Evaluation,
-) -> None:
+def test_failures_next_to_each_other_are_one_group_and_far_ones_another(evaluation):
     """On a 9 x 9 grid, collisions in two corners: 4 cases at small, 4 at large values of both
     parameters."""
     logical = catalogue.load("front_vehicle_low_speed")

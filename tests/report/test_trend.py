@@ -1,8 +1,6 @@
 """The history and its page: lines come back as written, charts are drawn to their ticks, gates are
 on them."""
 
-from __future__ import annotations
-
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
@@ -45,7 +43,7 @@ def history(evaluation: Evaluation, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_what_was_added_comes_back(history: Path, evaluation: Evaluation) -> None:
+def test_what_was_added_comes_back(history, evaluation):
     with open_history(history) as lines:
         assert lines.nights()[1] == night("2026-01-02T02-00-00Z", 1)
         values = {
@@ -65,7 +63,7 @@ def test_what_was_added_comes_back(history: Path, evaluation: Evaluation) -> Non
         assert {gate.threshold for gate in lines.gates()} == {40.0}
 
 
-def test_a_night_is_never_replaced(history: Path, evaluation: Evaluation) -> None:
+def test_a_night_is_never_replaced(history, evaluation):
     with (
         open_history(history, create=True) as lines,
         pytest.raises(InputError, match="nothing in it is replaced"),
@@ -73,7 +71,7 @@ def test_a_night_is_never_replaced(history: Path, evaluation: Evaluation) -> Non
         lines.add(night("2026-01-01T02-00-00Z"), evaluation, [])
 
 
-def test_another_format_and_another_file_are_refused(tmp_path: Path) -> None:
+def test_another_format_and_another_file_are_refused(tmp_path):
     with pytest.raises(InputError, match="There is no history"), open_history(tmp_path):
         pass
     connection = sqlite3.connect(tmp_path / HISTORY)
@@ -98,18 +96,14 @@ def test_another_format_and_another_file_are_refused(tmp_path: Path) -> None:
         (-3.0, 7.0, 0.0, [-5.0, -2.5, 0.0, 2.5, 5.0, 7.5]),
     ],
 )
-def test_ticks_are_round_and_hold_the_range(
-    low: float, high: float, least: float, expected: list[float]
-) -> None:
+def test_ticks_are_round_and_hold_the_range(low, high, least, expected):
     ticks = _ticks(low, high, least)
     assert ticks == pytest.approx(expected)
     assert ticks[0] <= low
     assert ticks[-1] >= high
 
 
-def test_a_quantity_that_was_not_computed_breaks_the_line_and_a_gate_is_a_stroke(
-    history: Path,
-) -> None:
+def test_a_quantity_that_was_not_computed_breaks_the_line_and_a_gate_is_a_stroke(history):
     with open_history(history) as lines:
         nights, values, gates = lines.nights(), lines.values(), lines.gates()
     gap = [
@@ -133,9 +127,7 @@ def test_a_quantity_that_was_not_computed_breaks_the_line_and_a_gate_is_a_stroke
     )
 
 
-def test_a_history_of_earlier_nights_without_the_newer_quantities_still_reads(
-    history: Path,
-) -> None:
+def test_a_history_of_earlier_nights_without_the_newer_quantities_still_reads(history):
     """The oldest night knows S, C, D and collisions only: its line of A begins a night later, the
     others are whole."""
     with open_history(history) as lines:
@@ -151,7 +143,7 @@ def test_a_history_of_earlier_nights_without_the_newer_quantities_still_reads(
     }
 
 
-def test_only_nights_of_a_failed_limit_are_marked_as_failed() -> None:
+def test_only_nights_of_a_failed_limit_are_marked_as_failed():
     """Status 3: cases without an outcome, in a good night."""
     nights = [night(f"2026-01-0{status + 1}T02-00-00Z", status) for status in (0, 1, 3)]
     assert [bar["words"][:23] for bar in failed_nights(nights)] == ["2026-01-02 02:00 failed"]
@@ -162,9 +154,7 @@ def value_without(value: object) -> tuple[object, ...]:
 
 
 @needs_chromium
-def test_the_trend_page_opens_without_an_error_and_without_a_request(
-    history: Path, evaluation: Evaluation, tmp_path: Path
-) -> None:
+def test_the_trend_page_opens_without_an_error_and_without_a_request(history, evaluation, tmp_path):
     with open_history(history) as lines:
         path = write_trend(history, lines)
     assert "<b>FAILED" not in path.read_text(encoding="utf-8")

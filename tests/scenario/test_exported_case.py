@@ -1,7 +1,5 @@
 """An exported OpenSCENARIO file imports as its case and drives to the same digest."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,7 +30,7 @@ def exported(folder: Path, case: ConcreteScenario) -> Path:
     "name", [pytest.param(name, marks=() if name in ("cut_in", "ramp_merge", "turn_across_path",
         "stop_and_go_stream") else pytest.mark.campaign) for name in SCENARIOS]
 )  # fmt: skip
-def test_exported_case_drives_to_the_same_digest(tmp_path: Path, name: str) -> None:
+def test_exported_case_drives_to_the_same_digest(tmp_path, name):
     logical = load(name)
     drawn = logical.from_shares(np.random.default_rng(1).random((200, len(logical.names))))
     (case,) = logical.concretes(drawn[logical.feasible(drawn)][:1])
@@ -42,7 +40,7 @@ def test_exported_case_drives_to_the_same_digest(tmp_path: Path, name: str) -> N
         assert digest(simulate(again, controller)) == digest(simulate(case, controller))
 
 
-def test_changed_exported_file_is_refused_until_its_case_is_gone(tmp_path: Path) -> None:
+def test_changed_exported_file_is_refused_until_its_case_is_gone(tmp_path):
     logical = load("front_vehicle_braking")
     (case,) = logical.concretes([0.5 * (logical.low + logical.high)])
     path = exported(tmp_path, case)

@@ -1,8 +1,6 @@
 """Formats of scenario files that installed packages bring: entry points of the group
 `sumo_eval.scenarios`."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -49,7 +47,7 @@ def install(site: Path, entry: str, name: str = "lead_format") -> None:
     (folder / "entry_points.txt").write_text(f"[{formats.GROUP}]\n{entry}\n")
 
 
-def test_an_installed_package_reads_a_format_of_its_own(site: Path) -> None:
+def test_an_installed_package_reads_a_format_of_its_own(site):
     (site / "lead_format.py").write_text(READER)
     (site / "slow.lead").write_text("a slow lead vehicle")
     install(site, "lead = lead_format:read")
@@ -58,7 +56,7 @@ def test_an_installed_package_reads_a_format_of_its_own(site: Path) -> None:
     assert [score.scenario for score in done.scores] == ["slow_lead"]
 
 
-def test_a_format_that_cannot_be_loaded_is_refused(site: Path) -> None:
+def test_a_format_that_cannot_be_loaded_is_refused(site):
     install(site, "lead = lead_format:read")
     with pytest.raises(
         InputError,
@@ -67,7 +65,7 @@ def test_a_format_that_cannot_be_loaded_is_refused(site: Path) -> None:
         catalogue.find("slow.lead", site)
 
 
-def test_two_readers_of_one_ending_are_refused_by_name(site: Path) -> None:
+def test_two_readers_of_one_ending_are_refused_by_name(site):
     install(site, "xosc = lead_format:read")
     with pytest.raises(
         InputError, match=r"Files `\.xosc` must have one reader, got .*uninstall one"
@@ -75,7 +73,7 @@ def test_two_readers_of_one_ending_are_refused_by_name(site: Path) -> None:
         catalogue.find("any.xosc", site)
 
 
-def test_an_ending_that_nothing_reads_is_refused(tmp_path: Path) -> None:
+def test_an_ending_that_nothing_reads_is_refused(tmp_path):
     with pytest.raises(
         InputError,
         match=r"Unknown logical scenario `slow\.lead`: .*entry point `lead` of .* would do\.$",
@@ -83,9 +81,7 @@ def test_an_ending_that_nothing_reads_is_refused(tmp_path: Path) -> None:
         catalogue.find("slow.lead", tmp_path)
 
 
-def test_own_format_without_entry_point_names_the_mend(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_own_format_without_entry_point_names_the_mend(tmp_path, monkeypatch):
     monkeypatch.setattr(formats, "_points", dict)
     with pytest.raises(
         InputError,

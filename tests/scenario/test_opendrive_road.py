@@ -1,8 +1,6 @@
 """Roads out of OpenDRIVE files: those of the ALKS and NCAP catalogues, one written here, and what
 is refused."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -44,7 +42,7 @@ def written(tmp_path: Path, **parts: object) -> Path:
     return path
 
 
-def test_a_comment_before_a_shape_is_skipped(tmp_path: Path) -> None:
+def test_a_comment_before_a_shape_is_skipped(tmp_path):
     path = written(tmp_path)
     plain = read_opendrive(path)
     path.write_text(path.read_text().replace("<line/>", "<!-- straight --><line/>"))
@@ -57,7 +55,7 @@ def test_a_comment_before_a_shape_is_skipped(tmp_path: Path) -> None:
     [("left_radius_250m", 250.0), ("right_radius_250m", -250.0), ("left_radius_1000m", 1000.0),
      ("right_radius_1000m", -1000.0)],
 )  # fmt: skip
-def test_the_curves_of_the_alks_catalogue(name: str, radius: float) -> None:
+def test_the_curves_of_the_alks_catalogue(name, radius):
     """Driving lanes begin 2.75 m to the right; the third one's centre is 2.75 + 2.5 * 3.5 = 11.5 m
     from the line."""
     read = read_opendrive(ALKS / f"alks_road_{name}.xodr")
@@ -67,7 +65,7 @@ def test_the_curves_of_the_alks_catalogue(name: str, radius: float) -> None:
 
 
 @needs_catalogues
-def test_the_road_of_many_curvatures_is_the_offset_of_its_reference_line() -> None:
+def test_the_road_of_many_curvatures_is_the_offset_of_its_reference_line():
     """The reference line is drawn again from the file's own numbers; ours must lie 11.5 m to its
     right everywhere."""
     from lxml import etree
@@ -91,7 +89,7 @@ def test_the_road_of_many_curvatures_is_the_offset_of_its_reference_line() -> No
 
 
 @needs_catalogues
-def test_straight_roads_are_straight_and_a_crossing_asks_which_road() -> None:
+def test_straight_roads_are_straight_and_a_crossing_asks_which_road():
     straight = read_opendrive(ALKS / "alks_road_straight.xodr")
     assert (straight.line, straight.lanes, straight.length) == ((), 3, 10_000.0)
     ncap = CATALOGUES / "osc_ncap" / "OpenDRIVE" / "NCAP"
@@ -100,7 +98,7 @@ def test_straight_roads_are_straight_and_a_crossing_asks_which_road() -> None:
         read_opendrive(ncap / "X-Intersection_NCAP.xodr")
 
 
-def test_law_a_road_that_is_written_is_read_again(tmp_path: Path) -> None:
+def test_law_a_road_that_is_written_is_read_again(tmp_path):
     """It is written with a lane offset, so that the line of the file is the right lane's centre:
     which is read."""
     path = tmp_path / "bend.xodr"
@@ -117,9 +115,7 @@ def test_law_a_road_that_is_written_is_read_again(tmp_path: Path) -> None:
 OFFSET = '<laneOffset s="{s}" a="{a}" b="0" c="0" d="0"/>'
 
 
-def test_a_constant_lane_offset_shifts_the_lanes_and_one_that_changes_is_refused(
-    tmp_path: Path,
-) -> None:
+def test_a_constant_lane_offset_shifts_the_lanes_and_one_that_changes_is_refused(tmp_path):
     """The right driving lane's centre lies 2 + 3.5 + 1.75 = 7.25 m right of the line, less 1.25 m
     by the offset."""
     bend = (
@@ -167,7 +163,7 @@ def cubic(tmp_path: Path, last: float, kind: str, **changes: float) -> Path:
 
 
 @pytest.mark.parametrize("normalised", [False, True])
-def test_law_a_parametric_cubic_is_followed(tmp_path: Path, normalised: bool) -> None:
+def test_law_a_parametric_cubic_is_followed(tmp_path, normalised):
     """u = p - 9e-8 p3, v = 1e-3 p2 - 1e-5 p3 for p to 60 m, or the same in p / 60.
 
     The lane's centre is 1.75 m to its right, so the cubic lies 1.75 m to the left of what is read,
@@ -201,14 +197,12 @@ def test_law_a_parametric_cubic_is_followed(tmp_path: Path, normalised: bool) ->
         ({}, 'pRange="arclength"', r"Unknown `pRange` .* Did you mean `arcLength`\?"),
     ],
 )  # fmt: skip
-def test_a_cubic_that_is_not_what_its_geometry_says_is_refused(
-    tmp_path: Path, changes: dict[str, float], kind: str, sentence: str
-) -> None:
+def test_a_cubic_that_is_not_what_its_geometry_says_is_refused(tmp_path, changes, kind, sentence):
     with pytest.raises(InputError, match=sentence):
         read_opendrive(cubic(tmp_path, 60.0, kind, **changes))
 
 
-def test_a_scenario_file_drives_on_it(tmp_path: Path) -> None:
+def test_a_scenario_file_drives_on_it(tmp_path):
     written(tmp_path, more='<geometry s="100" x="14.07372" y="102.7495" hdg="1.5" '
                            'length="80"><arc curvature="0.01"/>'
             "</geometry>")  # fmt: skip
@@ -242,14 +236,12 @@ def test_a_scenario_file_drives_on_it(tmp_path: Path) -> None:
         ({"more": NEXT.format(x="oops", shape="line")}, "`x` of <geometry>"),
     ],
 )  # fmt: skip
-def test_what_would_be_another_road_is_refused_by_name(
-    tmp_path: Path, parts: dict[str, object], sentence: str
-) -> None:
+def test_what_would_be_another_road_is_refused_by_name(tmp_path, parts, sentence):
     with pytest.raises(InputError, match=sentence):
         read_opendrive(written(tmp_path, **parts))
 
 
-def test_a_file_that_is_none_and_a_road_that_is_not_there(tmp_path: Path) -> None:
+def test_a_file_that_is_none_and_a_road_that_is_not_there(tmp_path):
     with pytest.raises(InputError, match="There is no OpenDRIVE file"):
         read_opendrive(tmp_path / "none.xodr")
     (tmp_path / "text.xodr").write_text("hello", encoding="utf-8")
@@ -259,9 +251,7 @@ def test_a_file_that_is_none_and_a_road_that_is_not_there(tmp_path: Path) -> Non
         read_opendrive(written(tmp_path, id="mein"), "main")
 
 
-def test_law_a_road_whose_right_lane_opens_or_ends_comes_back_from_its_own_export(
-    tmp_path: Path,
-) -> None:
+def test_law_a_road_whose_right_lane_opens_or_ends_comes_back_from_its_own_export(tmp_path):
     for span in (LaneSpan(0, -math.inf, 300.0, 0.0, 50.0), LaneSpan(0, 200.0, math.inf, 40.0, 0.0),
                  LaneSpan(0, 200.0, 300.0, 40.0, 50.0)):  # fmt: skip
         road = Road("t", 500.0, 3, 3.5, 400.0, spans=(span,))
@@ -276,7 +266,7 @@ def test_law_a_road_whose_right_lane_opens_or_ends_comes_back_from_its_own_expor
         )
 
 
-def test_an_export_has_the_left_edge_where_the_road_has_it(tmp_path: Path) -> None:
+def test_an_export_has_the_left_edge_where_the_road_has_it(tmp_path):
     from lxml import etree
 
     road = Road(
@@ -322,7 +312,7 @@ def chain(tmp_path: Path, a: float = 3.5) -> Path:
     return path
 
 
-def test_the_roads_of_a_turn_are_driven_in_order(tmp_path: Path) -> None:
+def test_the_roads_of_a_turn_are_driven_in_order(tmp_path):
     """The first is driven against its direction; the lane's centre is 1.75 m right of the arc: R =
     21.75 m."""
     read = read_opendrive(chain(tmp_path), ["in", "turn", "out"])
@@ -342,15 +332,13 @@ def test_the_roads_of_a_turn_are_driven_in_order(tmp_path: Path) -> None:
         ([], 3.5, "must be 1 to 8"),
     ],
 )
-def test_roads_that_do_not_follow_each_other_are_refused(
-    tmp_path: Path, names: list[str], a: float, sentence: str
-) -> None:
+def test_roads_that_do_not_follow_each_other_are_refused(tmp_path, names, a, sentence):
     with pytest.raises(InputError) as caught:
         read_opendrive(chain(tmp_path, a), names)
     assert sentence in str(caught.value)
 
 
-def test_a_width_that_is_a_polynomial_is_refused_by_its_lane(tmp_path: Path) -> None:
+def test_a_width_that_is_a_polynomial_is_refused_by_its_lane(tmp_path):
     road = Road("t", 500.0, 3, 3.5, 400.0, spans=(LaneSpan(0, -math.inf, 300.0, 0.0, 50.0),))
     path = tmp_path / "t.xodr"
     path.write_text(
@@ -364,7 +352,7 @@ def test_a_width_that_is_a_polynomial_is_refused_by_its_lane(tmp_path: Path) -> 
 
 
 @needs_catalogues
-def test_all_twelve_ways_through_the_junction_of_the_ncap_catalogue_are_driven() -> None:
+def test_all_twelve_ways_through_the_junction_of_the_ncap_catalogue_are_driven():
     from lxml import etree
 
     path = CATALOGUES / "osc_ncap" / "OpenDRIVE" / "NCAP" / "X-Intersection_NCAP.xodr"

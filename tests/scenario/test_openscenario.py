@@ -1,8 +1,6 @@
 """OpenSCENARIO files as logical scenarios: worked numbers, what is refused, and the public
 catalogues."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -124,9 +122,7 @@ def written(folder: Path, **parts: object) -> Path:
     return path
 
 
-def test_a_scenario_file_is_a_space_of_one_point_with_everybody_where_it_says(
-    tmp_path: Path,
-) -> None:
+def test_a_scenario_file_is_a_space_of_one_point_with_everybody_where_it_says(tmp_path):
     """The ego's axle at s = 20, its centre 1.5 m ahead; the other's 50 m further, in the left lane
     and 0.25 m on."""
     logical = find("scenario.xosc", written(tmp_path).parent)
@@ -142,7 +138,7 @@ def test_a_scenario_file_is_a_space_of_one_point_with_everybody_where_it_says(
     assert scene.ego_body.length == 4.0
 
 
-def test_a_sinusoidal_lane_change_has_the_peak_speed_that_its_rate_says(tmp_path: Path) -> None:
+def test_a_sinusoidal_lane_change_has_the_peak_speed_that_its_rate_says(tmp_path):
     """3.75 m to the right at 2 m/s: the peak of half a cosine is pi/2 of the mean, so it lasts pi *
     3.75 / 4 s."""
     (other,) = (
@@ -165,7 +161,7 @@ def test_a_sinusoidal_lane_change_has_the_peak_speed_that_its_rate_says(tmp_path
     assert slope[5:-5] == pytest.approx(accelerations[5:-5], abs=1e-4)
 
 
-def test_moves_at_times_are_scripts_that_a_curve_can_have(tmp_path: Path) -> None:
+def test_moves_at_times_are_scripts_that_a_curve_can_have(tmp_path):
     """1.25 m in pi sqrt(1.25 / 0.6) = 4.53 s from 2 s on, and 1 s after its end a brake."""
     ended = (
         '<StoryboardElementStateCondition storyboardElementType="action" '
@@ -186,7 +182,7 @@ def test_moves_at_times_are_scripts_that_a_curve_can_have(tmp_path: Path) -> Non
     assert (other.braking.begin, other.braking.acceleration) == pytest.approx((3.0 + lasts, 5.0))
 
 
-def test_a_variation_is_the_space_and_constraints_leave_points_out(tmp_path: Path) -> None:
+def test_a_variation_is_the_space_and_constraints_leave_points_out(tmp_path):
     written(tmp_path)
     light = """<DeterministicMultiParameterDistribution><ValueSetDistribution>
     <ParameterValueSet><ParameterAssignment parameterRef="light" value="day"/></ParameterValueSet>
@@ -219,8 +215,8 @@ def test_a_variation_is_the_space_and_constraints_leave_points_out(tmp_path: Pat
      (100.0, 10.0, 10.0, 10.0, 0.0)],
 )  # fmt: skip
 def test_who_is_synchronized_is_there_on_time_with_the_final_speed(
-    distance: float, time: float, speed: float, final: float, steady: float
-) -> None:
+    distance, time, speed, final, steady
+):
     """The area below the speeds is the distance; over the last `steady` m it is the final one; none
     is below 0."""
     knots = [(0.0, speed), *synchronized(distance, time, speed, final, steady)]
@@ -258,7 +254,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("sentence", BAD)
-def test_what_cannot_be_played_is_refused(tmp_path: Path, sentence: str) -> None:
+def test_what_cannot_be_played_is_refused(tmp_path, sentence):
     with pytest.raises(InputError, match=sentence) as error:
         read_file(written(tmp_path, **BAD[sentence]))
     assert "\n" not in str(error.value)
@@ -271,7 +267,7 @@ def test_what_cannot_be_played_is_refused(tmp_path: Path, sentence: str) -> None
         ('dLane="1" ds="-19"', r"on the road, its centre at x = 3 to [\d.]+ m \(the ego's .+\)"),
     ],
 )
-def test_impossible_points_do_not_play(tmp_path: Path, where: str, must: str) -> None:
+def test_impossible_points_do_not_play(tmp_path, where, must):
     """The other's body, 6 m long: 2 m ahead of the ego's centre inside it; with its centre 2.5 m
     behind the road's beginning half a metre over it. UN R157 has such points: a truck of 18.75 m
     stands 15 m before what it hides.
@@ -287,7 +283,7 @@ def test_impossible_points_do_not_play(tmp_path: Path, where: str, must: str) ->
     assert 'ScenarioObject name="Other"' in text.splitlines()[line - 1]
 
 
-def test_entities_and_documents_outside_are_never_expanded(tmp_path: Path) -> None:
+def test_entities_and_documents_outside_are_never_expanded(tmp_path):
     secret = tmp_path / "secret.txt"
     secret.write_text("72", encoding="utf-8")
     path = written(tmp_path)
@@ -306,7 +302,7 @@ def test_entities_and_documents_outside_are_never_expanded(tmp_path: Path) -> No
             read_file(path)
 
 
-def test_a_variation_that_leads_back_to_itself_is_refused(tmp_path: Path) -> None:
+def test_a_variation_that_leads_back_to_itself_is_refused(tmp_path):
     one, two = tmp_path / "one.xosc", tmp_path / "two.xosc"
     one.write_text(
         VARIATION.format(file="two.xosc", parts=RANGE.format(name="kph")), encoding="utf-8"
@@ -328,7 +324,7 @@ def test_a_variation_that_leads_back_to_itself_is_refused(tmp_path: Path) -> Non
         read_file(one)
 
 
-def test_a_move_with_a_condition_plays_on_a_curved_road(tmp_path: Path) -> None:
+def test_a_move_with_a_condition_plays_on_a_curved_road(tmp_path):
     """A left bend of 500 m: the cut-in waits until the gap is below 30 m there as on a straight
     road."""
     path = written(tmp_path, events=CUT_IN)
@@ -345,9 +341,7 @@ def test_a_move_with_a_condition_plays_on_a_curved_road(tmp_path: Path) -> None:
     assert other.acts[0].offset == pytest.approx(straight.acts[0].offset)
 
 
-def test_speeds_and_gaps_on_a_curved_road_are_over_the_ground(
-    tmp_path: Path,
-) -> None:
+def test_speeds_and_gaps_on_a_curved_road_are_over_the_ground(tmp_path):
     """A left bend of 500 m: who drives 15 m/s in the left lane, 0.25 m on, is 501.75 - 3.75 m from
     its centre, and comes 15 m further each second there, by the chord: with 6 m/s2 it stands after
     15 / 6 = 2.5 s and 18.75 m.
@@ -422,8 +416,8 @@ def turning(folder: Path) -> Path:
 
 
 def test_the_road_of_an_ego_that_turns_is_its_way_and_who_comes_across_drives_straight_on_the_map(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     """The road begins where the ego's does, 20 m before it.
 
     The other's axle at s = 200 and its centre 1.5 m ahead of it, back along the road, at x = 198.5
@@ -449,9 +443,7 @@ def test_the_road_of_an_ego_that_turns_is_its_way_and_who_comes_across_drives_st
     assert abs(np.diff(seen[:, 2])).max() < 0.2  # its heading in the frame turns without a jump
 
 
-def test_drivers_that_know_only_leads_are_not_used_for_crossings(
-    tmp_path: Path,
-) -> None:
+def test_drivers_that_know_only_leads_are_not_used_for_crossings(tmp_path):
     """A car that changes lane ahead is what the synthetic drivers know; one that comes across the
     ego's turn is not, and the file that is written of it says so.
     """
@@ -465,7 +457,7 @@ def test_drivers_that_know_only_leads_are_not_used_for_crossings(
     assert content["people"] == "none"
 
 
-def test_an_ego_that_turns_behind_the_crossing_vehicle_passes(tmp_path: Path) -> None:
+def test_an_ego_that_turns_behind_the_crossing_vehicle_passes(tmp_path):
     """Through SUMO: an ego that does nothing reaches the bend after (120 - 20) / 5 = 20 s, when the
     other, from 198.5 m with 5 m/s, is at 98.5 m, beside the straight. The ego's axle keeps to the
     radius of 10 m, its centre 1.35 m ahead, within the 0.2 m that its wheel, which turns at a
@@ -488,7 +480,7 @@ def test_an_ego_that_turns_behind_the_crossing_vehicle_passes(tmp_path: Path) ->
     np.testing.assert_allclose(np.hypot(x - 120.0, y - 10.0), math.hypot(10.0, 1.35), atol=0.2)
 
 
-def test_times_without_a_reference_do_not_count(tmp_path: Path) -> None:
+def test_times_without_a_reference_do_not_count(tmp_path):
     """Version 1.0 asks every vertex for a time."""
     line = _line(_at(1, 70.0), _at(1, 90.0)).replace("<Vertex>", '<Vertex time="0">')
     event = TIMED.format(n=1, action=_following(line), delay=0, when=AT.format(0))
@@ -496,7 +488,7 @@ def test_times_without_a_reference_do_not_count(tmp_path: Path) -> None:
     assert not any(act.table for act in find(str(path)).concrete(only=0.0).actors[0].acts)
 
 
-def test_a_trajectory_crosses_a_curved_road_straight_on_the_map(tmp_path: Path) -> None:
+def test_a_trajectory_crosses_a_curved_road_straight_on_the_map(tmp_path):
     """A left bend of 500 m, a body that goes from the left lane, 3.5 m to the left, to the right
     one 10 m before: on the map its places lie on the chord between both ends, 1.5 m ahead of where
     its axle is.
@@ -528,7 +520,7 @@ def _ends_in_frame() -> tuple[list[float], list[float]]:
     return [70.0 * outside, 60.0 * outside], [3.5, 0.0]
 
 
-def test_a_speed_that_is_reached_within_no_time_is_the_one_at_the_start(tmp_path: Path) -> None:
+def test_a_speed_that_is_reached_within_no_time_is_the_one_at_the_start(tmp_path):
     was = find(str(written(tmp_path))).concrete(only=0.0)
     linear = STEP.replace('"step"', '"linear"')
     assert (
@@ -539,7 +531,7 @@ def test_a_speed_that_is_reached_within_no_time_is_the_one_at_the_start(tmp_path
         find(str(written_again(written(tmp_path, step=linear.replace('"0"', '"2"')))))
 
 
-def test_the_ego_can_be_named(tmp_path: Path) -> None:
+def test_the_ego_can_be_named(tmp_path):
     path = written(tmp_path, events=CUT_IN)
     was = find(str(path)).concrete(only=0.0)
     hero = tmp_path / "hero.xosc"
@@ -557,7 +549,7 @@ def test_the_ego_can_be_named(tmp_path: Path) -> None:
     assert (found.ego, found.actors) == (was.ego, was.actors)
 
 
-def test_only_roads_in_use_must_be_readable(tmp_path: Path) -> None:
+def test_only_roads_in_use_must_be_readable(tmp_path):
     path = written(tmp_path)
     road = ROAD[ROAD.index("<road") : ROAD.index("</OpenDRIVE>")]
     poly = road.replace("<line/>", "<poly3/>", 1)
@@ -572,7 +564,7 @@ def test_only_roads_in_use_must_be_readable(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("option", ["", "?flat=1"])
-def test_elevation_is_left_out_with_a_note(tmp_path: Path, option: str) -> None:
+def test_elevation_is_left_out_with_a_note(tmp_path, option):
     level = find(str(written(tmp_path)))
     slope = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevationProfile>'
     steep = ROAD.replace("</planView>", "</planView>" + slope, 1)
@@ -599,7 +591,7 @@ def changed(folder: Path, *changes: tuple[str, str], **parts: object) -> Path:
     return path
 
 
-def test_no_synchronization_after_a_change_of_speed(tmp_path: Path) -> None:
+def test_no_synchronization_after_a_change_of_speed(tmp_path):
     """Its place is the start and the speed times 6 s only where the speed was the same."""
     place = '<LanePosition roadId="0" laneId="{}" s="{}"/>'
     meet = f"""<SynchronizeAction masterEntityRef="Ego"><TargetPositionMaster>{place.format(-1, 220)}
@@ -622,7 +614,7 @@ def test_no_synchronization_after_a_change_of_speed(tmp_path: Path) -> None:
             find(str(changed(tmp_path, events=event.replace(f'"{kind}"', f'"{kind}s"'))))
 
 
-def test_a_harder_brake_follows_a_gentle_one(tmp_path: Path) -> None:
+def test_a_harder_brake_follows_a_gentle_one(tmp_path):
     """15 m/s from 2 s on by 1 m/s2, and from 4 s on by 5 m/s2: it stands at 4 + 13 / 5 = 6.6 s."""
     gentle = BRAKE.replace('\nvalue="5"', '\nvalue="1"')
     events = [
@@ -637,14 +629,14 @@ def test_a_harder_brake_follows_a_gentle_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("shape", ["linear", "cubic", "step"])
-def test_a_change_of_speed_in_0_s_is_a_step(tmp_path: Path, shape: str) -> None:
+def test_a_change_of_speed_in_0_s_is_a_step(tmp_path, shape):
     timed = BRAKE.replace('"linear"', f'"{shape}"').replace('"rate"\nvalue="5"', '"time" value="0"')
     path = changed(tmp_path, events=TIMED.format(n=1, action=timed, delay=0, when=AT.format(2)))
     (act,) = find(str(path)).concrete(only=0.0).actors[0].acts
     assert (act.kind, act.begin, act.acceleration) == (played.SPEED, 2.0, pytest.approx(15e6))
 
 
-def test_starts_depend_on_each_other_in_any_order(tmp_path: Path) -> None:
+def test_starts_depend_on_each_other_in_any_order(tmp_path):
     """The ego 50 m behind a vehicle whose place and speed come later in the file."""
     later = (EGO_PLACE, '<RelativeLanePosition entityRef="Other" dLane="0" ds="-50"/>'), (
         OTHER_PLACE, '<LanePosition roadId="0" laneId="-1" s="70"/>'
@@ -658,7 +650,7 @@ def test_starts_depend_on_each_other_in_any_order(tmp_path: Path) -> None:
 @pytest.mark.parametrize("place", [
     '<WorldPosition x="{x}" y="{y}" h="0.5"/>', '<RoadPosition roadId="0" s="20" t="-1.75"/>'
 ])  # fmt: skip
-def test_a_place_in_a_driving_lane_is_that_lane(tmp_path: Path, place: str) -> None:
+def test_a_place_in_a_driving_lane_is_that_lane(tmp_path, place):
     was = find(str(changed(tmp_path))).concrete(only=0.0)
     x, y = (5.0 + 20.0 * math.cos(0.5) + 1.75 * math.sin(0.5),
             7.0 + 20.0 * math.sin(0.5) - 1.75 * math.cos(0.5))  # fmt: skip
@@ -694,7 +686,7 @@ def along(begin: int, end: int, place: str) -> str:
     along(900, 0, '<FromLaneCoordinates pathS="830" laneId="1" laneOffset="0.25"/>'),
 ])  # fmt: skip
 @pytest.mark.parametrize("shape", ["<line/>", '<arc curvature="0.000001"/>'])
-def test_every_kind_of_position_is_one_place(tmp_path: Path, place: str, shape: str) -> None:
+def test_every_kind_of_position_is_one_place(tmp_path, place, shape):
     """The numbers of the map are worked out from (5, 7), 0.5 rad and, on the earth, 48 N, 11 E."""
     path = changed(tmp_path, (OTHER_PLACE, place))
     (tmp_path / "road.xodr").write_text(ROAD.replace("<line/>", shape), encoding="utf-8")
@@ -703,7 +695,7 @@ def test_every_kind_of_position_is_one_place(tmp_path: Path, place: str, shape: 
     assert other.heading == pytest.approx(0.0, abs=1e-3)
 
 
-def test_a_distance_is_reached_once_within_limits(tmp_path: Path) -> None:
+def test_a_distance_is_reached_once_within_limits(tmp_path):
     """Bodies of 4 and 6 m are 30 m apart at one speed; 3 s later the other brakes."""
     reach = """<LongitudinalAction><LongitudinalDistanceAction entityRef="Ego" distance="30"
     freespace="true" continuous="false"><DynamicConstraints maxAcceleration="3" maxDeceleration="6"
@@ -721,7 +713,7 @@ def test_a_distance_is_reached_once_within_limits(tmp_path: Path) -> None:
     assert other.speed[there:brakes] == pytest.approx(20.0, abs=0.05)
 
 
-def test_a_move_is_played_although_an_earlier_one_may_lead_there(tmp_path: Path) -> None:
+def test_a_move_is_played_although_an_earlier_one_may_lead_there(tmp_path):
     """The first brake waits for an ego of more than 25 m/s, which has 20; the second comes."""
     never = CUT_IN[CUT_IN.index("<Event") :].replace("RelativeDistanceCondition", "SpeedCondition")
     never = never.replace(
@@ -740,7 +732,7 @@ def test_a_move_is_played_although_an_earlier_one_may_lead_there(tmp_path: Path)
 
 
 @pytest.mark.parametrize(("kind", "name"), [("event", "e"), ("maneuver", "m"), ("act", "a")])
-def test_what_holds_two_moves_is_complete_after_both(tmp_path: Path, kind: str, name: str) -> None:
+def test_what_holds_two_moves_is_complete_after_both(tmp_path, kind, name):
     """A condition begins a long brake and a swift move across, in this order, or a move of no
     change, whose begin is remembered around it."""
     begin, end = CUT_IN.index("<LateralAction>"), CUT_IN.index("</PrivateAction>")
@@ -763,9 +755,7 @@ def test_what_holds_two_moves_is_complete_after_both(tmp_path: Path, kind: str, 
 @pytest.mark.parametrize(
     ("kind", "name"), [("action", "act1"), ("event", "e1"), ("maneuver", "m"), ("act", "a")]
 )
-def test_an_event_without_effect_waits_for_its_trigger(
-    tmp_path: Path, kind: str, name: str
-) -> None:
+def test_an_event_without_effect_waits_for_its_trigger(tmp_path, kind, name):
     lights = '<VisibilityAction graphics="true" sensors="true" traffic="true"/>'
     when = f"""<StoryboardElementStateCondition storyboardElementType="{kind}"
     storyboardElementRef="{name}" state="completeState"/>"""
@@ -778,9 +768,7 @@ def test_an_event_without_effect_waits_for_its_trigger(
 
 
 @pytest.mark.parametrize(("until", "begins"), [(3, []), (5, [4.0])])
-def test_no_event_begins_after_the_time_until_which_it_may(
-    tmp_path: Path, until: int, begins: list[float]
-) -> None:
+def test_no_event_begins_after_the_time_until_which_it_may(tmp_path, until, begins):
     """The act begins at 4 s, the event only before `until`."""
     when = f'<SimulationTimeCondition value="{until}" rule="lessThan"/>'
     start = TIMED[TIMED.index("<StartTrigger>") : TIMED.index("</Event>")]
@@ -792,7 +780,7 @@ def test_no_event_begins_after_the_time_until_which_it_may(
     assert [it.begin for it in other.acts if it.kind == played.SPEED] == begins
 
 
-def test_ego_against_the_reference_line_has_its_road_from_there(tmp_path: Path) -> None:
+def test_ego_against_the_reference_line_has_its_road_from_there(tmp_path):
     """The ego comes from s = 980 m in the left lane; the other, 50 m less, is 50 m ahead of it."""
     turned = '<Orientation type="relative" h="3.141592653589793"/></LanePosition>'
     place = '<LanePosition roadId="0" laneId="1" s="980">' + turned
@@ -803,7 +791,7 @@ def test_ego_against_the_reference_line_has_its_road_from_there(tmp_path: Path) 
     assert (other.start.y, other.heading) == pytest.approx((-0.25, 0.0))
 
 
-def test_the_only_entity_with_a_controller_is_the_ego(tmp_path: Path) -> None:
+def test_the_only_entity_with_a_controller_is_the_ego(tmp_path):
     controlled = ('entryName="car"/></ScenarioObject>',
         'entryName="car"/><ObjectController><Controller name="c"/></ObjectController>'
         "</ScenarioObject>")  # fmt: skip
@@ -811,7 +799,7 @@ def test_the_only_entity_with_a_controller_is_the_ego(tmp_path: Path) -> None:
     assert find(str(path)).concrete(only=0.0).actors[0].name == "Other"
 
 
-def test_a_map_of_a_simulator_is_named_by_the_user(tmp_path: Path) -> None:
+def test_a_map_of_a_simulator_is_named_by_the_user(tmp_path):
     path = changed(tmp_path, road="Town01")
     with pytest.raises(InputError, match=r"`Town01` .* simulator's map: `\?map=FILE.xodr`"):
         find(str(path))
@@ -830,9 +818,7 @@ def test_a_map_of_a_simulator_is_named_by_the_user(tmp_path: Path) -> None:
      'continuous="true"><DynamicConstraints maxAcceleration="3" maxDeceleration="6"/>'
      '</LongitudinalDistanceAction>', 35.0),
 ])  # fmt: skip
-def test_speed_and_distance_are_kept_while_the_ego_brakes(
-    tmp_path: Path, action: str, far: float
-) -> None:
+def test_speed_and_distance_are_kept_while_the_ego_brakes(tmp_path, action, far):
     """The other starts 50 m ahead and gains 2 m/s, until the ego stands; or keeps 30 m between
     bodies of 4 and 6 m, or 3 s at the ego's speed; within limits it never brakes harder.
     """
@@ -852,7 +838,7 @@ def test_speed_and_distance_are_kept_while_the_ego_brakes(
         assert rates.max() <= 3.01
 
 
-def test_an_edge_needs_the_opposite_before(tmp_path: Path) -> None:
+def test_an_edge_needs_the_opposite_before(tmp_path):
     """A gap above 30 m holds at the start: its rising edge waits until it was not, the falling one
     does not.
     """
@@ -863,7 +849,7 @@ def test_an_edge_needs_the_opposite_before(tmp_path: Path) -> None:
         assert sum(act.offset == 0.0 for act in other.acts) == latches, edge
 
 
-def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path: Path) -> None:
+def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""
     plain = written(tmp_path, events=CUT_IN)
@@ -894,7 +880,7 @@ def written_again(path: Path) -> Path:
     return again
 
 
-def test_a_case_ends_before_sumo_takes_the_ego_off_the_road(tmp_path: Path) -> None:
+def test_a_case_ends_before_sumo_takes_the_ego_off_the_road(tmp_path):
     """50 m/s for 30 s is more than the road's 1000 m: half a body of 4 m and 5 m for a step at full
     speed are left."""
     logical = find(str(written(tmp_path, v="50")))
@@ -902,7 +888,7 @@ def test_a_case_ends_before_sumo_takes_the_ego_off_the_road(tmp_path: Path) -> N
     assert logical.road.length + logical.road.run_out == pytest.approx(1000.0)
 
 
-def test_why_every_point_counts_as_safe_is_said(tmp_path: Path) -> None:
+def test_why_every_point_counts_as_safe_is_said(tmp_path):
     path = written(tmp_path, events=TIMED.format(n=1, action=BRAKE, delay=0, when=AT.format(2)))
     (said,) = (note for note in find(str(path)).notes if "counts as safe" in note)
     assert "`?zones=1`" in said
@@ -912,7 +898,7 @@ def test_why_every_point_counts_as_safe_is_said(tmp_path: Path) -> None:
 
 
 @needs_catalogues
-def test_all_files_of_un_r157_play() -> None:
+def test_all_files_of_un_r157_play():
     """The 15 files; those whose range is large are tried along each axis."""
     files = sorted((ALKS / "concrete_scenarios").glob("alks_*_template.xosc"))
     assert len(files) == 15
@@ -922,7 +908,7 @@ def test_all_files_of_un_r157_play() -> None:
 
 
 @needs_catalogues
-def test_of_a_file_whose_road_is_decided_by_two_parameters_every_point_of_each_road_plays() -> None:
+def test_of_a_file_whose_road_is_decided_by_two_parameters_every_point_of_each_road_plays():
     """UN R157's crossing pedestrian: 5 roads, 2 lanes to start in and 12 speeds are 120 points; the
     ego's lane is the origin of the road's frame, so a bend is another road from another lane, and
     only the straight one has both lanes."""
@@ -934,7 +920,7 @@ def test_of_a_file_whose_road_is_decided_by_two_parameters_every_point_of_each_r
 
 @pytest.mark.campaign
 @needs_catalogues
-def test_values_that_play_nowhere_are_counted_with_their_reason() -> None:
+def test_values_that_play_nowhere_are_counted_with_their_reason():
     """UN R157's several targets: 12 speeds, 6 first and 5 second bodies.
 
     The first one's truck of 18.75 m reaches 16.375 m from its axle, the second bodies begin 12.25
@@ -947,7 +933,7 @@ def test_values_that_play_nowhere_are_counted_with_their_reason() -> None:
 
 
 @needs_catalogues
-def test_the_files_of_euro_ncap_play_without_their_night_duplicates() -> None:
+def test_the_files_of_euro_ncap_play_without_their_night_duplicates():
     """22 of 22 play, 388 of 388 cases by day; an ego that turns does so on three radii, 3 cases
     each."""
     counts = {}
@@ -966,7 +952,7 @@ def test_the_files_of_euro_ncap_play_without_their_night_duplicates() -> None:
 
 
 @needs_catalogues
-def test_a_pedestrian_of_euro_ncap_meets_the_bumper_where_the_protocol_says() -> None:
+def test_a_pedestrian_of_euro_ncap_meets_the_bumper_where_the_protocol_says():
     """CPNA at 50 %: when an ego that keeps 30 km/h has its bumper at the pedestrian's near side,
     its hip (0.06 m ahead of its centre) is on the ego's middle line; it walks 5 km/h over the 3 m
     before, which it reaches in 1 m."""
@@ -985,9 +971,7 @@ def test_a_pedestrian_of_euro_ncap_meets_the_bumper_where_the_protocol_says() ->
 
 
 @needs_catalogues
-def test_who_turns_across_the_way_of_a_motorcycle_is_where_the_protocol_says_when_they_meet() -> (
-    None
-):
+def test_who_turns_across_the_way_of_a_motorcycle_is_where_the_protocol_says_when_they_meet():
     """CMFtap, 20 km/h on R2 = 14.75 m: the point that both are steered to is where the middle of
     the ego's bumper is on the middle of the oncoming lane, so contact comes as soon as the front of
     either is over the other's body: before the planned instant, by less than the motorcycle's half
@@ -1007,7 +991,7 @@ def test_who_turns_across_the_way_of_a_motorcycle_is_where_the_protocol_says_whe
 
 
 @needs_catalogues
-def test_every_element_that_the_catalogues_use_is_in_the_list() -> None:
+def test_every_element_that_the_catalogues_use_is_in_the_list():
     """Actions, conditions and positions of all scenario files, by their names in the standard."""
     known = {row.element for row in ROWS}
     for file in [*(ALKS / "concrete_scenarios").glob("*.xosc"), *NCAP.parents[1].glob("*.xosc")]:
@@ -1040,7 +1024,7 @@ ENDED = (
     ["", CUT_IN, TIMED.format(n=1, action=OFFSET, delay=0, when=AT.format(2)),
                                     CUT_IN + TIMED.format(n=2, action=BRAKE, delay=1,
                                         when=ENDED)])  # fmt: skip
-def test_the_scenario_file_that_was_understood_says_the_same(tmp_path: Path, events: str) -> None:
+def test_the_scenario_file_that_was_understood_says_the_same(tmp_path, events):
     """Everybody starts at the same place and does the same, by the scenario file as by the imported
     one."""
     read = read_file(written(tmp_path, events=events))
@@ -1081,7 +1065,7 @@ def same_case(one: ConcreteScenario, two: ConcreteScenario) -> None:
             assert mine == pytest.approx(theirs, abs=1e-9)
 
 
-def test_one_point_is_written_and_a_whole_space_is_not(tmp_path: Path) -> None:
+def test_one_point_is_written_and_a_whole_space_is_not(tmp_path):
     """54 km/h = 15 m/s; the other is 5 m/s slower."""
     scenario = written(tmp_path, events=CUT_IN)
     path = tmp_path / "variation.xosc"
@@ -1103,7 +1087,7 @@ def test_one_point_is_written_and_a_whole_space_is_not(tmp_path: Path) -> None:
     assert not (tmp_path / "space.toml").exists()
 
 
-def test_the_written_space_of_an_ego_that_turns_has_the_other_on_the_map(tmp_path: Path) -> None:
+def test_the_written_space_of_an_ego_that_turns_has_the_other_on_the_map(tmp_path):
     read = read_file(turning(tmp_path))
     content = scenario_content(read, {})
     assert content["vehicle"][0]["on_map"] is True
@@ -1122,7 +1106,7 @@ def test_the_written_space_of_an_ego_that_turns_has_the_other_on_the_map(tmp_pat
     "alks_scenario_4_1_2_swerving_lead_vehicle_variation.xosc?road=2",
     "alks_scenario_4_1_1_free_driving_variation.xosc",
 ])  # fmt: skip
-def test_a_written_point_is_the_case_of_the_file(tmp_path: Path, name: str) -> None:
+def test_a_written_point_is_the_case_of_the_file(tmp_path, name):
     plain, _, road = name.partition("?road=")
     read = read_file(
         (ALKS if plain.startswith("alks") else NCAP) / plain, {"road": road} if road else {}
@@ -1134,7 +1118,7 @@ def test_a_written_point_is_the_case_of_the_file(tmp_path: Path, name: str) -> N
 
 
 @needs_catalogues
-def test_a_written_point_is_driven_with_the_same_outcome(tmp_path: Path) -> None:
+def test_a_written_point_is_driven_with_the_same_outcome(tmp_path):
     """CPNA at 40 km/h, both by who does nothing: contact at the same instant, with the same
     velocity."""
     read, point = read_file(NCAP / "CPNA.xosc"), {"Ego_speed_kph": 40.0, "ImpactLocation": 50.0}
@@ -1148,7 +1132,7 @@ def test_a_written_point_is_driven_with_the_same_outcome(tmp_path: Path) -> None
     )  # fmt: skip
 
 
-def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
+def test_what_cannot_be_written_is_refused(tmp_path):
     read = read_file(written(tmp_path))
     with pytest.raises(InputError, match="kph"):
         scenario_content(read, {"kph": 50.0})

@@ -1,8 +1,6 @@
 """Public catalogues of OpenSCENARIO files by their names, and what they say beside our own
 scenarios."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -32,7 +30,7 @@ needs_catalogues = pytest.mark.skipif(
 )
 
 
-def test_a_catalogue_needs_a_folder_that_holds_it(tmp_path: Path) -> None:
+def test_a_catalogue_needs_a_folder_that_holds_it(tmp_path):
     with pytest.raises(
         InputError, match=r"Catalogue `ncap_2026` must have a `folder`: your copy of vectorgrp/"
     ):
@@ -51,9 +49,7 @@ def test_a_catalogue_needs_a_folder_that_holds_it(tmp_path: Path) -> None:
 
 
 @needs_catalogues
-def test_a_catalogue_is_a_scenario_for_each_file_and_says_what_does_not_play(
-    tmp_path: Path,
-) -> None:
+def test_a_catalogue_is_a_scenario_for_each_file_and_says_what_does_not_play(tmp_path):
     content = {"name": "n", "scenario": [{"use": "ncap_2026", "folder": str(NCAP)}],
                "ads": [{"name": "idm", "controller": "idm"}]}  # fmt: skip
     settings = resolve(content, tmp_path, resume=False).settings
@@ -79,7 +75,7 @@ def test_a_catalogue_is_a_scenario_for_each_file_and_says_what_does_not_play(
 
 
 @needs_catalogues
-def test_a_file_with_five_roads_is_five_scenarios() -> None:
+def test_a_file_with_five_roads_is_five_scenarios():
     file = ALKS / "logical_scenarios" / "alks_scenario_4_1_2_swerving_lead_vehicle_variation.xosc"
     entries = expanded((ScenarioSettings(str(file)),), Path())
     spaces = [find(entry.use) for entry in entries]
@@ -89,7 +85,7 @@ def test_a_file_with_five_roads_is_five_scenarios() -> None:
 
 
 @needs_catalogues
-def test_zones_are_searched_in_few_parameters_only() -> None:
+def test_zones_are_searched_in_few_parameters_only():
     file = ALKS / "logical_scenarios" / "alks_scenario_4_5_1_cut_out_fully_blocking_variation.xosc"
     with pytest.raises(
         InputError,
@@ -100,9 +96,7 @@ def test_zones_are_searched_in_few_parameters_only() -> None:
 
 
 @needs_catalogues
-def test_a_vehicle_off_the_lanes_moves_the_same_set_twice(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_vehicle_off_the_lanes_moves_the_same_set_twice(monkeypatch):
     """A pedestrian crosses a bend of 250 m: SUMO hears of him in one step of ten, or, as where an
     ADS asks, in each."""
     file = ALKS / "logical_scenarios" / "alks_scenario_4_2_3_crossing_pedestrian_variation.xosc"
@@ -229,9 +223,7 @@ def ours_and_theirs(
 
 @pytest.mark.campaign
 @needs_catalogues
-def test_a_car_that_does_nothing_hits_as_hard_in_our_own_scenarios_as_in_the_imported_ones() -> (
-    None
-):
+def test_a_car_that_does_nothing_hits_as_hard_in_our_own_scenarios_as_in_the_imported_ones():
     """Closing speeds at contact: 50 of CCRs, 80 - 20 of CCRm, 60 - 40 of the cut-in and 60 km/h of
     the cut-out; the braking lead has come to a stop in both.
     """
@@ -295,7 +287,7 @@ SHAPE_DECIDES = {("careful_driver", "cuts out 60 20 1")}
 @needs_catalogues
 @pytest.mark.campaign
 @pytest.mark.parametrize("ads", ["careful_driver", "no_reaction", "idm"])
-def test_our_own_scenarios_come_out_as_the_imported_ones(ads: str, tmp_path: Path) -> None:
+def test_our_own_scenarios_come_out_as_the_imported_ones(ads, tmp_path):
     """Contact or none in every case, and impacts as hard, of a copy of our file with the bodies and
     moves of theirs; of our file as it ships in all cases but those in which the shape of the lead's
     move decides.
@@ -329,7 +321,7 @@ def test_our_own_scenarios_come_out_as_the_imported_ones(ads: str, tmp_path: Pat
 
 @needs_catalogues
 @pytest.mark.campaign
-def test_how_the_lead_leaves_its_lane_alone_decides_on_a_cut_out_close_to_the_limit() -> None:
+def test_how_the_lead_leaves_its_lane_alone_decides_on_a_cut_out_close_to_the_limit():
     """60 km/h, 20 m, 1 m/s, 2 s of headway, all bodies 5 x 2 m as theirs: `careful_driver` stops
     behind a lead that leaves evenly in 3.5 s, and hits the obstacle where it leaves along half a
     cosine with that peak, in 3.5 pi/2 = 5.5 s: as hard in our own scenario as in the imported file.

@@ -1,8 +1,6 @@
 """Files of OpenSCENARIO that are wrong, or ask for what is not played, through the command line:
 one sentence each."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path
@@ -37,7 +35,7 @@ def said(path: Path) -> str:
         ("a.xosc --folder .", "`--folder` is for a catalogue"),
     ],
 )
-def test_options_that_import_would_ignore_are_refused(words: str, sentence: str) -> None:
+def test_options_that_import_would_ignore_are_refused(words, sentence):
     result = CliRunner().invoke(main, ["import", *words.split()])
     assert (result.exit_code, sentence in " ".join(result.stderr.split())) == (2, True)
 
@@ -128,7 +126,7 @@ EVENTS = {
 
 
 @pytest.mark.parametrize("sentence", EVENTS)
-def test_events_that_would_be_played_wrongly_are_refused(tmp_path: Path, sentence: str) -> None:
+def test_events_that_would_be_played_wrongly_are_refused(tmp_path, sentence):
     path = written(tmp_path, events=EVENTS[sentence])
     found = said(path)
     assert "scenario.xosc, line " in found
@@ -186,9 +184,7 @@ TEXTS = {
 
 
 @pytest.mark.parametrize("sentence", TEXTS)
-def test_a_file_with_one_thing_wrong_is_refused_with_its_element(
-    tmp_path: Path, sentence: str
-) -> None:
+def test_a_file_with_one_thing_wrong_is_refused_with_its_element(tmp_path, sentence):
     old, new = TEXTS[sentence]
     path = written(tmp_path, events=speed_change(1, 0.0, 5.0, 6.0))
     text = path.read_text(encoding="utf-8")
@@ -215,9 +211,7 @@ ROADS = {
 
 
 @pytest.mark.parametrize("sentence", ROADS)
-def test_a_road_with_one_thing_wrong_is_refused_with_its_element(
-    tmp_path: Path, sentence: str
-) -> None:
+def test_a_road_with_one_thing_wrong_is_refused_with_its_element(tmp_path, sentence):
     path = written(tmp_path)
     old, new = ROADS[sentence]
     assert old in ROAD
@@ -227,7 +221,7 @@ def test_a_road_with_one_thing_wrong_is_refused_with_its_element(
     assert re.search(sentence, found), found
 
 
-def test_two_lateral_moves_each_start_from_their_lane(tmp_path: Path) -> None:
+def test_two_lateral_moves_each_start_from_their_lane(tmp_path):
     """From lane 1 one lane to the right and one to the left again, each relative to itself: 0 m and
     then as it began, 0.25 m beside its lane's middle at the start.
     """
@@ -237,7 +231,7 @@ def test_two_lateral_moves_each_start_from_their_lane(tmp_path: Path) -> None:
     assert [move.begin for move in other.lateral_moves] == [1.0, 5.0]
 
 
-def test_an_event_is_found_by_the_path_to_it(tmp_path: Path) -> None:
+def test_an_event_is_found_by_the_path_to_it(tmp_path):
     """Two manoeuvres with an event `e1` each, at 1 and at 4 s, for 2 s: `two::e1` has ended at 6
     s."""
     second = f'</Maneuver><Maneuver name="two">{speed_change(1, 4.0, 9.0, 2.0)}'
@@ -255,7 +249,7 @@ def test_an_event_is_found_by_the_path_to_it(tmp_path: Path) -> None:
     ("rule", "edge"),
     [("equalTo", "none"), ("lessThan", "risingOrFalling"), ("notEqualTo", "rising")],
 )
-def test_a_time_begins_when_its_rule_changes(tmp_path: Path, rule: str, edge: str) -> None:
+def test_a_time_begins_when_its_rule_changes(tmp_path, rule, edge):
     when = '<SimulationTimeCondition value="4" rule="$light"/>'
     events = TIMED.format(n=1, action=BRAKE, delay=0, when=when)
     path = written(tmp_path, events=events.replace('Edge="none"', f'Edge="{edge}"'))
@@ -264,7 +258,7 @@ def test_a_time_begins_when_its_rule_changes(tmp_path: Path, rule: str, edge: st
     assert other.braking.begin == 4.0
 
 
-def test_a_catalog_whose_entry_is_there_twice_is_not_guessed(tmp_path: Path) -> None:
+def test_a_catalog_whose_entry_is_there_twice_is_not_guessed(tmp_path):
     """Two files with a catalog of one name: an entry that one of them has plays, one that both have
     is refused."""
     path = written(tmp_path)
@@ -281,7 +275,7 @@ def test_a_catalog_whose_entry_is_there_twice_is_not_guessed(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "iso-8859-1"])
-def test_a_file_in_another_encoding_reads_as_it_is(tmp_path: Path, encoding: str) -> None:
+def test_a_file_in_another_encoding_reads_as_it_is(tmp_path, encoding):
     path = written(tmp_path)
     told = encoding.removesuffix("-sig")
     text = path.read_text(encoding="utf-8").replace(
@@ -293,7 +287,7 @@ def test_a_file_in_another_encoding_reads_as_it_is(tmp_path: Path, encoding: str
     assert logical.concrete(only=0.0).ego.speed == pytest.approx(20.0)
 
 
-def test_entities_in_an_encoding_without_ascii_are_not_expanded(tmp_path: Path) -> None:
+def test_entities_in_an_encoding_without_ascii_are_not_expanded(tmp_path):
     """In EBCDIC the bytes of `<!DOCTYPE` are others."""
     path = written(tmp_path)
     text = path.read_text(encoding="utf-8").removeprefix('<?xml version="1.0"?>')
@@ -303,7 +297,7 @@ def test_entities_in_an_encoding_without_ascii_are_not_expanded(tmp_path: Path) 
     assert "must not declare a document type" in sentence or "is not XML" in sentence
 
 
-def test_a_range_with_a_step_of_nothing_is_refused_at_once(tmp_path: Path) -> None:
+def test_a_range_with_a_step_of_nothing_is_refused_at_once(tmp_path):
     written(tmp_path)
     part = """<DeterministicSingleParameterDistribution parameterName="kph"><DistributionRange stepWidth="1e-9">
     <Range lowerLimit="36" upperLimit="90"/></DistributionRange></DeterministicSingleParameterDistribution>"""
@@ -312,7 +306,7 @@ def test_a_range_with_a_step_of_nothing_is_refused_at_once(tmp_path: Path) -> No
     assert "fine must be at most 2,000,000, got 54000000001" in said(path)
 
 
-def test_names_that_look_like_numbers_stay_what_they_are(tmp_path: Path) -> None:
+def test_names_that_look_like_numbers_stay_what_they_are(tmp_path):
     """A road `1234567` that a distribution chooses."""
     path = change(written(tmp_path), 'roadId="0"', 'roadId="$light"')
     (tmp_path / "road.xodr").write_text(
@@ -325,7 +319,7 @@ def test_names_that_look_like_numbers_stay_what_they_are(tmp_path: Path) -> None
     assert find(str(varied)).concrete(only=0.0).ego.x == pytest.approx(21.5)
 
 
-def test_parameters_in_catalog_references_and_in_each_other_are_worked_out(tmp_path: Path) -> None:
+def test_parameters_in_catalog_references_and_in_each_other_are_worked_out(tmp_path):
     """`$which` names the catalog and an entry's length is an expression of parameters that rest on
     each other."""
     path = change(
@@ -354,7 +348,7 @@ def test_parameters_in_catalog_references_and_in_each_other_are_worked_out(tmp_p
     assert math.isfinite(logical.time_limit)
 
 
-def test_an_entry_that_leads_to_itself_is_refused(tmp_path: Path) -> None:
+def test_an_entry_that_leads_to_itself_is_refused(tmp_path):
     """A trajectory of a catalog whose first place is on that same trajectory."""
     place = """<TrajectoryPosition s="0"><TrajectoryRef><CatalogReference catalogName="ways" entryName="round"/>
     </TrajectoryRef></TrajectoryPosition>"""
@@ -371,7 +365,7 @@ def test_an_entry_that_leads_to_itself_is_refused(tmp_path: Path) -> None:
     assert "<CatalogReference>: entry `round` of catalog `ways` refers to itself" in said(path)
 
 
-def test_what_is_not_a_scenario_is_named(tmp_path: Path) -> None:
+def test_what_is_not_a_scenario_is_named(tmp_path):
     path = written(tmp_path)
     assert "cars.xosc, line 1, <OpenSCENARIO>: it must hold a <Storyboard>" in said(
         tmp_path / "catalogs" / "cars.xosc"
@@ -385,7 +379,7 @@ def test_what_is_not_a_scenario_is_named(tmp_path: Path) -> None:
     assert "cannot be read" in said(tmp_path / "folder.xosc")
 
 
-def test_a_road_of_a_scenario_file_declares_no_entities_either(tmp_path: Path) -> None:
+def test_a_road_of_a_scenario_file_declares_no_entities_either(tmp_path):
     (tmp_path / "road.xodr").write_text('<!DOCTYPE o [<!ENTITY e '
                                         '"3.5">]>' + ROAD.replace('a="3.5"', 'a="&e;"'),
                                         encoding="utf-8")  # fmt: skip
@@ -395,17 +389,17 @@ def test_a_road_of_a_scenario_file_declares_no_entities_either(tmp_path: Path) -
         read_opendrive(tmp_path / "road.xodr")
 
 
-def test_an_unknown_catalogue_names_the_nearest() -> None:
+def test_an_unknown_catalogue_names_the_nearest():
     assert "got ncap_2027. Did you mean `ncap_2026`?" in said(Path("ncap_2027"))
 
 
-def test_a_byte_order_mark_is_not_part_of_a_scenario_file(tmp_path: Path) -> None:
+def test_a_byte_order_mark_is_not_part_of_a_scenario_file(tmp_path):
     (tmp_path / "mine.toml").write_text(
         scenario_files()["ncap_ccrs"].read_text(encoding="utf-8"), encoding="utf-8-sig"
     )
     assert find("mine.toml", tmp_path).name == "ncap_ccrs"
 
 
-def test_a_stop_that_never_comes_stops_nothing(tmp_path: Path) -> None:
+def test_a_stop_that_never_comes_stops_nothing(tmp_path):
     path = change(written(tmp_path), 'value="30" rule="greaterThan"', 'value="0" rule="lessThan"')
     assert find(str(path)).time_limit == 60.0

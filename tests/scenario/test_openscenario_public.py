@@ -1,7 +1,5 @@
 """Other people's OpenSCENARIO files as they are: how many run, and where every vehicle is then."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -163,9 +161,7 @@ def compared(file: Path, read: Read) -> tuple[float, float]:
     ],
     ids=["few", "asam", "esmini", "carla", "ncap"],
 )
-def test_public_files_run_with_every_vehicle_in_place(
-    repository: tuple[str, str], folders: tuple[str, ...], compares: int | None, tmp_path: Path
-) -> None:
+def test_public_files_run_with_every_vehicle_in_place(repository, folders, compares, tmp_path):
     for folder, found in files(repository, tmp_path).items():
         if folder not in folders:
             continue

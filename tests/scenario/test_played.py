@@ -1,7 +1,5 @@
 """Moves that begin when a condition holds, speeds, swings and paths, against their closed forms."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any
@@ -38,7 +36,7 @@ def way(
     return np.arange(len(rows)) * step, rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3]
 
 
-def test_accelerating_with_a_rate_reaches_the_speed_and_keeps_it() -> None:
+def test_accelerating_with_a_rate_reaches_the_speed_and_keeps_it():
     # from 20 to 26 m/s at 3 m/s2: 2 s and 46 m, then 26 m/s
     t, x, _, _, v = way(
         scene({"do": "accelerate", "begin": 1.0, "speed": 26.0, "acceleration": 3.0})
@@ -48,7 +46,7 @@ def test_accelerating_with_a_rate_reaches_the_speed_and_keeps_it() -> None:
     assert x[-1] == pytest.approx(150.0 + 20.0 + 46.0 + 26.0 * 7.0)
 
 
-def test_accelerating_with_a_jerk_builds_up() -> None:
+def test_accelerating_with_a_jerk_builds_up():
     # jerk 3 m/s3 to 3 m/s2: 1 s for 1.5 m/s, then (10 - 1.5) / 3 s: 3.8333 s in all
     t, _, _, _, v = way(
         scene({"do": "accelerate", "speed": 10.0, "acceleration": 3.0, "jerk": 3.0})
@@ -58,7 +56,7 @@ def test_accelerating_with_a_jerk_builds_up() -> None:
     assert v[np.isclose(t, 3.80)] == pytest.approx(10.1)
 
 
-def test_a_profile_by_time_and_one_by_place_pass_through_their_knots() -> None:
+def test_a_profile_by_time_and_one_by_place_pass_through_their_knots():
     t, x, _, _, v = way(scene({"do": "speed_profile", "times": [2.0, 4.0], "speeds": [10.0, 30.0]}))
     assert (v[t == 2.0], v[t == 4.0]) == (pytest.approx(10.0), pytest.approx(30.0))
     assert x[t == 4.0] == pytest.approx(150.0 + 30.0 + 40.0)
@@ -73,7 +71,7 @@ def test_a_profile_by_time_and_one_by_place_pass_through_their_knots() -> None:
         way(scene(move, heading=180.0))
 
 
-def test_a_swing_has_its_amplitude_and_its_lateral_acceleration() -> None:
+def test_a_swing_has_its_amplitude_and_its_lateral_acceleration():
     # A = 1 m, a = 2 m/s2: w = sqrt(2 a / A) = 2 rad/s, so a swing lasts pi s; to the left, then to
     # the right
     t, _, y, _, _ = way(
@@ -86,14 +84,14 @@ def test_a_swing_has_its_amplitude_and_its_lateral_acceleration() -> None:
     assert np.abs(np.diff(y, 2)).max() / 1e-4 == pytest.approx(2.0, rel=1e-3)
 
 
-def test_a_path_begins_beside_the_line_after_a_lane_change() -> None:
+def test_a_path_begins_beside_the_line_after_a_lane_change():
     change = {"do": "change_lane", "duration": 3.0, "offset": 3.5}
     path = {"do": "path", "begin": 5.0, "points": [[300.0, 3.5], [500.0, 3.5]]}
     t, _, y, _, _ = way(scene(change, path))
     assert y[t >= 4.0] == pytest.approx(3.5)
 
 
-def test_a_path_leads_through_its_points_at_the_vehicles_speed() -> None:
+def test_a_path_leads_through_its_points_at_the_vehicles_speed():
     t, x, y, heading, _ = way(
         scene({"do": "path", "points": [[190.0, 0.0], [220.0, 3.5], [400.0, 3.5]]}), step=0.01
     )
@@ -103,7 +101,7 @@ def test_a_path_leads_through_its_points_at_the_vehicles_speed() -> None:
     assert y[-1] == 3.5
 
 
-def test_a_start_with_a_heading_and_one_with_a_lateral_speed() -> None:
+def test_a_start_with_a_heading_and_one_with_a_lateral_speed():
     _, x, y, _, _ = way(scene(heading=90.0, speed=1.5))
     assert (x[-1], y[-1]) == (pytest.approx(150.0), pytest.approx(15.0))
     _, x, y, heading, v = way(scene(lateral_speed=0.5))
@@ -112,21 +110,21 @@ def test_a_start_with_a_heading_and_one_with_a_lateral_speed() -> None:
 
 
 @pytest.mark.parametrize("step", [0.1, 0.05, 0.01])
-def test_law_a_condition_on_the_time_begins_at_that_time_whatever_the_step(step: float) -> None:
+def test_law_a_condition_on_the_time_begins_at_that_time_whatever_the_step(step):
     logical = scene({"do": "brake", "when": "time > 2.237", "deceleration": 5.0})
     _, x, _, _, _ = way(logical, step)
     assert x[-1] == pytest.approx(150.0 + 20.0 * 2.237 + 20.0**2 / 10.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("step", [0.1, 0.05, 0.02])
-def test_law_the_instant_of_a_linear_condition_is_exact(step: float) -> None:
+def test_law_the_instant_of_a_linear_condition_is_exact(step):
     # the ego closes at 10 m/s on a gap of 100 - 4.5 m: 40 m are left after 5.55 s
     logical = scene({"do": "brake", "when": "gap(ego, lead) < 40", "deceleration": 5.0})
     found = tracks([logical.concrete(v=30.0)], [(4.5, 1.8)], step, 8.0)
     assert found.begins[0, 0] == pytest.approx(5.55, abs=1e-9)
 
 
-def test_law_a_number_turned_infinite_counts_at_the_end() -> None:
+def test_law_a_number_turned_infinite_counts_at_the_end():
     # the ego's front is at the lead's rear after 9.55 s, between two looks
     logical = scene({"do": "brake", "when": "thw(ego, lead) > 9", "deceleration": 5.0})
     found = tracks([logical.concrete(v=30.0)], [(4.5, 1.8)], 0.02, 9.8)
@@ -146,7 +144,7 @@ def test_law_a_number_turned_infinite_counts_at_the_end() -> None:
         ("-y(lead) + lateral_speed(ego) < -1", math.inf),
     ],
 )
-def test_conditions_of_every_kind(when: str, begins: float) -> None:
+def test_conditions_of_every_kind(when, begins):
     found = tracks(
         [scene({"do": "brake", "when": when, "deceleration": 1e-9}).concrete(v=30.0)],
         [(4.5, 1.8)],
@@ -156,7 +154,7 @@ def test_conditions_of_every_kind(when: str, begins: float) -> None:
     assert found.begins[0, 0] == pytest.approx(begins, abs=1e-6)
 
 
-def test_a_move_begins_when_another_has_ended_and_a_delay_is_over() -> None:
+def test_a_move_begins_when_another_has_ended_and_a_delay_is_over():
     # 20 -> 10 m/s at 5 m/s2 ends at 2 s; half a second later it speeds up again
     first = {"do": "accelerate", "name": "slow", "speed": 10.0, "acceleration": 5.0}
     then = {
@@ -203,7 +201,7 @@ def test_a_move_begins_when_another_has_ended_and_a_delay_is_over() -> None:
             "has `recorded` places"),
     ],
 )  # fmt: skip
-def test_every_mistake_names_the_nearest_word(change: dict[str, Any], sentence: str) -> None:
+def test_every_mistake_names_the_nearest_word(change, sentence):
     move = {"do": "brake", "deceleration": 5.0, **change}
     with pytest.raises(InputError) as caught:
         check_points(
@@ -213,7 +211,7 @@ def test_every_mistake_names_the_nearest_word(change: dict[str, Any], sentence: 
     assert sentence in str(caught.value)
 
 
-def test_a_vehicle_that_starts_inside_another_is_refused() -> None:
+def test_a_vehicle_that_starts_inside_another_is_refused():
     with pytest.raises(InputError, match="clear of `ego` at the start"):
         check_points(
             scene({"do": "accelerate", "speed": 3.0, "acceleration": 1.0}, x=52.0),
@@ -221,7 +219,7 @@ def test_a_vehicle_that_starts_inside_another_is_refused() -> None:
         )
 
 
-def test_a_parameter_that_nothing_depends_on_is_refused() -> None:
+def test_a_parameter_that_nothing_depends_on_is_refused():
     unused = [*BASE["parameter"], {"name": "w", "unit": "m", "low": 0.0, "high": 1.0, "step": 0.5}]
     with pytest.raises(InputError, match="Parameter `w` of t must be used"):
         scenario_from(
@@ -231,7 +229,7 @@ def test_a_parameter_that_nothing_depends_on_is_refused() -> None:
         )
 
 
-def test_a_stream_is_the_same_every_time_and_denser_than_its_lane_is_refused() -> None:
+def test_a_stream_is_the_same_every_time_and_denser_than_its_lane_is_refused():
     stream = {
         "name": "s",
         "lane": 1,
@@ -253,7 +251,7 @@ def test_a_stream_is_the_same_every_time_and_denser_than_its_lane_is_refused() -
 
 
 @pytest.mark.campaign
-def test_zones_of_a_played_vehicle_are_those_of_the_closed_form_where_there_is_one() -> None:
+def test_zones_of_a_played_vehicle_are_those_of_the_closed_form_where_there_is_one():
     lead = {"name": "lead", "gap": 40.0, "speed": 10.0}
     plain = scenario_from({**BASE, "vehicle": [lead], "zone": {"obstacle": "lead"}}, "t", Path())
     moving = {**lead, "heading": 0.0}
@@ -264,7 +262,7 @@ def test_zones_of_a_played_vehicle_are_those_of_the_closed_form_where_there_is_o
     assert np.isinf(a).tolist() == np.isinf(b).tolist()
 
 
-def test_where_no_zone_can_be_defined_everything_is_safe() -> None:
+def test_where_no_zone_can_be_defined_everything_is_safe():
     zones = partition(scene({"do": "brake", "deceleration": 9.0}))
     assert zones.zones == 0
     assert not zones.exactly_hazardous(np.array([[10.0], [30.0]])).any()
@@ -284,7 +282,7 @@ def test_where_no_zone_can_be_defined_everything_is_safe() -> None:
         ("gap(ego, lead) < -1000", True),  # nobody knows
     ],
 )
-def test_a_condition_that_never_holds_is_refused_before_a_drive(when: str, held: bool) -> None:
+def test_a_condition_that_never_holds_is_refused_before_a_drive(when, held):
     logical = scene(
         {"do": "keep_speed", "name": "keep"}, {"do": "brake", "deceleration": 5.0, "when": when}
     )
@@ -295,7 +293,7 @@ def test_a_condition_that_never_holds_is_refused_before_a_drive(when: str, held:
         check_points(logical, np.array([[20.0]]))
 
 
-def test_an_ego_that_starts_sideways_drives_on_so_where_conditions_ask() -> None:
+def test_an_ego_that_starts_sideways_drives_on_so_where_conditions_ask():
     # 20 m/s, 2 of them to the left: the lateral place 3 m is reached after 1.5 s
     content = {**BASE, "ego": {"speed": "v", "lateral_speed": 2.0}, "zone": "none", "vehicle": [
         {"name": "lead", "x": 150.0, "speed": 20.0,
@@ -305,7 +303,7 @@ def test_an_ego_that_starts_sideways_drives_on_so_where_conditions_ask() -> None
     assert found.egos[0, -1, 0] == pytest.approx(50.0 + 4.0 * math.sqrt(20.0**2 - 2.0**2))
 
 
-def test_a_margin_is_the_zone_to_the_last_digit_and_says_all() -> None:
+def test_a_margin_is_the_zone_to_the_last_digit_and_says_all():
     zone = {"margin": "20.3 - v"}
     logical = scene(zone=zone)
     points = np.array([[10.0], [20.3], [20.30001], [30.0]])

@@ -1,8 +1,6 @@
 """The reference line of a road: its closed forms, its frame, its polyline in SUMO, and how a file
 draws it."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any
@@ -38,7 +36,7 @@ CHAIN = (
 RNG = np.random.default_rng(17)
 
 
-def test_an_arc_is_a_circle() -> None:
+def test_an_arc_is_a_circle():
     # a quarter of a circle of 100 m to the left ends at (100, 100) m, heading north; 2 m inside it,
     # at (98, 100) m
     quarter = (arc(50.0 * math.pi, 100.0),)
@@ -52,7 +50,7 @@ def test_an_arc_is_a_circle() -> None:
 
 
 @pytest.mark.parametrize("centre", [3.5, -3.5])
-def test_a_length_along_a_lane_holds_round_a_loop(centre: float) -> None:
+def test_a_length_along_a_lane_holds_round_a_loop(centre):
     # a turn of 6 rad: the road's 240 m are 6 rad * (40 m - centre) along the lane
     loop = MapRoad("loop", Pose(0.0, 0.0, 0.0), (arc(240.0, 40.0),), {})
     lane = Lane(1, "driving", centre, 3.5)
@@ -60,7 +58,7 @@ def test_a_length_along_a_lane_holds_round_a_loop(centre: float) -> None:
 
 
 @pytest.mark.parametrize("length", [30.0, 100.0, 250.0])
-def test_a_spiral_is_a_fresnel_integral(length: float) -> None:
+def test_a_spiral_is_a_fresnel_integral(length):
     # with curvature c s the place is a (C(s / a), S(s / a)), a = sqrt(pi / c), by the definition of
     # C and S
     rate = (1.0 / 150.0) / length
@@ -73,7 +71,7 @@ def test_a_spiral_is_a_fresnel_integral(length: float) -> None:
     assert np.abs(heading - 0.5 * rate * s * s).max() < 1e-13
 
 
-def test_law_frame_and_map_are_inverses() -> None:
+def test_law_frame_and_map_are_inverses():
     s, d, heading = (
         RNG.uniform(0.0, 560.0, 2000),
         RNG.uniform(-8.0, 8.0, 2000),
@@ -84,7 +82,7 @@ def test_law_frame_and_map_are_inverses() -> None:
         assert np.abs(found - given).max() < 1e-9
 
 
-def test_law_a_line_has_no_gap_no_kink_and_the_length_it_says() -> None:
+def test_law_a_line_has_no_gap_no_kink_and_the_length_it_says():
     s = np.linspace(-10.0, 600.0, 61_001)
     x, y, heading = map_places(CHAIN, s, 0.0)
     assert np.abs(np.hypot(np.diff(x), np.diff(y)) - 0.01).max() < 1e-9
@@ -94,7 +92,7 @@ def test_law_a_line_has_no_gap_no_kink_and_the_length_it_says() -> None:
     assert tightest(()) == math.inf
 
 
-def test_a_straight_road_has_one_pair_of_numbers() -> None:
+def test_a_straight_road_has_one_pair_of_numbers():
     s, d, heading = (
         RNG.uniform(0.0, 560.0, 50),
         RNG.uniform(-8.0, 8.0, 50),
@@ -107,12 +105,12 @@ def test_a_straight_road_has_one_pair_of_numbers() -> None:
 @pytest.mark.parametrize(
     "piece", [(0.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (math.inf, 0.0, 0.0), (5.0, math.nan, 0.0)]
 )
-def test_a_piece_of_no_length_or_no_curvature_is_refused(piece: tuple[float, float, float]) -> None:
+def test_a_piece_of_no_length_or_no_curvature_is_refused(piece):
     with pytest.raises(InputError, match="piece of a road"):
         Piece(*piece)
 
 
-def test_lanes_in_sumo_have_a_vertex_at_every_metre_of_curve() -> None:
+def test_lanes_in_sumo_have_a_vertex_at_every_metre_of_curve():
     road = Road("chain", 500.0, 3, 3.5, 100.0, line=CHAIN)
     lanes = list(etree.fromstring(network_xml(road).encode()).iter("lane"))
     assert [lane.get("length") for lane in lanes] == ["600.00"] * 3
@@ -128,7 +126,7 @@ def test_lanes_in_sumo_have_a_vertex_at_every_metre_of_curve() -> None:
     assert drawn_points(CHAIN, 0.0, 600.0)[[0, 1, -1]].tolist() == [0.0, 80.0, 600.0]
 
 
-def test_a_bent_road_as_opendrive_has_its_pieces() -> None:
+def test_a_bent_road_as_opendrive_has_its_pieces():
     root = etree.fromstring(opendrive_xml(Road("chain", 500.0, 2, 3.5, 100.0, line=CHAIN)).encode())
     kinds = [geometry[0].tag for geometry in root.iter("geometry")]
     assert kinds == ["line", "spiral", "arc", "spiral", "arc", "spiral", "line"]
@@ -162,7 +160,7 @@ def read(**road: Any) -> Road:
     return scenario_from(scenario(**road), "the file", Path()).road
 
 
-def test_a_file_draws_a_road_piece_by_piece() -> None:
+def test_a_file_draws_a_road_piece_by_piece():
     road = read(line=[
         {"length": 100.0}, {"length": 50.0, "end_radius": "radius"},
         {"length": 200.0, "radius": "radius"},
@@ -176,7 +174,7 @@ def test_a_file_draws_a_road_piece_by_piece() -> None:
     assert read(name="hill", line=[{"length": 90.0, "radius": "radius"}]).name == "hill_left_300m"
 
 
-def test_a_line_without_curves_is_a_straight_road() -> None:
+def test_a_line_without_curves_is_a_straight_road():
     assert read(line=[{"length": 100.0}, {"length": 50.0, "radius": "bend"}]) == read()
 
 
@@ -205,11 +203,11 @@ def test_a_line_without_curves_is_a_straight_road() -> None:
         ([{"length": -1.0}], "length"),
     ],
 )
-def test_a_road_that_cannot_be_driven_is_refused(line: list[Any], sentence: str) -> None:
+def test_a_road_that_cannot_be_driven_is_refused(line, sentence):
     with pytest.raises(InputError, match=sentence):
         read(line=line)
 
 
-def test_a_network_of_the_users_has_its_line_already() -> None:
+def test_a_network_of_the_users_has_its_line_already():
     with pytest.raises(InputError, match=r"`road\.line` of the file shapes a road"):
         read(network="town.net.xml", edges=["a"], line=[{"length": 9.0}])

@@ -1,8 +1,6 @@
 """Roads whose lanes open, end, are ramps or are crossed: where they are, what is refused, what SUMO
 is given."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
@@ -37,7 +35,7 @@ def read(**changes: Any) -> LogicalScenario:
     return scenario_from({**BASE, **changes}, "t", Path())
 
 
-def test_the_edge_moves_in_a_straight_line_over_the_taper() -> None:
+def test_the_edge_moves_in_a_straight_line_over_the_taper():
     road = read().road
     # lane 0 (y -1.75..1.75) is whole until 300 m and gone at 350 m; at 325 m half of its 3.5 m are
     # left
@@ -61,7 +59,7 @@ def test_the_edge_moves_in_a_straight_line_over_the_taper() -> None:
     ]
 
 
-def test_the_seven_points_of_d_stay_on_the_road_where_a_lane_has_ended() -> None:
+def test_the_seven_points_of_d_stay_on_the_road_where_a_lane_has_ended():
     road = read().road
     points = slice_points(np.array([200.0, 400.0]), np.array([3.5, 2.0]), road)
     assert points[0, :, 1].tolist() == [2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0]
@@ -69,7 +67,7 @@ def test_the_seven_points_of_d_stay_on_the_road_where_a_lane_has_ended() -> None
     assert points[1, :4, 1] == pytest.approx([1.75, 1.75 + 0.25 / 3, 1.75 + 0.5 / 3, 2.0])
 
 
-def test_sections_and_ramps_are_edges() -> None:
+def test_sections_and_ramps_are_edges():
     road = read().road
     net = etree.fromstring(network_xml(road).encode())
     lanes = {str(lane.get("id")): str(lane.get("shape")) for lane in net.iter("lane")}
@@ -90,7 +88,7 @@ def test_sections_and_ramps_are_edges() -> None:
     assert vehicle_edges(road, 3.5) == ("road0", "road1", "road2")
 
 
-def test_lanes_that_open_and_end_follow_a_curve() -> None:
+def test_lanes_that_open_and_end_follow_a_curve():
     road = read(
         road={
             "lanes": 3,
@@ -116,9 +114,7 @@ def test_lanes_that_open_and_end_follow_a_curve() -> None:
 
 
 @pytest.mark.parametrize("name", SHAPED)
-def test_sumo_opens_the_network_of_a_shipped_scenario_and_drives_its_routes(
-    name: str, tmp_path: Path
-) -> None:
+def test_sumo_opens_the_network_of_a_shipped_scenario_and_drives_its_routes(name, tmp_path):
     logical = catalogue.load(name)
     concrete = logical.concretes(central_point(logical)[None])[0]
     (tmp_path / "n.xml").write_text(network_xml(logical.road), encoding="utf-8")
@@ -134,7 +130,7 @@ def test_sumo_opens_the_network_of_a_shipped_scenario_and_drives_its_routes(
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_pages_draw_what_is_not_there_the_lines_of_ramps_and_the_roads_that_cross() -> None:
+def test_pages_draw_what_is_not_there_the_lines_of_ramps_and_the_roads_that_cross():
     road = read(road={"lanes": 3, "length": 900.0, "lane": [RAMP], "crossing": [{"x": 500.0}]}).road
     assert drawn_shape(road) == {
         "gone": [[[900.0, -1.75], [900.0, 1.75], [350.0, 1.75], [300.0, -1.75]]],
@@ -151,9 +147,7 @@ def test_pages_draw_what_is_not_there_the_lines_of_ramps_and_the_roads_that_cros
         ({"y": 3.5, "goal_lane": 2, "change_from": 150.0, "change_by": 250.0}, 150.0, 250.0, False),
     ],
 )
-def test_a_goal_lane_is_a_way_that_ends_where_the_first_lane_does(
-    ego: dict[str, Any], begin: float, by: float, ends: bool
-) -> None:
+def test_a_goal_lane_is_a_way_that_ends_where_the_first_lane_does(ego, begin, by, ends):
     way = read(ego={"speed": "v", **ego}).concrete(v=20.0).ego.way
     assert way is not None
     assert (way.offset, way.begin, way.by, way.ends) == (3.5, begin, by, ends)
@@ -209,7 +203,7 @@ GOAL = {"speed": "v", "goal_lane": 1, "change_from": 150.0}
         ({"vehicle": [{"name": "other", "speed": 20.0, "x": 600.0}]}, "must be on a lane"),
     ],
 )  # fmt: skip
-def test_a_shape_that_cannot_be_is_refused(changes: dict[str, Any], sentence: str) -> None:
+def test_a_shape_that_cannot_be_is_refused(changes, sentence):
     from sumo_eval.scenario.file import check_points
 
     with pytest.raises(InputError) as caught:

@@ -4,7 +4,6 @@ away."""
 import itertools
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -367,7 +366,7 @@ def test_constraints_that_exclude_everything_leave_no_point():
         ("ego_speed,lead_speed\n20\n", "must be a number"),
     ],
 )
-def test_a_list_of_points_with_odd_rows_is_refused(tmp_path: Path, text: str, words: str) -> None:
+def test_a_list_of_points_with_odd_rows_is_refused(tmp_path, text, words):
     (tmp_path / "points.csv").write_text(text)
     with pytest.raises(InputError, match=words):
         from_csv(

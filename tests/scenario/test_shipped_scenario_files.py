@@ -1,8 +1,6 @@
 """The shipped scenarios: which there are, and what each of their files comes to, to the last
 bit."""
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import math
@@ -178,7 +176,7 @@ def _rest(logical: LogicalScenario) -> str:
     return hashlib.sha256(repr(content).encode()).hexdigest()[:16]
 
 
-def test_the_catalogue_is_the_folder_of_files() -> None:
+def test_the_catalogue_is_the_folder_of_files():
     assert (
         set(catalogue.SCENARIOS)
         == set(scenario_files())
@@ -188,13 +186,13 @@ def test_the_catalogue_is_the_folder_of_files() -> None:
 
 
 @pytest.mark.parametrize("use", sorted(CONTENT))
-def test_law_a_shipped_scenario_is_to_the_bit_what_runs_were_made_with(use: str) -> None:
+def test_law_a_shipped_scenario_is_to_the_bit_what_runs_were_made_with(use):
     logical = catalogue.load(use)
     assert (_scripts(logical), _approaches(logical), _rest(logical)) == CONTENT[use]
 
 
 @pytest.mark.parametrize("use", sorted(PLAYED))
-def test_law_a_shipped_scenario_that_is_played_is_what_runs_were_made_with(use: str) -> None:
+def test_law_a_shipped_scenario_that_is_played_is_what_runs_were_made_with(use):
     logical = catalogue.load(use)
     points = _points(logical)[::10]
     if sides := [column for column, axis in enumerate(logical.parameters) if axis.values]:
@@ -235,7 +233,7 @@ def test_law_a_shipped_scenario_that_is_played_is_what_runs_were_made_with(use: 
     assert found.hexdigest()[:16] == PLAYED[use]
 
 
-def test_the_zones_of_a_cut_in_see_closing_speed_and_the_gap_left() -> None:
+def test_the_zones_of_a_cut_in_see_closing_speed_and_the_gap_left():
     # 30 - 10 = 20 m/s; the bodies overlap across after (3.5 - 1.9) / 0.8 = 2 s, when 60 - 20 * 2 =
     # 20 m are left
     point = {name: np.array([value]) for name, value in zip(
@@ -250,7 +248,7 @@ def test_the_zones_of_a_cut_in_see_closing_speed_and_the_gap_left() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_no_shipped_scenario_declares_an_exposure(name: str) -> None:
+def test_no_shipped_scenario_declares_an_exposure(name):
     from sumo_eval.drivers.recorded.exposure import exposure_of
     from sumo_eval.settings import DriverSettings, ExposureSettings
 
@@ -267,7 +265,7 @@ def test_no_shipped_scenario_declares_an_exposure(name: str) -> None:
         for place, it in enumerate(NAMES)
     ],
 )
-def test_the_check_of_a_shipped_file_counts_its_points(name: str) -> None:
+def test_the_check_of_a_shipped_file_counts_its_points(name):
     chosen = sample(catalogue.load(name))
     sentences = check_file(scenario_files()[name])
     assert (
@@ -306,13 +304,13 @@ def test_the_check_of_a_shipped_file_counts_its_points(name: str) -> None:
         ),
     ],
 )
-def test_a_wrong_option_is_refused(use: str, sentence: str) -> None:
+def test_a_wrong_option_is_refused(use, sentence):
     with pytest.raises(InputError) as caught:
         catalogue.find(use)
     assert sentence in str(caught.value)
 
 
-def test_a_scenario_is_read_when_it_is_asked_for_and_once() -> None:
+def test_a_scenario_is_read_when_it_is_asked_for_and_once():
     program = (
         "import sys; read = []\n"
         "sys.addaudithook(lambda event, given: read.append(str(given[0])) if event == 'open' else "

@@ -1,7 +1,5 @@
 """The shipped scenarios with people, others that react and moves that depend on what happens."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +14,14 @@ OTHERS = sorted(name for name in catalogue.SCENARIOS if catalogue.load(name).app
 
 
 @pytest.mark.parametrize("name", OTHERS)
-def test_ranges_without_a_standard_are_labelled_as_research_ranges(name: str) -> None:
+def test_ranges_without_a_standard_are_labelled_as_research_ranges(name):
     assert "research range, not a standard limit" in catalogue.load(name).source.lower()
 
 
 @pytest.mark.parametrize(
     ("ego", "faster"), [(100 / 3.6, 30 / 3.6), (80 / 3.6, 50 / 3.6), (80 / 3.6, 20 / 3.6)]
 )
-def test_oracle_braking_as_un_r79_ends_1_s_behind(ego: float, faster: float) -> None:
+def test_oracle_braking_as_un_r79_ends_1_s_behind(ego, faster):
     # S = dv 0.4 s + dv^2 / (2 3 m/s2) + v 1 s: 130 behind 100 km/h 42.7 m, 130 behind 80 59.9, 100
     # behind 80 29.6
     s = faster * 0.4 + faster * faster / 6.0 + ego
@@ -50,7 +48,7 @@ def test_oracle_braking_as_un_r79_ends_1_s_behind(ego: float, faster: float) -> 
         assert (left >= ego) == (gap >= s)
 
 
-def test_a_watching_driver_brakes_for_a_vehicle_on_its_way() -> None:
+def test_a_watching_driver_brakes_for_a_vehicle_on_its_way():
     # in the path 0.65 s after reaching the lane, 0.85 s and 13 m before an ego at 15 m/s: too late
     # to brake only then
     concrete = catalogue.load("pedestrian_crossing").concrete(
@@ -61,7 +59,7 @@ def test_a_watching_driver_brakes_for_a_vehicle_on_its_way() -> None:
     assert collisions["attentive"] is None
 
 
-def test_an_ego_that_begins_sideways_returns_on_a_curve_too() -> None:
+def test_an_ego_that_begins_sideways_returns_on_a_curve_too():
     offsets = []
     for use in ("lane_keeping_disturbed", "lane_keeping_disturbed?radius=500"):
         found = simulate(

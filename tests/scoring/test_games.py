@@ -1,9 +1,6 @@
 """The driving task: no game of `tools/games.py`, which a safety engineer would not let on a road,
 is worth driving."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from types import ModuleType
 
 import pytest
@@ -21,7 +18,7 @@ def games() -> ModuleType:
     return load("tools/games.py")
 
 
-def test_law_no_game_scores_as_much_as_an_ads_that_ships(games: ModuleType, tmp_path: Path) -> None:
+def test_law_no_game_scores_as_much_as_an_ads_that_ships(games, tmp_path):
     """At some Sobol points of one scenario. Giving up is below the car that it drives like."""
     few = games.evaluation({"front_vehicle_cut_out": 3}, games.entries(), drivers=2, workers=1)
     done = sumo_eval.evaluate(few, tmp_path / "run")
@@ -35,9 +32,7 @@ def test_law_no_game_scores_as_much_as_an_ads_that_ships(games: ModuleType, tmp_
 
 
 @pytest.mark.campaign
-def test_games_over_77_points_are_below_every_car_that_ships(
-    games: ModuleType, tmp_path: Path
-) -> None:
+def test_games_over_77_points_are_below_every_car_that_ships(games, tmp_path):
     """The bus, at its own braking among cars, collides in as many cases as the raising car gives
     up."""
     done = sumo_eval.evaluate(games.evaluation(games.POINTS, games.entries()), tmp_path / "run")

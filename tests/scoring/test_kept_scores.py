@@ -1,8 +1,6 @@
 """What was computed of a run is kept and taken over to the last digit, while all that it depends on
 is what it was."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import sqlite3
@@ -70,9 +68,7 @@ def same(one: Evaluation, other: Evaluation) -> bool:
     )
 
 
-def test_a_scored_run_answers_from_what_is_kept(
-    done: Evaluation, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scored_run_answers_from_what_is_kept(done, monkeypatch):
     monkeypatch.setattr(steps.Scoring, "scores", never)
     again = sumo_eval.score(done.folder)
     assert same(again, done)
@@ -87,9 +83,7 @@ def test_a_scored_run_answers_from_what_is_kept(
         np.testing.assert_array_equal(getattr(kept, one.name), getattr(held, one.name))
 
 
-def test_zones_that_this_process_knows_are_those_a_child_computes(
-    done: Evaluation, tmp_path: Path
-) -> None:
+def test_zones_that_this_process_knows_are_those_a_child_computes(done, tmp_path):
     settings, source = EVALUATION, Path(done.manifest["source_folder"])
     assert zones_are_known(settings, source)
     again = sumo_eval.evaluate(
@@ -103,9 +97,7 @@ def test_zones_that_this_process_knows_are_those_a_child_computes(
         assert (one.scores, one.zones, one.ranking) == (done.scores, done.zones, done.ranking)
 
 
-def test_changing_k5_computes_no_field_and_reads_no_drive(
-    done: Evaluation, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_changing_k5_computes_no_field_and_reads_no_drive(done, monkeypatch):
     compute_nothing(monkeypatch)
     doubled = sumo_eval.score(done.folder, ["method.score.k5=0.5"])
     for before, after in zip(done.scores, doubled.scores, strict=True):
@@ -116,17 +108,13 @@ def test_changing_k5_computes_no_field_and_reads_no_drive(
 
 
 @pytest.mark.parametrize("points", [1, 4])
-def test_scores_do_not_depend_on_how_many_points_are_in_memory(
-    done: Evaluation, copy: Path, points: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_scores_do_not_depend_on_how_many_points_are_in_memory(done, copy, points, monkeypatch):
     (copy / KEPT).unlink()
     monkeypatch.setattr(steps, "POINTS_AT_ONCE", points)
     assert same(sumo_eval.score(copy), done)
 
 
-def test_stopped_scoring_continues_where_it_was(
-    done: Evaluation, copy: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_stopped_scoring_continues_where_it_was(done, copy, monkeypatch):
     (copy / KEPT).unlink()
     monkeypatch.setattr(steps, "POINTS_AT_ONCE", 2)
     computed: list[int] = []
@@ -151,16 +139,14 @@ def test_stopped_scoring_continues_where_it_was(
     assert 0 < before < sum(computed) <= max(score.safe_cases for score in done.scores)
 
 
-def test_a_damaged_row_is_reported(copy: Path) -> None:
+def test_a_damaged_row_is_reported(copy):
     with closing(sqlite3.connect(copy / KEPT)) as connection, connection:
         connection.execute("UPDATE parts SET data = zeroblob(length(data)) WHERE kind = 'rows'")
     with pytest.raises(InputError, match=r"not as it was written.*may be deleted"):
         list(sumo_eval.score(copy).cases)
 
 
-def test_facts_that_changed_without_a_trace_are_found_on_reading(
-    done: Evaluation, copy: Path
-) -> None:
+def test_facts_that_changed_without_a_trace_are_found_on_reading(done, copy):
     facts, case = copy / FACTS, done.cases[0].case
     state = facts.stat()
     with closing(sqlite3.connect(facts)) as connection, connection:
@@ -176,7 +162,7 @@ def test_facts_that_changed_without_a_trace_are_found_on_reading(
         sumo_eval.score(copy)
 
 
-def test_a_report_that_is_there_is_not_made_again_and_an_edited_one_is(copy: Path) -> None:
+def test_a_report_that_is_there_is_not_made_again_and_an_edited_one_is(copy):
     done = sumo_eval.score(copy)
     path = write_assessed_report(done)
     first = path.stat().st_mtime_ns, path.read_text(encoding="utf-8")
@@ -187,9 +173,7 @@ def test_a_report_that_is_there_is_not_made_again_and_an_edited_one_is(copy: Pat
     assert path.read_text(encoding="utf-8") == first[1]
 
 
-def test_a_run_without_its_trajectories_keeps_its_scores(
-    done: Evaluation, copy: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_without_its_trajectories_keeps_its_scores(done, copy, monkeypatch):
     scored = sumo_eval.score(copy)
     size = (copy / FACTS).stat().st_size
     settings = replace(scored.settings, run=replace(scored.settings.run, keep="none"))
@@ -220,9 +204,7 @@ def test_a_run_without_its_trajectories_keeps_its_scores(
     assert sumo_eval.score(copy, ["method.score.k5=0.5"]).scores[0].d == done.scores[0].d
 
 
-def test_critical_points_are_collisions_flips_and_the_least_human(
-    done: Evaluation, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_critical_points_are_collisions_flips_and_the_least_human(done, monkeypatch):
     monkeypatch.setattr(critical, "LEAST_HUMAN", 1)
     logical = catalogue.load("front_vehicle_low_speed")
     row = next(iter(done.cases_of("idm", logical.name)))
@@ -248,9 +230,7 @@ def test_critical_points_are_collisions_flips_and_the_least_human(
     assert {number for _, number in found} == {1, 2, 5, 6}
 
 
-def test_the_version_of_a_package_that_reads_scenarios_is_part_of_the_key(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_version_of_a_package_that_reads_scenarios_is_part_of_the_key(monkeypatch):
     keys = []
     for number in ("1.0", "1.0", "1.1"):
         reader = SimpleNamespace(value="reader:read", dist=SimpleNamespace(version=number))
@@ -261,7 +241,7 @@ def test_the_version_of_a_package_that_reads_scenarios_is_part_of_the_key(
     assert keys[0] == keys[1] != keys[2]
 
 
-def test_a_scenario_file_and_what_it_names_are_part_of_the_key(tmp_path: Path) -> None:
+def test_a_scenario_file_and_what_it_names_are_part_of_the_key(tmp_path):
     (tmp_path / "own.toml").write_text('events = "events.csv"\n')
     (tmp_path / "events.csv").write_text("a\n1\n")
     entry = ScenarioSettings("own.toml?x=1", SamplingSettings(method="file", file="points.csv"))
@@ -278,7 +258,7 @@ def test_a_scenario_file_and_what_it_names_are_part_of_the_key(tmp_path: Path) -
     )
 
 
-def test_answers_from_what_is_kept_import_neither_a_simulator_nor_scipy(done: Evaluation) -> None:
+def test_answers_from_what_is_kept_import_neither_a_simulator_nor_scipy(done):
     write_assessed_report(done)
     looking = (
         "import sys\n"
@@ -307,9 +287,7 @@ def test_answers_from_what_is_kept_import_neither_a_simulator_nor_scipy(done: Ev
     assert list((done.folder / "exported").glob("*.xosc"))
 
 
-def test_released_trajectories_are_in_no_digest(
-    done: Evaluation, copy: Path, tmp_path: Path
-) -> None:
+def test_released_trajectories_are_in_no_digest(done, copy, tmp_path):
     other = Path(shutil.copytree(done.folder, tmp_path / "other", copy_function=shutil.copy2))
     with open_store(done.folder / FACTS) as store:
         digests = [store.digest()]

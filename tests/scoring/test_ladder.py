@@ -1,10 +1,7 @@
 """A ladder of real ADSs of known order: whoever is no worse in any case and better in one has the
 higher A."""
 
-from __future__ import annotations
-
 from itertools import permutations, product
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -39,7 +36,7 @@ def assert_a_orders(table: pd.DataFrame, least: int) -> None:
     assert a["tied"] <= TIED * a["pairs"]
 
 
-def test_five_rungs_stand_in_their_order(ladder: ModuleType) -> None:
+def test_five_rungs_stand_in_their_order(ladder):
     # without the people and the pool of a whole evaluation, which the campaign below has
     Rung = ladder.Rung
     rungs = (
@@ -82,7 +79,7 @@ def severities(cases: list[ConcreteScenario], ads: str | type) -> np.ndarray:
     )
 
 
-def test_a_pair_counts_as_ordered_tied_wrong_or_without_a_score(ladder: ModuleType) -> None:
+def test_a_pair_counts_as_ordered_tied_wrong_or_without_a_score(ladder):
     better = {"C": 1, "S": 0, "A": 1, "A'": 1, "S+": None}
     pairs = [
         ladder.Pair("here", "one", "other", better),
@@ -95,7 +92,7 @@ def test_a_pair_counts_as_ordered_tied_wrong_or_without_a_score(ladder: ModuleTy
 
 
 @pytest.mark.campaign
-def test_a_orders_the_whole_ladder(ladder: ModuleType, tmp_path: Path) -> None:
+def test_a_orders_the_whole_ladder(ladder, tmp_path):
     assert len(ladder.RUNGS) >= 30
     evaluation = ladder.climb(ladder.RUNGS, ladder.SPACES, tmp_path / "run")
     assert 90 * len(ladder.RUNGS) <= len(evaluation.cases) <= 104 * len(ladder.RUNGS)

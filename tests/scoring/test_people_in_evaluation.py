@@ -1,7 +1,5 @@
 """Recorded people, exposure and mixture mode through a whole evaluation, with SUMO."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace

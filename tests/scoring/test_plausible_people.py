@@ -36,14 +36,12 @@ def people(path: Path, count: int, settings: PlausibilitySettings):
         return plausible_people(LOGICAL, store, settings)
 
 
-def test_the_default_is_the_people_of_the_motorway_and_says_nothing(tmp_path: Path) -> None:
+def test_the_default_is_the_people_of_the_motorway_and_says_nothing(tmp_path):
     found = people(tmp_path / "facts.sqlite", 3, PlausibilitySettings())
     assert (found.people, found.notes) == (MOTORWAY_PEOPLE, ())
 
 
-def test_the_recorded_drivers_of_the_run_are_measured_among_its_other_vehicles(
-    tmp_path: Path,
-) -> None:
+def test_the_recorded_drivers_of_the_run_are_measured_among_its_other_vehicles(tmp_path):
     found = people(tmp_path / "facts.sqlite", 40, RECORDED_TABLE)
     assert tuple(map(score_note, found.notes)) == (
         "Plausibility compares with 40 recorded drivers of the run (40 drives).",
@@ -55,7 +53,7 @@ def test_the_recorded_drivers_of_the_run_are_measured_among_its_other_vehicles(
     assert found.people.share("min_thw", 0.5) == 0.0
 
 
-def test_too_few_recorded_drivers_give_no_table_and_a_note(tmp_path: Path) -> None:
+def test_too_few_recorded_drivers_give_no_table_and_a_note(tmp_path):
     found = people(tmp_path / "facts.sqlite", LEAST_PEOPLE - 1, RECORDED_TABLE)
     assert found.people is MOTORWAY_PEOPLE
     assert tuple(map(score_note, found.notes)) == (

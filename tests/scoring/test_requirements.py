@@ -1,7 +1,5 @@
 """Requirements of scenario files: conditions on the whole drive."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path
@@ -61,14 +59,14 @@ def ahead() -> Trajectory:
         ("min(3, limit) < 3 or max(x) > 18", True),
     ],
 )  # fmt: skip
-def test_a_requirement_by_hand(text: str, holds: bool) -> None:
+def test_a_requirement_by_hand(text, holds):
     """TTC at the end 5 m / (8 - 4) m/s = 1.25 s, THW 5 / 8 s, jerk -2 m/s3."""
     series = series_of(drive(), {"lead": ahead()}, None)
     one = requirement("r", text, "", "a test", ["limit"])
     assert one.holds(series, {"limit": 2.5, "collided": 0.0, "reached_end": 0.0}) is holds
 
 
-def test_without_a_lead_the_gap_is_infinite() -> None:
+def test_without_a_lead_the_gap_is_infinite():
     one = requirement(
         "r", "min(gap) > 1000 and min(ttc) > 1000 and min(thw) > 1000", "", "a test", []
     )
@@ -85,18 +83,18 @@ def test_without_a_lead_the_gap_is_infinite() -> None:
         ("at_the_end(gap) > 2", "Unknown function"), ("min(gap.x) > 2", "language does not have"),
     ],
 )  # fmt: skip
-def test_a_requirement_that_cannot_be_is_refused(text: str, sentence: str) -> None:
+def test_a_requirement_that_cannot_be_is_refused(text, sentence):
     with pytest.raises(InputError, match=sentence):
         scenario_from({**SCENE, "require": [{"check": text}]}, "t", Path())
 
 
-def test_names_of_requirements_differ() -> None:
+def test_names_of_requirements_differ():
     both = [{"check": "min(gap) > 1", "name": "a"}, {"check": "min(gap) > 2", "name": "a"}]
     with pytest.raises(InputError, match="`a` twice"):
         scenario_from({**SCENE, "require": both}, "t", Path())
 
 
-def test_requirements_stand_beside_the_scores_of_a_run(tmp_path: Path) -> None:
+def test_requirements_stand_beside_the_scores_of_a_run(tmp_path):
     """A car that does nothing hits a lead 10 m/s slower within 300 m: 20 m after 2 s, 60 m after 6
     s."""
     (tmp_path / "approach.toml").write_text(

@@ -1,8 +1,6 @@
 """The scores that order ADSs, on real SUMO runs: A, regret, H and S+ follow from the case table,
 and are one ADS's."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace
@@ -52,9 +50,7 @@ def facts_of(run: Path, ads: str) -> list[str | None]:
         ]
 
 
-def test_an_unchanged_ads_keeps_every_digit_in_any_company(
-    both: Evaluation, alone: Evaluation
-) -> None:
+def test_an_unchanged_ads_keeps_every_digit_in_any_company(both, alone):
     assert facts_of(both.folder, "idm") == facts_of(alone.folder, "idm")
     assert both.score("idm", CUT_OUT) == alone.score("idm", CUT_OUT)
     circumstances = dict.fromkeys(TIMED)
@@ -62,7 +58,7 @@ def test_an_unchanged_ads_keeps_every_digit_in_any_company(
         assert replace(together, **circumstances) == replace(by_itself, **circumstances)
 
 
-def test_the_references_are_driven_at_every_point(both: Evaluation) -> None:
+def test_the_references_are_driven_at_every_point(both):
     for case in both.cases:
         assert case.ideal_severity is not None
         assert case.no_reaction_severity is not None
@@ -71,7 +67,7 @@ def test_the_references_are_driven_at_every_point(both: Evaluation) -> None:
             assert len(list(store.names(role, CUT_OUT))) == len(rows(both, "idm"))
 
 
-def test_doing_nothing_has_a_0_and_the_ideal_vehicle_a_1(both: Evaluation) -> None:
+def test_doing_nothing_has_a_0_and_the_ideal_vehicle_a_1(both):
     nothing, ideal = both.score("no_reaction", CUT_OUT), both.score("ideal_braking", CUT_OUT)
     assert (nothing.avoided_share, nothing.avoided_share_exposure) == (0.0, 0.0)
     assert (ideal.avoided_share, ideal.avoided_share_exposure, ideal.regret, ideal.c) == (
@@ -84,7 +80,7 @@ def test_doing_nothing_has_a_0_and_the_ideal_vehicle_a_1(both: Evaluation) -> No
 
 
 @pytest.mark.parametrize("ads", ["idm", "no_reaction", "ideal_braking"])
-def test_a_and_the_regret_are_those_of_the_case_table(both: Evaluation, ads: str) -> None:
+def test_a_and_the_regret_are_those_of_the_case_table(both, ads):
     cases, score = rows(both, ads), both.score(ads, CUT_OUT)
     u = np.array([case.severity or 0.0 for case in cases])
     ideal, nothing = (
@@ -104,7 +100,7 @@ def test_a_and_the_regret_are_those_of_the_case_table(both: Evaluation, ads: str
 
 
 @pytest.mark.parametrize("ads", ["idm", "no_reaction"])
-def test_h_and_s_plus_are_those_of_the_case_table(both: Evaluation, ads: str) -> None:
+def test_h_and_s_plus_are_those_of_the_case_table(both, ads):
     """A safe case with an avoidable collision counts 0, every other the product of its four
     terms."""
     score = both.score(ads, CUT_OUT)
@@ -130,9 +126,7 @@ def test_h_and_s_plus_are_those_of_the_case_table(both: Evaluation, ads: str) ->
     assert (score.a_points + score.h_points) == pytest.approx(score.s_plus, abs=1e-9)
 
 
-def test_after_a_collision_in_the_safe_zone_there_is_no_d_but_there_is_an_h(
-    both: Evaluation,
-) -> None:
+def test_after_a_collision_in_the_safe_zone_there_is_no_d_but_there_is_an_h(both):
     score = both.score("no_reaction", CUT_OUT)
     assert (score.d, score.h_reason) == (None, None)
     assert score.d_reason == NotComputed("collisions", score.safe_collisions)
@@ -146,7 +140,7 @@ def test_after_a_collision_in_the_safe_zone_there_is_no_d_but_there_is_an_h(
     assert made.human_likeness == pytest.approx(0.45)
 
 
-def test_a_collision_in_the_safe_zone_that_the_ideal_vehicle_has_as_well_does_not_void_d() -> None:
+def test_a_collision_in_the_safe_zone_that_the_ideal_vehicle_has_as_well_does_not_void_d():
     shared = replace(HIT, zone="safe", ideal_severity=4.0)
     made = combined(replace(SAFE, human_likeness=0.6), shared)
     assert (made.d, made.human_likeness, made.safe_collisions) == (pytest.approx(0.8), 0.6, 1)
@@ -155,7 +149,7 @@ def test_a_collision_in_the_safe_zone_that_the_ideal_vehicle_has_as_well_does_no
     assert made.notes[0] == Counted("ideal_collides_too", 1, 1)
 
 
-def test_tables_hold_every_name(both: Evaluation) -> None:
+def test_tables_hold_every_name(both):
     scores = json.loads((both.folder / "scores.json").read_text())["scores"]
     names = (
         "c",
@@ -187,7 +181,7 @@ def test_tables_hold_every_name(both: Evaluation) -> None:
         assert row["weight"] != ""
 
 
-def test_the_zone_of_every_case_is_the_criterions_own(both: Evaluation) -> None:
+def test_the_zone_of_every_case_is_the_criterions_own(both):
     for case in rows(both, "idm"):
         values = case.values
         worst = max_inverse_ttc(
@@ -196,7 +190,7 @@ def test_the_zone_of_every_case_is_the_criterions_own(both: Evaluation) -> None:
         assert (case.zone == "hazardous") == bool(worst >= 0.7)
 
 
-def test_nothing_evaluated_gives_no_score() -> None:
+def test_nothing_evaluated_gives_no_score():
     nothing: ScenarioResult = combined(LOST, LOST_SAFE)
     assert (nothing.c, nothing.d, nothing.s) == (None, None, None)
     assert (nothing.avoided_share, nothing.human_likeness, nothing.s_plus) == (None, None, None)

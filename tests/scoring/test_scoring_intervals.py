@@ -1,7 +1,5 @@
 """What is missing from C and D widens them: worked numbers, and the exit status that follows."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from pathlib import Path
@@ -44,12 +42,12 @@ def combined(*cases: CaseResult) -> ScenarioResult:
     return combine("a", "s", cases, MethodSettings())
 
 
-def test_a_complete_score_has_no_interval() -> None:
+def test_a_complete_score_has_no_interval():
     result = combined(HIT, SAFE)
     assert (result.c_interval, result.d_interval, result.s_interval) == (None, None, None)
 
 
-def test_a_missing_hazardous_case_widens_c_by_its_own_weight() -> None:
+def test_a_missing_hazardous_case_widens_c_by_its_own_weight():
     result = combined(HIT, SAFE, replace(LOST, weight=1.5))
     assert result.c == pytest.approx(0.4), "the mean over what is there: 4 / 10"
     low, high = result.c_interval or (0.0, 0.0)
@@ -64,7 +62,7 @@ def test_a_missing_hazardous_case_widens_c_by_its_own_weight() -> None:
     )
 
 
-def test_a_missing_safe_case_widens_d_by_its_exposure_and_may_leave_no_d() -> None:
+def test_a_missing_safe_case_widens_d_by_its_exposure_and_may_leave_no_d():
     result = combined(SAFE, LOST_SAFE)
     assert result.d == pytest.approx(0.8)
     assert result.d_interval == (pytest.approx(3 * 0.8 / 4), pytest.approx((3 * 0.8 + 1) / 4))
@@ -74,7 +72,7 @@ def test_a_missing_safe_case_widens_d_by_its_exposure_and_may_leave_no_d() -> No
     assert high == pytest.approx(50 + 50 * 0.85)
 
 
-def test_a_collision_without_the_ideal_vehicles_case_is_missing_from_c() -> None:
+def test_a_collision_without_the_ideal_vehicles_case_is_missing_from_c():
     result = combined(HIT, replace(HIT, case="other", ideal_severity=None), SAFE)
     assert result.not_evaluated == 1
     assert result.c_interval == (pytest.approx(0.2), pytest.approx(0.7)), (
@@ -97,9 +95,7 @@ NO_IDEAL = replace(KNOWN, case="no ideal", ideal_severity=None)
         "it avoided: the point has no part in A, or a whole one",
     ],
 )
-def test_an_ideal_drive_that_is_missing_widens_a_and_s_plus(
-    severity: float, lowest: float, highest: float
-) -> None:
+def test_an_ideal_drive_that_is_missing_widens_a_and_s_plus(severity, lowest, highest):
     result = combined(KNOWN, replace(NO_IDEAL, severity=severity or None, collided=severity > 0.0))
     assert result.avoided_share == 0.5, "over the points whose ideal vehicle is known"
     assert result.not_evaluated == 1
@@ -113,7 +109,7 @@ def test_an_ideal_drive_that_is_missing_widens_a_and_s_plus(
     )
 
 
-def test_a_case_given_up_counts_as_doing_nothing_and_is_counted_apart() -> None:
+def test_a_case_given_up_counts_as_doing_nothing_and_is_counted_apart():
     """A = 1 - (0 + 10) / (10 + 10) = 0.5; T = (3 * 1 + 1 * 0) / 4; H = (3 * 0.8 + 1 * 0) / 4; C and
     D as without it."""
     safe = replace(SAFE, human_likeness=0.8, weight=1.0)
@@ -135,7 +131,7 @@ def test_a_case_given_up_counts_as_doing_nothing_and_is_counted_apart() -> None:
     assert (everywhere.s_plus, everywhere.c, everywhere.s) == (0.0, None, None)
 
 
-def test_a_departure_is_avoidable_harm_and_no_collision() -> None:
+def test_a_departure_is_avoidable_harm_and_no_collision():
     """U = 12 of a contact with a standing car, where doing nothing has 10: A = 1 - 12/10 is below
     0."""
     left = replace(
@@ -150,7 +146,7 @@ def test_a_departure_is_avoidable_harm_and_no_collision() -> None:
     assert left.incident_severity == 12.0
 
 
-def test_one_more_incident_never_raises_s_plus() -> None:
+def test_one_more_incident_never_raises_s_plus():
     clean = [replace(SAFE, case=str(n), human_likeness=0.5, weight=1.0) for n in range(4)]
     before = combined(*clean).s_plus
     for harm in (
@@ -164,7 +160,7 @@ def test_one_more_incident_never_raises_s_plus() -> None:
         assert after < before
 
 
-def test_a_missing_drive_without_reaction_widens_a() -> None:
+def test_a_missing_drive_without_reaction_widens_a():
     result = combined(KNOWN, replace(KNOWN, case="other", severity=2.0, no_reaction_severity=None))
     assert result.avoided_share == 0.5
     low, high = result.avoided_share_interval or (9.0, -9.0)
@@ -172,7 +168,7 @@ def test_a_missing_drive_without_reaction_widens_a() -> None:
     assert high == pytest.approx(1 - (5 + 2) / (10 + 10)), "as hard as anywhere else"
 
 
-def test_of_points_that_are_not_sure_only_those_that_lower_a_have_a_part_in_its_lower_end() -> None:
+def test_of_points_that_are_not_sure_only_those_that_lower_a_have_a_part_in_its_lower_end():
     cases = [
         replace(NO_IDEAL, case=str(severity), severity=severity)
         for severity in (1.0, 6.0, 9.0, 4.9)
@@ -187,14 +183,14 @@ def test_of_points_that_are_not_sure_only_those_that_lower_a_have_a_part_in_its_
     )
 
 
-def test_c_lies_within_its_interval_whatever_is_missing() -> None:
+def test_c_lies_within_its_interval_whatever_is_missing():
     for weight in (0.0, 0.1, 1.0, 3.0):
         result = combined(HIT, SAFE, replace(LOST, weight=weight))
         low, high = result.c_interval or (9.0, -9.0)
         assert low <= (result.c or 0.0) <= high
 
 
-def test_the_note_says_how_many_are_missing_and_where_and_the_table_shows_the_interval() -> None:
+def test_the_note_says_how_many_are_missing_and_where_and_the_table_shows_the_interval():
     result = combined(HIT, SAFE, replace(LOST, weight=1.5), replace(LOST_SAFE, weight=1.0))
     counted, interval = map(score_note, result.notes)
     assert counted.startswith(
@@ -209,9 +205,7 @@ def test_the_note_says_how_many_are_missing_and_where_and_the_table_shows_the_in
 
 
 @pytest.mark.parametrize(("setting", "status"), [("shown", 3), ("gate", 1)])
-def test_a_setting_decides_whether_an_incomplete_score_fails_the_gate(
-    setting: str, status: int, tmp_path: Path
-) -> None:
+def test_a_setting_decides_whether_an_incomplete_score_fails_the_gate(setting, status, tmp_path):
     ads = "def MyAds(traci, ego, time):\n    raise ValueError(traci.vehicle.getSpeed(ego))\n"
     path = write_evaluation(tmp_path, ads, levels=2)
     path.write_text(path.read_text() + f'incomplete = "{setting}"\n')

@@ -1,7 +1,5 @@
 """A severity of one's own from the evaluation file to the scores, on real SUMO runs."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -58,7 +56,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
     return evaluation
 
 
-def test_an_own_severity_replaces_u_in_every_score(found: Evaluation) -> None:
+def test_an_own_severity_replaces_u_in_every_score(found):
     hits = [case for case in found.cases if case.collided]
     assert len(hits) >= 3
     for case in hits:  # 3,000 kg against 1,500 kg: two thirds
@@ -83,7 +81,7 @@ def test_an_own_severity_replaces_u_in_every_score(found: Evaluation) -> None:
         assert score.regret == pytest.approx(lost / np.sum(weights))
 
 
-def test_the_scores_tell_which_severity_they_were_made_with(found: Evaluation) -> None:
+def test_the_scores_tell_which_severity_they_were_made_with(found):
     made_with = json.loads((found.folder / "scores.json").read_text())["severity"]
     assert (made_with["name"], made_with["unit"], len(made_with["sha256"])) == (
         "own.py:by_speed",
@@ -101,9 +99,7 @@ def test_the_scores_tell_which_severity_they_were_made_with(found: Evaluation) -
     ]
 
 
-def test_another_severity_needs_no_simulation_and_says_where_its_range_ends(
-    found: Evaluation,
-) -> None:
+def test_another_severity_needs_no_simulation_and_says_where_its_range_ends(found):
     again = sumo_eval.score(found.folder, ["method.collision.severity=injury:cyclist"])
     for case in again.cases:
         if case.collided:
@@ -120,7 +116,7 @@ def test_another_severity_needs_no_simulation_and_says_where_its_range_ends(
     assert by_class.scores[0].c == as_before.scores[0].c
 
 
-def test_a_wrong_loss_names_the_case_and_loses_nothing(found: Evaluation) -> None:
+def test_a_wrong_loss_names_the_case_and_loses_nothing(found):
     with pytest.raises(
         InputError, match=r"`own.py:example_only` must return .* got nan for front_vehicle_cut_out"
     ):
@@ -128,7 +124,7 @@ def test_a_wrong_loss_names_the_case_and_loses_nothing(found: Evaluation) -> Non
     assert sumo_eval.score(found.folder).scores[0].c == found.scores[0].c
 
 
-def test_a_wrong_severity_is_refused_before_the_first_case(tmp_path: Path) -> None:
+def test_a_wrong_severity_is_refused_before_the_first_case(tmp_path):
     with pytest.raises(InputError, match="Did you mean `by_speed`"):
         sumo_eval.evaluate(evaluation_file(tmp_path, "own.py:by_sped"), tmp_path / "run")
     assert not (tmp_path / "run").exists()

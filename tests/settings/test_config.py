@@ -1,7 +1,5 @@
 """Reading evaluation.toml: what is right comes through unchanged, what is wrong is named."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import fields
 from pathlib import Path
@@ -50,19 +48,19 @@ def refusal(tmp_path: Path, text: str) -> str:
     return str(refused.value)
 
 
-def test_the_smallest_evaluation_file_of_the_contract_is_read(tmp_path: Path) -> None:
+def test_the_smallest_evaluation_file_of_the_contract_is_read(tmp_path):
     settings = read(tmp_path, SMALLEST)
     assert (settings.name, settings.seed, settings.run.case_timeout) == ("nightly", 1, 20.0)
     assert settings.scenario[0].sampling.levels == 4
     assert settings.ads[0].controller == "my_ads.py:MyAds"
 
 
-def test_settings_survive_a_round_trip_through_toml() -> None:
+def test_settings_survive_a_round_trip_through_toml():
     settings = read_evaluation(PAPER_EVALUATION)
     assert settings_from(tomllib.loads(to_toml(settings)), "round trip") == settings
 
 
-def test_every_mistake_in_a_file_is_named_at_once(tmp_path: Path) -> None:
+def test_every_mistake_in_a_file_is_named_at_once(tmp_path):
     text = refusal(
         tmp_path,
         SMALLEST.replace("levels = 4", "level = 4").replace("seed = 1", "sead = 1")
@@ -89,13 +87,11 @@ def test_every_mistake_in_a_file_is_named_at_once(tmp_path: Path) -> None:
         ('name = "nightly"', "name = ", "is not valid TOML"),
     ],
 )
-def test_a_wrong_value_is_refused_with_its_path(
-    tmp_path: Path, before: str, after: str, sentence: str
-) -> None:
+def test_a_wrong_value_is_refused_with_its_path(tmp_path, before, after, sentence):
     assert sentence in refusal(tmp_path, SMALLEST.replace(before, after))
 
 
-def test_a_missing_file_and_a_binary_one_are_refused(tmp_path: Path) -> None:
+def test_a_missing_file_and_a_binary_one_are_refused(tmp_path):
     with pytest.raises(InputError, match="There is no evaluation file"):
         read_evaluation(tmp_path / "none.toml")
     (tmp_path / "evaluation.toml").write_text(SMALLEST)
@@ -106,24 +102,22 @@ def test_a_missing_file_and_a_binary_one_are_refused(tmp_path: Path) -> None:
         read_evaluation(tmp_path / "binary.toml")
 
 
-def test_two_ads_of_one_name_are_refused(tmp_path: Path) -> None:
+def test_two_ads_of_one_name_are_refused(tmp_path):
     twice = SMALLEST.replace("[drivers]", '[[ads]]\nname = "mine"\ncontroller = "idm"\n[drivers]')
     assert "must differ from each other, got 'mine' twice" in refusal(tmp_path, twice)
 
 
-def test_a_name_that_is_kept_for_the_ideal_vehicle_and_the_drivers_is_refused(
-    tmp_path: Path,
-) -> None:
+def test_a_name_that_is_kept_for_the_ideal_vehicle_and_the_drivers_is_refused(tmp_path):
     assert "must not begin with `~`" in refusal(
         tmp_path, SMALLEST.replace('name = "mine"', 'name = "~ideal"')
     )
 
 
-def test_an_empty_name_is_refused(tmp_path: Path) -> None:
+def test_an_empty_name_is_refused(tmp_path):
     assert "`ads[0].name` in" in refusal(tmp_path, SMALLEST.replace('name = "mine"', 'name = ""'))
 
 
-def test_a_change_reaches_the_setting_it_names_and_no_other() -> None:
+def test_a_change_reaches_the_setting_it_names_and_no_other():
     settings = read_evaluation(PAPER_EVALUATION)
     changed = with_changes(settings, ["method.score.a=60", "method.anthropomorphic.field.k2=0.05"])
     assert (changed.method.score.a, changed.method.score.b) == (60.0, 40.0)
@@ -144,14 +138,12 @@ def test_a_change_reaches_the_setting_it_names_and_no_other() -> None:
         ("method.score.a.b=3", "Unknown setting"),
     ],
 )
-def test_a_wrong_change_is_refused(change: str, sentence: str) -> None:
+def test_a_wrong_change_is_refused(change, sentence):
     with pytest.raises(InputError, match=sentence.replace(".", r"\.").replace("?", r"\?")):
         with_changes(read_evaluation(PAPER_EVALUATION), [change])
 
 
-def test_a_mistake_is_reported_with_its_line(
-    tmp_path: Path,
-) -> None:
+def test_a_mistake_is_reported_with_its_line(tmp_path):
     text = (
         'name = "n"\nsead = 1\n[[scenario]]\nuse = "cut_in"\n[scenario.sampling]\nlevels = '
         '"three"\n'
@@ -172,7 +164,7 @@ def test_a_mistake_is_reported_with_its_line(
     ]
 
 
-def test_a_folder_in_place_of_the_file_gets_advice(tmp_path: Path) -> None:
+def test_a_folder_in_place_of_the_file_gets_advice(tmp_path):
     with pytest.raises(InputError, match="it is a folder") as caught:
         read_evaluation(tmp_path)
     assert "Did you mean" not in str(caught.value)
@@ -184,6 +176,6 @@ def test_a_folder_in_place_of_the_file_gets_advice(tmp_path: Path) -> None:
         read_evaluation(tmp_path)
 
 
-def test_a_number_in_place_of_tables_is_refused_in_our_words() -> None:
+def test_a_number_in_place_of_tables_is_refused_in_our_words():
     with pytest.raises(InputError, match="`scenario` in it must be a list, got 5"):
         settings_from({"name": "x", "scenario": 5}, "it")

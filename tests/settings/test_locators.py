@@ -1,14 +1,12 @@
 """Locators: the file as it is now, and a sentence for a name that is not there."""
 
-from pathlib import Path
-
 import pytest
 
 from sumo_eval.errors import InputError
 from sumo_eval.settings.locators import load_object
 
 
-def test_an_edited_file_is_loaded_again_an_unchanged_one_not(tmp_path: Path) -> None:
+def test_an_edited_file_is_loaded_again_an_unchanged_one_not(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text("class Ads: gap = 1\n")
     first = load_object("mine.py:Ads", tmp_path, "ADS")
@@ -17,6 +15,6 @@ def test_an_edited_file_is_loaded_again_an_unchanged_one_not(tmp_path: Path) -> 
     assert load_object("mine.py:Ads", tmp_path, "ADS").gap == 22
 
 
-def test_a_name_inside_a_number_is_refused(tmp_path: Path) -> None:
+def test_a_name_inside_a_number_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"`math` has no `pi\.x`"):
         load_object("math:pi.x", tmp_path, "ADS")

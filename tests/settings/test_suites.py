@@ -1,7 +1,5 @@
 """A frozen suite brings its scenarios, seed and drivers, and nothing about it can be changed."""
 
-from __future__ import annotations
-
 import hashlib
 import tomllib
 from dataclasses import fields
@@ -21,7 +19,7 @@ def asked(**more: Any) -> dict[str, Any]:
     return {"name": "mine", "scenario": [{"use": "suite:2026.1"}], "ads": ads, **more}
 
 
-def test_a_suite_brings_its_scenarios_seed_and_drivers() -> None:
+def test_a_suite_brings_its_scenarios_seed_and_drivers():
     settings = settings_from(asked(), "here")
     assert [one.use for one in settings.scenario] == [
         "front_vehicle_low_speed", "front_vehicle_cut_out", "front_vehicle_braking", "cut_in",
@@ -30,7 +28,7 @@ def test_a_suite_brings_its_scenarios_seed_and_drivers() -> None:
     assert settings.drivers.population == PopulationSettings(0.771, 1.0, 1.0, 1.0, "recorded")
 
 
-def test_a_suite_says_everything_of_its_drivers_so_that_no_default_moves_its_scores() -> None:
+def test_a_suite_says_everything_of_its_drivers_so_that_no_default_moves_its_scores():
     for path in SUITES.glob("*.toml"):
         said = tomllib.loads(path.read_text(encoding="utf-8"))["drivers"]["population"]
         assert set(said) == {item.name for item in fields(PopulationSettings)}, path.name
@@ -47,12 +45,12 @@ def test_a_suite_says_everything_of_its_drivers_so_that_no_default_moves_its_sco
         ({"scenario": [{"use": "suite:2025.1"}]}, "Unknown suite `2025.1`"),
     ],
 )
-def test_nothing_about_a_suite_can_be_changed(more: dict[str, Any], sentence: str) -> None:
+def test_nothing_about_a_suite_can_be_changed(more, sentence):
     with pytest.raises(InputError, match=sentence):
         settings_from(asked(**more), "here")
 
 
-def test_suites_are_frozen() -> None:
+def test_suites_are_frozen():
     found = {
         path.stem: hashlib.sha256(path.read_bytes()).hexdigest()[:16]
         for path in SUITES.glob("*.toml")

@@ -1,9 +1,6 @@
 """A TOML file may hold anything: what cannot be used is one clear sentence, never a traceback."""
 
-from __future__ import annotations
-
 import os
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -42,7 +39,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_cannot_be_used_is_refused(name: str) -> None:
+def test_what_cannot_be_used_is_refused(name):
     text, words = WRONG[name]
     with pytest.raises(InputError) as caught:
         toml_from(text, "The file")
@@ -51,17 +48,17 @@ def test_what_cannot_be_used_is_refused(name: str) -> None:
     assert len(str(caught.value)) < 500
 
 
-def test_a_line_ends_where_toml_ends_it() -> None:
+def test_a_line_ends_where_toml_ends_it():
     assert line_of("# one\u2028line\r\nname = 1\n", ("name",)) == 2
 
 
-def test_long_texts_and_lists_hold_no_keys() -> None:
+def test_long_texts_and_lists_hold_no_keys():
     text = 'a = """\nn = 1\n"""\n[[s]]\np = [\n  [1],\n  [2]\n]\nq = "[" # {\nn = 2'
     assert line_of(text, ("n",)) is None
     assert line_of(text, ("s", 0, "n")) == 10
 
 
-def test_ordinary_content_is_read_as_it_is() -> None:
+def test_ordinary_content_is_read_as_it_is():
     text = (
         'a = -9223372036854775808\nb = """two\nlines\tand a tab"""\nc = '
         f'{"[" * 20}1.5{"]" * 20}\nd = "Fußgänger"'
@@ -71,7 +68,7 @@ def test_ordinary_content_is_read_as_it_is() -> None:
 
 
 @given(st.text(max_size=60))
-def test_any_text_is_read_or_refused_with_a_message(text: str) -> None:
+def test_any_text_is_read_or_refused_with_a_message(text):
     for content in (text, f"x = {text}", f'x = "{text}"', f"[{text}]"):
         try:
             toml_from(content, "The file")
@@ -79,7 +76,7 @@ def test_any_text_is_read_or_refused_with_a_message(text: str) -> None:
             str(error).encode("utf-8")
 
 
-def test_what_is_not_a_file_is_refused(tmp_path: Path) -> None:
+def test_what_is_not_a_file_is_refused(tmp_path):
     (tmp_path / "latin").write_bytes(b'name = "\xe9"')
     (tmp_path / "folder").mkdir()
     (tmp_path / "closed").write_text("x = 1")

@@ -1,12 +1,8 @@
 """`sumo-eval qualify`: known answers are found again, and a wrong one is not."""
 
-from __future__ import annotations
-
 import json
 from itertools import chain, groupby
-from pathlib import Path
 
-import pytest
 from click.testing import CliRunner
 
 from sumo_eval.cli import main
@@ -18,9 +14,7 @@ from sumo_eval.extras.studies.qualification.table import Check
 FIRST = [next(group) for _, group in groupby(table.all_checks(), key=lambda check: check.kind)]
 
 
-def test_one_check_of_each_kind_passes_and_a_planted_wrong_expectation_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_check_of_each_kind_passes_and_a_planted_wrong_expectation_fails(tmp_path, monkeypatch):
     planted = FIRST[0]._replace(name="planted", expected=float(FIRST[0].expected) + 0.2)
     monkeypatch.setattr(table, "all_checks", lambda: chain(FIRST, [planted]))
     done = CliRunner().invoke(main, ["qualify", "--out", str(tmp_path / "q")])
@@ -43,15 +37,13 @@ def test_one_check_of_each_kind_passes_and_a_planted_wrong_expectation_fails(
     assert "1 of 9 checks failed" in page
 
 
-def test_the_command_exits_with_0_when_all_pass(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_exits_with_0_when_all_pass(tmp_path, monkeypatch):
     monkeypatch.setattr(table, "all_checks", lambda: iter(FIRST[1:2]))
     done = CliRunner().invoke(main, ["qualify", "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output
 
 
-def test_a_fault_of_the_tool_is_a_check_that_failed_with_its_sentence() -> None:
+def test_a_fault_of_the_tool_is_a_check_that_failed_with_its_sentence():
     def fails() -> float:
         raise SimulationError("SUMO is gone")
 
@@ -59,7 +51,7 @@ def test_a_fault_of_the_tool_is_a_check_that_failed_with_its_sentence() -> None:
     assert (found.passed, found.found, found.error) == (False, None, "SUMO is gone")
 
 
-def test_every_name_fits_the_table_and_stands_once() -> None:
+def test_every_name_fits_the_table_and_stands_once():
     names = [check.name for check in table.all_checks()]
     assert max(map(len, names)) <= 40
     assert len(names) == len(set(names))

@@ -1,8 +1,6 @@
 """tools/house_check.py: this project is clean, and each kind of fault is found in a small package
 that has it."""
 
-from __future__ import annotations
-
 import io
 import os
 import subprocess
@@ -49,19 +47,19 @@ def house(tmp_path: Path) -> Path:
 
 
 @pytest.mark.campaign
-def test_the_project_has_nothing_to_mend() -> None:
+def test_the_project_has_nothing_to_mend():
     done = check(ROOT)
     assert done.stdout == ""
     assert done.returncode == 0
 
 
-def test_a_house_without_a_fault_is_clean_and_its_size_is_known(house: Path) -> None:
+def test_a_house_without_a_fault_is_clean_and_its_size_is_known(house):
     done = check(house, "--facts")
     assert done.stdout == "11 lines in 4 files, 2 of them loose at the top\n"
     assert done.returncode == 0
 
 
-def test_a_circle_counts_inside_a_room_and_where_one_side_imports_late(house: Path) -> None:
+def test_a_circle_counts_inside_a_room_and_where_one_side_imports_late(house):
     inner = house / "sumo_eval" / "room" / "inner.py"
     inner.write_text(
         inner.read_text()
@@ -75,9 +73,7 @@ def test_a_circle_counts_inside_a_room_and_where_one_side_imports_late(house: Pa
     assert done.returncode == 1
 
 
-def test_names_and_modules_that_nothing_uses_are_found_and_documentation_keeps_them(
-    house: Path,
-) -> None:
+def test_names_and_modules_that_nothing_uses_are_found_and_documentation_keeps_them(house):
     (house / "sumo_eval" / "room" / "forgotten.py").write_text(
         "LEFT = 1\n\n\nclass Lost:\n    pass\n"
     )
@@ -93,7 +89,7 @@ def test_names_and_modules_that_nothing_uses_are_found_and_documentation_keeps_t
 
 
 @pytest.mark.parametrize("words", ["The same for many.", "As `answer`.", "Like the plain one."])
-def test_a_docstring_that_leans_on_another_is_found(words: str, house: Path) -> None:
+def test_a_docstring_that_leans_on_another_is_found(words, house):
     inner = house / "sumo_eval" / "room" / "inner.py"
     inner.write_text(inner.read_text().replace("What is asked for.", words))
     assert check(house).stdout == "docstring: sumo_eval.room.inner.answer\n"
@@ -101,7 +97,7 @@ def test_a_docstring_that_leans_on_another_is_found(words: str, house: Path) -> 
     assert check(house).returncode == 0
 
 
-def test_an_allowance_needs_a_reason_and_a_finding(house: Path) -> None:
+def test_an_allowance_needs_a_reason_and_a_finding(house):
     (house / "sumo_eval" / "room" / "inner.py").write_text(
         "def answer():\n    return 42\n\n\ndef kept():\n    return 1\n"
     )
@@ -156,7 +152,7 @@ def worded(house: Path) -> Path:
     return house
 
 
-def test_words_within_their_limits_are_clean_and_listed(worded: Path) -> None:
+def test_words_within_their_limits_are_clean_and_listed(worded):
     assert check(worded).returncode == 0
     assert check(worded, "--words").stdout == "English of pages: docs/page.md: nobody\n"
 
@@ -194,7 +190,7 @@ def test_words_within_their_limits_are_clean_and_listed(worded: Path) -> None:
         ),
     ],
 )
-def test_words_beyond_a_limit_are_found(worded: Path, file: str, text: str, finding: str) -> None:
+def test_words_beyond_a_limit_are_found(worded, file, text, finding):
     (worded / "docs" / "page.md").write_text("word " * 10)
     (worded / "docs" / "long.md").write_text("word " * 20)
     (worded / file).write_text(text)
@@ -207,9 +203,7 @@ def test_words_beyond_a_limit_are_found(worded: Path, file: str, text: str, find
     ("day", "length", "found"),
     [("2025-12-31", 61, 0), ("2026-01-02", 60, 0), ("2026-01-02", 61, 1)],
 )
-def test_long_subject_of_a_later_commit_is_found(
-    worded: Path, day: str, length: int, found: int
-) -> None:
+def test_long_subject_of_a_later_commit_is_found(worded, day, length, found):
     who = {
         f"GIT_{role}_{item}": "a" for role in ("AUTHOR", "COMMITTER") for item in ("NAME", "EMAIL")
     }

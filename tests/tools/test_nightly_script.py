@@ -1,8 +1,6 @@
 """tools/nightly.sh: it passes arguments and the exit status on, keeps a log, and is silent after a
 good night."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 from pathlib import Path
@@ -24,9 +22,7 @@ def night(tmp_path: Path, *arguments: str, status: int = 0) -> subprocess.Comple
 
 
 @pytest.mark.parametrize("status", [0, 1, 2, 3])
-def test_the_status_is_passed_on_and_only_a_good_night_is_silent(
-    status: int, tmp_path: Path
-) -> None:
+def test_the_status_is_passed_on_and_only_a_good_night_is_silent(status, tmp_path):
     history = tmp_path / "my nights"
     done = night(tmp_path, "a b.toml", str(history), "--gate", "g.toml", status=status)
     assert done.returncode == status
@@ -37,7 +33,7 @@ def test_the_status_is_passed_on_and_only_a_good_night_is_silent(
     assert done.stderr.startswith(said) if status else done.stderr == ""
 
 
-def test_without_arguments_it_says_how_it_is_used(tmp_path: Path) -> None:
+def test_without_arguments_it_says_how_it_is_used(tmp_path):
     done = night(tmp_path)
     assert done.returncode == 2
     assert "usage:" in done.stderr

@@ -1,8 +1,6 @@
 """tools/release.py in a small repository of its own: what it refuses, what it does, and that a dry
 run does nothing."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys
@@ -77,7 +75,7 @@ def state(root: Path) -> tuple[str, str, str]:
     return git(root, "rev-parse", "HEAD"), git(root, "status", "--porcelain"), git(root, "tag")
 
 
-def test_a_dry_run_says_what_it_would_do_and_does_nothing(project: Path) -> None:
+def test_a_dry_run_says_what_it_would_do_and_does_nothing(project):
     before = state(project)
     done = release(project, "0.2.0", "--dry-run")
     assert done.returncode == 0, done.stderr
@@ -89,9 +87,7 @@ def test_a_dry_run_says_what_it_would_do_and_does_nothing(project: Path) -> None
 
 
 @pytest.mark.campaign
-def test_a_release_builds_tags_and_leaves_a_clean_tree(
-    project: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_release_builds_tags_and_leaves_a_clean_tree(project, monkeypatch):
     pytest.importorskip("hatchling")
     monkeypatch.setenv("PIP_NO_BUILD_ISOLATION", "0")  # pip's own way of saying that there is none
     done = release(project, "0.2.0")
@@ -108,9 +104,7 @@ def test_a_release_builds_tags_and_leaves_a_clean_tree(
 
 
 @pytest.mark.campaign
-def test_a_wheel_that_cannot_be_built_leaves_no_tag(
-    project: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_wheel_that_cannot_be_built_leaves_no_tag(project, monkeypatch):
     # the build's own environment finds nothing to build with
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     before = state(project)
@@ -147,9 +141,7 @@ GOLDEN = {"tests/golden/golden.py": "print('scores: idm: s was 1, is 2.')\nraise
         ({"sumo_eval/lost.py": "LEFT = 1\n"}, "dead: sumo_eval.lost.LEFT"),
     ],
 )
-def test_state_without_a_release_is_refused(
-    project: Path, files: dict[str, str], words: str
-) -> None:
+def test_state_without_a_release_is_refused(project, files, words):
     for name, text in files.items():
         (project / name).write_text(text)
         commit(project)
@@ -160,12 +152,12 @@ def test_state_without_a_release_is_refused(
         assert release(project, "0.2.0", "--skip-golden", "--dry-run").returncode == 0
 
 
-def test_the_projects_own_files_name_one_version_with_entries() -> None:
+def test_the_projects_own_files_name_one_version_with_entries():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     load("tools/release.py").check_words(ROOT, project["version"])
 
 
-def test_a_tree_that_is_not_clean_is_refused(project: Path) -> None:
+def test_a_tree_that_is_not_clean_is_refused(project):
     (project / "left.txt").write_text("Left lying about.\n")
     done = release(project, "0.2.0")
     assert done.returncode == 1
@@ -173,6 +165,6 @@ def test_a_tree_that_is_not_clean_is_refused(project: Path) -> None:
     assert git(project, "tag") == ""
 
 
-def test_a_tag_that_is_there_is_refused(project: Path) -> None:
+def test_a_tag_that_is_there_is_refused(project):
     git(project, "tag", "v0.2.0")
     assert release(project, "0.2.0").stderr == "No release: The tag v0.2.0 exists already.\n"

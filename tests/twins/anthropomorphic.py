@@ -1,7 +1,5 @@
 """Eqs. 11-13 one slice, one point and one driver at a time."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Sequence

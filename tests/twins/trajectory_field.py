@@ -1,7 +1,5 @@
 """Eqs. 9-10 one point and one sample at a time."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,9 +1,6 @@
 """`sumo-eval drive` given what it cannot use: one sentence, exit status 2."""
 
-from __future__ import annotations
-
 import sys
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -24,16 +21,14 @@ from sumo_eval.cli import main
         (["nothing.toml"], "nothing.toml"),
     ],
 )
-def test_what_it_cannot_use_gets_a_sentence(arguments: list[str], words: str) -> None:
+def test_what_it_cannot_use_gets_a_sentence(arguments, words):
     done = CliRunner().invoke(main, ["drive", *arguments, "--no-browser", "--port", "0"])
     assert done.exit_code == 2
     assert words in done.output
     assert "Traceback" not in done.output
 
 
-def test_without_websockets_a_sentence_names_the_extra(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_without_websockets_a_sentence_names_the_extra(monkeypatch, tmp_path):
     for name in [name for name in sys.modules if name.partition(".")[0] == "websockets"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "websockets", None)

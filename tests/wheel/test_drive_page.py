@@ -1,8 +1,6 @@
 """The page in a browser: a driver at its gamepad is the same driver at the harness's own door, to
 the bit."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 import sys
@@ -114,9 +112,7 @@ def driven(
 
 
 @needs_chromium
-def test_a_driver_at_the_pages_gamepad_is_that_driver_at_the_door_to_the_bit(
-    tmp_path: Path,
-) -> None:
+def test_a_driver_at_the_pages_gamepad_is_that_driver_at_the_door_to_the_bit(tmp_path):
     """Each step waits for an answer to its own state, so there is no input tick between the two at
     all."""
 
@@ -148,9 +144,7 @@ def device(browser: Page, axes: list[float]) -> None:
 
 
 @needs_chromium
-def test_mouse_keys_and_a_wheel_reach_the_tape_and_a_hidden_window_holds_the_drive(
-    tmp_path: Path,
-) -> None:
+def test_mouse_keys_and_a_wheel_reach_the_tape_and_a_hidden_window_holds_the_drive(tmp_path):
     """In real time: the mouse, 8 px to the left of the middle, of 200, its left button pressed;
     held by the
     page's button; left is pressed on the keyboard and let go; the window loses the focus, nothing
@@ -229,9 +223,7 @@ def test_mouse_keys_and_a_wheel_reach_the_tape_and_a_hidden_window_holds_the_dri
 
 @pytest.mark.campaign
 @needs_chromium
-def test_fingers_reach_the_tape_and_3_d_by_the_processor_gives_way_to_the_plain_drawing(
-    tmp_path: Path,
-) -> None:
+def test_fingers_reach_the_tape_and_3_d_by_the_processor_gives_way_to_the_plain_drawing(tmp_path):
     """On a phone's screen: a finger pulled by half its way to the right steers by half; half up,
     the pedal is pressed by 0.5 / 0.85. The browser here has no graphics processor, so the road is
     drawn plainly, the page says so, and the tape too; who wishes for 3-D gets it. A graphics

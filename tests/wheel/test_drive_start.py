@@ -8,9 +8,7 @@ from sumo_eval.record import loops
 from sumo_eval.scenario import catalogue
 
 
-def test_ctrl_c_while_a_drive_compiles_stops_it_at_once(
-    tmp_path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_while_a_drive_compiles_stops_it_at_once(tmp_path, monkeypatch):
     def stopped(scripts: list[str]) -> None:
         raise KeyboardInterrupt
 
@@ -23,14 +21,14 @@ def test_ctrl_c_while_a_drive_compiles_stops_it_at_once(
     assert "Drive here" not in done.said
 
 
-def test_a_parameter_with_listed_values_begins_at_one_of_them() -> None:
+def test_a_parameter_with_listed_values_begins_at_one_of_them():
     """`side` is -1 or 1; between them there is no scene to drive."""
     values = concrete_of(catalogue.load("exit_cut"), {}).values
     assert values["side"] == 1.0
 
 
 @pytest.mark.parametrize("name", ["ncap_ccrs", "ncap_ccrb", "ncap_ccrm"])
-def test_a_drive_begins_where_the_middle_is_impossible(name: str) -> None:
+def test_a_drive_begins_where_the_middle_is_impossible(name):
     values = concrete_of(catalogue.load(name), {"ego_speed": 10.0}).values
     assert values["ego_speed"] == 10.0
     assert abs(values["overlap"]) == 0.5

@@ -1,8 +1,6 @@
 """From keys, wheel and stick to commands: the law's numbers by hand, a scripted driver who changes
 lanes."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -30,7 +28,7 @@ CAR = VehicleSettings()
 STEP = 0.02
 
 
-def test_the_limit_gives_the_stated_acceleration_across_the_road() -> None:
+def test_the_limit_gives_the_stated_acceleration_across_the_road():
     """At 20 m/s: 16 atan(3 * 2.7 / 400) = 0.32396 rad; v^2 tan(angle / 16) / 2.7 = 3 m/s2."""
     angle = angle_of(3.0, 20.0, CAR)
     assert angle == pytest.approx(0.32396, abs=1e-5)
@@ -38,7 +36,7 @@ def test_the_limit_gives_the_stated_acceleration_across_the_road() -> None:
     assert angle_of(3.0, 0.0, CAR) == WIDEST == math.radians(450.0)
 
 
-def test_a_held_key_turns_to_the_limit_in_its_time_and_back_in_its_own() -> None:
+def test_a_held_key_turns_to_the_limit_in_its_time_and_back_in_its_own():
     hands, limit = Hands(CAR, STEP), angle_of(3.0, 20.0, CAR)
     angles = [hands.command(Given(keys=LEFT), 20.0).steering for _ in range(20)]
     assert angles[14] == pytest.approx(limit)  # 0.3 s are 15 steps
@@ -53,7 +51,7 @@ def test_a_held_key_turns_to_the_limit_in_its_time_and_back_in_its_own() -> None
     assert hands.angle == pytest.approx(-angle_of(6.0, 20.0, CAR))
 
 
-def test_no_hand_is_faster_than_the_vehicle_lets_it() -> None:
+def test_no_hand_is_faster_than_the_vehicle_lets_it():
     hands = Hands(CAR, STEP)
     before = 0.0
     for step in range(200):
@@ -62,7 +60,7 @@ def test_no_hand_is_faster_than_the_vehicle_lets_it() -> None:
         before = angle
 
 
-def test_pedals_and_keys_ask_for_what_they_say() -> None:
+def test_pedals_and_keys_ask_for_what_they_say():
     hands = Hands(CAR, STEP)
     for keys, wanted in (
         (0, 0.0),
@@ -81,7 +79,7 @@ def test_pedals_and_keys_ask_for_what_they_say() -> None:
 
 
 @pytest.mark.parametrize("speed", [10.0, 20.0, 30.0, 40.0])
-def test_a_driver_with_two_keys_changes_lanes_and_keeps_them(speed: float) -> None:
+def test_a_driver_with_two_keys_changes_lanes_and_keeps_them(speed):
     """Preview 1.2 s, deadband 0.35 m, reaction 0.26 s: over 3.5 m within 4 s, less than 1 m beyond,
     and kept."""
     hands, state = Hands(CAR, STEP), EgoState(0.0, 0.0, 0.0, speed)

@@ -1,7 +1,5 @@
 """What a browser may say: everything else is a sentence, never a traceback."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
@@ -10,7 +8,7 @@ from sumo_eval.extras.wheel.hands import Given
 from sumo_eval.extras.wheel.messages import MessageError, read
 
 
-def test_what_the_page_sends_is_understood() -> None:
+def test_what_the_page_sends_is_understood():
     assert read('{"input": [7, 3, "keys", 5, 0, 0, 0]}')["input"] == (
         7,
         3,
@@ -50,6 +48,6 @@ def test_what_the_page_sends_is_understood() -> None:
     '{"telling": {"frames": -1, "dropped": 0, "stepped": 0, "latency": [], "resolution": 1, '
     '"renderer": ""}}',
 ])  # fmt: skip
-def test_what_our_pages_never_send_is_refused(text: object) -> None:
+def test_what_our_pages_never_send_is_refused(text):
     with pytest.raises(MessageError, match=r"^[A-Z].*\.$"):
         read(text)

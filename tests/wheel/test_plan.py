@@ -1,7 +1,5 @@
 """Orders that are balanced, and study files that say what they mean."""
 
-from __future__ import annotations
-
 import itertools
 from collections import Counter
 
@@ -11,7 +9,7 @@ from sumo_eval.extras.wheel.plan import balanced_orders
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 8])
-def test_everything_stands_everywhere_and_follows_everything_equally_often(n: int) -> None:
+def test_everything_stands_everywhere_and_follows_everything_equally_often(n):
     rows = balanced_orders(n)
     assert len(rows) == (n if n % 2 == 0 else 2 * n)
     assert all(sorted(row) == list(range(n)) for row in rows)

@@ -1,8 +1,6 @@
 """How good a drive by a person is as a measurement: reactions by hand, and each bound with the
 drive that breaks it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -47,13 +45,11 @@ def drive(*, brakes: float = np.inf, steers: float = np.inf, bend: float = 0.0) 
         (drive(bend=0.08), None),  # the road bends by 1.6 m/s2 across, and nobody moves the wheel
     ],
 )
-def test_a_reaction_is_what_hands_and_feet_did_after_the_event(
-    recording: Recording, after: float | None
-) -> None:
+def test_a_reaction_is_what_hands_and_feet_did_after_the_event(recording, after):
     assert reaction(recording, 1.0, CAR) == (None if after is None else pytest.approx(after))
 
 
-def test_each_bound_marks_the_drive_that_breaks_it_and_no_other() -> None:
+def test_each_bound_marks_the_drive_that_breaks_it_and_no_other():
     rule = QualitySettings()
     assert GOOD.against(rule) == ()
     for change, words in (
@@ -78,5 +74,5 @@ def test_each_bound_marks_the_drive_that_breaks_it_and_no_other() -> None:
     )  # a tape that does not tell
 
 
-def test_the_participant_reads_the_share_of_late_pictures() -> None:
+def test_the_participant_reads_the_share_of_late_pictures():
     assert "100 % of the pictures came late." in replace(GOOD, dropped=1.0).sentences()

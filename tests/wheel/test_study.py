@@ -1,8 +1,6 @@
 """A study from the first code to the scores: participants over the real window, without a browser,
 step by step."""
 
-from __future__ import annotations
-
 import asyncio
 import csv
 import json
@@ -162,9 +160,7 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 
 @pytest.mark.campaign
-def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(
-    plan: StudyPlan, tmp_path: Path
-) -> None:
+def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan, tmp_path):
     """Three people, two cases: one by one to the end, one who comes back after a crash, one who
     ends a drive."""
     titles = take_part(plan, "P01")
@@ -214,7 +210,7 @@ def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(
     assert sentences[1:] == [f"{it.participant}, {it.case}: {it.why}." for it in found.left]
 
 
-def test_a_study_file_with_a_mistake_gets_a_sentence(plan: StudyPlan) -> None:
+def test_a_study_file_with_a_mistake_gets_a_sentence(plan):
     path = plan.run.parent / "wrong.toml"
     for text, words in (
         (STUDY.replace("consent", "consnt"), "Did you mean `consent`"),

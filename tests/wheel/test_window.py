@@ -1,8 +1,6 @@
 """The server: who may talk to it, what it does with those who may not, and a drive through it, with
 nothing lost."""
 
-from __future__ import annotations
-
 import asyncio
 import functools
 import json
@@ -75,7 +73,7 @@ async def closing(peer: Any, *texts: str | bytes) -> int:
 
 
 @run
-async def test_only_its_own_page_at_its_own_address_may_talk() -> None:
+async def test_only_its_own_page_at_its_own_address_may_talk():
     async with Window(page("Drive")) as window:
         good = f"GET / HTTP/1.1\nHost: 127.0.0.1:{window.port}"
         answer = await asked(window, good)
@@ -98,9 +96,7 @@ async def test_only_its_own_page_at_its_own_address_may_talk() -> None:
 
 
 @run
-async def test_no_path_is_served_but_the_page(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_no_path_is_served_but_the_page(tmp_path, monkeypatch):
     """From within a study's folder: its own files, what a link in it leads to, what lies outside,
     by dots as they are, encoded once and twice, with backslashes, as an address of its own: each is
     404, and no byte of a file comes.
@@ -135,7 +131,7 @@ async def test_no_path_is_served_but_the_page(
 
 
 @run
-async def test_the_token_opens_and_nothing_else() -> None:
+async def test_the_token_opens_and_nothing_else():
     async with Window(page("Drive")) as window:
         for text in ('{"token": "ä"}', json.dumps({"token": window.token[:-1]}), '{"ready": true}'):
             assert await closing(await opened(window), text) == UNKNOWN
@@ -233,9 +229,7 @@ def finish(path: Path, stop_at: int = 10**6, says: str = '{"quit": true}') -> An
     return asyncio.run(body())
 
 
-def test_a_drive_through_the_window_is_the_same_driver_at_the_door_to_the_bit(
-    tmp_path: Path,
-) -> None:
+def test_a_drive_through_the_window_is_the_same_driver_at_the_door_to_the_bit(tmp_path):
     """Each step waits for the answer to its own state: no tick between them, and nothing differs.
 
     The tape driven again comes to the same bytes as well; with one command less it does not.
@@ -255,9 +249,7 @@ def test_a_drive_through_the_window_is_the_same_driver_at_the_door_to_the_bit(
     assert (quality.end, quality.event) == ("road_end", 0.0)
 
 
-def test_quitting_and_a_broken_message_end_the_drive(
-    tmp_path: Path,
-) -> None:
+def test_quitting_and_a_broken_message_end_the_drive(tmp_path):
     for name, says in (("quit", '{"quit": true}'), ("wrong", '{"input": [NaN]}')):
         path = tmp_path / f"{name}.jsonl"
         recording, _ = finish(path, 12, says)
@@ -270,9 +262,7 @@ def test_quitting_and_a_broken_message_end_the_drive(
 
 
 @run
-async def test_a_window_that_was_closed_holds_the_drive_and_whoever_comes_back_goes_on(
-    tmp_path: Path,
-) -> None:
+async def test_a_window_that_was_closed_holds_the_drive_and_whoever_comes_back_goes_on(tmp_path):
     """Closed at step 20, opened again: that state is there, the drive goes on to its end, the tape
     has the pause."""
     path = tmp_path / "drive.jsonl"
@@ -288,7 +278,7 @@ async def test_a_window_that_was_closed_holds_the_drive_and_whoever_comes_back_g
 
 
 @run
-async def test_a_pause_that_is_over_before_the_seat_looks_is_on_the_tape(tmp_path: Path) -> None:
+async def test_a_pause_that_is_over_before_the_seat_looks_is_on_the_tape(tmp_path):
     """`pause` and `ready` in one breath, while the seat waits for the answer to step 20: one pause,
     by the key."""
     path = tmp_path / "drive.jsonl"
@@ -310,15 +300,13 @@ class Gone:
         raise LeftTheWheelError("x")
 
 
-def test_no_ads_can_end_its_case_by_quitting() -> None:
+def test_no_ads_can_end_its_case_by_quitting():
     found = simulate(CONCRETE, Gone(), SETTINGS)
     assert found.end_reason == "ads_error"
     assert with_quit(found, "quit").end_reason == "quit"
 
 
-def test_a_tape_that_broke_off_can_be_driven_and_one_that_was_never_a_tape_cannot(
-    tmp_path: Path,
-) -> None:
+def test_a_tape_that_broke_off_can_be_driven_and_one_that_was_never_a_tape_cannot(tmp_path):
     path = tmp_path / "drive.jsonl"
     finish(path, 8)
     lines = path.read_text().splitlines()
@@ -336,7 +324,7 @@ def test_a_tape_that_broke_off_can_be_driven_and_one_that_was_never_a_tape_canno
 
 
 @run
-async def test_who_sends_too_much_is_shut_out() -> None:
+async def test_who_sends_too_much_is_shut_out():
     async with Window(page("Drive")) as window:
         peer = await known(window)
         assert await closing(peer, *['{"ready": true}'] * 3000) == FLOODED
@@ -358,8 +346,8 @@ async def test_who_sends_too_much_is_shut_out() -> None:
 )
 @run
 async def test_whatever_is_wrong_with_a_message_the_drive_ends_with_a_sentence(
-    tmp_path: Path, text: str | bytes, code: int, words: str
-) -> None:
+    tmp_path, text, code, words
+):
     """Also what is wrong before it can be read; what was driven until then is there, and comes to
     the same bytes."""
     path = tmp_path / "drive.jsonl"
@@ -375,7 +363,7 @@ async def test_whatever_is_wrong_with_a_message_the_drive_ends_with_a_sentence(
 
 
 @run
-async def test_a_second_browser_is_shut_out_and_the_first_one_drives_on(tmp_path: Path) -> None:
+async def test_a_second_browser_is_shut_out_and_the_first_one_drives_on(tmp_path):
     path = tmp_path / "drive.jsonl"
     async with drive_in_window(path) as (window, drive):
         peer = await known(window)
@@ -390,9 +378,7 @@ async def test_a_second_browser_is_shut_out_and_the_first_one_drives_on(tmp_path
 
 
 @pytest.mark.campaign
-def test_a_laptop_that_sleeps_and_a_page_that_freezes_hold_the_drive_and_lose_nothing(
-    tmp_path: Path,
-) -> None:
+def test_a_laptop_that_sleeps_and_a_page_that_freezes_hold_the_drive_and_lose_nothing(tmp_path):
     """The program stands still for 2.5 s in mid-drive, as while a laptop sleeps; then the window
     answers nothing for longer than 2 s; then it is gone without a word. Each holds the drive until
     somebody says that it goes on; the tape has all three and comes to the same bytes.

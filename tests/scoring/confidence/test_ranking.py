@@ -1,8 +1,6 @@
 """ADSs in the order of S+: told apart by differences over the same points, not by intervals that
 overlap."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -57,7 +55,7 @@ def scored(
     return done, {(one.ads, one.scenario): spread for one, spread in zip(done, found, strict=True)}
 
 
-def test_a_difference_over_the_same_points_tells_apart_what_two_intervals_do_not() -> None:
+def test_a_difference_over_the_same_points_tells_apart_what_two_intervals_do_not():
     scores, found = scored(drives("low", 0.0), drives("high", 0.02))
     low, high = (score.s_plus_interval for score in scores)
     assert low is not None
@@ -75,7 +73,7 @@ def test_a_difference_over_the_same_points_tells_apart_what_two_intervals_do_not
     )
 
 
-def test_one_ads_under_two_names_differs_from_itself_by_nothing_and_shares_its_place() -> None:
+def test_one_ads_under_two_names_differs_from_itself_by_nothing_and_shares_its_place():
     """In `s` both drove alike but for the computer's time, in `t` by 0.02 of H in every case: 1
     point, and 0.5 over both scenarios. One other drive in `s` that scores the same changes nothing,
     one that scores less widens it.
@@ -103,9 +101,7 @@ def test_one_ads_under_two_names_differs_from_itself_by_nothing_and_shares_its_p
         assert (low < high) is apart
 
 
-def test_neighbours_that_cannot_be_told_apart_share_a_place_and_the_next_one_is_counted_on() -> (
-    None
-):
+def test_neighbours_that_cannot_be_told_apart_share_a_place_and_the_next_one_is_counted_on():
     scores, found = scored(
         drives("a", 0.001, own=0.1), drives("bb", 0.0, own=0.1), drives("ccc", -0.1, own=0.1)
     )
@@ -121,7 +117,7 @@ def test_neighbours_that_cannot_be_told_apart_share_a_place_and_the_next_one_is_
     assert len(plain["pairs"]) == 3
 
 
-def test_the_weights_of_scenarios_decide_and_the_total_is_their_mean() -> None:
+def test_the_weights_of_scenarios_decide_and_the_total_is_their_mean():
     one, found = scored(drives("a", 0.1), drives("bb", 0.0))
     two, others = scored(drives("a", 0.0, "t"), drives("bb", 0.04, "t"))
     both = rank([*one, *two], found | others, RankingSettings())
@@ -135,7 +131,7 @@ def test_the_weights_of_scenarios_decide_and_the_total_is_their_mean() -> None:
     assert only.ads[0].interval == two[1].s_plus_interval
 
 
-def test_a_misspelt_scenario_and_weights_of_nothing_are_refused() -> None:
+def test_a_misspelt_scenario_and_weights_of_nothing_are_refused():
     scores, found = scored(drives("a", 0.0))
     with pytest.raises(InputError, match=r"Unknown scenario `z` in `method.ranking.weights`"):
         rank(scores, found, RankingSettings({"z": 2.0}))
@@ -145,7 +141,7 @@ def test_a_misspelt_scenario_and_weights_of_nothing_are_refused() -> None:
         RankingSettings({"s": -1.0})
 
 
-def test_an_ads_without_an_s_plus_has_no_place() -> None:
+def test_an_ads_without_an_s_plus_has_no_place():
     scores, found = scored(drives("a", 0.0), drives("bb", 0.0))
     gone = [replace(scores[0], s_plus=None), scores[1]]
     ranking = rank(gone, found, RankingSettings())
@@ -153,7 +149,7 @@ def test_an_ads_without_an_s_plus_has_no_place() -> None:
     assert "not ranked: a has no S+ in some scenario" in "\n".join(ranking_lines(ranking))
 
 
-def test_without_people_h_counts_0_and_without_a_task_a_scenario_has_no_part() -> None:
+def test_without_people_h_counts_0_and_without_a_task_a_scenario_has_no_part():
     """T = A' = 1 throughout.
 
     In `s` H of `a` is 0.2 above that of `bb`: 10 points, 5 over `s` and `t`. `t` has nobody to
@@ -180,7 +176,7 @@ def test_without_people_h_counts_0_and_without_a_task_a_scenario_has_no_part() -
     assert [row.place for row in nowhere.ads] == [None, None]
 
 
-def test_missing_cases_move_both_ends_on_and_keep_two_ads_from_being_told_apart() -> None:
+def test_missing_cases_move_both_ends_on_and_keep_two_ads_from_being_told_apart():
     whole, lost = drives("low", 0.0), drives("high", 0.02)
     lost[:8] = [
         replace(LOST_SAFE, ads="high", exposure=1.0, weight=1.0, no_reaction_severity=0.0)
@@ -198,7 +194,7 @@ def test_missing_cases_move_both_ends_on_and_keep_two_ads_from_being_told_apart(
     assert not rank(scores, found, RankingSettings()).pairs[0].told_apart
 
 
-def test_no_interval_of_s_reaches_beyond_what_eq_18_can_give() -> None:
+def test_no_interval_of_s_reaches_beyond_what_eq_18_can_give():
     """Missing cases could all have been as good as can be, and so could the next ones: still C = D
     = 1 at most."""
     some = [
@@ -219,7 +215,7 @@ def test_no_interval_of_s_reaches_beyond_what_eq_18_can_give() -> None:
         assert one.s_interval[1] <= most + 1e-9
 
 
-def test_a_missing_case_counts_as_doing_nothing_and_as_the_ideal_vehicle() -> None:
+def test_a_missing_case_counts_as_doing_nothing_and_as_the_ideal_vehicle():
     # U0 - Ug: 6 at the hit (U - Ug = 6), 10 at the lost one; A = 1 - 6/6 = 0, worst 1 - 16/16, best
     # 1 - 6/16
     hit = replace(HIT, weight=1.0, no_reaction_severity=10.0)
@@ -229,7 +225,7 @@ def test_a_missing_case_counts_as_doing_nothing_and_as_the_ideal_vehicle() -> No
     assert made.regret_interval == (pytest.approx(3.0), pytest.approx(8.0)), "6/2 and 16/2 m/s"
 
 
-def test_the_table_shows_an_interval_beside_every_score() -> None:
+def test_the_table_shows_an_interval_beside_every_score():
     scores, _ = scored(drives("a", 0.0))
     lines = score_lines(
         Evaluation("e", Path(), SETTINGS, {}, (), tuple(scores), ()), 300, everything=True
