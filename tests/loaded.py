@@ -12,8 +12,6 @@ def load(program: str) -> ModuleType:
     """A program by its path in the repository, loaded afresh."""
     path = ROOT / program
     spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # its dataclasses look themselves up there
     spec.loader.exec_module(module)

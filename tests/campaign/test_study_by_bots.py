@@ -103,7 +103,6 @@ def test_three_bots_drive_a_study_in_a_browser_and_fig_11_is_drawn(tmp_path):
         "0",
     ]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert server.stdout is not None
     address = server.stdout.readline().split(": ", 1)[1].strip()
     with Page(tmp_path / "profile", 800, 600, "--disable-3d-apis") as page:
         page.open(address, "document.documentElement.dataset.shown === 'sheet'")
@@ -120,7 +119,6 @@ def test_three_bots_drive_a_study_in_a_browser_and_fig_11_is_drawn(tmp_path):
     counted = re.search(
         r"3 took part; (\d+) drives by (\d+) of them count, (\d+) (?:are|is) left out", said
     )
-    assert counted is not None
     assert int(counted[1]) + int(counted[3]) == 24
     with_people = tmp_path / "people"
     sumo_eval.evaluate(tmp_path / "bots" / "evaluation.toml", out=with_people)

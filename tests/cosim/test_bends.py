@@ -128,7 +128,6 @@ def test_a_rear_end_on_a_curve_is_evaluated_on_the_map():
         on(bend(100.0), case(lead(20.0, 5.0), speed=15.0, x=10.0)), "no_reaction", SHORT
     )
     hit = found.collision
-    assert hit is not None
     assert (hit.other, hit.side) == ("lead", "front")
     turned = 0.0455 + math.atan(HALF_WHEELBASE / 100.0)
     assert hit.other_pose[2] - hit.ego_pose[2] == pytest.approx(turned, abs=1e-3)

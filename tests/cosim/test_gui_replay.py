@@ -42,7 +42,6 @@ def test_vehicles_stand_where_they_were_recorded_and_are_what_they_were(scenario
         )
 
     monkeypatch.setattr(traci, "simulationStep", watched)
-    assert SUMO is not None
     gui_replay.replay_in_gui(road, vehicles, None, program=SUMO, bodies={"lead": "bicycle"})
     assert shapes == {"ego": "passenger/sedan", "lead": "bicycle"}
     times = np.arange(0.0, vehicles["ego"].time[-1] + gui_replay.STEP, gui_replay.STEP)

@@ -186,7 +186,6 @@ def test_a_case_of_a_run_ends_when_its_ads_says_that_it_is_settled(ads):
     )
     run = Setup(DECIDED, RunSettings(), Path())
     recording = run_case(Case(0, passed, "ads", "mine", ads), run).recording
-    assert recording is not None
     assert recording.end_reason == ("decided" if ads == "careful_driver" else "time_limit")
 
 

@@ -100,8 +100,6 @@ def test_the_picture_is_small_says_what_it_shows_and_has_colours_for_light_and_d
     assert root.find(f"{SVG}title") is not None
     assert root.find(f"{SVG}desc") is not None
     style = root.find(f"{SVG}style")
-    assert style is not None
-    assert style.text is not None
     light, _, dark = style.text.partition("@media (prefers-color-scheme: dark)")
     for name in ("page", "box", "small", "safe", "danger", "field"):
         assert f".{name} {{" in light, name

@@ -142,7 +142,6 @@ def read(words: list[str]) -> None:
     if isinstance(command, click.Group) and rest:
         context = click.Context(command, parent=context)
         name, command, rest = command.resolve_command(context, rest)
-    assert command is not None
     with command.make_context(name, list(rest), parent=context):
         pass
 

@@ -14,5 +14,4 @@ needs_recordings = pytest.mark.skipif(
 
 def recording(*parts: str) -> Path:
     """A file of the recordings."""
-    assert HUMAN is not None
     return HUMAN.joinpath(*parts)

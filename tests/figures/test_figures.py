@@ -36,7 +36,6 @@ def test_every_figure_of_a_run_fits_its_width_and_holds_its_words(done, tmp_path
     file = save(draw(done, name, width=width), tmp_path / f"{name}.svg")
     root = ElementTree.parse(file).getroot()
     found = re.fullmatch(r"([\d.]+)pt", root.attrib["width"])
-    assert found is not None
     assert float(found[1]) == pytest.approx(WIDTHS[width] * 72.0, abs=0.5)
     assert "<path" in file.read_text(), "letters travel as outlines: no font is missing anywhere"
     if width == "column":  # drawn again: the same bytes

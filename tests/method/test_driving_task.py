@@ -52,7 +52,6 @@ def test_a_departure_is_the_first_corner_beyond_the_edge_and_the_margin():
     """The right edge is at y = -1.75, half the body 0.9: with 0.5 m more, a corner is out from y =
     -1.35 on."""
     found = first_departure(drive(20.0, 5.0, sideways=-1.0), ROAD, 0.5)
-    assert found is not None
     assert (found.time, found.speed) == (pytest.approx(1.4), 20.0)
     assert first_departure(drive(20.0, 1.3, sideways=-1.0), ROAD, 0.5) is None
     assert first_departure(drive(20.0, 5.0, sideways=-1.0), ROAD, 5.0) is None
@@ -65,7 +64,6 @@ def test_a_road_that_crosses_is_drivable():
 
 def test_a_departure_weighs_as_a_full_width_contact_with_a_standing_car():
     found = first_departure(drive(20.0, 5.0, sideways=-1.0), ROAD, 0.5)
-    assert found is not None
     contact = roadside_contact(found, 1.0)
     assert (contact.relative_speed, contact.overlap, contact.side) == (20.0, 1.0, "front")
 

@@ -134,7 +134,6 @@ def test_others_react_from_the_departure_on_else_they_collide(scene):
         seen = drive.time <= before
         assert np.array_equal(drive.x[seen], blind.actors[name].x[: seen.sum()])
     assert reacting.collision is None
-    assert blind.collision is not None
     assert (blind.collision.other, blind.collision.side) == ("vrear", "rear")
 
 

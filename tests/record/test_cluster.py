@@ -111,7 +111,6 @@ def test_every_case_ends_once_when_a_worker_is_killed_in_the_middle(cluster):
         {"crashed"},
     ]
     (alone,) = run_cases([cases[0]], Setup(SimulationSettings(), RunSettings(workers=1), HERE))
-    assert alone.recording is not None
     assert {packed(o.recording.ego) for o in by_name["idm"] if o.recording} == {
         packed(alone.recording.ego)
     }

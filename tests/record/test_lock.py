@@ -56,7 +56,6 @@ def test_the_lock_of_a_process_that_was_killed_is_free(tmp_path):
         stdout=subprocess.PIPE,
         text=True,
     ) as holder:
-        assert holder.stdout is not None
         assert holder.stdout.readline() == "held\n"
         with (
             pytest.raises(InputError, match="process of the test"),

@@ -100,7 +100,6 @@ def test_limits_are_absolute_relative_or_of_the_value_itself(evaluation):
         ),
     )
     base = evaluation.score(builders.CALM, builders.SCENARIOS[0]).d
-    assert base is not None
     share = 100.0 * 0.05 / base
     for limit, passes in (
         (LimitSettings("D", worse_by=0.0501), True),

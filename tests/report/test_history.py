@@ -102,7 +102,6 @@ def test_accept_keeps_what_when_and_why(evaluation, tmp_path):
     assert accepted == [f"{builders.CALM} in {builders.SCENARIOS[0]}: smallest gap: 1 nearer"]
     with open_history(tmp_path) as lines:
         pin = pin_of(lines)
-    assert pin is not None
     assert (pin.night, pin.reason, pin.until, pin.itself) == (
         LATER,
         "softer on purpose",

@@ -148,7 +148,6 @@ def test_a_case_struck_from_behind_is_a_cause_of_its_own_in_t(evaluation):
 
 def test_an_a_below_zero_is_shown_and_taken_as_zero(evaluation):
     worse, score = scores_with_a_below_zero(evaluation)
-    assert score.avoided_share is not None
     assert score.avoided_share < 0.0
     found = ledger_plus(Findings.of(worse, score))
     assert 1.0 + index(found, "A") == pytest.approx(score.avoided_share, abs=1e-12)

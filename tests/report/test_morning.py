@@ -228,7 +228,6 @@ def test_an_acceptance_of_yesterday_counts_no_more(evaluation, tmp_path):
         with open_history(tmp_path) as lines:
             lines.accept(Accepted(SECOND, FIRST, "softer brakes", until, itself=False))
             pin = pin_of(lines)
-        assert pin is not None
         assert pin.night == pinned
 
 

@@ -17,7 +17,6 @@ def test_the_section_is_there_only_where_people_were_asked(tmp_path):
     told = Opinion((rated,), {"S+": None, "A": None, "S": None, "D": None, "C": None}, None)
     (tmp_path / OPINION).write_text(json.dumps(opinion_json(told)), encoding="utf-8")
     content = opinion_content(tmp_path)
-    assert content is not None
     dots = {panel["name"]: [dot["share"] for dot in panel["dots"]] for panel in content["panels"]}
     # 70 of 100; below 0; 80 of 100; no D
     assert dots == {"S+": [0.7], "A": [0.0], "S": [0.8], "D": [], "C": [0.25]}

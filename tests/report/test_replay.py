@@ -69,7 +69,6 @@ def test_the_page_computes_the_gap_and_ttc_of_the_method(contact):
         const word = (value) => (Number.isFinite(value) ? value : String(value));
         console.log(JSON.stringify({{ gap: Array.from(gap, word), ttc: Array.from(ttc, word) }}));
     """
-    assert NODE is not None
     done = subprocess.run(
         [NODE, "-e", script], input=json.dumps(given), capture_output=True, text=True, check=True
     )

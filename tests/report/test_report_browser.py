@@ -30,7 +30,6 @@ needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not in
 
 def node(program: str, given: object) -> Any:
     """What a program that reads `given` and knows `sumoEval` prints as JSON."""
-    assert NODE is not None
     script = f"""
         const sumoEval = require({json.dumps(FIELD_JS)});
         const given = JSON.parse(require("fs").readFileSync(0, "utf8"));

@@ -89,7 +89,6 @@ def test_the_scores_stand_in_the_verdict(evaluation, page):
 
 def test_the_collisions_and_s_plus_come_before_the_papers_scores(tags, page):
     heading = re.search(r'<table class="scores">.*?</thead>', page, flags=re.S)
-    assert heading is not None
     columns = [
         unescape(re.sub(r"<[^>]+>", "", cell)).strip()
         for cell in re.findall(r"<th.*?</th>", heading[0], re.S)
@@ -225,7 +224,6 @@ def test_nothing_is_fetched_from_anywhere(page, tags):
     assert "url(" not in "".join(style)
     assert "@import" not in "".join(style)
     policy = next(attributes["content"] for tag, attributes in tags if attributes.get("http-equiv"))
-    assert policy is not None
     assert policy.startswith("default-src 'none'")
     assert "http" not in policy
 

@@ -19,13 +19,11 @@ def test_worst_case_of_the_best_ads_comes_first(evaluation):
     """The case that takes most from A; without any the least human-like one."""
     for ads in (builders.CALM, builders.HOSTILE):
         worst = worst_case(evaluation, [ads])
-        assert worst is not None
         assert worst.ads == ads
         assert (worst.incident_severity or 0.0) > (worst.ideal_severity or 0.0)
     calm = [case for case in evaluation.cases if case.ads == builders.CALM and not case.incident]
     safe = replace(evaluation, cases=tuple(calm))
     least = worst_case(safe, [builders.CALM])
-    assert least is not None
     assert least.human_likeness == min(
         case.human_likeness for case in calm if case.human_likeness is not None
     )

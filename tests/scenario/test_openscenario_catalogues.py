@@ -345,5 +345,4 @@ def test_how_the_lead_leaves_its_lane_alone_decides_on_a_cut_out_close_to_the_li
         hit = simulate(case, "careful_driver").collision
         speeds.append(0.0 if hit is None else hit.ego_velocity[0])
     hit = simulate(theirs, "careful_driver").collision
-    assert hit is not None
     assert speeds == [0.0, pytest.approx(hit.ego_velocity[0], abs=0.1)]

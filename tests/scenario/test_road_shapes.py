@@ -149,7 +149,6 @@ def test_pages_draw_what_is_not_there_the_lines_of_ramps_and_the_roads_that_cros
 )
 def test_a_goal_lane_is_a_way_that_ends_where_the_first_lane_does(ego, begin, by, ends):
     way = read(ego={"speed": "v", **ego}).concrete(v=20.0).ego.way
-    assert way is not None
     assert (way.offset, way.begin, way.by, way.ends) == (3.5, begin, by, ends)
     assert way.length(20.0) == 80.0  # 4 s
     assert way.length(200.0) == by - begin

@@ -198,7 +198,6 @@ def test_law_a_shipped_scenario_that_is_played_is_what_runs_were_made_with(use):
     if sides := [column for column, axis in enumerate(logical.parameters) if axis.values]:
         points[:, sides] = np.where(points[:, sides] > 0.0, 1.0, -1.0)
     search = logical.search
-    assert search is not None
     found = hashlib.sha256(f"{search.obstacle} {search.conflict}".encode())
     for concrete in logical.concretes(points[logical.feasible(points)]):
         way = concrete.ego.way
@@ -241,7 +240,6 @@ def test_the_zones_of_a_cut_in_see_closing_speed_and_the_gap_left():
         strict=True)}  # fmt: skip
     for use in ("cut_in", "cut_in?lateral_acceleration=1.5"):
         coordinates = catalogue.load(use).zone_coordinates
-        assert coordinates is not None
         closing, left = coordinates.of(point)
         assert closing.tolist() == [20.0]
         assert left == pytest.approx(np.tanh(20.0 / 100.0), rel=1e-14)

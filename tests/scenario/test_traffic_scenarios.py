@@ -29,7 +29,6 @@ def test_oracle_braking_as_un_r79_ends_1_s_behind(ego, faster):
     assert s == pytest.approx(known[round(ego * 3.6), round(faster * 3.6)], abs=0.06)
     point = {"ego_speed": np.array([ego]), "faster": np.array([faster]), "gap": np.array([50.0])}
     margin = catalogue.load("lane_change_rear").margin
-    assert margin is not None
     assert float(margin(point)[0]) == pytest.approx(50.0 - s)
     content = {
         "name": "t",

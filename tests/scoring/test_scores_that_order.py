@@ -130,7 +130,6 @@ def test_after_a_collision_in_the_safe_zone_there_is_no_d_but_there_is_an_h(both
     score = both.score("no_reaction", CUT_OUT)
     assert (score.d, score.h_reason) == (None, None)
     assert score.d_reason == NotComputed("collisions", score.safe_collisions)
-    assert score.human_likeness is not None
     # by hand: likeness 0.6 of exposure 3, and an avoidable collision, 0, of exposure 1: H = 1.8 / 4
     made = combined(
         replace(SAFE, human_likeness=0.6),

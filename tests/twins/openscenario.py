@@ -145,14 +145,12 @@ class Body:
 
     def place(self) -> tuple[float, float]:
         """The centre of the body on the map."""
-        assert self.road is not None
         x, y, _ = self.road.at(self.s, self.t)
         heading = self.heading()
         return x + self.centre * math.cos(heading), y + self.centre * math.sin(heading)
 
     def heading(self) -> float:
         """Where it points on the map."""
-        assert self.road is not None
         turn = (0.0 if self.way > 0 else math.pi) if self.turn is None else self.turn
         return self.road.at(self.s, self.t)[2] + turn
 
@@ -171,7 +169,6 @@ class Body:
 
     def lane(self) -> int:
         """The number of its lane."""
-        assert self.road is not None
         return next(k for k, (c, w, _) in self.road.lanes.items() if abs(self.t - c) <= w / 2)
 
 
@@ -309,7 +306,6 @@ class Reader:
             if first is not None:
                 goal = Body(0.0, 0.0, 0.0)
                 self._put(goal, first[0])
-                assert goal.road is not None
                 x, y, heading = goal.road.at(goal.s, goal.t)
                 places.append((x, y))
             length, begin, end = (
@@ -333,7 +329,6 @@ class Reader:
             route = self._held(position.find("RouteRef"), "Route")
             self._put(body, next(route.iter("LanePosition")))
             at = position.find("InRoutePosition")[0]
-            assert body.road is not None
             body.s += self.number(at, "pathS")
             if at.tag == "FromLaneCoordinates":
                 lane = body.road.lanes[int(self.text(at, "laneId"))]
@@ -353,19 +348,14 @@ class Reader:
                 lane = int(self.text(position, "laneId"))
                 body.t = body.road.lanes[lane][0] + self.number(position, "offset")
         elif position.tag == "RelativeLanePosition":
-            assert other is not None
-            assert other.road is not None
             body.road, body.s = other.road, other.s + self.number(position, "ds")
             lane = self._beside(other.lane(), int(self.number(position, "dLane")))
             body.t = body.road.lanes[lane][0] + self.number(position, "offset")
         elif position.tag == "RelativeRoadPosition":
-            assert other is not None
             body.road, body.s = other.road, other.s + self.number(position, "ds")
             body.t = other.t + self.number(position, "dt")
         else:
             if position.tag == "RelativeObjectPosition":
-                assert other is not None
-                assert other.road is not None
                 x, y, _ = other.road.at(other.s, other.t)
                 along = other.heading()
                 dx, dy = self.number(position, "dx"), self.number(position, "dy")
@@ -387,7 +377,6 @@ class Reader:
                     ]
                     beside.append((max(min(lanes, default=math.inf), 0.0), len(beside), road, s, t))
             _, _, body.road, body.s, body.t = min(beside)
-            assert body.road is not None
             body.turn = along - body.road.at(body.s)[2]
             body.way = 1 if math.cos(body.turn) > 0.0 else -1
             if position.tag == "RelativeObjectPosition" or abs(math.sin(body.turn)) < 0.01:
@@ -400,7 +389,6 @@ class Reader:
         turn = position.find("Orientation")
         if turn is None:
             return True
-        assert body.road is not None
         heading = self.number(turn, "h")
         if turn.get("type") != "relative":
             heading -= body.road.at(body.s)[2]
@@ -445,7 +433,6 @@ class Reader:
         return lambda: self.time >= begun + lasts - 1e-9
 
     def _across(self, body: Body, action: Any) -> Callable[[], bool]:
-        assert body.road is not None
         target = next(it for it in action if it.tag.endswith("Target"))[0]
         dynamics = next(it for it in action if it.tag.endswith("Dynamics"))
         other = self.bodies.get(self.text(target, "entityRef"), body)
@@ -511,7 +498,6 @@ class Reader:
         for name, mover in (("TargetPositionMaster", master), ("TargetPosition", body)):
             goal = Body(0.0, 0.0, 0.0)
             self._put(goal, action.find(name)[0])
-            assert mover.road is not None
             x, y = goal.place()
             a, b, heading = mover.road.at(mover.s, mover.t)
             ahead = (x - a) * math.cos(heading) + (y - b) * math.sin(heading)
@@ -618,8 +604,6 @@ class Reader:
     def _ahead(self, element: Any, body: Body, other: Body) -> float:
         """How far another reference point is ahead: along the body's own axis, the middle of its
         lane, or the reference line."""
-        assert body.road is not None
-        assert other.road is not None
         along_road = self.text(element, "alongRoute") == "true"
         system = element.get("coordinateSystem", "lane" if along_road else "entity")
         if system != "entity":
@@ -635,7 +619,6 @@ class Reader:
     def step(self) -> None:
         """The next 0.01 s."""
         for body in self.bodies.values():
-            assert body.road is not None
             was = body.v
             if "speed" in body.moves:
                 body.v = body.moves["speed"]()

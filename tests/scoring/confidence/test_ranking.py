@@ -58,8 +58,6 @@ def scored(
 def test_a_difference_over_the_same_points_tells_apart_what_two_intervals_do_not():
     scores, found = scored(drives("low", 0.0), drives("high", 0.02))
     low, high = (score.s_plus_interval for score in scores)
-    assert low is not None
-    assert high is not None
     assert low[1] > high[0], "the intervals overlap"
     ranking = rank(scores, found, RankingSettings())
     assert [(one.ads, one.place) for one in ranking.ads] == [("high", 1), ("low", 2)]
@@ -185,11 +183,9 @@ def test_missing_cases_move_both_ends_on_and_keep_two_ads_from_being_told_apart(
     scores, found = scored(whole, lost)
     high = scores[1]
     alone, worst, best = combined(*lost), 0.0, 0.0
-    assert alone.human_likeness_interval is not None
     worst, best = alone.human_likeness_interval
     assert worst == pytest.approx(sum(row.human_likeness or 0.0 for row in lost) / 80)
     assert best == pytest.approx((sum(row.human_likeness or 0.0 for row in lost) + 8) / 80)
-    assert high.human_likeness_interval is not None
     assert high.human_likeness_interval[0] < worst < best < high.human_likeness_interval[1]
     assert not rank(scores, found, RankingSettings()).pairs[0].told_apart
 
@@ -211,7 +207,6 @@ def test_no_interval_of_s_reaches_beyond_what_eq_18_can_give():
     ):
         settings = replace(SETTINGS, method=replace(SETTINGS.method, score=points))
         (one,), _ = scored(some, settings=settings)
-        assert one.s_interval is not None
         assert one.s_interval[1] <= most + 1e-9
 
 
