@@ -19,12 +19,12 @@ from sumo_eval.scoring.gate_settings import (
     HIGHER_COLUMNS,
     HIGHER_IS_BETTER,
     OF_THE_COMPARISON,
+    OF_U,
     QUANTITIES,
     GateSettings,
     LimitSettings,
 )
 from sumo_eval.scoring.rule import QUIET, Noise
-from sumo_eval.trajectory import FloatArray
 
 _CHANGES: dict[str, Change] = {
     "new_collisions": "new collision",
@@ -194,11 +194,12 @@ def _judge_cases(
 ) -> Iterator[GateResult]:
     """Every bound of a limit on a column of cases.csv, in every case of the new run by itself."""
     result = partial(GateResult, limit.quantity, score.ads, score.scenario)
-    after = _column(cases, limit.quantity)
-    before = np.full(len(cases), np.nan)
+    name = "index" if limit.quantity == "d_i" else limit.quantity
+    after = getattr(cases, name).astype(np.float64)
+    before, two_units = np.full(len(cases), np.nan), False
     if compared is not None:
-        paired = compared.changed.paired
-        before[paired.new_rows] = _column(paired.base, limit.quantity)
+        before[compared.changed.paired.new_rows] = compared.comparable(name)[0]
+        two_units = name in OF_U and not compared.one_unit
     worse = before - after if limit.quantity in HIGHER_COLUMNS else after - before
     share = worse - np.abs(before) * (limit.worse_by_percent or 0.0) / 100.0
     scale = np.maximum(1.0, np.abs(np.where(np.isfinite(before), before, after)))
@@ -213,7 +214,9 @@ def _judge_cases(
         if bound is None:
             continue
         if not known:
-            yield result(None, f"{limit.quantity}: no case has a value to compare", own=own)
+            apart = two_units and not own
+            why = " has another unit in the base" if apart else ": no case has a value to compare"
+            yield result(None, f"{limit.quantity}{why}", own=own)
             continue
         bad = np.flatnonzero(beyond > limit.tolerance * scale)
         worst = bad[np.argsort(-beyond[bad], kind="stable")].tolist()
@@ -227,8 +230,3 @@ def _judge_cases(
         keys = tuple(cases[k].case for k in worst[:MOST_KEYS])
         sentence, ok = f"{limit.quantity} is {where}", not len(bad)
         yield result(ok, sentence, float(len(bad)), None, keys, tuple(changes), own=own)
-
-
-def _column(cases: CaseTable, name: str) -> FloatArray:
-    """A column of cases.csv as numbers, (n,); nan where it is empty."""
-    return np.asarray(getattr(cases, "index" if name == "d_i" else name), dtype=np.float64)

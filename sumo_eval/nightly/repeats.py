@@ -113,7 +113,10 @@ def _floors(
     names = [measure.quantity for measure in (*settings.near_miss.measure, *settings.shift.measure)]
     once, twice = CaseTable.of(first), CaseTable.of(second)
     floors = {
-        name: floor_of(getattr(twice, name) - getattr(once, name), settings.noise) for name in names
+        name: floor_of(
+            np.subtract(getattr(twice, name), getattr(once, name), dtype=np.float64), settings.noise
+        )
+        for name in names
     }
     return floors | {"severity": severity_floor(Ends.of(once), Ends.of(twice), settings.noise)}
 
@@ -129,24 +132,25 @@ def bad_again(
     drives each is bad.
     """
     bases = dict(_newly_bad_rows(comparisons, noise, settings))
-    bad, unit = dict.fromkeys(bases, 1), done.settings.method.collision.unit
+    bad = dict.fromkeys(bases, 1)
     for _ in range(settings.outcome.repeats if bases else 0):
         for case, row in _rerun(done, bases, place).items():
-            old, new = (Ends.of(CaseTable.of([one])) for one in (bases[case], row))
-            limit = severity_limit(settings, noise.of(row.ads), unit)
+            base, units = bases[case]
+            old, new = (Ends.of(CaseTable.of([one])) for one in (base, row))
+            limit = severity_limit(settings, noise.of(row.ads), units)
             bad[case] += any(flags.any() for flags in worse_ends(old, new, limit).values())
     return bad
 
 
 def _newly_bad_rows(
     comparisons: Sequence[Comparison], noise: Noise, settings: GateSettings
-) -> Iterator[tuple[str, CaseResult]]:
-    """Key of a newly bad case of a noisy ADS, and its row in the base."""
+) -> Iterator[tuple[str, tuple[CaseResult, tuple[str, str]]]]:
+    """Key of a newly bad case of a noisy ADS, its row in the base, and both units of U."""
     for one in (one for comparison in comparisons for one in comparison.ads):
         repeats, paired = noise.of(one.ads), one.changed.paired
         for worse in newly_bad(one, settings, repeats).values() if repeats.noisy else ():
             for pair in worse.which:
-                yield paired.new[pair].case, paired.base[pair]
+                yield paired.new[pair].case, (paired.base[pair], one.units)
 
 
 def shaky_cases(done: Evaluation, bad: Mapping[str, int], settings: GateSettings) -> set[ShakyCase]:

@@ -109,7 +109,7 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
             chance = set(shaky)
             bad = [k for k, key in zip(worse.which, keys, strict=True) if key not in chance]
             number = len(bad)
-            limit = f"{severity_limit(settings, repeats, one.units[1]):z.3g}{one.units[1]}"
+            limit = f"{severity_limit(settings, repeats, one.units):z.3g}{one.units[1]}"
             sentence = _outcome_words(quantity, number, limit) + _shaky_words(shaky, noise)
             yield GateResult(
                 quantity, one.ads, one.scenario, not number, sentence, float(number), 0.0,

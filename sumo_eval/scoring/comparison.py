@@ -24,7 +24,7 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
 from sumo_eval.scoring.comparability import Difference, differences, refuse_unless_comparable
 from sumo_eval.scoring.confidence.paired_differences import COMPARED, paired_differences
-from sumo_eval.scoring.gate_settings import HARSHER_BY, TIMED, GateSettings, change_of_u
+from sumo_eval.scoring.gate_settings import HARSHER_BY, OF_U, TIMED, GateSettings, change_of_u
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 Change = Literal[
@@ -202,6 +202,20 @@ class AdsComparison:
     def pairs(self) -> int:
         """Cases that both runs have."""
         return len(self.changed.paired.new_rows)
+
+    @property
+    def one_unit(self) -> bool:
+        """Whether U has one unit in both runs."""
+        return self.units[0] == self.units[1]
+
+    def comparable(self, column: str) -> tuple[FloatArray, FloatArray]:
+        """A column of all pairs in the base and in the new run, (n,) each; all nan where it is a U
+        in two units.
+        """
+        sides = self.changed.paired.base, self.changed.paired.new
+        unknown = 0.0 if self.one_unit or column not in OF_U else np.nan
+        before, after = (getattr(cases, column).astype(np.float64) + unknown for cases in sides)
+        return before, after
 
 
 @dataclass(frozen=True, slots=True)

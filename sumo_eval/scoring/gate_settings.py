@@ -44,6 +44,11 @@ HIGHER_COLUMNS: Final = frozenset((
 ))  # fmt: skip
 """Columns of which a rise is an improvement; of all other columns it is not."""
 
+OF_U: Final = frozenset((
+    "severity", "ideal_severity", "no_reaction_severity", "departure_severity", "incident_severity",
+))  # fmt: skip
+"""Columns in the unit of U, which two runs may have in different units."""
+
 TIMED: Final = (
     "wall_time", "latency_mean", "latency_max", "latency_median", "latency_p99",
     "latency_reference",

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import bdtr
 
 from sumo_eval.cases import CaseTable, Column
-from sumo_eval.scoring.comparison import AdsComparison, Comparison, Paired
+from sumo_eval.scoring.comparison import AdsComparison, Comparison
 from sumo_eval.scoring.gate_settings import (
     LAST_DIGIT,
     SEVERITY_BY,
@@ -217,21 +217,23 @@ def severity_floor(once: Ends, twice: Ends, settings: NoiseSettings) -> float:
     return floor_of((twice.severity - once.severity)[harmed], settings)
 
 
-def severity_limit(settings: GateSettings, repeats: Repeats, unit: str) -> float:
-    """Rise of U that counts: max(0.5 m/s, 2 floors of U); of a U without unit max(0.01, 2 floors).
+def severity_limit(settings: GateSettings, repeats: Repeats, units: tuple[str, str]) -> float:
+    """Rise of U that counts: max(0.5 m/s, 2 floors of U); of a U without unit max(0.01, 2 floors);
+    of a U in two units none.
 
-    unit: of U.
+    units: of U in the base and in the new run.
     """
+    if units[0] != units[1]:
+        return math.inf
     rule = settings.outcome
-    least = change_of_u(rule.severity_by, SEVERITY_BY, unit)
+    least = change_of_u(rule.severity_by, SEVERITY_BY, units[1])
     return max(least, rule.floors * repeats.floors.get("severity", 0.0))
 
 
 def newly_bad(one: AdsComparison, settings: GateSettings, repeats: Repeats) -> dict[str, Worse]:
     """The pairs of part one, by quantity."""
     base, new = (Ends.of(cases) for cases in (one.changed.paired.base, one.changed.paired.new))
-    limit = severity_limit(settings, repeats, one.units[1])
-    ends = worse_ends(base, new, limit if one.units[0] == one.units[1] else math.inf)
+    ends = worse_ends(base, new, severity_limit(settings, repeats, one.units))
     harm = base.severity, new.severity
     return {name: Worse.of(one, flags, harm[1] - harm[0], harm) for name, flags in ends.items()}
 
@@ -284,7 +286,7 @@ def tally(
     worse, kept = [], 1.0
     better = cases = 0
     for one in compared:
-        before, after, there = values_of(one.changed.paired, measure, fill=near)
+        before, after, there = values_of(one, measure, fill=near)
         by = worsening(before, after, measure)
         limit = tolerance(before, measure, floor) * (1.0 + LAST_DIGIT)
         if near and measure.zone is not None:
@@ -299,15 +301,14 @@ def tally(
 
 
 def values_of(
-    paired: Paired, measure: MeasureSettings, *, fill: bool
+    one: AdsComparison, measure: MeasureSettings, *, fill: bool
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """A quantity of all pairs in the base and in the new run, and whether a pair has it in both and
     has the status `ok` in both, (n,) each.
 
     fill: a missing value becomes the limit of the measure's `zone`.
     """
-    tables = paired.base, paired.new
-    before, after = (getattr(cases, measure.quantity).astype(np.float64) for cases in tables)
+    paired, (before, after) = one.changed.paired, one.comparable(measure.quantity)
     if fill and measure.zone is not None:
         before, after = (np.where(np.isnan(it), measure.zone, it) for it in (before, after))
     there = (paired.base.status == "ok") & (paired.new.status == "ok")
@@ -364,11 +365,12 @@ def only_improved(comparison: Comparison, settings: GateSettings) -> bool:
     better = False
     for one in comparison.ads:
         base, new = (Ends.of(cases) for cases in (one.changed.paired.base, one.changed.paired.new))
-        if any(flags.any() for flags in worse_ends(base, new, 0.0).values()):
+        least = 0.0 if one.one_unit else math.inf
+        if any(flags.any() for flags in worse_ends(base, new, least).values()):
             return False
         better |= bool((base.bad & ~new.bad).any())
         for measure in measures:
-            before, after, there = values_of(one.changed.paired, measure, fill=True)
+            before, after, there = values_of(one, measure, fill=True)
             by = worsening(before, after, measure)[there]
             if (by > LAST_DIGIT * np.abs(before[there])).any():
                 return False

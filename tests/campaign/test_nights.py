@@ -201,7 +201,7 @@ def night_alarms(run: Evaluation, old: str, tonight: str, others: Sequence[str])
     others: further drives, the first tells the floors, four are repeats.
     """
     known = repeats(run, tonight, others[0])
-    limit = severity_limit(SETTINGS, known, " m/s")
+    limit = severity_limit(SETTINGS, known, (" m/s", " m/s"))
     base, again = by_point(run, old), [by_point(run, name) for name in others[1 : 1 + FURTHER]]
     bad = {
         case.case: bad_drives(base[point], [case, *(drive[point] for drive in again)], limit)

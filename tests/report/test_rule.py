@@ -18,6 +18,7 @@ from sumo_eval.report.verdict import Beside, verdict
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import compare
 from sumo_eval.scoring.gate_settings import (
+    OF_U,
     GateSettings,
     LimitSettings,
     MeasureSettings,
@@ -353,7 +354,15 @@ def test_a_harder_injury_risk_fails(evaluation):
     comparison = compare(hit, free, SETTINGS, accept_differences=True)
     content = change_content(free, Beside(comparison))
     assert content is not None
-    limit = GateSettings(resamples=100, limit=(LimitSettings("regret", worse_by=0.0),))
-    (gate, *_) = [it for it in judge(free, comparison, limit) if it.quantity == "regret"]
-    assert (gate.passed, gate.sentence) == (None, "regret has another unit in the base")
     assert content["cases"][0]["base"] == "U 0.1 m/s", "the base has a speed"
+    of_u = tuple(LimitSettings(name, worse_by=0.0) for name in ("regret", *sorted(OF_U)))
+    watched = NearMissSettings(measure=(GAP, MeasureSettings("severity", 0.01, zone=9.0)))
+    limits = GateSettings(resamples=100, limit=of_u, near_miss=watched)
+    gates = {it.quantity: it for it in judge(free, comparison, limits) if it.ads == case.ads}
+    for limit in of_u:
+        told = gates[limit.quantity]
+        words = f"{limit.quantity} has another unit in the base"
+        assert (told.passed, told.sentence) == (None, words)
+    harder = calm(with_case(hit, case.case, lambda it: replace(it, severity=9.0)), min_gap=9.0)
+    improved = compare(calm(risk(0.9), min_gap=0.5), harder, SETTINGS, accept_differences=True)
+    assert only_improved(improved, limits), "9 m/s is no worse than a risk of 0.9"
