@@ -7,7 +7,7 @@ from __future__ import annotations
 from array import array
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -137,7 +137,8 @@ def as_driven(chosen: Sample, driven: FloatArray, *, whole: bool) -> Sample:
         and np.array_equal(chosen.points[: len(driven)][there], driven[there])
     ):
         return chosen
-    return sample_of(np.where(there[:, None], driven, driven[there][0]), chosen.method)
+    known = sample_of(np.where(there[:, None], driven, driven[there][0]), chosen.method)
+    return known if len(chosen.points) else replace(known, notes=chosen.notes)
 
 
 def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey:

@@ -99,17 +99,21 @@ class Scoring:
         )  # fmt: skip
 
     def _points(self, entry: ScenarioSettings, logical: LogicalScenario) -> Sample:
-        """The points that the settings choose now; none where a file that they need is gone. What
-        recordings choose cannot be known: they need not be there.
+        """The points that the settings choose now; none, with a note, where a file that they need
+        is gone or has a mistake. Recordings need not be there, and what they choose is not known.
         """
         settings, source = self.run.settings, self.run.source
+        density, recorded = None, entry.exposure.kind == "recorded"
         try:
-            density = None
-            if entry.exposure.kind != "recorded":
+            if not recorded:
                 density = exposure_of(logical, entry.exposure, settings.drivers, source).density
             return choose_points(logical, entry, source, settings, density)
-        except InputError:
-            return sample_of(np.empty((0, len(logical.names))), entry.sampling.method or "")
+        except InputError as error:
+            none = sample_of(np.empty((0, len(logical.names))), entry.sampling.method or "")
+            why = (
+                f"The settings choose no points any more, so those that were driven count: {error}"
+            )
+            return none if recorded else replace(none, notes=(why,))
 
 
 Scored = list[tuple[ScenarioResult, ScoreIntervals | None]]
