@@ -316,8 +316,7 @@ def test_a_run_folder_is_never_written_over(done):
 
 def test_an_ads_may_be_called_like_the_ideal_vehicle_or_a_driver(tmp_path):
     settings = replace(
-        small(("idm",)),
-        ads=(AdsSettings("ideal", "no_reaction"), AdsSettings("driver_00", "idm")),
+        small(("idm",)), ads=(AdsSettings("ideal", "no_reaction"), AdsSettings("driver_00", "idm"))
     )
     evaluation = sumo_eval.evaluate(settings, tmp_path / "run")
     assert [result.ads for result in evaluation.scores] == ["ideal", "driver_00"]
@@ -391,8 +390,7 @@ def test_an_ads_that_never_drives_has_no_c_and_no_points(tmp_path):
         "def broken(traci, ego, time):\n    raise RuntimeError('no plan')\n"
     )
     settings = replace(
-        small(("idm",)),
-        ads=(AdsSettings("broken", f"{tmp_path}/broken.py:broken"),),
+        small(("idm",)), ads=(AdsSettings("broken", f"{tmp_path}/broken.py:broken"),)
     )
     (result,) = sumo_eval.evaluate(settings, tmp_path / "run").scores
     assert (result.c, result.d, result.s) == (None, None, None)

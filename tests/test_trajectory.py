@@ -41,12 +41,7 @@ def test_what_is_given_is_not_derived():
         track.speed[0],
         track.acceleration[0],
         track.steering_wheel_angle[0],
-    ) == (
-        0.1,
-        7.0,
-        -3.0,
-        1.0,
-    )
+    ) == (0.1, 7.0, -3.0, 1.0)
 
 
 def test_acceleration_is_derived_from_the_given_speed():
@@ -83,13 +78,7 @@ def test_a_single_sample_is_a_trajectory():
         track.speed[0],
         track.heading[0],
         track.acceleration[0],
-    ) == (
-        1,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-    )
+    ) == (1, 0.0, 0.0, 0.0, 0.0)
 
 
 def test_length_duration_and_body():

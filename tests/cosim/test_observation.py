@@ -426,11 +426,7 @@ def test_the_flat_signals_and_the_plain_form_say_the_same():
         nobody.signals()["lead_present"],
         nobody.signals()["lead_gap"],
         nobody.plain()["lead"],
-    ) == (
-        0.0,
-        1000.0,
-        None,
-    )
+    ) == (0.0, 1000.0, None)
 
 
 def test_numbers_stay_with_their_vehicles():

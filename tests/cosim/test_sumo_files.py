@@ -153,15 +153,7 @@ def test_the_check_names_every_file_that_is_not_right(tmp_path, capsys):
 def test_every_shipped_configuration_loads_in_libsumo_and_steps(name):
     logical = catalogue.load(name)
     concrete = logical.concretes(central_point(logical)[None])[0]
-    libsumo.start(
-        [
-            "sumo",
-            "-c",
-            str(TREE / "routes" / f"{name}.sumocfg"),
-            "--no-step-log",
-            "true",
-        ]
-    )
+    libsumo.start(["sumo", "-c", str(TREE / "routes" / f"{name}.sumocfg"), "--no-step-log", "true"])
     try:
         libsumo.simulationStep()
         assert set(libsumo.vehicle.getIDList()) == {

@@ -541,10 +541,7 @@ def test_controllers_that_are_too_few_for_the_cases_are_refused():
 
 def test_vehicles_of_different_roads_of_a_batch_are_apart():
     follower, leader = case(speed=20.0), case(speed=5.0, x=70.0)
-    texts = (
-        shared_network_xml([follower, leader]),
-        shared_routes_xml([follower, leader], SHORT),
-    )
+    texts = (shared_network_xml([follower, leader]), shared_routes_xml([follower, leader], SHORT))
     with running(*texts, SHORT, collisions="none") as traci:
         assert traci.vehicle.getPosition("1.0")[0] > traci.vehicle.getPosition("0.0")[0]
         assert not (traci.vehicle.getLeader("0.0", 200.0) or ("",))[0]

@@ -15,16 +15,7 @@ import click
 import pytest
 import yaml
 from commands import sumo_eval
-from doc_blocks import (
-    BLOCKS,
-    CODE,
-    PAGES,
-    ROOT,
-    Block,
-    Desk,
-    code_of,
-    mentioned,
-)
+from doc_blocks import BLOCKS, CODE, PAGES, ROOT, Block, Desk, code_of, mentioned
 from example_files import write_needs
 
 from sumo_eval.cli import commands, main

@@ -61,10 +61,7 @@ def _closed_form(scenario: str) -> bool:
     return load(scenario).approach is not None
 
 
-IN_THE_SUITE = {
-    True: ("curve_cut_in",),
-    False: ("ramp_merge",),
-}
+IN_THE_SUITE = {True: ("curve_cut_in",), False: ("ramp_merge",)}
 """By whether their zones have a closed form: a bend, and a ramp. The campaign has all others."""
 
 

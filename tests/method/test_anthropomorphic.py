@@ -789,37 +789,13 @@ def test_an_ordinary_case_has_no_notes():
 @pytest.mark.parametrize(
     ("ads", "drivers", "note"),
     [
-        (
-            drive(),
-            [drive(y=y) for y in (0.0, 0.1, 3.4, 3.5)],
-            IndexNote("two_groups", 121, 121),
-        ),
+        (drive(), [drive(y=y) for y in (0.0, 0.1, 3.4, 3.5)], IndexNote("two_groups", 121, 121)),
         (drive(), [drive()] * 2, IndexNote("field_floor", 847, 847)),
-        (
-            drive(y=-2.0),
-            [drive()] * 2,
-            IndexNote("ads_off_road", 121, 121),
-        ),
-        (
-            drive(until=30.0),
-            [drive()] * 2,
-            IndexNote("ads_still_driving", 1, 1),
-        ),
-        (
-            drive(y=6.0, until=30.0),
-            [drive()] * 2,
-            IndexNote("ads_left_the_road", 1, 1),
-        ),
-        (
-            drive(),
-            [drive(), drive(until=30.0)],
-            IndexNote("drivers_still_driving", 1, 2),
-        ),
-        (
-            drive(),
-            [drive(), drive(start=5.0)],
-            IndexNote("drivers_start_late", 1, 2),
-        ),
+        (drive(y=-2.0), [drive()] * 2, IndexNote("ads_off_road", 121, 121)),
+        (drive(until=30.0), [drive()] * 2, IndexNote("ads_still_driving", 1, 1)),
+        (drive(y=6.0, until=30.0), [drive()] * 2, IndexNote("ads_left_the_road", 1, 1)),
+        (drive(), [drive(), drive(until=30.0)], IndexNote("drivers_still_driving", 1, 2)),
+        (drive(), [drive(), drive(start=5.0)], IndexNote("drivers_start_late", 1, 2)),
     ],
 )
 def test_a_reading_that_applies_is_noted(ads, drivers, note):

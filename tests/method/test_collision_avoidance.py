@@ -335,10 +335,7 @@ def test_impossible_collisions_are_refused(arguments, sentence):
     ("arguments", "sentence"),
     [
         (((20, 0), (5, 0), 1.01), "`overlap` of a collision must be within 0..1, got 1.01"),
-        (
-            ((20, 0), (5, 0), -0.1),
-            "`overlap` of a collision must be at least 0, got -0.1",
-        ),
+        (((20, 0), (5, 0), -0.1), "`overlap` of a collision must be at least 0, got -0.1"),
         (
             ((20, 0, 0), (5, 0, 0), 1.0),
             "`ego_velocity` of a collision must be finite with a last axis of 2",

@@ -235,11 +235,7 @@ def test_longest_cases_of_a_kind_go_first():
     found = []
     while batch := batches.take():
         found.append((batch[0].role, {case.concrete.label for case in batch}))
-    assert found == [
-        ("ads", {slow.label}),
-        ("ads", {quick.label}),
-        ("human", {slow.label}),
-    ]
+    assert found == [("ads", {slow.label}), ("ads", {quick.label}), ("human", {slow.label})]
 
 
 def test_all_roles_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_each(tmp_path):

@@ -143,11 +143,7 @@ def test_a_run_that_is_none_unscored_or_newer_is_refused(run, tmp_path):
             done.returncode,
             "is not a run folder" in done.stderr,
             "Traceback" in done.stderr,
-        ) == (
-            2,
-            True,
-            False,
-        )
+        ) == (2, True, False)
     copy = tmp_path / "copy"
     copy.mkdir()
     for name in ("evaluation.toml", "facts.sqlite"):

@@ -19,9 +19,7 @@ from sumo_eval.record.human_reference import PointJob, PointResult, compute_poin
 from sumo_eval.record.kept_results import KEPT, KeptResults
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.catalogue import load
-from sumo_eval.settings import (
-    AnthropomorphicSettings,
-)
+from sumo_eval.settings import AnthropomorphicSettings
 
 SETTINGS = AnthropomorphicSettings(slice_spacing=5.0)
 Job = tuple[Path, PointJob]

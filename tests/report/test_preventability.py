@@ -11,12 +11,7 @@ from sumo_eval.cases import CaseResult
 from sumo_eval.report.tables import scores_json
 from sumo_eval.report.words import LOOKS, reference_sentence
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.preventability import (
-    Preventability,
-    preventability,
-    reference_ads,
-    verdicts,
-)
+from sumo_eval.scoring.preventability import Preventability, preventability, reference_ads, verdicts
 from sumo_eval.settings import AdsSettings, ReportSettings
 
 SCENARIO = builders.SCENARIOS[0]

@@ -16,11 +16,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.collections import uses_of
 from sumo_eval.extras.openscenario.conformity import ROWS
 from sumo_eval.extras.openscenario.describe import described
-from sumo_eval.extras.openscenario.logical import (
-    concrete,
-    concrete_points,
-    read_file,
-)
+from sumo_eval.extras.openscenario.logical import concrete, concrete_points, read_file
 from sumo_eval.extras.openscenario.moves import synchronized
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.extras.openscenario.written import scenario_content, write_scenario

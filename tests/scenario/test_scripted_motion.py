@@ -4,12 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_eval.scenario import brake_to_stop, lane_change, motion
-from sumo_eval.scenario.concrete import (
-    braked_distance,
-    braked_speed,
-    smooth_step,
-    smooth_step_rate,
-)
+from sumo_eval.scenario.concrete import braked_distance, braked_speed, smooth_step, smooth_step_rate
 
 TIMES = st.floats(-1.0, 60.0)
 

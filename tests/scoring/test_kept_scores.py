@@ -33,11 +33,7 @@ from sumo_eval.scoring import critical, drive_measures, fingerprint, likeness, s
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.fingerprint import space_key
 from sumo_eval.scoring.zones import zones_are_known
-from sumo_eval.settings import (
-    RunSettings,
-    SamplingSettings,
-    ScenarioSettings,
-)
+from sumo_eval.settings import RunSettings, SamplingSettings, ScenarioSettings
 
 EVALUATION = small(("idm", "no_reaction"))
 

@@ -86,10 +86,7 @@ NO_IDEAL = replace(KNOWN, case="no ideal", ideal_severity=None)
 
 @pytest.mark.parametrize(
     ("severity", "lowest", "highest"),
-    [
-        (9.0, 1 - (5 + 9) / (10 + 10), 1 - 5 / (10 + 1)),
-        (0.0, 0.5, 1 - 5 / (10 + 10)),
-    ],
+    [(9.0, 1 - (5 + 9) / (10 + 10), 1 - 5 / (10 + 1)), (0.0, 0.5, 1 - 5 / (10 + 10))],
     ids=[
         "it hit: the ideal vehicle avoids, or hits as hard",
         "it avoided: the point has no part in A, or a whole one",
