@@ -7,7 +7,7 @@ import builders
 import numpy as np
 import pytest
 
-from sumo_eval.cases import CaseResult, CaseTable, ThinReference, point_numbers
+from sumo_eval.cases import CaseTable, ThinReference, point_numbers
 from sumo_eval.method.anthropomorphic import IndexNote
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.record.kept_results import KeptResults
@@ -18,7 +18,7 @@ FLAGS = ("evaluated", "avoidable", "unavoidable", "caused", "voids_index", "coun
 
 
 @pytest.fixture(scope="module")
-def rows(tmp_path_factory: pytest.TempPathFactory) -> list[CaseResult]:
+def rows(tmp_path_factory):
     """Every combination of what the rules look at, of one scenario and ADS; a text in some rows
     alone."""
     spaces = {name: partition(catalogue.load(name)) for name in builders.SCENARIOS}

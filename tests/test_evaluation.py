@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,14 +23,7 @@ from sumo_eval.report.html import write_report
 from sumo_eval.report.tables import scores_json, write_tables
 from sumo_eval.report.terminal import closing_lines
 from sumo_eval.report.words import score_note
-from sumo_eval.results import (
-    CasesMissing,
-    Counted,
-    DrivesLeftOut,
-    Evaluation,
-    NotComputed,
-    ReferenceMissing,
-)
+from sumo_eval.results import CasesMissing, Counted, DrivesLeftOut, NotComputed, ReferenceMissing
 from sumo_eval.settings import (
     AdsSettings,
     DriverSettings,
@@ -46,7 +38,7 @@ from sumo_eval.settings.config import read_evaluation
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory, _standard_run: Path) -> Evaluation:
+def done(tmp_path_factory, _standard_run):
     return sumo_eval.score(
         shutil.copytree(_standard_run, tmp_path_factory.mktemp("runs") / "small")
     )
@@ -148,7 +140,7 @@ def test_low_speed_has_no_hazardous_zone_and_cut_out_has_one(done):
 def test_scoring_again_gives_the_same_numbers_without_a_simulation(done, monkeypatch):
     import libsumo
 
-    def refuse(*_: object) -> None:
+    def refuse(*_):
         raise AssertionError("a simulation was started")
 
     monkeypatch.setattr(libsumo, "start", refuse)

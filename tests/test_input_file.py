@@ -38,12 +38,12 @@ ALLOWED = ("input_file(", '.open("x', '.open("w', "gzip.open", "read_parquet(str
 kind it is."""
 
 
-def joined(source: str) -> list[str]:
+def joined(source):
     """The lines of a source, a call that is broken over several as one."""
     return re.sub(r"\(\n\s+", "(", source).splitlines()
 
 
-def _points(path: Path) -> object:
+def _points(path):
     return from_csv(find("cut_in", None), Request("file", file=str(path), folder=path.parent))
 
 

@@ -96,7 +96,7 @@ assert done._repr_html_()
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def site(tmp_path_factory):
     """A folder into which the wheel of this tree is installed, and nothing else."""
     folder = tmp_path_factory.mktemp("wheel")
     command = [

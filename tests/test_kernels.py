@@ -22,7 +22,7 @@ from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.trajectory import CHANNELS, Recording
+from sumo_eval.trajectory import CHANNELS
 
 PACKAGE = Path(sumo_eval.__file__).parent
 ADS = ("idm", "attentive", "lane_changer", "careful_driver", "careful_driver_aeb", "fsm", "rss",
@@ -38,19 +38,19 @@ SCENARIOS = {
 SETTINGS = SimulationSettings(step=0.1, end_when_decided=True)
 
 
-def points(name: str, every: int):
+def points(name, every):
     logical = catalogue.load(name)
     return list(logical.concretes(sample(logical).points[::every]))
 
 
-def controllers(ads: str, cases):
+def controllers(ads, cases):
     """An ADS, or a driver for each case."""
     if ads != "people":
         return ads
     return [human_controller(number % 10, 10, 1, concrete) for number, concrete in enumerate(cases)]
 
 
-def everything(recording: Recording) -> bytes:
+def everything(recording):
     """All of a recording that is no wall time, to the last bit."""
     vehicles = {"ego": recording.ego, **recording.actors}
     channels = b"".join(
@@ -62,7 +62,7 @@ def everything(recording: Recording) -> bytes:
     )
 
 
-def digest(ads: str, sparse: int) -> str:
+def digest(ads, sparse):
     """What an ADS does in a few cases of every kind of script;
 
     sparse: of so many points one is driven.
@@ -81,7 +81,7 @@ def digest(ads: str, sparse: int) -> str:
 MARKS = ("kernel", "rows", "compiled_rows")
 
 
-def kernels_of(path: Path) -> list[ast.FunctionDef]:
+def kernels_of(path):
     text = path.read_text(encoding="utf-8")
     if not any(f"@{mark}\n" in text for mark in MARKS):
         return []
@@ -266,7 +266,7 @@ def test_records_are_written_back_when_a_loop_is_interpreted():
 needs_numba = pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
 
 
-def found_on_disk() -> bool:
+def found_on_disk():
     """Whether a process that begins now finds the small loop's machine code; else it has compiled
     and kept it."""
     loop = kernels.rows(_grow.__wrapped__)
@@ -291,7 +291,7 @@ SPOILT = (
 )
 
 
-def spoil(path: Path, how: str, draw: random.Random) -> None:
+def spoil(path, how, draw):
     """Make anything of a file of machine code that may become of one."""
     content = bytearray(path.read_bytes())
     if how in ("pipe", "link", "loop", "device"):
@@ -350,7 +350,7 @@ def test_code_that_cannot_be_kept_is_compiled_in_each_process(tmp_path, monkeypa
     tmp_path.chmod(0o700)
 
 
-def refused(*_: object):
+def refused(*_):
     """What a closed folder answers."""
     raise PermissionError
 
@@ -376,7 +376,7 @@ def test_processes_that_compile_at_once_keep_whole_files(tmp_path):
         "print('numba.np.arraymath' in sys.modules)"
     )
 
-    def begin(kind: str):
+    def begin(kind):
         return subprocess.Popen(
             [sys.executable, "-c", script, str(Path(__file__).parent), kind],
             stdout=subprocess.PIPE, text=True,

@@ -45,7 +45,7 @@ FIELDS = {
 }
 
 
-def found(place: str) -> object:
+def found(place):
     module, _, name = place.partition(":")
     return getattr(importlib.import_module(module), name)
 

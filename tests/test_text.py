@@ -82,25 +82,25 @@ def test_what_is_cut_says_how_much_was_left_out():
 class Odd(str):
     """A text whose methods are the user's."""
 
-    def replace(self, *arguments: object) -> str:  # type: ignore[override]
+    def replace(self, *arguments):  # type: ignore[override]
         raise RuntimeError
 
-    def __getitem__(self, key: object) -> str:
+    def __getitem__(self, key):
         raise RuntimeError
 
-    def __len__(self) -> int:
+    def __len__(self):
         raise RuntimeError
 
 
 class SpeechlessError(Exception):
-    def __str__(self) -> str:
+    def __str__(self):
         raise KeyboardInterrupt
 
     __repr__ = __str__
 
 
 class SurrogateError(Exception):
-    def __str__(self) -> str:
+    def __str__(self):
         return "\ud800"
 
     __repr__ = __str__
@@ -108,7 +108,7 @@ class SurrogateError(Exception):
 
 class Names(type):
     @property
-    def __name__(cls) -> str:  # type: ignore[override]
+    def __name__(cls):  # type: ignore[override]
         raise RuntimeError
 
 
@@ -117,7 +117,7 @@ class NamelessError(Exception, metaclass=Names):  # type: ignore[misc]
 
 
 class SpeaksOddlyError(Exception):
-    def __str__(self) -> str:
+    def __str__(self):
         return Odd("an odd text")
 
 

@@ -171,7 +171,7 @@ def test_a_recordings_simulated_time_is_its_last_sample():
     assert recording.simulated_time == pytest.approx(3.0)
 
 
-def block(n: int) -> np.ndarray:
+def block(n):
     values = np.random.default_rng(1).normal(size=(len(CHANNELS), n))
     values[0] = np.arange(n)
     values[-1] = np.nan

@@ -27,7 +27,7 @@ RATE = VEHICLE.brake_jerk  # 60 m/s3
 STEPS = (0.01, 0.05, 0.1)
 
 
-def lost(level: float, told: list[tuple[float, float]]) -> float:
+def lost(level, told):
     """Speed that the vehicle model loses from a level on when it is told levels for durations,
     m/s."""
     speed, acceleration = 40.0, -level
@@ -36,7 +36,7 @@ def lost(level: float, told: list[tuple[float, float]]) -> float:
     return 40.0 - speed
 
 
-def draws(count: int) -> np.ndarray:
+def draws(count):
     return np.random.default_rng(3).random((count, 3))
 
 

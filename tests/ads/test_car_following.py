@@ -100,7 +100,7 @@ def test_the_enhanced_idm_brakes_at_least_as_needed_and_at_most_b_more(speed, ga
         assert needed - IDM.deceleration + 0.01 * plain - 1e-9 <= enhanced < needed
 
 
-def followed(known, gap: float, desired_speed: float, lead_speed: float) -> float:
+def followed(known, gap, desired_speed, lead_speed):
     known.gap = gap
     me, lead = mover("ego", 0.0, along=25.0), mover("lead", 0.0, along=lead_speed)
     return follow(known, me, lead, desired_speed, IDM, 0.05)

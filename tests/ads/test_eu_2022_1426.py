@@ -14,7 +14,7 @@ TABLE += [
 ]
 
 
-def cut_in(closing: float, ttc: float) -> ConcreteScenario:
+def cut_in(closing, ttc):
     """Somebody who crosses at 1 m/s, closing m/s slower, with that TTC when 0.30 m over the line.
 
     Bodies are 1.8 m wide, lanes 3.5 m: the side is 0.30 m over the line when the centre has moved

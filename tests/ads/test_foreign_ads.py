@@ -10,7 +10,6 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +20,6 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.trajectory import Recording
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 SLOWER = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=5.0)
@@ -31,7 +29,7 @@ CUT_OUT = catalogue.load("front_vehicle_cut_out").concrete(
 ROAD = Road("road", 1000.0, 2, 3.5, 60.0)
 
 
-def drive(locator: str, concrete: Any = CUT_OUT, seconds: float = 20.0) -> Recording:
+def drive(locator, concrete=CUT_OUT, seconds=20.0):
     settings = SimulationSettings(time_limit=seconds)
     found = simulate(concrete, locator, settings, folder=EXAMPLES, step_timeout=60.0)
     assert found.error is None, found.log
@@ -39,14 +37,14 @@ def drive(locator: str, concrete: Any = CUT_OUT, seconds: float = 20.0) -> Recor
     return found
 
 
-def seen(*others: Body, speed: float = 20.0, x: float = 100.0) -> Observation:
+def seen(*others, speed=20.0, x=100.0):
     ego = (*Body(x, 0.0, 0.0, speed, 4.5, 1.8), 0.0)
     look = ego, [(*body, 0.0) for body in others]
     return Observation(0.0, ROAD, ego, look, None, ["car"] * len(others))
 
 
 @pytest.fixture
-def expert(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+def expert(monkeypatch, tmp_path):
     """MetaDrive's wrapper around a network whose weights are all 0."""
     monkeypatch.syspath_prepend(EXAMPLES)
     import metadrive_expert
@@ -101,7 +99,7 @@ def test_metadrives_expert_follows_a_slower_vehicle_near_its_lane():
 
 
 @pytest.fixture
-def flow(monkeypatch: pytest.MonkeyPatch) -> None:
+def flow(monkeypatch):
     """FLOW, or where it is not on the path a module with one controller that asks as FLOW's do."""
     if find_spec("flow") is not None and find_spec("flow.controllers") is not None:
         return
@@ -110,11 +108,11 @@ def flow(monkeypatch: pytest.MonkeyPatch) -> None:
         """IDM (Treiber, Hennecke, Helbing 2000) with FLOW's constants: T 1, a 1, b 1.5, delta 4, s0
         2."""
 
-        def __init__(self, veh_id: str, v0: float = 30.0, *, car_following_params: Any) -> None:
+        def __init__(self, veh_id, v0=30.0, *, car_following_params):
             self.me, self.v0 = veh_id, v0
             assert car_following_params.controller_params["accel"] > 0.0
 
-        def get_action(self, env: Any) -> float:
+        def get_action(self, env):
             vehicles = env.k.vehicle
             v, lead, gap = (
                 vehicles.get_speed(self.me),

@@ -29,7 +29,7 @@ OTHERS = tuple(
 )
 
 
-def severity(recording) -> float:
+def severity(recording):
     """U, 0 without contact, m/s."""
     hit = recording.collision
     return (
@@ -39,11 +39,11 @@ def severity(recording) -> float:
     )
 
 
-def severities(cases, ads: str, settings=SETTINGS) -> np.ndarray:
+def severities(cases, ads, settings=SETTINGS):
     return np.array([severity(recording) for recording in simulate_many(cases, ads, settings)])
 
 
-def assert_nobody_is_gentler(name: str, count: int, ads: tuple[str, ...]) -> None:
+def assert_nobody_is_gentler(name, count, ads):
     """Nobody can be gentler than who touches nobody, so the others drive the points where the ideal
     vehicle hits."""
     cases = drawn_cases(name, count, seed=5)
@@ -198,7 +198,7 @@ def test_in_the_papers_cut_out_it_brakes_everywhere():
     )
 
 
-def lateness(first: float):
+def lateness(first):
     """A driver who brakes as hard as the ideal vehicle, but later, for whoever is in its path,
     hidden or not."""
 
@@ -278,7 +278,7 @@ def test_it_sees_the_obstacle_once_a_share_of_its_width_shows(share):
     )
 
 
-def at(share: float) -> SimulationSettings:
+def at(share):
     return SimulationSettings(ideal_visible_share=share)
 
 

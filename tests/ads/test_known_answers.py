@@ -16,7 +16,7 @@ from sumo_eval.settings import SimulationSettings, VehicleSettings
 CUT_OUT = catalogue.load("front_vehicle_cut_out")
 
 
-def ideal_impact(values) -> np.ndarray:
+def ideal_impact(values):
     """Ug of points of the cut-out, m/s."""
     return ideal_impact_speed(
         values["ego_speed"],

@@ -97,7 +97,7 @@ def test_a_path_is_straight_before_and_after_its_lane_change():
     assert path_at(path, 181.0) == (3.5, 0.0, 0.0)
 
 
-def drive(path: Path, speed: float, duration: float, *, y: float = 0.0, acceleration: float = 0.0):
+def drive(path, speed, duration, *, y=0.0, acceleration=0.0):
     """x, y and steering wheel angle of a vehicle that starts at x = 0, y, and is steered along a
     path."""
     memory = SimpleNamespace(curvature=0.0)

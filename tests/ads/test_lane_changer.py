@@ -8,7 +8,7 @@ from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.scenario import Actor, Start, catalogue
 
 
-def onset(recording) -> float:
+def onset(recording):
     """Time at which the lane change shows, s."""
     ego = recording.ego
     return float(ego.time[np.argmax(ego.y > 0.05)])
@@ -80,7 +80,7 @@ def test_once_the_left_lane_is_free_it_overtakes_after_all():
     assert ego.x[-1] >= ROAD.length
 
 
-def collisions(name: str, points: int) -> int:
+def collisions(name, points):
     logical = catalogue.load(name)
     drawn = logical.from_unit(np.random.default_rng(5).random((20 * points, len(logical.names))))
     cases = list(logical.concretes(drawn[logical.feasible(drawn)][:points]))

@@ -22,13 +22,13 @@ class Ego:
     """An ego that decides step by step: the memory of the rule, and what it remembers of each
     vehicle by its name."""
 
-    def __init__(self, habits: OvertakingHabits, briefing) -> None:
+    def __init__(self, habits, briefing):
         self.habits, self.briefing = habits, briefing
         self.memory = fresh(OVERTAKING)
         self.memory.began = 0
         self.watched = {}
 
-    def acceleration(self, me, others, desired_speed: float, free: float) -> float:
+    def acceleration(self, me, others, desired_speed, free):
         watched = [
             self.watched.setdefault((i, it.name), fresh(WATCHED)) for i, it in enumerate(others)
         ]
@@ -37,28 +37,22 @@ class Ego:
         return overtake(self.memory, me, others, watched, p, STAYS, self.briefing)
 
     @property
-    def changing(self) -> bool:
+    def changing(self):
         return bool(self.memory.changing)
 
     @property
-    def passing(self) -> bool:
+    def passing(self):
         return bool(self.memory.passing)
 
     @property
     def path(self):
         return self.memory.path
 
-    def y(self, x: float) -> float:
+    def y(self, x):
         return path_y(self.memory.path, x)
 
 
-def decide(
-    *others,
-    speed: float = 20.0,
-    habits: OvertakingHabits = WILLING,
-    road: Road = BRIEFING.road,
-    free: float = 0.3,
-):
+def decide(*others, speed=20.0, habits=WILLING, road=BRIEFING.road, free=0.3):
     """What is decided in the first step of an ego at x = 0 on the right lane that drives at
     `speed`."""
     me = mover("ego", 0.0, along=speed)
@@ -71,7 +65,7 @@ def decide(
     return overtaking, overtaking.acceleration(me, others, speed, free)
 
 
-def ahead(gap: float, speed: float, y: float = 0.0, name: str = "lead"):
+def ahead(gap, speed, y=0.0, name="lead"):
     return mover(name, 4.5 + gap, y, along=speed)
 
 

@@ -10,14 +10,13 @@ import pytest
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.trajectory import Recording
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 STAND_IN = Path(__file__).parent / "ros_stand_in"
 SLOWER = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=5.0)
 
 
-def drive(seconds: float, *variables: str, option: str = "") -> Recording:
+def drive(seconds, *variables, option=""):
     environment = " ".join((f"PYTHONPATH={STAND_IN}", "STACK=stack", *variables))
     locator = f"exec:env {environment} {sys.executable} ros2_node.py {option}"
     found = simulate(

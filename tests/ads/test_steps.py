@@ -8,7 +8,7 @@ import pytest
 from road_scenes import ROAD
 
 from sumo_eval.cosim.simulation import simulate, simulate_many
-from sumo_eval.scenario import Road, catalogue
+from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording, Trajectory
@@ -31,17 +31,17 @@ RELEASING = ("reg157", "eu_2022_1426", "eu_2022_1426_bus")
 GRAZE = 0.02  # m
 
 
-def at(step: float) -> SimulationSettings:
+def at(step):
     return SimulationSettings(
         step=step, record_interval=0.1, time_limit=35.0, end_when_decided=True
     )
 
 
-def driven(concrete, ads: str, step: float) -> Recording:
+def driven(concrete, ads, step):
     return simulate(concrete, ads, at(step))
 
 
-def least_gap(recording: Recording) -> float:
+def least_gap(recording):
     """Least bumper gap to a vehicle ahead while its body and the ego's share a strip of road, m; 0
     with contact. Linear between the samples.
     """
@@ -66,7 +66,7 @@ def least_gap(recording: Recording) -> float:
     return least
 
 
-def corners(trajectory: Trajectory, road: Road, times: np.ndarray) -> np.ndarray:
+def corners(trajectory, road, times):
     """The corners of a body on the map, (n, 4, 2) m.
 
     Places and headings are linear between the samples.
@@ -83,7 +83,7 @@ def corners(trajectory: Trajectory, road: Road, times: np.ndarray) -> np.ndarray
     )
 
 
-def to_edges(points: np.ndarray, boxes: np.ndarray) -> np.ndarray:
+def to_edges(points, boxes):
     """The least distance of any of a body's corners to the edges of another, (n,) m."""
     start, edge = (
         boxes[:, None, :, :],
@@ -94,7 +94,7 @@ def to_edges(points: np.ndarray, boxes: np.ndarray) -> np.ndarray:
     return np.hypot(*np.moveaxis(away - share[..., None] * edge, -1, 0)).min(axis=(1, 2))
 
 
-def clearance(recording: Recording, road: Road) -> float:
+def clearance(recording, road):
     """How far from contact a drive without contact stayed: the least distance of the bodies on the
     map, m."""
     least = np.inf
@@ -105,7 +105,7 @@ def clearance(recording: Recording, road: Road) -> float:
     return float(least)
 
 
-def outcomes(cases, ads: str, step: float) -> tuple[list[Recording], np.ndarray, np.ndarray]:
+def outcomes(cases, ads, step):
     """The drives of cases, which are driven together, whether each ends in contact, and its least
     gap, m."""
     recordings = list(simulate_many(cases, ads, at(step)))
@@ -144,13 +144,13 @@ def test_the_least_gap_hardly_moves_with_the_step(ads, name, point):
     assert found[0] == pytest.approx(found[1], abs=GRAZE)
 
 
-def drawn(name: str, count: int):
+def drawn(name, count):
     logical = catalogue.load(name)
     points = logical.from_unit(np.random.default_rng(21).random((8 * count, len(logical.names))))
     return list(logical.concretes(points[logical.feasible(points)][:count]))
 
 
-def far_flips(name: str, ads: str, count: int) -> list[tuple[str, float]]:
+def far_flips(name, ads, count):
     """Points whose outcome at 0.05 s is not that at 0.005 s, and by how much more than a graze one
     run is clear, m."""
     cases = drawn(name, count)

@@ -56,7 +56,7 @@ TIGHT: dict[str, dict[str, Any]] = {
 }
 
 
-def size(full: int) -> int:
+def size(full):
     return max(1, round(full * SHARE))
 
 
@@ -97,7 +97,7 @@ def test_runs_that_are_killed_again_and_again_end_with_the_same_content(tmp_path
         )
 
 
-def kill_and_resume(tmp_path: Path, wanted: int, levels: int) -> tuple[int, int]:
+def kill_and_resume(tmp_path, wanted, levels):
     """Kill runs `wanted` times at random moments, resume each to its end, compare; how many kills
     and runs it took."""
     path = write_evaluation(tmp_path, levels=levels)
@@ -135,7 +135,7 @@ def kill_and_resume(tmp_path: Path, wanted: int, levels: int) -> tuple[int, int]
     return kills, folders
 
 
-def run_mutant(number: int, folder: Path) -> str:
+def run_mutant(number, folder):
     """Run a broken evaluation file; how it ended: refused, scored, incomplete.
 
     Fails on anything else.
@@ -165,12 +165,12 @@ def run_mutant(number: int, folder: Path) -> str:
     return "scored" if result.exit_code == 0 else "incomplete"
 
 
-def _small(words: str) -> bool:
+def _small(words):
     drives = [int(word) for word in words.split() if word.isdecimal()]
     return sum(drives[:3]) < 200
 
 
-def run_own_inputs(number: int, folder: Path) -> str:
+def run_own_inputs(number, folder):
     """Check an own scenario, or estimate a run of it: taken, or refused in sentences.
 
     Fails on anything else.

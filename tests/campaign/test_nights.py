@@ -8,7 +8,7 @@ fitted to this one.
 import os
 import shutil
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import permutations
 from pathlib import Path
@@ -19,12 +19,11 @@ import sumo_eval
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.nightly.gates import judge
 from sumo_eval.report.gate_result import failed
-from sumo_eval.results import Evaluation
 from sumo_eval.scenario.catalogue import load
 from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sampling.samples import sample
-from sumo_eval.scoring.comparison import Comparison, side_by_side
-from sumo_eval.scoring.gate_settings import GateSettings, MeasureSettings
+from sumo_eval.scoring.comparison import side_by_side
+from sumo_eval.scoring.gate_settings import GateSettings
 from sumo_eval.scoring.rule import (
     Ends,
     Noise,
@@ -55,11 +54,11 @@ DRIVES = 12  # of each noisy build
 FURTHER = 4
 
 
-def entry(name: str, options: Mapping[str, object]) -> dict[str, object]:
+def entry(name, options):
     return {"name": name, "controller": "ladder_ads.py:Build", "options": dict(options)}
 
 
-def points_to_ask(use: str, possible: int) -> int:
+def points_to_ask(use, possible):
     """How many points to ask for, so that the constraints of the scenario leave `possible` of
     them."""
     counts = range(possible, 10 * possible)
@@ -69,7 +68,7 @@ def points_to_ask(use: str, possible: int) -> int:
     return next(count for count, n in zip(counts, left, strict=False) if n >= possible)
 
 
-def driven(folder: Path, name: str, cases: int, entries: Sequence[dict[str, object]]) -> Evaluation:
+def driven(folder, name, cases, entries):
     """Drive builds at the same points: a lead that brakes, and a cut-in."""
     uses = ("front_vehicle_braking", "cut_in")
     samplings = [{"method": "sobol", "count": points_to_ask(use, cases // 2)} for use in uses]
@@ -91,7 +90,7 @@ def driven(folder: Path, name: str, cases: int, entries: Sequence[dict[str, obje
         os.chdir(here)
 
 
-def only(run: Evaluation, ads: str) -> Evaluation:
+def only(run, ads):
     return replace(
         run,
         scores=tuple(score for score in run.scores if score.ads == ads),
@@ -99,7 +98,7 @@ def only(run: Evaluation, ads: str) -> Evaluation:
     )
 
 
-def beside(base: Evaluation, old: str, new: Evaluation, ads: str) -> tuple[Comparison, Evaluation]:
+def beside(base, old, new, ads):
     after = only(new, ads)
     return side_by_side(only(base, old), after, SETTINGS, pairs={old: ads}), after
 
@@ -117,7 +116,7 @@ class Row:
     named: bool
     by: str
 
-    def __str__(self) -> str:
+    def __str__(self):
         flags = (("moved", self.moved), ("found", self.found), ("named", self.named))
         return " ".join(
             [
@@ -128,11 +127,11 @@ class Row:
         )
 
 
-def watched() -> tuple[MeasureSettings, ...]:
+def watched():
     return (*SETTINGS.near_miss.measure, *SETTINGS.shift.measure)
 
 
-def worse_beyond(comparison: Comparison) -> bool:
+def worse_beyond(comparison):
     """Whether any case is worse beyond the tolerance of anything that the rule watches."""
     from sumo_eval.scoring.rule import newly_bad, tally
 
@@ -148,18 +147,18 @@ def worse_beyond(comparison: Comparison) -> bool:
     return any(one.number for one in tallies) or any(len(worse.which) for worse in ends)
 
 
-def told(base: Evaluation, new: Evaluation, ads: str, noise: Noise | None = None) -> Row:
+def told(base, new, ads, noise=None):
     comparison, after = beside(base, BASE, new, ads)
     bad = failed(judge(after, comparison, SETTINGS, noise or Noise()))
     by = ", ".join(gate.quantity for gate in bad)
     return Row(ads, worse_beyond(comparison), bool(bad), any(gate.worst for gate in bad), by)
 
 
-def rows_of(run: Evaluation, ads: str) -> list[CaseResult]:
+def rows_of(run, ads):
     return sorted((case for case in run.cases if case.ads == ads), key=lambda case: case.case)
 
 
-def repeats(run: Evaluation, first: str, second: str) -> Repeats:
+def repeats(run, first, second):
     """What two drives of one build tell, of 30 cases at most, as a night has them."""
     once, twice = (rows_of(run,
         ads)[:: max(1, len(run.cases_of(ads, run.scores[0].scenario)) * 2 // 30)]
@@ -177,17 +176,17 @@ def repeats(run: Evaluation, first: str, second: str) -> Repeats:
 Rows = Mapping[tuple[str, tuple[float, ...]], CaseResult]
 
 
-def by_point(run: Evaluation, ads: str) -> Rows:
+def by_point(run, ads):
     return {
         (case.scenario, tuple(case.values.values())): case for case in run.cases if case.ads == ads
     }
 
 
-def ends(case: CaseResult) -> Ends:
+def ends(case):
     return Ends.of(CaseTable.of([case]))
 
 
-def bad_drives(base: CaseResult, drives: Sequence[CaseResult], limit: float) -> int:
+def bad_drives(base, drives, limit):
     """How many drives ended in a way in which the base did not."""
     return sum(
         any(flags.any() for flags in worse_ends(ends(base), ends(one), limit).values())
@@ -195,7 +194,7 @@ def bad_drives(base: CaseResult, drives: Sequence[CaseResult], limit: float) -> 
     )
 
 
-def night_alarms(run: Evaluation, old: str, tonight: str, others: Sequence[str]) -> list[str]:
+def night_alarms(run, old, tonight, others):
     """What fails in a night of the same build.
 
     others: further drives, the first tells the floors, four are repeats.
@@ -214,7 +213,7 @@ def night_alarms(run: Evaluation, old: str, tonight: str, others: Sequence[str])
     ]
 
 
-def false_alarms(run: Evaluation, drives: Sequence[str]) -> list[list[str]]:
+def false_alarms(run, drives):
     """What failed in each night of a build that did not change.
 
     Each ordered pair of drives is a night.

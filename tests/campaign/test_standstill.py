@@ -19,7 +19,7 @@ SETTINGS = SimulationSettings(end_when_decided=True)
 WAITING = replace(SETTINGS, standstill_time=SETTINGS.time_limit)
 
 
-def touched(use: str, ads: str, count: int, settings: SimulationSettings) -> list[bool]:
+def touched(use, ads, count, settings):
     cases = drawn_cases(use, count, seed=7)
     return [recording.collision is not None for recording in simulate_many(cases, ads, settings)]
 

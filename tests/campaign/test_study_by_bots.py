@@ -73,7 +73,7 @@ OPINION = """() => { const hit = document.querySelector('.replay-contact');
     return (hit && !hit.hidden ? 2 : 5) + Math.floor(Math.random() * 3); }"""
 
 
-def take_part(page: Page, code: str) -> None:
+def take_part(page, code):
     """A participant from the code to the thanks, the page opened anew before."""
     page.call("Page.reload")
     page.wait("document.documentElement.dataset.shown === 'sheet' && !window.through", 120.0)

@@ -31,7 +31,7 @@ NOT_RUN = {
 
 
 @pytest.fixture(scope="module")
-def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def desk(tmp_path_factory):
     """The files that the examples name, and the run that the first of them makes."""
     folder = tmp_path_factory.mktemp("examples")
     (folder / "evaluation.toml").write_text(EVALUATION)
@@ -44,7 +44,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def second_run(folder: Path) -> None:
+def second_run(folder):
     """Copy the run to the other names that examples have for runs."""
     for name in ("second", "before", "after"):
         shutil.copytree(folder / "results" / "first", folder / "results" / name)
@@ -89,7 +89,7 @@ def test_an_example_runs_in_a_real_shell_and_opens_the_page(desk, tmp_path):
     assert "replay-cut_in-0007-idm" in (tmp_path / "opened").read_text()
 
 
-def in_a_shell(line: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
+def in_a_shell(line, folder, **variables):
     """Have bash run a line, with this installation first on its path."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     return subprocess.run(
@@ -139,7 +139,7 @@ ELSEWHERE = {
 }
 
 
-def doors(folder: Path) -> None:
+def doors(folder):
     """Write what the locators name."""
     (folder / "evaluation.toml").write_text(SMALL)
     (folder / "my_ads.py").write_text(ADS)
@@ -151,7 +151,7 @@ def doors(folder: Path) -> None:
     write_policy("policy")(folder)
 
 
-def fmu(folder: Path) -> None:
+def fmu(folder):
     """Build the example of an FMU."""
     builder = pytest.importorskip("pythonfmu.builder")
     shutil.copy(ROOT / "docs" / "examples" / "acc_fmu.py", folder)

@@ -29,7 +29,7 @@ FULL = Path("/dev/full")
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     (tmp_path / "good.toml").write_text(HEAD)
     (tmp_path / "digits.toml").write_text(f"seed = {'1' * 5_000}\n{HEAD}")
     (tmp_path / "deep.toml").write_text(f"x = {'[' * 5_000}{']' * 5_000}\n{HEAD}")

@@ -5,7 +5,6 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -29,7 +28,7 @@ count = 2
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Done, Path]:
+def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("cli")
     (folder / "evaluation.toml").write_text(EVALUATION)
     done = in_a_process("run", "evaluation.toml", "--out", "out", cwd=folder)
@@ -95,7 +94,7 @@ def test_score_prints_the_same_table_again(finished):
     assert (out / "scores.json").read_text() == before
 
 
-def without_path(text: str) -> list[str]:
+def without_path(text):
     lines = [line.partition("; check: ")[0] for line in text.splitlines()]
     return [line for line in lines if not line.startswith("The report is ")]
 

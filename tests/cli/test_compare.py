@@ -1,7 +1,6 @@
 """A real run beside its repeat, and beside a build that does worse in one case of many."""
 
 import csv
-from pathlib import Path
 
 import junitparser
 import pytest
@@ -16,7 +15,7 @@ LIKE_BASE = "20, 0"
 
 
 @pytest.fixture(scope="module")
-def builds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def builds(tmp_path_factory):
     """Run folders `base`, `repeat` and `new` over the same cases; `new` does not brake in one of
     them."""
     folder = tmp_path_factory.mktemp("builds")

@@ -1,8 +1,6 @@
 """Commands that installed packages bring: entry points of the group `sumo_eval.commands`."""
 
 import sys
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -22,7 +20,7 @@ nothing = 1
 
 
 @pytest.fixture
-def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def site(tmp_path, monkeypatch):
     """A folder of installed packages, where a test may install its own."""
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "weather_tool.py").write_text(COMMAND)
@@ -32,7 +30,7 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     cli._plugins.cache_clear()
 
 
-def install(site: Path, entry: str) -> None:
+def install(site, entry):
     folder = site / "weather_tool-1.0.dist-info"
     folder.mkdir()
     (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: weather_tool\nVersion: 1.0\n")

@@ -16,7 +16,7 @@ from sumo_eval.cli.sentences import broken, say
 CONTEXT = click.Context(main, info_name="sumo-eval")
 
 
-def all_commands() -> list[tuple[str, click.Command]]:
+def all_commands():
     """Every command and subcommand with the words that call it."""
     found = []
     for name in commands():
@@ -110,5 +110,5 @@ def test_sentences_break_on_a_terminal_and_nowhere_else(err, monkeypatch, capsys
 class OnTerminal(io.StringIO):
     """A text that says it is a terminal."""
 
-    def isatty(self) -> bool:
+    def isatty(self):
         return True

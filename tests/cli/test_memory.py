@@ -29,7 +29,7 @@ def test_released_arrays_are_given_back():
     are in holes without the setting.
     """
 
-    def held(first: str) -> int:
+    def held(first):
         words = [sys.executable, "-c", HELD.format(first=first)]
         return int(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
 

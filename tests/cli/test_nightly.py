@@ -12,7 +12,6 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -23,19 +22,19 @@ from commands import sumo_eval
 from cli.nights import evaluation, plant
 from sumo_eval import open_run
 from sumo_eval.errors import InputError, StoppedError
-from sumo_eval.nightly.history import Night, open_history
+from sumo_eval.nightly.history import open_history
 from sumo_eval.nightly.night import _clear_away, _prune, run_night
 from sumo_eval.record.store import open_store
 from sumo_eval.scoring.gate_settings import GateSettings
 
 
-def nights(history: Path) -> list[Night]:
+def nights(history):
     with open_history(history) as lines:
         return lines.nights()
 
 
 @pytest.fixture(scope="module")
-def week(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+def week(tmp_path_factory):
     """Four nights that keep two folders: good, good, worse, and one in which a case could not be
     evaluated."""
     folder = tmp_path_factory.mktemp("week")
@@ -152,7 +151,7 @@ def test_what_a_killed_night_left_is_removed_and_said(week, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def killed(tmp_path_factory):
     """A folder with an evaluation and a history whose only night was killed while cases were
     driven."""
     folder = tmp_path_factory.mktemp("killed")
@@ -162,7 +161,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def copied(folder: Path, tmp_path: Path) -> tuple[Path, Path, Path]:
+def copied(folder, tmp_path):
     """A copy of it to go on with: the evaluation, the history, the folder that the killed night
     left."""
     copy = Path(shutil.copytree(folder, tmp_path / "copy"))
@@ -184,7 +183,7 @@ def test_a_night_that_is_killed_leaves_nothing_that_counts(killed, tmp_path):
     assert not left.exists()
 
 
-def stop_when(reached: Callable[[], bool], file: Path, history: Path) -> None:
+def stop_when(reached, file, history):
     """Kill a night, and all that it started, once that is reached."""
     command = [sys.executable, "-m", "sumo_eval", "nightly", str(file), "--history", str(history)]
     with subprocess.Popen(
@@ -196,7 +195,7 @@ def stop_when(reached: Callable[[], bool], file: Path, history: Path) -> None:
         os.killpg(process.pid, signal.SIGKILL)
 
 
-def recorded(history: Path) -> int:
+def recorded(history):
     """How many drives a night that has no line holds."""
     for facts in history.glob("nights/*/facts.sqlite"):
         connection = sqlite3.connect(f"file:{facts}?mode=ro", uri=True)
@@ -269,7 +268,7 @@ def test_a_disk_that_fails_without_being_full_and_a_late_ctrl_c_keep_the_night(
     shutil.copytree(folder / "history", history)
     plant(folder, "")
 
-    def broken(*_: object) -> None:
+    def broken(*_):
         raise fault
 
     monkeypatch.setattr("sumo_eval.nightly.night.write_tables", broken)
@@ -292,7 +291,7 @@ def test_a_full_disk_leaves_earlier_nights_alone(week, tmp_path, monkeypatch):
     shutil.copytree(folder / "history", history)
     before = nights(history)
 
-    def full(*_: object) -> None:
+    def full(*_):
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patched:
@@ -362,29 +361,29 @@ def test_older_runs_are_imported_as_nights_without_a_verdict(week, tmp_path):
     assert sumo_eval("trend", tmp_path).returncode == 2
 
 
-def nothing(path: Path) -> None:
+def nothing(path):
     path.unlink()
 
 
-def empty(path: Path) -> None:
+def empty(path):
     path.write_bytes(b"")
 
 
-def cut_off(path: Path) -> None:
+def cut_off(path):
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 
 
-def text(path: Path) -> None:
+def text(path):
     path.write_text("a note that somebody saved under this name " * 40)
 
 
-def flipped(path: Path) -> None:
+def flipped(path):
     data = bytearray(path.read_bytes())
     data[100] ^= 0xFF  # the kind of the first page
     path.write_bytes(data)
 
 
-def another_database(path: Path) -> None:
+def another_database(path):
     path.unlink()
     connection = sqlite3.connect(path)
     connection.execute("CREATE TABLE shopping (what)")
@@ -392,14 +391,14 @@ def another_database(path: Path) -> None:
     connection.close()
 
 
-def newer(path: Path) -> None:
+def newer(path):
     connection = sqlite3.connect(path)
     connection.execute("PRAGMA user_version = 99")
     connection.commit()
     connection.close()
 
 
-def a_folder(path: Path) -> None:
+def a_folder(path):
     path.unlink()
     path.mkdir()
 
@@ -563,7 +562,7 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch)
     run_night(file, history, GateSettings(resamples=100))
     plant(tmp_path, "30, 0:sleeps")
 
-    def stop(*_: object, **__: object) -> None:
+    def stop(*_, **__):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:

@@ -3,10 +3,9 @@ same sentence."""
 
 import random
 import re
-from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import CliRunner
 
 from sumo_eval.cli import main
 
@@ -82,12 +81,12 @@ engine = "serial"
 """
 
 
-def said(done: Result) -> str:
+def said(done):
     assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
     return " ".join(done.output.split())
 
 
-def alike(folder: Path) -> tuple[int, str]:
+def alike(folder):
     """The verdict of all three, and the sentence of the run, which the other two must say as
     well."""
     evaluation = folder / "evaluation.toml"
@@ -107,7 +106,7 @@ def alike(folder: Path) -> tuple[int, str]:
 
 
 @pytest.fixture(autouse=True)
-def sentences(monkeypatch: pytest.MonkeyPatch) -> None:
+def sentences(monkeypatch):
     """Sentences are not wrapped."""
     monkeypatch.setenv("COLUMNS", "400")
 
@@ -159,7 +158,7 @@ def test_axes_of_an_unknown_scenario_are_refused_alike(tmp_path):
     refused_alike(evaluation, "Unknown scenario `onw` in `report.axes`. Did you mean `own`?")
 
 
-def refused_alike(evaluation: Path, words: str) -> None:
+def refused_alike(evaluation, words):
     for command in (["run", str(evaluation), "--dry-run"], ["check", str(evaluation)]):
         done = CliRunner().invoke(main, command)
         assert done.exit_code == 2

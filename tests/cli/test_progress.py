@@ -1,8 +1,6 @@
 """Progress where there is no terminal: plain lines with rate, time left and failures, one at a
 stage's end."""
 
-import pytest
-
 from sumo_eval.cli import progress as module
 from sumo_eval.cli.progress import Progress
 
@@ -24,12 +22,7 @@ def test_plain_lines_tell_rate_time_left_and_failures(monkeypatch, capsys):
     ]
 
 
-def shown(
-    monkeypatch: pytest.MonkeyPatch,
-    reports: list[tuple[float, int]],
-    total: int,
-    at_most: bool = False,
-) -> None:
+def shown(monkeypatch, reports, total, at_most=False):
     """Report how much was done at these times, s."""
     now = [0.0]
     monkeypatch.setattr(module.clock, "monotonic", lambda: now[0])

@@ -3,8 +3,6 @@ them."""
 
 import os
 import signal
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from commands import sumo_eval
@@ -50,21 +48,21 @@ NAMES = (
 )
 
 
-def fifo(path: Path) -> None:
+def fifo(path):
     os.mkfifo(path)
 
 
-def endless(path: Path) -> None:
+def endless(path):
     path.symlink_to("/dev/zero")
 
 
-def link_to_a_fifo(path: Path) -> None:
+def link_to_a_fifo(path):
     os.mkfifo(path.with_name(f"{path.name}.pipe"))
     path.symlink_to(path.with_name(f"{path.name}.pipe"))
 
 
 @pytest.fixture(params=[fifo, endless, link_to_a_fifo], ids=lambda make: make.__name__)
-def desk(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+def desk(request, tmp_path):
     """A folder of special files, and of evaluations that name them."""
     for name in NAMES:
         request.param(tmp_path / name)
@@ -82,10 +80,10 @@ def desk(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def within_20_seconds() -> Iterator[None]:
+def within_20_seconds():
     """End a command that waits for a pipe, or reads a device that never ends."""
 
-    def too_long(number: int, frame: object) -> None:
+    def too_long(number, frame):
         raise AssertionError("the special file was opened")
 
     before = signal.signal(signal.SIGALRM, too_long)

@@ -9,21 +9,21 @@ from cosim_cases import ROAD, case, lead
 
 from sumo_eval import Command
 from sumo_eval.cosim.simulation import simulate, simulate_many
-from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, constant_lateral, lane_change
+from sumo_eval.scenario import Actor, Start, constant_lateral, lane_change
 from sumo_eval.scenario.concrete import brake_to_stop
 from sumo_eval.scenario.road.reference_line import Piece, arc, map_places
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.trajectory import CHANNELS, Recording, Trajectory
+from sumo_eval.trajectory import CHANNELS
 
 SHORT = SimulationSettings(time_limit=8.0)
 HALF_WHEELBASE = 0.5 * SHORT.vehicle.wheelbase
 
 
-def bend(radius: float, length: float = 1000.0) -> Road:
+def bend(radius, length=1000.0):
     return replace(ROAD, name=f"bend_{radius:g}", run_out=900.0, line=(arc(length, radius),))
 
 
-def on(road: Road, concrete: ConcreteScenario) -> ConcreteScenario:
+def on(road, concrete):
     return replace(concrete, road=road)
 
 
@@ -32,11 +32,11 @@ BRAKING = case(replace(lead(30.0, 20.0), acts=(brake_to_stop(1.0, 6.0, 10.0),)))
 CHANGING = case(Actor("other", Start(90.0, 0.0, 14.0), (lane_change(1.0, 3.0, 3.5),)))
 
 
-def vehicles(recording: Recording) -> list[Trajectory]:
+def vehicles(recording):
     return [recording.ego, *recording.actors.values()]
 
 
-def channels(recording: Recording) -> np.ndarray:
+def channels(recording):
     found = [np.stack([getattr(it, name) for name in CHANNELS]) for it in vehicles(recording)]
     return np.nan_to_num(np.concatenate(found, axis=1))
 
@@ -141,7 +141,7 @@ def test_a_rear_end_on_a_curve_is_evaluated_on_the_map():
 class StraightOn:
     """A policy that leaves the wheel alone."""
 
-    def act(self, scene: object) -> Command:
+    def act(self, scene):
         """No command."""
         return Command(0.0, 0.0)
 

@@ -23,7 +23,7 @@ from sumo_eval.cosim.contact import (
 EGO = Body(0.0, 0.0, 0.0, 20.0, 4.5, 1.8)
 
 
-def first_touch(*bodies: Body) -> float | None:
+def first_touch(*bodies):
     """Share of the step at which the bodies first touch, None when they do not."""
     share = share_at_touch(*bodies)
     return None if share < 0.0 else share

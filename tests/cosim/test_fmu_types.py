@@ -6,7 +6,6 @@ They are built here.
 import textwrap
 import zipfile
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from cosim_cases import HALF_SECOND, case, lead
@@ -122,7 +121,7 @@ THREE = "fmu:Feedthrough3.fmu?inputs.gaps=objects_gap&inputs.there=objects_prese
 
 
 @pytest.fixture(scope="module")
-def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fmus(tmp_path_factory):
     folder = tmp_path_factory.mktemp("feedthrough")
     for builder, name, source in (
         ("pythonfmu", "Feedthrough2", FEEDTHROUGH_2),
@@ -137,7 +136,7 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def deceleration(locator: str, folder: Path, *others: object) -> float:
+def deceleration(locator, folder, *others):
     recording = simulate(case(*others), locator, SimulationSettings(time_limit=1.0), folder=folder)  # type: ignore[arg-type]
     assert recording.error is None, recording.error
     return round(float(recording.ego.acceleration[-1]), 6)

@@ -11,7 +11,6 @@ import pytest
 
 from sumo_eval.cosim.sumo import gui_replay
 from sumo_eval.scenario import catalogue
-from sumo_eval.trajectory import Trajectory
 
 BESIDE = Path(sys.executable).with_name("sumo")
 SUMO = str(BESIDE) if BESIDE.is_file() else shutil.which("sumo")
@@ -31,7 +30,7 @@ def test_vehicles_stand_where_they_were_recorded_and_are_what_they_were(scenario
     shapes: dict[str, str] = {}
     step = traci.simulationStep
 
-    def watched() -> None:
+    def watched():
         step()
         shapes.update((name, traci.vehicle.getShapeClass(name)) for name in vehicles)
         seen.append(
@@ -56,7 +55,7 @@ def test_vehicles_stand_where_they_were_recorded_and_are_what_they_were(scenario
             assert angle == pytest.approx(90.0 - np.degrees(heading), abs=0.1)
 
 
-def at(trajectory: Trajectory, channel: str, time: float) -> float:
+def at(trajectory, channel, time):
     """A channel at a time, at most the last one the ego's recording has."""
     last = builders.drive(50.0, 0.0, 30.0, 3.0).time[-1]
     return float(np.interp(min(time, last), trajectory.time, getattr(trajectory, channel)))

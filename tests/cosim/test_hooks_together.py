@@ -24,7 +24,7 @@ from sumo_eval.settings import SimulationSettings
 STEPS = SimulationSettings(step=0.1, record_interval=0.1, time_limit=6.0)
 
 
-def points(name: str, number: int):
+def points(name, number):
     logical = catalogue.load(name)
     values = sample(logical).points
     return list(logical.concretes(values[:: max(len(values) // number, 1)]))[:number]
@@ -303,7 +303,7 @@ def test_every_way_to_keep_state_is_seen_and_nan_is_none():
     kept = {"nan": math.nan, "slot": held, "bytes": bytearray(1), "numbers": array("d", [0.0]),
         "space": SimpleNamespace(calls=0), "generator": generator}  # fmt: skip
 
-    def hook() -> None:
+    def hook():
         vars(hook)
 
     vars(hook).update(kept)

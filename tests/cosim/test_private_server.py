@@ -24,7 +24,7 @@ except InputError as error:
 LISTENS = "0A"
 
 
-def listening(table: str) -> set[tuple[str, int]]:
+def listening(table):
     """Addresses (hexadecimal, as the kernel writes them) and ports that somebody listens on."""
     rows = [
         line.split()
@@ -35,12 +35,12 @@ def listening(table: str) -> set[tuple[str, int]]:
     return {(address, int(port, 16)) for address, port in places}
 
 
-def free_port() -> int:
+def free_port():
     with socket.create_server((LOOPBACK, 0)) as probe:
         return int(probe.getsockname()[1])
 
 
-def started(tmp_path: Path, *, isolated: bool) -> tuple[PrivateServer, int]:
+def started(tmp_path, *, isolated):
     port = free_port()
     command = command_line(case(), HALF_SECOND, tmp_path, tmp_path / "log", None)
     words = [sumo_binary(), *command[1:], "--remote-port", str(port), "--num-clients", "2"]
@@ -48,7 +48,7 @@ def started(tmp_path: Path, *, isolated: bool) -> tuple[PrivateServer, int]:
         return PrivateServer(words, port, output, isolated=isolated), port
 
 
-def connect(server: PrivateServer) -> None:
+def connect(server):
     until = clock.monotonic() + 20.0
     while True:
         try:
@@ -83,7 +83,7 @@ def test_in_a_network_of_its_own_sumo_listens_alone(tmp_path):
 VERSION = b"\x00\x00\x00\x06\x02\x00"
 
 
-def waiting(port: int) -> int:
+def waiting(port):
     """Connections to a listening port that nobody has taken yet, by the kernel."""
     rows = [line.split() for line in Path("/proc/self/net/tcp").read_text().splitlines()[1:]]
     return next(

@@ -3,7 +3,6 @@ exit."""
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +12,8 @@ from sumo_eval import Command
 from sumo_eval.cosim.doors.features import Action, Feature, Interface
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.sumo.sumo_files import network_xml
-from sumo_eval.scenario import ConcreteScenario, catalogue
+from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.road.reference_line import arc, map_places
-from sumo_eval.trajectory import Recording
 
 POINTS = {
     "ramp_merge": {
@@ -35,18 +33,18 @@ POINTS = {
 CROSSED = {"crossing_path": {"ego_speed": 14.0, "other_speed": 10.0, "arrival": 1.0}}
 
 
-def case(name: str, **changes: float) -> ConcreteScenario:
+def case(name, **changes):
     return catalogue.load(name).concrete(**{**(POINTS | CROSSED)[name], **changes})
 
 
-def clips(found: Recording) -> set[str]:
+def clips(found):
     return {clip.what for clip in found.clips}
 
 
 class Straight:
     """Keeps its lane and its speed, and remembers what it was told."""
 
-    def act(self, seen: Any) -> Command:
+    def act(self, seen):
         if seen.time == 0.0:
             self.told = seen.goal, seen.change, [line.centre for line in seen.lane_borders]
         self.edges = (*getattr(self, "edges", ()), round(seen.ego.y - seen.right_edge, 3))
@@ -73,11 +71,11 @@ def test_law_arrays_of_policies_have_the_edges_of_others():
     class Arrays:
         batch = True
 
-        def act(self, seen: Any) -> Any:
+        def act(self, seen):
             shown[0] += wanted.show(seen)[0].tolist()
             return np.zeros(1)
 
-    def single(seen: Any) -> float:
+    def single(seen):
         shown[1] += [seen.left_edge, seen.right_edge]
         return 0.0
 
@@ -146,7 +144,7 @@ def test_a_model_of_sumos_takes_the_exit_that_its_route_leads_to():
     assert found.ego.y[-1] == pytest.approx(0.0, abs=1e-6)
 
 
-def bent(concrete: ConcreteScenario, radius: float) -> ConcreteScenario:
+def bent(concrete, radius):
     """The case where the road bends from its beginning on."""
     return replace(
         concrete, road=replace(concrete.road, name=f"bend_{radius:g}", line=(arc(900.0, radius),))

@@ -1,8 +1,6 @@
 """`sumo:`: Plexe's CC, CACC and EIDM with parameters, and TraCI code that names its vehicle's
 type."""
 
-from typing import Any
-
 import pytest
 from cosim_cases import case, lead
 
@@ -36,13 +34,13 @@ def test_traci_code_names_its_vehicles_type():
     class Platoon:
         vehicle_type = {"carFollowModel": "CC", "tauEngine": 0.3}  # noqa: RUF012
 
-        def reset(self, scenario: Any, traci: Any, ego: str) -> None:
+        def reset(self, scenario, traci, ego):
             traci.vehicle.setParameter(ego, "carFollowModel.ccac", "1")
             traci.vehicle.setParameter(ego, "carFollowModel.ccds", "12")
             traci.vehicle.setSpeedMode(ego, 31)
             traci.vehicle.setSpeed(ego, -1)
 
-        def step(self, traci: Any, ego: str, time: float) -> None:
+        def step(self, traci, ego, time):
             """SUMO drives."""
 
     found = simulate(case(), Platoon, TEN)
@@ -63,7 +61,7 @@ def test_a_type_is_how_the_vehicle_follows_and_nothing_else(given, sentence):
     class Mine:
         vehicle_type = given
 
-        def step(self, traci: Any, ego: str, time: float) -> None:
+        def step(self, traci, ego, time):
             """SUMO drives."""
 
     with pytest.raises(InputError) as caught:

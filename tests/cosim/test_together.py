@@ -22,13 +22,13 @@ from sumo_eval.scenario import Actor, Start, brake_to_stop, catalogue, constant_
 from sumo_eval.scenario.road.reference_line import arc
 from sumo_eval.scenario.sampling.samples import Request, sample
 from sumo_eval.settings import ConditionSettings, RunSettings, SimulationSettings
-from sumo_eval.trajectory import CHANNELS, Alone, Recording
+from sumo_eval.trajectory import CHANNELS, Alone
 
 simulating = importlib.import_module("sumo_eval.cosim.simulation")
 DECIDED = SimulationSettings(end_when_decided=True)
 
 
-def everything(recording: Recording) -> tuple[object, ...]:
+def everything(recording):
     """All of a recording that is no wall time, to the last bit."""
     vehicles = {"ego": recording.ego, **recording.actors}
     channels = {
@@ -39,7 +39,7 @@ def everything(recording: Recording) -> tuple[object, ...]:
     return outcome, channels, [(it.length, it.width) for it in vehicles.values()]
 
 
-def points(name: str, every: int):
+def points(name, every):
     logical = catalogue.load(name)
     return list(logical.concretes(sample(logical).points[::every]))
 
@@ -194,7 +194,7 @@ class SettledOverArrays:
 
     batch = True
 
-    def __init__(self, below: float = 99.0, rows: int = 0) -> None:
+    def __init__(self, below=99.0, rows=0):
         self.below, self.rows = below, rows
 
     def act(self, seen):
@@ -228,7 +228,7 @@ def test_recordings_have_the_order_of_the_cases_in_any_batch(monkeypatch):
 class Gives:
     """Keeps its speed; in the cases with the given ego speed it answers `answer`."""
 
-    def __init__(self, answer: float, at: float) -> None:
+    def __init__(self, answer, at):
         self.answer, self.at = answer, at
 
     def act(self, seen):
@@ -432,9 +432,7 @@ class Sways:
     """Steers a sine, brakes behind what is near and else drives on; every bit of what it sees is in
     what it does."""
 
-    def __init__(
-        self, amplitude: float, rate: float, brakes: float, drives: float, turns_off: float = 0.0
-    ) -> None:
+    def __init__(self, amplitude, rate, brakes, drives, turns_off=0.0):
         self.habits = amplitude, rate, brakes, drives, turns_off
 
     def act(self, seen):

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,27 +12,25 @@ from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Model, Road, Start
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.trajectory import CHANNELS, Recording
+from sumo_eval.trajectory import CHANNELS
 
 TWENTY = SimulationSettings(time_limit=12.0)
 ROAD = Road("r", 900.0, 2, 3.5, 300.0)
 
 
-def rear(
-    model: str = "IDM", gap: float = 25.0, y: float = 0.0, name: str = "rear", speed: float = 25.0
-) -> Actor:
+def rear(model="IDM", gap=25.0, y=0.0, name="rear", speed=25.0):
     return Actor(name, Start(100.0 - 4.5 - gap, y, speed), model=Model(model, speed))
 
 
-def scene(*actors: Actor, speed: float = 25.0, y: float = 0.0) -> ConcreteScenario:
+def scene(*actors, speed=25.0, y=0.0):
     return ConcreteScenario("t", {"v": speed}, 1.0, ROAD, Start(100.0, y, speed), actors)
 
 
-def brakes(observation: Any) -> float:
+def brakes(observation):
     return -8.0 if observation.time >= 2.0 else 0.0
 
 
-def same(one: Recording, two: Recording) -> bool:
+def same(one, two):
     assert one.error is None
     assert two.error is None
     pairs = [(one.ego, two.ego), *((one.actors[name], two.actors[name]) for name in one.actors)]
@@ -67,7 +64,7 @@ def test_one_that_is_too_near_runs_into_the_ego_from_behind():
     assert clip.applied == pytest.approx(found.collision.time)  # it never left its lane
 
 
-def cuts_in(observation: Any) -> tuple[float, float]:
+def cuts_in(observation):
     time = observation.time
     return (
         -9.0 if time > 1.8 else 0.0,
@@ -139,7 +136,7 @@ def test_law_cases_with_other_numbers_of_vehicles_between_them_have_the_bits_tha
     module = import_module("sumo_eval.cosim.simulation")
     drive = module.drive
 
-    def counted(world: Any, *rest: Any) -> None:
+    def counted(world, *rest):
         sizes.append(len(world.rows))
         drive(world, *rest)
 
@@ -159,7 +156,7 @@ def test_law_cases_with_other_numbers_of_vehicles_between_them_have_the_bits_tha
     assert sorted(sizes) == [2, 3]
 
 
-def swerve(observation: Any) -> tuple[float, float]:
+def swerve(observation):
     return 0.0, (0.25 if 1.0 < observation.time < 1.6 else 0.0)
 
 

@@ -18,11 +18,11 @@ FOLDERS = ("", "sumo_eval", "sumo_eval/extras", "sumo_eval/cosim")
 """Where a path in a page may begin."""
 
 
-def text(page: str) -> str:
+def text(page):
     return (ROOT / page).read_text(encoding="utf-8")
 
 
-def paths_in(page: str) -> set[str]:
+def paths_in(page):
     """Files and folders that a page names in code spans; placeholders and a user's own files are
     none."""
     spans = " ".join(re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", text(page), flags=re.S)))

@@ -8,14 +8,13 @@ import shutil
 import subprocess
 import tomllib
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
 import click
 import pytest
 import yaml
 from commands import sumo_eval
-from doc_blocks import BLOCKS, CODE, PAGES, ROOT, Block, Desk, code_of, mentioned
+from doc_blocks import BLOCKS, CODE, PAGES, ROOT, Desk, code_of, mentioned
 from example_files import write_needs
 
 from sumo_eval.cli import commands, main
@@ -107,7 +106,7 @@ BASE_EVALUATION = {
 
 
 @pytest.fixture(scope="module")
-def small_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small_run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("desk")
     desk = Desk(folder, folder)
     desk.lay_out()
@@ -117,7 +116,7 @@ def small_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def desk(small_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
+def desk(small_run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     return Desk(tmp_path, small_run)
 
@@ -125,7 +124,7 @@ def desk(small_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> De
 # --- commands -------------------------------------------------------------------------------------
 
 
-def read(words: list[str]) -> None:
+def read(words):
     """Have the program's own parser read a command: names, options, types of values, how many
     arguments."""
     context = click.Context(main, info_name="sumo-eval")
@@ -160,11 +159,11 @@ def test_every_command_within_a_text_exists_with_its_options(page):
         assert {word.partition("=")[0] for word in words if word.startswith("--")} <= known, words
 
 
-def why_not_run(words: list[str]) -> str:
+def why_not_run(words):
     return next((reason for word, reason in NOT_RUN.items() if word in words), "")
 
 
-def commands_to_run() -> dict[str, list[str]]:
+def commands_to_run():
     """Words of every command of a shell block or a pipeline, by the command as it is typed."""
     found: dict[str, list[str]] = {}
     for block in BLOCKS:
@@ -177,7 +176,7 @@ def commands_to_run() -> dict[str, list[str]]:
 TO_RUN = commands_to_run()
 
 
-def first_of_each_command() -> list[Any]:
+def first_of_each_command():
     """What is typed: each command once in the suite, all of it in the campaign."""
     seen: set[str] = set()
     found = []
@@ -232,7 +231,7 @@ def test_other_programs_that_blocks_call_are_there():
 # --- TOML and YAML --------------------------------------------------------------------------------
 
 
-def reader_of(content: dict[str, Any]) -> str:
+def reader_of(content):
     """Which file of the program a block of TOML is, by its keys."""
     keys = set(content)
     for name, marks in (
@@ -249,7 +248,7 @@ def reader_of(content: dict[str, Any]) -> str:
     return name if name == "evaluation" else "scenario"
 
 
-def read_toml_block(text: str, folder: Path) -> str:
+def read_toml_block(text, folder):
     """Have the program's own reader read a block: a whole file, or a part of one within the
     smallest whole."""
     content = tomllib.loads(text)
@@ -272,7 +271,7 @@ def read_toml_block(text: str, folder: Path) -> str:
     return kind
 
 
-def whole_scenario(content: dict[str, Any], folder: Path) -> dict[str, Any]:
+def whole_scenario(content, folder):
     """A scenario file with these parts; those of a shipped one where the block does not say."""
     if "parameter" in content:
         return content
@@ -288,7 +287,7 @@ def whole_scenario(content: dict[str, Any], folder: Path) -> dict[str, Any]:
     return {**base, **content}
 
 
-def files(name: str) -> dict[str, Any]:
+def files(name):
     path = ROOT / "sumo_eval" / "scenario" / "files" / f"{name}.toml"
     return tomllib.loads(path.read_text(encoding="utf-8"))
 
@@ -321,12 +320,12 @@ NOT_DRIVEN = {
 """Blocks of scenarios and evaluations that are read and not driven, by a text in them, and why."""
 
 
-def is_gate(block: Block) -> bool:
+def is_gate(block):
     """Whether a block is a gate file."""
     return block.language == "toml" and reader_of(tomllib.loads(block.text)) == "gate"
 
 
-def drivable(block: Block) -> bool:
+def drivable(block):
     """Whether a block of TOML says something of a drive, and what it needs is here."""
     if block.language != "toml" or any(text in block.text for text in NOT_DRIVEN):
         return False
@@ -433,7 +432,7 @@ def test_a_gate_of_a_block_judges_a_run_beside_itself(block, desk):
 # --- all of them ----------------------------------------------------------------------------------
 
 
-def treated(block: Block) -> str:
+def treated(block):
     """`run` in this file, `read` by the program's own reader, or `marked` as a language that
     neither is done to."""
     if block.language in MARKED:
@@ -448,7 +447,7 @@ def treated(block: Block) -> str:
     return "run" if any(not why_not_run(words) for words in block.commands()) else "read"
 
 
-def why_only_read(block: Block) -> str:
+def why_only_read(block):
     """What runs a block that is read here, or why nothing can; empty where nobody has said so."""
     texts = {**ELSEWHERE, **(NOT_DRIVEN if block.language == "toml" else {})}
     said = (reason for text, reason in texts.items() if text in block.text)
@@ -477,7 +476,7 @@ def test_what_a_reason_says_to_run_a_block_is_there():
             assert (ROOT / name).exists() or list((ROOT / "tests").rglob(name)), reason
 
 
-def tell() -> None:
+def tell():
     """Print how every block and every command is treated."""
     for block in BLOCKS:
         why = MARKED.get(block.language) or why_only_read(block)

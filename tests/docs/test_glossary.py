@@ -20,7 +20,7 @@ PAGES = [
 ]
 
 
-def rows(section: str) -> list[list[str]]:
+def rows(section):
     """The cells of a section's table, without its head."""
     (page,) = [page for page in PAGES if f"\n## {section}\n" in page]
     table = page.split(f"\n## {section}\n")[1].split("\n## ")[0]
@@ -28,11 +28,11 @@ def rows(section: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
 
 
-def names(section: str) -> list[str]:
+def names(section):
     return [name for row in rows(section) for name in re.findall(r"`(.*?)`", row[0])]
 
 
-def symbols() -> set[str]:
+def symbols():
     return {symbol for row in rows("Symbols") for symbol in row[0].split(", ")}
 
 

@@ -13,20 +13,20 @@ DOCS = Path(__file__).parents[2] / "docs"
 FILES = sorted((DOCS / "measurements").glob("*.json"))
 
 
-def tables(name: str) -> list[dict[str, Any]]:
+def tables(name):
     """Tables of a data file."""
     content = json.loads((DOCS / "measurements" / f"{name}.json").read_text(encoding="utf-8"))
     found: list[dict[str, Any]] = content["tables"]
     return found
 
 
-def table(name: str, title: str) -> dict[str, Any]:
+def table(name, title):
     """Table of a data file by the beginning of its title."""
     (found,) = [one for one in tables(name) if one["title"].startswith(title)]
     return found
 
 
-def page_rows(heading: str) -> dict[str, list[str]]:
+def page_rows(heading):
     """Cells of the first table under a heading of docs/trust.md, by its first cell."""
     part = (
         (DOCS / "trust.md")

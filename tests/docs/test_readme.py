@@ -13,11 +13,11 @@ ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def code_blocks(language: str) -> list[str]:
+def code_blocks(language):
     return re.findall(rf"```{language}\n(.*?)```", README, flags=re.S)
 
 
-def equation_rows() -> list[tuple[str, str, str, str, str]]:
+def equation_rows():
     page = (ROOT / "docs" / "formulas.md").read_text(encoding="utf-8")
     table = page.split("## Where each equation is")[1].split("\n## ")[0]
     rows = re.findall(
@@ -26,7 +26,7 @@ def equation_rows() -> list[tuple[str, str, str, str, str]]:
     return [(row[0], row[1], row[2], row[3], row[4]) for row in rows]
 
 
-def equations(text: str) -> set[int]:
+def equations(text):
     first, _, last = text.partition("-")
     return set(range(int(first), int(last or first) + 1))
 

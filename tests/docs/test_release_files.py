@@ -19,11 +19,11 @@ PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(enco
 ]
 
 
-def text(name: str) -> str:
+def text(name):
     return (ROOT / name).read_text(encoding="utf-8")
 
 
-def requirement(line: str) -> tuple[str, str]:
+def requirement(line):
     """Name and versions of a requirement, without spaces."""
     name, versions = re.fullmatch(
         r"([A-Za-z0-9_.-]+) "

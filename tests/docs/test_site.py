@@ -7,10 +7,9 @@ import re
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import get_args, get_type_hints
 
 import click
 import pytest
@@ -31,7 +30,7 @@ NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]
 NOTEBOOK = DOCS / "tutorials" / "first_look.ipynb"
 
 
-def blocks(page: Path, *languages: str) -> list[str]:
+def blocks(page, *languages):
     found = re.findall(
         r"^ *```(\w+)[^\n]*\n(.*?)^ *```", page.read_text(encoding="utf-8"), flags=re.S | re.M
     )
@@ -68,7 +67,7 @@ def test_every_page_is_in_the_menu():
     assert {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")} <= set(listed)
 
 
-def redirects() -> dict[str, str]:
+def redirects():
     """The rows of mkdocs.yml: new address by old address."""
     rows = (
         (ROOT / "mkdocs.yml")
@@ -97,7 +96,7 @@ def test_wrong_redirect_is_refused(row):
         hooks().moved_pages(row, {"run.md"})
 
 
-def hooks() -> Any:
+def hooks():
     """What the site does to its pages, as a module."""
     return load("docs/site_hooks.py")
 
@@ -129,7 +128,7 @@ def test_a_scenario_has_its_picture_parameters_options_and_source(name):
     assert f"- Source: {logical.source}" in text
 
 
-def reference_file(name: str) -> dict[str, Any]:
+def reference_file(name):
     """Content of a shipped scenario file."""
     return tomllib.loads(
         (ROOT / "sumo_eval" / "scenario" / "files" / f"{name}.toml").read_text(encoding="utf-8")
@@ -152,7 +151,7 @@ def test_the_reference_has_every_setting_command_and_option():
             assert not shown or f"`{option.opts[0]}`" in commands, (name, option)
 
 
-def every_setting(owner: Any) -> Iterator[tuple[str, str]]:
+def every_setting(owner):
     """Class and name of each setting of an evaluation, nested ones too."""
     for name, hint in get_type_hints(owner).items():
         if name.startswith("_"):

@@ -4,7 +4,6 @@ nothing."""
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -18,7 +17,7 @@ pytestmark = pytest.mark.campaign
 
 
 @pytest.fixture(scope="module")
-def site() -> Path:
+def site():
     done = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(SITE)],
         cwd=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True,
@@ -29,7 +28,7 @@ def site() -> Path:
 
 
 @pytest.fixture(scope="module")
-def pages(site: Path) -> dict[Path, html.HtmlElement]:
+def pages(site):
     return {
         path: html.parse(str(path)).getroot()
         for path in sorted(site.rglob("*.html"))
@@ -37,7 +36,7 @@ def pages(site: Path) -> dict[Path, html.HtmlElement]:
     }
 
 
-def addresses(page: html.HtmlElement) -> Iterator[str]:
+def addresses(page):
     for element, attribute, address, _ in page.iterlinks():
         if attribute in ("href", "src") and element.get("rel") != "canonical":
             yield address

@@ -14,16 +14,7 @@ from sumo_eval.drivers.recorded.recordings import Recordings, read_csv
 from sumo_eval.scenario.concrete import smooth_step
 
 
-def track(
-    name: str,
-    x0: float,
-    speed,
-    *,
-    y0: float = 0.0,
-    move=None,
-    seconds: float = 30.0,
-    kind: str = "car",
-):
+def track(name, x0, speed, *, y0=0.0, move=None, seconds=30.0, kind="car"):
     """A vehicle at `speed` (a number or a function of time);
 
     move: (begin, duration, offset) of a lane change.
@@ -44,7 +35,7 @@ def track(
     )  # fmt: skip
 
 
-def events_of(*tracks: pd.DataFrame):
+def events_of(*tracks):
     return extract_events(Recordings(pd.concat(tracks, ignore_index=True)))
 
 

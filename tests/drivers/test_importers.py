@@ -1,7 +1,5 @@
 """Importers: the traps of each format, on real samples and on rows worked by hand."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -21,7 +19,7 @@ NO_ANGLE = (
 )
 
 
-def _plain(path: Path) -> Path:
+def _plain(path):
     """Two cars on the same road in this project's own layout."""
     time = np.round(np.arange(0.0, 3.0, 0.1), 3)
     rows = [
@@ -145,7 +143,7 @@ def test_openacc_gaps_to_the_lead_are_kept():
     assert gap[shared].to_numpy() == pytest.approx(known[shared].to_numpy(), abs=1e-6)
 
 
-def _levelx(folder: Path) -> Path:
+def _levelx(folder):
     """Six cars on two lanes of 3.6 m that follow a curve of 200 m radius, in the levelX layout."""
     tracks, meta = [], []
     for number in range(6):
@@ -393,7 +391,7 @@ def test_commonroads_obstacles_that_are_left_out_are_counted_by_why(tmp_path):
     }
 
 
-def _bend(path: Path, **columns) -> Path:
+def _bend(path, **columns):
     """Eight cars along a circle of 300 m, in two lanes of 3.5 m, on a map, and one that stands."""
     rows = []
     for number in range(8):

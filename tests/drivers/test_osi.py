@@ -4,7 +4,6 @@ counted."""
 import gzip
 import math
 import struct
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -18,12 +17,12 @@ TURN = math.radians(30.0)  # of the road on the map
 CAR, SEMITRAILER, ANIMAL = (2, 4), (2, 8), (4, 0)  # type and subtype
 
 
-def varint(value: int) -> bytes:
+def varint(value):
     low, rest = value & 0x7F, value >> 7
     return bytes([low | 0x80]) + varint(rest) if rest else bytes([low])
 
 
-def field(number: int, value: int | float | bytes) -> bytes:
+def field(number, value):
     """A field in the wire format: varint, double or length-delimited."""
     if isinstance(value, bytes):
         return varint(number << 3 | 2) + varint(len(value)) + value
@@ -32,13 +31,11 @@ def field(number: int, value: int | float | bytes) -> bytes:
     return varint(number << 3) + varint(value)
 
 
-def vector(*values: float) -> bytes:
+def vector(*values):
     return b"".join(field(number, float(value)) for number, value in enumerate(values, 1))
 
 
-def moving(
-    name: int, s: float, d: float, speed: float, kind: tuple[int, int] = CAR, length: float = 4.6
-) -> bytes:
+def moving(name, s, d, speed, kind=CAR, length=4.6):
     x, y = s * math.cos(TURN) - d * math.sin(TURN), s * math.sin(TURN) + d * math.cos(TURN)
     base = (
         field(1, vector(length, 1.9, 1.5))
@@ -51,7 +48,7 @@ def moving(
     )
 
 
-def ground_truths(seconds: float = 8.0) -> list[bytes]:
+def ground_truths(seconds=8.0):
     """Two cars in two lanes, at 25 and 30 m/s, a semitrailer and a dog, 10 times a second from t =
     5 s on."""
     found = []
@@ -66,11 +63,11 @@ def ground_truths(seconds: float = 8.0) -> list[bytes]:
     return found
 
 
-def trace(messages: list[bytes]) -> bytes:
+def trace(messages):
     return b"".join(struct.pack("<I", len(one)) + one for one in messages)
 
 
-def is_the_scene(path: Path) -> None:
+def is_the_scene(path):
     found = import_recordings("osi", [path])
     table = found.table
     assert set(table["vehicle"]) == {"3", "4"}

@@ -36,7 +36,7 @@ OWN = {
 }
 
 
-def values_of(drivers, name: str) -> np.ndarray:
+def values_of(drivers, name):
     return np.array(
         [getattr(driver.idm if name in IDM_FIT else driver, name) for driver in drivers]
     )

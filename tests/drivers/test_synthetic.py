@@ -49,12 +49,12 @@ STEP = 0.05
 class Attention:
     """One driver's attention: what he remembers of each vehicle by its name."""
 
-    def __init__(self, driver) -> None:
+    def __init__(self, driver):
         self.driver = driver
         self.state, self.memories = fresh(ATTENTION), {}
         self.state.attends = 0
 
-    def known(self, me, others, time: float):
+    def known(self, me, others, time):
         """The vehicles that he acts upon; those that were seen and are out of sight now stand where
         nobody is."""
         for other in others:
@@ -74,7 +74,7 @@ class Attention:
         ]
 
 
-def known_since(scenes, name: str) -> float | None:
+def known_since(scenes, name):
     """Time at which the driver first acts upon a vehicle.
 
     scenes: time -> the others, with the ego at 20 m/s.
@@ -239,7 +239,7 @@ def test_an_overtaker_does_not_wander_back_to_what_it_passes():
         assert recording.ego.y[beside].min() > 1.9
 
 
-def channels(recording) -> bytes:
+def channels(recording):
     return b"".join(getattr(recording.ego, name).tobytes() for name in CHANNELS)
 
 

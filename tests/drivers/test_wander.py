@@ -29,16 +29,16 @@ def test_a_seed_is_a_whole_number(seed):
         random_stream(seed, "a")
 
 
-def value(noise: SmoothNoise, time: float) -> float:
+def value(noise, time):
     return noise_value(noise.waves, noise.amplitude, time)
 
 
-def at(noise: SmoothNoise, time: float) -> SimpleNamespace:
+def at(noise, time):
     found = noise_at(noise.waves, noise.amplitude, time)
     return SimpleNamespace(**dict(zip(("value", "rate", "bend"), found, strict=True)))
 
 
-def ensemble(time: float) -> np.ndarray:
+def ensemble(time):
     return np.array(
         [
             value(SmoothNoise(random_stream(number, "noise"), 0.25, 2.2), time)

@@ -18,13 +18,12 @@ from sumo_eval.extras.figures.drawn import FIGURES, OF_RUNS, draw
 from sumo_eval.extras.figures.style import MM, WIDTHS, save
 from sumo_eval.nightly.night import import_runs
 from sumo_eval.report.html import write_report
-from sumo_eval.results import Evaluation
 
 pytest.importorskip("matplotlib")
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
+def done(tmp_path_factory):
     """Two ADSs in a space of two parameters and in one of three."""
     settings = small(("idm", "no_reaction"), SCENARIOS, 3)
     return sumo_eval.evaluate(settings, tmp_path_factory.mktemp("drawn") / "run")

@@ -1,7 +1,6 @@
 """Environments to learn in: what gymnasium asks of them, and that a drive there is a drive in an
 evaluation."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import gymnasium
@@ -28,31 +27,31 @@ RAW = Interface((Feature("ego.x"), Feature("ego.y"), Feature("ego.speed"), Featu
 _OPEN: list[Any] = []
 
 
-def make(*arguments: Any, **options: Any) -> Any:
+def make(*arguments, **options):
     """An environment; libsumo holds one, so that of before is closed."""
     close()
     _OPEN.append(gymnasium.make(*arguments, **options))
     return _OPEN[-1]
 
 
-def make_vec(*arguments: Any, **options: Any) -> Any:
+def make_vec(*arguments, **options):
     close()
     _OPEN.append(gymnasium.make_vec(*arguments, **options))
     return _OPEN[-1]
 
 
-def close() -> None:
+def close():
     while _OPEN:
         _OPEN.pop().close()
 
 
 @pytest.fixture(autouse=True)
-def _closed() -> Iterator[None]:
+def _closed():
     yield
     close()
 
 
-def scenarios() -> tuple[str, ...]:
+def scenarios():
     return tuple(catalogue.SCENARIOS)
 
 
@@ -89,7 +88,7 @@ def test_a_drive_in_the_environment_is_a_drive_in_sumo(scenario, values):
     env = make(f"sumo_eval/{scenario}-v0", interface=interface, settings=settings, sumo=True)
     seen, info = env.reset(seed=1, options=values)
 
-    def answer(time: float) -> tuple[float, float]:
+    def answer(time):
         return -1.5 if time > 1.01 else 0.5, 0.02 if 2.01 < time < 3.01 else 0.0
 
     env.close()
@@ -171,7 +170,7 @@ def test_several_environments_and_a_simulation_live_in_one_process():
     """Two environments take turns, with an evaluation's simulation in between; each as if it were
     alone."""
 
-    def run(turns: int) -> list[np.ndarray]:
+    def run(turns):
         envs = [gymnasium.make("sumo_eval/cut_in-v0") for _ in range(turns)]
         for number, env in enumerate(envs):
             env.reset(seed=number)
@@ -284,7 +283,7 @@ def test_a_contact_ends_an_episode_with_its_impact_speed():
     """Full speed into an obstacle that is 15 m/s slower."""
     found = []
 
-    def reward(it: Transition) -> np.ndarray:
+    def reward(it):
         found.append((str(it.ended[0]), float(it.impact[0])))
         return np.zeros(1)
 

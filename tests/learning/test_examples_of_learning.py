@@ -4,7 +4,6 @@ pages say."""
 import runpy
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ POINT = {"ego_speed": 25.0, "obstacle_speed": 10.0, "gap": 60.0}
 
 
 @pytest.fixture
-def trainer(monkeypatch: pytest.MonkeyPatch) -> Any:
+def trainer(monkeypatch):
     monkeypatch.syspath_prepend(EXAMPLES)
     import train_policy
 

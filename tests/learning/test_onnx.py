@@ -2,7 +2,6 @@
 is refused."""
 
 import itertools
-from pathlib import Path
 from types import SimpleNamespace
 
 import gymnasium
@@ -29,8 +28,8 @@ ACC = Interface(
 )
 
 
-def write_model(folder: Path, layers: list[tuple[np.ndarray, np.ndarray]], interface: Interface,
-                rows: int | str = "rows", kind: int = TensorProto.FLOAT) -> Path:  # fmt: skip
+def write_model(folder, layers, interface,
+                rows = "rows", kind = TensorProto.FLOAT):  # fmt: skip
     """Dense layers with tanh between and behind them."""
     nodes, weights, last = [], [], "seen"
     dtype = helper.tensor_dtype_to_np_dtype(kind)
@@ -52,12 +51,12 @@ def write_model(folder: Path, layers: list[tuple[np.ndarray, np.ndarray]], inter
     return path
 
 
-def linear(folder: Path) -> Path:
+def linear(folder):
     """0.05 (gap - 10 - 1.5 v) + 0.4 dv, squashed onto -8..3 m/s2."""
     return write_model(folder, [(np.array([[-0.075], [0.05], [0.4]]), np.array([-0.5]))], ACC)
 
 
-def deep(folder: Path, **given: object) -> Path:
+def deep(folder, **given):
     drawn = np.random.default_rng(5)
     interface = usual(steering=False)
     sizes = [len(interface.features), 64, 64, 1]
@@ -74,7 +73,7 @@ def test_a_model_drives_as_its_arithmetic_says(tmp_path):
     allows.
     """
 
-    def rule(seen: object) -> float:
+    def rule(seen):
         lead = seen.lead  # type: ignore[attr-defined]
         gap, closing = (150.0, 0.0) if lead is None else (lead.gap, lead.relative_speed)
         value = np.tanh(-0.075 * seen.ego.speed + 0.05 * gap + 0.4 * closing - 0.5)  # type: ignore[attr-defined]

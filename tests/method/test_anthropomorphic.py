@@ -1,7 +1,6 @@
 """Laws and worked numbers of the anthropomorphic index D, Eqs. 11-13."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,15 +35,15 @@ ROAD = Road(name="test", length=60.0, lanes=2, lane_width=3.5, run_out=100.0)
 
 
 def drive(
-    speed: float = 15.0,
-    y: float = 0.0,
+    speed=15.0,
+    y=0.0,
     *,
-    until: float = 60.0,
-    start: float = 0.0,
-    lane_change: tuple[float, float, float] | None = None,
-    acceleration: Sequence[float] | float = 0.0,
-    steering_deg: Sequence[float] | float = 0.0,
-) -> Trajectory:
+    until=60.0,
+    start=0.0,
+    lane_change=None,
+    acceleration=0.0,
+    steering_deg=0.0,
+):
     """At one speed to the first sample at or past x = `until`; a lane change is (begin s, duration
     s, offset m)."""
     n = math.ceil((until - start) / speed / 0.1 - 1e-9) + 1
@@ -60,7 +59,7 @@ def drive(
     )
 
 
-def stopping(at: float, y: float = 0.0, *, standing: int = 20, start: float = 0.0) -> Trajectory:
+def stopping(at, y=0.0, *, standing=20, start=0.0):
     """From 10 m/s to a stop at x = `at`, then standing for some samples."""
     duration = 2.0 * (at - start) / 10.0
     time = 0.1 * np.arange(math.ceil(duration / 0.1) + standing)
@@ -77,7 +76,7 @@ def stopping(at: float, y: float = 0.0, *, standing: int = 20, start: float = 0.
     )
 
 
-def humans(seed: int = 0, n: int = 4) -> list[Trajectory]:
+def humans(seed=0, n=4):
     rng = np.random.default_rng(seed)
     return [
         drive(rng.uniform(12, 18), rng.normal(0.0, 0.3), lane_change=(1.0, 2.5, rng.uniform(0, 2)))
@@ -151,7 +150,7 @@ def test_a_field_scaled_by_a_constant_changes_nothing(factor, monkeypatch):
 
 @given(shift=st.floats(-5e3, 5e3), wait=st.floats(-100.0, 100.0))
 def test_moving_the_world_moves_nothing(shift, wait):
-    def moved(t: Trajectory) -> Trajectory:
+    def moved(t):
         return Trajectory(
             t.time + wait,
             t.x + shift,
@@ -171,7 +170,7 @@ def test_moving_the_world_moves_nothing(shift, wait):
 def test_a_mirrored_world_scores_the_same():
     middle = (ROAD.left_edge + ROAD.right_edge) / 2
 
-    def mirrored(t: Trajectory) -> Trajectory:
+    def mirrored(t):
         y, steering = 2 * middle - t.y, -t.steering_wheel_angle
         return Trajectory(t.time, t.x, y, -t.heading, t.speed, t.acceleration, steering)
 
@@ -326,9 +325,7 @@ def test_centre_with_a_real_deviation():
 )
 def test_field_with_known_values(own, others, expected, monkeypatch):
 
-    def fields(
-        shared: module.SharedFields, x: np.ndarray, y: np.ndarray, places: Sequence[int]
-    ) -> np.ndarray:
+    def fields(shared, x, y, places):
         return np.multiply.outer([own, *others], np.ones(y.shape))
 
     monkeypatch.setattr(module.SharedFields, "at", fields)
@@ -496,12 +493,12 @@ def test_seven_points_a_slice(centre, expected):
 # --- operations -----------------------------------------------------------------------------------
 
 
-def signal(*parts: tuple[float, float]) -> list[float]:
+def signal(*parts):
     """(value, seconds) parts at 0.1 s."""
     return [value for value, seconds in parts for _ in range(round(seconds / 0.1))]
 
 
-def recorded(**channels: Sequence[float]) -> Trajectory:
+def recorded(**channels):
     n = len(next(iter(channels.values())))
     quiet: dict[str, object] = {"acceleration": np.zeros(n), "steering_wheel_angle": np.zeros(n)}
     return Trajectory(0.1 * np.arange(n), 2.0 * np.arange(n), np.zeros(n), **(quiet | channels))  # type: ignore[arg-type]
@@ -669,7 +666,7 @@ def test_unknown_steering_samples_are_left_out():
     assert count_operations(recorded(steering_wheel_angle=angles), WHEEL) == 2
 
 
-def without_steering(y: Sequence[float], seed: int | None = None) -> Trajectory:
+def without_steering(y, seed=None):
     n = len(y)
     noise = np.zeros(n) if seed is None else np.random.default_rng(seed).normal(0.0, 0.02, n)
     return Trajectory(
@@ -677,7 +674,7 @@ def without_steering(y: Sequence[float], seed: int | None = None) -> Trajectory:
     )
 
 
-def lateral(*moves: tuple[float, float, float]) -> list[float]:
+def lateral(*moves):
     """y of moves (begin, duration, offset) over 40 s."""
     time = 0.1 * np.arange(400)
     return list(
@@ -710,7 +707,7 @@ def test_one_sample_without_steering_is_not_a_manoeuvre():
 
 def test_more_operations_than_the_humans_lower_the_score_and_fewer_do_not_raise_it():
     # Drivers: 1 and 3 operations, mean 2. The ADS: 0, 1, 2, 4.
-    def pressing(times: int) -> Trajectory:
+    def pressing(times):
         return drive(5.0, acceleration=(signal((1.0, 1.0), NONE) * times + [0.0] * 121)[:121])
 
     drivers = [pressing(1), pressing(3)]

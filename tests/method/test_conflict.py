@@ -2,7 +2,6 @@
 and PET by hand."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from sumo_eval.method.conflict import (
 )
 from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc
 from sumo_eval.method.point_criticality import criticality
-from sumo_eval.scenario import ConcreteScenario, catalogue
+from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.settings import ZoneSettings
 
@@ -24,7 +23,7 @@ ZONES = ZoneSettings()  # ideal braking with 5 m/s2
 RAMP = {"lanes": 3, "length": 2000.0, "lane": [{"lane": 0, "end": 500.0, "ramp_until": 120.0}]}
 
 
-def scene(speed: float, other: dict[str, Any], **more: Any) -> ConcreteScenario:
+def scene(speed, other, **more):
     """The ego at x = 50 m; bodies are 4.5 x 1.8 m."""
     content = {
         "name": "t",
@@ -36,7 +35,7 @@ def scene(speed: float, other: dict[str, Any], **more: Any) -> ConcreteScenario:
     return scenario_from(content, "t", Path()).concrete(v=speed)
 
 
-def critical(concrete: ConcreteScenario, delay: float = 0.0) -> tuple[float, float, float]:
+def critical(concrete, delay=0.0):
     found = conflict_criticality([concrete], 0, [delay], SIZE, ZONES)
     return tuple(float(it[0]) for it in found)
 

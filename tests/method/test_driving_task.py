@@ -20,9 +20,7 @@ from sumo_eval.trajectory import Trajectory
 ROAD = Road("road", 400.0, 2, 3.5, 0.0)
 
 
-def drive(
-    speed: float, seconds: float, *, sideways: float = 0.0, brakes: float = 0.0
-) -> Trajectory:
+def drive(speed, seconds, *, sideways=0.0, brakes=0.0):
     """From x = 0 on the right lane's centre line;
 
     brakes: m/s2, from t = 0 on;
@@ -40,9 +38,7 @@ def drive(
     )
 
 
-def share(
-    ego: Trajectory, *references: Trajectory, way: Way | None = None, excused: bool = False
-) -> float:
+def share(ego, *references, way=None, excused=False):
     asked = asked_way(0.0, references)
     assert asked is not None
     return task_share(ego, asked, way, incident=False, excused=excused)
@@ -98,7 +94,7 @@ def test_who_stands_behind_a_standing_car_is_excused():
     stopped, n = drive(10.0, 20.0, brakes=1.0), 201
     time = np.arange(n) * 0.1
 
-    def car(x: float, y: float, speed: float = 0.0) -> dict[str, Trajectory]:
+    def car(x, y, speed=0.0):
         return {
             "car": Trajectory(
                 time, x + speed * time, np.full(n, y), heading=np.zeros(n), speed=np.full(n, speed)

@@ -277,9 +277,7 @@ def test_lane_keeping_by_hand():
     assert (straight.overshoot, straight.over_line_time, straight.settling_time) == (0.0, 0.0, 0.0)
 
 
-def straight(
-    x: float, y: float, speed: float, heading: float = 0.0, duration: float = 10.0
-) -> Trajectory:
+def straight(x, y, speed, heading=0.0, duration=10.0):
     time = np.arange(0.0, duration + 0.05, 0.1)
     way = speed * time
     return Trajectory(
@@ -315,7 +313,7 @@ def test_the_pet_of_conflicting_ways_is_0_with_contact_and_none_apart_and_the_he
 
 @pytest.mark.parametrize("angle", [0.3, 1.0, 2.2, -2.8])
 def test_law_turning_and_moving_the_scene_leaves_its_pet(angle):
-    def turned(one: Trajectory) -> Trajectory:
+    def turned(one):
         c, s = math.cos(angle), math.sin(angle)
         return replace(
             one,

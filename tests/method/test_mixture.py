@@ -8,12 +8,7 @@ import pandas as pd
 import pytest
 from drivers.real_data import needs_recordings, recording
 
-from sumo_eval.method.anthropomorphic import (
-    AnthropomorphicIndex,
-    IndexNote,
-    anthropomorphic_index,
-    indexes_by_group,
-)
+from sumo_eval.method.anthropomorphic import IndexNote, anthropomorphic_index, indexes_by_group
 from sumo_eval.method.leave_one_out import band_pairings
 from sumo_eval.method.manoeuvres import chosen, manoeuvre_of, spread
 from sumo_eval.scenario.concrete import Road, smooth_step
@@ -25,21 +20,12 @@ MIXTURE = AnthropomorphicSettings(mode="mixture", slice_spacing=2.0)
 GAUSSIAN = replace(MIXTURE, mode="gaussian")
 
 
-def human_band(
-    drivers: list[Trajectory], road: Road, settings: AnthropomorphicSettings
-) -> list[AnthropomorphicIndex]:
+def human_band(drivers, road, settings):
     pairings = band_pairings(range(len(drivers)), settings)
     return indexes_by_group(drivers, [pairings], road, settings)[0]
 
 
-def drive(
-    *,
-    begin: float | None = None,
-    speed: float = 25.0,
-    y: float = 0.0,
-    slow: float = 0.0,
-    to: float = 3.5,
-):
+def drive(*, begin=None, speed=25.0, y=0.0, slow=0.0, to=3.5):
     """At `speed`, losing `slow` m/s2 from 3 s on for 3 s; a lane change of 5 s from `begin` s
     on."""
     time = np.arange(0.0, 20.0, 0.1)
@@ -164,7 +150,7 @@ def _real_bins():
         yield row, drives
 
 
-def _cars(speed: float, lead_speed: float):
+def _cars(speed, lead_speed):
     """Cars that start as the bin's mean driver does, over 60 s."""
     time = np.arange(0.0, 60.0, 0.1)
 

@@ -22,30 +22,26 @@ X = np.linspace(50.0, 600.0, 551)
 Y = np.broadcast_to(np.linspace(-1.75, 5.25, 8), (551, 8))
 
 
-def plain(
-    x: np.ndarray, y: np.ndarray, drives: list[Trajectory], constants: FieldSettings
-) -> np.ndarray:
+def plain(x, y, drives, constants):
     points = np.column_stack((np.repeat(x, y.shape[1]), y.ravel()))
     found = trajectory_fields(points, drives, constants)
     return found.reshape(len(drives), *y.shape)
 
 
-def standing(x: float, y: float, heading: float = 0.0, speed: float = 0.0) -> Trajectory:
+def standing(x, y, heading=0.0, speed=0.0):
     return Trajectory([0.0], [x], [y], heading=[heading], speed=[speed])
 
 
-def around(x: np.ndarray, y: np.ndarray) -> Stretch:
+def around(x, y):
     """The stretch in which the points lie; of none, a short one."""
     return Stretch(x.min(), x.max(), y.min(), y.max()) if x.size else Stretch(0.0, 1.0, 0.0, 1.0)
 
 
-def shared_fields(
-    x: np.ndarray, y: np.ndarray, drives: list[Trajectory], constants: FieldSettings
-) -> np.ndarray:
+def shared_fields(x, y, drives, constants):
     return SharedFields(drives, around(x, y), constants, y.size).at(x, y, range(len(drives)))
 
 
-def by_boxes(x: np.ndarray, y: np.ndarray) -> bool:
+def by_boxes(x, y):
     return module._pays(y.size, around(x, y)) and around(x, y).levels > 2
 
 
@@ -123,7 +119,7 @@ def test_synthetic_extremes_are_within_the_bound(k1):
 
 
 @pytest.fixture(scope="module")
-def driven() -> tuple[list[Trajectory], np.ndarray]:
+def driven():
     """Three drivers of a cut-out in SUMO and the points of their own slices, on many of which they
     are themselves."""
     concrete = catalogue.load("front_vehicle_cut_out").concrete(

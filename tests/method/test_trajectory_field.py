@@ -20,18 +20,18 @@ from sumo_eval.trajectory import Trajectory
 STEP = 0.1
 
 
-def one_sample(speed: float, heading: float = 0.0) -> Trajectory:
+def one_sample(speed, heading=0.0):
     return Trajectory([0.0], [0.0], [0.0], heading=[heading], speed=[speed])
 
 
-def instantaneous_field(points, position, velocity, **constants) -> np.ndarray:
+def instantaneous_field(points, position, velocity, **constants):
     """Eq. 10, of a vehicle at one time."""
     (x, y), (vx, vy) = position, velocity
     drive = Trajectory([0.0], [x], [y], heading=[math.atan2(vy, vx)], speed=[math.hypot(vx, vy)])
     return trajectory_field(points, drive, **constants)
 
 
-def winding(seed: int, n: int = 40, step: float = STEP) -> Trajectory:
+def winding(seed, n=40, step=STEP):
     """A drive that turns through more than a full circle, speeds up, and stands for a while."""
     rng = np.random.default_rng(seed)
     speed = np.clip(rng.normal(12.0, 6.0) + np.cumsum(rng.normal(0.0, 1.0, n)), 0.0, None)
@@ -42,7 +42,7 @@ def winding(seed: int, n: int = 40, step: float = STEP) -> Trajectory:
     return Trajectory(step * np.arange(n), x, y, heading=wrapped, speed=speed)
 
 
-def around(trajectory: Trajectory, n: int, seed: int = 7) -> np.ndarray:
+def around(trajectory, n, seed=7):
     """Points near and far, and some exactly on samples."""
     rng = np.random.default_rng(seed)
     points = rng.uniform(-60.0, 60.0, (n, 2))
@@ -282,7 +282,7 @@ def test_the_kernels_are_the_plain_loops(k1, k2, step):
     assert trajectory_field(points, drive, k1=k1, k2=k2) == pytest.approx(plain, rel=1e-9)
 
 
-def numpys(points: np.ndarray, samples: np.ndarray, k1: float) -> np.ndarray:
+def numpys(points, samples, k1):
     """The plain sum of magnitudes, all samples at all points at once."""
     x, y, along_x, along_y, ahead, weight = samples.T
     dx, dy = points[:, :1] - x, points[:, 1:] - y

@@ -4,7 +4,6 @@ steady target."""
 import csv
 import math
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -12,7 +11,6 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start
 from sumo_eval.settings import SimulationSettings, VehicleSettings
-from sumo_eval.trajectory import Recording
 
 TABLE = Path(__file__).parents[2].parent / "shared" / "data" / "r157" / "analytic_approach.csv"
 ROAD = Road("oracle_road", length=1500.0, lanes=2, lane_width=3.5, run_out=1000.0)
@@ -26,14 +24,14 @@ Row = dict[str, float]
 class DelayedBraking:
     """Rolls for `delay` s, then asks for full braking; the vehicle model makes the ramp of it."""
 
-    def __init__(self, delay: float) -> None:
+    def __init__(self, delay):
         self.delay = delay
 
-    def step(self, traci: Any, ego: str, time: float) -> Command:
+    def step(self, traci, ego, time):
         return Command(-100.0 if time >= self.delay - 1e-9 else 0.0)
 
 
-def approach(row: Row, gap: float, target_speed: float) -> Recording:
+def approach(row, gap, target_speed):
     """The row's ego `gap` m behind a target of constant speed."""
     vehicle = VehicleSettings(
         length=LENGTH,
@@ -51,14 +49,14 @@ def approach(row: Row, gap: float, target_speed: float) -> Recording:
     )  # fmt: skip
 
 
-def rows() -> list[Row]:
+def rows():
     if not TABLE.is_file():
         pytest.skip(f"{TABLE} is not there")
     with TABLE.open(newline="") as file:
         return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
 
 
-def check(row: Row, target_speed: float) -> None:
+def check(row, target_speed):
     """Collision or none, and impact speed, as the table has them."""
     recording = approach(row, row["gap0_m"], target_speed)
     assert recording.error is None
@@ -69,7 +67,7 @@ def check(row: Row, target_speed: float) -> None:
         assert impact == pytest.approx(row["dv_impact_mps"], abs=0.1), row
 
 
-def clear_of_the_boundary(table: list[Row]) -> list[Row]:
+def clear_of_the_boundary(table):
     return [row for row in table if abs(row["gap0_m"] - row["gap_required_m"]) > 0.1]
 
 

@@ -4,10 +4,10 @@ agrees."""
 import random
 
 import pytest
-from r157_cases import Row, collides, of_row, table
+from r157_cases import collides, of_row, table
 
 
-def disagreements(kind: str, rows: list[Row]) -> set[tuple[str, ...]]:
+def disagreements(kind, rows):
     return {
         (kind, *list(row.values())[:-1])
         for row in rows

@@ -15,7 +15,7 @@ ONE_IN_THE_SUITE = [CONTROLLERS[0], pytest.param(CONTROLLERS[1], marks=pytest.ma
 Point = tuple[float, float, float, float]
 
 
-def points(seed: int, count: int) -> list[Point]:
+def points(seed, count):
     """Ego speed, other's speed, gap, lateral speed: m/s and m."""
     rng = random.Random(seed)
     drawn = []
@@ -26,7 +26,7 @@ def points(seed: int, count: int) -> list[Point]:
     return drawn
 
 
-def contact(point: Point, controller: str, **where: float) -> float | None:
+def contact(point, controller, **where):
     """Time of contact, s."""
     recording = simulate(cut_in(*point, **where), controller, SETTINGS)
     assert recording.error is None

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 from ads.test_steps import least_gap
-from r157_cases import SETTINGS, Row, collides, of_row, table
+from r157_cases import SETTINGS, collides, of_row, table
 
 from sumo_eval.ads.fuzzy_safety_model import FuzzySafetyModel
 from sumo_eval.cosim.simulation import simulate
@@ -15,7 +15,7 @@ from sumo_eval.cosim.simulation import simulate
 class FsmAsCoded(FuzzySafetyModel):
     """`fsm` with CFS and without a resting gap, as the JRC's program has it."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__(standstill_gap=0.0, as_coded=True)
 
 
@@ -23,15 +23,15 @@ NAMES = {"FSM": "fsm", "RSS": "rss"}
 AT_THE_BOUNDARY = ("120", "100", "6", "1.2")  # ve, vo km/h, dx0 m, vy m/s
 
 
-def rows_of(model: str) -> list[Row]:
+def rows_of(model):
     return [row for row in table("cut_in.csv") if row["model"] == model and row["robust_dt"] == "1"]
 
 
-def point(row: Row) -> tuple[str, ...]:
+def point(row):
     return row["ve_kmh"], row["vo_kmh"], row["dx0_m"], row["vy_mps"]
 
 
-def disagreements(model: str, count: int) -> list[tuple[str, ...]]:
+def disagreements(model, count):
     drawn = random.Random(157).sample(rows_of(model), count)
     theirs = [row["crash"] == "1" for row in drawn]
     assert 0 < sum(theirs) < count

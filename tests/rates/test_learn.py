@@ -35,7 +35,7 @@ from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.joint import Joint
 
 
-def recovered(folder: Path, scenes: int, expected: float, seed: int) -> dict[str, bool]:
+def recovered(folder, scenes, expected, seed):
     """Whether the interval of each planted quantity holds it, and whether all of a kind, and
     everything, do at once."""
     source = folder / "fcd.csv"
@@ -301,7 +301,7 @@ def test_events_that_lie_on_a_line_are_refused():
         Joint("kde", ("a", "b"), rows, (0.0, 0.0), (20.0, 40.0))
 
 
-def braking_leader(across: float) -> Recordings:
+def braking_leader(across):
     """A leader 60 m ahead brakes with 2 m/s2 for 3 s, as its follower does, and moves `across`
     lanes to the left meanwhile; two more keep the lanes where they are.
     """

@@ -30,7 +30,7 @@ from sumo_eval.scenario.file import read_scenario, scenario_from
 TIME = np.round(np.arange(0.0, 20.05, 0.1), 1)
 
 
-def recorded() -> Recordings:
+def recorded():
     """Four in two lanes: the ego, one behind it, one that changes from the left lane to behind
     that, one far away."""
     changing = 3.6 * (1.0 - smooth_step((TIME - 4.0) / 5.0))
@@ -45,7 +45,7 @@ def recorded() -> Recordings:
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def scene(tmp_path_factory):
     path = tmp_path_factory.mktemp("scene") / "scene.toml"
     found = write_scene(recorded(), path, "ego", span=(None, 120.0), model="IDM", beyond=2.0)
     assert found.left_out == {FAR: 1}
@@ -116,7 +116,7 @@ def test_without_a_departure_all_drive_as_recorded(scene):
         assert np.abs(drive.y - np.interp(drive.time, TIME, rows["y"])).max() < 0.1
 
 
-def brakes(observation: object) -> float:
+def brakes(observation):
     return -3.0 if observation.time >= 12.0 else 0.0  # type: ignore[attr-defined]
 
 
@@ -215,7 +215,7 @@ def test_a_scene_that_cannot_be_is_refused(tmp_path, given, words):
         write_scene(recorded(), tmp_path / "scene.toml", **given)  # type: ignore[arg-type]
 
 
-def twice(*, with_ego: bool) -> Recordings:
+def twice(*, with_ego):
     """Two recordings of the same vehicles, the ego in both or in the first alone."""
     table = recorded().table
     other = table if with_ego else table[table["vehicle"] != "ego"]

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from rates.sums import Known, rate_of, truth
+from rates.sums import rate_of, truth
 
 
-def held(known: Known, drives: int, repetitions: int) -> tuple[int, int, float]:
+def held(known, drives, repetitions):
     """How many intervals lie below the true rate, how many above it, and the mean estimate over the
     true rate."""
     rates = [rate_of(known, drives, seed).collisions for seed in range(repetitions)]
@@ -22,7 +22,7 @@ def held(known: Known, drives: int, repetitions: int) -> tuple[int, int, float]:
     return found
 
 
-def least(repetitions: int) -> float:
+def least(repetitions):
     """How many of so many 95 % intervals hold at least: 95 % less three deviations."""
     return 0.95 * repetitions - 3.0 * np.sqrt(0.95 * 0.05 * repetitions)
 

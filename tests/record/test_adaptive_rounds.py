@@ -12,7 +12,6 @@ from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.record.facts import record_facts, resolve
 from sumo_eval.record.points import choose_points
 from sumo_eval.record.run_folder import read_manifest, read_settings
-from sumo_eval.results import Evaluation
 from sumo_eval.scoring.steps import Scoring
 
 EVALUATION = {
@@ -30,7 +29,7 @@ EVALUATION = {
 }
 
 
-def sampling_of(run: Path):
+def sampling_of(run):
     return read_settings(run).scenario[0].sampling
 
 
@@ -39,7 +38,7 @@ scorings: list[int] = []
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
+def run(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         really = Scoring.scores
 

@@ -9,7 +9,7 @@ import pytest
 
 import sumo_eval
 from sumo_eval.record.batches import LEAST, Batches
-from sumo_eval.record.cases import ALONE, Case, Outcome, Setup
+from sumo_eval.record.cases import ALONE, Case, Setup
 from sumo_eval.record.engines import once_each, run_batches, run_cases
 from sumo_eval.record.identity import with_fingerprint
 from sumo_eval.record.kept import KeptRecording
@@ -35,11 +35,11 @@ FAULTY = 5  # number of the case in which the ego starts at 20 m/s
 LIMITS: dict[str, Any] = {"case_timeout": 3.0, "step_timeout": 0.2, "memory_limit": 700.0}
 
 
-def setup(**run: Any) -> Setup:
+def setup(**run):
     return Setup(SIMULATION, RunSettings(**run), HERE)
 
 
-def cases(controller: str, count: int = 9) -> list[Case]:
+def cases(controller, count=9):
     """Drives at one ego speed each, 15, 16 ... m/s."""
     return [
         Case(
@@ -53,7 +53,7 @@ def cases(controller: str, count: int = 9) -> list[Case]:
     ]
 
 
-def facts(outcomes: list[Outcome]) -> dict[str, tuple[object, ...]]:
+def facts(outcomes):
     """All that is no circumstance, by case."""
     found = {}
     for outcome in outcomes:
@@ -123,7 +123,7 @@ def test_an_ads_that_cannot_be_loaded_is_rejected_case_by_case():
     assert [outcome.status for outcome in outcomes] == ["rejected"] * 9
 
 
-def kinds() -> list[Case]:
+def kinds():
     """ADSs, the ideal vehicle; two scenarios; mixed."""
     found: list[Case] = []
     for number, (gap, speed) in enumerate(
@@ -139,7 +139,7 @@ def kinds() -> list[Case]:
     return [with_fingerprint(case, SIMULATION, "", "") for case in found]
 
 
-def stored(path: Path, run: Setup) -> str:
+def stored(path, run):
     with open_store(path, create=True) as store:
         for outcomes in run_batches(kinds(), run):
             store.add(*outcomes)
@@ -175,7 +175,7 @@ def test_conditions_keep_an_ads_out_of_batches(tmp_path):
 # --- which cases go together ----------------------------------------------------------------------
 
 
-def taken(batches: Batches) -> list[int]:
+def taken(batches):
     sizes = []
     batches.look_ahead()
     while batch := batches.take():
@@ -184,7 +184,7 @@ def taken(batches: Batches) -> list[int]:
     return sizes
 
 
-def idle_at_the_end(sizes: list[int], lengths: list[int], workers: int) -> int:
+def idle_at_the_end(sizes, lengths, workers):
     """How long workers have nothing to do: each takes the next batch when it is free; a batch costs
     8, and its cases."""
     free_at, first = [0] * workers, 0
@@ -255,7 +255,7 @@ def test_all_roles_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_eac
     )
     shown: dict[str, tuple[int, int]] = {}
 
-    def progress(stage: str, done: int, total: int, failed: int = 0) -> None:
+    def progress(stage, done, total, failed=0):
         assert done >= shown.get(stage, (0, 0))[0]
         shown[stage] = done, total
 
@@ -290,7 +290,7 @@ def test_batches_shrink_when_lost_and_grow_again(too_slow, expected):
 def test_an_evaluation_with_millions_of_cases_is_not_planned_before_it_begins():
     asked = []
 
-    def many() -> Any:
+    def many():
         for number in range(10**6):
             asked.append(number)
             yield Case(number, SPACE.concrete(ego_speed=20.0, lead_speed=10.0), "ads", "a", "a")

@@ -4,14 +4,13 @@ however a run goes."""
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from record.batch_policies import SIZE
 
 import sumo_eval
 from sumo_eval.errors import StoppedError
-from sumo_eval.record.cases import ALONE, IN_BLOCK, Block, Case, Outcome, Setup
+from sumo_eval.record.cases import ALONE, IN_BLOCK, Block, Case, Setup
 from sumo_eval.record.engines import identify, run_cases
 from sumo_eval.record.facts import merge, record_facts, verify
 from sumo_eval.record.identity import is_over_arrays
@@ -36,7 +35,7 @@ HERE = Path(__file__).parent
 LEVELS = 3
 
 
-def evaluation(name: str = "OfTheMean", **run: Any) -> Resolved:
+def evaluation(name="OfTheMean", **run):
     settings = EvaluationSettings(
         name="blocks",
         seed=5,
@@ -49,20 +48,20 @@ def evaluation(name: str = "OfTheMean", **run: Any) -> Resolved:
     return Resolved(settings, HERE, {LOGICAL.name: LOGICAL})
 
 
-def recorded(run: Resolved, out: Path, **more: Any) -> str:
+def recorded(run, out, **more):
     record_facts(run, out, **more)
     return digest(out)
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory):
     """An uninterrupted run of six points, in blocks of four and two, with one worker."""
     folder = tmp_path_factory.mktemp("whole")
     record_facts(evaluation(), folder / "run")
     return folder / "run"
 
 
-def digest(run: Path) -> str:
+def digest(run):
     return sumo_eval.open_run(run).digest()
 
 
@@ -111,7 +110,7 @@ def test_a_shard_drives_the_blocks_of_the_whole(whole, tmp_path):
     assert digest(tmp_path / "merged") == digest(whole)
 
 
-def block_of(name: str, wanted: list[int]) -> list[Case]:
+def block_of(name, wanted):
     """Some cases of a block of four."""
     concretes = [
         LOGICAL.concrete(ego_speed=15.0 + number, lead_speed=5.0) for number in range(SIZE)
@@ -123,7 +122,7 @@ def block_of(name: str, wanted: list[int]) -> list[Case]:
     ]
 
 
-def driven(name: str, wanted: list[int], **run: Any) -> list[Outcome]:
+def driven(name, wanted, **run):
     outcomes = run_cases(
         block_of(name, wanted), Setup(SIMULATION, RunSettings(workers=1, **run), HERE)
     )

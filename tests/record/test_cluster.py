@@ -6,7 +6,6 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
@@ -28,17 +27,17 @@ HERE = Path(__file__).parent
 class Cluster:
     """A scheduler and workers, started and ended by the test."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder):
         self.folder = folder
         self.processes: list[subprocess.Popen[bytes]] = []
         self.file = folder / "scheduler.json"
         self._start("dask_scheduler", "--port", "0", "--no-dashboard", "--host", "127.0.0.1")
         self.address = ""
 
-    def worker(self, *options: str) -> subprocess.Popen[bytes]:
+    def worker(self, *options):
         return self._start("dask_worker", "--nthreads", "1", "--no-dashboard", *options)
 
-    def _start(self, program: str, *options: str) -> subprocess.Popen[bytes]:
+    def _start(self, program, *options):
         line = [
             sys.executable,
             "-m",
@@ -51,7 +50,7 @@ class Cluster:
             self.processes.append(subprocess.Popen(line, cwd=self.folder, stdout=log, stderr=log))
         return self.processes[-1]
 
-    def wait_for(self, workers: int) -> None:
+    def wait_for(self, workers):
         from distributed import Client
 
         until = time.monotonic() + 60.0
@@ -63,13 +62,13 @@ class Cluster:
 
 
 @pytest.fixture(scope="module")
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+def cluster(tmp_path_factory):
     with started(tmp_path_factory.mktemp("cluster")) as cluster:
         yield cluster
 
 
 @contextmanager
-def started(folder: Path) -> Iterator[Cluster]:
+def started(folder):
     """A cluster whose processes end with the block."""
     cluster = Cluster(folder)
     try:
@@ -213,7 +212,7 @@ def test_a_run_whose_scheduler_is_killed_continues_with_another(tmp_path):
     assert digest(far) == digest(tmp_path / "near")
 
 
-def recorded(folder: Path) -> int:
+def recorded(folder):
     """How many cases a run's file holds, 0 where it is not there yet."""
     try:
         with closing(sqlite3.connect(f"file:{folder / FACTS}?mode=ro", uri=True)) as connection:

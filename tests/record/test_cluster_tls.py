@@ -24,7 +24,7 @@ pytestmark = [
 ]
 
 
-def block(begins: str) -> str:
+def block(begins):
     """The shell block of the page that begins with a word."""
     (found,) = [
         text
@@ -34,7 +34,7 @@ def block(begins: str) -> str:
     return str(found)
 
 
-def with_certificates(folder: Path) -> dict[str, str]:
+def with_certificates(folder):
     """Certificates made as the page says, and the environment that it asks for."""
     made = subprocess.run(
         ["bash", "-ec", block("openssl")], cwd=folder, capture_output=True, text=True, check=False
@@ -57,7 +57,7 @@ def test_a_cluster_with_the_certificates_of_the_page_runs_cases_and_refuses_who_
     path = write_evaluation(tmp_path, levels=2)
     processes: list[subprocess.Popen[bytes]] = []
 
-    def start(program: str, *options: str) -> None:
+    def start(program, *options):
         line = [
             sys.executable,
             "-m",
@@ -72,7 +72,7 @@ def test_a_cluster_with_the_certificates_of_the_page_runs_cases_and_refuses_who_
                 subprocess.Popen(line, cwd=tmp_path, env=environment, stdout=log, stderr=log)
             )
 
-    def run(out: str, env: dict[str, str], *options: str) -> subprocess.CompletedProcess[str]:
+    def run(out, env, *options):
         line = command("run", path, "--out", tmp_path / out, *options)
         return subprocess.run(
             line, env=env, capture_output=True, text=True, timeout=300, check=False

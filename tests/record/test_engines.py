@@ -15,7 +15,7 @@ from sumo_eval.cli.stopping import heard
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import InputError
-from sumo_eval.record.cases import Case, Outcome, Setup
+from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import LATE, is_late_by_chance, run_batches, run_cases
 from sumo_eval.record.kept import KeptRecording, packed
 from sumo_eval.record.pool import Ended
@@ -59,7 +59,7 @@ INNOCENT = ("coast", "idm")
 
 
 @pytest.fixture(scope="module")
-def outcomes() -> dict[str, Outcome]:
+def outcomes():
     names = [name for fault in FAULTS for name in (fault, *INNOCENT)]
     cases = [
         Case(number, CONCRETE, "ads", name, name if name == "idm" else f"faulty_ads.py:{name}")
@@ -207,7 +207,7 @@ def test_no_child_is_left_and_no_zombie():
     assert not _pool_children()
 
 
-def _pool_children() -> list[int]:
+def _pool_children():
     """Processes that multiprocessing's fork server has made for this process."""
     from multiprocessing import forkserver
 
@@ -223,7 +223,7 @@ def _pool_children() -> list[int]:
     return found
 
 
-def drives(workers: int, numbers: list[int], controller: str = "synthetic") -> dict[str, bytes]:
+def drives(workers, numbers, controller="synthetic"):
     role = "human" if controller == "synthetic" else "ads"
     cases = [
         Case(
@@ -291,7 +291,7 @@ def test_stopping_lets_running_cases_end_and_begins_no_more():
     setup = Setup(SimulationSettings(), RunSettings(workers=2, cases_per_pack=1), HERE)
     asked: list[bool] = []
 
-    def stopping() -> bool:
+    def stopping():
         asked.append(True)
         return len(asked) > 5
 
@@ -317,7 +317,7 @@ def test_warming_up_begins_the_process_that_makes_the_children_and_they_come_fro
     assert (done.returncode, done.stdout) == (0, "a child\n"), done.stderr
 
 
-def imported(error: type[Exception] | None = None) -> None:
+def imported(error=None):
     """Imports amid which a Ctrl-C comes."""
     with heard():
         os.kill(os.getpid(), signal.SIGINT)

@@ -14,7 +14,7 @@ HERE = Path()
 HALTON = ScenarioSettings("cut_in", sampling=SamplingSettings("halton", count=2000))
 
 
-def estimated(ads: tuple[AdsSettings, ...], source: Path = HERE) -> costs.Estimate:
+def estimated(ads, source=HERE):
     return costs.estimate(Resolved.of(EvaluationSettings("x", (HALTON,), ads), source), None)
 
 

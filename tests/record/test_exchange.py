@@ -4,7 +4,6 @@ import csv
 import json
 import shlex
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -21,7 +20,7 @@ from sumo_eval.settings.toml_file import read_toml
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("exchange")
     assert (
         sumo_eval_cli("run", write_evaluation(folder, levels=2), "--out", folder / "run").returncode

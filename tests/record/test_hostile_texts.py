@@ -47,7 +47,7 @@ controller = "idm"
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hostile")
     shutil.copy(Path(__file__).with_name("hostile_texts.py"), folder)
     (folder / "evaluation.toml").write_text(EVALUATION)
@@ -57,7 +57,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
     return done.stdout, folder / "out"
 
 
-def rows(folder: Path) -> list[dict[str, str]]:
+def rows(folder):
     with (folder / "cases.csv").open(newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
 

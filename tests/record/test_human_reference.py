@@ -15,7 +15,7 @@ import sumo_eval
 from sumo_eval.errors import InputError
 from sumo_eval.method.anthropomorphic import Pairing, anthropomorphic_index, indexes_by_group
 from sumo_eval.record import human_reference
-from sumo_eval.record.human_reference import PointJob, PointResult, compute_points
+from sumo_eval.record.human_reference import PointJob, compute_points
 from sumo_eval.record.kept_results import KEPT, KeptResults
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.catalogue import load
@@ -26,7 +26,7 @@ Job = tuple[Path, PointJob]
 
 
 @pytest.fixture(scope="module")
-def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
+def job(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bands") / "run"
     evaluation = small(("idm",), steps={"ego_speed": 100.0, "lead_speed": 100.0})
     sumo_eval.evaluate(evaluation, folder)
@@ -39,7 +39,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
     )
 
 
-def computed(job: Job, settings: AnthropomorphicSettings = SETTINGS) -> PointResult:
+def computed(job, settings=SETTINGS):
     kept = KeptResults(job[0].parent)
     try:
         (result,) = compute_points(job[0], [job[1]], settings, map, lambda done: None, kept)
@@ -99,7 +99,7 @@ def test_what_is_kept_is_what_was_computed_to_the_last_digit(job, monkeypatch):
     judged = facts, replace(wanted, ads=wanted.left_out)
     first = computed(judged)
 
-    def nothing_to_do(*_: object) -> None:
+    def nothing_to_do(*_):
         raise AssertionError("computed again")
 
     monkeypatch.setattr(human_reference, "indexes_by_group", nothing_to_do)

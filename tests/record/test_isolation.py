@@ -17,7 +17,7 @@ from record.runs import command, write_evaluation
 
 from sumo_eval.errors import InputError
 from sumo_eval.record import hygiene
-from sumo_eval.record.cases import Case, Outcome, Setup
+from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import identify, run_cases
 from sumo_eval.record.frames import FrameError, FrameReader, frame
 from sumo_eval.record.kept import keep
@@ -49,7 +49,7 @@ OF_EACH_KIND = [
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="supervisors need Linux")
 
 
-def facts(outcome: Outcome) -> tuple[object, ...]:
+def facts(outcome):
     """What the store keeps of it as facts."""
     found = outcome.recording
     kept = keep(found) if isinstance(found, Recording) else found
@@ -60,7 +60,7 @@ def facts(outcome: Outcome) -> tuple[object, ...]:
     )
 
 
-def driven(accidents: list[str], workers: int) -> list[Outcome]:
+def driven(accidents, workers):
     """Outcomes of accidents with innocent ADSs between them."""
     numbers = count()
     cases = [
@@ -77,7 +77,7 @@ def driven(accidents: list[str], workers: int) -> list[Outcome]:
     return found
 
 
-def untouched(found: list[Outcome]) -> None:
+def untouched(found):
     """Check that every innocent row is what it is alone."""
     for locator in INNOCENT:
         case = Case(0, CONCRETE, "ads", locator.partition(":")[2] or locator, locator)
@@ -87,7 +87,7 @@ def untouched(found: list[Outcome]) -> None:
         assert all(row == facts(alone) for row in rows), locator
 
 
-def nothing_left() -> bool:
+def nothing_left():
     """Whether no process is left that an ADS has started."""
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         try:
@@ -99,7 +99,7 @@ def nothing_left() -> bool:
 
 
 @pytest.fixture(scope="module")
-def outcomes() -> list[Outcome]:
+def outcomes():
     return driven(OF_EACH_KIND, workers=2)
 
 
@@ -134,7 +134,7 @@ PLANNER = (
 MINE = "from planner import plan\n\ndef drive(traci, ego, now):\n    return plan()\n"
 
 
-def two_planners(folder: Path) -> list[Case]:
+def two_planners(folder):
     """Cases of `a/my.py` and `b/my.py`, each with a `planner.py` of its own beside it, one after
     the other."""
     for name, acceleration in (("a", -1.0), ("b", -2.0)):
@@ -154,7 +154,7 @@ def two_planners(folder: Path) -> list[Case]:
     ]
 
 
-def bytes_of(cases: list[Case], folder: Path, workers: int) -> dict[str, tuple[object, ...]]:
+def bytes_of(cases, folder, workers):
     found = run_cases(cases, Setup(SimulationSettings(), RunSettings(workers=workers), folder))
     return {outcome.case.key: facts(outcome) for outcome in found}
 

@@ -37,7 +37,7 @@ def test_the_second_writer_sees_the_first_and_deletes_nothing(tmp_path):
 
 
 def test_a_file_system_without_locks_is_not_another_writer(tmp_path, monkeypatch):
-    def no_locks(_file: int) -> None:
+    def no_locks(_file):
         raise OSError(errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(lock, "_lock", no_locks)

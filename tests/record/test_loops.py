@@ -29,7 +29,7 @@ def test_what_failed_to_compile_is_not_marked_as_done(tmp_path, monkeypatch):
     monkeypatch.setattr(loops, "warm", lambda scripts: loops._mark("idm").touch())
     told: list[tuple[int, int, int]] = []
 
-    def progress(stage: str, done: int, total: int, failed: int = 0) -> None:
+    def progress(stage, done, total, failed=0):
         told.append((done, total, failed))
 
     loops.ready(["idm", "rss"], progress)
@@ -48,7 +48,7 @@ def test_an_interrupt_ends_what_compiles(tmp_path):
     """Only this process is told, as by a service; a terminal tells its children, too."""
     file = tmp_path / "pid"
 
-    def press(number: int, frame: object) -> None:
+    def press(number, frame):
         raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGALRM, press)

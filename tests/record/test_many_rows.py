@@ -1,13 +1,12 @@
 """A hundred thousand rows: what the parent holds does not grow with them."""
 
 import tracemalloc
-from pathlib import Path
 
 import pytest
 from record.synthetic_store import use
 
 
-def peak(path: Path, rows: int) -> float:
+def peak(path, rows):
     tracemalloc.start()
     try:
         assert use(path, rows) == (rows, rows, rows // 10)

@@ -1,10 +1,7 @@
 """Runs with vehicles that react: whose collision one from behind is, and the same facts however
 they are made."""
 
-from __future__ import annotations
-
 import shutil
-from pathlib import Path
 
 import pytest
 
@@ -45,7 +42,7 @@ grid_points = 1000
 """
 
 
-def chased(folder: Path, workers: int) -> sumo_eval.Evaluation:
+def chased(folder, workers):
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "chased.toml").write_text(SCENARIO)
     (folder / "chased.evaluation.toml").write_text(EVALUATION)
@@ -53,7 +50,7 @@ def chased(folder: Path, workers: int) -> sumo_eval.Evaluation:
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> sumo_eval.Evaluation:
+def done(tmp_path_factory):
     return chased(tmp_path_factory.mktemp("chased"), 1)
 
 

@@ -68,7 +68,7 @@ BRAKES = "from sumo_eval import Command\ndef plan():\n    return Command(-6.0)\n
 ROLLS = BRAKES.replace("-6.0", "0.0")
 
 
-def written(folder: Path, ads: str = ADS, cases_per_child: int = 100) -> Path:
+def written(folder, ads=ADS, cases_per_child=100):
     (folder / "weights").mkdir(parents=True)
     (folder / "lazy").mkdir()
     (folder / "lazy" / "planner.py").write_text(BRAKES)
@@ -85,18 +85,18 @@ def written(folder: Path, ads: str = ADS, cases_per_child: int = 100) -> Path:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("reads")
     sumo_eval.evaluate(written(folder / "source"), folder / "run")
     return folder
 
 
-def stale(folder: Path) -> tuple[str, ...]:
+def stale(folder):
     with open_store(folder / "run" / "facts.sqlite") as store:
         return find_stale(store, folder / "source")
 
 
-def copy_of(whole: Path, tmp_path: Path) -> Path:
+def copy_of(whole, tmp_path):
     return Path(shutil.copytree(whole, tmp_path / "copy", symlinks=True))
 
 
@@ -120,7 +120,7 @@ CHANGES: dict[str, tuple[str, Callable[[Path], object]]] = {
 }
 
 
-def _pipe(path: Path) -> None:
+def _pipe(path):
     path.unlink()
     os.mkfifo(path)
 

@@ -33,7 +33,7 @@ HANGS = "def MyAds(traci, ego, time):\n    sum(range(10**18))\n"
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory):
     """An uninterrupted run: 6 points, 2 ADSs, 2 drivers, with one worker."""
     folder = tmp_path_factory.mktemp("whole")
     path = write_evaluation(folder)
@@ -41,7 +41,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "run"
 
 
-def rows(run: Path) -> int:
+def rows(run):
     """Rows in the facts of a run that may still be in the making."""
     try:
         with sqlite3.connect(f"file:{run / 'facts.sqlite'}?mode=ro", uri=True) as connection:
@@ -50,7 +50,7 @@ def rows(run: Path) -> int:
         return 0
 
 
-def started(run: Path, path: Path, *options: str, at_rows: int = 1) -> subprocess.Popen[str]:
+def started(run, path, *options, at_rows=1):
     process = subprocess.Popen(
         command("run", path, "--out", run, *options),
         stdout=subprocess.PIPE,
@@ -99,7 +99,7 @@ def test_a_changed_ads_runs_again_and_an_unchanged_one_does_not(whole, tmp_path)
     sumo_eval.evaluate(path, tmp_path / "run")
     assert digest(tmp_path / "run") == digest(whole), "another folder is the same run"
 
-    def walls() -> dict[str, float]:
+    def walls():
         drives = sumo_eval.open_run(tmp_path / "run").drives
         return dict(zip(drives["case"], drives["wall_time"], strict=True))
 
@@ -187,7 +187,7 @@ def test_ctrl_c_once_ends_the_cases_and_says_how_to_resume(whole, tmp_path):
     assert digest(tmp_path / "run") == digest(whole)
 
 
-def children_of_fork_servers(root: int) -> set[int]:
+def children_of_fork_servers(root):
     """All living processes below `root`."""
     parents = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
@@ -226,7 +226,7 @@ def test_hanging_children_are_gone_after_ctrl_c_twice_and_after_kill_9(how, tmp_
     assert rows(tmp_path / "run") >= 1
 
 
-def alive(pids: set[int]) -> set[int]:
+def alive(pids):
     return {pid for pid in pids if Path(f"/proc/{pid}").exists()}
 
 
@@ -234,7 +234,7 @@ def alive(pids: set[int]) -> set[int]:
 def test_a_run_whose_disk_fills_up_stops_and_continues_later(whole, tmp_path):
     path = write_evaluation(tmp_path)
 
-    def small_files() -> None:
+    def small_files():
         resource.setrlimit(resource.RLIMIT_FSIZE, (110_000, 110_000))
 
     done = subprocess.run(
@@ -261,7 +261,7 @@ def test_a_folder_that_was_half_made_is_made_again(whole, tmp_path):
         sumo_eval.evaluate(path, tmp_path / "foreign", resume=True)
 
 
-def sbatch(script: str, folder: Path) -> list[subprocess.CompletedProcess[str]]:
+def sbatch(script, folder):
     """A stand-in for Slurm's: each job of the array that `#SBATCH` lines of a script ask for, one
     after the other."""
     asked = dict(re.findall(r"^#SBATCH --([\w-]+)=(\S+)", script, flags=re.MULTILINE))
@@ -272,7 +272,7 @@ def sbatch(script: str, folder: Path) -> list[subprocess.CompletedProcess[str]]:
             for job in range(first, last + 1)]  # fmt: skip
 
 
-def in_shell(line: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
+def in_shell(line, folder, **variables):
     """A line as a shell runs it where `sumo-eval` is installed."""
     bin_folder = folder / "bin"
     bin_folder.mkdir(exist_ok=True)
@@ -379,7 +379,7 @@ def test_a_caller_can_stop_a_run_and_continue(whole, tmp_path):
     path = write_evaluation(tmp_path)
     seen: list[int] = []
 
-    def count(stage: str, done: int, total: int, failed: int = 0) -> None:
+    def count(stage, done, total, failed=0):
         seen.append(done)
 
     with pytest.raises(StoppedError, match="continues"):
@@ -423,7 +423,7 @@ obstacle = "lead"
 """
 
 
-def refuse() -> None:
+def refuse():
     raise InputError("The zones of `mine` cannot be found.")
 
 
@@ -433,7 +433,7 @@ class LostElsewhere:
 
     here: int
 
-    def __call__(self) -> None:
+    def __call__(self):
         if os.getpid() != self.here:
             os._exit(9)
 

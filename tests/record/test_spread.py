@@ -3,7 +3,6 @@
 import os
 import signal
 import time
-from pathlib import Path
 
 import pytest
 
@@ -14,10 +13,10 @@ from sumo_eval.record.spread import alongside, spread_over
 class Writing:
     """Work that leaves a file behind, importable by a child."""
 
-    def __init__(self, path: Path, after: float = 0.0) -> None:
+    def __init__(self, path, after=0.0):
         self.path, self.after = path, after
 
-    def __call__(self) -> None:
+    def __call__(self):
         self.path.with_suffix(".pid").write_text(str(os.getpid()))
         time.sleep(self.after)
         self.path.write_text("done")
@@ -29,7 +28,7 @@ def test_what_is_done_alongside_is_done_at_the_end(tmp_path):
     assert (tmp_path / "file").read_text() == "done"
 
 
-def _interrupted(work: Writing, began: Path) -> None:
+def _interrupted(work, began):
     with alongside(work):
         while not began.exists() or not began.read_text():
             time.sleep(0.01)

@@ -18,7 +18,7 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.trajectory import CHANNELS, Clip, Collision, Latency, Recording, Trajectory
 
 
-def drive(n: int = 40, seed: int = 3) -> Trajectory:
+def drive(n=40, seed=3):
     rng = np.random.default_rng(seed)
     time = np.arange(n) * 0.1
     return Trajectory(
@@ -28,14 +28,14 @@ def drive(n: int = 40, seed: int = 3) -> Trajectory:
     )  # fmt: skip
 
 
-def case(point: int = 7, driver: str = "idm") -> Case:
+def case(point=7, driver="idm"):
     concrete = catalogue.load("front_vehicle_cut_out").concrete(
         ego_speed=20, obstacle_speed=5, gap=60
     )
     return Case(point, concrete, "ads", driver, driver)
 
 
-def collision() -> Collision:
+def collision():
     return Collision(
         1.25, "obstacle", (12.0, 0.5), (5.0, 0.0), 0.75, "front", (1.0, 2.0, 0.1), (5.0, 2.0, 0.0)
     )
@@ -189,7 +189,7 @@ def test_reading_a_store_cannot_change_it(tmp_path):
         store.add(Outcome(case(), "crashed", None, "late"))
 
 
-def filled(path: Path, order: list[int], log: str = "") -> str:
+def filled(path, order, log=""):
     with open_store(path, create=True) as store:
         for point in order:
             took = Latency(0.1 * len(order), 0.2)
@@ -234,7 +234,7 @@ def test_a_full_disk_is_reported_and_what_was_recorded_stays(tmp_path):
 # --- damage ---------------------------------------------------------------------------------------
 
 
-def reads(path: Path) -> str:
+def reads(path):
     """What reading the whole of a file says: nothing, or the sentence it is refused with."""
     try:
         with open_store(path) as store:

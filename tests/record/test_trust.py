@@ -46,7 +46,7 @@ CASE = "front_vehicle_low_speed-0000-mine"
 
 
 @pytest.fixture(scope="module")
-def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def own(tmp_path_factory):
     """A run of one's own, `run`, of an evaluation in `source`."""
     folder = tmp_path_factory.mktemp("own")
     (folder / "source").mkdir()
@@ -57,7 +57,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def another_process(monkeypatch: pytest.MonkeyPatch) -> None:
+def another_process(monkeypatch):
     """What another process of the same user knows."""
     monkeypatch.setattr(trust, "_given", set())
     monkeypatch.setattr(trust, "_trusted", set())
@@ -65,20 +65,18 @@ def another_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def foreign(
-    own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, another_process: None
-) -> Path:
+def foreign(own, tmp_path, monkeypatch, another_process):
     """The same run as another user finds it."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     (own / "source" / "it_ran").unlink(missing_ok=True)
     return own
 
 
-def ran(folder: Path) -> bool:
+def ran(folder):
     return (folder / "source" / "it_ran").exists()
 
 
-def said(*arguments: object) -> tuple[int, str]:
+def said(*arguments):
     done = CliRunner().invoke(main, [str(one) for one in arguments])
     return done.exit_code, done.stderr
 

@@ -7,10 +7,8 @@ import builders
 import numpy as np
 import pytest
 
-from sumo_eval.cases import CaseResult
 from sumo_eval.method.anthropomorphic import exposure_weighted_index
 from sumo_eval.method.collision_avoidance import collision_avoidance_index
-from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms
 from sumo_eval.scoring.confidence.paired_differences import paired_differences
 from sumo_eval.scoring.confidence.resamples import one_list, resamples
@@ -19,7 +17,7 @@ from sumo_eval.settings import MethodSettings
 METHOD = MethodSettings()
 
 
-def cut_out(evaluation: Evaluation) -> list[CaseResult]:
+def cut_out(evaluation):
     """Cases with collisions of different weight and ideal severity, and with D_i of different
     exposure."""
     cases = [
@@ -30,7 +28,7 @@ def cut_out(evaluation: Evaluation) -> list[CaseResult]:
     return [replace(case, exposure=1.0 + 0.1 * number) for number, case in enumerate(cases)]
 
 
-def slowly(cases: list[CaseResult]) -> tuple[float, float]:
+def slowly(cases):
     """C and D of a list of cases in which a case may stand several times."""
     hits = [case for case in cases if case.collided]
     c = collision_avoidance_index(

@@ -12,7 +12,7 @@ from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.report.terminal import comparison_notes, moved_words
-from sumo_eval.scoring.comparison import Comparison, compare
+from sumo_eval.scoring.comparison import compare
 from sumo_eval.scoring.gate_settings import GateSettings
 from sumo_eval.scoring.kept_scores import RowWriter, table_of
 from sumo_eval.settings import AdsSettings
@@ -20,7 +20,7 @@ from sumo_eval.settings import AdsSettings
 GATE = GateSettings(resamples=200)
 
 
-def changes(comparison: Comparison) -> list[tuple[str, str]]:
+def changes(comparison):
     return [(item.change, item.new.case) for one in comparison.ads for item in one.changed]
 
 

@@ -9,11 +9,9 @@ import builders
 import numpy as np
 import pytest
 
-from sumo_eval.cases import CaseResult
 from sumo_eval.method.plausibility import EXTREMES, MOTORWAY_PEOPLE
 from sumo_eval.report import driving_words as words
 from sumo_eval.report.driving_words import CaseDrives
-from sumo_eval.results import Evaluation
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import Way
 from sumo_eval.trajectory import Trajectory
@@ -26,9 +24,7 @@ FINE = {
 }
 
 
-def drive(
-    speeds: list[tuple[float, float]], seconds: float = 10.0, x: float = 50.0, y: float = 0.0
-) -> Trajectory:
+def drive(speeds, seconds=10.0, x=50.0, y=0.0):
     """A drive with speeds, m/s, at times, s, linear between them."""
     time = np.arange(0.0, seconds + 0.05, 0.1)
     speed = np.interp(time, *zip(*speeds, strict=True))
@@ -37,16 +33,14 @@ def drive(
 
 
 @pytest.fixture
-def case(evaluation: Evaluation) -> CaseResult:
+def case(evaluation):
     safe = next(one for one in evaluation.cases if one.zone == "safe" and not one.incident)
     return replace(
         safe, scenario=builders.SCENARIOS[0], values={"ego_speed": 20.0, "lead_speed": 5.0}, **FINE
     )  # type: ignore[arg-type]
 
 
-def scene(
-    case: CaseResult, ego: Trajectory, *drivers: Trajectory, **actors: Trajectory
-) -> CaseDrives:
+def scene(case, ego, *drivers, **actors):
     return CaseDrives(
         case, ego, actors, drivers, {f"driver_{place}": one for place, one in enumerate(drivers)}
     )

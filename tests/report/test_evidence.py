@@ -8,7 +8,6 @@ import sys
 from dataclasses import replace
 from decimal import ROUND_CEILING, ROUND_FLOOR
 from importlib.metadata import version
-from pathlib import Path
 
 import pytest
 
@@ -20,7 +19,6 @@ from sumo_eval.report.evidence import _outward, evidence_of, write_evidence
 from sumo_eval.report.qualification import qualification_content, qualification_sentence
 from sumo_eval.report.terminal import closing_lines
 from sumo_eval.report.verdict import Beside
-from sumo_eval.results import Evaluation
 
 SCENE = """name = "approach"
 [[parameter]]
@@ -50,7 +48,7 @@ HERE = {
 MACHINE = {"system": platform.platform(), "processor": platform.machine(), "node": platform.node()}
 
 
-def qualification(folder: Path, passed: tuple[bool, ...] = (True, True), **versions: str) -> Path:
+def qualification(folder, passed=(True, True), **versions):
     """A file as `qualify` writes it, with so many checks."""
     path = folder / "qualification.json"
     content = {
@@ -63,7 +61,7 @@ def qualification(folder: Path, passed: tuple[bool, ...] = (True, True), **versi
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("evidence")
     (folder / "approach.toml").write_text(SCENE, encoding="utf-8")
     evaluate(
@@ -143,7 +141,7 @@ def test_a_varied_condition_is_no_missing_condition(run):
     delay = replace(logical.parameters[0], name="conditions.perception_delay")
     varied = replace(logical, parameters=(*logical.parameters, delay))
 
-    def assumed(evaluation: Evaluation) -> str:
+    def assumed(evaluation):
         return " ".join(evidence_of(evaluation).claims[1].assumptions)
 
     assert "no conditions are set" in assumed(whole)

@@ -77,7 +77,7 @@ while read -r seen; do echo '{"acceleration": -2}'; done
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(tmp_path_factory):
     """Two scenarios, three ADSs whose code lies beside the evaluation; the second point of each is
     the exported one."""
     folder = tmp_path_factory.mktemp("exported")
@@ -96,7 +96,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "run"
 
 
-def drive(run: Path, case: str):
+def drive(run, case):
     """What is recorded of a case: everything that does not differ from machine to machine."""
     with open_store(run / FACTS) as store:
         fact = next(fact for fact in store.facts("ads") if fact.case == case)
@@ -119,7 +119,7 @@ def drive(run: Path, case: str):
     )
 
 
-def again(out: Path, line: str) -> Path:
+def again(out, line):
     """Run the line that the export gave, in its folder, and return the new run."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     words = shlex.split(line)

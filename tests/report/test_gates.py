@@ -10,8 +10,7 @@ from report_cases import hit, pick, with_case
 
 from sumo_eval.errors import InputError
 from sumo_eval.nightly.gates import judge
-from sumo_eval.report.gate_result import GateResult, failed
-from sumo_eval.results import Evaluation
+from sumo_eval.report.gate_result import failed
 from sumo_eval.scoring.comparison import compare
 from sumo_eval.scoring.gate_settings import (
     HIGHER_IS_BETTER,
@@ -30,13 +29,13 @@ OFF = {
 }
 
 
-def judged(base: Evaluation, new: Evaluation, *limits: LimitSettings) -> tuple[GateResult, ...]:
+def judged(base, new, *limits):
     """By these limits alone, without any by the rule."""
     settings = GateSettings(resamples=400, **({"limit": limits, **OFF} if limits else {}))  # type: ignore[arg-type]
     return judge(new, compare(base, new, settings), settings)
 
 
-def with_scores(evaluation: Evaluation, **values: float | None) -> Evaluation:
+def with_scores(evaluation, **values):
     return replace(
         evaluation, scores=tuple(replace(score, **values) for score in evaluation.scores)
     )

@@ -5,9 +5,9 @@ from dataclasses import replace
 import builders
 import pytest
 
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.cases import CaseTable
 from sumo_eval.report.headline import headline, safety_words
-from sumo_eval.results import Evaluation, RankedAds, RankedPair, Ranking
+from sumo_eval.results import RankedAds, RankedPair, Ranking
 from sumo_eval.scoring.behaviour import behaviour_of, harm_beside
 from sumo_eval.scoring.failure_groups import failure_kinds
 from sumo_eval.scoring.findings import findings
@@ -16,7 +16,7 @@ from sumo_eval.scoring.ledger import ledger_plus
 NAME = builders.SCENARIOS[1]
 
 
-def of_one_scenario(evaluation: Evaluation, cases: list[CaseResult]) -> Evaluation:
+def of_one_scenario(evaluation, cases):
     """Some cases of CALM and HOSTILE in one scenario, with the counts of their scores made anew."""
     scores = []
     for score in evaluation.scores:
@@ -34,7 +34,7 @@ def of_one_scenario(evaluation: Evaluation, cases: list[CaseResult]) -> Evaluati
     return replace(evaluation, scores=tuple(scores), cases=tuple(cases))
 
 
-def clean(evaluation: Evaluation, ads: str, number: int = 4) -> list[CaseResult]:
+def clean(evaluation, ads, number=4):
     """So many safe cases of an ADS without an incident, at points of their own."""
     own = [case for case in evaluation.cases if case.ads == builders.CALM]
     model = next(case for case in own if case.zone == "safe" and not case.incident)

@@ -1,7 +1,6 @@
 """The order of nights, accepted nights, and since when a limit fails: histories without a drive."""
 
 from datetime import UTC, datetime
-from pathlib import Path
 
 import builders
 import pytest
@@ -19,7 +18,6 @@ from sumo_eval.nightly.history import Accepted, Night, open_history
 from sumo_eval.nightly.judged import failing_since
 from sumo_eval.nightly.night import _prune, _size
 from sumo_eval.report.gate_result import GateResult
-from sumo_eval.results import Evaluation
 from sumo_eval.scoring.gate_settings import GateSettings
 
 FUTURE, TODAY, LATER = "2999-01-01T02-00-00Z", "2026-11-25T02-00-00Z", "2026-11-26T02-00-00Z"
@@ -28,9 +26,7 @@ FAILED = GateResult(
 )
 
 
-def add(
-    history: Path, name: str, evaluation: Evaluation, *gates: GateResult, imported: bool = False
-) -> None:
+def add(history, name, evaluation, *gates, imported=False):
     (history / "nights" / name).mkdir(parents=True)
     status = 1 if gates else 0
     night = Night(

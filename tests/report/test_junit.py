@@ -2,7 +2,6 @@
 reads it back."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import junitparser
 import pytest
@@ -11,7 +10,6 @@ from report_cases import hit, pick, with_case
 from sumo_eval.nightly.gates import judge
 from sumo_eval.report.junit import comparison_suites, run_suites, score_parts, write_junit
 from sumo_eval.report.words import number
-from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import compare
 from sumo_eval.scoring.findings import unevaluated
 from sumo_eval.scoring.gate_settings import GateSettings, LimitSettings
@@ -19,7 +17,7 @@ from sumo_eval.settings import ReportSettings
 from sumo_eval.text import point_words
 
 
-def read(path: Path) -> dict[str, dict[str, str]]:
+def read(path):
     """Suite -> test -> what junitparser says of it: passed, failure, error or skipped."""
     kinds = {
         junitparser.Failure: "failure",
@@ -34,7 +32,7 @@ def read(path: Path) -> dict[str, dict[str, str]]:
     }
 
 
-def with_report(evaluation: Evaluation, **values: object) -> Evaluation:
+def with_report(evaluation, **values):
     return replace(
         evaluation, settings=replace(evaluation.settings, report=ReportSettings(**values))
     )  # type: ignore[arg-type]

@@ -10,14 +10,13 @@ from sumo_eval.cases import CaseTable
 from sumo_eval.report.terminal import ledger_sentences as sentences
 from sumo_eval.report.terminal import ledger_words
 from sumo_eval.report.words import explain_a
-from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.findings import Findings
-from sumo_eval.scoring.ledger import Ledger, ledger, ledger_plus
+from sumo_eval.scoring.ledger import ledger, ledger_plus
 from sumo_eval.scoring.quantities import combine
 from sumo_eval.settings import MethodSettings, ScoreSettings
 
 
-def index(found: Ledger, term: str) -> float:
+def index(found, term):
     """The sum of a term's lines in units of the index."""
     return math.fsum(line.index for line in found.lines if line.term == term)
 
@@ -90,7 +89,7 @@ def test_a_case_that_gains_leaves_the_points_of_its_term(evaluation):
     assert sentences(replace(found, lines=(*found.lines, gain))) == sentences(found)
 
 
-def scores_with_a_below_zero(evaluation: Evaluation) -> tuple[Evaluation, ScenarioResult]:
+def scores_with_a_below_zero(evaluation):
     """`calm` hits at 40 m/s wherever it hits: worse than doing nothing, which hits at 12."""
     cases = tuple(
         replace(case, severity=40.0) if case.collided and case.ads == builders.CALM else case

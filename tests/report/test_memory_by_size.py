@@ -3,7 +3,6 @@ in 500 MB."""
 
 import tracemalloc
 from functools import lru_cache
-from pathlib import Path
 
 import pytest
 from loaded import load
@@ -28,7 +27,7 @@ SIZES = load("tools/run_sizes.py")  # makes rows up and names what is made of th
 
 
 @pytest.fixture
-def small_buffers(monkeypatch: pytest.MonkeyPatch) -> None:
+def small_buffers(monkeypatch):
     """What is held at any number of cases is made small, so that a few of them fill it already."""
     monkeypatch.setattr(tables, "records_of", lru_cache(2)(tables.records_of.__wrapped__))
     monkeypatch.setattr(resamples, "AT_ONCE", 64_000)
@@ -36,7 +35,7 @@ def small_buffers(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="module")
-def made_up(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+def made_up(tmp_path_factory):
     place = tmp_path_factory.mktemp("sizes")
     for cases in (SMALL, LARGE):
         SIZES.made_up_run(place / str(cases), cases)
@@ -46,10 +45,10 @@ def made_up(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
 @pytest.mark.usefixtures("small_buffers")
 @pytest.mark.parametrize("name", OF_ROWS_ALONE)
 def test_law_no_part_holds_more_of_a_case_than_a_million_cases_allow(name, made_up, tmp_path):
-    def make(cases: int) -> None:
+    def make(cases):
         SIZES.PARTS[name](SIZES.of_rows_alone(made_up[cases], cases), tmp_path)
 
-    def most(cases: int) -> int:
+    def most(cases):
         tracemalloc.start()
         try:
             make(cases)
@@ -79,7 +78,7 @@ def test_law_a_million_cases_fit_into_memory(name, campaign_folder):
 
 
 @pytest.fixture(scope="module")
-def campaign_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def campaign_folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("sizes")
     for cases in (40_000, 120_000):
         SIZES.prepare(place, cases)

@@ -4,7 +4,6 @@ beside it."""
 import json
 import shlex
 from dataclasses import replace
-from pathlib import Path
 
 import builders
 import junitparser
@@ -22,8 +21,7 @@ from sumo_eval.nightly.rule_limits import judge_rule
 from sumo_eval.nightly.trend import write_trend
 from sumo_eval.report.gate_result import failed
 from sumo_eval.report.junit import comparison_suites, write_junit
-from sumo_eval.results import Evaluation
-from sumo_eval.scoring.comparison import Comparison, compare
+from sumo_eval.scoring.comparison import compare
 from sumo_eval.scoring.gate_settings import GateSettings, LimitSettings
 from sumo_eval.scoring.rule import Noise, Repeats
 
@@ -31,7 +29,7 @@ SETTINGS = GateSettings(resamples=100)
 FIRST, SECOND = "2026-11-24T02-00-00Z", "2026-11-25T02-00-00Z"
 
 
-def night(name: str, status: int = 0) -> Night:
+def night(name, status=0):
     return Night(
         name,
         "made",
@@ -46,11 +44,11 @@ def night(name: str, status: int = 0) -> Night:
     )
 
 
-def built(evaluation: Evaluation, build: str) -> Evaluation:
+def built(evaluation, build):
     return replace(evaluation, manifest={**evaluation.manifest, "builds": {builders.CALM: build}})
 
 
-def calm(evaluation: Evaluation, gap: float) -> Evaluation:
+def calm(evaluation, gap):
     """Every case of `calm` that ended well came as near as that, m."""
     cases = [replace(case, min_gap=gap,
         min_ttc=9.0) if case.ads == builders.CALM and case.status == "ok" else case
@@ -58,7 +56,7 @@ def calm(evaluation: Evaluation, gap: float) -> Evaluation:
     return replace(evaluation, cases=tuple(cases))
 
 
-def nearer(evaluation: Evaluation, gap: float) -> Evaluation:
+def nearer(evaluation, gap):
     """One case of `calm` alone came as near as that, m."""
     return with_case(
         evaluation,
@@ -68,7 +66,7 @@ def nearer(evaluation: Evaluation, gap: float) -> Evaluation:
 
 
 @pytest.fixture
-def judged(evaluation: Evaluation) -> JudgedNight:
+def judged(evaluation):
     """A night in which one case came nearer and whose ADS is another build."""
     base, new = built(calm(evaluation, 0.92), "abc"), built(calm(evaluation, 0.92), "def")
     new = nearer(new, 0.32)
@@ -79,7 +77,7 @@ def judged(evaluation: Evaluation) -> JudgedNight:
 
 
 @pytest.fixture
-def folder(judged: JudgedNight, tmp_path: Path) -> Path:
+def folder(judged, tmp_path):
     """What that night wrote."""
     found = tmp_path / "nights" / SECOND
     found.mkdir(parents=True)
@@ -183,7 +181,7 @@ def test_a_drift_of_two_percent_is_found_by_night_ten(evaluation):
     0.103)."""
     pinned = calm(evaluation, 0.9)
 
-    def fails(base: Evaluation, number: int) -> bool:
+    def fails(base, number):
         tonight = calm(evaluation, 0.9 * 0.98**number)
         return bool(failed(judge_rule(compare(base, tonight, SETTINGS), SETTINGS, Noise())))
 
@@ -193,7 +191,7 @@ def test_a_drift_of_two_percent_is_found_by_night_ten(evaluation):
     assert [fails(pinned, number) for number in (5, 6, 10)] == [False, True, True]
 
 
-def pin_after(history: Path, comparison: Comparison | None, noise: Noise = Noise()) -> str:  # noqa: B008 - frozen
+def pin_after(history, comparison, noise=Noise()):  # noqa: B008 - frozen
     """The night that is pinned after one that is compared so."""
     bases = Bases(None, None, comparison, None, (), unusable=False)
     with open_history(history, create=True) as lines:

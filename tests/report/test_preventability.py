@@ -10,22 +10,19 @@ import pytest
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.tables import scores_json
 from sumo_eval.report.words import LOOKS, reference_sentence
-from sumo_eval.results import Evaluation
 from sumo_eval.scoring.preventability import Preventability, preventability, reference_ads, verdicts
 from sumo_eval.settings import AdsSettings, ReportSettings
 
 SCENARIO = builders.SCENARIOS[0]
 
 
-def against(evaluation: Evaluation, reference: str) -> Evaluation:
+def against(evaluation, reference):
     return replace(
         evaluation, settings=replace(evaluation.settings, report=ReportSettings(reference))
     )
 
 
-def made(
-    evaluation: Evaluation, outcomes: dict[str, list[str]], ideal: list[bool | None] | None = None
-) -> Evaluation:
+def made(evaluation, outcomes, ideal=None):
     """One scenario: for each ADS what became of it point by point.
 
     -: avoided, X: collided, R: off road, G: given up, E: error of the harness.
@@ -59,7 +56,7 @@ def made(
     return replace(evaluation, settings=settings, cases=tuple(cases), scores=scores)
 
 
-def by_case(evaluation: Evaluation) -> dict[str, str]:
+def by_case(evaluation):
     """The verdict on every case, by case."""
     return {
         case.case: verdict

@@ -17,10 +17,9 @@ from sumo_eval.cosim.sumo.gui_replay import sumo_gui
 from sumo_eval.errors import InputError
 from sumo_eval.method.measures import time_to_collision, vehicle_ahead
 from sumo_eval.record.run_folder import FACTS
-from sumo_eval.record.store import Fact, open_store
+from sumo_eval.record.store import open_store
 from sumo_eval.report.page_data import drawn_line, drawn_road
 from sumo_eval.report.replay import recorded, write_replay
-from sumo_eval.results import Evaluation
 from sumo_eval.scenario import Road, catalogue
 from sumo_eval.scenario.bodies import BODIES
 from sumo_eval.scenario.road.lanes import LaneSpan
@@ -33,7 +32,7 @@ needs_node = pytest.mark.skipif(NODE is None, reason="node is not installed")
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 
 
-def plain(trajectory: Trajectory) -> dict[str, object]:
+def plain(trajectory):
     channels = {
         name: getattr(trajectory, name).tolist() for name in ("time", "x", "y", "heading", "speed")
     }
@@ -82,12 +81,12 @@ def test_the_page_computes_the_gap_and_ttc_of_the_method(contact):
     assert np.isfinite(gap).any()
 
 
-def lorry(driven: Trajectory) -> Trajectory:
+def lorry(driven):
     channels = {name: getattr(driven, name) for name in ("time", "x", "y", "heading", "speed")}
     return Trajectory(**channels, length=12.0, width=2.5)
 
 
-def collision(evaluation: Evaluation) -> Fact:
+def collision(evaluation):
     key = next(
         case.case for case in evaluation.cases if case.ads == builders.CALM and case.collided
     )
@@ -157,7 +156,7 @@ def test_the_replay_page_plays_in_a_browser(evaluation, tmp_path):
         ]
 
 
-def share_of(page: Page, colour: tuple[int, int, int], within: int = 40) -> float:
+def share_of(page, colour, within=40):
     """Share of the first view's pixels that are about of a colour."""
     return float(
         page.run(f"""(() => {{

@@ -4,10 +4,7 @@ method's own field."""
 import json
 import shutil
 import subprocess
-from collections.abc import Iterator
 from importlib.resources import files
-from pathlib import Path
-from typing import Any
 
 import builders
 import numpy as np
@@ -28,7 +25,7 @@ needs_node = pytest.mark.skipif(NODE is None, reason="node is not installed")
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 
 
-def node(program: str, given: object) -> Any:
+def node(program, given):
     """What a program that reads `given` and knows `sumoEval` prints as JSON."""
     script = f"""
         const sumoEval = require({json.dumps(FIELD_JS)});
@@ -41,32 +38,32 @@ def node(program: str, given: object) -> Any:
     return json.loads(done.stdout)
 
 
-def plain(trajectory: Trajectory) -> dict[str, list[float]]:
+def plain(trajectory):
     return {
         name: getattr(trajectory, name).tolist() for name in ("time", "x", "y", "heading", "speed")
     }
 
 
-def turning() -> Trajectory:
+def turning():
     """Turns once around, so that headings jump by 2 pi, and ends off the 0.1 s grid."""
     time = np.append(np.arange(0.0, 8.0, 0.1), 8.04)
     angle = 0.9 * time
     return Trajectory(time, 60.0 + 20.0 * np.sin(angle), 20.0 * (1.0 - np.cos(angle)))
 
 
-def standing() -> Trajectory:
+def standing():
     return Trajectory(
         np.arange(0.0, 5.0, 0.1), np.full(50, 60.0), np.full(50, 1.0), speed=np.zeros(50)
     )
 
 
-def steered() -> Trajectory:
+def steered():
     return Trajectory(
         [0.0, 0.1, 0.2], [50.0, 52.0, 54.0], np.zeros(3), steering_wheel_angle=[0.0, 0.5, -1.25]
     )
 
 
-def coarse() -> Trajectory:
+def coarse():
     return Trajectory([0.0, 0.25, 0.9, 2.0], [50.0, 56.0, 71.0, 96.0], [0.0, 0.1, 0.3, 0.2])
 
 
@@ -179,7 +176,7 @@ def test_extreme_samples_come_back_from_the_page_as_they_were():
 
 
 @pytest.fixture(scope="module")
-def opened(report: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+def opened(report, tmp_path_factory):
     with Page(tmp_path_factory.mktemp("profile")) as page:
         page.open(report.as_uri(), "document.documentElement.dataset.report === 'ready'")
         for width, height in ((390, 844), (1400, 900)):

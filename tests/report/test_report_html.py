@@ -9,7 +9,6 @@ from html import escape, unescape
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 from urllib.parse import unquote
 
 import builders
@@ -26,8 +25,8 @@ from sumo_eval.report.page_data import gathered_words, rooms_of
 from sumo_eval.report.readings import readings
 from sumo_eval.report.sections import Beside, ranking_content
 from sumo_eval.report.words import GLOSSARY, count
-from sumo_eval.results import Evaluation, RankedAds, RankedPair, Ranking
-from sumo_eval.scenario import LogicalScenario, Parameter, catalogue
+from sumo_eval.results import RankedAds, RankedPair, Ranking
+from sumo_eval.scenario import Parameter, catalogue
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.scoring.findings import unevaluated
 from sumo_eval.scoring.map_view import choose_view, telling_slice
@@ -38,32 +37,32 @@ from sumo_eval.settings import DriverSettings
 class Tags(HTMLParser):
     """Every tag with its attributes, in order."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
         self.tags: list[tuple[str, dict[str, str | None]]] = []
 
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+    def handle_starttag(self, tag, attrs):
         self.tags.append((tag, dict(attrs)))
 
 
 @pytest.fixture(scope="module")
-def tags(page: str) -> list[tuple[str, dict[str, str | None]]]:
+def tags(page):
     parser = Tags()
     parser.feed(page)
     return parser.tags
 
 
-def embedded(page: str) -> dict[str, Any]:
+def embedded(page):
     """The data that the page draws from."""
     return json.loads(unpacked(page, "report-data"))
 
 
 @pytest.fixture(scope="module")
-def data(page: str) -> dict[str, Any]:
+def data(page):
     return embedded(page)
 
 
-def visible(page: str) -> str:
+def visible(page):
     """The page's words, without scripts, styles and tags."""
     bare = re.sub(r"<(script|style)\b.*?</\1>", "", page, flags=re.S)
     return " ".join(unescape(re.sub(r"<[^>]+>", " ", bare)).split())
@@ -349,7 +348,7 @@ def test_a_run_without_facts_is_refused(evaluation, partitions, tmp_path):
 # --- how a space is put on paper ------------------------------------------------------------------
 
 
-def space(k: int) -> LogicalScenario:
+def space(k):
     logical = catalogue.load(builders.SCENARIOS[0])
     parameters = tuple(
         Parameter(f"p{index}", 0.0, 10.0, 5.0, "m", "a length") for index in range(k)
@@ -357,7 +356,7 @@ def space(k: int) -> LogicalScenario:
     return replace(logical, name="made_up", parameters=parameters, constraints=())
 
 
-def points(evaluation: Evaluation, rows: list[list[float]]) -> CaseTable:
+def points(evaluation, rows):
     first = evaluation.cases[0]
     records = (
         replace(first, values={f"p{index}": value for index, value in enumerate(row)})

@@ -16,11 +16,10 @@ from sumo_eval.report.words import (
     index_note_words,
     reference_note_words,
 )
-from sumo_eval.results import Evaluation
 
 
 @pytest.fixture(scope="module")
-def table(evaluation: Evaluation, tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+def table(evaluation, tmp_path_factory):
     path = tmp_path_factory.mktemp("csv") / "cases.csv"
     cases_csv(evaluation, path)
     return pd.read_csv(path, keep_default_na=False, na_values=[""])

@@ -29,7 +29,6 @@ from sumo_eval.report.words import (
     sampling_words,
     severity_words,
 )
-from sumo_eval.results import Evaluation
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.findings import Findings, unevaluated
 from sumo_eval.settings import CollisionSettings, MethodSettings, SamplingSettings
@@ -37,7 +36,7 @@ from sumo_eval.settings import CollisionSettings, MethodSettings, SamplingSettin
 CUT_OUT = builders.SCENARIOS[1]
 
 
-def with_loss(evaluation: Evaluation, loss: str) -> Evaluation:
+def with_loss(evaluation, loss):
     method = MethodSettings(collision=CollisionSettings(loss=loss))  # type: ignore[arg-type]
     return replace(evaluation, settings=replace(evaluation.settings, method=method))
 

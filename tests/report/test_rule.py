@@ -15,7 +15,6 @@ from sumo_eval.nightly.rule_limits import EVERYWHERE, judge_pairs
 from sumo_eval.report.gate_result import GateResult, failed
 from sumo_eval.report.sections import change_content
 from sumo_eval.report.verdict import Beside, verdict
-from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import compare
 from sumo_eval.scoring.gate_settings import (
     OF_U,
@@ -108,7 +107,7 @@ def test_holm_rejects_in_steps_and_leaves_out_what_cannot_fail():
     assert holm([], 0.02) == []
 
 
-def calm(evaluation: Evaluation, **values: float) -> Evaluation:
+def calm(evaluation, **values):
     """A run in which every case of `calm` that ended well has these values."""
     cases = [
         replace(case, **values) if case.ads == builders.CALM and case.status == "ok" else case  # type: ignore[arg-type]
@@ -117,7 +116,7 @@ def calm(evaluation: Evaluation, **values: float) -> Evaluation:
     return replace(evaluation, cases=tuple(cases))
 
 
-def some(evaluation: Evaluation, number: int, change: Change) -> Evaluation:
+def some(evaluation, number, change):
     """A run with the first cases of `calm` that ended well changed."""
     keys = [
         case.case for case in evaluation.cases if case.ads == builders.CALM and case.status == "ok"
@@ -127,7 +126,7 @@ def some(evaluation: Evaluation, number: int, change: Change) -> Evaluation:
     return evaluation
 
 
-def judged(base: Evaluation, new: Evaluation, noise: Noise | None = None) -> list[GateResult]:
+def judged(base, new, noise=None):
     comparison = compare(base, new, SETTINGS)
     return list(failed(judge(new, comparison, SETTINGS, noise or Noise())))
 
@@ -240,7 +239,7 @@ def test_lost_ads_scenario_and_tenth_of_pairs_fail(evaluation):
     """Of one ADS in one scenario the first case is lost, then all of them, then the ADS
     everywhere."""
 
-    def without(unwanted: Callable[[CaseResult], bool], run: Evaluation = evaluation) -> Evaluation:
+    def without(unwanted, run=evaluation):
         cases = tuple(case for case in run.cases if not unwanted(case))
         pairs = {(case.ads, case.scenario) for case in cases}
         scores = tuple(score for score in run.scores if (score.ads, score.scenario) in pairs)
@@ -248,7 +247,7 @@ def test_lost_ads_scenario_and_tenth_of_pairs_fail(evaluation):
 
     first = evaluation.cases[0]
 
-    def sentence(new: Evaluation) -> str:
+    def sentence(new):
         found = judge_pairs(compare(evaluation, new, SETTINGS), SETTINGS, "accept it")
         return found[0].sentence if found else ""
 
@@ -266,7 +265,7 @@ def test_lost_ads_scenario_and_tenth_of_pairs_fail(evaluation):
 def test_the_same_is_said_of_equal_bits_alone(evaluation):
     """The last digit of one value of one case is enough; so is a case without a partner."""
 
-    def told(new: Evaluation) -> str:
+    def told(new):
         found = verdict(compare(evaluation, new, SETTINGS), (), new)
         return f"{found.word}: {found.sentence}"
 
@@ -330,7 +329,7 @@ def test_a_harder_injury_risk_fails(evaluation):
     )
     case = pick(evaluation, collided=True)
 
-    def risk(value: float) -> Evaluation:
+    def risk(value):
         changed = with_case(evaluation, case.case, lambda it: replace(it, severity=value))
         return replace(changed, settings=replace(changed.settings, method=method))
 

@@ -7,7 +7,7 @@ import click
 import pytest
 
 from sumo_eval.report.score_table import FIRST, KEPT_LONGEST, MORE, cells_of, score_lines
-from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.results import ScenarioResult
 
 LONG = ("acc", "front_assist_planner_of_the_year_2026_a", "front_assist_planner_of_the_year_2026_b")
 INTERVALS = {
@@ -16,7 +16,7 @@ INTERVALS = {
 }
 
 
-def with_ads(evaluation: Evaluation, number: int) -> Evaluation:
+def with_ads(evaluation, number):
     """Its first ADS under so many names, short and long ones, every score with an interval."""
     first = evaluation.scores[0].ads
     own = [score for score in evaluation.scores if score.ads == first]

@@ -3,7 +3,6 @@ on them."""
 
 import sqlite3
 from dataclasses import replace
-from pathlib import Path
 
 import builders
 import pytest
@@ -14,12 +13,11 @@ from sumo_eval.errors import InputError
 from sumo_eval.nightly.history import HISTORY, Night, open_history
 from sumo_eval.nightly.trend import HEIGHT, TOP, _ticks, charts, failed_nights, write_trend
 from sumo_eval.report.gate_result import GateResult
-from sumo_eval.results import Evaluation
 
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 
 
-def night(name: str, status: int = 0) -> Night:
+def night(name, status=0):
     return Night(
         name,
         "made",
@@ -35,7 +33,7 @@ def night(name: str, status: int = 0) -> Night:
 
 
 @pytest.fixture
-def history(evaluation: Evaluation, tmp_path: Path) -> Path:
+def history(evaluation, tmp_path):
     gate = GateResult("S", builders.CALM, builders.SCENARIOS[0], True, "S is fine", 70.0, 40.0)
     with open_history(tmp_path, create=True) as lines:
         for number in range(3):
@@ -149,7 +147,7 @@ def test_only_nights_of_a_failed_limit_are_marked_as_failed():
     assert [bar["words"][:23] for bar in failed_nights(nights)] == ["2026-01-02 02:00 failed"]
 
 
-def value_without(value: object) -> tuple[object, ...]:
+def value_without(value):
     return (value.night, value.ads, value.scenario, value.quantity, None)  # type: ignore[attr-defined]
 
 

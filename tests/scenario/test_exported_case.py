@@ -1,7 +1,6 @@
 """An exported OpenSCENARIO file imports as its case and drives to the same digest."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,11 +11,10 @@ from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.logical import concrete, read_file
 from sumo_eval.extras.wheel.tape import digest
 from sumo_eval.scenario.catalogue import SCENARIOS, load
-from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 
 
-def exported(folder: Path, case: ConcreteScenario) -> Path:
+def exported(folder, case):
     """The files of a case."""
     drive = simulate(case, "idm")
     driven = {"ego": drive.ego, **drive.actors}

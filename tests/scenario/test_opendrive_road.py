@@ -33,7 +33,7 @@ NEXT = '<geometry s="100" x="{x}" y="102.75" hdg="1.5" length="9"><{shape}/></ge
 SLOPE = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevationProfile>'
 
 
-def written(tmp_path: Path, **parts: object) -> Path:
+def written(tmp_path, **parts):
     path = tmp_path / "road.xodr"
     path.write_text(
         PLAN.format(**{"id": "0", "more": "", "profile": "", "a": 3.5, "b": 0, **parts}),
@@ -147,14 +147,14 @@ length="{length}"><paramPoly3 {kind} aU="{aU}" bU="{bU}" cU="0" dU="{dU}" aV="0"
 COEFFICIENTS = {"aU": 0.0, "bU": 1.0, "dU": -9e-8, "bV": 0.0, "cV": 1e-3, "dV": -1e-5}
 
 
-def own_length(c: dict[str, float], last: float) -> float:
+def own_length(c, last):
     """Of the cubic, m: the polygon through a million of its points errs by less than 1e-9."""
     p = np.linspace(0.0, last, 1_000_001)
     u, v = c["aU"] + c["bU"] * p + c["dU"] * p**3, c["bV"] * p + c["cV"] * p**2 + c["dV"] * p**3
     return float(np.hypot(np.diff(u), np.diff(v)).sum())
 
 
-def cubic(tmp_path: Path, last: float, kind: str, **changes: float) -> Path:
+def cubic(tmp_path, last, kind, **changes):
     numbers = {**COEFFICIENTS, **changes}
     numbers.setdefault("length", own_length(COEFFICIENTS, last))
     path = tmp_path / "cubic.xodr"
@@ -302,7 +302,7 @@ CHAIN = """<OpenDRIVE><road id="in"><planView>
 </OpenDRIVE>"""
 
 
-def chain(tmp_path: Path, a: float = 3.5) -> Path:
+def chain(tmp_path, a=3.5):
     path = tmp_path / "chain.xodr"
     quarter = 10.0 * math.pi
     left, right = LANES.format(side="left", id=1, a=3.5), LANES.format(side="right", id=-1, a=3.5)

@@ -22,7 +22,7 @@ from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.extras.openscenario.written import scenario_content, write_scenario
 from sumo_eval.scenario import motion, played
 from sumo_eval.scenario.catalogue import find
-from sumo_eval.scenario.concrete import ConcreteScenario, lane_change
+from sumo_eval.scenario.concrete import lane_change
 from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import SimulationSettings
@@ -105,7 +105,7 @@ RANGE = """<DeterministicSingleParameterDistribution parameterName="{name}"><Dis
 <Range lowerLimit="36" upperLimit="90"/></DistributionRange></DeterministicSingleParameterDistribution>"""
 
 
-def written(folder: Path, **parts: object) -> Path:
+def written(folder, **parts):
     """A scenario file with its road and its catalog."""
     (folder / "catalogs").mkdir(exist_ok=True)
     (folder / "catalogs" / "cars.xosc").write_text(CARS, encoding="utf-8")
@@ -355,11 +355,11 @@ def test_speeds_and_gaps_on_a_curved_road_are_over_the_ground(tmp_path):
     assert way[-1] == pytest.approx(2.0 * 15.0 + 18.75, abs=1e-3)
 
 
-def _at(lane: int, s: float) -> str:
+def _at(lane, s):
     return f'<Position><LanePosition roadId="0" laneId="{lane}" s="{s}"/></Position>'
 
 
-def _following(shape: str) -> str:
+def _following(shape):
     return (
         "<RoutingAction><FollowTrajectoryAction><TimeReference><None/></TimeReference><TrajectoryFollowingMode "
         'followingMode="follow"/><TrajectoryRef><Trajectory name="way" closed="false"><Shape>'
@@ -367,11 +367,11 @@ def _following(shape: str) -> str:
     )
 
 
-def _line(*places: str) -> str:
+def _line(*places):
     return f"<Polyline>{''.join(f'<Vertex>{place}</Vertex>' for place in places)}</Polyline>"
 
 
-def _segment(length: float, begin: float, end: float, first: str = "") -> str:
+def _segment(length, begin, end, first=""):
     first = first.replace("Position>", "PositionStart>", 1)
     first = first[: -len("</Position>")] + "</PositionStart>" if first else ""
     return (
@@ -381,7 +381,7 @@ def _segment(length: float, begin: float, end: float, first: str = "") -> str:
     )
 
 
-def turning(folder: Path) -> Path:
+def turning(folder):
     """An ego with 5 m/s that turns left on a radius of 10 m, 100 m ahead, across the way of one who
     comes with 5 m/s.
 
@@ -506,7 +506,7 @@ def test_a_trajectory_crosses_a_curved_road_straight_on_the_map(tmp_path):
     np.testing.assert_allclose(found, ends[0] + along * (1.5 + 5.0 * times)[:, None], atol=1e-6)
 
 
-def _ends_in_frame() -> tuple[list[float], list[float]]:
+def _ends_in_frame():
     """s and d of s = 70 m in lane 1 and s = 60 m in lane -1: the frame lies 1.75 m to the right of
     the road's line."""
     outside = 1.0 + 1.75 * 0.002
@@ -572,7 +572,7 @@ EGO_PLACE = '<LanePosition roadId="0" laneId="-1" s="20"/>'
 OTHER_PLACE = '<RelativeLanePosition entityRef="Ego" dLane="1" ds="50" offset="0.25"/>'
 
 
-def changed(folder: Path, *changes: tuple[str, str], **parts: object) -> Path:
+def changed(folder, *changes, **parts):
     """A scenario file with texts replaced, under a name that nothing was read of."""
     path = written(folder, **parts)
     text = path.read_text(encoding="utf-8")
@@ -653,7 +653,7 @@ def test_a_place_in_a_driving_lane_is_that_lane(tmp_path, place):
     assert case.road.lanes == was.road.lanes
 
 
-def along(begin: int, end: int, place: str) -> str:
+def along(begin, end, place):
     """A place on a route along the left lane."""
     stops = "".join(
         f'<Waypoint><Position><LanePosition roadId="0" laneId="1" s="{s}"/></Position></Waypoint>'
@@ -866,7 +866,7 @@ def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     assert find(str(again)).concrete(only=0.0).actors == was
 
 
-def written_again(path: Path) -> Path:
+def written_again(path):
     """The file under another name: what was read of a path is kept while it does not change."""
     again = path.with_name("again.xosc")
     again.write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
@@ -1033,7 +1033,7 @@ def test_the_scenario_file_that_was_understood_says_the_same(tmp_path, events):
         ]
 
 
-def same_case(one: ConcreteScenario, two: ConcreteScenario) -> None:
+def same_case(one, two):
     """Everybody starts at the same place with the same speed and does the same, to 1e-9."""
     assert [actor.name for actor in one.actors] == [actor.name for actor in two.actors]
     assert (one.ego_body, one.time_limit, one.road.length, one.road.lanes) == (

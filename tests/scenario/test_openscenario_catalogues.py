@@ -2,7 +2,6 @@
 scenarios."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,12 +14,10 @@ from sumo_eval.cosim.stage import Stage
 from sumo_eval.errors import InputError
 from sumo_eval.record.facts import resolve
 from sumo_eval.scenario.catalogue import find, load
-from sumo_eval.scenario.concrete import ConcreteScenario, lane_change
+from sumo_eval.scenario.concrete import lane_change
 from sumo_eval.scenario.formats import expanded
-from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.settings import ScenarioSettings, SimulationSettings
-from sumo_eval.trajectory import Collision as Hit
 
 CATALOGUES = Path(__file__).parents[3] / "shared" / "data" / "catalogues"
 ALKS, NCAP = CATALOGUES / "osc_alks", CATALOGUES / "osc_ncap"
@@ -136,7 +133,7 @@ AS_THEIRS = {
 text by text."""
 
 
-def like_theirs(name: str, folder: Path) -> LogicalScenario:
+def like_theirs(name, folder):
     """A copy of a shipped scenario file with the bodies and the moves of the imported one."""
     text = scenario_files()[name].read_text(encoding="utf-8")
     for ours, theirs in AS_THEIRS[name].items():
@@ -146,9 +143,7 @@ def like_theirs(name: str, folder: Path) -> LogicalScenario:
     return find(f"{name}.toml", folder)
 
 
-def ours_and_theirs(
-    load: Callable[[str], LogicalScenario],
-) -> list[tuple[str, ConcreteScenario, ConcreteScenario]]:
+def ours_and_theirs(load):
     """Cases that our files and the imported ones both have: the other starts as far ahead, and does
     as much.
 
@@ -250,9 +245,7 @@ ROUNDING = 0.005
 speed."""
 
 
-def furthest_apart(
-    own: Hit, theirs: Hit, own_idle: Hit, theirs_idle: Hit, braking: float, step: float
-) -> float:
+def furthest_apart(own, theirs, own_idle, theirs_idle, braking, step):
     """By how much the closing speeds of two impacts may differ, m/s, of one driver in our scenario
     and in theirs.
 
@@ -275,7 +268,7 @@ def furthest_apart(
     return ROUNDING + braking * step * max(closing(own_idle), closing(theirs_idle)) / mean
 
 
-def closing(hit: Hit) -> float:
+def closing(hit):
     """Closing speed along the road, m/s."""
     return hit.ego_velocity[0] - hit.other_velocity[0]
 

@@ -16,7 +16,7 @@ from sumo_eval.scenario.shipped_files import scenario_files
 from tests.scenario.test_openscenario import AT, BRAKE, CARS, ROAD, TIMED, VARIATION, written
 
 
-def said(path: Path) -> str:
+def said(path):
     """What `import` refuses a file with: exit status 2, one sentence in one line."""
     result = CliRunner().invoke(main, ["import", str(path)])
     assert result.exit_code == 2, result.output
@@ -40,7 +40,7 @@ def test_options_that_import_would_ignore_are_refused(words, sentence):
     assert (result.exit_code, sentence in " ".join(result.stderr.split())) == (2, True)
 
 
-def change(path: Path, old: str, new: str) -> Path:
+def change(path, old, new):
     """The same file with a part of its text replaced."""
     text = path.read_text(encoding="utf-8")
     assert old in text
@@ -48,16 +48,14 @@ def change(path: Path, old: str, new: str) -> Path:
     return path
 
 
-def lane_change(n: int, when: float, target: str, lasts: float = 2.0) -> str:
+def lane_change(n, when, target, lasts=2.0):
     """An event with a move of the other into a lane."""
     action = f"""<LateralAction><LaneChangeAction><LaneChangeActionDynamics dynamicsShape="sinusoidal" value="{lasts}"
     dynamicsDimension="time"/><LaneChangeTarget>{target}</LaneChangeTarget></LaneChangeAction></LateralAction>"""
     return TIMED.format(n=n, action=action, delay=0, when=AT.format(when))
 
 
-def speed_change(
-    n: int, when: float, to: float, seconds: float, priority: str = "overwrite"
-) -> str:
+def speed_change(n, when, to, seconds, priority="overwrite"):
     """An event with a change of the other's speed."""
     action = f"""<LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape="linear" dynamicsDimension="time"
     value="{seconds}"/><SpeedActionTarget><AbsoluteTargetSpeed value="{to}"/></SpeedActionTarget></SpeedAction>
@@ -75,7 +73,7 @@ SOON = '<ByValueCondition><SimulationTimeCondition value="3" rule="lessThan"/></
 SLOW = '<SpeedCondition rule="lessThan" value="3" direction="lateral"/>'
 
 
-def when(condition: str, more: str = "") -> str:
+def when(condition, more=""):
     """A brake of the other that begins by a condition, and by another one of the same group."""
     group = "".join('<Condition name="c" delay="0" '
                     f'conditionEdge="none">{it}</Condition>' for it in (condition, more)
@@ -84,7 +82,7 @@ def when(condition: str, more: str = "") -> str:
     <StartTrigger><ConditionGroup>{group}</ConditionGroup></StartTrigger></Event>"""
 
 
-def after(ref: str, state: str = "endTransition") -> str:
+def after(ref, state="endTransition"):
     """A brake of the other once an event has ended."""
     ended = (
         '<StoryboardElementStateCondition storyboardElementType="event" '

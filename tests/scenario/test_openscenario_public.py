@@ -12,7 +12,7 @@ from twins.openscenario import STEP, Reader
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
-from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points, read_file
+from sumo_eval.extras.openscenario.logical import concrete, concrete_points, read_file
 from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.settings import SimulationSettings
 
@@ -41,14 +41,14 @@ dynamicsShape="step" dynamicsDimension="time" value="0"/><SpeedActionTarget>
 """CARLA's ego stands until its agent drives; with 8 m/s it meets the triggers of the file."""
 
 
-def options(file: Path) -> dict[str, str]:
+def options(file):
     """What the user names behind a file's name."""
     if file.parent.name == "examples":
         return {"ego": "hero", "map": "../Town01.xodr"}
     return {"ego": "Vehicle 2"} if file.stem == "SimpleOvertake" else {}
 
 
-def files(repository: tuple[str, str], target: Path) -> dict[str, list[Path]]:
+def files(repository, target):
     """The scenario files of a snapshot by folder, with their roads and catalogs beside them."""
     store, folder = SNAPSHOTS / repository[0] / "repo", repository[1]
     if not store.is_dir():
@@ -72,7 +72,7 @@ def files(repository: tuple[str, str], target: Path) -> dict[str, list[Path]]:
     }
 
 
-def running(found: list[Path]) -> dict[Path, Read]:
+def running(found):
     """Those that run. The others are refused with the name of an element, or of what is missing."""
     reads = {}
     for file in found:
@@ -88,20 +88,20 @@ def running(found: list[Path]) -> dict[Path, Read]:
 class Begun:
     """When a vehicle no longer drives as at the start: its place is 0.1 m off, on the map."""
 
-    def __init__(self, x: float, y: float, heading: float, speed: float) -> None:
+    def __init__(self, x, y, heading, speed):
         self.start, self.time = (
             (x, y, speed * math.cos(heading), speed * math.sin(heading)),
             math.inf,
         )
 
-    def look(self, time: float, place: tuple[float, float]) -> None:
+    def look(self, time, place):
         """Take in a place at a time."""
         x, y, dx, dy = self.start
         if math.dist(place, (x + dx * time, y + dy * time)) > 0.1:
             self.time = min(self.time, time)
 
 
-def compared(file: Path, read: Read) -> tuple[float, float]:
+def compared(file, read):
     """How far a vehicle is at most from where the second reader has it, m, at three times and at
     the end of a drive of an ego that keeps its speed; and how far apart contact, or the time at
     which a vehicle begins to move otherwise, is at most, s.

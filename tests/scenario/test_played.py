@@ -11,7 +11,6 @@ from sumo_eval.errors import InputError
 from sumo_eval.method.point_criticality import criticality
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.scenario.file import check_points, scenario_from
-from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.undisturbed import tracks
 
 BASE: dict[str, Any] = {
@@ -21,15 +20,13 @@ BASE: dict[str, Any] = {
 }  # fmt: skip
 
 
-def scene(*moves: dict[str, Any], zone: Any = "none", **vehicle: Any) -> LogicalScenario:
+def scene(*moves, zone="none", **vehicle):
     """A lead 100 m ahead at 20 m/s that does something."""
     lead = {"name": "lead", "x": 150.0, "speed": 20.0, "manoeuvre": list(moves), **vehicle}
     return scenario_from({**BASE, "vehicle": [lead], "zone": zone}, "t", Path())
 
 
-def way(
-    logical: LogicalScenario, step: float = 0.05, until: float = 10.0, v: float = 20.0
-) -> tuple[np.ndarray, ...]:
+def way(logical, step=0.05, until=10.0, v=20.0):
     """Times and the lead's x, y, heading and speed, while the ego keeps its speed."""
     found = tracks([logical.concrete(v=v)], [(4.5, 1.8)], step, until)
     rows = found.others[0, 0]

@@ -3,7 +3,6 @@ draws it."""
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -141,7 +140,7 @@ def test_a_bent_road_as_opendrive_has_its_pieces():
 # -- in a scenario file ----------------------------------------------------------------------------
 
 
-def scenario(**road: Any) -> dict[str, Any]:
+def scenario(**road):
     return {
         "name": "bent",
         "parameter": [{"name": "ego_speed", "unit": "m/s", "low": 10.0, "high": 20.0, "step": 5.0}],
@@ -156,7 +155,7 @@ def scenario(**road: Any) -> dict[str, Any]:
     }
 
 
-def read(**road: Any) -> Road:
+def read(**road):
     return scenario_from(scenario(**road), "the file", Path()).road
 
 

@@ -14,7 +14,7 @@ from sumo_eval.cosim.sumo.sumo_files import network_xml, road_edges, routes_xml,
 from sumo_eval.errors import InputError
 from sumo_eval.method.anthropomorphic import slice_points
 from sumo_eval.report.page_data import drawn_shape
-from sumo_eval.scenario import LogicalScenario, catalogue
+from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.sampling.samples import central_point
 from sumo_eval.settings import VehicleSettings
@@ -31,7 +31,7 @@ BASE: dict[str, Any] = {
 }
 
 
-def read(**changes: Any) -> LogicalScenario:
+def read(**changes):
     return scenario_from({**BASE, **changes}, "t", Path())
 
 

@@ -21,11 +21,11 @@ SIDES = st.sampled_from([1.0, -1.0])
 PLAIN = catalogue.load("cut_in")
 
 
-def with_run_up(acceleration: float):
+def with_run_up(acceleration):
     return catalogue.load(f"cut_in?lateral_acceleration={acceleration!r}")
 
 
-def points(count: int, seed: int) -> np.ndarray:
+def points(count, seed):
     drawn = PLAIN.from_unit(np.random.default_rng(seed).random((8 * count, 4)))
     return drawn[PLAIN.feasible(drawn)][:count]
 
@@ -174,7 +174,7 @@ def test_a_run_up_that_is_none_is_refused(name, sentence):
 # --- a scenario of one's own ----------------------------------------------------------------------
 
 
-def own(tmp_path, acceleration: str):
+def own(tmp_path, acceleration):
     move = f'{{ do = "move_sideways", begin = 1.0, speed = 2.0, offset = 3.5{acceleration} }}'
     old = '{ do = "brake", begin = 1.0, deceleration = 4.0 }'
     assert old in EXAMPLE

@@ -6,13 +6,12 @@ import itertools
 import math
 import subprocess
 import sys
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
 from sumo_eval.errors import InputError
-from sumo_eval.scenario import ConcreteScenario, LogicalScenario, catalogue, played
+from sumo_eval.scenario import catalogue, played
 from sumo_eval.scenario.file import check_file
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.scenario.shipped_files import scenario_files
@@ -78,7 +77,7 @@ PLAYED = {
 from."""
 
 
-def _points(logical: LogicalScenario) -> np.ndarray:
+def _points(logical):
     """500 drawn points of the box, those of the scenario's own samples, and two corners."""
     drawn = logical.from_unit(np.random.default_rng(7).random((500, len(logical.names))))
     listed = [point for own in logical.samples for point in own.points]
@@ -87,7 +86,7 @@ def _points(logical: LogicalScenario) -> np.ndarray:
     )
 
 
-def _numbers(concrete: ConcreteScenario) -> Iterator[float]:
+def _numbers(concrete):
     yield from (concrete.ego.x, concrete.ego.y, concrete.ego.speed, concrete.exposure)
     for actor in concrete.actors:
         yield from (
@@ -121,7 +120,7 @@ def _numbers(concrete: ConcreteScenario) -> Iterator[float]:
             yield from (actor.model.desired, *(value for _, value in actor.model.numbers))
 
 
-def _scripts(logical: LogicalScenario) -> str:
+def _scripts(logical):
     points = _points(logical)
     possible = logical.feasible(points)
     found = hashlib.sha256(possible.tobytes())
@@ -133,7 +132,7 @@ def _scripts(logical: LogicalScenario) -> str:
     return found.hexdigest()[:16]
 
 
-def _approaches(logical: LogicalScenario) -> str:
+def _approaches(logical):
     points = _points(logical)
     if logical.approach is None:
         zone = logical.margin(logical.columns(points)) if logical.margin else np.zeros(0)
@@ -154,7 +153,7 @@ def _approaches(logical: LogicalScenario) -> str:
     return found.hexdigest()[:16]
 
 
-def _rest(logical: LogicalScenario) -> str:
+def _rest(logical):
     body, road = logical.ego_body, logical.road
     content = [
         logical.name,

@@ -1,8 +1,6 @@
 """The driving task: no game of `tools/games.py`, which a safety engineer would not let on a road,
 is worth driving."""
 
-from types import ModuleType
-
 import pytest
 from loaded import load
 
@@ -14,7 +12,7 @@ GIVING_UP = {"RaisesInDanger", "EndsInDanger"}
 
 
 @pytest.fixture(scope="module")
-def games() -> ModuleType:
+def games():
     return load("tools/games.py")
 
 

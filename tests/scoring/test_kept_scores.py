@@ -27,7 +27,6 @@ from sumo_eval.record.store import open_store
 from sumo_eval.report.assessed import write_assessed_report
 from sumo_eval.report.explain import explain_case, known_case
 from sumo_eval.report.replay import recorded
-from sumo_eval.results import Evaluation
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring import critical, drive_measures, fingerprint, likeness, steps
 from sumo_eval.scoring.case_terms import case_terms
@@ -39,26 +38,26 @@ EVALUATION = small(("idm", "no_reaction"))
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
+def done(tmp_path_factory):
     return sumo_eval.evaluate(EVALUATION, tmp_path_factory.mktemp("kept") / "run")
 
 
 @pytest.fixture
-def copy(done: Evaluation, tmp_path: Path) -> Path:
+def copy(done, tmp_path):
     return Path(shutil.copytree(done.folder, tmp_path / "run", copy_function=shutil.copy2))
 
 
-def never(*_: object, **__: object) -> None:
+def never(*_, **__):
     raise AssertionError("computed again")
 
 
-def compute_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def compute_nothing(monkeypatch):
     monkeypatch.setattr(human_reference, "indexes_by_group", never)
     monkeypatch.setattr(drive_measures, "measures", never)
     monkeypatch.setattr(likeness, "collision_weight", never)
 
 
-def same(one: Evaluation, other: Evaluation) -> bool:
+def same(one, other):
     return (one.scores, one.zones, one.ranking) == (other.scores, other.zones, other.ranking) and (
         list(one.cases) == list(other.cases)
     )
@@ -120,7 +119,7 @@ def test_stopped_scoring_continues_where_it_was(done, copy, monkeypatch):
         computed.append(len(part[1]))
         return compute(part)
 
-    def stopping(stage: str, points: int, of: int, failed: int = 0) -> None:
+    def stopping(stage, points, of, failed=0):
         if "comparison" in stage and points >= of / 2:
             raise KeyboardInterrupt
 

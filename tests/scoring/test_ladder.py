@@ -2,10 +2,8 @@
 higher A."""
 
 from itertools import permutations, product
-from types import ModuleType
 
 import numpy as np
-import pandas as pd
 import pytest
 from loaded import load
 
@@ -13,7 +11,6 @@ from sumo_eval.cosim.simulation import simulate_many
 from sumo_eval.method.collision_avoidance import impact_severity
 from sumo_eval.method.score_terms import avoided_share, once
 from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 
 SETTINGS = SimulationSettings(end_when_decided=True)
@@ -21,15 +18,15 @@ TIED = 0.02  # share of the pairs that A may tie
 
 
 @pytest.fixture(scope="module")
-def ladder() -> ModuleType:
+def ladder():
     return load("tools/ladder.py")
 
 
-def of_a(table: pd.DataFrame) -> pd.Series:
+def of_a(table):
     return table[(table["scenario"] == "all") & (table["score"] == "A")].iloc[0]
 
 
-def assert_a_orders(table: pd.DataFrame, least: int) -> None:
+def assert_a_orders(table, least):
     a = of_a(table)
     assert a["pairs"] >= least
     assert a["wrong"] == a["without a score"] == 0
@@ -66,7 +63,7 @@ def test_five_rungs_stand_in_their_order(ladder):
     assert pairs >= 8
 
 
-def severities(cases: list[ConcreteScenario], ads: str | type) -> np.ndarray:
+def severities(cases, ads):
     """U, 0 without contact, m/s."""
     hits = [recording.collision for recording in simulate_many(cases, ads, SETTINGS)]
     return np.array(

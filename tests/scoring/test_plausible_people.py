@@ -1,7 +1,5 @@
 """Whom plausibility is judged by: people on a motorway, or the recorded drivers of the run."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -18,7 +16,7 @@ LOGICAL = catalogue.load("front_vehicle_low_speed")
 RECORDED_TABLE = PlausibilitySettings(table="recorded")
 
 
-def people(path: Path, count: int, settings: PlausibilitySettings):
+def people(path, count, settings):
     """Person i follows for 20 s, (1 + i / 10) s behind a lead of 10 m/s that started 3.5 * 20 = 70
     m ahead."""
     concrete = LOGICAL.concrete(ego_speed=20.0, lead_speed=10.0)

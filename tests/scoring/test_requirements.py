@@ -29,7 +29,7 @@ SCENE = {
 }
 
 
-def drive(y: float = 0.0) -> Trajectory:
+def drive(y=0.0):
     """At 10 m/s for 1 s, then braking with 2 m/s2 for 1 s: 10, 8 m/s at the ends."""
     time = np.array([0.0, 1.0, 2.0])
     return Trajectory(time=time, x=np.array([0.0, 10.0, 19.0]), y=np.array([0.0, 0.1, y]),
@@ -38,7 +38,7 @@ def drive(y: float = 0.0) -> Trajectory:
                       steering_wheel_angle=np.full(3, np.nan), length=4.0, width=1.8)  # fmt: skip
 
 
-def ahead() -> Trajectory:
+def ahead():
     """Its rear is 16, 10 and 5 m ahead of that one's front: 20 - 4 m, then 24 - 14, 28 - 23."""
     time = np.array([0.0, 1.0, 2.0])
     return Trajectory(time=time, x=np.array([20.0, 24.0, 28.0]), y=np.zeros(3), heading=np.zeros(3),

@@ -4,7 +4,6 @@ and are one ADS's."""
 import csv
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,18 +11,17 @@ from evaluations import small
 from scoring.test_scoring_intervals import HIT, LOST, LOST_SAFE, SAFE, combined
 
 import sumo_eval
-from sumo_eval.cases import CaseResult
 from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.record.store import open_store
 from sumo_eval.report.tables import write_tables
-from sumo_eval.results import Counted, Evaluation, NotComputed, ScenarioResult
+from sumo_eval.results import Counted, NotComputed, ScenarioResult
 from sumo_eval.scoring.gate_settings import TIMED
 
 CUT_OUT = "front_vehicle_cut_out"
 
 
 @pytest.fixture(scope="module")
-def both(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
+def both(tmp_path_factory):
     """`idm` beside one that strikes in the safe zone as well."""
     found = sumo_eval.evaluate(
         small(("idm", "no_reaction", "ideal_braking"), (CUT_OUT,)),
@@ -34,15 +32,15 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
 
 
 @pytest.fixture(scope="module")
-def alone(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
+def alone(tmp_path_factory):
     return sumo_eval.evaluate(small(("idm",), (CUT_OUT,)), tmp_path_factory.mktemp("alone") / "run")
 
 
-def rows(evaluation: Evaluation, ads: str) -> list[CaseResult]:
+def rows(evaluation, ads):
     return [case for case in evaluation.cases if case.ads == ads]
 
 
-def facts_of(run: Path, ads: str) -> list[str | None]:
+def facts_of(run, ads):
     """A hash of each of an ADS's drives, trajectories and all."""
     with open_store(run / "facts.sqlite") as store:
         return [

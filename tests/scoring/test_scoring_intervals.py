@@ -10,7 +10,7 @@ from record.runs import sumo_eval_cli, write_evaluation
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.score_table import score_lines
 from sumo_eval.report.words import score_note
-from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.results import Evaluation
 from sumo_eval.scoring.quantities import combine
 from sumo_eval.settings import AdsSettings, EvaluationSettings, MethodSettings, ScenarioSettings
 
@@ -38,7 +38,7 @@ LOST = replace(EMPTY, case="lost", status="sim_error")
 LOST_SAFE = replace(LOST, case="lost_safe", zone="safe")
 
 
-def combined(*cases: CaseResult) -> ScenarioResult:
+def combined(*cases):
     return combine("a", "s", cases, MethodSettings())
 
 

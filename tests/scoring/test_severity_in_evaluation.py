@@ -1,7 +1,6 @@
 """A severity of one's own from the evaluation file to the scores, on real SUMO runs."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ import sumo_eval
 from sumo_eval.errors import InputError
 from sumo_eval.method.severity import injury_risk
 from sumo_eval.report.tables import write_tables
-from sumo_eval.results import BeyondRange, Evaluation
+from sumo_eval.results import BeyondRange
 from sumo_eval.scoring.comparability import differences
 
 OWN = """
@@ -22,7 +21,7 @@ def example_only(contact):
 """
 
 
-def evaluation_file(folder: Path, severity: str) -> Path:
+def evaluation_file(folder, severity):
     (folder / "own.py").write_text(OWN)
     path = folder / "evaluation.toml"
     path.write_text(f"""
@@ -49,7 +48,7 @@ ego_mass = 3000.0
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
+def found(tmp_path_factory):
     folder = tmp_path_factory.mktemp("severity")
     evaluation = sumo_eval.evaluate(evaluation_file(folder, "own.py:by_speed"), folder / "run")
     write_tables(evaluation)

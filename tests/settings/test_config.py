@@ -2,12 +2,11 @@
 
 import tomllib
 from dataclasses import fields
-from pathlib import Path
 
 import pytest
 
 from sumo_eval.errors import InputError
-from sumo_eval.settings import EvaluationSettings, RunSettings
+from sumo_eval.settings import RunSettings
 from sumo_eval.settings.config import (
     PAPER_EVALUATION,
     read_evaluation,
@@ -36,13 +35,13 @@ step_timeout = 1.0
 """
 
 
-def read(tmp_path: Path, text: str) -> EvaluationSettings:
+def read(tmp_path, text):
     path = tmp_path / "evaluation.toml"
     path.write_text(text, encoding="utf-8")
     return read_evaluation(path)
 
 
-def refusal(tmp_path: Path, text: str) -> str:
+def refusal(tmp_path, text):
     with pytest.raises(InputError) as refused:
         read(tmp_path, text)
     return str(refused.value)

@@ -3,7 +3,6 @@
 import hashlib
 import tomllib
 from dataclasses import fields
-from typing import Any
 
 import pytest
 
@@ -14,7 +13,7 @@ from sumo_eval.settings.config import SUITES, settings_from
 FROZEN = {"2026.1": "f660e94226140e0c", "2026.2": "f0090414fbbef5c5"}
 
 
-def asked(**more: Any) -> dict[str, Any]:
+def asked(**more):
     ads = [{"name": "idm", "controller": "idm"}]
     return {"name": "mine", "scenario": [{"use": "suite:2026.1"}], "ads": ads, **more}
 

@@ -44,7 +44,7 @@ def test_the_command_exits_with_0_when_all_pass(tmp_path, monkeypatch):
 
 
 def test_a_fault_of_the_tool_is_a_check_that_failed_with_its_sentence():
-    def fails() -> float:
+    def fails():
         raise SimulationError("SUMO is gone")
 
     found = carry_out(Check("kind", "name", fails, (), 1.0, "source", 1.0))

@@ -22,14 +22,14 @@ class Done(NamedTuple):
     stdout: str
 
 
-def check(root: Path, *options: str) -> Done:
+def check(root, *options):
     with redirect_stdout(io.StringIO()) as output:
         status = HOUSE_CHECK.main(["--root", str(root), *options])
     return Done(status, output.getvalue())
 
 
 @pytest.fixture
-def house(tmp_path: Path) -> Path:
+def house(tmp_path):
     """A package without a fault: a command that another module's function serves."""
     for folder in ("sumo_eval/room", "tools", "docs"):
         (tmp_path / folder).mkdir(parents=True)
@@ -140,7 +140,7 @@ words = 35
 
 
 @pytest.fixture
-def worded(house: Path) -> Path:
+def worded(house):
     """A house whose words have limits."""
     (house / "tools" / "house_words.toml").write_text(WORDS)
     (house / "mkdocs.yml").write_text("nav: [page.md, long.md]\n")

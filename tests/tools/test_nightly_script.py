@@ -10,7 +10,7 @@ import pytest
 SCRIPT = Path(__file__).parents[2] / "tools" / "nightly.sh"
 
 
-def night(tmp_path: Path, *arguments: str, status: int = 0) -> subprocess.CompletedProcess[str]:
+def night(tmp_path, *arguments, status=0):
     """The script with a program in place of sumo-eval that says what it was asked for."""
     program = tmp_path / "sumo-eval"
     program.write_text(f'#!/bin/sh\necho "asked: $*"\nexit {status}\n')

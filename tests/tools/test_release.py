@@ -33,14 +33,14 @@ CITATION = "cff-version: 1.2.0\nversion: 0.2.0\n"
 CONDA = '{% set version = "0.2.0" %}\n\npackage:\n  version: {{ version }}\n'
 
 
-def git(root: Path, *arguments: str) -> str:
+def git(root, *arguments):
     return subprocess.run(
         ["git", *arguments], cwd=root, capture_output=True, text=True, check=True
     ).stdout
 
 
 @pytest.fixture
-def project(tmp_path: Path) -> Path:
+def project(tmp_path):
     """A repository with the real scripts and a package of one file, everything committed."""
     root = tmp_path / "project"
     for folder in ("sumo_eval", "tools", "tests/golden", "packaging/conda"):
@@ -61,17 +61,17 @@ def project(tmp_path: Path) -> Path:
     return root
 
 
-def commit(root: Path) -> None:
+def commit(root):
     git(root, "add", "--all")
     git(root, "commit", "--quiet", "--message", "A state")
 
 
-def release(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+def release(root, *arguments):
     command = [sys.executable, str(root / "tools" / "release.py"), *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
-def state(root: Path) -> tuple[str, str, str]:
+def state(root):
     return git(root, "rev-parse", "HEAD"), git(root, "status", "--porcelain"), git(root, "tag")
 
 

@@ -9,7 +9,6 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,16 +17,13 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
 from browser import CHROMIUM, Page
 from test_window import LOGICAL, SETTINGS
 
-from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.simulation import simulate
-from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.extras.wheel.hands import Given, Hands
 from sumo_eval.extras.wheel.page import drive_view, page, replay, sheet
 from sumo_eval.extras.wheel.quality import Quality, QualitySettings
 from sumo_eval.extras.wheel.tape import digest, read_tape
 from sumo_eval.extras.wheel.trip import concrete_of, one_drive
 from sumo_eval.extras.wheel.window import Window
-from sumo_eval.trajectory import Recording
 
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 FAR = concrete_of(LOGICAL, {"ego_speed": 20.0, "obstacle_speed": 15.0, "gap": 120.0})
@@ -52,10 +48,10 @@ PAD = """
 class AtTheDoor:
     """Who holds that gamepad, as an ADS."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self._hands = Hands(SETTINGS.vehicle, SETTINGS.step)
 
-    def act(self, seen: Observation) -> Command:
+    def act(self, seen):
         me = seen.ego
         value = -(0.1 * (3.5 - me.y) - 0.15 * me.speed * me.heading)
         alive = (
@@ -67,9 +63,7 @@ class AtTheDoor:
         return self._hands.command(given, me.speed)
 
 
-def driven(
-    path: Path, at_the_browser: Any, *, paced: bool, size: tuple[int, int] = (500, 400)
-) -> Recording:
+def driven(path, at_the_browser, *, paced, size=(500, 400)):
     """What comes of a drive while a browser shows it.
 
     at_the_browser: what is done there.
@@ -77,7 +71,7 @@ def driven(
     window: list[Window] = []
     ready = threading.Event()
 
-    async def body() -> Recording:
+    async def body():
         async with Window(page("Drive"), countdown=0.0, paced=paced) as made:
             window.append(made)
             ready.set()
@@ -116,7 +110,7 @@ def test_a_driver_at_the_pages_gamepad_is_that_driver_at_the_door_to_the_bit(tmp
     """Each step waits for an answer to its own state, so there is no input tick between the two at
     all."""
 
-    def pad(browser: Page) -> None:
+    def pad(browser):
         assert browser.run("location.hash") == ""  # the token is in no history
         browser.run(f"(() => {{ {PAD} }})()")
         browser.run("document.querySelector('.veil button.main').click()")
@@ -130,13 +124,13 @@ def test_a_driver_at_the_pages_gamepad_is_that_driver_at_the_door_to_the_bit(tmp
     assert {row[3] for row in read_tape(path).rows} == {"stick"}
 
 
-def chosen(browser: Page, kind: str) -> None:
+def chosen(browser, kind):
     """Drive with this from now on."""
     browser.run(f"""(() => {{ const choice = document.querySelector('.veil select');
         choice.value = {kind!r}; choice.dispatchEvent(new Event('change')); }})()""")
 
 
-def device(browser: Page, axes: list[float]) -> None:
+def device(browser, axes):
     """A steering wheel with two pedals that rest at 1."""
     browser.run(
         f"window.device = {{ id: 'wheel', connected: true, axes: {axes}, buttons: [{{ value: 0 }}] }}"
@@ -151,7 +145,7 @@ def test_mouse_keys_and_a_wheel_reach_the_tape_and_a_hidden_window_holds_the_dri
     moves; then it goes on with a steering wheel, calibrated: at 2 % of its way to the left, of 450
     degrees, it is turned by 0.157 rad."""
 
-    def keys(browser: Page) -> None:
+    def keys(browser):
         browser.run("Navigator.prototype.getGamepads = () => [window.device]")
         chosen(browser, "wheel")
         assert browser.run("document.querySelector('.veil button.main').disabled")
@@ -231,7 +225,7 @@ def test_fingers_reach_the_tape_and_3_d_by_the_processor_gives_way_to_the_plain_
     happens while somebody drives, the tape has it, and a study leaves the drive out.
     """
 
-    def fingers(browser: Page) -> None:
+    def fingers(browser):
         browser.call(
             "Emulation.setDeviceMetricsOverride",
             width=390,

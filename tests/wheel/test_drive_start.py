@@ -9,7 +9,7 @@ from sumo_eval.scenario import catalogue
 
 
 def test_ctrl_c_while_a_drive_compiles_stops_it_at_once(tmp_path, monkeypatch):
-    def stopped(scripts: list[str]) -> None:
+    def stopped(scripts):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(loops, "cache_folder", lambda: tmp_path)

@@ -19,7 +19,7 @@ GOOD = Quality(
 )  # fmt: skip
 
 
-def drive(*, brakes: float = np.inf, steers: float = np.inf, bend: float = 0.0) -> Recording:
+def drive(*, brakes=np.inf, steers=np.inf, bend=0.0):
     """At 20 m/s; from `brakes`, s, -0.6 m/s2; from `steers` the wheel at 0.04 rad;
 
     bend: the heading's rate, rad/s.

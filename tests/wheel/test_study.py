@@ -5,8 +5,6 @@ import asyncio
 import csv
 import json
 from contextlib import suppress
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -20,7 +18,7 @@ from sumo_eval.extras.studies.opinion import compare_opinion, read_ratings
 from sumo_eval.extras.wheel.messages import MOST_A_SECOND
 from sumo_eval.extras.wheel.outcome import collect
 from sumo_eval.extras.wheel.page import page
-from sumo_eval.extras.wheel.plan import StudyPlan, read_study
+from sumo_eval.extras.wheel.plan import read_study
 from sumo_eval.extras.wheel.study import participants, study
 from sumo_eval.extras.wheel.window import Window
 from sumo_eval.report.people import study_sentences
@@ -61,9 +59,7 @@ class CrashError(Exception):
     """The browser goes away in the middle."""
 
 
-async def participant(
-    window: Window, code: str, *, leaves_at: int | None = None, quits: str = "", stops_at: str = ""
-) -> list[str]:
+async def participant(window, code, *, leaves_at=None, quits="", stops_at=""):
     """Answer every sheet and drive gently until the thanks.
 
     leaves_at: the step of the first real drive at which the window is closed for good.
@@ -127,8 +123,8 @@ async def participant(
     return titles
 
 
-def take_part(plan: StudyPlan, code: str, **more: Any) -> list[str]:
-    async def body() -> list[str]:
+def take_part(plan, code, **more):
+    async def body():
         async with Window(page("Drive"), countdown=0.0, paced=False) as window:
             team = asyncio.create_task(study(window, plan, lambda line: None))
             try:
@@ -146,7 +142,7 @@ def take_part(plan: StudyPlan, code: str, **more: Any) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def plan(tmp_path_factory: pytest.TempPathFactory) -> StudyPlan:
+def plan(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
     (folder / "base.toml").write_text(RUN)
     (folder / "study.toml").write_text(STUDY)
@@ -154,7 +150,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> StudyPlan:
     return read_study(folder / "study.toml")
 
 
-def rows_of(path: Path) -> list[dict[str, str]]:
+def rows_of(path):
     with path.open(encoding="utf-8") as file:
         return list(csv.DictReader(file))
 

@@ -7,10 +7,7 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,9 +15,7 @@ websockets = pytest.importorskip("websockets")
 from websockets.asyncio.client import connect  # noqa: E402
 from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 
-from sumo_eval.cosim.doors.observation import Observation  # noqa: E402
 from sumo_eval.cosim.simulation import simulate  # noqa: E402
-from sumo_eval.cosim.vehicle_model import Command  # noqa: E402
 from sumo_eval.extras.wheel.hands import RELEASED, Given, Hands  # noqa: E402
 from sumo_eval.extras.wheel.page import drive_view, page  # noqa: E402
 from sumo_eval.extras.wheel.quality import Quality, QualitySettings  # noqa: E402
@@ -35,12 +30,12 @@ SETTINGS = settings_at(20)
 WRONG_INPUT = "A message must be one of the page's; `input.0`: Input should be a valid integer."
 
 
-def run(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+def run(test):
     """A test that awaits, as one that pytest knows."""
     return functools.wraps(test)(lambda *given, **named: asyncio.run(test(*given, **named)))
 
 
-async def asked(window: Window, text: str) -> str:
+async def asked(window, text):
     reader, writer = await asyncio.open_connection("127.0.0.1", window.port)
     writer.write(text.replace("\n", "\r\n").encode() + b"\r\n\r\n")
     answer = (await asyncio.wait_for(reader.read(400_000), 5.0)).decode()
@@ -48,20 +43,20 @@ async def asked(window: Window, text: str) -> str:
     return answer
 
 
-def opened(window: Window, **more: Any) -> Any:
+def opened(window, **more):
     origin = f"http://127.0.0.1:{window.port}"
     return connect(
         f"ws://127.0.0.1:{window.port}/wheel", **{"origin": origin, "proxy": None, **more}
     )
 
 
-async def known(window: Window) -> Any:
+async def known(window):
     peer = await opened(window)
     await peer.send(json.dumps({"token": window.token}))
     return peer
 
 
-async def closing(peer: Any, *texts: str | bytes) -> int:
+async def closing(peer, *texts):
     """With what code the server shuts somebody out who says this."""
     try:
         for text in texts:
@@ -147,7 +142,7 @@ async def test_the_token_opens_and_nothing_else():
         assert json.loads(await again_.recv())["title"] == "here"
 
 
-def answer_of(state: list[Any]) -> Given:
+def answer_of(state):
     """A driver at the stick: keeps off the obstacle to the left, then straight; no function but + -
     * / in it."""
     _, time, _, (x, y, heading, speed, _, _), others = state
@@ -163,10 +158,10 @@ def answer_of(state: list[Any]) -> Given:
 class AtTheDoor:
     """That driver as an ADS at the harness's own door."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self._hands, self._tick = Hands(SETTINGS.vehicle, SETTINGS.step), 0
 
-    def act(self, seen: Observation) -> Command:
+    def act(self, seen):
         me, others = seen.ego, sorted(seen.vehicles, key=lambda it: it.number)
         state = [
             self._tick, round(seen.time, 6), 0,
@@ -177,22 +172,22 @@ class AtTheDoor:
         return self._hands.command(answer_of(state), me.speed)
 
 
-def begun(window: Window, path: Path) -> asyncio.Task[Any]:
+def begun(window, path):
     """A drive that waits for somebody at the window."""
     view = drive_view(CONCRETE, SETTINGS, "drive", ())
     return asyncio.create_task(one_drive(window, CONCRETE, SETTINGS, path, view, use=LOGICAL.name))
 
 
 @asynccontextmanager
-async def drive_in_window(path: Path) -> AsyncIterator[tuple[Window, asyncio.Task[Any]]]:
+async def drive_in_window(path):
     """A window that keeps no clock, and a drive in it."""
     async with Window(page("Drive"), countdown=0.0, paced=False) as window:
         yield window, begun(window, path)
 
 
 async def steps(
-    peer: Any, stop_at: int, until: asyncio.Task[Any] | None = None, *, closes: bool = True
-) -> int:  # fmt: skip
+    peer, stop_at, until = None, *, closes = True
+):  # fmt: skip
     """Drive until a step, or until the drive is over; then, if it `closes`, the window is shut.
 
     The last step seen.
@@ -215,10 +210,10 @@ async def steps(
     return seen
 
 
-def finish(path: Path, stop_at: int = 10**6, says: str = '{"quit": true}') -> Any:
+def finish(path, stop_at=10**6, says='{"quit": true}'):
     """Drive until the end, or say something at a step: the recording and its quality."""
 
-    async def body() -> Any:
+    async def body():
         async with drive_in_window(path) as (window, drive):
             peer = await known(window)
             await steps(peer, stop_at, until=drive, closes=False)
@@ -296,7 +291,7 @@ async def test_a_pause_that_is_over_before_the_seat_looks_is_on_the_tape(tmp_pat
 
 
 class Gone:
-    def act(self, seen: object) -> Command:
+    def act(self, seen):
         raise LeftTheWheelError("x")
 
 
@@ -391,16 +386,14 @@ def test_a_laptop_that_sleeps_and_a_page_that_freezes_hold_the_drive_and_lose_no
     try:
         address, token = server.stdout.readline().split(": ", 1)[1].strip().split("/#")
 
-        async def window() -> Any:
+        async def window():
             peer = await connect(
                 f"{address.replace('http', 'ws')}/wheel", origin=address, proxy=None
             )  # type: ignore[arg-type]
             await peer.send(json.dumps({"token": token}))
             return peer
 
-        async def until(
-            peer: Any, *wanted: str, answers: bool = True, most: int = 1000
-        ) -> dict[str, Any]:
+        async def until(peer, *wanted, answers=True, most=1000):
             """The first message of a wanted kind; states before it are answered, `most` of them."""
             number = 0
             while True:
@@ -414,7 +407,7 @@ def test_a_laptop_that_sleeps_and_a_page_that_freezes_hold_the_drive_and_lose_no
                         json.dumps({"input": [seen + 1, seen, *answer_of(message["state"])]})
                     )
 
-        async def body() -> None:
+        async def body():
             peer = await window()
             while (await until(peer, "show"))["show"] != "drive":
                 pass

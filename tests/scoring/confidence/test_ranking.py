@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from scoring.test_scoring_intervals import HIT, LOST_SAFE, SAFE, combined
 
-from sumo_eval.cases import CaseResult, CaseTable
+from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError
 from sumo_eval.report.score_table import score_lines
 from sumo_eval.report.tables import scores_json
 from sumo_eval.report.terminal import ranking_lines
-from sumo_eval.results import Evaluation, NotComputed, ScenarioResult
+from sumo_eval.results import Evaluation, NotComputed
 from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS
-from sumo_eval.scoring.confidence.intervals import ScoreIntervals
 from sumo_eval.scoring.confidence.ranking import rank
 from sumo_eval.scoring.confidence.resamples import one_list
 from sumo_eval.scoring.confidence.scored import with_intervals
@@ -26,7 +25,7 @@ SETTINGS = EvaluationSettings("e", (ScenarioSettings("s"),), (AdsSettings("a", "
 UNIFORM = np.random.default_rng(4).uniform(size=80)
 
 
-def drives(ads: str, shift: float, scenario: str = "s", own: float = 0.0) -> list[CaseResult]:
+def drives(ads, shift, scenario="s", own=0.0):
     """80 safe cases whose human-likeness differs from point to point, alike for every ADS, but for
     a shift."""
     noise = np.random.default_rng(len(ads)).uniform(-own, own, 80)
@@ -38,9 +37,7 @@ def drives(ads: str, shift: float, scenario: str = "s", own: float = 0.0) -> lis
     ]  # fmt: skip
 
 
-def scored(
-    *tables: list[CaseResult], settings: EvaluationSettings = SETTINGS
-) -> tuple[list[ScenarioResult], dict[tuple[str, str], ScoreIntervals | None]]:
+def scored(*tables, settings=SETTINGS):
     scores = [
         replace(
             combine("a", "s", rows, settings.method), ads=rows[0].ads, scenario=rows[0].scenario
