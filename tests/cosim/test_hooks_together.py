@@ -1,6 +1,8 @@
 """Hooks of TraCI in one SUMO have exactly what they have alone."""
 
 import ast
+import importlib
+import logging
 import math
 import os
 import random
@@ -187,6 +189,22 @@ def prints(traci, ego, time):
         print("slow")
 
 
+LOG = logging.Logger("hook")  # without a handler
+
+
+def logs(traci, ego, time):
+    if traci.vehicle.getSpeed(ego) < 15.0:
+        if not LOG.handlers:  # as `logging.error` does; it keeps the stream that there is now
+            LOG.addHandler(logging.StreamHandler())
+        LOG.error("slow")
+
+
+def keeps_libsumo(traci, ego, time, kept={}):  # noqa: B006
+    if traci.vehicle.getSpeed(ego) < 15.0:
+        kept.setdefault("libsumo", importlib.import_module("libsumo"))
+        traci.vehicle.setSpeed(ego, kept["libsumo"].vehicle.getSpeed(ego) - 0.1)
+
+
 class Closes:
     def step(self, traci, ego, time):
         self.slow = traci.vehicle.getSpeed(ego) < 15.0
@@ -340,6 +358,12 @@ def test_shared_state_drives_each_case_alone_and_is_named(hook, name, tmp_path, 
     (reason,) = why
     assert (why[reason], reason.why) == (2, "keeps_state")
     assert name in str(reason)
+
+
+@pytest.mark.parametrize("hook", [logs, keeps_libsumo])
+def test_what_a_hook_keeps_from_a_batch_works_after_it(hook):
+    slow, _ = simulate_many([case(lead(80.0), speed=speed) for speed in (10.0, 20.0)], hook, STEPS)
+    assert slow.error is None
 
 
 ARGUMENTS = {

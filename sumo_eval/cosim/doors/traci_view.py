@@ -179,17 +179,30 @@ def _view(guard: Guard) -> list[tuple[Any, str, Any]]:
 
 
 class _None(ModuleType):
-    """A libsumo that knows no rows."""
+    """A libsumo that knows no rows; to a hook that has kept it, the real one after the batch."""
 
     def __getattr__(self, name: str) -> Any:
-        GUARD.leave()
+        if sys.modules["libsumo"] is self:
+            GUARD.leave()
+        return getattr(libsumo, name)
 
 
 class _Console(io.TextIOBase):
-    """Output stream of a hook in a batch: a case that prints leaves, as its output is its own."""
+    """Output stream of a hook in a batch: a case that prints leaves, as its output is its own.
+
+    What has kept it, as `logging` does, writes to the process's stream after the batch.
+
+    stream: stdout or stderr.
+    """
+
+    def __init__(self, stream: str) -> None:
+        self._stream = stream
 
     def write(self, text: str) -> int:
-        GUARD.leave()
+        now: Any = getattr(sys, self._stream)
+        if now is self:
+            GUARD.leave()
+        return int(now.write(text))
 
 
 _NONE = _None("libsumo")
@@ -208,7 +221,8 @@ def sharing() -> Iterator[None]:
     real = sys.modules["libsumo"]
     sys.modules["libsumo"] = _NONE
     try:
-        with seen_as_traci(), redirect_stdout(_Console()), redirect_stderr(_Console()):
+        out, err = redirect_stdout(_Console("stdout")), redirect_stderr(_Console("stderr"))
+        with seen_as_traci(), out, err:
             yield
     finally:
         sys.modules["libsumo"] = real
