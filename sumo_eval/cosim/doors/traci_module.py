@@ -121,9 +121,14 @@ class Guard:
         self.speeds: dict[str, float] = {}
 
     def leave(self) -> NoReturn:
-        """Take a case out of its batch: it needs the simulation to itself."""
-        self.refusal = "", ""
-        raise RefusedCallError("The ADS asks for more than its own row of a batch")
+        """Take a case out of its batch: it needs the simulation to itself.
+
+        The words are read only if a hook that is alone calls what it has kept from a batch.
+        """
+        self.refuse(
+            "The ADS called a function of traci that it had kept from another case",
+            "it must take it from `traci` again",
+        )
 
     def told_of_a_row(
         self, call: str, vehicle: str, args: tuple[Any, ...], kwargs: Mapping[str, Any]
