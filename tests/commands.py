@@ -64,7 +64,7 @@ def typed(line: str, cwd: Path | None = None) -> Done:
     assert program == "sumo-eval", line
     done = sumo_eval(*words, cwd=cwd)
     if file:
-        ((cwd or Path.cwd()) / file.strip()).write_text(done.stdout, encoding="utf-8")
+        ((cwd or Path.cwd()) / file.strip()).write_text(done.stdout)
     return done
 
 

@@ -59,7 +59,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         files = {file: chance.random() for file in sorted({_file(item) for item in items})}
         items.sort(key=lambda item: files[_file(item)])
     else:
-        seconds = json.loads(DURATIONS.read_text(encoding="utf-8")) if DURATIONS.is_file() else {}
+        seconds = json.loads(DURATIONS.read_text()) if DURATIONS.is_file() else {}
         items.sort(key=lambda item: (-seconds.get(_file(item), NEW), _file(item)))
 
 

@@ -48,7 +48,7 @@ def blocks(page: str) -> list[Block]:
     found: list[Block] = []
     begun: tuple[int, str, int] | None = None
     held: list[str] = []
-    for number, line in enumerate((ROOT / page).read_text(encoding="utf-8").splitlines(), start=1):
+    for number, line in enumerate((ROOT / page).read_text().splitlines(), start=1):
         fence = re.match(r"( *)```(\w*)", line)
         if fence and begun is None:
             begun, held = (number, fence[2], len(fence[1])), []
@@ -66,9 +66,7 @@ BLOCKS = [block for page in PAGES for block in blocks(page)]
 
 def mentioned(page: str) -> Iterator[list[str]]:
     """The words of every `sumo-eval ...` between backticks in a page's sentences."""
-    text = re.sub(
-        r"^ *```.*?^ *```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.S | re.M
-    )
+    text = re.sub(r"^ *```.*?^ *```", "", (ROOT / page).read_text(), flags=re.S | re.M)
     for command in re.findall(r"`sumo-eval ([^`]+)`", text):
         yield words_of(" ".join(command.split()).split(" > ")[0])
 
@@ -137,10 +135,10 @@ class Desk:
             code_of("docs/tutorials/own_scenario.md", "[[parameter]]")
         )
         texts = [
-            (ROOT / "docs" / "examples" / name).read_text(encoding="utf-8")
+            (ROOT / "docs" / "examples" / name).read_text()
             for name in ("my_ads.py", "ten_line_acc.py")
         ]
-        (self.folder / "my_ads.py").write_text("\n\n".join(texts), encoding="utf-8")
+        (self.folder / "my_ads.py").write_text("\n\n".join(texts))
 
     def stand_in(self, words: list[str]) -> list[str]:
         """A command as it is run here: placeholders filled, a small evaluation for a dear one,

@@ -33,7 +33,7 @@ def recorded_once(folder: Path) -> Path:
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not complete.exists():
-            (folder / "evaluation.toml").write_text(EVALUATION, encoding="utf-8")
+            (folder / "evaluation.toml").write_text(EVALUATION)
             done = CliRunner().invoke(
                 main, ["run", str(folder / "evaluation.toml"), "--out", str(run)]
             )

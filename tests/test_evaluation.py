@@ -203,7 +203,7 @@ def test_drives_that_cannot_be_a_reference_are_named(done, tmp_path):
     assert unsafe.number == 1 <= unsafe.of
     assert "check `zone.obstacle`" in score_note(unsafe)
     assert any(score_note(unsafe) in line for line in closing_lines(again))
-    page = write_report(again, zone_partitions(again)).read_text(encoding="utf-8")
+    page = write_report(again, zone_partitions(again)).read_text()
     assert "drivers or the reference car collide at 1 of them" in page
     assert done.score("idm", "front_vehicle_low_speed").notes == ()
 
@@ -255,7 +255,7 @@ def test_why_reference_drives_could_not_be_evaluated_is_said_by_reason_with_coun
     )
     scores = {(row["ads"], row["scenario"]): row for row in scores_json(again)["scores"]}
     assert said in scores["idm", "front_vehicle_low_speed"]["notes"]
-    page = write_report(again, zone_partitions(again)).read_text(encoding="utf-8")
+    page = write_report(again, zone_partitions(again)).read_text()
     assert said in html.unescape(page)
     write_tables(again)
     told = "\n".join(closing_lines(again))
@@ -265,8 +265,7 @@ def test_why_reference_drives_could_not_be_evaluated_is_said_by_reason_with_coun
     )
     assert "Recorded of it: The case took longer than 60 s of wall time." in told
     rows = {
-        row["case"]: row
-        for row in csv.DictReader((folder / "cases.csv").read_text(encoding="utf-8").splitlines())
+        row["case"]: row for row in csv.DictReader((folder / "cases.csv").read_text().splitlines())
     }
     assert (
         rows["front_vehicle_low_speed-0004-idm"]["ideal_error"]

@@ -158,7 +158,7 @@ def test_rooms_of_input_open_files_one_way():
     wrong = [
         f"{file.relative_to(package)}: {line.strip()}"
         for file in files
-        for line in joined(file.read_text(encoding="utf-8"))
+        for line in joined(file.read_text())
         if OPENS.search(line) and not any(word in line for word in ALLOWED)
     ]
     assert not wrong

@@ -82,7 +82,7 @@ MARKS = ("kernel", "rows", "compiled_rows")
 
 
 def kernels_of(path):
-    text = path.read_text(encoding="utf-8")
+    text = path.read_text()
     if not any(f"@{mark}\n" in text for mark in MARKS):
         return []
     tree = ast.parse(text)

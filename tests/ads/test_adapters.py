@@ -133,8 +133,8 @@ def test_without_its_adapter_it_is_refused_by_a_sentence_that_names_it(name, met
         "docs/examples/adapters drives it" in said
     )
     assert "(docs/ads/other_simulators.md)" in said
-    assert f"\n## {page}\n" in (HERE.parents[1] / "docs" / "ads" / "other_simulators.md").read_text(
-        encoding="utf-8"
+    assert (
+        f"\n## {page}\n" in (HERE.parents[1] / "docs" / "ads" / "other_simulators.md").read_text()
     )
 
 

@@ -77,7 +77,7 @@ def take_part(page, code):
     """A participant from the code to the thanks, the page opened anew before."""
     page.call("Page.reload")
     page.wait("document.documentElement.dataset.shown === 'sheet' && !window.through", 120.0)
-    page.run(BOT.read_text(encoding="utf-8"))
+    page.run(BOT.read_text())
     page.run(
         f"bot({{ code: {json.dumps(code)}, wish: {json.dumps(PEOPLE[code])}, opinion: {OPINION} }})"
     )
@@ -124,7 +124,7 @@ def test_three_bots_drive_a_study_in_a_browser_and_fig_11_is_drawn(tmp_path):
     sumo_eval.evaluate(tmp_path / "bots" / "evaluation.toml", out=with_people)
     opinion = [sys.executable, "-m", "sumo_eval", "humans", "opinion", str(with_people)]
     subprocess.run([*opinion, str(tmp_path / "bots" / "ratings.csv")], check=True)
-    told = json.loads((with_people / "opinion.json").read_text(encoding="utf-8"))
+    told = json.loads((with_people / "opinion.json").read_text())
     assert len(told["rows"]) == 8
     assert told["intervals"]["A"] is not None
     draw(with_people, "opinion", scenario=None, ads=None, case=None, width="page")

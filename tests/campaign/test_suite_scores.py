@@ -19,7 +19,7 @@ def test_the_kept_scores_of_the_suite_are_found_again(tmp_path, suite):
     ads = [{"name": name, "controller": name} for name in SHIPPED]
     evaluation = {"name": f"suite {suite}", "scenario": [{"use": f"suite:{suite}"}], "ads": ads}
     found = sumo_eval.evaluate(evaluation, tmp_path / "run")
-    content = json.loads((BOARD / suite / "shipped.json").read_text(encoding="utf-8"))
+    content = json.loads((BOARD / suite / "shipped.json").read_text())
     kept = {(one["ads"], one["scenario"]): one for one in content["scores"]}
     assert len(found.scores) == len(kept) == 4 * len(SHIPPED)
     for score in found.scores:

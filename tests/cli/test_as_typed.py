@@ -181,7 +181,7 @@ def test_a_locator_of_each_scheme_drives_as_typed(locator, tmp_path):
 
 
 def test_the_table_of_doors_has_no_locator_that_nothing_types():
-    table = (ROOT / PLACES).read_text(encoding="utf-8").split("## Choose a way")[1].split("\n\n")[1]
+    table = (ROOT / PLACES).read_text().split("## Choose a way")[1].split("\n\n")[1]
     named = [
         locator
         for row in table.splitlines()[2:]

@@ -54,7 +54,7 @@ def test_one_planted_regression_among_many_cases_is_named(builds):
     }
     beside = suites["mine in front_vehicle_low_speed beside the base"]
     assert [case.name for case in beside if case.result] == ["ego_speed=30, lead_speed=0"]
-    page = (builds / "new" / "report.html").read_text(encoding="utf-8")
+    page = (builds / "new" / "report.html").read_text()
     assert page.index("WORSE than") < page.index('id="verdict"')
 
 
@@ -119,7 +119,7 @@ def test_explain_prints_the_arithmetic_that_the_score_is_made_of(builds):
         assert words in done.stdout
     # r = 1 without a hazardous zone; doing nothing hits at the closing speed where it is in time,
     # here at 30 m/s
-    with (builds / "new" / "cases.csv").open(newline="", encoding="utf-8") as file:
+    with (builds / "new" / "cases.csv").open(newline="") as file:
         hits = [row for row in csv.DictReader(file) if float(row["no_reaction_severity"])]
     closing = sum(float(row["ego_speed"]) - float(row["lead_speed"]) for row in hits)
     share = 30.0 / closing

@@ -59,7 +59,7 @@ def test_each_night_is_compared_with_the_last_good_one(week):
     assert "1 case collided, not so in the base (new)" in outputs[2]
     assert "ego_speed=30, lead_speed=0: ok -> contact with U 30.0 m/s" in outputs[2]
     assert "1 case gave up, not so in the base (new)" in outputs[3]
-    worse = (folder / "history" / found[2].folder / "report.html").read_text(encoding="utf-8")
+    worse = (folder / "history" / found[2].folder / "report.html").read_text()
     assert "ego_speed=30, lead_speed=0</a>, collision at" in worse, "its levers are drawn"
     assert worse.count('class="whisker lever"') >= 8
     assert "no plan here" in outputs[3]
@@ -82,7 +82,7 @@ def test_a_night_leaves_what_people_and_machines_read(week):
     xml = junitparser.JUnitXml.fromfile(str(last / "junit.xml"))
     assert xml.errors >= 1
     assert "no plan here" in (last / "junit.xml").read_text()
-    page = (last / "report.html").read_text(encoding="utf-8")
+    page = (last / "report.html").read_text()
     top = page[: page.index('id="change"')]
     assert (
         "<b>new</b> mine in <code>front_vehicle_low_speed</code>: 1 case gave up, not so in the "

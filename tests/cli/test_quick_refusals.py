@@ -131,7 +131,7 @@ def test_a_curve_too_tight_for_the_steering_is_refused_at_once(tmp_path, monkeyp
 
 def test_impossible_placement_is_refused_before_compiling(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    shipped = scenario_files()["front_vehicle_cut_out"].read_text(encoding="utf-8")
+    shipped = scenario_files()["front_vehicle_cut_out"].read_text()
     Path("bad.toml").write_text(shipped.replace("min(1.0 * ego_speed, lead_room)", "-3.0"))
     Path("evaluation.toml").write_text(
         'name = "x"\n[[scenario]]\nuse = "bad.toml"\n[[ads]]\nname = "idm"\ncontroller = "idm"\n'

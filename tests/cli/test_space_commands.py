@@ -11,9 +11,7 @@ from click.testing import CliRunner
 from sumo_eval.cli import main
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "scenario_file.md"
-EXAMPLE = re.findall(r"```toml\n(name = .*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)[
-    0
-]
+EXAMPLE = re.findall(r"```toml\n(name = .*?)```", DOCUMENT.read_text(), re.DOTALL)[0]
 
 
 def run(*arguments):
@@ -23,7 +21,7 @@ def run(*arguments):
 @pytest.fixture
 def truck(tmp_path):
     path = tmp_path / "slow_truck.toml"
-    path.write_text(EXAMPLE, encoding="utf-8")
+    path.write_text(EXAMPLE)
     return path
 
 
@@ -88,9 +86,7 @@ def test_check_says_what_is_in_a_scenario_file_and_what_is_wrong(truck):
     done = run("check", truck)
     assert done.exit_code == 0, done.output
     assert "12 possible points; constraints refuse 3 more." in done.output
-    truck.write_text(
-        EXAMPLE.replace('"truck_speed < ego_speed"', '"truck_sped < ego_speed"'), encoding="utf-8"
-    )
+    truck.write_text(EXAMPLE.replace('"truck_speed < ego_speed"', '"truck_sped < ego_speed"'))
     wrong = run("check", truck)
     assert wrong.exit_code == 2
     assert "Did you mean `truck_speed`?" in wrong.stderr

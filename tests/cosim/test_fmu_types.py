@@ -131,7 +131,7 @@ def fmus(tmp_path_factory):
     ):
         library = pytest.importorskip(f"{builder}.builder")
         file = folder / f"{name}.py"
-        file.write_text(textwrap.dedent(source), encoding="utf-8")
+        file.write_text(textwrap.dedent(source))
         library.FmuBuilder.build_FMU(file, dest=folder)
     return folder
 

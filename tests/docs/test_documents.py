@@ -19,7 +19,7 @@ FOLDERS = ("", "sumo_eval", "sumo_eval/extras", "sumo_eval/cosim")
 
 
 def text(page):
-    return (ROOT / page).read_text(encoding="utf-8")
+    return (ROOT / page).read_text()
 
 
 def paths_in(page):
@@ -150,5 +150,5 @@ def test_sentences_that_readers_did_not_understand_stand_nowhere():
     ]
     assert len(files) > 300
     for path in files:
-        words = " ".join(path.read_text(encoding="utf-8").split()).lower()
+        words = " ".join(path.read_text().split()).lower()
         assert not [one for one in NOT_UNDERSTOOD if one.lower() in words], path

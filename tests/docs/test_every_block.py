@@ -213,10 +213,10 @@ def test_shell_can_read_every_block_of_it():
 
 
 def test_other_programs_that_blocks_call_are_there():
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
         "optional-dependencies"
     ]
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    makefile = (ROOT / "Makefile").read_text()
     for block in BLOCKS:
         if block.language not in CODE:
             continue
@@ -253,7 +253,7 @@ def read_toml_block(text, folder):
     smallest whole."""
     content = tomllib.loads(text)
     kind = reader_of(content)
-    (folder / "block.toml").write_text(text, encoding="utf-8")
+    (folder / "block.toml").write_text(text)
     if kind == "evaluation":
         settings_from({**BASE_EVALUATION, **content}, "a block")
     elif kind == "scenario":
@@ -289,7 +289,7 @@ def whole_scenario(content, folder):
 
 def files(name):
     path = ROOT / "sumo_eval" / "scenario" / "files" / f"{name}.toml"
-    return tomllib.loads(path.read_text(encoding="utf-8"))
+    return tomllib.loads(path.read_text())
 
 
 @pytest.mark.parametrize(
@@ -424,7 +424,7 @@ def test_the_controller_in_shell_drives(tmp_path):
 )
 def test_a_gate_of_a_block_judges_a_run_beside_itself(block, desk):
     text = block.text.replace('"mine"', '"idm"').replace('"cut_in"', '"front_vehicle_low_speed"')
-    (desk.folder / "gate.toml").write_text(text, encoding="utf-8")
+    (desk.folder / "gate.toml").write_text(text)
     done = sumo_eval("compare", desk.run, desk.run, "--gate", "gate.toml")
     assert done.returncode == 0, done.said
 

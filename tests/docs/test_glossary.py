@@ -14,10 +14,7 @@ from sumo_eval.report.tables import cases_csv
 from sumo_eval.results import Evaluation, ScenarioResult
 
 ROOT = Path(__file__).parents[2]
-PAGES = [
-    (ROOT / page).read_text(encoding="utf-8")
-    for page in ("GLOSSARY.md", "docs/reference/outputs.md")
-]
+PAGES = [(ROOT / page).read_text() for page in ("GLOSSARY.md", "docs/reference/outputs.md")]
 
 
 def rows(section):
@@ -39,7 +36,7 @@ def symbols():
 def test_every_column_of_cases_csv_has_one_row_and_every_row_a_column(tmp_path):
     run = settings.EvaluationSettings(name="none", scenario=(), ads=())
     cases_csv(Evaluation("none", tmp_path, run, {}, (), (), ()), tmp_path / "cases.csv")
-    written = (tmp_path / "cases.csv").read_text(encoding="utf-8").strip().split(",")
+    written = (tmp_path / "cases.csv").read_text().strip().split(",")
     found = names("Columns of cases.csv")
     assert sorted(found) == sorted({*written, "values"})
     assert {field.name for field in dataclasses.fields(CaseResult)} <= set(found)
@@ -63,7 +60,7 @@ def test_every_symbol_of_a_setting_and_of_the_readmes_equations_has_a_row():
         for field in dataclasses.fields(owner)
     }
     assert {"k1", "p_i", "Ug"} <= given
-    page = (ROOT / "docs" / "formulas.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "formulas.md").read_text()
     table = page.split("## Where each equation is")[1].split("\n## ")[0]
     whats = re.findall(r"^\| \d[\d-]* \| (.*?) \|", table, flags=re.M)
     used = {word for what in whats for word in what.split() if re.fullmatch(r"[A-Z](_i)?|r", word)}

@@ -15,7 +15,7 @@ FILES = sorted((DOCS / "measurements").glob("*.json"))
 
 def tables(name):
     """Tables of a data file."""
-    content = json.loads((DOCS / "measurements" / f"{name}.json").read_text(encoding="utf-8"))
+    content = json.loads((DOCS / "measurements" / f"{name}.json").read_text())
     found: list[dict[str, Any]] = content["tables"]
     return found
 
@@ -28,12 +28,7 @@ def table(name, title):
 
 def page_rows(heading):
     """Cells of the first table under a heading of docs/trust.md, by its first cell."""
-    part = (
-        (DOCS / "trust.md")
-        .read_text(encoding="utf-8")
-        .split(f"\n## {heading}\n")[1]
-        .split("\n## ")[0]
-    )
+    part = (DOCS / "trust.md").read_text().split(f"\n## {heading}\n")[1].split("\n## ")[0]
     rows = [
         [cell.strip() for cell in line.strip("|").split("|")]
         for line in part.splitlines()
@@ -44,7 +39,7 @@ def page_rows(heading):
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_data_file_is_complete_and_linked(path):
-    content = json.loads(path.read_text(encoding="utf-8"))
+    content = json.loads(path.read_text())
     if path.stem != "paper_example":  # written by docs/examples/paper_example.py
         assert set(content) == {"name", "about", "version", "libsumo", "tables"}
         assert content["name"] == path.stem
@@ -52,13 +47,13 @@ def test_data_file_is_complete_and_linked(path):
             assert set(one) == {"title", "command", "date", "columns", "rows"}
             assert one["rows"]
             assert {len(row) for row in one["rows"]} == {len(one["columns"])}, one["title"]
-    pages = "".join(page.read_text(encoding="utf-8") for page in DOCS.rglob("*.md"))
+    pages = "".join(page.read_text() for page in DOCS.rglob("*.md"))
     assert f"measurements/{path.name}" in pages
 
 
 def test_summary_of_the_page_is_the_generated_one():
     summary = load("docs/measurements/trust_summary.py").summary()
-    assert summary in (DOCS / "trust.md").read_text(encoding="utf-8")
+    assert summary in (DOCS / "trust.md").read_text()
 
 
 def test_ladder_of_the_page_is_the_measured_one():

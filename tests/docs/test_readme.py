@@ -10,7 +10,7 @@ import pytest
 import sumo_eval
 
 ROOT = Path(__file__).parents[2]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+README = (ROOT / "README.md").read_text()
 
 
 def code_blocks(language):
@@ -18,7 +18,7 @@ def code_blocks(language):
 
 
 def equation_rows():
-    page = (ROOT / "docs" / "formulas.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "formulas.md").read_text()
     table = page.split("## Where each equation is")[1].split("\n## ")[0]
     rows = re.findall(
         r"^\| (\d+(?:-\d+)?) \| (.*?) \| `(.*?)` \| `(.*?)` \| (.*?) \|$", table, flags=re.M
@@ -46,11 +46,11 @@ def test_an_equation_is_where_the_table_says(row):
         *(equations(hit) for hit in re.findall(r"Eqs?\. (\d+(?:-\d+)?)", first_line))
     )
     assert equations(number) <= named, f"{function} names {named}"
-    source = (ROOT / "tests" / "method" / f"test_{module_name}.py").read_text(encoding="utf-8")
+    source = (ROOT / "tests" / "method" / f"test_{module_name}.py").read_text()
     assert f"def {test}(" in source
     if twin != "by hand":
         module, _, name = twin.strip("`").partition(".")
-        plain = (ROOT / "tests" / "twins" / f"{module}.py").read_text(encoding="utf-8")
+        plain = (ROOT / "tests" / "twins" / f"{module}.py").read_text()
         assert f"def {name}(" in plain
         assert f"twins.{module} import" in source or f"twins import {module}" in source
 
@@ -72,7 +72,7 @@ def test_the_ten_line_ads_and_its_evaluation_file_run_as_printed(tmp_path):
 def test_every_baseline_has_a_row():
     from sumo_eval.cosim.doors.controller import SHIPPED
 
-    page = (ROOT / "docs" / "baselines.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "baselines.md").read_text()
     for name in SHIPPED:
         assert f"`{name}`" in page
 
@@ -89,6 +89,6 @@ def test_picture_of_the_report_is_small(scheme):
 
 
 def test_first_program_is_one_file_on_every_page():
-    program = (ROOT / "docs" / "examples" / "my_ads.py").read_text(encoding="utf-8")
+    program = (ROOT / "docs" / "examples" / "my_ads.py").read_text()
     for page in ("README.md", "docs/index.md", "docs/tutorials/own_ads.md"):
-        assert f"```python\n{program}```" in (ROOT / page).read_text(encoding="utf-8"), page
+        assert f"```python\n{program}```" in (ROOT / page).read_text(), page

@@ -14,13 +14,11 @@ import yaml
 from sumo_eval.cosim.sumo.insides import SYSTEM_LIBRARIES
 
 ROOT = Path(__file__).parents[2]
-PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))[
-    "project"
-]
+PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 
 def text(name):
-    return (ROOT / name).read_text(encoding="utf-8")
+    return (ROOT / name).read_text()
 
 
 def requirement(line):

@@ -31,15 +31,13 @@ NOTEBOOK = DOCS / "tutorials" / "first_look.ipynb"
 
 
 def blocks(page, *languages):
-    found = re.findall(
-        r"^ *```(\w+)[^\n]*\n(.*?)^ *```", page.read_text(encoding="utf-8"), flags=re.S | re.M
-    )
+    found = re.findall(r"^ *```(\w+)[^\n]*\n(.*?)^ *```", page.read_text(), flags=re.S | re.M)
     return [text for language, text in found if language in languages]
 
 
 @pytest.mark.parametrize("page", NAMES)
 def test_links_between_pages_lead_somewhere(page):
-    text = re.sub(r"```.*?```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.S)
+    text = re.sub(r"```.*?```", "", (ROOT / page).read_text(), flags=re.S)
     for target in re.findall(r"\]\((?![a-z]+:)([^)#\s]+)[^)]*\)", text):
         assert (ROOT / page).parent.joinpath(target).resolve().exists(), target
 
@@ -47,21 +45,21 @@ def test_links_between_pages_lead_somewhere(page):
 @pytest.mark.parametrize("repository", ["", "https://example.org/sumo_eval"])
 def test_page_of_the_package_has_absolute_links_only(repository):
     make = load("packaging/package_page.py").package_page
-    page = make((ROOT / "README.md").read_text(encoding="utf-8"), repository)
+    page = make((ROOT / "README.md").read_text(), repository)
     assert not re.findall(r"\]\((?!https?:)|(?:src|srcset)=\"(?!https?:)", page)
     assert ("https://example.org/sumo_eval/blob/HEAD/docs/index.md" in page) == bool(repository)
     assert "class MyAds" in page
 
 
 def test_every_page_of_the_menu_is_there():
-    menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:")[1]
+    menu = (ROOT / "mkdocs.yml").read_text().split("\nnav:")[1]
     made = re.compile(r"project/")
     for path in re.findall(r": ([\w/]+\.md)", menu):
         assert made.match(path) or (DOCS / path).is_file(), path
 
 
 def test_every_page_is_in_the_menu():
-    menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:")[1]
+    menu = (ROOT / "mkdocs.yml").read_text().split("\nnav:")[1]
     listed = re.findall(r": ([\w/]+\.md)", menu)
     assert len(listed) == len(set(listed))
     assert {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")} <= set(listed)
@@ -69,12 +67,7 @@ def test_every_page_is_in_the_menu():
 
 def redirects():
     """The rows of mkdocs.yml: new address by old address."""
-    rows = (
-        (ROOT / "mkdocs.yml")
-        .read_text(encoding="utf-8")
-        .split("  redirects:\n")[1]
-        .split("\nvalidation:")[0]
-    )
+    rows = (ROOT / "mkdocs.yml").read_text().split("  redirects:\n")[1].split("\nvalidation:")[0]
     return dict(re.findall(r"^    (\S+): (\S+)$", rows, flags=re.M))
 
 
@@ -108,7 +101,7 @@ def test_every_scenario_is_described_on_one_family_page():
     headings = [
         name
         for page in (DOCS / "scenarios").glob("*.md")
-        for name in re.findall(r"^## (\w+)$", page.read_text(encoding="utf-8"), flags=re.M)
+        for name in re.findall(r"^## (\w+)$", page.read_text(), flags=re.M)
     ]
     assert sorted(headings) == sorted(SCENARIOS)
     index = reference.scenario_index()
@@ -130,9 +123,7 @@ def test_a_scenario_has_its_picture_parameters_options_and_source(name):
 
 def reference_file(name):
     """Content of a shipped scenario file."""
-    return tomllib.loads(
-        (ROOT / "sumo_eval" / "scenario" / "files" / f"{name}.toml").read_text(encoding="utf-8")
-    )
+    return tomllib.loads((ROOT / "sumo_eval" / "scenario" / "files" / f"{name}.toml").read_text())
 
 
 def test_the_reference_has_every_setting_command_and_option():
@@ -172,9 +163,7 @@ def test_the_leaderboard_has_every_ads_that_ships_in_every_suite_with_what_the_f
     text = hooks().leaderboard()
     for suite in SUITES.glob("*.toml"):
         part = text.split(f"\n## {suite.stem}\n")[1].split("\n## ")[0]
-        found = json.loads(
-            (DOCS / "leaderboard" / suite.stem / "shipped.json").read_text(encoding="utf-8")
-        )
+        found = json.loads((DOCS / "leaderboard" / suite.stem / "shipped.json").read_text())
         said = {row["ads"]: row["s_plus"] for row in found["ranking"]["ads"]}
         assert set(said) == set(SHIPPED)
         for name, s_plus in said.items():
@@ -190,9 +179,7 @@ def test_scores_of_another_suite_are_refused(tmp_path, key, value):
     module = hooks()
     board = tmp_path / "leaderboard" / "2026.1"
     board.mkdir(parents=True)
-    found = json.loads(
-        (DOCS / "leaderboard" / "2026.1" / "shipped.json").read_text(encoding="utf-8")
-    )
+    found = json.loads((DOCS / "leaderboard" / "2026.1" / "shipped.json").read_text())
     (board / "other.json").write_text(json.dumps({**found, key: value}))
     module.BOARD = board.parent
     with pytest.raises(ValueError, match="is no run of its suite"):
@@ -205,9 +192,7 @@ def test_scores_of_another_suite_are_refused(tmp_path, key, value):
 def test_a_moving_picture_shows_what_the_code_drives(name):
     """Where this fails: python tools/animate_scenarios.py docs/pictures/moving"""
     kept = DOCS / "pictures" / "moving" / f"{name}.svg"
-    assert load("tools/animate_scenarios.py").drawn(find(name, ROOT)) == kept.read_text(
-        encoding="utf-8"
-    )
+    assert load("tools/animate_scenarios.py").drawn(find(name, ROOT)) == kept.read_text()
 
 
 def test_figures_of_the_formulas_are_what_their_functions_give():
@@ -219,14 +204,12 @@ def test_figures_of_the_formulas_are_what_their_functions_give():
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    shown = re.findall(
-        r"\]\(pictures/(method_\w+\.svg)\)", (DOCS / "formulas.md").read_text(encoding="utf-8")
-    )
+    shown = re.findall(r"\]\(pictures/(method_\w+\.svg)\)", (DOCS / "formulas.md").read_text())
     assert sorted(shown) == sorted(path.name for path in (DOCS / "pictures").glob("method_*.svg"))
 
 
 def test_formulas_and_the_glossary_of_the_site_are_the_repositorys():
-    formulas = (DOCS / "formulas.md").read_text(encoding="utf-8")
+    formulas = (DOCS / "formulas.md").read_text()
     assert formulas.count("```math") >= 7
     assert all(
         f"Eq{'s' if '-' in part else ''}. {part}" in formulas
@@ -268,7 +251,7 @@ def test_the_notebook_runs_in_a_kernel_and_shows_its_tables(tmp_path, monkeypatc
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    cells = json.loads((tmp_path / "executed.ipynb").read_text(encoding="utf-8"))["cells"]
+    cells = json.loads((tmp_path / "executed.ipynb").read_text())["cells"]
     shown = [cell["outputs"] for cell in cells if cell["cell_type"] == "code"]
     assert [len(outputs) for outputs in shown] == [1] * 6
     assert all("<table" in "".join(one[0]["data"]["text/html"]) for one in shown[:4])
@@ -282,6 +265,4 @@ def test_no_module_needs_posix_to_be_imported():
         r"^(?:import|from) (?:fcntl|resource|termios|pwd|grp|pty|tty|syslog)\b", flags=re.M
     )
     package = Path(str(files(sumo_eval)))
-    assert not [
-        path for path in package.rglob("*.py") if posix.search(path.read_text(encoding="utf-8"))
-    ]
+    assert not [path for path in package.rglob("*.py") if posix.search(path.read_text())]

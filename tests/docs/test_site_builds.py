@@ -78,7 +78,7 @@ def test_formulas_are_rendered_and_every_scenario_moves(site, pages):
         path.stem for path in (ROOT / "sumo_eval" / "scenario" / "files").glob("*.toml")
     }
     for name, picture in pictures.items():
-        assert "<animate" in (site / picture).read_text(encoding="utf-8"), name
+        assert "<animate" in (site / picture).read_text(), name
 
 
 def test_the_search_of_pages_read_as_files_says_what_it_needs(pages):
@@ -88,7 +88,7 @@ def test_the_search_of_pages_read_as_files_says_what_it_needs(pages):
         (script,) = [
             one for one in page.iter("script") if str(one.get("src")).endswith("search_note.js")
         ]
-        words = (path.parent / str(script.get("src"))).read_text(encoding="utf-8")
+        words = (path.parent / str(script.get("src"))).read_text()
         assert 'location.protocol === "file:"' in words
         assert "The search needs a server" in words
         assert page.xpath("//input[contains(@class, 'md-search__input')]")

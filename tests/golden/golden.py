@@ -140,7 +140,7 @@ def made_with() -> dict[str, str]:
 
 def kept(scenario: str) -> dict[str, Any]:
     """The golden file of a scenario."""
-    content: dict[str, Any] = json.loads((FOLDER / f"{scenario}.json").read_text(encoding="utf-8"))
+    content: dict[str, Any] = json.loads((FOLDER / f"{scenario}.json").read_text())
     return content
 
 
@@ -162,7 +162,7 @@ def write(scenario: str, content: Mapping[str, Any]) -> None:
             f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in part.items()
         )
         parts.append(f"{json.dumps(name)}: {{\n{lines}\n}}")
-    (FOLDER / f"{scenario}.json").write_text("{" + ",\n".join(parts) + "}\n", encoding="utf-8")
+    (FOLDER / f"{scenario}.json").write_text("{" + ",\n".join(parts) + "}\n")
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[str]:

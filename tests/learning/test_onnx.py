@@ -47,7 +47,7 @@ def write_model(folder, layers, interface,
     path = folder / "policy.onnx"
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
     onnx.save(model, path)
-    path.with_suffix(".toml").write_text(interface.to_toml(), encoding="utf-8")
+    path.with_suffix(".toml").write_text(interface.to_toml())
     return path
 
 
@@ -170,7 +170,7 @@ def test_its_identity_holds_the_model_and_its_table(tmp_path):
     before = locator_identity(("ADS", "onnx:policy.onnx"), tmp_path)
     assert "policy.toml" in str(before)
     table = path.with_suffix(".toml")
-    table.write_text(table.read_text(encoding="utf-8").replace("3.0", "2.0"), encoding="utf-8")
+    table.write_text(table.read_text().replace("3.0", "2.0"))
     after = locator_identity(("ADS", "onnx:policy.onnx"), tmp_path)
     assert before != after
     deep(tmp_path)
@@ -184,19 +184,19 @@ def test_what_cannot_be_used_is_refused(tmp_path):
         find_controller("onnx:policy.onnx", tmp_path)
     path = linear(tmp_path)
     table = path.with_suffix(".toml")
-    text = table.read_text(encoding="utf-8")
+    text = table.read_text()
     table.unlink()
     with pytest.raises(InputError, match="There is no features table"):
         find_controller("onnx:policy.onnx", tmp_path)
-    table.write_text(text.replace("lead.gap", "lead.gab"), encoding="utf-8")
+    table.write_text(text.replace("lead.gap", "lead.gab"))
     with pytest.raises(InputError, match=r"Unknown feature `lead\.gab`"):
         find_controller("onnx:policy.onnx", tmp_path)
-    table.write_text(Interface(ACC.features[:2], ACC.actions).to_toml(), encoding="utf-8")
+    table.write_text(Interface(ACC.features[:2], ACC.actions).to_toml())
     with pytest.raises(
         InputError, match=r"must be of shape \(rows, 2\), as its table has 2 features"
     ):
         find_controller("onnx:policy.onnx", tmp_path)
-    table.write_text(text, encoding="utf-8")
+    table.write_text(text)
     with pytest.raises(InputError, match=r"Unknown output `.*` of model"):
         find_controller("onnx:policy.onnx?output=value", tmp_path)
     with pytest.raises(InputError, match="Unknown option"):
@@ -214,7 +214,7 @@ def test_a_model_of_whole_numbers_is_refused(tmp_path):
     )  # fmt: skip
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
     onnx.save(model, tmp_path / "policy.onnx")
-    (tmp_path / "policy.toml").write_text(ACC.to_toml(), encoding="utf-8")
+    (tmp_path / "policy.toml").write_text(ACC.to_toml())
     with pytest.raises(InputError, match="must be of float or double numbers"):
         find_controller("onnx:policy.onnx", tmp_path)
 

@@ -58,7 +58,7 @@ def run(tmp_path_factory):
 
 
 def rows(folder):
-    with (folder / "cases.csv").open(newline="", encoding="utf-8") as file:
+    with (folder / "cases.csv").open(newline="") as file:
         return list(csv.DictReader(file))
 
 
@@ -97,7 +97,7 @@ def test_the_run_folder_has_an_ordinary_size_and_logs_are_bounded(run):
 
 def test_every_file_of_the_run_can_be_read(run):
     _, folder = run
-    scores = json.loads((folder / "scores.json").read_text(encoding="utf-8"))
+    scores = json.loads((folder / "scores.json").read_text())
     assert {score["ads"] for score in scores["scores"]} == {FORMULA_NAME, *ADSS}
     errors = etree.parse(folder / "junit.xml").findall(".//error")
     assert len(errors) >= POINTS * len(ADSS)
@@ -109,7 +109,7 @@ def test_every_file_of_the_run_can_be_read(run):
         ]
         assert messages
         assert all("At hostile_texts.py:" in message for message in messages), messages
-    page = (folder / "report.html").read_text(encoding="utf-8")
+    page = (folder / "report.html").read_text()
     assert "<script>alert(1)" not in page
     assert "\x1b" not in page
     assert "<code>hostile_texts.py:" in page
@@ -117,7 +117,7 @@ def test_every_file_of_the_run_can_be_read(run):
 
 def test_the_names_that_a_spreadsheet_would_run_are_quoted(run):
     _, folder = run
-    text = (folder / "cases.csv").read_text(encoding="utf-8")
+    text = (folder / "cases.csv").read_text()
     assert "'=1+2" in text
     assert ",=1+2" not in text
 
@@ -149,4 +149,4 @@ def test_such_a_run_can_be_resumed_scored_reported_explained_and_exported(run, t
         if arguments[0] == "explain":
             assert " At hostile_texts.py:" in done.stdout
     for name in ("cases.csv", "drives.csv"):
-        assert "'=1+2" in (tmp_path / name).read_text(encoding="utf-8")
+        assert "'=1+2" in (tmp_path / name).read_text()

@@ -44,8 +44,8 @@ def test_an_empty_sampling_names_the_constraint_that_ruled_out_how_many(tmp_path
 
 def test_only_knows_cases_of_names_that_hold_numbers(tmp_path):
     shipped = Path(sumo_eval.__file__).parent / "scenario/files/cut_in.toml"
-    text = shipped.read_text(encoding="utf-8").replace('"cut_in"', '"cut-in-2026-de"', 1)
-    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    text = shipped.read_text().replace('"cut_in"', '"cut-in-2026-de"', 1)
+    (tmp_path / "mine.toml").write_text(text)
     settings = EvaluationSettings(
         "x",
         (ScenarioSettings("mine.toml"), ScenarioSettings("cut_in")),

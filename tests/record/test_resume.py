@@ -297,9 +297,7 @@ def test_shards_make_the_whole_and_only_together(whole, tmp_path):
     """As docs/clusters.md has it for Slurm, with two jobs of one process in place of eight of
     sixteen."""
     write_evaluation(tmp_path)
-    script, merging = re.findall(
-        r"```sh\n(.*?)```", CLUSTERS.read_text(encoding="utf-8"), flags=re.DOTALL
-    )[:2]
+    script, merging = re.findall(r"```sh\n(.*?)```", CLUSTERS.read_text(), flags=re.DOTALL)[:2]
     for there, here in (
         ("array=1-8", "array=1-2"),
         ("TASK_ID/8", "TASK_ID/2"),
@@ -455,13 +453,12 @@ def test_driving_continues_when_another_process_was_lost(whole, tmp_path):
 def test_missing_zones_are_reported_by_runs_and_by_a_check(tmp_path):
     """The point lies where the constraint allows it, and of the even grid by which zones are found
     none does."""
-    (tmp_path / "narrow.toml").write_text(NARROW, encoding="utf-8")
-    (tmp_path / "points.csv").write_text("v,w\n20.1,6.717\n", encoding="utf-8")
+    (tmp_path / "narrow.toml").write_text(NARROW)
+    (tmp_path / "points.csv").write_text("v,w\n20.1,6.717\n")
     path = tmp_path / "batch.toml"
     path.write_text(
         'name = "narrow"\n[[scenario]]\nuse = "narrow.toml"\n[scenario.sampling]\nmethod = "file"\n'
-        'file = "points.csv"\n[[ads]]\nname = "idm"\ncontroller = "idm"\n',
-        encoding="utf-8",
+        'file = "points.csv"\n[[ads]]\nname = "idm"\ncontroller = "idm"\n'
     )
     sentence = "must have points that satisfy its constraints"
     a_shard = ("run", path, "--out", tmp_path / "shard", "--shard", "1/2")

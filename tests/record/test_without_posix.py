@@ -112,6 +112,6 @@ def test_a_whole_run_and_its_report_are_made_without_posix_by_the_serial_engine(
         [sys.executable, "-c", script], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    (score,) = json.loads((tmp_path / "run" / "scores.json").read_text(encoding="utf-8"))["scores"]
+    (score,) = json.loads((tmp_path / "run" / "scores.json").read_text())["scores"]
     assert (score["not_evaluated"], score["collisions"]) == (0, 0)
-    assert "In short" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert "In short" in (tmp_path / "run" / "report.html").read_text()

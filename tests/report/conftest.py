@@ -28,4 +28,4 @@ def report(evaluation: Evaluation, partitions: dict[str, ZonePartition]) -> Path
 
 @pytest.fixture(scope="session")
 def page(report: Path) -> str:
-    return report.read_text(encoding="utf-8")
+    return report.read_text()

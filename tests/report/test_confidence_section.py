@@ -33,9 +33,7 @@ def assessed(evaluation, partitions, tmp_path_factory):
 
 def test_the_section_has_the_numbers_of_the_assessment(assessed, partitions):
     evaluation, confidence = assessed
-    page = write_report(evaluation, partitions, Beside(confidence=confidence)).read_text(
-        encoding="utf-8"
-    )
+    page = write_report(evaluation, partitions, Beside(confidence=confidence)).read_text()
     (section,) = html.fromstring(page).xpath("//section[@id='confidence']")
     words = " ".join(section.text_content().split())
     for item in confidence.assessments:
@@ -54,20 +52,20 @@ def test_a_score_without_an_interval_says_why(assessed, partitions):
         first, intervals={}, risk=None, further=None, reason="fewer than two evaluated cases"
     )
     beside = Beside(confidence=Confidence((none, *others), confidence.coverage))
-    page = write_report(evaluation, partitions, beside).read_text(encoding="utf-8")
+    page = write_report(evaluation, partitions, beside).read_text()
     assert "no interval: fewer than two evaluated cases" in page
 
 
 def test_a_report_without_an_assessment_has_no_such_section(assessed, partitions):
     evaluation, _ = assessed
-    page = write_report(evaluation, partitions).read_text(encoding="utf-8")
+    page = write_report(evaluation, partitions).read_text()
     assert 'id="confidence"' not in page
     assert "How far these numbers can be trusted" not in page
 
 
 def test_the_file_has_the_same_numbers(assessed, tmp_path):
     _, confidence = assessed
-    found = json.loads(write_confidence(confidence, tmp_path).read_text(encoding="utf-8"))
+    found = json.loads(write_confidence(confidence, tmp_path).read_text())
     for plain, item in zip(found["scores"], confidence.assessments, strict=True):
         assert (plain["ads"], plain["scenario"]) == (item.ads, item.scenario)
         assert plain["s"]["low"] == item.intervals["s"].low

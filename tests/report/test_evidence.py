@@ -56,14 +56,14 @@ def qualification(folder, passed=(True, True), **versions):
         "machine": MACHINE,
         "checks": [{"name": f"check {k}", "passed": one} for k, one in enumerate(passed)],
     }  # fmt: skip
-    path.write_text(json.dumps(content), encoding="utf-8")
+    path.write_text(json.dumps(content))
     return path
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("evidence")
-    (folder / "approach.toml").write_text(SCENE, encoding="utf-8")
+    (folder / "approach.toml").write_text(SCENE)
     evaluate(
         {"name": "claims", "scenario": [{"use": str(folder / "approach.toml")}],
             "drivers": {"count": 2},
@@ -80,7 +80,7 @@ def test_claims_say_what_the_facts_bear_out(run, tmp_path):
     cases collide, the ideal vehicle's none. Of two equally frequent cases without a collision at
     least 1 - 0.025^(1/2) = 0.842 is open."""
     page, plain = write_evidence(score(run), tmp_path)
-    found = json.loads(plain.read_text(encoding="utf-8"))
+    found = json.loads(plain.read_text())
     claims = {claim["id"]: claim for claim in found["claims"]}
     assert set(claims) == {
         f"approach/{ads}/{kind}"
@@ -116,7 +116,7 @@ def test_claims_say_what_the_facts_bear_out(run, tmp_path):
         found["run"]["id"] == hashlib.sha256((run / "manifest.json").read_bytes()).hexdigest()[:16]
     )
     assert found["qualified"]
-    text = page.read_text(encoding="utf-8")
+    text = page.read_text()
     assert "unpreventable for a skilled driver" in text
     first_what_is_not_borne_out = sorted(found["claims"], key=lambda claim: str(claim["verdict"]))
     places = [text.index(f"<code>{claim['id']}</code>") for claim in first_what_is_not_borne_out]
@@ -216,7 +216,7 @@ def test_a_qualification_that_does_not_hold_is_said_to(tmp_path, passed, version
 )  # fmt: skip
 def test_a_wrong_qualification_is_refused_before_any_drive(tmp_path, text, sentence):
     if text is not None:
-        (tmp_path / "q.json").write_text(text, encoding="utf-8")
+        (tmp_path / "q.json").write_text(text)
     content = {
         "name": "n", "scenario": [{"use": "cut_in"}], "ads": [{"name": "idm", "controller": "idm"}],
         "run": {"qualification": str(tmp_path / "q.json")},

@@ -236,7 +236,7 @@ def test_the_trend_shows_departures_builds_and_acceptance(evaluation, tmp_path):
     accept(tmp_path, FIRST, "softer brakes", "2999-01-01")
     with open_history(tmp_path) as lines:
         near = sum(one.value or 0.0 for one in lines.values() if one.quantity == "near_misses")
-        page = write_trend(tmp_path, lines).read_text(encoding="utf-8")
+        page = write_trend(tmp_path, lines).read_text()
     assert near >= sum(
         case.ads == builders.CALM and case.status == "ok" for case in evaluation.cases
     )

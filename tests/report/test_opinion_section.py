@@ -15,7 +15,7 @@ def test_the_section_is_there_only_where_people_were_asked(tmp_path):
         "idm", "cut_out", 6.5, 0.5, 4, {"S+": 70.0, "A": -0.5, "S": 80.0, "D": None, "C": 0.25}
     )
     told = Opinion((rated,), {"S+": None, "A": None, "S": None, "D": None, "C": None}, None)
-    (tmp_path / OPINION).write_text(json.dumps(opinion_json(told)), encoding="utf-8")
+    (tmp_path / OPINION).write_text(json.dumps(opinion_json(told)))
     content = opinion_content(tmp_path)
     dots = {panel["name"]: [dot["share"] for dot in panel["dots"]] for panel in content["panels"]}
     # 70 of 100; below 0; 80 of 100; no D
@@ -33,6 +33,6 @@ def test_the_section_is_there_only_where_people_were_asked(tmp_path):
     ],
 )
 def test_a_damaged_file_of_opinions_is_said_and_not_passed_over(tmp_path, damage):
-    (tmp_path / OPINION).write_text(damage, encoding="utf-8")
+    (tmp_path / OPINION).write_text(damage)
     with pytest.raises(InputError, match="ask again with: sumo-eval humans opinion"):
         opinion_content(tmp_path)

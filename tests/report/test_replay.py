@@ -100,7 +100,7 @@ def test_a_replay_is_small_and_asks_for_nothing(evaluation, tmp_path):
     path = write_replay(
         evaluation.folder, catalogue.load(fact.scenario), fact, tmp_path / "replay.html"
     )
-    page = path.read_text(encoding="utf-8")
+    page = path.read_text()
     (data,) = page.split('id="replay-data">')[1].split("</script>")[:1]
     assert len(data) < 14_000
     # a name, no address

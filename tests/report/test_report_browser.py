@@ -353,7 +353,7 @@ def test_the_case_panel_tells_the_criticality_measures_in_words(opened, evaluati
 def test_more_than_three_parameters_are_slices_to_choose(report, tmp_path):
     """The page of the other tests with a fifth of its cases moved to a second value of two more
     parameters."""
-    text = report.read_text(encoding="utf-8")
+    text = report.read_text()
     data = json.loads(unpacked(text, "report-data"))
     scenario = data["scenarios"][0]
     for name, values in (("extra", (1.0, 2.0)), ("other", (3.0, 4.0))):
@@ -366,7 +366,7 @@ def test_more_than_three_parameters_are_slices_to_choose(report, tmp_path):
     page = with_packed(text, "report-data", json.dumps(data))
     scenario["lattice"] = None  # that of the two parameters it had
     page = with_packed(text, "report-data", json.dumps(data))
-    (tmp_path / "slices.html").write_text(page, encoding="utf-8")
+    (tmp_path / "slices.html").write_text(page)
     own = [case for case in scenario["cases"] if case["ads"] == builders.CALM]
     moved = [case for case in own if case["values"][2] == 2.0]
     card = """document.querySelector('[data-prevented="0"]')"""

@@ -134,7 +134,7 @@ def test_an_interval_stands_below_its_score(evaluation, partitions, tmp_path):
             scores=tuple(replace(s, s_plus_interval=(12.0, 87.0)) for s in evaluation.scores),
         ),
         partitions,
-    ).read_text(encoding="utf-8")
+    ).read_text()
     assert page.count('<small class="pair">12..87</small>') == len(evaluation.scores)
 
 
@@ -179,7 +179,7 @@ def test_the_drivers_are_called_synthetic_and_only_when_they_are(evaluation, par
             evaluation.settings, drivers=DriverSettings(count=3, source="mine:drivers")
         ),
     )
-    other = visible(write_report(recorded, partitions).read_text(encoding="utf-8"))
+    other = visible(write_report(recorded, partitions).read_text())
     write_report(evaluation, partitions)
     assert "not recorded people" not in other
     assert "mine:drivers" in other
@@ -337,7 +337,7 @@ def test_settings_stand_with_unit_and_meaning(page):
 
 
 def test_the_same_evaluation_gives_the_same_bytes(evaluation, partitions, page):
-    assert write_report(evaluation, partitions).read_text(encoding="utf-8") == page
+    assert write_report(evaluation, partitions).read_text() == page
 
 
 def test_a_run_without_facts_is_refused(evaluation, partitions, tmp_path):
@@ -403,7 +403,7 @@ def test_a_large_evaluation_reports_that_it_embeds_some_points(
 ):
     assert "points are in this file" not in page
     monkeypatch.setattr(sent_drives, "MOST_BYTES", 20 * sent_drives.BYTES_OF_A_RUN)
-    small = write_report(evaluation, partitions).read_text(encoding="utf-8")
+    small = write_report(evaluation, partitions).read_text()
     monkeypatch.undo()
     write_report(evaluation, partitions)
     cases = [case for scenario in embedded(small)["scenarios"] for case in scenario["cases"]]

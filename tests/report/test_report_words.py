@@ -193,7 +193,7 @@ def test_no_number_is_shown_as_minus_zero():
     found = re.compile(r":[<>^]?[+]?[0-9]*[.]([0-9]|[{]digits[}])+[fge%][}]")
     for room in ("report", "cli", "nightly", "studies"):
         for file in (Path(words.__file__).parents[1] / room).glob("*.py"):
-            assert not found.findall(file.read_text(encoding="utf-8")), file
+            assert not found.findall(file.read_text()), file
 
 
 def test_a_loss_in_place_of_u_has_no_unit_anywhere(evaluation):

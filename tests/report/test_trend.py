@@ -155,7 +155,7 @@ def value_without(value):
 def test_the_trend_page_opens_without_an_error_and_without_a_request(history, evaluation, tmp_path):
     with open_history(history) as lines:
         path = write_trend(history, lines)
-    assert "<b>FAILED" not in path.read_text(encoding="utf-8")
+    assert "<b>FAILED" not in path.read_text()
     with Page(tmp_path / "profile") as page:
         holds_what_every_page_holds(page, path, "document.querySelectorAll('polyline').length > 10")
         head, *rows = saved_table(page, "svg[data-chart$='S+']")

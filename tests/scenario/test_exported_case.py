@@ -18,9 +18,9 @@ def exported(folder, case):
     """The files of a case."""
     drive = simulate(case, "idm")
     driven = {"ego": drive.ego, **drive.actors}
-    (folder / "case.xodr").write_text(opendrive_xml(case.road), encoding="utf-8")
+    (folder / "case.xodr").write_text(opendrive_xml(case.road))
     text = openscenario_xml(case, SimulationSettings(), "case.xodr", "a remark", driven)
-    (folder / "case.xosc").write_text(text, encoding="utf-8")
+    (folder / "case.xosc").write_text(text)
     return folder / "case.xosc"
 
 
@@ -42,7 +42,7 @@ def test_changed_exported_file_is_refused_until_its_case_is_gone(tmp_path):
     logical = load("front_vehicle_braking")
     (case,) = logical.concretes([0.5 * (logical.low + logical.high)])
     path = exported(tmp_path, case)
-    text = path.read_text(encoding="utf-8")
-    path.write_text(text.replace('trackWidth="', 'trackWidth="1', 1), encoding="utf-8")
+    text = path.read_text()
+    path.write_text(text.replace('trackWidth="', 'trackWidth="1', 1))
     with pytest.raises(InputError, match=r"<FileHeader>: an exported file and its road must be"):
         read_file(path)

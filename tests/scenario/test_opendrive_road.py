@@ -36,8 +36,7 @@ SLOPE = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevati
 def written(tmp_path, **parts):
     path = tmp_path / "road.xodr"
     path.write_text(
-        PLAN.format(**{"id": "0", "more": "", "profile": "", "a": 3.5, "b": 0, **parts}),
-        encoding="utf-8",
+        PLAN.format(**{"id": "0", "more": "", "profile": "", "a": 3.5, "b": 0, **parts})
     )
     return path
 
@@ -102,7 +101,7 @@ def test_law_a_road_that_is_written_is_read_again(tmp_path):
     """It is written with a lane offset, so that the line of the file is the right lane's centre:
     which is read."""
     path = tmp_path / "bend.xodr"
-    path.write_text(opendrive_xml(Road("bend", 500.0, 2, 3.5, 100.0, line=LINE)), encoding="utf-8")
+    path.write_text(opendrive_xml(Road("bend", 500.0, 2, 3.5, 100.0, line=LINE)))
     read = read_opendrive(path)
     assert (read.lanes, read.lane_width) == (2, 3.5)
     s = np.linspace(0.0, read.length, 500)
@@ -123,19 +122,17 @@ def test_a_constant_lane_offset_shifts_the_lanes_and_one_that_changes_is_refused
         'curvature="0.01"/></geometry>'
     )
     path = written(tmp_path, more=bend)
-    text = path.read_text(encoding="utf-8")
-    path.write_text(
-        text.replace("<lanes>", "<lanes>" + OFFSET.format(s=0, a=1.25)), encoding="utf-8"
-    )
+    text = path.read_text()
+    path.write_text(text.replace("<lanes>", "<lanes>" + OFFSET.format(s=0, a=1.25)))
     assert 1.0 / read_opendrive(path).line[-1].begin == pytest.approx(
         100.0 + 7.25 - 1.25, rel=1e-12
     )
     steps = OFFSET.format(s=0, a=1.25) + OFFSET.format(s=50, a=0)
     for offsets in (steps, OFFSET.format(s=50, a=1.25)):
-        path.write_text(text.replace("<lanes>", "<lanes>" + offsets), encoding="utf-8")
+        path.write_text(text.replace("<lanes>", "<lanes>" + offsets))
         with pytest.raises(InputError, match=r"<laneOffset> of .* must be constant along the road"):
             read_opendrive(path)
-    path.write_text(text.replace("<road ", '<road rule="LHT" '), encoding="utf-8")
+    path.write_text(text.replace("<road ", '<road rule="LHT" '))
     with pytest.raises(InputError, match="left-hand traffic is not supported, got 'LHT'"):
         read_opendrive(path)
 
@@ -158,7 +155,7 @@ def cubic(tmp_path, last, kind, **changes):
     numbers = {**COEFFICIENTS, **changes}
     numbers.setdefault("length", own_length(COEFFICIENTS, last))
     path = tmp_path / "cubic.xodr"
-    path.write_text(CUBIC.format(**{"kind": kind, **numbers}), encoding="utf-8")
+    path.write_text(CUBIC.format(**{"kind": kind, **numbers}))
     return path
 
 
@@ -244,7 +241,7 @@ def test_what_would_be_another_road_is_refused_by_name(tmp_path, parts, sentence
 def test_a_file_that_is_none_and_a_road_that_is_not_there(tmp_path):
     with pytest.raises(InputError, match="There is no OpenDRIVE file"):
         read_opendrive(tmp_path / "none.xodr")
-    (tmp_path / "text.xodr").write_text("hello", encoding="utf-8")
+    (tmp_path / "text.xodr").write_text("hello")
     with pytest.raises(InputError, match="is not XML"):
         read_opendrive(tmp_path / "text.xodr")
     with pytest.raises(InputError, match=r"Unknown road `main` .*\. Did you mean `mein`\?"):
@@ -255,7 +252,7 @@ def test_law_a_road_whose_right_lane_opens_or_ends_comes_back_from_its_own_expor
     for span in (LaneSpan(0, -math.inf, 300.0, 0.0, 50.0), LaneSpan(0, 200.0, math.inf, 40.0, 0.0),
                  LaneSpan(0, 200.0, 300.0, 40.0, 50.0)):  # fmt: skip
         road = Road("t", 500.0, 3, 3.5, 400.0, spans=(span,))
-        (tmp_path / "t.xodr").write_text(opendrive_xml(road), encoding="utf-8")
+        (tmp_path / "t.xodr").write_text(opendrive_xml(road))
         read = read_opendrive(tmp_path / "t.xodr")
         assert (read.lanes, read.lane_width, read.length, read.line, read.spans) == (
             3,
@@ -308,7 +305,7 @@ def chain(tmp_path, a=3.5):
     left, right = LANES.format(side="left", id=1, a=3.5), LANES.format(side="right", id=-1, a=3.5)
     last = LANES.format(side="right", id=-1, a=a)
     numbers = {"pi": math.pi, "half": 0.5 * math.pi, "quarter": quarter}
-    path.write_text(CHAIN.format(**numbers, left=left, right=right, last=last), encoding="utf-8")
+    path.write_text(CHAIN.format(**numbers, left=left, right=right, last=last))
     return path
 
 
@@ -341,9 +338,7 @@ def test_roads_that_do_not_follow_each_other_are_refused(tmp_path, names, a, sen
 def test_a_width_that_is_a_polynomial_is_refused_by_its_lane(tmp_path):
     road = Road("t", 500.0, 3, 3.5, 400.0, spans=(LaneSpan(0, -math.inf, 300.0, 0.0, 50.0),))
     path = tmp_path / "t.xodr"
-    path.write_text(
-        opendrive_xml(road).replace('b="-0.07" c="0"', 'b="0" c="-0.001"'), encoding="utf-8"
-    )
+    path.write_text(opendrive_xml(road).replace('b="-0.07" c="0"', 'b="0" c="-0.001"'))
     with pytest.raises(
         InputError,
         match=r"The width of lane -3 of road `0` of OpenDRIVE file .* must be constant, or",

@@ -108,13 +108,13 @@ RANGE = """<DeterministicSingleParameterDistribution parameterName="{name}"><Dis
 def written(folder, **parts):
     """A scenario file with its road and its catalog."""
     (folder / "catalogs").mkdir(exist_ok=True)
-    (folder / "catalogs" / "cars.xosc").write_text(CARS, encoding="utf-8")
-    (folder / "road.xodr").write_text(ROAD, encoding="utf-8")
+    (folder / "catalogs" / "cars.xosc").write_text(CARS)
+    (folder / "road.xodr").write_text(ROAD)
     known = {"minor": 2, "most": 80, "v": "${$kph / 3.6}", "catalogs": "catalogs",
         "road": "road.xodr",
              "catalog": "cars", "step": STEP, "events": ""}  # fmt: skip
     path = folder / "scenario.xosc"
-    path.write_text(FILE.format(**{**known, **parts}), encoding="utf-8")
+    path.write_text(FILE.format(**{**known, **parts}))
     return path
 
 
@@ -183,10 +183,7 @@ def test_a_variation_is_the_space_and_constraints_leave_points_out(tmp_path):
     <ParameterValueSet><ParameterAssignment parameterRef="light" value="night"/></ParameterValueSet>
     </ValueSetDistribution></DeterministicMultiParameterDistribution>"""
     path = tmp_path / "varied.xosc"
-    path.write_text(
-        VARIATION.format(file="scenario.xosc", parts=RANGE.format(name="kph") + light),
-        encoding="utf-8",
-    )
+    path.write_text(VARIATION.format(file="scenario.xosc", parts=RANGE.format(name="kph") + light))
     read = read_file(path)
     assert [
         (item.name, item.low, item.high, item.step, item.unit) for item in read.logical.parameters
@@ -267,8 +264,8 @@ def test_impossible_points_do_not_play(tmp_path, where, must):
     stands 15 m before what it hides.
     """
     path = written(tmp_path)
-    text = path.read_text(encoding="utf-8").replace('dLane="1" ds="50"', where)
-    path.write_text(text, encoding="utf-8")
+    text = path.read_text().replace('dLane="1" ds="50"', where)
+    path.write_text(text)
     with pytest.raises(
         InputError, match=rf"scenario.xosc, line \d+, <ScenarioObject>: its body must be {must}\."
     ) as error:
@@ -279,15 +276,15 @@ def test_impossible_points_do_not_play(tmp_path, where, must):
 
 def test_entities_and_documents_outside_are_never_expanded(tmp_path):
     secret = tmp_path / "secret.txt"
-    secret.write_text("72", encoding="utf-8")
+    secret.write_text("72")
     path = written(tmp_path)
-    plain = path.read_text(encoding="utf-8").removeprefix('<?xml version="1.0"?>')
+    plain = path.read_text().removeprefix('<?xml version="1.0"?>')
     bomb = "".join(f'<!ENTITY a{n} "{f"&a{n - 1};" * 10 if n else "x"}">' for n in range(12))
     for head in (
         f'<!DOCTYPE o [<!ENTITY e SYSTEM "{secret.as_uri()}">]>',
         f"<!DOCTYPE o [{bomb}]>",
     ):
-        path.write_text(head + plain.replace('value="72"', 'value="&e;"'), encoding="utf-8")
+        path.write_text(head + plain.replace('value="72"', 'value="&e;"'))
         said = (
             r"scenario.xosc must not declare a document type or entities, got <!DOCTYPE> in line "
             r"1: none is ever"
@@ -298,20 +295,14 @@ def test_entities_and_documents_outside_are_never_expanded(tmp_path):
 
 def test_a_variation_that_leads_back_to_itself_is_refused(tmp_path):
     one, two = tmp_path / "one.xosc", tmp_path / "two.xosc"
-    one.write_text(
-        VARIATION.format(file="two.xosc", parts=RANGE.format(name="kph")), encoding="utf-8"
-    )
-    two.write_text(
-        VARIATION.format(file="one.xosc", parts=RANGE.format(name="kph")), encoding="utf-8"
-    )
+    one.write_text(VARIATION.format(file="two.xosc", parts=RANGE.format(name="kph")))
+    two.write_text(VARIATION.format(file="one.xosc", parts=RANGE.format(name="kph")))
     with pytest.raises(
         InputError, match=r"two.xosc, line 2, <ScenarioFile>: it leads back to one.xosc"
     ):
         read_file(one)
     written(tmp_path)
-    one.write_text(
-        VARIATION.format(file="scenario.xosc", parts=RANGE.format(name="kmh")), encoding="utf-8"
-    )
+    one.write_text(VARIATION.format(file="scenario.xosc", parts=RANGE.format(name="kmh")))
     with pytest.raises(
         InputError, match=r"parameter `kmh` is not declared in scenario.xosc. Did you mean `kph`"
     ):
@@ -323,9 +314,7 @@ def test_a_move_with_a_condition_plays_on_a_curved_road(tmp_path):
     road."""
     path = written(tmp_path, events=CUT_IN)
     straight = find(str(path)).concrete(only=0.0).actors[0]
-    (tmp_path / "road.xodr").write_text(
-        ROAD.replace("<line/>", '<arc curvature="0.002"/>'), encoding="utf-8"
-    )
+    (tmp_path / "road.xodr").write_text(ROAD.replace("<line/>", '<arc curvature="0.002"/>'))
     logical = find(str(written_again(path)))
     assert logical.road.bent
     (other,) = logical.concrete(only=0.0).actors
@@ -342,9 +331,7 @@ def test_speeds_and_gaps_on_a_curved_road_are_over_the_ground(tmp_path):
     """
     brake = BRAKE.replace('value="5"/><SpeedActionTarget>', 'value="6"/><SpeedActionTarget>')
     path = written(tmp_path, events=TIMED.format(n=1, action=brake, delay=0, when=AT.format(2)))
-    (tmp_path / "road.xodr").write_text(
-        ROAD.replace("<line/>", '<arc curvature="0.002"/>'), encoding="utf-8"
-    )
+    (tmp_path / "road.xodr").write_text(ROAD.replace("<line/>", '<arc curvature="0.002"/>'))
     logical = find(str(path))
     scene = logical.concrete(only=0.0)
     assert scene.actors[0].start.speed == pytest.approx(15.0 / (1.0 - 3.75 / 501.75))
@@ -388,7 +375,7 @@ def turning(folder):
     Both keep their speed. The other starts 200 m along the same road in the left lane, 3.5 m
     beside, and comes back."""
     path = written(folder, v="5")
-    text = path.read_text(encoding="utf-8").replace('value="-5" speedT', 'value="0" speedT')
+    text = path.read_text().replace('value="-5" speedT', 'value="0" speedT')
     quarter = 5.0 * math.pi
     shape = (
         _segment(100.0, 0.0, 0.0, _at(-1, 20.0))
@@ -405,7 +392,7 @@ def turning(folder):
             text.index("</TeleportAction>") + len("</TeleportAction>"),
         )
         text = text[:begin] + way + text[end:]
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text)
     return path
 
 
@@ -491,10 +478,8 @@ def test_a_trajectory_crosses_a_curved_road_straight_on_the_map(tmp_path):
         tmp_path, events=TIMED.format(n=1, action=follow, delay=0, when=AT.format(0)), v="10"
     )
     road = ROAD.replace("<line/>", '<arc curvature="0.002"/>')
-    (tmp_path / "road.xodr").write_text(road, encoding="utf-8")
-    path.write_text(
-        path.read_text(encoding="utf-8").replace(' offset="0.25"', ""), encoding="utf-8"
-    )
+    (tmp_path / "road.xodr").write_text(road)
+    path.write_text(path.read_text().replace(' offset="0.25"', ""))
     logical = find(str(path))
     scene = logical.concrete(only=0.0)
     assert logical.road.bent
@@ -528,9 +513,7 @@ def test_the_ego_can_be_named(tmp_path):
     path = written(tmp_path, events=CUT_IN)
     was = find(str(path)).concrete(only=0.0)
     hero = tmp_path / "hero.xosc"
-    hero.write_text(
-        path.read_text(encoding="utf-8").replace('"Ego"', '"my hero"'), encoding="utf-8"
-    )
+    hero.write_text(path.read_text().replace('"Ego"', '"my hero"'))
     with pytest.raises(
         InputError,
         match=r"<Entities>: the entity that the ADS drives must be named `Ego`, .* my hero, Other",
@@ -547,8 +530,8 @@ def test_only_roads_in_use_must_be_readable(tmp_path):
     road = ROAD[ROAD.index("<road") : ROAD.index("</OpenDRIVE>")]
     poly = road.replace("<line/>", "<poly3/>", 1)
     for text, file in ((road + poly.replace('id="0"', 'id="hill"', 1), "both"), (poly, "poly")):
-        (tmp_path / "road.xodr").write_text(f"<OpenDRIVE>{text}</OpenDRIVE>", encoding="utf-8")
-        (tmp_path / f"{file}.xosc").write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
+        (tmp_path / "road.xodr").write_text(f"<OpenDRIVE>{text}</OpenDRIVE>")
+        (tmp_path / f"{file}.xosc").write_text(path.read_text())
         if file == "both":
             assert find("both.xosc", tmp_path).concrete(only=0.0).actors
             continue
@@ -561,7 +544,7 @@ def test_elevation_is_left_out_with_a_note(tmp_path, option):
     level = find(str(written(tmp_path)))
     slope = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevationProfile>'
     steep = ROAD.replace("</planView>", "</planView>" + slope, 1)
-    (tmp_path / "road.xodr").write_text(steep, encoding="utf-8")
+    (tmp_path / "road.xodr").write_text(steep)
     flat = find(f"{written_again(tmp_path / 'scenario.xosc')}{option}")
     assert flat.concrete(only=0.0).actors == level.concrete(only=0.0).actors
     assert "elevation" in flat.notes[0]
@@ -575,12 +558,12 @@ OTHER_PLACE = '<RelativeLanePosition entityRef="Ego" dLane="1" ds="50" offset="0
 def changed(folder, *changes, **parts):
     """A scenario file with texts replaced, under a name that nothing was read of."""
     path = written(folder, **parts)
-    text = path.read_text(encoding="utf-8")
+    text = path.read_text()
     for old, new in changes:
         assert old in text
         text = text.replace(old, new)
     path = folder / f"changed_{abs(hash(text))}.xosc"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text)
     return path
 
 
@@ -682,7 +665,7 @@ def along(begin, end, place):
 def test_every_kind_of_position_is_one_place(tmp_path, place, shape):
     """The numbers of the map are worked out from (5, 7), 0.5 rad and, on the earth, 48 N, 11 E."""
     path = changed(tmp_path, (OTHER_PLACE, place))
-    (tmp_path / "road.xodr").write_text(ROAD.replace("<line/>", shape), encoding="utf-8")
+    (tmp_path / "road.xodr").write_text(ROAD.replace("<line/>", shape))
     (other,) = find(str(path)).concrete(only=0.0).actors
     assert (other.start.x, other.start.y) == pytest.approx((71.5, 3.75), abs=0.01)
     assert other.heading == pytest.approx(0.0, abs=1e-3)
@@ -849,7 +832,7 @@ def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     was = find(str(plain)).concrete(only=0.0).actors
     own = "<ParameterDeclarations>{}</ParameterDeclarations>"
     one = '<ParameterDeclaration name="{}" parameterType="string" value="{}"/>'
-    text = plain.read_text(encoding="utf-8").replace(
+    text = plain.read_text().replace(
         '<Story name="s">',
         '<Story name="s">' + own.format(one.format("who", "Other") + one.format("far", "99")),
     )
@@ -861,7 +844,7 @@ def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     )
     text = text.replace('value="30"/></EntityCondition>', 'value="$far"/></EntityCondition>')
     again = tmp_path / "stories.xosc"
-    again.write_text(text, encoding="utf-8")
+    again.write_text(text)
     assert text.count("$who") == text.count("$far") == 1
     assert find(str(again)).concrete(only=0.0).actors == was
 
@@ -869,7 +852,7 @@ def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
 def written_again(path):
     """The file under another name: what was read of a path is kept while it does not change."""
     again = path.with_name("again.xosc")
-    again.write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
+    again.write_text(path.read_text())
     return again
 
 
@@ -1060,9 +1043,7 @@ def test_one_point_is_written_and_a_whole_space_is_not(tmp_path):
     """54 km/h = 15 m/s; the other is 5 m/s slower."""
     scenario = written(tmp_path, events=CUT_IN)
     path = tmp_path / "variation.xosc"
-    path.write_text(
-        VARIATION.format(file=scenario.name, parts=RANGE.format(name="kph")), encoding="utf-8"
-    )
+    path.write_text(VARIATION.format(file=scenario.name, parts=RANGE.format(name="kph")))
     read = read_file(path)
     write_scenario(scenario_content(read, {"kph": 54.0}), tmp_path / "again.toml")
     again = find("again.toml", tmp_path).concrete(only=0.0)

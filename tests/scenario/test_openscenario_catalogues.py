@@ -54,15 +54,11 @@ def test_a_catalogue_is_a_scenario_for_each_file_and_says_what_does_not_play(tmp
     assert len(settings.scenario) == 20 + 2 * 3
     assert not settings.scenario[0].not_played
     for name in ("CCRs.xosc", "CPNA.xosc"):
-        text = (NCAP / "OpenSCENARIO/NCAP/CA-FC_2026/Variations/StandardRange" / name).read_text(
-            encoding="utf-8"
-        )
-        (tmp_path / name).write_text(text, encoding="utf-8")
+        text = (NCAP / "OpenSCENARIO/NCAP/CA-FC_2026/Variations/StandardRange" / name).read_text()
+        (tmp_path / name).write_text(text)
     base = (NCAP / "OpenSCENARIO/NCAP/CA-FC_2026/CCRs.xosc").resolve()
-    whole = (tmp_path / "CCRs.xosc").read_text(encoding="utf-8")
-    (tmp_path / "CCRs.xosc").write_text(
-        whole.replace("../../CCRs.xosc", str(base)), encoding="utf-8"
-    )
+    whole = (tmp_path / "CCRs.xosc").read_text()
+    (tmp_path / "CCRs.xosc").write_text(whole.replace("../../CCRs.xosc", str(base)))
     content["scenario"] = [{"use": "ncap_2026", "folder": str(tmp_path)}]
     settings = resolve(content, tmp_path, resume=False).settings
     assert [Path(entry.use).name for entry in settings.scenario] == ["CCRs.xosc"]
@@ -135,11 +131,11 @@ text by text."""
 
 def like_theirs(name, folder):
     """A copy of a shipped scenario file with the bodies and the moves of the imported one."""
-    text = scenario_files()[name].read_text(encoding="utf-8")
+    text = scenario_files()[name].read_text()
     for ours, theirs in AS_THEIRS[name].items():
         assert ours in text, (name, ours)
         text = text.replace(ours, theirs)
-    (folder / f"{name}.toml").write_text(text, encoding="utf-8")
+    (folder / f"{name}.toml").write_text(text)
     return find(f"{name}.toml", folder)
 
 

@@ -42,9 +42,9 @@ def test_options_that_import_would_ignore_are_refused(words, sentence):
 
 def change(path, old, new):
     """The same file with a part of its text replaced."""
-    text = path.read_text(encoding="utf-8")
+    text = path.read_text()
     assert old in text
-    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    path.write_text(text.replace(old, new, 1))
     return path
 
 
@@ -185,10 +185,10 @@ TEXTS = {
 def test_a_file_with_one_thing_wrong_is_refused_with_its_element(tmp_path, sentence):
     old, new = TEXTS[sentence]
     path = written(tmp_path, events=speed_change(1, 0.0, 5.0, 6.0))
-    text = path.read_text(encoding="utf-8")
+    text = path.read_text()
     assert old in text
     many = old in ("Entities>",)
-    path.write_text(text.replace(old, new) if many else text.replace(old, new, 1), encoding="utf-8")
+    path.write_text(text.replace(old, new) if many else text.replace(old, new, 1))
     found = said(path)
     assert re.search(sentence, found), found
 
@@ -214,7 +214,7 @@ def test_a_road_with_one_thing_wrong_is_refused_with_its_element(tmp_path, sente
     old, new = ROADS[sentence]
     assert old in ROAD
     road = ROAD.replace(old, new) if old == "OpenDRIVE>" else ROAD.replace(old, new, 1)
-    (tmp_path / "road.xodr").write_text(road, encoding="utf-8")
+    (tmp_path / "road.xodr").write_text(road)
     found = said(path)
     assert re.search(sentence, found), found
 
@@ -260,9 +260,9 @@ def test_a_catalog_whose_entry_is_there_twice_is_not_guessed(tmp_path):
     is refused."""
     path = written(tmp_path)
     other = tmp_path / "catalogs" / "more.xosc"
-    other.write_text(CARS.replace('Vehicle name="car"', 'Vehicle name="van"'), encoding="utf-8")
+    other.write_text(CARS.replace('Vehicle name="car"', 'Vehicle name="van"'))
     assert find(str(path)).concrete(only=0.0).actors[0].length == 6.0
-    other.write_text(CARS, encoding="utf-8")
+    other.write_text(CARS)
     change(path, 'description="a test"', 'description="another"')
     sentence = said(path)
     assert (
@@ -275,9 +275,7 @@ def test_a_catalog_whose_entry_is_there_twice_is_not_guessed(tmp_path):
 def test_a_file_in_another_encoding_reads_as_it_is(tmp_path, encoding):
     path = written(tmp_path)
     told = encoding.removesuffix("-sig")
-    text = path.read_text(encoding="utf-8").replace(
-        'version="1.0"?>', f'version="1.0" encoding="{told}"?>'
-    )
+    text = path.read_text().replace('version="1.0"?>', f'version="1.0" encoding="{told}"?>')
     path.write_bytes(text.replace("a test", "Prüfung").encode(encoding))
     logical = find(str(path))
     assert logical.about == "Prüfung"
@@ -287,7 +285,7 @@ def test_a_file_in_another_encoding_reads_as_it_is(tmp_path, encoding):
 def test_entities_in_an_encoding_without_ascii_are_not_expanded(tmp_path):
     """In EBCDIC the bytes of `<!DOCTYPE` are others."""
     path = written(tmp_path)
-    text = path.read_text(encoding="utf-8").removeprefix('<?xml version="1.0"?>')
+    text = path.read_text().removeprefix('<?xml version="1.0"?>')
     head = '<?xml version="1.0" encoding="cp037"?><!DOCTYPE OpenSCENARIO [<!ENTITY e "72">]>'
     path.write_bytes((head + text.replace('value="72"', 'value="&e;"')).encode("cp037"))
     sentence = said(path)
@@ -299,20 +297,18 @@ def test_a_range_with_a_step_of_nothing_is_refused_at_once(tmp_path):
     part = """<DeterministicSingleParameterDistribution parameterName="kph"><DistributionRange stepWidth="1e-9">
     <Range lowerLimit="36" upperLimit="90"/></DistributionRange></DeterministicSingleParameterDistribution>"""
     path = tmp_path / "fine.xosc"
-    path.write_text(VARIATION.format(file="scenario.xosc", parts=part), encoding="utf-8")
+    path.write_text(VARIATION.format(file="scenario.xosc", parts=part))
     assert "fine must be at most 2,000,000, got 54000000001" in said(path)
 
 
 def test_names_that_look_like_numbers_stay_what_they_are(tmp_path):
     """A road `1234567` that a distribution chooses."""
     path = change(written(tmp_path), 'roadId="0"', 'roadId="$light"')
-    (tmp_path / "road.xodr").write_text(
-        ROAD.replace('id="0" length', 'id="1234567" length'), encoding="utf-8"
-    )
+    (tmp_path / "road.xodr").write_text(ROAD.replace('id="0" length', 'id="1234567" length'))
     part = """<DeterministicSingleParameterDistribution parameterName="light"><DistributionSet>
     <Element value="1234567"/></DistributionSet></DeterministicSingleParameterDistribution>"""
     varied = tmp_path / "varied.xosc"
-    varied.write_text(VARIATION.format(file=path.name, parts=part), encoding="utf-8")
+    varied.write_text(VARIATION.format(file=path.name, parts=part))
     assert find(str(varied)).concrete(only=0.0).ego.x == pytest.approx(21.5)
 
 
@@ -332,11 +328,7 @@ def test_parameters_in_catalog_references_and_in_each_other_are_worked_out(tmp_p
            '(1 + 1)}"/>'
            "</ParameterDeclarations>")  # fmt: skip
     change(path, 'parameterRef="long" value="6"', 'parameterRef="long" value="${$all + 0.5}"')
-    change(
-        path,
-        path.read_text(encoding="utf-8").split("<StopTrigger>")[1].split("</StopTrigger>")[0],
-        "",
-    )
+    change(path, path.read_text().split("<StopTrigger>")[1].split("</StopTrigger>")[0], "")
     change(path, "<StopTrigger></StopTrigger>", "")
     logical = find(str(path))
     (other,) = logical.concrete(only=0.0).actors
@@ -356,8 +348,7 @@ def test_an_entry_that_leads_to_itself_is_refused(tmp_path):
     (tmp_path / "catalogs" / "ways.xosc").write_text(
         f"""<OpenSCENARIO><FileHeader revMajor="1" revMinor="3"/><Catalog name="ways"><Trajectory name="round"
         closed="false"><Shape><Polyline><Vertex><Position>{place}</Position></Vertex><Vertex><Position>{place}
-        </Position></Vertex></Polyline></Shape></Trajectory></Catalog></OpenSCENARIO>""",
-        encoding="utf-8",
+        </Position></Vertex></Polyline></Shape></Trajectory></Catalog></OpenSCENARIO>"""
     )
     assert "<CatalogReference>: entry `round` of catalog `ways` refers to itself" in said(path)
 
@@ -367,9 +358,9 @@ def test_what_is_not_a_scenario_is_named(tmp_path):
     assert "cars.xosc, line 1, <OpenSCENARIO>: it must hold a <Storyboard>" in said(
         tmp_path / "catalogs" / "cars.xosc"
     )
-    path.write_text("", encoding="utf-8")
+    path.write_text("")
     assert "is not XML" in said(path)
-    path.write_text("<OpenDRIVE/>", encoding="utf-8")
+    path.write_text("<OpenDRIVE/>")
     assert "its root must be <OpenSCENARIO>, got <OpenDRIVE>" in said(path)
     assert "There is no OpenSCENARIO file" in said(tmp_path / "none.xosc")
     (tmp_path / "folder.xosc").mkdir()
@@ -378,8 +369,7 @@ def test_what_is_not_a_scenario_is_named(tmp_path):
 
 def test_a_road_of_a_scenario_file_declares_no_entities_either(tmp_path):
     (tmp_path / "road.xodr").write_text('<!DOCTYPE o [<!ENTITY e '
-                                        '"3.5">]>' + ROAD.replace('a="3.5"', 'a="&e;"'),
-                                        encoding="utf-8")  # fmt: skip
+                                        '"3.5">]>' + ROAD.replace('a="3.5"', 'a="&e;"'))  # fmt: skip
     with pytest.raises(
         InputError, match="must not declare a document type or entities, got <!DOCTYPE> in line 1"
     ):
@@ -392,7 +382,7 @@ def test_an_unknown_catalogue_names_the_nearest():
 
 def test_a_byte_order_mark_is_not_part_of_a_scenario_file(tmp_path):
     (tmp_path / "mine.toml").write_text(
-        scenario_files()["ncap_ccrs"].read_text(encoding="utf-8"), encoding="utf-8-sig"
+        scenario_files()["ncap_ccrs"].read_text(), encoding="utf-8-sig"
     )
     assert find("mine.toml", tmp_path).name == "ncap_ccrs"
 

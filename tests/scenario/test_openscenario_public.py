@@ -30,7 +30,7 @@ PLAYS = {
 """Files of a folder that run, of all."""
 WITHIN = 0.5  # m
 MEASURED = Path(__file__).parents[2] / "docs" / "measurements" / "openscenario.json"
-TABLE = json.loads(MEASURED.read_text(encoding="utf-8"))["tables"][-1]["rows"]
+TABLE = json.loads(MEASURED.read_text())["tables"][-1]["rows"]
 LATE = 0.05  # s: a step of the simulation
 EACH_STEP = SimulationSettings(record_interval=0.05)
 HERO = '<Private entityRef="hero">'

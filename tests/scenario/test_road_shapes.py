@@ -117,8 +117,8 @@ def test_lanes_that_open_and_end_follow_a_curve():
 def test_sumo_opens_the_network_of_a_shipped_scenario_and_drives_its_routes(name, tmp_path):
     logical = catalogue.load(name)
     concrete = logical.concretes(central_point(logical)[None])[0]
-    (tmp_path / "n.xml").write_text(network_xml(logical.road), encoding="utf-8")
-    (tmp_path / "r.xml").write_text(routes_xml(concrete, VehicleSettings()), encoding="utf-8")
+    (tmp_path / "n.xml").write_text(network_xml(logical.road))
+    (tmp_path / "r.xml").write_text(routes_xml(concrete, VehicleSettings()))
     sumo = Path(sys.executable).with_name("sumo")
     if not sumo.exists():
         pytest.skip("SUMO's program is not beside this Python")

@@ -20,9 +20,7 @@ from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.scenario.schema import evaluation_schema, scenario_schema
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "scenario_file.md"
-EXAMPLE = re.findall(r"```toml\n(name = .*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)[
-    0
-]
+EXAMPLE = re.findall(r"```toml\n(name = .*?)```", DOCUMENT.read_text(), re.DOTALL)[0]
 
 
 OPTION = """
@@ -51,7 +49,7 @@ points = [[90], [108]]
 @pytest.fixture
 def file(tmp_path):
     path = tmp_path / "slow_truck.toml"
-    path.write_text(EXAMPLE, encoding="utf-8")
+    path.write_text(EXAMPLE)
     return path
 
 

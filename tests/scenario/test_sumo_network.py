@@ -469,7 +469,7 @@ def test_the_outermost_lanes_of_a_network_begin_and_end_where_its_edges_meet(tmp
         f'<connection from="{one}" to="{other}" fromLane="0" toLane="0"/>'
         for one, other in itertools.pairwise(odd)
     )
-    path.write_text(path.read_text(encoding="utf-8").replace("</net>", f"{joined}</net>"))
+    path.write_text(path.read_text().replace("</net>", f"{joined}</net>"))
     with pytest.raises(
         InputError, match="must have the outermost lane that edges before and behind it have"
     ):
@@ -477,7 +477,7 @@ def test_the_outermost_lanes_of_a_network_begin_and_end_where_its_edges_meet(tmp
 
 
 def test_a_vehicle_starts_in_the_lane_of_its_edge_where_the_right_hand_one_is_not_yet(tmp_path):
-    (tmp_path / "town.net.xml").write_text(network_xml(SHAPED), encoding="utf-8")
+    (tmp_path / "town.net.xml").write_text(network_xml(SHAPED))
     road = read_road(tmp_path / "town.net.xml", ["road0", "road1", "road2", "road3"], 900.0)
     concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=10.0)
     lifted = replace(concrete, road=road, ego=replace(concrete.ego, y=3.5),

@@ -160,12 +160,12 @@ def test_facts_that_changed_without_a_trace_are_found_on_reading(done, copy):
 def test_a_report_that_is_there_is_not_made_again_and_an_edited_one_is(copy):
     done = sumo_eval.score(copy)
     path = write_assessed_report(done)
-    first = path.stat().st_mtime_ns, path.read_text(encoding="utf-8")
+    first = path.stat().st_mtime_ns, path.read_text()
     write_assessed_report(sumo_eval.score(copy))
     assert path.stat().st_mtime_ns == first[0]
-    path.write_text("edited", encoding="utf-8")
+    path.write_text("edited")
     write_assessed_report(sumo_eval.score(copy))
-    assert path.read_text(encoding="utf-8") == first[1]
+    assert path.read_text() == first[1]
 
 
 def test_a_run_without_its_trajectories_keeps_its_scores(done, copy, monkeypatch):

@@ -120,7 +120,7 @@ name = "keeps clear"
 check = "collided == 0 and min(gap) > 2"
 [[require]]
 check = "at_end(time) > gap0 / 10 - 0.01"
-''', encoding="utf-8")  # fmt: skip
+''')  # fmt: skip
     content = {
         "name": "n", "drivers": {"count": 2},
         "scenario": [{"use": str(tmp_path / "approach.toml")}],
@@ -135,12 +135,12 @@ check = "at_end(time) > gap0 / 10 - 0.01"
     )
     assert not any("at_end(time)" in note for note in said)
     write_tables(result)
-    with (result.folder / "cases.csv").open(encoding="utf-8") as file:
+    with (result.folder / "cases.csv").open() as file:
         assert [row["requirements_missed"] for row in csv.DictReader(file)] == [
             "keeps clear",
             "keeps clear",
         ]
-    written = json.loads((result.folder / "scores.json").read_text(encoding="utf-8"))
+    written = json.loads((result.folder / "scores.json").read_text())
     assert written["scores"][0]["requirements_missed"] == 2
     tests = [test for suite in run_suites(result).values() for test in suite]
     assert [test.verdict for test in tests] == ["failure", "failure"]

@@ -37,7 +37,7 @@ step_timeout = 1.0
 
 def read(tmp_path, text):
     path = tmp_path / "evaluation.toml"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text)
     return read_evaluation(path)
 
 

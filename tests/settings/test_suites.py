@@ -29,7 +29,7 @@ def test_a_suite_brings_its_scenarios_seed_and_drivers():
 
 def test_a_suite_says_everything_of_its_drivers_so_that_no_default_moves_its_scores():
     for path in SUITES.glob("*.toml"):
-        said = tomllib.loads(path.read_text(encoding="utf-8"))["drivers"]["population"]
+        said = tomllib.loads(path.read_text())["drivers"]["population"]
         assert set(said) == {item.name for item in fields(PopulationSettings)}, path.name
 
 

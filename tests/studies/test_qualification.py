@@ -22,7 +22,7 @@ def test_one_check_of_each_kind_passes_and_a_planted_wrong_expectation_fails(tmp
     printed = done.stdout.partition("FAIL  planted")[0]
     assert max(map(len, printed.splitlines())) <= 80
     assert "8 of 9 checks passed: this installation is NOT qualified." in done.output
-    told = json.loads((tmp_path / "q" / "qualification.json").read_text(encoding="utf-8"))
+    told = json.loads((tmp_path / "q" / "qualification.json").read_text())
     assert [item["name"] for item in told["checks"] if not item["passed"]] == ["planted"]
     assert told["passed"] is False
     assert told.keys() == {
@@ -33,7 +33,7 @@ def test_one_check_of_each_kind_passes_and_a_planted_wrong_expectation_fails(tmp
         "kind", "name", "source", "expected", "found", "bound", "unit", "passed", "error",
     }  # fmt: skip
     assert {"sumo_eval", "libsumo"} <= told["versions"].keys()
-    page = (tmp_path / "q" / "qualification.html").read_text(encoding="utf-8")
+    page = (tmp_path / "q" / "qualification.html").read_text()
     assert "1 of 9 checks failed" in page
 
 

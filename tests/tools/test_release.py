@@ -153,7 +153,7 @@ def test_state_without_a_release_is_refused(project, files, words):
 
 
 def test_the_projects_own_files_name_one_version_with_entries():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     load("tools/release.py").check_words(ROOT, project["version"])
 
 

@@ -151,7 +151,7 @@ def plan(tmp_path_factory):
 
 
 def rows_of(path):
-    with path.open(encoding="utf-8") as file:
+    with path.open() as file:
         return list(csv.DictReader(file))
 
 
