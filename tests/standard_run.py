@@ -9,9 +9,7 @@ drivers. As `sumo-eval run` leaves it.
 import fcntl
 from pathlib import Path
 
-from click.testing import CliRunner
-
-from sumo_eval.cli import main
+from commands import sumo_eval
 
 ADS = ("ideal_braking", "idm", "lane_changer", "no_reaction")
 SCENARIOS = ("front_vehicle_low_speed", "front_vehicle_cut_out")
@@ -34,10 +32,8 @@ def recorded_once(folder: Path) -> Path:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not complete.exists():
             (folder / "evaluation.toml").write_text(EVALUATION)
-            done = CliRunner().invoke(
-                main, ["run", str(folder / "evaluation.toml"), "--out", str(run)]
-            )
-            assert done.exit_code == 0, done.output
+            done = sumo_eval("run", folder / "evaluation.toml", "--out", run)
+            assert done.returncode == 0, done.said
             complete.touch()
     return run
 

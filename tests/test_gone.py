@@ -1,9 +1,8 @@
 """Removed names answer with one sentence that says what to use instead."""
 
 import pytest
-from click.testing import CliRunner
+from commands import sumo_eval
 
-from sumo_eval.cli import main
 from sumo_eval.gone import refuse_command
 
 
@@ -24,10 +23,10 @@ from sumo_eval.gone import refuse_command
     ],
 )
 def test_removed_name_says_where_it_went(arguments, replacement):
-    result = CliRunner().invoke(main, arguments.split())
-    assert result.exit_code == 2
-    assert replacement in " ".join(result.output.split())
-    assert "Traceback" not in result.output
+    result = sumo_eval(*arguments.split())
+    assert result.returncode == 2
+    assert replacement in " ".join(result.said.split())
+    assert "Traceback" not in result.said
 
 
 def test_folder_of_a_removed_name_is_an_argument():
@@ -40,11 +39,9 @@ def test_removed_scenario_of_an_evaluation_says_where(tmp_path, use):
     evaluation.write_text(
         f'name = "n"\n[[scenario]]\nuse = {use}\n[[ads]]\nname = "i"\ncontroller = "idm"\n'
     )
-    result = CliRunner().invoke(
-        main, ["run", str(evaluation), "--out", str(tmp_path / "run"), "--dry-run"]
-    )
-    assert result.exit_code == 2
-    assert "`[[require]]` of a scenario file" in " ".join(result.output.split())
+    result = sumo_eval("run", evaluation, "--out", tmp_path / "run", "--dry-run")
+    assert result.returncode == 2
+    assert "`[[require]]` of a scenario file" in " ".join(result.said.split())
 
 
 def test_removed_class_says_which_function_makes_its_act():

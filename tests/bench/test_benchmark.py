@@ -3,9 +3,8 @@
 import json
 
 import pytest
-from click.testing import CliRunner
+from commands import sumo_eval
 
-from sumo_eval.cli import main
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.extras.bench.costs import SETTINGS, TenLines, set_speed
 from sumo_eval.scenario import catalogue
@@ -17,22 +16,22 @@ CUT_IN = catalogue.load("cut_in").concrete(
 
 @pytest.mark.campaign
 def test_bench_prints_every_group_with_ratios_and_writes_json(tmp_path):
-    result = CliRunner().invoke(main, ["bench", "--small", "--json", str(tmp_path / "bench.json")])
-    assert result.exit_code == 0, result.output
-    print(result.output)
+    result = sumo_eval("bench", "--small", "--json", tmp_path / "bench.json")
+    assert result.returncode == 0, result.said
+    print(result.said)
     found = json.loads((tmp_path / "bench.json").read_text())
     assert found["format_version"] == 1
     assert {row["group"] for row in found["rows"]} == {"co-simulation", "field and D", "zones"}
     assert all(row["value"] > 0.0 for row in found["rows"])
     assert sum(row["ratio"] is not None for row in found["rows"]) >= 8
-    assert "x bare libsumo" in result.output
+    assert "x bare libsumo" in result.said
 
 
 def test_one_part_can_be_measured_alone(tmp_path):
-    result = CliRunner().invoke(main, ["bench", "--small", "--only", "zones"])
-    assert result.exit_code == 0, result.output
-    assert "training points" in result.output
-    assert "co-simulation" not in result.output
+    result = sumo_eval("bench", "--small", "--only", "zones")
+    assert result.returncode == 0, result.said
+    assert "training points" in result.said
+    assert "co-simulation" not in result.said
 
 
 def test_the_measured_controllers_react():

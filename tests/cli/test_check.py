@@ -16,7 +16,7 @@ def check(what, folder, *options):
 def test_a_good_controller(tmp_path):
     (tmp_path / "mine.py").write_text("def acc(seen):\n    return -1.0 if seen.lead else 0.0\n")
     done = check("mine.py:acc", tmp_path)
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.returncode == 0, done.said
     assert "mine.py:acc: keeps the contract" in done.stdout
     assert "us a step" in done.stdout
 
@@ -44,7 +44,7 @@ def test_an_interrupt_by_the_ads_is_reported_as_its_own(tmp_path, where):
     )
     done = check("mine.py:Mine", tmp_path)
     assert done.returncode == 1
-    assert "Traceback" not in done.stdout + done.stderr
+    assert "Traceback" not in done.said
     assert (
         f"FAIL  ADS `mine.py:Mine`: it raised KeyboardInterrupt. At mine.py:3 in {where}."
         in done.stdout
@@ -83,7 +83,7 @@ def test_what_a_run_would_lose_to_the_clock_fails(tmp_path):
 def test_a_speed_controller_that_run_drives_is_warned_and_not_failed(tmp_path):
     (tmp_path / "mine.py").write_text("def acc(seen):\n    return (15.0 - seen.ego.speed) / 0.05\n")
     done = check("mine.py:acc", tmp_path)
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.returncode == 0, done.said
     assert "warn  asks for " in done.stdout
     assert "return Command(speed=wanted)" in done.stdout
 
@@ -173,7 +173,7 @@ def test_an_ads_that_ends_or_overwrites_the_process_it_is_checked_in_is_a_findin
         f"def acc(seen):\n{body}\n    return 0.0\n"
     )
     done = check("mine.py:acc", tmp_path)
-    assert done.returncode == 1, done.stdout + done.stderr
+    assert done.returncode == 1, done.said
     assert words in done.stdout
     # the child's own traceback, as its words
     assert not done.stderr or done.stderr.startswith("It printed:")

@@ -183,5 +183,5 @@ def test_a_replay_lies_in_its_run_whatever_the_ads_is_called(tmp_path, monkeypat
     monkeypatch.setattr("sumo_eval.record.run_folder.resolved_run", lambda _: run)
     monkeypatch.setattr("sumo_eval.report.replay.recorded", lambda *_: fact)
     monkeypatch.setattr("sumo_eval.report.replay.write_replay", lambda *given, **_: given[3])
-    done = CliRunner().invoke(main, ["replay", str(tmp_path), "s-0000-idm/~a--b"])
-    assert done.output == f"The replay is {tmp_path / 'replay-s-0000-idm__a_-b.html'}\n"
+    done = sumo_eval("replay", tmp_path, "s-0000-idm/~a--b")
+    assert done.said == f"The replay is {tmp_path / 'replay-s-0000-idm__a_-b.html'}\n"

@@ -28,7 +28,7 @@ def builds(tmp_path_factory):
 
 def test_a_repeat_of_the_same_build_is_green(builds):
     done = sumo_eval("compare", builds / "base", builds / "repeat")
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.returncode == 0, done.said
     assert done.stdout.startswith("THE SAME as")
     assert "cases equal to the last bit" in done.stdout
 
@@ -37,7 +37,7 @@ def test_one_planted_regression_among_many_cases_is_named(builds):
     done = sumo_eval(
         "compare", builds / "base", builds / "new", "--junit", builds / "junit.xml", "--report"
     )
-    assert done.returncode == 1, done.stdout + done.stderr
+    assert done.returncode == 1, done.said
     assert "outcome or likeness worse in 1 case, better in 0" in done.stdout
     said = next(line for line in done.stdout.splitlines() if "side by side" in line)
     assert int(said.split()[-5]) >= CASES, said
@@ -60,7 +60,7 @@ def test_one_planted_regression_among_many_cases_is_named(builds):
 
 def test_the_way_back_is_better_and_green(builds):
     done = sumo_eval("compare", builds / "new", builds / "base")
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.returncode == 0, done.said
     assert "collision gone: 1" in done.stdout
 
 
@@ -69,7 +69,7 @@ def test_a_gate_file_decides_what_is_let_through(builds, tmp_path):
         'outcome.on = false\n[[limit]]\nquantity = "new_collisions"\nat_most = 1\n'
     )
     done = sumo_eval("compare", builds / "base", builds / "new", "--gate", tmp_path / "gate.toml")
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.returncode == 0, done.said
     assert (
         "NO LIMIT FAILED beside base: outcome or likeness worse in 1 case, better in 0"
         in done.stdout

@@ -3,7 +3,7 @@
 import sys
 
 import pytest
-from click.testing import CliRunner
+from commands import sumo_eval
 
 from sumo_eval import cli
 
@@ -39,8 +39,8 @@ def install(site, entry):
 
 def test_an_installed_package_brings_a_command_of_its_own(site):
     install(site, "weather = weather_tool:weather")
-    assert CliRunner().invoke(cli.main, ["weather"]).output == "dry\n"
-    shown = CliRunner().invoke(cli.main, ["--help"]).output
+    assert sumo_eval("weather").said == "dry\n"
+    shown = sumo_eval("--help").said
     assert "Say what the weather is." in shown.partition(f"{cli.FURTHER}:")[2]
 
 
@@ -56,20 +56,20 @@ def test_an_installed_package_brings_a_command_of_its_own(site):
 )
 def test_what_is_not_a_command_gets_status_2(site, entry, sentence):
     install(site, entry)
-    done = CliRunner().invoke(cli.main, ["weather"])
-    assert done.exit_code == 2
-    assert sentence in done.output
-    help_ = CliRunner().invoke(cli.main, ["--help"])
-    assert (help_.exit_code, sentence in " ".join(help_.output.split())) == (0, True)
+    done = sumo_eval("weather")
+    assert done.returncode == 2
+    assert sentence in done.said
+    help_ = sumo_eval("--help")
+    assert (help_.returncode, sentence in " ".join(help_.said.split())) == (0, True)
 
 
 def test_our_command_without_its_entry_point_says_what_to_do(monkeypatch):
     monkeypatch.setattr(cli, "_plugins", dict)
-    done = CliRunner().invoke(cli.main, ["drive", "cut_in"])
-    assert done.exit_code == 2
-    assert "Command `drive` is not installed: run `pip install -e .` again." in done.output
+    done = sumo_eval("drive", "cut_in")
+    assert done.returncode == 2
+    assert "Command `drive` is not installed: run `pip install -e .` again." in done.said
 
 
 def test_no_package_takes_the_place_of_our_commands(site):
     install(site, "run = weather_tool:weather")
-    assert "EVALUATION" in CliRunner().invoke(cli.main, ["run", "--help"]).output
+    assert "EVALUATION" in sumo_eval("run", "--help").said

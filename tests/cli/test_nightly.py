@@ -42,7 +42,7 @@ def week(tmp_path_factory):
     for fault, status in (("", 0), ("", 0), ("30, 0:sleeps", 1), ("20, 0:raises", 1)):
         plant(folder, fault)
         done = sumo_eval("nightly", file, "--history", folder / "history", "--keep", "2")
-        assert done.returncode == status, done.stdout + done.stderr
+        assert done.returncode == status, done.said
         outputs.append(done.stdout)
     return folder, outputs
 
@@ -215,7 +215,7 @@ def test_a_killed_night_continues_to_the_digest_of_a_whole_one(killed, tmp_path)
     assert nights(history) == []
 
     done = sumo_eval("nightly", file, "--history", history, "--resume")
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.returncode == 0, done.said
     assert f"Night {left.name} was stopped before its end and continued" in done.stdout.replace(
         "\n", " "
     )

@@ -5,9 +5,7 @@ import random
 import re
 
 import pytest
-from click.testing import CliRunner
-
-from sumo_eval.cli import main
+from commands import sumo_eval
 
 GOOD = """
 name = "own"
@@ -82,8 +80,7 @@ engine = "serial"
 
 
 def said(done):
-    assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
-    return " ".join(done.output.split())
+    return " ".join(done.said.split())
 
 
 def alike(folder):
@@ -91,18 +88,18 @@ def alike(folder):
     well."""
     evaluation = folder / "evaluation.toml"
     evaluation.write_text(EVALUATION)
-    run = CliRunner().invoke(main, ["run", str(evaluation), "--dry-run"], standalone_mode=True)
-    by_file = CliRunner().invoke(main, ["check", str(folder / "own.toml")])
-    by_evaluation = CliRunner().invoke(main, ["check", str(evaluation)])
-    verdicts = [run.exit_code, by_file.exit_code, by_evaluation.exit_code]
+    run = sumo_eval("run", evaluation, "--dry-run")
+    by_file = sumo_eval("check", folder / "own.toml")
+    by_evaluation = sumo_eval("check", evaluation)
+    verdicts = [run.returncode, by_file.returncode, by_evaluation.returncode]
     text = said(run)
     assert len(set(verdicts)) == 1, (verdicts, text, said(by_file), said(by_evaluation))
-    if run.exit_code == 0:
+    if run.returncode == 0:
         return 0, ""
     sentence = re.sub(r"^(sumo-eval|Error): ", "", text)
     assert sentence in said(by_file)
     assert sentence in said(by_evaluation)
-    return run.exit_code, sentence
+    return run.returncode, sentence
 
 
 @pytest.fixture(autouse=True)
@@ -160,6 +157,6 @@ def test_axes_of_an_unknown_scenario_are_refused_alike(tmp_path):
 
 def refused_alike(evaluation, words):
     for command in (["run", str(evaluation), "--dry-run"], ["check", str(evaluation)]):
-        done = CliRunner().invoke(main, command)
-        assert done.exit_code == 2
+        done = sumo_eval(*command)
+        assert done.returncode == 2
         assert words in said(done)

@@ -3,9 +3,8 @@
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import sumo_eval
 
-from sumo_eval.cli import main
 from sumo_eval.extras.figures import style
 from sumo_eval.record import cluster, loops
 from sumo_eval.report.gate_result import GateResult
@@ -22,15 +21,15 @@ TWO = (
 def test_a_file_without_a_name_lists_what_it_holds(tmp_path, words, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("mine.py").write_text(TWO)
-    result = CliRunner().invoke(main, [*words, "mine.py"])
-    assert result.exit_code == 2
-    assert "is a file; name one of what it holds (`Brake`, `steer`): mine.py:Brake" in result.output
+    result = sumo_eval(*words, "mine.py")
+    assert result.returncode == 2
+    assert "is a file; name one of what it holds (`Brake`, `steer`): mine.py:Brake" in result.said
 
 
 def test_a_file_that_is_not_there_is_said_to_be_missing():
-    result = CliRunner().invoke(main, ["check", "nothing.py"])
-    assert result.exit_code == 2
-    assert result.output == "sumo-eval: There is no file nothing.py.\n"
+    result = sumo_eval("check", "nothing.py")
+    assert result.returncode == 2
+    assert result.said == "sumo-eval: There is no file nothing.py.\n"
 
 
 SCHEMES = [
@@ -44,7 +43,7 @@ SCHEMES = [
 @pytest.mark.parametrize("words", [("check",), ("run", "--dry-run", "--ads")])
 @pytest.mark.parametrize("locator", [*SCHEMES, "sumo:a.py", "fmu:a.py", "onnx:a.py", "given:a.py"])
 def test_a_locator_with_a_scheme_is_not_a_file(locator, words):
-    told = CliRunner().invoke(main, [*words, f"{locator.replace('python', 'no-such')}"]).output
+    told = sumo_eval(*words, f"{locator.replace('python', 'no-such')}").said
     assert "There is no file '" not in told
     assert "is a file; name one" not in told
     assert "evaluation file" not in told
@@ -56,18 +55,18 @@ def test_an_evaluation_without_ads_is_driven_by_those_named(tmp_path):
         'name = "a"\n[[scenario]]\nuse = "front_vehicle_low_speed"\nsampling.levels = '
         "2\n[drivers]\ncount = 2\n"
     )
-    done = CliRunner().invoke(main, ["run", str(file), "--ads", "idm", "--dry-run"])
-    assert done.exit_code == 0, done.output
-    refused = CliRunner().invoke(main, ["run", str(file)])
-    assert refused.exit_code == 2
-    assert "must have at least one [[ads]], or be run with `--ads LOCATOR`" in refused.output
+    done = sumo_eval("run", file, "--ads", "idm", "--dry-run")
+    assert done.returncode == 0, done.said
+    refused = sumo_eval("run", file)
+    assert refused.returncode == 2
+    assert "must have at least one [[ads]], or be run with `--ads LOCATOR`" in refused.said
 
 
 def test_a_value_of_a_parameter_without_unit_is_refused_without_a_unit(tmp_path):
     words = ["boundary", "exit_cut", "idm", "--fix", "side=0.5", "--out", str(tmp_path / "edge")]
-    result = CliRunner().invoke(main, words)
-    assert result.exit_code == 2
-    assert result.output == (
+    result = sumo_eval(*words)
+    assert result.returncode == 2
+    assert result.said == (
         "sumo-eval: `side` of the slice of scenario `exit_cut` must be one of -1, 1, got 0.5.\n"
     )
 
@@ -75,10 +74,10 @@ def test_a_value_of_a_parameter_without_unit_is_refused_without_a_unit(tmp_path)
 def test_a_folder_that_is_taken_is_refused_before_the_evaluation_is_looked_at(tmp_path):
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "notes.txt").write_text("mine")
-    result = CliRunner().invoke(main, ["run", "--out", str(tmp_path / "taken")])
-    assert result.exit_code == 2
-    assert "already exists and is not empty" in result.output
-    assert "zones" not in result.output
+    result = sumo_eval("run", "--out", tmp_path / "taken")
+    assert result.returncode == 2
+    assert "already exists and is not empty" in result.said
+    assert "zones" not in result.said
 
 
 def test_gates_not_evaluated_for_one_reason_are_one_line():
@@ -104,10 +103,10 @@ def test_a_misspelt_scenario_is_refused_before_an_ads_is_asked(tmp_path, options
         'name = "x"\n[[scenario]]\nuse = "cut_inn"\n[[ads]]\nname = "mine"\ncontroller = '
         '"mine.py:acc"\n'
     )
-    result = CliRunner().invoke(main, ["run", "evaluation.toml", *options])
-    assert result.exit_code == 2
-    assert "`cut_inn`" in result.output
-    assert "Did you mean `cut_in`?" in result.output
+    result = sumo_eval("run", "evaluation.toml", *options)
+    assert result.returncode == 2
+    assert "`cut_inn`" in result.said
+    assert "Did you mean `cut_in`?" in result.said
     assert not Path("asked").exists()
 
 
@@ -121,11 +120,11 @@ def test_a_curve_too_tight_for_the_steering_is_refused_at_once(tmp_path, monkeyp
         '"idm"\n'
         "[simulation.vehicle]\nmax_steering_wheel_angle_deg = 8.0\n"
     )
-    result = CliRunner().invoke(main, ["run", "evaluation.toml", "--out", "x"])
-    assert result.exit_code == 2
+    result = sumo_eval("run", "evaluation.toml", "--out", "x")
+    assert result.returncode == 2
     assert (
         "The radius of scenario `curve_braking` must be at least 312.9 m, so that the ego can drive"
-        in result.output
+        in result.said
     )
 
 
@@ -137,9 +136,9 @@ def test_impossible_placement_is_refused_before_compiling(tmp_path, monkeypatch)
         'name = "x"\n[[scenario]]\nuse = "bad.toml"\n[[ads]]\nname = "idm"\ncontroller = "idm"\n'
     )
     monkeypatch.setattr(loops, "ready", None)
-    result = CliRunner().invoke(main, ["run", "evaluation.toml", "--out", "x"])
-    assert result.exit_code == 2
-    assert "must be clear of `ego` at the start" in result.output
+    result = sumo_eval("run", "evaluation.toml", "--out", "x")
+    assert result.returncode == 2
+    assert "must be clear of `ego` at the start" in result.said
 
 
 @pytest.mark.parametrize(
@@ -153,47 +152,43 @@ def test_a_cluster_that_cannot_be_is_refused_before_anything_is_compiled(
     tmp_path, options, words, monkeypatch
 ):
     monkeypatch.setattr(cluster, "find_spec", lambda name: None)
-    result = CliRunner().invoke(
-        main, ["run", "--engine", "dask", *options, "--out", str(tmp_path / "x")]
-    )
-    assert result.exit_code == 2
-    assert words in result.output
-    assert "compiling" not in result.output
+    result = sumo_eval("run", "--engine", "dask", *options, "--out", tmp_path / "x")
+    assert result.returncode == 2
+    assert words in result.said
+    assert "compiling" not in result.said
     assert not (tmp_path / "x").exists()
 
 
 def test_missing_matplotlib_is_reported_before_the_run_is_opened(tmp_path, monkeypatch):
     monkeypatch.setattr(style, "find_spec", lambda name: None)
-    result = CliRunner().invoke(main, ["plot", str(tmp_path / "no run"), "zone_map"])
-    assert result.exit_code == 2
-    assert "A figure needs the extra `plots`, which this installs: " in result.output
+    result = sumo_eval("plot", tmp_path / "no run", "zone_map")
+    assert result.returncode == 2
+    assert "A figure needs the extra `plots`, which this installs: " in result.said
 
 
 def test_a_folder_that_cannot_be_written_is_refused_before_the_work(tmp_path):
     (tmp_path / "file").write_text("")
-    result = CliRunner().invoke(main, ["qualify", "--out", str(tmp_path / "file" / "x")])
-    assert result.exit_code == 2
-    assert "cannot be written" in result.output
-    assert "passed" not in result.output
+    result = sumo_eval("qualify", "--out", tmp_path / "file" / "x")
+    assert result.returncode == 2
+    assert "cannot be written" in result.said
+    assert "passed" not in result.said
 
 
 def test_learning_from_a_folder_says_what_to_name(tmp_path):
-    result = CliRunner().invoke(main, ["learn", str(tmp_path), "--out", str(tmp_path / "learned")])
-    assert result.exit_code == 2
-    assert f"{tmp_path} is a folder" in result.output
-    assert "humans import" in result.output
+    result = sumo_eval("learn", tmp_path, "--out", tmp_path / "learned")
+    assert result.returncode == 2
+    assert f"{tmp_path} is a folder" in result.said
+    assert "humans import" in result.said
 
 
 def test_a_folder_to_check_is_answered_with_what_it_holds(tmp_path):
-    result = CliRunner().invoke(main, ["check", str(tmp_path)])
-    assert result.exit_code == 2
-    assert "is a folder without an evaluation, a scenario (.toml) or an ADS (.py)." in result.output
+    result = sumo_eval("check", tmp_path)
+    assert result.returncode == 2
+    assert "is a folder without an evaluation, a scenario (.toml) or an ADS (.py)." in result.said
     for name in ("night.toml", "mine.py", "notes.txt"):
         (tmp_path / name).write_text("")
-    result = CliRunner().invoke(main, ["check", str(tmp_path)])
-    assert result.exit_code == 2
-    assert (
-        f"is a folder; name a file that it holds: {str(tmp_path / 'mine.py')!r}, " in result.output
-    )
-    assert "night.toml" in result.output
-    assert "notes" not in result.output
+    result = sumo_eval("check", tmp_path)
+    assert result.returncode == 2
+    assert f"is a folder; name a file that it holds: {str(tmp_path / 'mine.py')!r}, " in result.said
+    assert "night.toml" in result.said
+    assert "notes" not in result.said

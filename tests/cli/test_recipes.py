@@ -6,9 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
-
-from sumo_eval.cli import main
+from commands import sumo_eval
 
 NIGHTS = Path(__file__).parents[2] / "docs" / "examples" / "nights"
 
@@ -18,7 +16,7 @@ NIGHTS = Path(__file__).parents[2] / "docs" / "examples" / "nights"
 )
 def test_recipe_names_options_of_nightly(name):
     text = (NIGHTS / name).read_text()
-    known = CliRunner().invoke(main, ["nightly", "--help"]).output
+    known = sumo_eval("nightly", "--help").said
     lines = [line for line in text.splitlines() if "sumo-eval nightly" in line]
     assert lines
     for line in lines:
@@ -50,8 +48,6 @@ def test_recipes_hide_no_failure_and_pin_what_they_run():
 
 
 def test_removed_option_names_the_files():
-    result = CliRunner().invoke(
-        main, ["nightly", "evaluation.toml", "--history", "nights", "--install", "cron"]
-    )
-    assert result.exit_code == 2
-    assert "docs/examples/nights" in result.output
+    result = sumo_eval("nightly", "evaluation.toml", "--history", "nights", "--install", "cron")
+    assert result.returncode == 2
+    assert "docs/examples/nights" in result.said

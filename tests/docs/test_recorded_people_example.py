@@ -7,10 +7,8 @@ import subprocess
 import sys
 
 import pytest
-from click.testing import CliRunner
+from commands import sumo_eval
 from doc_blocks import ROOT, blocks
-
-from sumo_eval.cli import main
 
 SAMPLE = runpy.run_path(str(ROOT / "docs" / "examples" / "dlr_sample.py"))
 PAGE = "docs/tutorials/recorded_drivers.md"
@@ -34,10 +32,10 @@ def test_the_tutorials_example_runs_from_the_public_recording_to_the_count_of_pe
     assert [words[0] for words in example] == ["humans", "humans", "run"]
     for words in example:
         given = [*words, "--engine", "serial"] if words[0] == "run" else words
-        result = CliRunner().invoke(main, given)
+        result = sumo_eval(*given)
         # 3: concrete scenarios with fewer than three people get no D_i, as the page says
-        assert result.exit_code == (3 if words[0] == "run" else 0), result.output + result.stderr
-        said += result.output
+        assert result.returncode == (3 if words[0] == "run" else 0), result.said
+        said += result.said
     assert "3 have at least 3 recorded people" in said
     (told,) = json.loads((tmp_path / "results" / "people" / "scores.json").read_text())[
         "recorded_people"

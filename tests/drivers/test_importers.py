@@ -3,10 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
+from commands import sumo_eval
 from drivers.real_data import needs_recordings, recording
 
-from sumo_eval.cli import main
 from sumo_eval.drivers.recorded.importers import commonroad, highd, levelx, ngsim, openacc, sumo_fcd
 from sumo_eval.drivers.recorded.importing import FORMATS, each_of, import_recordings
 from sumo_eval.drivers.recorded.recordings import COLUMNS, canonical, read_csv, write_csv
@@ -269,12 +268,10 @@ def test_a_damaged_file_gets_one_sentence_and_nothing_half_imported_stays(
 ):
     (tmp_path / name).write_text(text)
     out = tmp_path / "out" / "table.csv"
-    result = CliRunner().invoke(
-        main, ["humans", "import", form, str(tmp_path / name), "--out", str(out)]
-    )
-    assert result.exit_code == 2
-    assert words in result.output
-    assert "Traceback" not in result.output
+    result = sumo_eval("humans", "import", form, tmp_path / name, "--out", out)
+    assert result.returncode == 2
+    assert words in result.said
+    assert "Traceback" not in result.said
     assert not out.exists()
     assert not list(tmp_path.rglob("*.part*"))
     assert not out.parent.exists() or not list(out.parent.iterdir())
@@ -338,8 +335,8 @@ def test_files_of_a_folder_are_read_one_by_one_when_they_are_asked_for(tmp_path)
 
 
 def test_the_help_names_every_format():
-    result = CliRunner().invoke(main, ["humans", "import", "--help"])
-    assert all(form in result.output for form in FORMATS)
+    result = sumo_eval("humans", "import", "--help")
+    assert all(form in result.said for form in FORMATS)
 
 
 STATE = "<shape><rectangle><length>4</length><width>2</width></rectangle></shape>"

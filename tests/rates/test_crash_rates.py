@@ -6,10 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import sumo_eval
 from rates.rare import estimate, logical
 
-from sumo_eval.cli import main
 from sumo_eval.extras.rates.campaign import EncounterSpace, part_of, summed
 from sumo_eval.extras.rates.campaign_page import lost_words, unseen_words
 from sumo_eval.extras.rates.importance import DEFENSIVE, estimated, how_met
@@ -127,8 +126,8 @@ def test_terms_that_are_alike_have_the_interval_of_a_share():
 def test_a_driver_who_sleeps_has_a_higher_rate_than_one_who_does_not(tmp_path):
     file = tmp_path / "campaign.toml"
     file.write_text(FILE)
-    result = CliRunner().invoke(main, ["campaign", str(file), "--out", str(tmp_path / "out")])
-    assert result.exit_code == 0, result.output
+    result = sumo_eval("campaign", file, "--out", tmp_path / "out")
+    assert result.returncode == 0, result.said
     asleep, awake = json.loads((tmp_path / "out" / "campaign.json").read_text())["ads"]
     assert awake["collisions"] < asleep["collisions"]
     assert awake["collisions_interval"][1] > 0.0  # an upper limit, where none was seen
@@ -145,12 +144,9 @@ def test_a_driver_who_sleeps_has_a_higher_rate_than_one_who_does_not(tmp_path):
 def test_a_scenario_without_a_frequency_is_refused(tmp_path):
     file = tmp_path / "campaign.toml"
     file.write_text(FILE.replace("per_km = 0.2\n", ""))
-    result = CliRunner().invoke(main, ["campaign", str(file), "--out", str(tmp_path / "out")])
-    assert result.exit_code == 2
-    assert (
-        "Scenario `front_vehicle_low_speed` needs an encounter rate"
-        in result.output + result.stderr
-    )
+    result = sumo_eval("campaign", file, "--out", tmp_path / "out")
+    assert result.returncode == 2
+    assert "Scenario `front_vehicle_low_speed` needs an encounter rate" in result.said
 
 
 def test_drives_that_could_not_be_evaluated_are_listed_by_reason():

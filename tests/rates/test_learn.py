@@ -10,11 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import sumo_eval
 from lxml import etree
 from rates.planted import RANGES, RANK_CORRELATION, TOGETHER, planted, recordings_of, shares_of
 
-from sumo_eval.cli import main
 from sumo_eval.drivers.recorded.importing import import_recordings
 from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.extras.rates.command import called
@@ -64,10 +63,8 @@ def recovered(folder, scenes, expected, seed):
 def test_what_was_planted_is_found_again_and_the_files_can_be_driven(tmp_path):
     source, out = tmp_path / "fcd.csv", tmp_path / "learnt"
     _, events = planted(source, 44, 32.0, 6)
-    result = CliRunner().invoke(
-        main, ["learn", str(source), "--format", "sumo_fcd", "--out", str(out)]
-    )
-    assert result.exit_code == 0, result.output
+    result = sumo_eval("learn", source, "--format", "sumo_fcd", "--out", out)
+    assert result.returncode == 0, result.said
     told = json.loads((out / "learned.json").read_text())["classes"]["cut_in"]
     assert told["events"] == events
     assert told["without_parameters"] == {}
@@ -151,11 +148,9 @@ def test_too_little_data_leaves_no_campaign_that_is_refused(tmp_path):
     planted(source, 2, 1.0, 1)  # few encounters, of which nothing can be fitted
     out.mkdir()
     (out / "campaign.toml").write_text("of an earlier time")
-    done = CliRunner().invoke(
-        main, ["learn", str(source), "--format", "sumo_fcd", "--out", str(out)]
-    )
-    assert done.exit_code == 0, done.output
-    assert "no scenario file" in done.output
+    done = sumo_eval("learn", source, "--format", "sumo_fcd", "--out", out)
+    assert done.returncode == 0, done.said
+    assert "no scenario file" in done.said
     assert not list(out.glob("*.toml"))
 
 
@@ -169,10 +164,10 @@ def test_a_table_without_motor_vehicles_is_refused(tmp_path):
     path = tmp_path / "people.csv"
     rows = [f"r,a,{t / 10:.1f},{t / 10:.1f},0,0.5,0.5,pedestrian" for t in range(30)]
     path.write_text("recording,vehicle,t,x,y,length,width,class\n" + "\n".join(rows) + "\n")
-    result = CliRunner().invoke(main, ["learn", str(path), "--out", str(tmp_path / "out")])
-    assert result.exit_code == 2
-    assert "motor vehicles" in result.output + result.stderr
-    assert "Traceback" not in result.output + result.stderr
+    result = sumo_eval("learn", path, "--out", tmp_path / "out")
+    assert result.returncode == 2
+    assert "motor vehicles" in result.said
+    assert "Traceback" not in result.said
 
 
 def test_the_exact_poisson_limits():

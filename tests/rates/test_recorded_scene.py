@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
+from commands import sumo_eval
 from rates.planted import recordings_of
 
-from sumo_eval.cli import main
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical, write_csv
 from sumo_eval.errors import InputError
@@ -58,22 +57,11 @@ def test_the_file_and_the_terminal_say_what_of_the_road_is_not_written(scene, tm
     assert read_scenario(scene).about.endswith(ROAD_AS_WRITTEN)
     table = tmp_path / "people.csv.gz"
     write_csv(recorded(), table)
-    told = CliRunner().invoke(
-        main,
-        [
-            "humans",
-            "scene",
-            str(table),
-            "--ego",
-            "ego",
-            "--end",
-            "120",
-            "--out",
-            str(tmp_path / "scene.toml"),
-        ],
+    told = sumo_eval(
+        "humans", "scene", table, "--ego", "ego", "--end", "120", "--out", tmp_path / "scene.toml"
     )
-    assert told.exit_code == 0, told.output
-    assert ROAD_AS_WRITTEN in told.output
+    assert told.returncode == 0, told.said
+    assert ROAD_AS_WRITTEN in told.said
 
 
 def test_names_that_differ_in_punctuation_stay_apart(tmp_path):

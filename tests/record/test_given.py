@@ -6,10 +6,9 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import sumo_eval as sumo_eval_cli
 
 import sumo_eval
-from sumo_eval.cli import main
 from sumo_eval.errors import InputError
 from sumo_eval.settings import AdsSettings
 from sumo_eval.settings.config import read_evaluation
@@ -69,8 +68,8 @@ def test_python_reads_what_python_wrote(tmp_path, monkeypatch):
     for words in (["export", "out", "--format", "csv", "--out", "csv"], ["score", "out"],
         ["report", "out"],
                   ["explain", "out", found.cases[0].case], ["compare", "out", "out"]):  # fmt: skip
-        done = CliRunner().invoke(main, words)
-        assert done.exit_code == 0, done.output
+        done = sumo_eval_cli(*words)
+        assert done.returncode == 0, done.said
     left = {path.name for path in Path("out").iterdir()}
     assert {"scores.json", "cases.csv", "junit.xml", "report.html"} <= left
 

@@ -53,7 +53,7 @@ def run(tmp_path_factory):
     (folder / "evaluation.toml").write_text(EVALUATION)
     done = sumo_eval_cli("run", folder / "evaluation.toml", "--out", folder / "out")
     assert done.returncode == 3, done.stderr
-    assert "Traceback" not in done.stdout + done.stderr
+    assert "Traceback" not in done.said
     return done.stdout, folder / "out"
 
 

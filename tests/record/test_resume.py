@@ -338,7 +338,7 @@ def test_a_shard_that_is_none_is_refused(text):
 def test_verify_passes_on_the_same_and_fails_on_a_bit(tmp_path):
     sumo_eval.evaluate(write_evaluation(tmp_path), tmp_path / "run")
     done = sumo_eval_cli("verify", tmp_path / "run", "--share", "1")
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.returncode == 0, done.said
     assert f"{rows(tmp_path / 'run')} drives" in done.stdout
     change = (
         "UPDATE facts SET simulated_time = simulated_time + 1e-9 WHERE \"case\" LIKE '%-0002-idm'"

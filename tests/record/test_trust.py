@@ -6,10 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import sumo_eval as sumo_eval_cli
 
 import sumo_eval
-from sumo_eval.cli import main
 from sumo_eval.errors import InputError
 from sumo_eval.nightly.night import import_runs
 from sumo_eval.record import trust
@@ -77,8 +76,8 @@ def ran(folder):
 
 
 def said(*arguments):
-    done = CliRunner().invoke(main, [str(one) for one in arguments])
-    return done.exit_code, done.stderr
+    done = sumo_eval_cli(*arguments)
+    return done.returncode, done.stderr
 
 
 COMMANDS = {

@@ -9,9 +9,8 @@ import subprocess
 import sys
 
 import pytest
-from click.testing import CliRunner
+from commands import sumo_eval
 
-from sumo_eval.cli import main
 from sumo_eval.record.engines import refuse_engine
 from sumo_eval.settings import RunSettings
 
@@ -89,10 +88,10 @@ def test_where_nothing_forks_the_engine_of_processes_is_refused_before_the_work(
     (tmp_path / "evaluation.toml").write_text(EVALUATION)
     monkeypatch.delattr(os, "fork")
     words = ["run", str(tmp_path / "evaluation.toml"), "--out", str(tmp_path / "run"), *how]
-    result = CliRunner().invoke(main, words)
-    assert result.exit_code == 2
-    assert "The engine `processes` needs a system whose processes can fork" in result.output
-    assert "--engine serial" in result.output
+    result = sumo_eval(*words)
+    assert result.returncode == 2
+    assert "The engine `processes` needs a system whose processes can fork" in result.said
+    assert "--engine serial" in result.said
     refuse_engine(RunSettings(engine="serial"))
 
 

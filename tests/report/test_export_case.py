@@ -12,11 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import sumo_eval as sumo_eval_cli
 from lxml import etree
 
 import sumo_eval
-from sumo_eval.cli import main
 from sumo_eval.cosim.openscenario import opendrive_xml, openscenario_xml
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
@@ -164,23 +163,19 @@ def test_the_line_that_it_gives_drives_the_case_again(run, tmp_path):
 
 
 def test_the_files_are_there_and_called_like_the_case(run, tmp_path):
-    result = CliRunner().invoke(
-        main, ["export", str(run), "cut_in-0001-draws", "--out", str(tmp_path / "out")]
-    )
-    assert result.exit_code == 0, result.output
+    result = sumo_eval_cli("export", run, "cut_in-0001-draws", "--out", tmp_path / "out")
+    assert result.returncode == 0, result.said
     stem = "cut_in-0001-draws"
     names = {"two_lanes_1400m.net.xml", "two_lanes_1400m.view.xml"} | {
         f"{stem}{kind}" for kind in (".rou.xml", ".sumocfg", ".xodr", ".xosc", ".toml", ".csv")
     }
     assert {path.name for path in (tmp_path / "out").iterdir()} == names
-    told = result.output.splitlines()
+    told = result.said.splitlines()
     assert {Path(line).name for line in told[:-1]} == names
     assert told[-1] == f"Drive it again, in that folder: sumo-eval run {stem}.toml --out again"
     rows = (tmp_path / "out" / f"{stem}.csv").read_text().splitlines()
     assert rows == ["ego_speed,cut_in_speed,gap,lateral_speed,exposure", "30.0,15.0,50.1,0.8,0.3"]
-    assert (
-        CliRunner().invoke(main, ["check", str(tmp_path / "out" / f"{stem}.toml")]).exit_code == 0
-    )
+    assert sumo_eval_cli("check", tmp_path / "out" / f"{stem}.toml").returncode == 0
 
 
 def test_a_name_that_is_not_a_file_name_becomes_one(run, tmp_path):
@@ -320,8 +315,8 @@ def test_the_openscenario_file_has_the_cases_elements_and_numbers(run, tmp_path)
     )
     end = float(root.find("Storyboard/StopTrigger//SimulationTimeCondition").get("value"))
     assert end == pytest.approx(driven.time[-1], abs=1e-6)
-    result = CliRunner().invoke(main, ["import", str(tmp_path / f"{case}.xosc")])
-    assert "other, a car of 4.3 x 1.9 m" in result.output, result.output
+    result = sumo_eval_cli("import", tmp_path / f"{case}.xosc")
+    assert "other, a car of 4.3 x 1.9 m" in result.said, result.said
 
 
 def test_a_braking_vehicle_follows_its_braking_in_openscenario(run, tmp_path):
@@ -509,8 +504,6 @@ def test_paths_of_people_and_exposure_stay_what_they_were(run, tmp_path, monkeyp
     ],
 )
 def test_the_command_refuses(run, tmp_path, arguments, sentence):
-    result = CliRunner().invoke(
-        main, ["export", str(run), *arguments, "--out", str(tmp_path / "out")]
-    )
-    assert (result.exit_code, (tmp_path / "out").exists()) == (2, False)
+    result = sumo_eval_cli("export", run, *arguments, "--out", tmp_path / "out")
+    assert (result.returncode, (tmp_path / "out").exists()) == (2, False)
     assert sentence in result.stderr

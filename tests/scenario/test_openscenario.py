@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import sumo_eval
 from lxml import etree
 
-from sumo_eval.cli import main
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import InputError
@@ -1049,12 +1048,12 @@ def test_one_point_is_written_and_a_whole_space_is_not(tmp_path):
     again = find("again.toml", tmp_path).concrete(only=0.0)
     assert (again.ego.speed, again.actors[0].start.speed) == pytest.approx((15.0, 10.0))
     same_case(again, read.logical.concrete(kph=54.0))
-    result = CliRunner().invoke(main, ["import", str(path), "--out", str(tmp_path / "space.toml")])
-    assert result.exit_code == 2
-    assert "writes one point, without `--set` for kph" in result.output
+    result = sumo_eval("import", path, "--out", tmp_path / "space.toml")
+    assert result.returncode == 2
+    assert "writes one point, without `--set` for kph" in result.said
     assert (
         'The whole space plays from the OpenSCENARIO file itself: `use = "FILE.xosc"`'
-        in result.output
+        in result.said
     )
     assert not (tmp_path / "space.toml").exists()
 

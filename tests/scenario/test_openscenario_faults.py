@@ -6,9 +6,8 @@ import re
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from commands import sumo_eval
 
-from sumo_eval.cli import main
 from sumo_eval.errors import InputError
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.road.opendrive import read_opendrive
@@ -18,9 +17,9 @@ from tests.scenario.test_openscenario import AT, BRAKE, CARS, ROAD, TIMED, VARIA
 
 def said(path):
     """What `import` refuses a file with: exit status 2, one sentence in one line."""
-    result = CliRunner().invoke(main, ["import", str(path)])
-    assert result.exit_code == 2, result.output
-    assert "Traceback" not in result.output
+    result = sumo_eval("import", path)
+    assert result.returncode == 2, result.said
+    assert "Traceback" not in result.said
     assert len(result.stderr.strip().splitlines()) == 1, result.stderr
     assert result.stderr.strip()[-1] in ".?", result.stderr
     return result.stderr.strip()
@@ -36,8 +35,8 @@ def said(path):
     ],
 )
 def test_options_that_import_would_ignore_are_refused(words, sentence):
-    result = CliRunner().invoke(main, ["import", *words.split()])
-    assert (result.exit_code, sentence in " ".join(result.stderr.split())) == (2, True)
+    result = sumo_eval("import", *words.split())
+    assert (result.returncode, sentence in " ".join(result.stderr.split())) == (2, True)
 
 
 def change(path, old, new):

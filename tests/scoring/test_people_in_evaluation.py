@@ -6,11 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import sumo_eval
 from drivers.test_reference import write_people
 from evaluations import small
 
-from sumo_eval.cli import main
 from sumo_eval.evaluation import score
 from sumo_eval.extras.studies.calibration import calibrate
 from sumo_eval.extras.studies.opinion import compare_opinion, read_ratings
@@ -62,10 +61,8 @@ def runs(tmp_path_factory):
     for too_thin in ("fill", "leave_out"):
         (folder / "evaluation.toml").write_text(EVALUATION.replace("TOO_THIN", too_thin))
         out = folder / too_thin
-        result = CliRunner().invoke(
-            main, ["run", str(folder / "evaluation.toml"), "--out", str(out), "--workers", "1"]
-        )
-        assert (out / "cases.csv").is_file(), result.output + repr(result.exception)
+        result = sumo_eval("run", folder / "evaluation.toml", "--out", out, "--workers", "1")
+        assert (out / "cases.csv").is_file(), result.said
         with (out / "cases.csv").open() as file:
             found[too_thin] = out, result, list(csv.DictReader(file))
     return found
@@ -73,7 +70,7 @@ def runs(tmp_path_factory):
 
 def test_recorded_people_are_the_reference_and_a_thin_one_is_filled_and_said(runs):
     out, result, rows = runs["fill"]
-    assert result.exit_code == 0, result.output
+    assert result.returncode == 0, result.said
     at = {(row["ads"], float(row["ego_speed"]), float(row["lead_speed"])): row for row in rows}
     rich = at["lane_changer", 30.0, 15.0]
     assert (rich["drivers"], rich["recorded_drivers"], rich["reference_note"]) == ("6", "6", "")
@@ -83,7 +80,7 @@ def test_recorded_people_are_the_reference_and_a_thin_one_is_filled_and_said(run
         thin["reference_note"]
         == "Reference too thin: 0 of at least 4 recorded drivers; filled with 4 synthetic ones."
     )
-    assert "Reference too thin in" in result.output
+    assert "Reference too thin in" in result.said
     page = (out / "report.html").read_text()
     assert "The drivers themselves" in page
     assert "Reference too thin in" in page
@@ -104,7 +101,7 @@ def test_how_many_recorded_people_stand_behind_the_scores_is_said_everywhere(run
         "drives": drives,
     }  # fmt: skip
     sentence = f"{points} of {len(behind)} safe concrete scenarios, {drives} recorded drives"
-    assert sentence in " ".join(result.output.split())
+    assert sentence in " ".join(result.said.split())
     assert sentence in (out / "report.html").read_text()
 
 
@@ -155,10 +152,10 @@ def test_a_scenario_file_names_its_own_event(runs):
         '[scenario.exposure]\nkind = "recorded"\n', ""
     )
     (folder / "slow_evaluation.toml").write_text(text.replace("SPACE", "slow"))
-    result = CliRunner().invoke(main, ["check", str(folder / "slow_evaluation.toml")])
-    assert "recorded people of slow: 12 events like it" in result.output
-    assert "WARN  recorded people of slow: none match any of its 4 safe points" in result.output
-    assert result.exit_code == 0
+    result = sumo_eval("check", folder / "slow_evaluation.toml")
+    assert "recorded people of slow: 12 events like it" in result.said
+    assert "WARN  recorded people of slow: none match any of its 4 safe points" in result.said
+    assert result.returncode == 0
     # The same file at the speeds of the recording has its people.
     fast = NOBODY.replace('"slow"', '"fast"').replace(
         "low = 8.0\nhigh = 12.0", "low = 28.0\nhigh = 32.0"
@@ -167,9 +164,9 @@ def test_a_scenario_file_names_its_own_event(runs):
         fast.replace("low = 2.0\nhigh = 6.0", "low = 13.0\nhigh = 17.0")
     )
     (folder / "fast_evaluation.toml").write_text(text.replace("SPACE", "fast"))
-    result = CliRunner().invoke(main, ["check", str(folder / "fast_evaluation.toml")])
-    assert "recorded people of fast: 12 events like it" in result.output
-    assert "WARN" not in result.output
+    result = sumo_eval("check", folder / "fast_evaluation.toml")
+    assert "recorded people of fast: 12 events like it" in result.said
+    assert "WARN" not in result.said
 
 
 def test_an_event_s_column_that_does_not_exist_is_refused(runs):
@@ -180,10 +177,10 @@ def test_an_event_s_column_that_does_not_exist_is_refused(runs):
     text = EVALUATION.replace("TOO_THIN", "fill").replace("front_vehicle_low_speed", "odd.toml")
     text = text.replace("steps = { ego_speed = 10.0, lead_speed = 15.0 }", "levels = 2")
     (folder / "odd_evaluation.toml").write_text(text)
-    result = CliRunner().invoke(main, ["check", str(folder / "odd_evaluation.toml")])
-    assert result.exit_code == 2
-    assert "leed_speed" in result.output + result.stderr
-    assert "lead_speed" in result.output + result.stderr
+    result = sumo_eval("check", folder / "odd_evaluation.toml")
+    assert result.returncode == 2
+    assert "leed_speed" in result.said
+    assert "lead_speed" in result.said
 
 
 def test_the_band_of_the_drivers_and_the_manoeuvre_stand_beside_every_index(runs):
@@ -219,7 +216,7 @@ def test_the_exposure_is_kept_and_unsupported_cases_report_it(runs):
 
 def test_a_thin_reference_may_be_left_out_and_the_case_is_counted_as_missing(runs):
     _, result, rows = runs["leave_out"]
-    assert result.exit_code == 3
+    assert result.returncode == 3
     thin = [row for row in rows if row["reference_note"]]
     assert thin
     assert all(row["index"] == "" and row["reference_note"].endswith("left out.") for row in thin)
@@ -263,16 +260,14 @@ def test_peoples_opinion_beside_the_scores(runs, tmp_path):
     assert [(row.ads, row.opinion) for row in found.rows] == [("idm", 3.5), ("lane_changer", 8.5)]
     assert found.correlations["D"] is None  # two scores make no correlation
     assert found.concordance.value == pytest.approx(1.0)
-    result = CliRunner().invoke(
-        main, ["humans", "opinion", str(out), str(path), "--out", str(tmp_path / "plot.html")]
-    )
-    assert result.exit_code == 0, result.output
+    result = sumo_eval("humans", "opinion", out, path, "--out", tmp_path / "plot.html")
+    assert result.returncode == 0, result.said
     assert (tmp_path / "plot.html").stat().st_size > 1000
     alike = read_ratings(path).assign(score=5.0)
     assert compare_opinion(score(out), alike).concordance is None
     path.write_text("rater,ads,scenario,score\nann,idm,front_vehicle_low_speed,11\n")
-    result = CliRunner().invoke(main, ["humans", "opinion", str(out), str(path)])
-    assert (result.exit_code, "`score` in row 2 of" in result.output) == (2, True)
+    result = sumo_eval("humans", "opinion", out, path)
+    assert (result.returncode, "`score` in row 2 of" in result.said) == (2, True)
 
 
 def test_a_table_of_the_runs_own_drivers_needs_twenty(runs):

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import sumo_eval
 
-from sumo_eval.cli import main
 from sumo_eval.errors import InputError
 from sumo_eval.extras.studies.boundary import find_boundary, slice_of
 from sumo_eval.extras.studies.boundary_page import summary, write_boundary
@@ -102,6 +101,6 @@ def broken():
     ],
 )
 def test_the_command_refuses(tmp_path, arguments, sentence):
-    result = CliRunner().invoke(main, ["boundary", *arguments, "--out", str(tmp_path / "out")])
-    assert result.exit_code == 2
+    result = sumo_eval("boundary", *arguments, "--out", tmp_path / "out")
+    assert result.returncode == 2
     assert sentence in result.stderr

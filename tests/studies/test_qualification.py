@@ -3,9 +3,8 @@
 import json
 from itertools import chain, groupby
 
-from click.testing import CliRunner
+from commands import sumo_eval
 
-from sumo_eval.cli import main
 from sumo_eval.errors import SimulationError
 from sumo_eval.extras.studies.qualification import table
 from sumo_eval.extras.studies.qualification.qualified import carry_out
@@ -17,11 +16,11 @@ FIRST = [next(group) for _, group in groupby(table.all_checks(), key=lambda chec
 def test_one_check_of_each_kind_passes_and_a_planted_wrong_expectation_fails(tmp_path, monkeypatch):
     planted = FIRST[0]._replace(name="planted", expected=float(FIRST[0].expected) + 0.2)
     monkeypatch.setattr(table, "all_checks", lambda: chain(FIRST, [planted]))
-    done = CliRunner().invoke(main, ["qualify", "--out", str(tmp_path / "q")])
-    assert done.exit_code == 1, done.output
+    done = sumo_eval("qualify", "--out", tmp_path / "q")
+    assert done.returncode == 1, done.said
     printed = done.stdout.partition("FAIL  planted")[0]
     assert max(map(len, printed.splitlines())) <= 80
-    assert "8 of 9 checks passed: this installation is NOT qualified." in done.output
+    assert "8 of 9 checks passed: this installation is NOT qualified." in done.said
     told = json.loads((tmp_path / "q" / "qualification.json").read_text())
     assert [item["name"] for item in told["checks"] if not item["passed"]] == ["planted"]
     assert told["passed"] is False
@@ -39,8 +38,8 @@ def test_one_check_of_each_kind_passes_and_a_planted_wrong_expectation_fails(tmp
 
 def test_the_command_exits_with_0_when_all_pass(tmp_path, monkeypatch):
     monkeypatch.setattr(table, "all_checks", lambda: iter(FIRST[1:2]))
-    done = CliRunner().invoke(main, ["qualify", "--out", str(tmp_path)])
-    assert done.exit_code == 0, done.output
+    done = sumo_eval("qualify", "--out", tmp_path)
+    assert done.returncode == 0, done.said
 
 
 def test_a_fault_of_the_tool_is_a_check_that_failed_with_its_sentence():

@@ -3,9 +3,7 @@
 import sys
 
 import pytest
-from click.testing import CliRunner
-
-from sumo_eval.cli import main
+from commands import sumo_eval
 
 
 @pytest.mark.parametrize(
@@ -22,18 +20,16 @@ from sumo_eval.cli import main
     ],
 )
 def test_what_it_cannot_use_gets_a_sentence(arguments, words):
-    done = CliRunner().invoke(main, ["drive", *arguments, "--no-browser", "--port", "0"])
-    assert done.exit_code == 2
-    assert words in done.output
-    assert "Traceback" not in done.output
+    done = sumo_eval("drive", *arguments, "--no-browser", "--port", "0")
+    assert done.returncode == 2
+    assert words in done.said
+    assert "Traceback" not in done.said
 
 
 def test_without_websockets_a_sentence_names_the_extra(monkeypatch, tmp_path):
     for name in [name for name in sys.modules if name.partition(".")[0] == "websockets"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "websockets", None)
-    done = CliRunner().invoke(
-        main, ["drive", "cut_in", "--no-browser", "--port", "0", "--out", str(tmp_path)]
-    )
-    assert done.exit_code == 2
-    assert "needs the extra `drive`" in done.output
+    done = sumo_eval("drive", "cut_in", "--no-browser", "--port", "0", "--out", tmp_path)
+    assert done.returncode == 2
+    assert "needs the extra `drive`" in done.said
