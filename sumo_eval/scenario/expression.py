@@ -10,9 +10,11 @@ space, on numpy arrays, and one point, on plain floats.
 from __future__ import annotations
 
 import ast
+import keyword
 import math
 import operator
-from collections.abc import Callable, Iterable, Mapping
+import unicodedata
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, reduce
 from typing import Any, NamedTuple
@@ -210,13 +212,32 @@ def _tree(text: str) -> ast.expr:
 def parsed(text: str, what: str) -> ast.expr:
     """The syntax tree of an expression; `what` names it in errors. Raises InputError."""
     try:
-        return ast.parse(text.strip(), mode="eval").body
+        tree = ast.parse(text.strip(), mode="eval").body
     except UNREADABLE as error:
         reason = error.msg if isinstance(error, SyntaxError) else "it is too deep or malformed"
         raise InputError(f"{what} cannot be read: {reason}.") from None
+    # level by level: whatever reads or writes the tree later may call itself at each
+    level: list[ast.AST] = [tree]
+    for _ in range(DEEPEST + 1):
+        level = [part for node in level for part in ast.iter_child_nodes(node)]
+    if level:
+        raise InputError(f"{what} must not be nested more than {DEEPEST} deep.")
+    return tree
 
 
-def _check(node: ast.expr, text: str, depth: int = 0, *, condition: bool | None = None) -> None:
+def check_variable(name: str, owner: str, also: Collection[str] = ()) -> None:
+    """Refuse a name that no expression could use.
+
+    also: names that are allowed all the same.
+    """
+    # Python reads letters in their normal form: the micro sign as the Greek letter
+    plain = name.isidentifier() and unicodedata.is_normalized("NFKC", name)
+    if not (plain and not keyword.iskeyword(name)) and name not in also:
+        allowed = "letters, digits and underscores in the form NFKC, and no keyword of Python"
+        raise must_be("The name", owner, allowed, name)
+
+
+def _check(node: ast.expr, text: str, *, condition: bool | None = None) -> None:
     """Refuse whatever is not of the language.
 
     condition: whether a condition or a number must stand here; None: either.
@@ -224,8 +245,6 @@ def _check(node: ast.expr, text: str, depth: int = 0, *, condition: bool | None 
     if condition not in (None, _is_condition(node)):
         wanted = "a condition" if condition else "a number"
         raise must_be(f"`{ast.unparse(node)}`", f"expression `{text}`", wanted, ast.unparse(node))
-    if depth > DEEPEST:
-        raise InputError(f"Expression `{text}` must not be nested more than {DEEPEST} deep.")
     if isinstance(node, ast.Constant):
         value: Any = node.value
         if type(value) not in (int, float) or not _is_finite(value):
@@ -255,7 +274,7 @@ def _check(node: ast.expr, text: str, depth: int = 0, *, condition: bool | None 
         raise must_be(f"`{name[:-2]}`", f"expression `{text}`", wanted, len(parts))
     for place, part in enumerate(parts):
         joined = name in ("And", "Or", "Not") or (name == "where()" and place == 0)
-        _check(part, text, depth + 1, condition=joined)
+        _check(part, text, condition=joined)
 
 
 def operation(node: ast.expr) -> tuple[str, list[ast.expr]]:

@@ -14,7 +14,13 @@ from annotated_types import Ge, MinLen
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.scenario.concrete import CHANGES, Road
 from sumo_eval.scenario.distribution import Distribution
-from sumo_eval.scenario.expression import Definitions, checked_names, condition, number
+from sumo_eval.scenario.expression import (
+    Definitions,
+    check_variable,
+    checked_names,
+    condition,
+    number,
+)
 from sumo_eval.scenario.formulas import (
     Condition,
     ExposureDensity,
@@ -73,9 +79,7 @@ class ParameterTable(Checked):
         where: how errors call the file.
         """
         owner = f"parameter `{self.name}` of {where}"
-        if not (self.name.isidentifier() or self.name in CHANGES):
-            allowed = "letters, digits and underscores, or a setting that a case can change"
-            raise must_be("The name", owner, allowed, self.name)
+        check_variable(self.name, owner, CHANGES)
         ranged = {"low": self.low, "high": self.high, "step": self.step}
         check_unit(self.unit, owner, ranged)
         if bool(self.values) == any(value is not None for value in ranged.values()):
@@ -531,15 +535,9 @@ class ScenarioFile(Checked):
             check_unit(
                 option.unit, f"option `{option.name}` of {where}", {"default": option.default}
             )
-            if not option.name.isidentifier():
-                raise must_be(
-                    "The name",
-                    f"an option of {where}",
-                    "letters, digits and underscores",
-                    option.name,
-                )
+            check_variable(option.name, f"an option of {where}")
         moves = {
-            item.name: {move.name: index for index, move in enumerate(item.manoeuvre) if move.name}
+            item.name: {move.name: index for index, move in enumerate(item.scripted) if move.name}
             for item in self.vehicle
         }
         names = Names(where, f"scenario `{self.name}`", [], moves)
@@ -551,6 +549,7 @@ class ScenarioFile(Checked):
         check_uses(self, dict(units), where)
         entries = []
         for name, formula in self.define.items():
+            check_variable(name, f"a definition of {where}")
             if name in names.known:
                 raise InputError(
                     f"`{name}` in [define] of {where} must differ from parameters and options."

@@ -626,10 +626,10 @@ def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
     play.s, play.v = s, v
     if act.kind == SPEED:
         play.pieces = _speed_up(pieces, v, act)
-    elif act.kind == KEEP:
-        play.pieces = 0
-    elif act.kind == MATCH:
-        play.pieces, play.match, act.end = 0, act.first + 1, math.inf
+    elif act.kind in (KEEP, MATCH):  # for ever
+        play.pieces, act.end = 0, math.inf
+        if act.kind == MATCH:
+            play.match = act.first + 1
         return
     else:
         play.pieces = _follow_profile(pieces, v, x, act, table)

@@ -440,6 +440,19 @@ class VehicleTable(Checked):
     ] = False
     manoeuvre: Annotated[tuple[ManoeuvreTable, ...], About("what it does")] = ()
 
+    @property
+    def lively(self) -> bool:
+        """Whether its motion depends on more than time."""
+        turned = self.heading is not None or self.lateral_speed is not None
+        brakes = any(it.do == "brake" for it in self.manoeuvre)
+        keeps = any(it.do == "keep_speed" and (it.name or brakes) for it in self.manoeuvre)
+        return turned or self.on_map or keeps or any(it.lively for it in self.manoeuvre)
+
+    @property
+    def scripted(self) -> list[ManoeuvreTable]:
+        """Its manoeuvres without a `keep_speed` that changes nothing; conditions count in them."""
+        return [it for it in self.manoeuvre if self.lively or it.do != "keep_speed"]
+
     def read(self, names: Names, road: Road, *, departs: bool) -> Vehicle:
         """It, checked.
 
@@ -451,10 +464,11 @@ class VehicleTable(Checked):
         if sum(place is not None for place in (self.gap, self.gap_behind, self.x)) != 1:
             raise InputError(f"{owner} must have either gap, gap_behind or x.")
         names.distinct((move.name for move in self.manoeuvre if move.name), "manoeuvre", owner)
-        moves = tuple(move.read(what, names, road, departs=departs) for move in self.manoeuvre)
-        vehicle = Vehicle(self, names.quantities(self, what), moves)
+        moves = [move.read(what, names, road, departs=departs) for move in self.manoeuvre]
+        scripted = tuple(move for move in moves if move.table in self.scripted)
+        vehicle = Vehicle(self, names.quantities(self, what), scripted)
         follows = [move.do == "follow" for move in self.manoeuvre]
-        if sum(move.do == "brake" for move in self.manoeuvre) > 1 and not vehicle.lively:
+        if sum(move.do == "brake" for move in self.manoeuvre) > 1 and not self.lively:
             raise InputError(f"{owner} must brake at most once.")
         if any(follows[:-1]):
             raise InputError(f"{owner} must do nothing after it does `follow`.")
@@ -491,13 +505,6 @@ class Vehicle:
     numbers: LimitedFormulas
     moves: tuple[Move, ...]
 
-    @property
-    def lively(self) -> bool:
-        """Whether its motion depends on more than time."""
-        table = self.table
-        turned = table.heading is not None or table.lateral_speed is not None
-        return turned or table.on_map or any(move.table.lively for move in self.moves)
-
     def actor(
         self, ego: Start, ego_table: EgoTable, road: Road, known: Mapping[str, float]
     ) -> Actor:
@@ -518,8 +525,7 @@ class Vehicle:
             on_map = start.x, start.y, heading
             s, d, heading = (float(it) for it in frame_places(road.line, *on_map))
             start = Start(s, d, speed)
-        left_out = ("follow",) if self.lively else ("follow", "keep_speed")
-        acts = [move.act(known, table.name) for move in self.moves if move.table.do not in left_out]
+        acts = [move.act(known, table.name) for move in self.moves if move.table.do != "follow"]
         if abs(heading) > _AHEAD and any(act.kind == played.BY_PLACE for act in acts):
             owner = f"vehicle `{table.name}` with `places` of a `speed_profile`"
             must = f"within {math.degrees(_AHEAD):.1f} deg of the road (use `times` otherwise)"
@@ -535,7 +541,7 @@ class Vehicle:
                         played.FOLLOW, given["begin"], RECORDED_EVERY, table=places, program=program
                     )
                 )
-        elif self.lively and all(act.timed for act in acts):
+        elif table.lively and all(act.timed for act in acts):
             acts.append(keeps_on(acts))
         return Actor(
             table.name,
@@ -566,7 +572,7 @@ class Placement:
     @property
     def lively(self) -> bool:
         """Whether the motion of any vehicle depends on more than time."""
-        return bool(self.streams) or any(vehicle.lively for vehicle in self.vehicles)
+        return bool(self.streams) or any(vehicle.table.lively for vehicle in self.vehicles)
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
         """The start of the ego, and the actors."""

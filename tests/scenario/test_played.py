@@ -290,6 +290,19 @@ def test_a_condition_that_never_holds_is_refused_before_a_drive(when, held):
         check_points(logical, np.array([[20.0]]))
 
 
+def test_keep_speed_ends_a_brake_and_counts_in_conditions() -> None:
+    brake = {"do": "brake", "name": "b", "deceleration": 2.0}
+    speeds = way(scene(brake, {"do": "keep_speed", "begin": 2.0}))[4]
+    assert speeds[-1] == 16.0  # 20 m/s less 2 s of 2 m/s2
+    shift = {"do": "change_lane", "duration": 2.0, "offset": 3.5, "name": "c"}
+    follower = {"name": "other", "x": 90.0, "y": 3.5, "speed": 10.0, "manoeuvre": [
+        {"do": "brake", "deceleration": 5.0, "when": "ended(lead, c)"}]}  # fmt: skip
+    lead = {"name": "lead", "x": 150.0, "speed": 20.0, "manoeuvre": [{"do": "keep_speed"}, shift]}
+    content = {**BASE, "zone": "none", "vehicle": [lead, follower]}
+    found = tracks([scenario_from(content, "t", Path()).concrete(v=20.0)], [(4.5, 1.8)], 0.05, 4.0)
+    assert found.begins[0].tolist() == [0.0, 2.0]
+
+
 def test_an_ego_that_starts_sideways_drives_on_so_where_conditions_ask():
     # 20 m/s, 2 of them to the left: the lateral place 3 m is reached after 1.5 s
     content = {**BASE, "ego": {"speed": "v", "lateral_speed": 2.0}, "zone": "none", "vehicle": [

@@ -193,7 +193,12 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
         ("[zone]", "[zone", "is not valid TOML"),
         ('name = "slow_truck"', 'name = "slow_truck"\ndefault_sample = '
                                 '"grd"', "Did you mean `grid`?"),
-        ("truck_speed < ego_speed", "truck_speed > ego_speed + 100", "must have possible points"),
+        ("truck_speed < ego_speed", "truck_speed > ego_speed + 100",
+            "at least one possible point, got none. Of 15 points are ruled out: 15 by `"),
+        ("truck_speed < ego_speed", f"not {900 * '-'}ego_speed", "nested more than 50 deep"),
+        ('"ego_speed"', '"lambda"', "no keyword of Python, got 'lambda'"),
+        ('"ego_speed"', '"\u00b5"', "in the form NFKC"),
+        ("[ego]", "[define]\n'a b' = 3\n[ego]", "The name of a definition of"),
         ("[ego]", OPTION.replace("above", "abov") + "[ego]", "Did you mean `above`?"),
         ("[ego]", OPTION.replace("suffix", "sufix") + "[ego]", "Did you mean `suffix`?"),
         ("[ego]", OPTION.replace('"reaction"', '"ego_speed"') + "[ego]", "a name of its own, got "
