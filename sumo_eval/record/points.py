@@ -7,8 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from sumo_eval.coded import decoded, encoded
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.record.kept_results import KeptResults
@@ -90,28 +88,10 @@ def choose_points(
     )
     weighted = logical if exposure is None else replace(logical, exposure=exposure)
     points = sample(weighted, sampling.method, request=request)
-    if len(points.points) == 0:
-        raise InputError(
-            f"The sampling of scenario `{entry.use}` must choose at least one possible point, got "
-            f"none.{_refusals(weighted, points)}"
-        )
     if not points.exposure.any():
         what = f"the points of scenario `{entry.use}`"
         raise must_be("The exposure", what, "above 0 at one of them", 0.0)
     return points
-
-
-def _refusals(logical: LogicalScenario, points: Sample) -> str:
-    """Number of chosen points that each constraint excludes, as a sentence."""
-    refused = points.refused
-    if not len(refused):
-        return ""
-    values = logical.columns(refused)
-    counts = {
-        rule.about: int((~np.asarray(rule.holds(values))).sum()) for rule in logical.constraints
-    }
-    by = [f"{count} by `{about}`" for about, count in counts.items() if count]
-    return f" Of {len(refused)} points are ruled out: {', '.join(by)}."
 
 
 def refuse_unknown_axes(scenarios: Collection[str], settings: ReportSettings) -> None:

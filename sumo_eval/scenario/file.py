@@ -90,11 +90,6 @@ def check_file(path: Path, given: Mapping[str, str] | None = None) -> tuple[str,
 
     logical = read_scenario(Path(path), given)
     chosen = sample(logical)
-    if not len(chosen.points):
-        raise InputError(
-            f"Scenario `{logical.name}` must have possible points, got none of "
-            f"{len(chosen.refused)}."
-        )
     check_points(logical, chosen.points)
     ranges = ", ".join(
         f"{item.name} {item.low:g}..{item.high:g}{item.unit_suffix}" for item in logical.parameters

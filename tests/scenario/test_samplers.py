@@ -347,11 +347,10 @@ def test_every_method_says_which_keys_it_takes():
     assert all(takes and takes <= known for _, takes in all_methods().values())
 
 
-def test_constraints_that_exclude_everything_leave_no_point():
+def test_constraints_that_exclude_every_point_are_refused():
     nothing = replace(CUT_OUT, constraints=(Constraint("impossible", lambda v: v["gap"] > 1e9),))
-    chosen = draw(nothing, "sobol")
-    assert (len(chosen.points), len(chosen.refused)) == (0, 64)
-    assert math.isclose(float(chosen.exposure.sum()), 0.0)
+    with pytest.raises(InputError, match="Of 64 points are ruled out: 64 by `impossible`"):
+        draw(nothing, "sobol")
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,7 @@ from sumo_eval.scenario.sampling.drawn_points import by_exposure, by_exposure_an
 from sumo_eval.scenario.sampling.grid import full_grid
 from sumo_eval.scenario.sampling.listed_points import from_csv, from_function
 from sumo_eval.scenario.sampling.request import Drawn, Levels, Request, Steps, owner_of
+from sumo_eval.text import capitalised
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 
@@ -126,12 +127,27 @@ def sample(
         drawn = choose(logical, request)
     feasible = logical.feasible(drawn.points)
     points, refused = drawn.points[feasible], drawn.points[~feasible]
+    if not len(points):
+        raise InputError(
+            f"{capitalised(owner_of(logical))} must choose at least one possible point, got none."
+            f"{_refusals(logical, refused)}"
+        )
     exposure = _rows(drawn.exposure, feasible)
     if exposure is None:
         every = np.broadcast_to(logical.exposure(logical.columns(points)), len(points))
         exposure = every.astype(np.float64)
     stands_for, stratum = _rows(drawn.stands_for, feasible), _rows(drawn.stratum, feasible)
     return Sample(points, refused, exposure, drawn.notes, method, stands_for, stratum)
+
+
+def _refusals(logical: LogicalScenario, refused: FloatArray) -> str:
+    """Number of points (m, k) that each constraint excludes, as a sentence."""
+    values = logical.columns(refused)
+    counts = {
+        rule.about: int((~np.asarray(rule.holds(values))).sum()) for rule in logical.constraints
+    }
+    by = [f"{count} by `{about}`" for about, count in counts.items() if count]
+    return f" Of {len(refused)} points are ruled out: {', '.join(by)}."
 
 
 def _rows(values: Any, chosen: BoolArray) -> Any:
