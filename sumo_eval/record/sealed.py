@@ -19,8 +19,10 @@ SEAL = "seal"
 
 
 def sealed(content: Mapping[str, Any], *, indent: int | None = None) -> str:
-    """The text of a file with this content, and the hash of it behind it under `seal`."""
-    return json.dumps({**content, SEAL: _hash(content)}, indent=indent) + "\n"
+    """The text of a file with this content, and the hash of it as its last entry, `seal`."""
+    # a scenario may have that name
+    name = SEAL + "~" * (SEAL in content)
+    return json.dumps({**content, name: _hash(content)}, indent=indent) + "\n"
 
 
 def read_sealed(
@@ -40,7 +42,7 @@ def read_sealed(
         ) from error
     if isinstance(content, dict):
         first(content)
-    if not isinstance(content, dict) or content.pop(SEAL, None) != _hash(content):
+    if not isinstance(content, dict) or not content or content.popitem()[1] != _hash(content):
         raise InputError(
             f"{path} is not as it was written: its content does not fit its `{SEAL}`. {mend}"
         )

@@ -14,6 +14,7 @@ from record.runs import sumo_eval_cli, write_evaluation
 import sumo_eval
 from sumo_eval.errors import InputError
 from sumo_eval.record.exchange import export
+from sumo_eval.record.run_folder import read_exposures, write_exposures
 from sumo_eval.record.store import FORMAT_VERSION, open_store
 from sumo_eval.report.tables import write_tables
 from sumo_eval.settings.toml_file import read_toml
@@ -131,6 +132,12 @@ def test_an_edited_file_of_a_run_is_reported_wherever_it_is_read(run, tmp_path, 
         done = sumo_eval_cli(*command)
         assert (done.returncode, "Traceback" in done.stderr) == (2, False), done.stderr
         assert f"{name} is not as it was written" in " ".join(done.stderr.split())
+
+
+def test_a_scenario_may_be_called_as_the_seal(tmp_path):
+    for exposures in ({"seal": {"known": True}}, {"cut_in": {}}):
+        write_exposures(tmp_path, exposures)
+        assert read_exposures(tmp_path) == exposures
 
 
 def test_a_run_that_is_none_unscored_or_newer_is_refused(run, tmp_path):
