@@ -86,7 +86,8 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str:
     # such as a model's table
     files |= {Path(file) for file in getattr(getattr(found, "target", None), "files", ())}
     base = module.__name__.partition(".")[0] if module is not None else ""
-    sources = {_place(file, folder): hash_of(file, "file") for file in sorted(files)}
+    # pairs: files of several folders elsewhere may have one place
+    sources = sorted((_place(file, folder), hash_of(file, "file")) for file in files)
     over_arrays = {"batch": True} if kind == "ADS" and takes_arrays(found) else {}
     return _text(
         {"locator": locator, "version": _version(base, module), "sources": sources, **over_arrays}

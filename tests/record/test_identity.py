@@ -61,3 +61,15 @@ def test_a_locator_depends_on_the_file_it_names(locator, tmp_path):
     assert named_files(locator, tmp_path) == {tmp_path / "my ads.py"}
     if not locator.startswith("fmu:"):
         assert "my ads.py" in locator_identity(("ADS", locator), tmp_path)
+
+
+def test_files_of_one_name_elsewhere_all_count(tmp_path: Path) -> None:
+    files = [tmp_path / folder / "tool.py" for folder in ("one", "other")]
+    for file in files:
+        file.parent.mkdir()
+        file.write_text(f"import {file.parent.name}")
+    ads, identities = ("ADS", f"exec:cat {files[0]} {files[1]}"), set()
+    for file in files:
+        file.write_text("import shutil")
+        identities.add(locator_identity(ads, tmp_path / "evaluation"))
+    assert len(identities) == 2
