@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import product
 
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import EvaluationSettings
+
+Place = tuple[str, int, str]
+"""Logical scenario, number of the point and ADS of a case."""
 
 
 def narrowed(run: Resolved) -> Resolved:
@@ -20,9 +23,12 @@ def narrowed(run: Resolved) -> Resolved:
     settings = run.settings
     if not settings.run.only:
         return run
-    names = [ads.name for ads in settings.ads]
-    places = [_place(case, list(run.scenarios), names) for case in settings.run.only]
-    scenarios, drivers = {scenario for scenario, _ in places}, {ads for _, ads in places}
+    places = []
+    for case in settings.run.only:
+        known = _places(case, run.scenarios, settings)
+        check_known("case of the evaluation", known, case)
+        places.append(known[case])
+    scenarios, drivers = {scenario for scenario, *_ in places}, {ads for *_, ads in places}
 
     kept = [(entry, logical) for entry, logical in run.entries if logical.name in scenarios]
     gone, method, report = run.scenarios.keys() - scenarios, settings.method, settings.report
@@ -38,16 +44,14 @@ def narrowed(run: Resolved) -> Resolved:
     return replace(run, settings=settings, scenarios={logical.name: logical for _, logical in kept})
 
 
-def _place(case: str, scenarios: Sequence[str], every: Sequence[str]) -> tuple[str, str]:
-    """Logical scenario and ADS of a case."""
+def _places(case: str, scenarios: Iterable[str], settings: EvaluationSettings) -> dict[str, Place]:
+    """Places of the cases that a name may mean, by their keys."""
     # a name may hold a number, too: `ncap-2026-ccrs-0003-idm`
-    numbers = re.findall(r"-(\d{4,})(?=-)", case) or ["0000"]
-    known = {
-        f"{scenario}-{number}-{ads}": (scenario, ads)
-        for scenario, number, ads in product(scenarios, numbers, every)
+    numbers = map(int, re.findall(r"-(\d{4,})(?=-)", case) or ["0"])
+    return {
+        f"{scenario}-{number:04d}-{ads.name}": (scenario, number, ads.name)
+        for scenario, number, ads in product(scenarios, numbers, settings.ads)
     }
-    check_known("case of the evaluation", known, case)
-    return known[case]
 
 
 def points_only(
@@ -62,9 +66,8 @@ def points_only(
     """
     if not settings.run.only:
         return numbers
-    drivers = "|".join(re.escape(ads.name) for ads in settings.ads)
-    named = re.compile(rf"{re.escape(scenario)}-(\d{{4,}})-(?:{drivers})")
-    wanted = {int(match[1]) for match in map(named.fullmatch, settings.run.only) if match}
+    named = [_places(case, [scenario], settings).get(case) for case in settings.run.only]
+    wanted = {place[1] for place in named if place is not None}
     if wanted and max(wanted) >= points:
         raise InputError(
             f"A case of {scenario} must be numbered 0000 to {points - 1:04d}, got "

@@ -128,7 +128,8 @@ class Planner:
                     seed=settings.seed,
                     block=block if ads.locator in over_arrays else None,
                 )
-                yield self._finished(case)
+                if not settings.run.only or case.key in settings.run.only:
+                    yield self._finished(case)
 
     def reference(self, space: Space, role: Role) -> Iterator[Case]:
         """Cases of one of the references at every point."""
@@ -252,7 +253,9 @@ def stages(space: Space, plan: Planner) -> list[_Stage]:
     def stage(words: str, role: Role, cases: Iterable[Case], total: int) -> _Stage:
         return _Stage(f"{space.logical.name}: {words}", space.logical.name, role, cases, total)
 
-    listed = [stage("ADSs", "ads", plan.ads(space), points * len(settings.ads))]
+    # the few cases of `only` are counted, any others known without making them
+    total = sum(1 for _ in plan.ads(space)) if settings.run.only else points * len(settings.ads)
+    listed = [stage("ADSs", "ads", plan.ads(space), total)]
     for role, words in REFERENCES.items():
         listed.append(stage(words, role, plan.reference(space, role), points))
     if settings.drivers.source == "synthetic":

@@ -99,7 +99,9 @@ def _safest(evaluation: Evaluation, every: Sequence[Behaviour]) -> str:
     if len(known) == 1:
         return words
     other = known[1].ads
-    less, more = harm_beside(evaluation, known[0].ads, other)
+    less, more, common = harm_beside(evaluation, known[0].ads, other)
+    if not common:  # single cases that `run.only` names
+        return words
     if less == more == 0:
         return f"{words} {other} does the same harm in every case."
     chance = min(1.0, 2.0 * sign_test(max(less, more), min(less, more)))

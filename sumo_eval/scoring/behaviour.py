@@ -94,18 +94,23 @@ def _mean(values: Iterable[tuple[float | None, float]]) -> float | None:
     return sum((value or 0.0) * weight for value, weight in pairs) / whole
 
 
-def harm_beside(evaluation: Evaluation, first: str, second: str) -> tuple[int, int]:
-    """In how many cases of both ADSs the first does less and more avoidable harm than the
-    second.
+def harm_beside(evaluation: Evaluation, first: str, second: str) -> tuple[int, int, int]:
+    """In how many cases of both ADSs the first does less and more avoidable harm than the second,
+    and how many they have in common.
     """
-    less = more = 0
-    for own, other in zip(findings(evaluation, first), findings(evaluation, second), strict=True):
+    less = more = common = 0
+    beside = {one.score.scenario: one for one in findings(evaluation, second)}
+    for own in findings(evaluation, first):
+        other = beside.get(own.score.scenario)
+        if other is None:
+            continue
         ours, theirs = point_numbers([own.cases, other.cases])
         here, there = np.intersect1d(ours, theirs, return_indices=True)[1:]
+        common += len(here)
         before, after = own.beyond[here], other.beyond[there]
         less += int((before < after).sum())
         more += int((before > after).sum())
-    return less, more
+    return less, more, common
 
 
 def worst_case(evaluation: Evaluation, order: Sequence[str]) -> CaseResult | None:

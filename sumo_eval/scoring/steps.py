@@ -82,14 +82,28 @@ class Scoring:
             found = [score_scenario(self._space(*named), rows) for named in self.run.entries]
         spreads = {(one.ads, one.scenario): spread for _, scored in found for one, spread in scored}
         scores = [one for _, scored in found for one, _ in scored]
-        ranking = rank(scores, spreads, self.run.settings.method.ranking)
+        ranking = None
+        if not self.run.settings.run.only or self._same_points():
+            ranking = rank(scores, spreads, self.run.settings.method.ranking)
         return Scores(
             tuple(zones for zones, _ in found), tuple(scores), ranking, rows.chunks(list(spreads))
         )
 
+    def _same_points(self) -> bool:
+        """Whether all ADSs drove the same points: `run.only` may name others of each."""
+        points: dict[str, set[str]] = {}
+        for case, _, ads in self.store.names("ads"):
+            points.setdefault(ads, set()).add(case.removesuffix(ads))
+        first, *others = points.values()
+        return all(some == first for some in others)
+
     def _space(self, entry: ScenarioSettings, logical: LogicalScenario) -> ScenarioRun:
         settings, source = self.run.settings, self.run.source
         reference = settings.method.task.task_reference
+        if settings.run.only:  # of an ADS, it may name cases in other scenarios alone
+            driven = {row[2] for row in self.store.counts() if row[:2] == (logical.name, "ads")}
+            named = tuple(ads for ads in settings.ads if ads.name in driven)
+            settings = replace(settings, ads=named)
         return ScenarioRun(
             entry, logical, self._points(entry, logical), settings, source,
             self.severity,

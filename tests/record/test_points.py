@@ -79,3 +79,25 @@ def test_an_exposure_of_0_at_every_point_is_refused(tmp_path):
     settings = EvaluationSettings("x", (entry,), (AdsSettings("idm", "idm"),))
     with pytest.raises(InputError, match="must be above 0 at one of them, got 0"):
         choose_points(load(entry.use), entry, tmp_path, settings, lambda _: np.zeros(1))
+
+
+def test_only_drives_and_scores_the_named_cases_alone(tmp_path):
+    names = ("front_vehicle_low_speed", "front_vehicle_braking")
+    asked = (f"{names[0]}-0003-idm", f"{names[0]}-0004-calm", f"{names[1]}-0001-late")
+    entries = tuple(ScenarioSettings(it, SamplingSettings("grid", levels=3)) for it in names)
+    settings = EvaluationSettings(
+        "x",
+        entries,
+        tuple(AdsSettings(name, "idm") for name in ("idm", "calm", "late")),
+        run=RunSettings(only=asked, engine="serial"),
+    )
+    done = sumo_eval.evaluate(settings, tmp_path / "run")
+    assert sorted(done.cases.case) == sorted(asked)
+    assert [(one.ads, one.cases) for one in done.scores] == [("idm", 1), ("calm", 1), ("late", 1)]
+    assert done.ranking is None  # what was driven at different points has no order
+    with pytest.raises(InputError, match=f"Did you mean `{asked[0]}`"):
+        resolve(
+            replace(settings, run=RunSettings(only=(asked[0].replace("-0", "-00"),))),
+            tmp_path,
+            False,
+        )

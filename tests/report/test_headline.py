@@ -130,7 +130,7 @@ def test_sign_test_tells_the_safest_apart(evaluation, hits, words):
     calm, hostile = (clean(evaluation, ads, 8) for ads in (builders.CALM, builders.HOSTILE))
     hostile = [replace(case, **HIT) if place < hits else case for place, case in enumerate(hostile)]  # type: ignore[arg-type]
     both = of_one_scenario(evaluation, [*calm, *hostile])
-    assert harm_beside(both, builders.CALM, builders.HOSTILE) == (hits, 0)
+    assert harm_beside(both, builders.CALM, builders.HOSTILE) == (hits, 0, 8)
     worse = tuple(
         replace(one, avoidance_grade=1.0 if one.ads == builders.CALM else 0.5)
         for one in both.scores
