@@ -40,7 +40,7 @@ class Scores:
 
     zones: tuple[ZoneResult, ...]
     scores: tuple[ScenarioResult, ...]
-    ranking: Ranking
+    ranking: Ranking | None
     chunks: tuple[KeptChunk, ...]
 
 

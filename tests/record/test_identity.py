@@ -63,7 +63,7 @@ def test_a_locator_depends_on_the_file_it_names(locator, tmp_path):
         assert "my ads.py" in locator_identity(("ADS", locator), tmp_path)
 
 
-def test_files_of_one_name_elsewhere_all_count(tmp_path: Path) -> None:
+def test_files_of_one_name_elsewhere_all_count(tmp_path):
     files = [tmp_path / folder / "tool.py" for folder in ("one", "other")]
     for file in files:
         file.parent.mkdir()
