@@ -119,12 +119,13 @@ def refuse_a_bare_file(locator: str) -> None:
         return
     content = read_input(file, "file")
     try:
-        body = ast.parse(content, str(file)).body
+        body = ast.parse(content, locator).body
     except (SyntaxError, ValueError) as error:
         raise InputError(f"{shown(locator)} is not readable Python: {error}.") from None
-    kinds = (ast.ClassDef, ast.FunctionDef)
     names = [
-        item.name for item in body if isinstance(item, kinds) and not item.name.startswith("_")
+        item.name
+        for item in body
+        if isinstance(item, ast.ClassDef | ast.FunctionDef) and not item.name.startswith("_")
     ]
     if not names:
         raise InputError(f"{shown(locator)} holds no class and no function, so no ADS.")

@@ -45,13 +45,16 @@ def kept_zones(
     from sumo_eval.method.zone_surface import Surface
 
     data = kept.get("zones", key)
-    if data is not None and key not in ZONES:
-        ZONES[key] = of_parts(logical, settings, decoded(data, {"Surface": Surface}))
-    zones = ZONES[key] if key in ZONES else partition(logical, settings)
+    if key not in ZONES:
+        ZONES[key] = (
+            partition(logical, settings)
+            if data is None
+            else of_parts(logical, settings, decoded(data, {"Surface": Surface}))
+        )
+    zones = ZONES[key]
     if data is None:
         kept.put([("zones", key, 0, encoded(fitted_parts(zones)))])
-    ZONES[key] = zones
-    while len(ZONES) > _MOST_ZONES:
+    if len(ZONES) > _MOST_ZONES:
         del ZONES[next(iter(ZONES))]
     return zones
 

@@ -89,10 +89,10 @@ class _Watch:
         place = _source(opened)
         if place is None or place.startswith(self._elsewhere()):
             return
-        writes = flags & (os.O_WRONLY | os.O_RDWR) != 0
+        writes = flags & (os.O_WRONLY | os.O_RDWR)
         if writes and place != opened:  # Python writes a compiled file: its source is unchanged
             return
-        if not (self._is_below(place) or (place.endswith(_CODE) and not writes)):
+        if not self._is_below(place) and (writes or not place.endswith(_CODE)):
             return
         if writes and (flags & os.O_TRUNC or not flags & os.O_RDWR):
             self.write(place)

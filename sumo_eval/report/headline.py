@@ -100,10 +100,8 @@ def _safest(evaluation: Evaluation, every: Sequence[Behaviour]) -> str:
         return words
     other = known[1].ads
     less, more, common = harm_beside(evaluation, known[0].ads, other)
-    if not common:  # single cases that `run.only` names
-        return words
-    if less == more == 0:
-        return f"{words} {other} does the same harm in every case."
+    if less == more == 0:  # none in common: single cases that `run.only` names
+        return f"{words} {other} does the same harm in every case." if common else words
     chance = min(1.0, 2.0 * sign_test(max(less, more), min(less, more)))
     apart = "Told apart" if chance < BY_CHANCE and less > more else "Not told apart"
     return (

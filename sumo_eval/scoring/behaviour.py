@@ -98,19 +98,15 @@ def harm_beside(evaluation: Evaluation, first: str, second: str) -> tuple[int, i
     """In how many cases of both ADSs the first does less and more avoidable harm than the second,
     and how many they have in common.
     """
-    less = more = common = 0
     beside = {one.score.scenario: one for one in findings(evaluation, second)}
+    differences = [np.empty(0)]
     for own in findings(evaluation, first):
-        other = beside.get(own.score.scenario)
-        if other is None:
-            continue
-        ours, theirs = point_numbers([own.cases, other.cases])
-        here, there = np.intersect1d(ours, theirs, return_indices=True)[1:]
-        common += len(here)
-        before, after = own.beyond[here], other.beyond[there]
-        less += int((before < after).sum())
-        more += int((before > after).sum())
-    return less, more, common
+        if (other := beside.get(own.score.scenario)) is not None:
+            ours, theirs = point_numbers([own.cases, other.cases])
+            here, there = np.intersect1d(ours, theirs, return_indices=True)[1:]
+            differences.append(own.beyond[here] - other.beyond[there])
+    all_cases = np.concatenate(differences)
+    return int((all_cases < 0.0).sum()), int((all_cases > 0.0).sum()), len(all_cases)
 
 
 def worst_case(evaluation: Evaluation, order: Sequence[str]) -> CaseResult | None:

@@ -51,7 +51,7 @@ from sumo_eval.scoring.quantities import Remarks, combine, describe_zones, harm_
 from sumo_eval.scoring.requirements import with_counts
 from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.scoring.zones import zones_key
-from sumo_eval.settings import ScenarioSettings
+from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
 POINTS_AT_ONCE = 512
 """Concrete scenarios whose cases are in memory at a time while a run is scored."""
@@ -82,15 +82,16 @@ class Scoring:
             found = [score_scenario(self._space(*named), rows) for named in self.run.entries]
         spreads = {(one.ads, one.scenario): spread for _, scored in found for one, spread in scored}
         scores = [one for _, scored in found for one, _ in scored]
-        ranking = None
-        if not self.run.settings.run.only or self._same_points():
-            ranking = rank(scores, spreads, self.run.settings.method.ranking)
+        settings = self.run.settings.method.ranking
+        ranking = rank(scores, spreads, settings) if self._same_points() else None
         return Scores(
             tuple(zones for zones, _ in found), tuple(scores), ranking, rows.chunks(list(spreads))
         )
 
     def _same_points(self) -> bool:
         """Whether all ADSs drove the same points: `run.only` may name others of each."""
+        if not self.run.settings.run.only:
+            return True
         points: dict[str, set[str]] = {}
         for case, _, ads in self.store.names("ads"):
             points.setdefault(ads, set()).add(case.removesuffix(ads))
@@ -98,12 +99,8 @@ class Scoring:
         return all(some == first for some in others)
 
     def _space(self, entry: ScenarioSettings, logical: LogicalScenario) -> ScenarioRun:
-        settings, source = self.run.settings, self.run.source
+        settings, source = self._settings_in(logical.name), self.run.source
         reference = settings.method.task.task_reference
-        if settings.run.only:  # of an ADS, it may name cases in other scenarios alone
-            driven = {row[2] for row in self.store.counts() if row[:2] == (logical.name, "ads")}
-            named = tuple(ads for ads in settings.ads if ads.name in driven)
-            settings = replace(settings, ads=named)
         return ScenarioRun(
             entry, logical, self._points(entry, logical), settings, source,
             self.severity,
@@ -111,6 +108,14 @@ class Scoring:
             reference if recorded_with(self.store, reference) else "",
             frozenset(self.exposures.get(logical.name, {}).get("outside_support", ())),
         )  # fmt: skip
+
+    def _settings_in(self, scenario: str) -> EvaluationSettings:
+        """The settings, with the ADSs of which `run.only` names a case in a scenario."""
+        settings = self.run.settings
+        if not settings.run.only:
+            return settings
+        driven = {row[2] for row in self.store.counts() if row[:2] == (scenario, "ads")}
+        return replace(settings, ads=tuple(ads for ads in settings.ads if ads.name in driven))
 
     def _points(self, entry: ScenarioSettings, logical: LogicalScenario) -> Sample:
         """The points that the settings choose now; none, with a note, where a file that they need
