@@ -24,6 +24,8 @@ from sumo_eval.scoring.gate_settings import NearMissSettings
 HISTORY = "history.sqlite"
 FORMAT_VERSION = 1
 DONE, GATE_FAILED, NOT_EVALUATED = 0, 1, 3  # exit statuses of a night
+REGRET_OF_LOSSES = "regret of losses"
+"""Quantity of a night whose regret has no unit; `regret` is in m/s."""
 GOOD = (DONE, NOT_EVALUATED)
 """Exit statuses of a night in which no limit failed."""
 
@@ -357,8 +359,10 @@ def near_misses(cases: CaseTable) -> int:
 def _quantities(evaluation: Evaluation, score: ScenarioResult) -> dict[str, float | None]:
     """Quantities of one ADS in one logical scenario that the history keeps."""
     cases = evaluation.cases_of(score.ads, score.scenario)
+    unit = evaluation.settings.method.collision.regret_unit
+    renamed = {} if unit else {"regret": REGRET_OF_LOSSES}
     return {
-        **{name: getattr(score, field) for name, (field, _) in SCORES.items()},
+        **{renamed.get(name, name): getattr(score, field) for name, (field, _) in SCORES.items()},
         **{name: getattr(score, name) for name in _KEPT},
         "near_misses": near_misses(cases),
         "run_time": float(np.nansum(cases.wall_time)),

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.nightly.history import GATE_FAILED, GateLine, History, Night, Value
+from sumo_eval.nightly.history import GATE_FAILED, REGRET_OF_LOSSES, GateLine, History, Night, Value
 from sumo_eval.report.page import REPORT, template, write_page
 
 TREND = "trend.html"
@@ -30,6 +30,7 @@ CHARTS = (
     ("S+", "Score S+", "points"),
     ("H", "Human-likeness H", ""),
     ("regret", "Regret", "m/s"),
+    (REGRET_OF_LOSSES, "Regret of losses in 0..1", ""),
     ("C", "Collision avoidance C of the paper", ""),
     ("D", "Human-likeness D of the paper", ""),
     ("S", "Score S of the paper", "points"),
@@ -149,10 +150,14 @@ def charts(
             for value in of_scenario
             if value.quantity == quantity and value.value is not None
         }
+        limit = "regret" if quantity == REGRET_OF_LOSSES else quantity
+        of_night = {night for night, _ in series}  # two units of the regret are in two charts
         limits = [
             (gate.night, gate.ads, gate.threshold)
             for gate in gates
-            if (gate.scenario, gate.quantity) == (scenario, quantity) and gate.threshold is not None
+            if (gate.scenario, gate.quantity) == (scenario, limit)
+            and gate.threshold is not None
+            and (limit != "regret" or gate.night in of_night)
         ]
         if series:
             axes = TrendChart(title, unit, (), (), 0.0, (), dates)

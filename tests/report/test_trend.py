@@ -10,9 +10,10 @@ from browser import CHROMIUM, Page
 from page_checks import holds_what_every_page_holds, saved_table
 
 from sumo_eval.errors import InputError
-from sumo_eval.nightly.history import HISTORY, Night, open_history
+from sumo_eval.nightly.history import HISTORY, REGRET_OF_LOSSES, Night, open_history
 from sumo_eval.nightly.trend import HEIGHT, TOP, _ticks, charts, failed_nights, write_trend
 from sumo_eval.report.gate_result import GateResult
+from sumo_eval.settings.method import CollisionSettings
 
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 
@@ -54,6 +55,7 @@ def test_what_was_added_comes_back(history, evaluation):
             assert values[score.ads, score.scenario, "H"] == score.human_likeness
             assert values[score.ads, score.scenario, "S+"] == score.s_plus
             assert values[score.ads, score.scenario, "regret"] == score.regret
+            assert (score.ads, score.scenario, REGRET_OF_LOSSES) not in values
             assert (
                 values[score.ads, score.scenario, "avoidable_collisions"]
                 == score.avoidable_collisions
@@ -139,6 +141,20 @@ def test_a_history_of_earlier_nights_without_the_newer_quantities_still_reads(hi
     assert "Avoided share A" not in {
         chart.title for chart in charts(builders.SCENARIOS[0], nights, only, [])
     }
+
+
+def test_regrets_of_two_units_have_a_chart_each(history, evaluation):
+    """Three nights in m/s, one of losses; each night's gate of the regret is in its own chart."""
+    collision = CollisionSettings(severity="injury:cyclist")
+    method = replace(evaluation.settings.method, collision=collision)
+    losses = replace(evaluation, settings=replace(evaluation.settings, method=method))
+    gate = GateResult("regret", builders.CALM, builders.SCENARIOS[0], True, "fine", 0.1, 0.2)
+    with open_history(history, create=True) as lines:
+        lines.add(night("2026-01-04T02-00-00Z"), losses, [gate])
+        drawn = charts(builders.SCENARIOS[0], lines.nights(), lines.values(), lines.gates())
+    found = {chart.title: chart for chart in drawn if "Regret" in chart.title}
+    told = {it.unit: (len(it.lines[0].parts[0]), len(it.gates)) for it in found.values()}
+    assert told == {"m/s": (3, 0), "": (1, 1)}
 
 
 def test_only_nights_of_a_failed_limit_are_marked_as_failed():
