@@ -62,8 +62,8 @@ def case_html(case: CaseResult) -> str:
     return _column({
         "case": case.case, "ADS": case.ads, "scenario": case.scenario,
         "at": point_words(case.values),
-        "zone": case.zone, "outcome": case.outcome, "U": number(case.severity, 2),
-        "Ug": number(case.ideal_severity, 2), "D_i": number(case.index, 3),
+        "zone": case.zone, "outcome": case.outcome, "U": number(case.severity, 3),
+        "Ug": number(case.ideal_severity, 3), "D_i": number(case.index, 3),
         "in H": number(case.human_likeness, 3),
     })  # fmt: skip
 

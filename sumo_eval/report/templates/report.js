@@ -595,7 +595,7 @@
           const most = term() === "avoided" ? 1 : Math.max(1e-9, ...known);
           card.querySelector("[data-most]").textContent = short(+most.toPrecision(3));
           const found = casesOf(of, view, ads, (item) => shows(item) && item[term()] !== null);
-          const look = (item) => ({ z: item[term()], word: fixed(item[term()], term() === "severity" && data.severityUnit ? 1 : 2), text: caseHover(of, item) });
+          const look = (item) => ({ z: item[term()], word: fixed(item[term()], term() === "severity" ? digitsOfU : 2), text: caseHover(of, item) });
           return [tiles(of, view, found, look, { colorscale: CIVIDIS, zmin: 0, zmax: most })];
         },
       });
