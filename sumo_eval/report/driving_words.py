@@ -5,58 +5,41 @@ picture.
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 
 from sumo_eval.cases import CaseResult
-from sumo_eval.method.driving_task import asked_way, first_departure, misses, times_at
-from sumo_eval.method.measures import STANDING
-from sumo_eval.method.plausibility import Quantiles, extremes_of, least_plausible
-from sumo_eval.record.store import EGO, Fact, Store
+from sumo_eval.method.plausibility import Quantiles
+from sumo_eval.record.store import Fact, Store
 from sumo_eval.report.words import cause_words, count, percent
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scoring.findings import LIKENESS_FACTORS
+from sumo_eval.scoring.drive_beside import (
+    CaseDrives,
+    behind,
+    braking_before,
+    furthest,
+    mean_speed,
+    rarest_extreme,
+    way_of,
+)
 from sumo_eval.scoring.plausible_people import plausible_people
-from sumo_eval.trajectory import FloatArray, Trajectory
+from sumo_eval.trajectory import FloatArray
 
-LOW = 0.99
-"""A case's part in T, or a factor of its part in H, below this is explained."""
-BRAKES = -1.0
-"""Acceleration from which a vehicle counts as braking, m/s2."""
-SIDEWAYS = 0.5
-"""Way from its first y after which a vehicle counts as moving sideways, m."""
 EXTREME_WORDS = {
-    "min_ttc": ("came within {} of a collision", "{:z.1f} s", 0.0),
-    "min_thw": ("followed at a headway of {}", "{:z.2f} s", 0.0),
-    "max_deceleration": ("braked at {}", "{:z.1f} m/s2", 0.5),
-    "max_jerk": ("changed its acceleration by {}", "{:z.1f} m/s3", 1.0),
-    "max_unrest": ("sped up and slowed down by {} within 2 s", "{:z.1f} m/s2", 1.0),
-    "max_lateral_speed": ("moved sideways at {}", "{:z.1f} m/s", 0.5),
-    "max_lateral_acceleration": ("accelerated sideways at {}", "{:z.1f} m/s2", 1.0),
+    "min_ttc": ("Came within {} of a collision", "{:z.1f} s"),
+    "min_thw": ("Followed at a headway of {}", "{:z.2f} s"),
+    "max_deceleration": ("Braked at {}", "{:z.1f} m/s2"),
+    "max_jerk": ("Changed its acceleration by {}", "{:z.1f} m/s3"),
+    "max_unrest": ("Sped up and slowed down by {} within 2 s", "{:z.1f} m/s2"),
+    "max_lateral_speed": ("Moved sideways at {}", "{:z.1f} m/s"),
+    "max_lateral_acceleration": ("Accelerated sideways at {}", "{:z.1f} m/s2"),
 }
-"""Words of an extreme, its value in its unit, and half of the window that it is measured over,
-s."""
+"""Words of an extreme, and its value in its unit."""
 BLOCKS = "▁▂▃▄▅▆▇█"
 PICTURE = 60
 """Characters of a picture of speed over time."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CaseDrives:
-    """One case with all that drove at its point.
-
-    beside: drives of drivers and of the reference car, by name.
-    """
-
-    case: CaseResult
-    ego: Trajectory
-    actors: Mapping[str, Trajectory]
-    drivers: tuple[Trajectory, ...]
-    beside: Mapping[str, Trajectory]
 
 
 def driving_words(
@@ -67,7 +50,7 @@ def driving_words(
     """
     if store.is_discarded(case.case) or not (case.evaluated or case.departed):
         return ["The ADS gave the case up, which counts as doing nothing."] if case.gave_up else []
-    scene = _scene(case, fact, store)
+    scene = CaseDrives.of(case, fact, store)
     margin = evaluation.settings.method.task.road_margin
     said = [*_incident(scene, fact), *task_words(scene, logical, margin)]
 
@@ -85,14 +68,6 @@ def driving_words(
         f"sumo-eval replay {shlex.quote(str(evaluation.folder))} {shlex.quote(case.case)} --open"
     )
     return [*sentences, *picture(scene, moment), f"See it: {command}"]
-
-
-def _scene(case: CaseResult, fact: Fact, store: Store) -> CaseDrives:
-    vehicles = store.trajectories(case.case)
-    drives = store.driven_at(case.scenario, fact.point, "human", "task_reference")
-    beside = {one.driver: store.trajectory(one.case) for one in drives}
-    humans = tuple(beside[one.driver] for one in drives if one.role == "human")
-    return CaseDrives(case, vehicles.pop(EGO), vehicles, humans, beside)
 
 
 _Said = Iterator[tuple[str, float]]
@@ -116,7 +91,14 @@ def _incident(scene: CaseDrives, fact: Fact) -> _Said:
             f"{hit.time:z.1f} s after the start, {best}.",
             hit.time,
         )
-        yield _braking_before(scene.ego, hit.time), hit.time
+        braking = braking_before(scene.ego, hit.time)
+        yield (
+            f"The ADS braked from {braking.first:z.1f} s on, {hit.time - braking.first:z.1f} s "
+            f"before it, with at most {braking.hardest:z.1f} m/s2."
+            if braking
+            else "Before it the ADS did not brake.",
+            hit.time,
+        )
         if words := cause_words(case):
             yield f"Cause: {words}.", hit.time
     if case.departed:
@@ -124,58 +106,30 @@ def _incident(scene: CaseDrives, fact: Fact) -> _Said:
         yield f"Left the road at {when:z.1f} s with {3.6 * speed:z.0f} km/h.", when
 
 
-def _braking_before(ego: Trajectory, contact: float) -> str:
-    since = ego.time - ego.time[0]
-    brakes = np.flatnonzero((ego.acceleration <= BRAKES) & (since <= contact))
-    if not len(brakes):
-        return "Before it the ADS did not brake."
-    first = float(since[brakes[0]])
-    hardest = -float(ego.acceleration[since <= contact].min())
-    return (
-        f"The ADS braked from {first:z.1f} s on, {contact - first:z.1f} s before it, with at most "
-        f"{hardest:z.1f} m/s2."
-    )
-
-
 def task_words(scene: CaseDrives, logical: LogicalScenario, margin: float) -> _Said:
     """Words on where the drive fell furthest behind the slowest reference.
 
-    margin: `road_margin`, m; a drive that departs from the road does not count as a reference.
+    margin: `road_margin`, m.
     """
-    share, ego = scene.case.task_share, scene.ego
-    start, beside = logical.placed(scene.case.values).ego, scene.beside.values()
-    clean = [one for one in beside if first_departure(one, logical.road, margin) is None]
-    asked = asked_way(start.x, clean)
-    if share is None or share >= LOW or scene.case.incident or not asked or not len(asked.places):
+    found = behind(scene, logical, margin)
+    if found is None:
         return
-    if start.way is not None and misses(ego, start.way):
-        due = start.way.by
-        when = float(times_at(ego, np.array([due]))[0])
-        yield f"Missed the lane change that was due after {due - start.x:z.0f} m.", when
-        return
-    own, places = times_at(ego, asked.places), asked.places - start.x
-    drivers = sum(one in scene.drivers for one in clean)
-    both = (drivers, count(drivers, "driver")), (len(clean) - drivers, "the reference car")
+    both = (found.drivers, count(found.drivers, "driver")), (found.car, "the reference car")
     who = " and ".join(words for number, words in both if number)
-    if np.isinf(own[-1]):
-        gone = max(ego.x.max() - start.x, 0.0)
-        last = float(ego.time[np.argmax(ego.x)] - ego.time[0])
-        ended = "Stood after" if ego.speed[-1] < STANDING else "Came no further than"
-        how = f"{ended} {gone:z.0f} m of {places[-1]:z.0f} m"
-        yield f"{how}, from {last:z.1f} s on; {who} drove on.", last
-        return
-    worst = int(np.argmax(own - asked.slowest))
-    late = f"Needed {own[worst]:z.1f} s for {places[worst]:z.0f} m; the slowest of {who} needed"
-    yield f"{late} {asked.slowest[worst]:z.1f} s.", float(own[worst])
+    way, time = f"{found.way:z.0f} m", f"{found.time:z.1f} s"
+    short = f"{way} of {found.of:z.0f} m, from {time} on; {who} drove on."
+    words = {
+        "missed": f"Missed the lane change that was due after {way}.",
+        "stood": f"Stood after {short}",
+        "short": f"Came no further than {short}",
+        "late": f"Needed {time} for {way}; the slowest of {who} needed {found.of:z.1f} s.",
+    }
+    yield words[found.what], found.time
 
 
 def likeness_words(scene: CaseDrives, people: Quantiles) -> _Said:
-    """The factor that lowers H most, in words; each factor below `LOW`, the lowest first."""
-    factors = {name: getattr(scene.case, field) for name, field in LIKENESS_FACTORS.items()}
-    low = sorted(
-        (value, name) for name, value in factors.items() if value is not None and value < LOW
-    )
-    for _, name in low:
+    """The factors that lower H, in words, the lowest first."""
+    for name in scene.low_factors:
         if name == "plausibility":
             yield _extreme(scene, people)
         elif name == "similarity" and len(scene.drivers) > 1:
@@ -184,7 +138,7 @@ def likeness_words(scene: CaseDrives, people: Quantiles) -> _Said:
             words = "Worked wheel and pedals more often than the drivers did."
             yield words, scene.ego.duration
         elif name == "length":
-            gone, theirs = _way(scene.ego), float(np.mean([_way(one) for one in scene.drivers]))
+            gone, theirs = way_of(scene.ego), way_of(*scene.drivers)
             words = f"Drove {gone:z.0f} m, the drivers {theirs:z.0f} m in the mean."
             yield words, scene.ego.duration
 
@@ -193,112 +147,31 @@ def _extreme(scene: CaseDrives, people: Quantiles) -> tuple[str, float]:
     """The extreme that few people reach: its value and time, the event nearest to it, and how many
     people do so.
     """
-    extremes = extremes_of(scene.ego, scene.actors)
-    name, share = least_plausible(extremes, people)
-    words, value, half = EXTREME_WORDS[name]
-    when = max(0.0, _reached(scene, name, extremes[name]) - half)
+    found = rarest_extreme(scene, people)
+    words, value = EXTREME_WORDS[found.name]
+    done = f"{words.format(value.format(found.value))} at {found.time:z.1f} s"
+    if found.event is not None:
+        order = "after" if found.time >= found.event.time else "before"
+        away = abs(found.time - found.event.time)
+        done += f", {away:z.1f} s {order} `{found.event.actor}` {found.event.what}"
     most = "none of the recorded people does"
-    if share > 0.0:
-        most = f"{percent(float(f'{share:z.1g}'))} of people do"
-    usual = people.values[name][-1]
-    side = "below" if usual < extremes[name] else "above"
-    done = words.format(value.format(extremes[name])).capitalize()
+    if found.share > 0.0:
+        most = f"{percent(float(f'{found.share:z.1g}'))} of people do"
+    side = "below" if found.usual < found.value else "above"
     source = f"({people.people} people, {people.source})"
-    beside = f"half of them stay {side} {value.format(usual)} {source}"
-    return f"{done}{_event(scene, when)}; {most}, {beside}.", when
-
-
-def _reached(scene: CaseDrives, name: str, value: float) -> float:
-    """Time at which a drive first reached an extreme, s: that of the shortest drive from its start
-    that has it, by bisection.
-    """
-    ego, low, high = scene.ego, 2, len(scene.ego.time)
-    while low < high:
-        middle = (low + high) // 2
-        part = extremes_of(_until(ego, middle), scene.actors)[name]
-        has = np.isclose(part, value, rtol=1e-6)
-        low, high = (low, middle) if has else (middle + 1, high)
-    return float(ego.time[low - 1] - ego.time[0])
-
-
-def _until(drive: Trajectory, samples: int) -> Trajectory:
-    channels = (drive.time, drive.x, drive.y, drive.heading, drive.speed, drive.acceleration)
-    return Trajectory(
-        *(channel[:samples] for channel in channels), length=drive.length, width=drive.width
-    )
-
-
-def _event(scene: CaseDrives, when: float) -> str:
-    """`, at 3.2 s, 2.1 s before `lead` braked`: the move of another road user that is nearest in
-    time.
-    """
-    moves = []
-    for name, actor in scene.actors.items():
-        since = actor.time - actor.time[0]
-        for done, verb in (
-            (actor.acceleration <= BRAKES, "braked"),
-            (np.abs(actor.y - actor.y[0]) >= SIDEWAYS, "moved over"),
-        ):
-            if done.any():
-                moves.append((float(since[np.argmax(done)]), f"`{name}` {verb}"))
-    if not moves:
-        return f" at {when:z.1f} s"
-    time, words = min(moves, key=lambda move: abs(move[0] - when))
-    order = "after" if when >= time else "before"
-    return f" at {when:z.1f} s, {abs(when - time):z.1f} s {order} {words}"
+    beside = f"half of them stay {side} {value.format(found.usual)} {source}"
+    return f"{done}; {most}, {beside}.", found.time
 
 
 def _unlike(scene: CaseDrives) -> tuple[str, float]:
     """Words on where path or speed differ most from the drivers' own spread."""
-    ego, end = scene.ego, min(float(one.x.max()) for one in (scene.ego, *scene.drivers))
-    places = np.arange(float(ego.x[0]), max(end, float(ego.x[0]) + 1.0))
-    speed, y = (_furthest(scene, places, channel) for channel in ("speed", "y"))
-    worst = speed if speed.deviations > y.deviations else y
-    own, theirs = worst.own, worst.drivers
-    when = float(times_at(ego, np.array([worst.place]))[0])
-    at = f"At {when:z.1f} s"
-    if worst is speed:
-        low, high = 3.6 * theirs.min(), 3.6 * theirs.max()
-        return (
-            f"{at} it drove {3.6 * own:z.0f} km/h where {len(theirs)} drivers drove {low:z.0f} to "
-            f"{high:z.0f} km/h.",
-            when,
-        )
-    side = "left" if own > theirs.mean() else "right"
-    away = abs(own - theirs.mean())
-    return f"{at} it was {away:z.1f} m further {side} than {len(theirs)} drivers in the mean.", when
-
-
-class Furthest(NamedTuple):
-    """The place at which a quantity lies furthest from that of the drivers.
-
-    deviations: from the drivers' mean, in their standard deviations.
-    place: x, m.
-    own, drivers: the quantity of the ADS and of each driver there.
-    """
-
-    deviations: float
-    place: float
-    own: float
-    drivers: FloatArray
-
-
-def _furthest(scene: CaseDrives, places: FloatArray, channel: str) -> Furthest:
-    own = _at_places(scene.ego, places, channel)
-    theirs = np.array([_at_places(one, places, channel) for one in scene.drivers])
-    spread = np.maximum(theirs.std(axis=0, ddof=1), 0.2 if channel == "y" else 1.0)
-    away = np.abs(own - theirs.mean(axis=0)) / spread
-    worst = int(np.argmax(away))
-    return Furthest(float(away[worst]), float(places[worst]), float(own[worst]), theirs[:, worst])
-
-
-def _at_places(drive: Trajectory, places: FloatArray, channel: str) -> FloatArray:
-    furthest = np.maximum.accumulate(drive.x)
-    return np.asarray(np.interp(places, furthest, getattr(drive, channel)))
-
-
-def _way(drive: Trajectory) -> float:
-    return float(np.hypot(np.diff(drive.x), np.diff(drive.y)).sum())
+    found, drivers = furthest(scene), count(len(scene.drivers), "driver")
+    at = f"At {found.time:z.1f} s it"
+    if found.channel == "speed":
+        own, low, high = (f"{3.6 * it:z.0f}" for it in (found.own, found.least, found.most))
+        return f"{at} drove {own} km/h where {drivers} drove {low} to {high} km/h.", found.time
+    side, away = "left" if found.own > found.mean else "right", abs(found.own - found.mean)
+    return f"{at} was {away:z.1f} m further {side} than {drivers} in the mean.", found.time
 
 
 def picture(scene: CaseDrives, moment: float | None) -> list[str]:
@@ -310,7 +183,7 @@ def picture(scene: CaseDrives, moment: float | None) -> list[str]:
     times = np.linspace(0.0, end, PICTURE)
     top = max(float(drive.speed.max()) for drive in drives) or 1.0
     rows = [("ego", [scene.ego]), *([("drivers", scene.drivers)] if scene.drivers else [])]
-    lines = [f"  {name:<8}{_blocks(some, times, top)}" for name, some in rows]
+    lines = [f"  {name:<8}{_blocks(mean_speed(some, times), top)}" for name, some in rows]
     scale = f"speed, 0 to {3.6 * top:z.0f} km/h over {end:z.1f} s"
     if moment is None:
         return [*lines, f"  {'':<8}{scale}"]
@@ -318,13 +191,8 @@ def picture(scene: CaseDrives, moment: float | None) -> list[str]:
     return [*lines, f"  {mark}", f"  {'':<8}{scale}"]
 
 
-def _blocks(drives: Sequence[Trajectory], times: FloatArray, top: float) -> str:
-    """A block for each time at which all drives last, blank after the first ends."""
-    speeds = np.mean(
-        [np.interp(times, one.time - one.time[0], one.speed) for one in drives], axis=0
-    )
-    last = min(one.duration for one in drives)
-    level = np.clip(np.round(speeds / top * (len(BLOCKS) - 1)), 0, len(BLOCKS) - 1).astype(int)
-    return "".join(
-        BLOCKS[k] if time <= last + 1e-9 else " " for k, time in zip(level, times, strict=True)
-    ).rstrip()
+def _blocks(speeds: FloatArray, top: float) -> str:
+    """A block for each speed, blank where there is none."""
+    level = np.clip(np.round(np.nan_to_num(speeds) / top * (len(BLOCKS) - 1)), 0, len(BLOCKS) - 1)
+    known = zip(level.astype(int), np.isfinite(speeds), strict=True)
+    return "".join(BLOCKS[k] if there else " " for k, there in known).rstrip()

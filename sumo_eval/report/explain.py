@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from contextlib import closing
 from itertools import chain
 from pathlib import Path
 
@@ -15,10 +14,8 @@ from sumo_eval.errors import unknown
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP
 from sumo_eval.method.point_criticality import criticality
-from sumo_eval.method.score_terms import excess, worth
+from sumo_eval.method.score_terms import worth
 from sumo_eval.method.zone_partition import ZonePartition
-from sumo_eval.record.human_reference import PointJob, compute_points
-from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Fact, Store, open_store
 from sumo_eval.report.driving_words import driving_words
@@ -34,13 +31,13 @@ from sumo_eval.report.words import (
     notes_sentence,
     number,
     placed,
-    ratio_of,
     reason_without,
 )
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.drive_beside import index_again
 from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, Findings
+from sumo_eval.scoring.zones import star_distance
 from sumo_eval.text import point_words
-from sumo_eval.trajectory import BoolArray, FloatArray
 
 ROUNDING = 1e-9
 
@@ -134,20 +131,18 @@ def _collision(
             f"part in C.{why}"
         )
         return
-    ratio, ideal = ratio_of(case, chosen.loss), case.ideal_severity
-    what = "Ug/U" if chosen.loss == "severity" else "Lg/L"
+    counted = found.cases.collided & np.isfinite(found.cases.ideal_severity)
+    part = found.part(case, counted, found.cases.weight, found.ratios)
+    what, ideal = "Ug/U" if chosen.loss == "severity" else "Lg/L", case.ideal_severity
     best = f"hits with Ug = {ideal:z.3f}{chosen.unit}" if ideal else "avoids, Ug = 0"
     capped = ", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else ""
-    yield f"Eq. 17: the ideal vehicle {best}: {what} = {ratio:z.4f}{capped}"
+    yield f"Eq. 17: the ideal vehicle {best}: {what} = {part.value:z.4f}{capped}"
     yield from _weight(case, zones)
-    counted = found.cases.collided & np.isfinite(found.cases.ideal_severity)
-    weights, share = _share(case, found, counted, found.cases.weight)
     whole = worth(found.settings.method.score)
     yield (
         f"Eq. 17: of 1 - C = {1.0 - (found.score.c or 0.0):z.4f} this case took r (1 - {what}) / "
-        f"sum r = {number(case.weight, 4)} x {1.0 - ratio:z.4f} / {math.fsum(weights):z.4f} = "
-        f"{share * (1.0 - ratio):z.4f} ({len(weights)} collisions), "
-        f"{whole.c * share * (1.0 - ratio):z.2f} points of S"
+        f"sum r = {number(case.weight, 4)} x {1.0 - part.value:z.4f} / {part.total:z.4f} = "
+        f"{part.takes:z.4f} ({part.cases} collisions), {whole.c * part.takes:z.2f} points of S"
     )
 
 
@@ -155,12 +150,9 @@ def _weight(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
     if zones.zones == 0:
         yield "Eq. 16: r = 1, there is no hazardous zone"
         return
-    logical = zones.logical
-    row = logical.row(case.values)
-    star = zones.most_dangerous[int(zones.nearest_zone(row))]
-    away = float(np.linalg.norm(logical.to_unit(row) - logical.to_unit(logical.row(star))))
     weight = case.weight or 0.0
-    exit_at = f", zone's boundary at {away / weight:z.4f}" if weight > 0.0 else ""
+    star, away, boundary = star_distance(zones, zones.logical.row(case.values), weight)
+    exit_at = "" if boundary is None else f", zone's boundary at {boundary:z.4f}"
     yield (
         f"Eq. 16: r = |x - x*| / |b - x*| = {weight:z.4f}: {away:z.4f} unit-box lengths from x* "
         f"({point_words(star)}){exit_at}"
@@ -190,23 +182,18 @@ def _likeness(
             "(`[run] keep`)"
         )
         return
-    drives = store.driven_at(case.scenario, fact.point, "human")
-    job = PointJob(tuple(one.case for one in drives), zones.logical.road, (case.case,))
-    settings = evaluation.settings.method.anthropomorphic
-    with closing(KeptResults(evaluation.folder)) as kept:
-        (result,) = compute_points(store.path, [job], settings, map, lambda done: None, kept)
-    index = result.indexes[case.case]
+    index = index_again(evaluation, fact, zones.logical.road, store)
     yield from _factors(index)
     if abs(index.value - case.index) > ROUNDING:
         yield f"WARNING: the score has D_i = {case.index:z.6f}, which this arithmetic does not give"
-    exposures, share = _share(case, found, found.indexed, found.cases.exposure)
+    part = found.part(case, found.indexed, found.cases.exposure, found.cases.index)
     of = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
     whole = worth(found.settings.method.score)
     yield (
-        f"Eq. 13: share of {of} p / sum p = {case.exposure:z.6g} / {math.fsum(exposures):z.6g} = "
-        f"{share:z.5f} ({len(exposures)} cases); of D = {number(found.score.d, 4)} this case gives "
-        f"{share * case.index:z.5f} and took {share * (1.0 - case.index):z.5f}, "
-        f"{whole.d * share * (1.0 - case.index):z.2f} points of S"
+        f"Eq. 13: share of {of} p / sum p = {case.exposure:z.6g} / {part.total:z.6g} = "
+        f"{part.share:z.5f} ({part.cases} cases); of D = {number(found.score.d, 4)} this case "
+        f"gives {part.gives:z.5f} and took {part.takes:z.5f}, {whole.d * part.takes:z.2f} points "
+        "of S"
     )
     for note in index.notes:
         yield f"note: {notes_sentence([note])}"
@@ -260,12 +247,7 @@ def _avoided(case: CaseResult, found: Findings) -> Iterator[str]:
             "evaluated"
         )
         return
-    unit, terms = found.settings.method.collision.regret_unit, found.terms
-    row = int(np.flatnonzero(found.cases.case == case.case)[0])
-    u, ideal, nothing = (
-        float(part[row]) for part in (terms.severity, terms.ideal, terms.unreacting)
-    )
-    lost, at_stake = (float(excess(part, ideal)) for part in (u, nothing))
+    unit, harm = found.settings.method.collision.regret_unit, found.harm(case)
     if case.departed:
         yield (
             f"A: left the road at t = {case.departure_time:z.2f} s with "
@@ -275,14 +257,14 @@ def _avoided(case: CaseResult, found: Findings) -> Iterator[str]:
         yield "A: the ADS gave the case up, which counts as doing nothing, U0, at least"
     kind = {"caused": "caused by the ADS"}.get(case.kind, case.kind)
     which = "" if kind == "not known" else f": the collision is {kind}"
-    beside = f"ideal vehicle Ug = {ideal:z.3f}{unit}, doing nothing U0 = {nothing:z.3f}{unit}"
-    yield f"A: U = {u:z.3f}{unit}, {beside}{which}"
-    taken = float(found.share_lost[row])
     yield (
-        f"A: w = r = {number(case.weight, 4)}; w max(0, U - Ug) = "
-        f"{(case.weight or 0.0) * lost:z.4f}, w max(0, U0 - Ug) = "
-        f"{(case.weight or 0.0) * at_stake:z.4f}; of 1 - A = {1.0 - score.avoided_share:z.4f} this "
-        f"case took {taken:z.4f}; A' = {number(score.avoidance_grade, 4)}"
+        f"A: U = {harm.u:z.3f}{unit}, ideal vehicle Ug = {harm.ideal:z.3f}{unit}, doing nothing "
+        f"U0 = {harm.nothing:z.3f}{unit}{which}"
+    )
+    yield (
+        f"A: w = r = {number(case.weight, 4)}; w max(0, U - Ug) = {harm.lost:z.4f}, "
+        f"w max(0, U0 - Ug) = {harm.at_stake:z.4f}; of 1 - A = {1.0 - score.avoided_share:z.4f} "
+        f"this case took {harm.taken:z.4f}; A' = {number(score.avoidance_grade, 4)}"
         + (": below 0, S+ takes 0" if score.avoided_share < 0.0 else "")
     )
 
@@ -298,11 +280,11 @@ def _task(case: CaseResult, found: Findings) -> Iterator[str]:
     score = found.score
     beside = f"`{score.task_reference}` and the drivers" if score.task_reference else "the drivers"
     why = " for its incident" if case.incident or case.struck_from_behind else ""
-    exposures, share = _share(case, found, found.tasked, found.cases.exposure)
+    part = found.part(case, found.tasked, found.cases.exposure, found.cases.task_share)
     yield (
         f"T: t_i = {case.task_share:z.4f}{why}, mean over the way of min(1, time of the slowest of "
         f"{beside} / own time); of 1 - T = {1.0 - (score.task_share or 0.0):z.4f} this case took "
-        f"{share * (1.0 - case.task_share):z.4f} ({len(exposures)} cases)"
+        f"{part.takes:z.4f} ({part.cases} cases)"
     )
 
 
@@ -323,26 +305,13 @@ def _human(case: CaseResult, found: Findings) -> Iterator[str]:
             f"{' x '.join(number(value, 4) for value in factors)} = {case.human_likeness:z.4f}; "
             "plausibility: 1 where at least 5 % of recorded people go to such extremes"
         )
-    exposures, share = _share(case, found, found.likened, found.cases.exposure)
-    if math.fsum(exposures) > 0.0:
+    part = found.part(case, found.likened, found.cases.exposure, found.cases.human_likeness)
+    if part.total > 0.0:
         yield (
-            f"H: share of the mean {share:z.5f} ({len(exposures)} cases); of H = "
-            f"{number(found.score.human_likeness, 4)} this case gives "
-            f"{share * case.human_likeness:z.5f} "
-            f"and took {share * (1.0 - case.human_likeness):z.5f}"
+            f"H: share of the mean {part.share:z.5f} ({part.cases} cases); of H = "
+            f"{number(found.score.human_likeness, 4)} this case gives {part.gives:z.5f} "
+            f"and took {part.takes:z.5f}"
         )
-
-
-def _share(
-    case: CaseResult, found: Findings, counted: BoolArray, weights: FloatArray
-) -> tuple[list[float], float]:
-    """The weights of the cases that a mean is over, and the share of this case in it.
-
-    counted: those, (n,).
-    """
-    here = found.cases.case == case.case
-    known = np.nan_to_num(weights[counted]).tolist()
-    return known, float(found.shares(counted, weights)[here][0])
 
 
 def _measures(case: CaseResult) -> Iterator[str]:

@@ -15,10 +15,8 @@ import numpy as np
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.method.anthropomorphic import IndexNote, NoteKind
-from sumo_eval.method.collision_avoidance import collision_loss
 from sumo_eval.method.manoeuvres import Manoeuvre
 from sumo_eval.method.manoeuvres import words as manoeuvre_words
-from sumo_eval.method.score_terms import ideal_ratio
 from sumo_eval.results import (
     BeyondRange,
     CasesMissing,
@@ -488,13 +486,6 @@ def reference_sentence(settings: EvaluationSettings) -> str:
 
 
 # --- why C, D and S are what they are -------------------------------------------------------------
-
-
-def ratio_of(case: CaseResult, loss: str) -> float:
-    """Severity (or loss) of the ideal vehicle over that of the ADS, at most 1, of a collision."""
-    both = case.severity or 0.0, case.ideal_severity or 0.0
-    hit, best = both if loss == "severity" else map(collision_loss, both)
-    return float(ideal_ratio(hit, best))
 
 
 def explain_c(found: Findings) -> str:

@@ -6,12 +6,14 @@ Reports read them here and compute nothing themselves.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseTable, IntArray, point_numbers
+from sumo_eval.cases import CaseResult, CaseTable, IntArray, point_numbers
 from sumo_eval.method.score_terms import (
     avoided_share_losses,
     excess,
@@ -49,6 +51,48 @@ class CollisionShares:
     places: IntArray
     avoided: FloatArray
     lost: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One case in a mean over cases.
+
+    cases: number of those.
+    total: sum of their weights.
+    share: weight of this one over the total.
+    value: of this one, 0..1.
+    """
+
+    cases: int
+    total: float
+    share: float
+    value: float
+
+    @property
+    def gives(self) -> float:
+        """What the case gives to the mean."""
+        return self.share * self.value
+
+    @property
+    def takes(self) -> float:
+        """What the case takes from a mean of 1."""
+        return self.share * (1.0 - self.value)
+
+
+class Harm(NamedTuple):
+    """One case in A.
+
+    u, ideal, nothing: U, Ug and U0, or their classes.
+    lost, at_stake: w max(0, U - Ug) and w max(0, U0 - Ug).
+    taken: what it takes from A.
+    """
+
+    u: float
+    ideal: float
+    nothing: float
+    lost: float
+    at_stake: float
+    taken: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,11 +153,16 @@ class Findings:
         return avoided_share_losses(terms.severity, terms.ideal, terms.unreacting, terms.weight)
 
     @property
+    def ratios(self) -> FloatArray:
+        """Ug/U of each case (or that of the loss classes), (n,); nan without a collision."""
+        return ratios(self.cases.severity, self.cases.ideal_severity, self.settings.method)
+
+    @property
     def collisions(self) -> CollisionShares:
         """The collisions, the one that took most from C first (Eq. 17)."""
         places = np.flatnonzero(self.cases.collided)
         hits = self.cases[places]
-        found = ratios(hits.severity, hits.ideal_severity, self.settings.method)
+        found = self.ratios[places]
         known, lost = np.isfinite(found), np.full(len(places), np.nan)
         lost[known] = mean_shares(np.nan_to_num(hits.weight[known])) * (1.0 - found[known])
         order = np.lexsort((hits.case, -np.nan_to_num(lost), np.isnan(lost)))
@@ -133,6 +182,21 @@ class Findings:
     def tasked(self) -> BoolArray:
         """Whether each case enters the mean T, (n,)."""
         return np.asarray(self.cases.safe & np.isfinite(self.cases.task_share))
+
+    def harm(self, case: CaseResult) -> Harm:
+        """The terms of a case in A."""
+        terms, here = self.terms, self.cases.case == case.case
+        harms = terms.severity, terms.ideal, terms.unreacting
+        over = (terms.weight * excess(one, terms.ideal) for one in (harms[0], harms[2]))
+        return Harm(*(float(one[here][0]) for one in (*harms, *over, self.share_lost)))
+
+    def part(
+        self, case: CaseResult, counted: BoolArray, weights: FloatArray, values: FloatArray
+    ) -> Part:
+        """The part of a case in a mean of values, (n,), over the cases that are counted."""
+        here, known = self.cases.case == case.case, np.nan_to_num(weights[counted]).tolist()
+        share, value = self.shares(counted, weights)[here], values[here]
+        return Part(len(known), math.fsum(known), float(share[0]), float(value[0]))
 
     def shares(self, counted: BoolArray, weights: FloatArray) -> FloatArray:
         """Share of each case in a mean over those that are counted, (n,)."""

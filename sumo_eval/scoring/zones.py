@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
 
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.kept_results import KeptResults, key_of
@@ -11,6 +15,7 @@ from sumo_eval.record.points import ZONES, kept_zones
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.scoring.fingerprint import sources, space_key
 from sumo_eval.settings import EvaluationSettings, ScenarioSettings
+from sumo_eval.trajectory import FloatArray
 
 ROOMS_OF_ZONES = ("method", "scenario", "settings")
 """Rooms of this package that a partition comes from."""
@@ -36,6 +41,29 @@ def zones_key(entry: ScenarioSettings, settings: EvaluationSettings, source: Pat
         space_key(entry, source),
         sources(*ROOMS_OF_ZONES),
     )
+
+
+class StarDistance(NamedTuple):
+    """Where a point lies on the ray of Eq. 16, in unit-box lengths from x*.
+
+    star: x*, the most dangerous point of its nearest zone.
+    away: |x - x*|.
+    boundary: |b - x*|; None at x* itself.
+    """
+
+    star: Mapping[str, float]
+    away: float
+    boundary: float | None
+
+
+def star_distance(zones: ZonePartition, row: FloatArray, weight: float) -> StarDistance:
+    """The ray from x* through a point (k,).
+
+    weight: its r.
+    """
+    logical, star = zones.logical, zones.most_dangerous[int(zones.nearest_zone(row))]
+    away = float(np.linalg.norm(logical.to_unit(row) - logical.to_unit(logical.row(star))))
+    return StarDistance(star, away, away / weight if weight > 0.0 else None)
 
 
 def zones_are_known(settings: EvaluationSettings, source: Path) -> bool:

@@ -11,9 +11,9 @@ import pytest
 
 from sumo_eval.method.plausibility import EXTREMES, MOTORWAY_PEOPLE
 from sumo_eval.report import driving_words as words
-from sumo_eval.report.driving_words import CaseDrives
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import Way
+from sumo_eval.scoring.drive_beside import CaseDrives
 from sumo_eval.trajectory import Trajectory
 
 FINE = {

@@ -1,0 +1,265 @@
+"""One recorded drive beside the drivers at its point: what stands out, when, and by how much.
+
+`report.driving_words` makes sentences of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from sumo_eval.cases import CaseResult
+from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
+from sumo_eval.method.driving_task import asked_way, first_departure, misses, times_at
+from sumo_eval.method.measures import STANDING
+from sumo_eval.method.plausibility import Quantiles, extremes_of, least_plausible
+from sumo_eval.record.human_reference import PointJob, compute_points
+from sumo_eval.record.kept_results import KeptResults
+from sumo_eval.record.store import EGO, Fact, Store
+from sumo_eval.results import Evaluation
+from sumo_eval.scenario.concrete import Road
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scoring.findings import LIKENESS_FACTORS
+from sumo_eval.trajectory import CHANNELS, FloatArray, Trajectory
+
+LOW = 0.99
+"""A case's part in T, or a factor of its part in H, below this is explained."""
+BRAKES = -1.0
+"""Acceleration from which a vehicle counts as braking, m/s2."""
+SIDEWAYS = 0.5
+"""Way from its first y after which a vehicle counts as moving sideways, m."""
+HALF_WINDOWS = {
+    "max_deceleration": 0.5, "max_jerk": 1.0, "max_unrest": 1.0, "max_lateral_speed": 0.5,
+    "max_lateral_acceleration": 1.0,
+}  # fmt: skip
+"""Half of the window that an extreme is measured over, s; 0 for all others."""
+LEAST_SPREADS = {"speed": 1.0, "y": 0.2}
+"""Least standard deviation of the drivers' speed, m/s, and y, m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CaseDrives:
+    """One case with all that drove at its point.
+
+    beside: drives of drivers and of the reference car, by name.
+    """
+
+    case: CaseResult
+    ego: Trajectory
+    actors: Mapping[str, Trajectory]
+    drivers: tuple[Trajectory, ...]
+    beside: Mapping[str, Trajectory]
+
+    @classmethod
+    def of(cls, case: CaseResult, fact: Fact, store: Store) -> CaseDrives:
+        """The drives as they were recorded."""
+        vehicles = store.trajectories(case.case)
+        drives = store.driven_at(case.scenario, fact.point, "human", "task_reference")
+        beside = {one.driver: store.trajectory(one.case) for one in drives}
+        humans = tuple(beside[one.driver] for one in drives if one.role == "human")
+        return cls(case, vehicles.pop(EGO), vehicles, humans, beside)
+
+    @property
+    def low_factors(self) -> list[str]:
+        """Factors of the case's part in H below `LOW`, the lowest first."""
+        factors = {name: getattr(self.case, field) for name, field in LIKENESS_FACTORS.items()}
+        low = [(it, name) for name, it in factors.items() if it is not None and it < LOW]
+        return [name for _, name in sorted(low)]
+
+
+def index_again(
+    evaluation: Evaluation, fact: Fact, road: Road, store: Store
+) -> AnthropomorphicIndex:
+    """D_i of one case again from its trajectory and those of the drivers at its point."""
+    drives = store.driven_at(fact.scenario, fact.point, "human")
+    job = PointJob(tuple(one.case for one in drives), road, (fact.case,))
+    settings = evaluation.settings.method.anthropomorphic
+    with closing(KeptResults(evaluation.folder)) as kept:
+        (result,) = compute_points(store.path, [job], settings, map, lambda done: None, kept)
+    return result.indexes[fact.case]
+
+
+class Braking(NamedTuple):
+    """Time at which an ego began to brake, s, and its strongest deceleration, m/s2."""
+
+    first: float
+    hardest: float
+
+
+def braking_before(ego: Trajectory, contact: float) -> Braking | None:
+    """The ego's braking up to a time, s since its start; None without any."""
+    since = ego.time - ego.time[0]
+    brakes = np.flatnonzero((ego.acceleration <= BRAKES) & (since <= contact))
+    if not len(brakes):
+        return None
+    return Braking(float(since[brakes[0]]), -float(ego.acceleration[since <= contact].min()))
+
+
+class Behind(NamedTuple):
+    """Place at which a drive fell furthest behind the slowest reference.
+
+    what: its lane change was due there, it stood there or came no further, or it was late.
+    way: from the ego's start, m.
+    time: of the ego there, s.
+    of: the way that was asked for, m; where it was late, the time of the slowest reference, s.
+    drivers: number of drivers among the references; car: whether the reference car is one.
+    """
+
+    what: Literal["missed", "stood", "short", "late"]
+    way: float
+    time: float
+    of: float
+    drivers: int
+    car: bool
+
+
+def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind | None:
+    """Where a drive lost most of its t_i; None where it lost little, or had an incident.
+
+    margin: `road_margin`, m; a drive that departs from the road is no reference.
+    """
+    share, ego = scene.case.task_share, scene.ego
+    start, beside = logical.placed(scene.case.values).ego, scene.beside.values()
+    clean = [one for one in beside if first_departure(one, logical.road, margin) is None]
+    asked = asked_way(start.x, clean)
+    if share is None or share >= LOW or scene.case.incident or not asked or not len(asked.places):
+        return None
+    drivers = sum(one in scene.drivers for one in clean)
+    references = drivers, len(clean) > drivers
+    if start.way is not None and misses(ego, start.way):
+        when = float(times_at(ego, np.array([start.way.by]))[0])
+        return Behind("missed", start.way.by - start.x, when, np.nan, *references)
+    own, places = times_at(ego, asked.places), asked.places - start.x
+    if np.isinf(own[-1]):
+        gone, last = max(ego.x.max() - start.x, 0.0), ego.time[np.argmax(ego.x)] - ego.time[0]
+        what: Literal["stood", "short"] = "stood" if ego.speed[-1] < STANDING else "short"
+        return Behind(what, float(gone), float(last), float(places[-1]), *references)
+    worst = int(np.argmax(own - asked.slowest))
+    late = (float(part[worst]) for part in (places, own, asked.slowest))
+    return Behind("late", *late, *references)
+
+
+class Event(NamedTuple):
+    """Move of an actor, and when it began, s."""
+
+    time: float
+    actor: str
+    what: Literal["braked", "moved over"]
+
+
+class Extreme(NamedTuple):
+    """The extreme of a drive that fewest people reach.
+
+    share: of people who go as far.
+    usual: what half of the people do not pass.
+    time: s, when it was first reached, the middle of its window.
+    event: the move of an actor that is nearest in time, if any.
+    """
+
+    name: str
+    value: float
+    share: float
+    usual: float
+    time: float
+    event: Event | None
+
+
+def rarest_extreme(scene: CaseDrives, people: Quantiles) -> Extreme:
+    """The extreme of a drive that fewest people reach."""
+    extremes = extremes_of(scene.ego, scene.actors)
+    name, share = least_plausible(extremes, people)
+    value, half = extremes[name], HALF_WINDOWS.get(name, 0.0)
+    when = max(0.0, _reached(scene, name, value) - half)
+    near = min(_events(scene), key=lambda event: abs(event.time - when), default=None)
+    return Extreme(name, value, share, people.values[name][-1], when, near)
+
+
+def _reached(scene: CaseDrives, name: str, value: float) -> float:
+    """Time at which a drive first reached an extreme, s: that of the shortest drive from its start
+    that has it, by bisection.
+    """
+    ego, low, high = scene.ego, 2, len(scene.ego.time)
+    while low < high:
+        middle = (low + high) // 2
+        part = extremes_of(_until(ego, middle), scene.actors)[name]
+        has = np.isclose(part, value, rtol=1e-6)
+        low, high = (low, middle) if has else (middle + 1, high)
+    return float(ego.time[low - 1] - ego.time[0])
+
+
+def _until(drive: Trajectory, samples: int) -> Trajectory:
+    channels = (getattr(drive, name)[:samples] for name in CHANNELS)
+    return Trajectory(*channels, length=drive.length, width=drive.width)
+
+
+def _events(scene: CaseDrives) -> list[Event]:
+    """When each actor first braked, and first moved sideways."""
+    events = []
+    for name, actor in scene.actors.items():
+        since = actor.time - actor.time[0]
+        brakes = actor.acceleration <= BRAKES
+        moves = np.abs(actor.y - actor.y[0]) >= SIDEWAYS
+        if brakes.any():
+            events.append(Event(float(since[np.argmax(brakes)]), name, "braked"))
+        if moves.any():
+            events.append(Event(float(since[np.argmax(moves)]), name, "moved over"))
+    return events
+
+
+class Furthest(NamedTuple):
+    """The place at which a quantity lies furthest from that of the drivers.
+
+    deviations: from the drivers' mean, in their standard deviations.
+    time: of the ego there, s.
+    own, least, mean, most: the quantity of the ADS and of the drivers there.
+    """
+
+    deviations: float
+    channel: Literal["speed", "y"]
+    time: float
+    own: float
+    least: float
+    mean: float
+    most: float
+
+
+def furthest(scene: CaseDrives) -> Furthest:
+    """Where path or speed differ most from the drivers' own spread."""
+    ego = scene.ego
+    end = min(float(one.x.max()) for one in (ego, *scene.drivers))
+    places = np.arange(float(ego.x[0]), max(end, float(ego.x[0]) + 1.0))
+    speed, y = (_furthest(scene, places, "speed"), _furthest(scene, places, "y"))
+    return speed if speed.deviations > y.deviations else y
+
+
+def _furthest(scene: CaseDrives, places: FloatArray, channel: Literal["speed", "y"]) -> Furthest:
+    own = _at_places(scene.ego, places, channel)
+    theirs = np.array([_at_places(one, places, channel) for one in scene.drivers])
+    spread = np.maximum(theirs.std(axis=0, ddof=1), LEAST_SPREADS[channel])
+    away = np.abs(own - theirs.mean(axis=0)) / spread
+    worst = int(np.argmax(away))
+    when, there = times_at(scene.ego, places[worst : worst + 1])[0], theirs[:, worst]
+    ends = there.min(), there.mean(), there.max()
+    return Furthest(float(away[worst]), channel, float(when), float(own[worst]), *map(float, ends))
+
+
+def _at_places(drive: Trajectory, places: FloatArray, channel: str) -> FloatArray:
+    reached = np.maximum.accumulate(drive.x)
+    return np.asarray(np.interp(places, reached, getattr(drive, channel)))
+
+
+def way_of(*drives: Trajectory) -> float:
+    """Mean length of the paths of drives, m."""
+    ways = [float(np.hypot(np.diff(it.x), np.diff(it.y)).sum()) for it in drives]
+    return float(np.mean(ways))
+
+
+def mean_speed(drives: Sequence[Trajectory], times: FloatArray) -> FloatArray:
+    """Mean speed of drives at times since their start, m/s; nan after the first of them ends."""
+    speeds = [np.interp(times, one.time - one.time[0], one.speed) for one in drives]
+    last = min(one.duration for one in drives)
+    return np.where(times <= last + 1e-9, np.mean(speeds, axis=0), np.nan)
