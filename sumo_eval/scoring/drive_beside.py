@@ -139,8 +139,8 @@ def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind
         what: Literal["stood", "short"] = "stood" if ego.speed[-1] < STANDING else "short"
         return Behind(what, float(gone), float(last), float(places[-1]), *references)
     worst = int(np.argmax(own - asked.slowest))
-    late = (float(part[worst]) for part in (places, own, asked.slowest))
-    return Behind("late", *late, *references)
+    way, late, slowest = (float(part[worst]) for part in (places, own, asked.slowest))
+    return Behind("late", way, late, slowest, *references)
 
 
 class Event(NamedTuple):
