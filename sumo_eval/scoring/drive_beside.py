@@ -120,7 +120,7 @@ class Behind(NamedTuple):
 def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind | None:
     """Where a drive lost most of its t_i; None where it lost little, or had an incident.
 
-    margin: `road_margin`, m; a drive that departs from the road is no reference.
+    margin: `road_margin`, m; a drive that departs from the road does not count as a reference.
     """
     share, ego = scene.case.task_share, scene.ego
     start, beside = logical.placed(scene.case.values).ego, scene.beside.values()

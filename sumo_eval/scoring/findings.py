@@ -70,12 +70,12 @@ class Part:
 
     @property
     def gives(self) -> float:
-        """What the case gives to the mean."""
+        """Its term of the mean."""
         return self.share * self.value
 
     @property
     def takes(self) -> float:
-        """What the case takes from a mean of 1."""
+        """By how much it lowers the mean below 1."""
         return self.share * (1.0 - self.value)
 
 
