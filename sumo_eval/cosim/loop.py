@@ -226,6 +226,7 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
             moved = 0
             if world.waits:
                 world.wake(now)
+            world.keep_commands()
             if world.see(sampling=sampling, as_read=as_read):
                 _end_rows(world, driver, stage)
     except LeftTheRoadError:

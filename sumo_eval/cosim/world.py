@@ -147,7 +147,7 @@ class World:
         self.players = players([case.actors for case in cases])
         self.egos["scripted_until"] = [case.script_end + settings.step for case in cases]
         self._end_of_lanes = cases[0].road.length + cases[0].road.run_out - _ARRIVED
-        self.none_leaves_before = 0.0 if m else math.inf  # s
+        self.none_leaves_before = 0.0  # s
         self.clips = np.zeros((n, len(WHATS)), CLIP)
         self.seen = np.zeros((n, m), MOVER)
         self.shown = np.zeros((n, m, 4))
@@ -203,12 +203,15 @@ class World:
         now = steps * self.settings.step
         return self.let_leave(now, told, as_read) if self.may_leave(now) else (told, ())
 
-    def see(self, *, sampling: bool = False, as_read: bool = False) -> int:
-        """Take in what SUMO shows at the end of the step; the number of cases that ended."""
+    def keep_commands(self) -> None:
+        """Keep what moved the egos in this step, for the point of no return of a contact."""
         if self.steps >= self._commands.shape[1]:
             self._commands = np.concatenate([self._commands, np.zeros_like(self._commands)], 1)
         # `take`: indexing a single row by a list takes seven times as long
         self._numbers.take(self._kept, 1, self._commands[:, self.steps], "clip")
+
+    def see(self, *, sampling: bool = False, as_read: bool = False) -> int:
+        """Take in what SUMO shows at the end of the step; the number of cases that ended."""
         self.steps += 1
         ended: int = self._run(
             see_rows, self.scenes, self.scenario, self.line, self.steps, int(sampling), int(as_read)
@@ -229,7 +232,7 @@ class World:
         """
         if now < self.none_leaves_before:
             return False
-        near = float(self.others["x"].max()) + float(self.others["length"].max())
+        near = float((self.others["x"] + self.others["length"]).max(initial=-math.inf))
         self.none_leaves_before = now + (self._end_of_lanes - near) / FASTEST - self.settings.step
         return now > self.none_leaves_before
 

@@ -1,6 +1,7 @@
 """Environments to learn in: what gymnasium asks of them, and that a drive there is a drive in an
 evaluation."""
 
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -10,6 +11,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import sumo_eval.gym
+from sumo_eval.cosim.pack import Pack
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.extras.gym.episodes import Transition
@@ -349,6 +351,20 @@ def test_what_the_environment_cannot_do_is_refused():
         many.step(np.zeros((2, 3)))
     with pytest.raises(InputError, match="must be reset before its first step"):
         make("sumo_eval/cut_in-v0").unwrapped.step(np.zeros(1))
+
+
+def test_rows_restart_without_actors_and_keep_no_history():
+    concrete = replace(catalogue.load("front_vehicle_cut_out").concrete(**POINT), actors=())
+    pack = Pack([concrete], SimulationSettings(), sumo=False)
+
+    def held():
+        return sum(it.nbytes for it in vars(pack.world).values() if isinstance(it, np.ndarray))
+
+    before = held()
+    for _ in range(200):
+        pack.step(np.zeros((1, 2)))
+        pack.restart(0, concrete)
+    assert held() == before
 
 
 def test_every_scenario_is_registered_once():
