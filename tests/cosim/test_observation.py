@@ -421,6 +421,7 @@ def test_the_flat_signals_and_the_plain_form_say_the_same():
         0.0,
     )
     assert tuple(signals) == signal_names()
+    assert math.isnan(signals["change_from"] + signals["change_by"])  # it may keep its lane
     nobody = look({})
     assert (
         nobody.signals()["lead_present"],

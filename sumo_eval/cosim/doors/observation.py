@@ -369,9 +369,11 @@ class Observation:
         """Everything that is one number, by name.
 
         In a place where no vehicle is: present 0, gap 1000 m, its speed the ego's, at the ego's own
-        place and heading, kind -1. A kind is its number in `KINDS`: 0 is a car.
+        place and heading, kind -1. A kind is its number in `KINDS`: 0 is a car. `change_from` and
+        `change_by` are nan where the ego may stay in its lane.
         """
         me, road = self.ego, self.road
+        change_from, change_by = self.change or (math.nan, math.nan)
         found = {
             "time": self.time, "ego_x": me.x, "ego_y": me.y, "ego_heading": me.heading,
             "ego_speed": me.speed,
@@ -384,9 +386,8 @@ class Observation:
             "speed_limit": road.speed_limit, "road_length": road.length,
             "desired_speed": self.desired_speed,
             "goal_x": self.goal[0], "goal_y": self.goal[1],
+            "change_from": change_from, "change_by": change_by,
         }  # fmt: skip
-        if self.change is not None:
-            found |= {"change_from": self.change[0], "change_by": self.change[1]}
         places = {"lead": self.lead, "second_lead": self.second_lead, **self.neighbours}
         for place, vehicle in places.items():
             found |= _place_signals(place, vehicle, me)
