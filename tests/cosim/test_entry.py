@@ -122,6 +122,8 @@ def test_files_of_a_locator_are_found_from_another_folder(folder):
     assert made_absolute("json:loads", folder) == "json:loads"
     network = made_absolute("onnx:a.onnx?features=/x/f.toml", folder)
     assert network == f"onnx:{folder}/a.onnx?features=/x/f.toml"
+    mapping = "inputs.v=ego_speed&parameters.source=http://a/b"
+    assert made_absolute(f"fmu:a.fmu?{mapping}", folder) == f"fmu:{folder}/a.fmu?{mapping}"
     assert split_entry('mine.py:Mine?options.path="a?b:c"')[1].options == {"path": "a?b:c"}
 
 

@@ -96,11 +96,11 @@ def made_absolute(locator: str, folder: Path) -> str:
     scheme, _, rest = locator.partition(":")
     if scheme in ("exec", "traci") and rest:
         return f"{scheme}:env -C {shlex.quote(str(folder))} {rest}"
-    if scheme == "fmu":
-        return f"fmu:{folder / rest}"
-    if scheme == "onnx":
-        absolute = re.sub(r"(?<=features=)[^&]+", lambda file: str(folder / file[0]), rest)
-        return f"onnx:{folder / absolute}"
+    if scheme in ("fmu", "onnx"):
+        file, mark, query = rest.partition("?")  # a mapping is no path: it may hold `//`
+        if scheme == "onnx":
+            query = re.sub(r"(?<=features=)[^&]+", lambda table: str(folder / table[0]), query)
+        return f"{scheme}:{folder / file}{mark}{query}"
     place, _, name = locator.rpartition(":")
     # a module of the folder, not an installed one
     if place.isidentifier() and (folder / f"{place}.py").is_file():
