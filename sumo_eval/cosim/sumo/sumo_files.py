@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -430,7 +431,7 @@ def _remarks(concrete: ConcreteScenario, origin: str) -> str:
                 "keeps its speed."
             )
     text = "\n     ".join(lines)
-    return f" {text} ".replace("--", "- -")  # which ends an XML comment
+    return re.sub("-(?=-)", "- ", f" {text} ")  # two hyphens would end the comment
 
 
 @functools.lru_cache(maxsize=64)
