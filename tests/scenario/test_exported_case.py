@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sumo_eval.cosim import simulate
-from sumo_eval.cosim.openscenario import opendrive_xml, openscenario_xml
+from sumo_eval.cosim.openscenario import CASE, opendrive_xml, openscenario_xml
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.logical import concrete, read_file
 from sumo_eval.extras.wheel.tape import digest
@@ -38,11 +38,14 @@ def test_exported_case_drives_to_the_same_digest(tmp_path, name):
         assert digest(simulate(again, controller)) == digest(simulate(case, controller))
 
 
-def test_changed_exported_file_is_refused_until_its_case_is_gone(tmp_path):
+@pytest.mark.parametrize(
+    ("old", "new"), [('trackWidth="', 'trackWidth="1'), (f'"{CASE}" value="', f'"{CASE}" other="')]
+)
+def test_changed_exported_file_is_refused_until_its_case_is_gone(tmp_path, old, new):
     logical = load("front_vehicle_braking")
     (case,) = logical.concretes([0.5 * (logical.low + logical.high)])
     path = exported(tmp_path, case)
     text = path.read_text()
-    path.write_text(text.replace('trackWidth="', 'trackWidth="1', 1))
+    path.write_text(text.replace(old, new, 1))
     with pytest.raises(InputError, match=r"<FileHeader>: an exported file and its road must be"):
         read_file(path)
