@@ -74,6 +74,8 @@ class OvertakingHabits:
     worth: float = 2.0
 
     def __post_init__(self) -> None:
+        if not isinstance(self.inclined, bool):
+            raise must_be("`inclined`", "`OvertakingHabits`", "true or false", self.inclined)
         for name in ("onset_headway", "onset_ttc", "duration", "worth"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):

@@ -230,3 +230,5 @@ def test_habits_are_positive_numbers(name, value):
         InputError, match=f"`{name}` of `OvertakingHabits` must be a finite number greater than 0"
     ):
         OvertakingHabits(**(habits | {name: value}))
+    with pytest.raises(InputError, match="`inclined` of `OvertakingHabits` must be true or false"):
+        OvertakingHabits(**(habits | {"inclined": "no"}))
