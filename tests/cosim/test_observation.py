@@ -460,3 +460,17 @@ def test_law_no_policy_sees_a_vehicle_that_has_left_the_road():
         assert simulate(short, policy, settings).error is None
         assert [seen for time, seen in shown if time < 0.8] == [True] * 16
         assert not any(seen for time, seen in shown if time > 1.0)
+
+
+def test_lead_over_arrays_is_neutral_where_there_is_no_vehicle():
+    shown = []
+
+    class Arrays:
+        batch = True
+
+        def act(self, seen):
+            shown.append([getattr(seen.lead, name)[0] for name in ("speed", "offset", "gap")])
+            return np.zeros(1)
+
+    simulate(case(), Arrays(), SimulationSettings(time_limit=0.1))
+    assert shown[0] == [20.0, 0.0, math.inf]

@@ -464,27 +464,24 @@ class Observations:
         """The nearest vehicle in front in the ego's strip of road: present, gap (inf without one),
         relative_speed (0), speed (the ego's), offset (0).
         """
-        it = self.vehicles
-        gap = np.where(it.ahead & it.overlaps, it.gap, np.inf)
-        if not gap.shape[1]:
-            gap = np.full((len(gap), 1), np.inf)
-        nearest = gap.argmin(axis=1)
-        rows = np.arange(len(gap))
-        present = gap[rows, nearest] < np.inf
+        it, rows = self.vehicles, np.arange(len(self._egos))
+        nothing = np.zeros(len(rows))
+        # the last column stands for no lead
+        gaps = np.column_stack([np.where(it.ahead & it.overlaps, it.gap, np.inf), nothing + np.inf])
+        nearest = gaps.argmin(axis=1)
+        gap = gaps[rows, nearest]
+        present = gap < np.inf
+        nearest[~present] = -1
 
-        def of_lead(values: NDArray[Any], otherwise: Any) -> NDArray[Any]:
-            return (
-                np.where(present, values[rows, nearest], otherwise)
-                if values.shape[1]
-                else 0.0 * gap[:, 0]
-            )
+        def of_lead(values: NDArray[Any], otherwise: NDArray[Any]) -> NDArray[Any]:
+            return np.column_stack([values, otherwise])[rows, nearest]
 
         return SimpleNamespace(
             present=present,
-            gap=gap[rows, nearest],
-            relative_speed=of_lead(it.relative_speed, 0.0),
+            gap=gap,
+            relative_speed=of_lead(it.relative_speed, nothing),
             speed=of_lead(it.speed, self._egos["speed"]),
-            offset=of_lead(it.offset, 0.0),
+            offset=of_lead(it.offset, nothing),
         )
 
     @cached_property
