@@ -4,11 +4,12 @@ message.
 
 from __future__ import annotations
 
-import sys
+import inspect
 import sysconfig
-from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
-from types import FrameType, FunctionType
+from traceback import walk_tb
+from types import CodeType, FunctionType
 from typing import Any
 
 from sumo_eval.text import clean
@@ -32,14 +33,14 @@ def fault_place(error: BaseException | None, driver: Any, folder: Path | None) -
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
         seen.add(id(error))
-        frames = [(code.co_filename, line, code.co_name) for code, line in _frames(error)]
-        outside = [one for one in frames if not one[0].startswith(_OURS)]
-        users = [one for one in outside if not one[0].startswith((*_INSTALLED, "<frozen "))]
+        frames = [(frame.f_code, line) for frame, line in walk_tb(error.__traceback__)]
+        outside = [it for it in frames if not it[0].co_filename.startswith(_OURS)]
+        installed = *_INSTALLED, "<frozen "
+        users = [it for it in outside if not it[0].co_filename.startswith(installed)]
         own = _file_of(driver)
-        for found in ([one for one in frames if one[0] == own], users, outside):
+        for found in ([it for it in frames if it[0].co_filename == own], users, outside):
             if found:
-                file, line, function = found[-1]
-                return clean(f"{_short(file, folder)}:{line} in {function}")
+                return _place(*found[-1], folder)
         error = error.__cause__ or error.__context__
     return _asked_at(driver, folder)
 
@@ -52,36 +53,22 @@ def _asked_at(driver: Any, folder: Path | None) -> str:
     code = next((one.__code__ for one in (driver, *methods) if isinstance(one, FunctionType)), None)
     if code is None or code.co_filename.startswith(_OURS):
         return ""
-    return clean(f"{_short(code.co_filename, folder)}:{code.co_firstlineno} in {code.co_name}")
-
-
-def _frames(error: BaseException) -> Iterator[tuple[Any, int]]:
-    """Code and line of every frame that an exception passed, the outermost first."""
-    at = error.__traceback__
-    while at is not None:
-        frame: FrameType = at.tb_frame
-        yield frame.f_code, at.tb_lineno
-        at = at.tb_next
+    return _place(code, code.co_firstlineno, folder)
 
 
 def _file_of(driver: Any) -> str | None:
     """The file that a user's function, or the class of a user's object, is written in."""
     try:
-        code = getattr(driver, "__code__", None)
-        if code is not None:
-            return str(code.co_filename)
-        module = sys.modules.get(type(driver).__module__)
-        return (
-            None
-            if module is None or module.__file__ is None
-            else str(Path(module.__file__).resolve())
-        )
+        if inspect.isroutine(driver):
+            return inspect.getfile(driver)
+        return str(Path(inspect.getfile(type(driver))).resolve())
     except Exception:  # noqa: BLE001 - attributes of a user's object are the user's code
         return None
 
 
-def _short(file: str, folder: Path | None) -> str:
-    try:
-        return str(Path(file).relative_to((folder or Path.cwd()).resolve()))
-    except (ValueError, OSError):
-        return file
+def _place(code: CodeType, line: int, folder: Path | None) -> str:
+    """File, line and function; a path within `folder` is relative to it."""
+    file = code.co_filename
+    with suppress(ValueError, OSError):
+        file = str(Path(file).relative_to((folder or Path.cwd()).resolve()))
+    return clean(f"{file}:{line} in {code.co_name}")
