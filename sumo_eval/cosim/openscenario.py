@@ -255,7 +255,8 @@ def exported_case(root: Any, road: bytes) -> ConcreteScenario | None:
     Raises InputError where either file was changed since.
     """
     held = {
-        it.get("name"): it.get("value", "") for it in root.iterfind("FileHeader/Properties/Property")
+        it.get("name"): it.get("value", "")
+        for it in root.iterfind("FileHeader/Properties/Property")
     }
     if CASE not in held:
         return None
