@@ -473,7 +473,7 @@ class Observations:
         present = gap < np.inf
         nearest[~present] = -1
 
-        def of_lead(values: NDArray[Any], otherwise: NDArray[Any]) -> NDArray[Any]:
+        def of_lead(values: NDArray[Any], otherwise: NDArray[Any]) -> Any:
             return np.column_stack([values, otherwise])[rows, nearest]
 
         return SimpleNamespace(
