@@ -156,9 +156,9 @@ class Batches:
         for number, (case, reason) in enumerate(zip(batch, why, strict=True)):
             self.run_alone(case, reason, "" if number else printed)
         if why[0].why == "keeps_state":
-            self._rerun_alone(kind[1], why[0])
+            self.rerun_alone(kind[1], why[0])
 
-    def _rerun_alone(self, locator: str, why: Alone) -> None:
+    def rerun_alone(self, locator: str, why: Alone) -> None:
         """Run all cases of an ADS alone, those too that have ended in batches."""
         self._keeps_state[locator] = why
         held = map(zlib.decompress, self._compressed.pop(locator, ()))

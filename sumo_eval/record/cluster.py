@@ -5,7 +5,8 @@ each worker.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from importlib.util import find_spec
 from typing import Any
 
@@ -80,7 +81,7 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> O
                 found = future.result()
                 if isinstance(found, str):
                     raise InputError(f"A worker of the Dask cluster {setup.run.scheduler} {found}.")
-                yield found
+                yield list(_counted(found, plan))
             elif times < _TIMES:
                 submit(batch, times + 1)
             else:
@@ -95,6 +96,16 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> O
     finally:
         client.close()
         own_log.setLevel(level)
+
+
+def _counted(outcomes: Iterable[Outcome], plan: Batches) -> Iterator[Outcome]:
+    """Outcomes that count: an ADS that keeps state on one worker is driven alone on all."""
+    for outcome in outcomes:
+        why = plan.remark(outcome.case)[0] or outcome.alone
+        if why is not None and why.why == "keeps_state":
+            plan.rerun_alone(outcome.case.controller, why)
+        if not outcome.batched or plan.note_batched(outcome.case):
+            yield replace(outcome, alone=why)
 
 
 def _threads(client: Any, address: str) -> int:

@@ -9,7 +9,8 @@ import pytest
 
 import sumo_eval
 from sumo_eval.record.batches import LEAST, Batches
-from sumo_eval.record.cases import ALONE, Case, Setup
+from sumo_eval.record.cases import ALONE, Case, Outcome, Setup
+from sumo_eval.record.cluster import _counted
 from sumo_eval.record.engines import once_each, run_batches, run_cases
 from sumo_eval.record.identity import with_fingerprint
 from sumo_eval.record.kept import KeptRecording
@@ -351,3 +352,16 @@ def test_finished_batches_run_again_alone_once_state_shows(tmp_path, monkeypatch
     once = list(once_each(batch for batch in batches))
     assert sorted(one.case.point for one in once) == list(range(8))
     assert not any(one.batched for one in once)
+
+
+def test_state_found_on_one_worker_of_a_cluster_counts_on_all():
+    plan, state = Batches(cases("hook"), workers=2, largest=9), Alone("keeps_state", "Mine.seen")
+    batch = plan.take()
+    together = [Outcome(case, "ok", None, batched="batched") for case in batch]
+    assert list(_counted(together[:4], plan)) == together[:4]
+    alone = replace(together[4], batched="", alone=state)
+    assert list(_counted([alone, together[5]], plan)) == [alone]
+    again = [plan.take() for _ in range(5)]
+    assert again == [(case,) for case in (*batch[:4], batch[5])]
+    (rerun,) = _counted([replace(together[0], batched="")], plan)
+    assert rerun.alone == state
