@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -20,7 +20,7 @@ from sumo_eval.cli.sentences import say, tell
 
 if TYPE_CHECKING:
     from sumo_eval.record.recording import Space
-    from sumo_eval.settings import EvaluationSettings, ScenarioSettings
+    from sumo_eval.settings import AdsSettings, EvaluationSettings, ScenarioSettings
 
 _ASKED = 200  # points of a scenario's own sample at which `check` searches for a hazard
 _LISTED = 5  # files of a folder
@@ -223,6 +223,7 @@ def _check_evaluation(path: Path) -> None:
     """Check each part of the file as a run does before it simulates; name every mistake, not only
     the first.
     """
+    from sumo_eval.errors import InputError
     from sumo_eval.method.severity import chosen_severity
     from sumo_eval.method.zone_partition import refuse_impossible_zones
     from sumo_eval.record.facts import settings_of, space_of
@@ -257,6 +258,18 @@ def _check_evaluation(path: Path) -> None:
         planner(Resolved(replace(bare, **part), source, {}))  # refuses what a run would refuse
         return words
 
+    @cache
+    def all_ads_load() -> bool:
+        """Whether they do, at once and in several processes; else each is asked alone, to be
+        named.
+        """
+        with suppress(InputError):
+            return bool(check_planned("all", ads=settings.ads))
+        return False
+
+    def check_ads(ads: AdsSettings) -> str:
+        return check_planned(ads.controller, ads=() if all_ads_load() else (ads,))
+
     def axes() -> str:
         refuse_unknown_axes(names, settings.report)
         return ", ".join(settings.report.axes)
@@ -276,10 +289,7 @@ def _check_evaluation(path: Path) -> None:
     parts: list[tuple[str, Callable[[], str]]] = [
         *([("qualification", qualification)] if settings.run.qualification else []),
         *((f"scenario {entry.use}", partial(points, entry)) for entry in settings.scenario),
-        *(
-            (f"ADS {ads.name}", partial(check_planned, ads.controller, ads=(ads,)))
-            for ads in settings.ads
-        ),
+        *((f"ADS {ads.name}", partial(check_ads, ads)) for ads in settings.ads),
         ("vehicle model", partial(check_planned, vehicle, simulation=settings.simulation)),
         ("drivers", partial(check_planned, drivers.source, drivers=drivers)),
     ]

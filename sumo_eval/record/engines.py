@@ -101,7 +101,7 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
         if not hasattr(os, "fork"):
             return {pair[1]: locator_identity(pair, setup.folder) for pair in named}
     identities: dict[str, str] = {}
-    with Pool(1, setup.run) as pool:
+    with Pool(setup.run.workers, setup.run) as pool:
         for ended in pool.each(Work(locator_identity, setup.folder), named):
             kind, locator = ended.item
             if ended.how != "done":
