@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sumo_eval.errors import InputError, must_be
+from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import EgoBody
 from sumo_eval.scenario.first_places import STANDARD_EGO
@@ -41,6 +41,8 @@ class Resolved:
         vehicle = settings.simulation.vehicle
         scenarios = [find_with(vehicle, entry.use, source) for entry in settings.scenario]
         refuse_doubles([logical.name for logical in scenarios])
+        names = [name for logical in scenarios for name in logical.names]
+        check_known("parameter in `drivers.tolerance`:", names, *(settings.drivers.tolerance or ()))
         for logical in scenarios:
             axes = settings.report.axes.get(logical.name, ())
             if len(set(map(logical.column, axes))) < len(axes):

@@ -146,6 +146,7 @@ def test_vehicles_and_ghosts_are_counted_and_pedestrians_are_not_traffic():
     assert found.tables["approach"].empty  # the ego drives through the leader: a ghost
     assert found.ghosts["approach"] == 1
     assert "0 of 2 motor vehicles" in found.sentences()[0]
+    assert events_of(track("walker", 50.0, 1.0, kind="pedestrian")).vehicles == 0
 
 
 @pytest.mark.campaign

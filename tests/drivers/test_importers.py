@@ -245,6 +245,7 @@ def test_a_hole_in_a_track_makes_two_tracks_and_is_said(tmp_path):
     ("form", "name", "text", "words"),
     [
         ("csv", "x.csv", OWN + "r,a,0,1,2,4,2\n\n \nr,a,0.1,oops,2,4,2\n", "`x` in row 5 of"),
+        ("csv", "x.csv", OWN + "r,a,0,1,2,0,2\nr,a,0.1,2,2,0,2\n", "must be above 0 m, got '0 and"),
         ("csv", "x.csv", "recording,vehicle,time,x,y,length,width\nr,a,0,1,2,4,2\n",
             "must have a column `t`"),
         ("csv", "x.csv", "vehicel,time\na,0\n",
@@ -287,6 +288,17 @@ def test_identifiers_are_text_whatever_it_is(tmp_path, form):
     (tmp_path / "empty.csv").write_text(text.replace("r,b,", "r,,"))
     with pytest.raises(InputError, match=r"`vehicle` in row 32 of .* must be a name, got nothing"):
         import_recordings(form, [tmp_path / "empty.csv"])
+
+
+def test_sumo_keeps_ids_of_digits_beside_a_step_without_vehicles(tmp_path):
+    (tmp_path / "a.csv").write_text(FCD + "0;;;;;\n1;90;01;3;2;3\n1;90;1;3;9;3\n")
+    assert sumo_fcd.read(tmp_path / "a.csv")[0]["vehicle"].tolist() == ["01", "1"]
+
+
+def test_openacc_reads_a_marked_file_with_other_speeds(tmp_path):
+    head = "\ufeffVehicle_order,a\nACC,0\n,\n,\n,\nTime,Speed1,SpeedLimit\n"
+    (tmp_path / "a.csv").write_text(head + "0,10,30\n0.1,10,30\n", encoding="utf-8")
+    assert openacc.read(tmp_path / "a.csv")[0]["x"].tolist() == [0.0, 1.0]
 
 
 @pytest.mark.parametrize("rate", [10, 20, 25])

@@ -10,14 +10,23 @@ from drivers.test_events import track
 from scipy import stats
 
 from sumo_eval.drivers.recorded.exposure import exposure_of, fit_exposure
-from sumo_eval.drivers.recorded.matching import match_of
+from sumo_eval.drivers.recorded.matching import match_of, matching_events
 from sumo_eval.drivers.recorded.recordings import Recordings, write_csv
 from sumo_eval.drivers.recorded.reference import open_people, reference
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import check_file, read_scenario
+from sumo_eval.scenario.logical import Counterpart
+from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.scenario.shipped_files import scenario_files
-from sumo_eval.settings import DeclaredDistribution, DriverSettings, ExposureSettings
+from sumo_eval.settings import (
+    AdsSettings,
+    DeclaredDistribution,
+    DriverSettings,
+    EvaluationSettings,
+    ExposureSettings,
+    ScenarioSettings,
+)
 
 LOGICAL = catalogue.load("front_vehicle_low_speed")
 MOTORWAY = sorted(file for name, file in scenario_files().items() if name.startswith("motorway_"))
@@ -179,6 +188,19 @@ def test_too_few_events_and_scenarios_without_events_are_refused(tmp_path):
         InputError, match="no recorded event that corresponds to scenario `ncap_ccrm`"
     ):
         exposure_of(catalogue.load("ncap_ccrm"), settings, DriverSettings(), tmp_path)
+
+
+def test_names_of_a_reference_must_be_numbers_and_parameters(tmp_path):
+    recorded = Counterpart("approach", (("ego_speed", "lead"),), (("ego_speed", 1.0),))
+    people = open_people(settings_for(write_people(tmp_path / "p.csv", [25.0])), tmp_path)
+    with pytest.raises(InputError, match=r"must name columns of numbers: .* column 'ego_speed'"):
+        matching_events(people.events, "mine", recorded)
+    settings = EvaluationSettings(
+        "e", (ScenarioSettings("cut_in"),), (AdsSettings("idm", "idm"),),
+        drivers=DriverSettings(tolerance={"gpa": 1.0}),
+    )  # fmt: skip
+    with pytest.raises(InputError, match=r"`drivers\.tolerance`\. Did you mean `gap`"):
+        Resolved.of(settings, tmp_path)
 
 
 @pytest.mark.parametrize("file", MOTORWAY, ids=lambda file: file.stem)

@@ -18,6 +18,7 @@ m/s2, cut-ins with a lateral speed over 2 m/s.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -252,9 +253,8 @@ def _stretches(traffic: RecordedTraffic) -> list[slice]:
     keys = pd.DataFrame(
         {"vehicle": names, "lead": np.where(led, names[traffic.lead], ""), "lane": traffic.lane}
     )
-    starts = np.flatnonzero((keys != keys.shift()).any(axis=1))
-    ends = np.append(starts[1:], len(names))
-    return [slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True) if led[a]]
+    edges = [*np.flatnonzero((keys != keys.shift()).any(axis=1)).tolist(), len(names)]
+    return [slice(first, last) for first, last in itertools.pairwise(edges) if led[first]]
 
 
 def _is_ghost(gap: float, ttc: float, accelerations: np.ndarray) -> bool:

@@ -105,4 +105,9 @@ def matching_events(
     names = ["event", "recording", "ego"]
     chosen = table.reindex(columns=[*names, *columns.values()])
     chosen.columns = pd.Index([*names, *columns])
-    return chosen.astype(dict.fromkeys(columns, float)).dropna().reset_index(drop=True)
+    try:
+        return chosen.astype(dict.fromkeys(columns, float)).dropna().reset_index(drop=True)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"[recorded] of scenario `{scenario}` must name columns of numbers: {error}."
+        ) from error

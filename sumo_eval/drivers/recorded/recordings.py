@@ -32,7 +32,7 @@ from sumo_eval.drivers.recorded.importers.tables import (
     checked_numbers,
     read_table,
 )
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, must_be
 from sumo_eval.input_file import writing
 from sumo_eval.text import cells, from_cell
 from sumo_eval.trajectory import FloatArray
@@ -74,7 +74,7 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
     known: dict[str, Any] = {"driver": "", "steering": np.nan, "acceleration": np.nan}
     rows = table.assign(**{name: known[name] for name in known.keys() - {*table}})
     keys = ["recording", "vehicle", "t"]
-    rows = rows.astype(dict.fromkeys(keys[:2], str))
+    rows = _with_bodies(rows.astype(dict.fromkeys(keys[:2], str)))
     rows = rows.sort_values(keys, kind="stable", ignore_index=True)
     double = rows.duplicated(keys)
     parts, holes, too_short = [], 0, 0
@@ -176,7 +176,20 @@ def read_csv(path: Path) -> Recordings:
     for name in ("recording", "vehicle", "driver", "class"):
         table[name] = table[name].astype(str).map(from_cell)
     table["lane"] = table["lane"].round().astype(np.int64)
-    return Recordings(table[list(COLUMNS)]) if _is_canonical(table) else canonical(table)
+    if _is_canonical(table):
+        return Recordings(_with_bodies(table)[list(COLUMNS)])
+    return canonical(table)
+
+
+def _with_bodies(table: pd.DataFrame) -> pd.DataFrame:
+    """The table, if every vehicle has an extent: gaps are from bumper to bumper."""
+    flat = ~(table[["length", "width"]] > 0.0).all(axis=1)
+    if flat.any():
+        row = table[flat].iloc[0]
+        got = f"{row['length']:g} and {row['width']:g} m"
+        what = f"Length and width of vehicle `{row['vehicle']}`"
+        raise must_be(what, f"recording `{row['recording']}`", "above 0 m", got)
+    return table
 
 
 def _is_canonical(table: pd.DataFrame) -> bool:

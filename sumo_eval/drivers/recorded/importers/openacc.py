@@ -10,6 +10,7 @@ track and are not read: y = 0. Only runs whose `ACC` is 0 are human drives.
 from __future__ import annotations
 
 import csv
+import re
 from itertools import islice
 from pathlib import Path
 
@@ -32,7 +33,7 @@ _HEAD_ROWS = 5
 def read(path: Path) -> Samples:
     """The recordings of a file."""
     try:
-        with input_file(path, "file").open(newline="", encoding="utf-8") as file:
+        with input_file(path, "file").open(newline="", encoding="utf-8-sig") as file:
             head = {row[0]: row[1:] for row in islice(csv.reader(file), _HEAD_ROWS) if row}
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path} cannot be read: {error}.") from error
@@ -41,9 +42,8 @@ def read(path: Path) -> Samples:
     names = [name for name in head["Vehicle_order"] if name]
     rows = read_table(path, ("Time",), skiprows=_HEAD_ROWS)
     checked_numbers(rows, ("Time",), path, heading=_HEAD_ROWS + 1)
-    places = sorted(
-        int(str(name).removeprefix("Speed")) for name in rows if str(name).startswith("Speed")
-    )
+    columns = (re.fullmatch(r"Speed(\d+)", str(name)) for name in rows)
+    places = sorted(int(column[1]) for column in columns if column)
     require(bool(places), path, "must have columns Speed1, Speed2, ..., got none")
     channels = rows.apply(pd.to_numeric, errors="coerce")
     unknown = pd.Series(np.nan, index=rows.index)

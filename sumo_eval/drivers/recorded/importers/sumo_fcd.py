@@ -62,9 +62,8 @@ def read(path: Path) -> Samples:
 
 
 def _from_csv(path: Path) -> pd.DataFrame:
-    rows = read_table(
-        path, ("timestep_time", "vehicle_id", *(f"vehicle_{name}" for name in _NEEDED)), sep=";"
-    )
+    columns = "timestep_time", "vehicle_id", *(f"vehicle_{name}" for name in _NEEDED)
+    rows = read_table(path, columns, sep=";", converters={"vehicle_id": str})
     rows = rows[rows["vehicle_id"].notna()]  # a step without vehicles is a row without one
     rows.columns = rows.columns.str.removeprefix("timestep_").str.removeprefix("vehicle_")
     checked_numbers(rows, _numbers(rows), path)
