@@ -33,6 +33,7 @@ _UNFIT: Final = re.compile(
     # line ends of Unicode's own, no characters, halves of characters
     "\u2028\u2029\ufeff\ufffe\uffff\ud800-\udfff]"
 )
+_ADDRESS: Final = re.compile(r"( at 0x[0-9A-Fa-f]+)+(?=>)")  # another in each process
 _NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
 _FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\n")
 
@@ -42,7 +43,8 @@ def clean(text: str, most: int = SENTENCE, *, lines: bool = False) -> str:
     `most` characters long.
 
     What is longer says how many characters are left out: behind its beginning, with `lines` between
-    beginning and end. Without `lines` it becomes one line. Cleaning what is clean changes nothing.
+    beginning and end. Without `lines` it becomes one line. Addresses of objects are left out: they
+    differ between processes. Cleaning what is clean changes nothing.
     """
     whole = str.__len__(text)
     begin, end = (most, most) if lines else (most, 0)
@@ -85,7 +87,7 @@ def last_lines(log: str, most: int) -> str:
 def _replaced(text: str, *, lines: bool) -> str:
     plain = str.replace(text, "\r\n", "\n")
     plain = plain.replace("\r", "\n") if lines else " ".join(plain.split("\n"))
-    return _UNFIT.sub(lambda found: ascii(found.group())[1:-1], plain)
+    return _UNFIT.sub(lambda found: ascii(found.group())[1:-1], _ADDRESS.sub("", plain))
 
 
 def words_of(value: object, most: int = WORDS) -> str:
