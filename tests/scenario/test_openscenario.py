@@ -42,7 +42,7 @@ needs_catalogues = pytest.mark.skipif(
     not NCAP.is_dir(), reason="the catalogues of OpenSCENARIO are not here"
 )
 
-ROAD = """<OpenDRIVE><header><geoReference>+proj=tmerc +lat_0=48 +lon_0=11</geoReference>
+ROAD = """<OpenDRIVE><header><geoReference>+proj=tmerc +lat_0=4.8e1 +lon_0=11</geoReference>
 </header><road id="0" length="1000" junction="-1"><planView>
 <geometry s="0" x="5" y="7" hdg="0.5" length="1000"><line/></geometry></planView><lanes><laneSection s="0">
 <left><lane id="1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></left>
@@ -538,16 +538,23 @@ def test_only_roads_in_use_must_be_readable(tmp_path):
             find("poly.xosc", tmp_path)
 
 
-@pytest.mark.parametrize("option", ["", "?flat=1"])
-def test_elevation_is_left_out_with_a_note(tmp_path, option):
-    level = find(str(written(tmp_path)))
-    slope = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevationProfile>'
-    steep = ROAD.replace("</planView>", "</planView>" + slope, 1)
-    (tmp_path / "road.xodr").write_text(steep)
-    flat = find(f"{written_again(tmp_path / 'scenario.xosc')}{option}")
-    assert flat.concrete(only=0.0).actors == level.concrete(only=0.0).actors
-    assert "elevation" in flat.notes[0]
-    assert not any("elevation" in note for note in level.notes)
+SLOPE = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevationProfile>'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "kind"),
+    [
+        ("</planView>", "</planView>" + SLOPE, "elevation"),
+        ('<road id="0"', '<road rule="LHT" id="0"', "left-hand traffic"),
+    ],
+)
+def test_what_a_road_file_says_in_vain_is_noted(tmp_path, old, new, kind):
+    plain = find(str(written(tmp_path)))
+    (tmp_path / "road.xodr").write_text(ROAD.replace(old, new, 1))
+    other = find(f"{written_again(tmp_path / 'scenario.xosc')}?flat=1")
+    assert other.concrete(only=0.0).actors == plain.concrete(only=0.0).actors
+    assert kind in other.notes[0]
+    assert not any(kind in note for note in plain.notes)
 
 
 EGO_PLACE = '<LanePosition roadId="0" laneId="-1" s="20"/>'

@@ -9,10 +9,21 @@ import pytest
 from commands import sumo_eval
 
 from sumo_eval.errors import InputError
+from sumo_eval.extras.openscenario.collections import entries_of
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.road.opendrive import read_opendrive
 from sumo_eval.scenario.shipped_files import scenario_files
-from tests.scenario.test_openscenario import AT, BRAKE, CARS, ROAD, TIMED, VARIATION, written
+from sumo_eval.settings import ScenarioSettings
+from tests.scenario.test_openscenario import (
+    AT,
+    BRAKE,
+    CARS,
+    OTHER_PLACE,
+    ROAD,
+    TIMED,
+    VARIATION,
+    written,
+)
 
 
 def said(path):
@@ -113,6 +124,9 @@ EVENTS = {
     r"<Condition>: a condition on the drive is not supported together with a time until which": when(
         BY_GAP.format(one="Ego", condition=GAP.format(other="Other")), SOON
     ),
+    r"<SimulationTimeCondition>: .* never rises to that; the edge `none` begins at once": (
+        when(SOON).replace('Edge="none"', 'Edge="rising"')
+    ),
     r"<SpeedCondition>: `direction` must be longitudinal to be supported, got 'lateral'": when(
         BY_GAP.format(one="Other", condition=SLOW)
     ),
@@ -203,6 +217,12 @@ ROADS = {
         "<OpenDRIVE>", '<OpenDRIVE><road id="0" length="1" junction="-1"/>'
     ),
     r"must be <OpenDRIVE>": ("OpenDRIVE>", "OpenROAD>"),
+    r"<GeoPosition>: the <geoReference> .* in m and decimal degrees, got": (
+        "+lat_0=4.8e1", "+lat_0=48d30'N"
+    ),
+    r"<GeoPosition>: the <geoReference> .* m and decimal degrees, got .*us-ft": (
+        "+lon_0=11", "+units=us-ft"
+    ),
     r"must not declare a document type": ("<OpenDRIVE>", "<!DOCTYPE OpenDRIVE []><OpenDRIVE>"),
 }  # fmt: skip
 
@@ -210,6 +230,8 @@ ROADS = {
 @pytest.mark.parametrize("sentence", ROADS)
 def test_a_road_with_one_thing_wrong_is_refused_with_its_element(tmp_path, sentence):
     path = written(tmp_path)
+    if "GeoPosition" in sentence:
+        change(path, OTHER_PLACE, '<GeoPosition latitudeDeg="48" longitudeDeg="11"/>')
     old, new = ROADS[sentence]
     assert old in ROAD
     road = ROAD.replace(old, new) if old == "OpenDRIVE>" else ROAD.replace(old, new, 1)
@@ -226,6 +248,37 @@ def test_two_lateral_moves_each_start_from_their_lane(tmp_path):
     (other,) = find(str(written(tmp_path, events=events))).concrete(only=0.0).actors
     assert [move.offset for move in other.lateral_moves] == pytest.approx([-3.75, 3.5])
     assert [move.begin for move in other.lateral_moves] == [1.0, 5.0]
+
+
+def test_lanes_count_to_the_left_of_where_their_entity_drives(tmp_path):
+    """The other comes towards the ego in lane 1; one lane to its left is lane -1."""
+    back = OTHER_PLACE.replace("/>", '><Orientation type="relative" h="3.14159265"/>')
+    path = written(tmp_path, events=lane_change(1, 1.0, SELF.format(1)))
+    (other,) = (
+        find(str(change(path, OTHER_PLACE, back + "</RelativeLanePosition>")))
+        .concrete(only=0.0)
+        .actors
+    )
+    assert other.acts[0].offset == pytest.approx(3.75)
+
+
+def test_each_road_of_a_file_is_an_entry_in_any_folder(tmp_path):
+    folder = tmp_path / "road=1"
+    folder.mkdir()
+    path = change(written(folder), 'roadId="0"', 'roadId="$light"')
+    road = ROAD[ROAD.index("<road") : ROAD.index("</OpenDRIVE>")]
+    long = road.replace("1000", "1500").replace('id="0"', 'id="1"', 1)
+    (folder / "road.xodr").write_text(f"<OpenDRIVE>{road}{long}</OpenDRIVE>")
+    part = """<DeterministicSingleParameterDistribution parameterName="light"><DistributionSet>
+    <Element value="0"/><Element value="1"/></DistributionSet></DeterministicSingleParameterDistribution>"""
+    text = VARIATION.format(file=path.name, parts=part)
+    (folder / "varied.xosc").write_text(text)
+    use = "road=1/varied.xosc"
+    entries = entries_of(ScenarioSettings(use=use), tmp_path)
+    assert [entry.use for entry in entries] == [f"{use}?road=1", f"{use}?road=2"]
+    assert "`road` of varied.xosc must be a whole number within 1..2" in said(
+        folder / "varied.xosc?road=²"
+    )
 
 
 def test_an_event_is_found_by_the_path_to_it(tmp_path):

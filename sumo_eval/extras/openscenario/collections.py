@@ -78,10 +78,10 @@ def entries_of(entry: ScenarioSettings, folder: Path) -> tuple[ScenarioSettings,
     """
     if entry.use in COLLECTIONS:
         return tuple(_of_collection(entry, folder))
-    if "road=" in entry.use:
+    name, options = options_of(entry.use)
+    if "road" in options:
         return (entry,)
-    uses = uses_of(folder / entry.use.partition("?")[0], entry.use)
-    return tuple(replace(entry, use=use) for use, _ in uses)
+    return tuple(replace(entry, use=use) for use, _ in uses_of(folder / name, entry.use))
 
 
 def uses_of(path: Path, use: str) -> Iterator[tuple[str, Read]]:

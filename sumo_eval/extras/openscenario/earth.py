@@ -7,9 +7,10 @@ import math
 import re
 
 from sumo_eval.extras.openscenario.reading import Node
+from sumo_eval.extras.openscenario.values import number_of
 
 _RADIUS, _FLATTENING = 6_378_137.0, 1.0 / 298.257223563  # WGS 84
-_NUMBER = re.compile(r"\+(\w+)=(-?\d+\.?\d*)")
+_PART = re.compile(r"\+(\w+)=(\S+)")
 _N = _FLATTENING / (2.0 - _FLATTENING)
 _E = 2.0 * math.sqrt(_N) / (1.0 + _N)
 _SERIES = (
@@ -37,7 +38,7 @@ def on_map(position: Node, root: Node) -> tuple[float, float]:
     it = _projection(position, root.find("header/geoReference"))
     latitude, longitude = position.number("latitudeDeg"), position.number("longitudeDeg")
     if not abs(latitude) < 90.0:
-        raise position.fault(f"`latitudeDeg` must be within -90..90, got {latitude:g}")
+        raise position.fault(f"`latitudeDeg` must be between -90 and 90, got {latitude:g}")
     at = transverse_mercator(math.radians(latitude), math.radians(longitude - it["lon_0"]))
     at = it["k"] * (at - transverse_mercator(math.radians(it["lat_0"]), 0.0))
     for offset in root.all("header/offset"):
@@ -50,14 +51,19 @@ def on_map(position: Node, root: Node) -> tuple[float, float]:
 def _projection(position: Node, reference: Node | None) -> dict[str, float]:
     """Numbers of a transverse Mercator projection by their names in PROJ."""
     text = "" if reference is None else str(reference.element.text)
-    it = {"x_0": 0.0, "y_0": 0.0, "lat_0": 0.0, "lon_0": 0.0, "k": 1.0}
-    it |= {key.replace("k_0", "k"): float(value) for key, value in _NUMBER.findall(text)}
-    if "+proj=utm" in text and "zone" in it:
+    given = dict(_PART.findall(text))
+    it = {"x_0": 0.0, "y_0": 0.0, "lat_0": 0.0, "lon_0": 0.0, "k": 1.0, "k_0": 1.0, "zone": 0.0}
+    numbers = {name: number_of(given[name]) for name in it if name in given}
+    kind = given.get("proj"), given.get("units", "m")
+    known = kind == ("tmerc", "m") or (kind == ("utm", "m") and "zone" in given)
+    if not known or None in numbers.values() or "to_meter" in given:
+        raise position.fault(
+            "the <geoReference> of its map must be of +proj=tmerc or +proj=utm +zone=, in m and "
+            f"decimal degrees, got {text.strip() or 'none'}"
+        )
+    it |= numbers
+    it["k"] *= it["k_0"]
+    if kind[0] == "utm":
         it |= {"x_0": 5e5, "y_0": 1e7 * ("+south" in text), "k": 0.9996}
         it["lon_0"] = 6.0 * it["zone"] - 183.0
-    elif "+proj=tmerc" not in text:
-        raise position.fault(
-            "the <geoReference> of its map must be of +proj=tmerc or +proj=utm +zone=, got "
-            f"{text.strip() or 'none'}"
-        )
     return it

@@ -232,7 +232,7 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
 
     def number_of(name: str, most: int) -> int:
         written = options.get(name, "1")
-        if not written.isdigit() or not 1 <= int(written) <= most:
+        if not written.isdecimal() or not 1 <= int(written) <= most:
             must = "1" if most == 1 else f"a whole number within 1..{most}"
             raise must_be(f"`{name}`", path.name, must, written)
         return int(written)

@@ -246,6 +246,11 @@ class Conditions:
             if rule.startswith("less"):
                 if not element.compared(0.0, value):
                     return Moment(NEVER)
+                if edge == "rising":
+                    raise element.fault(
+                        f"the time is below {value:g} s from the start, so it never rises to that; "
+                        "the edge `none` begins at once"
+                    )
                 falls = edge == "risingOrFalling"
                 return Moment(value) if falls else Moment(0.0, until=value)
             if rule == "equalTo" and value < 0.0:

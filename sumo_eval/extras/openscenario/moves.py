@@ -346,7 +346,8 @@ class Moves:
         if target.tag == "RelativeTargetLane":
             other = self.places.referred(target)
             spot = replace(other.placed(target), lane=self._lane_now(other, entity, target))
-            lane = self.places.lane_beside(spot, target.whole("value"), target)
+            # to the left of where that entity drives
+            lane = self.places.lane_beside(spot, target.whole("value") * (spot.way or 1), target)
         elif target.tag == "AbsoluteTargetLane":
             road = entity.placed(element).road
             if road is None:

@@ -45,14 +45,14 @@ def in_frame(pose: Pose, begin: Pose, line: tuple[Piece, ...]) -> Pose:
 class MapRoad:
     """A road of an OpenDRIVE file: where it begins, its reference line and its lanes by number.
 
-    sloped: whether its height or its cross slope changes, which is left out.
+    left_out: kinds of what the file says of it and nothing here follows.
     """
 
     name: str
     begin: Pose
     line: tuple[Piece, ...]
     lanes: dict[float, Lane]
-    sloped: bool = False
+    left_out: tuple[str, ...] = ()
 
     @property
     def length(self) -> float:
@@ -195,7 +195,9 @@ def _road(element: Node, name: str) -> MapRoad:
             centre = shift + sign * (offset + 0.5 * width)
             lanes[number] = Lane(number, str(lane.get("type")), centre, width)
             offset += width
-    return MapRoad(name, begin, line, lanes, _sloped(element))
+    # vehicles stay in their lanes, but an ADS overtakes on the left there, too
+    kinds = {"elevation": _sloped(element), "left-hand traffic": element.get("rule") == "LHT"}
+    return MapRoad(name, begin, line, lanes, tuple(kind for kind, so in kinds.items() if so))
 
 
 def _sloped(road: Node) -> bool:

@@ -252,8 +252,7 @@ class _Player:
             if entity.spot is None and entity.deleted and entity is not self.ego:
                 del entities[name]
         roads = [entity.placed(entity.element).road for entity in entities.values()]
-        if any(road is not None and road.sloped for road in roads):
-            self.ignored["elevation"] = None
+        self.ignored |= dict.fromkeys(kind for road in roads if road for kind in road.left_out)
         self.frame = frame_of(self.ego, self.places.network, self.turning, self.route_end)
         numbers: dict[str, int] = {}
         self.moves = Moves(self.places, self.frame, self.ego, numbers)
