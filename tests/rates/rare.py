@@ -13,7 +13,7 @@ SPREAD = {"ego_speed": (25.0, 1.5), "lead_speed": (15.0, 1.5), "headway": (2.5, 
 TOWARDS = np.array([1.0, -1.0, -1.0]) / np.sqrt(3.0)  # faster ego, slower lead, shorter gap
 
 
-def logical(folder: Path = Path()):
+def logical(folder: Path = Path(), **more):
     parameters = [
         {
             "name": name,
@@ -31,6 +31,7 @@ def logical(folder: Path = Path()):
         "ego": {"speed": "ego_speed"},
         "vehicle": [{"name": "lead", "speed": "lead_speed", "gap": "headway * ego_speed"}],
         "zone": {"obstacle": "lead"},
+        **more,
     }
     return scenario_from(content, "the rare scenario", folder)
 

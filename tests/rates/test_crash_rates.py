@@ -11,7 +11,7 @@ from rates.rare import estimate, logical
 
 from sumo_eval.extras.rates.campaign import EncounterSpace, part_of, summed
 from sumo_eval.extras.rates.campaign_page import lost_words, unseen_words
-from sumo_eval.extras.rates.importance import DEFENSIVE, estimated, how_met
+from sumo_eval.extras.rates.importance import DEFENSIVE, RareEvents, estimated, how_met
 
 FILE = """
 name = "two drivers"
@@ -60,6 +60,16 @@ def test_a_density_of_encounters_integrates_to_one():
     points = met.base(4000, np.random.default_rng(1))
     assert np.mean(met.density(points) / met.base_density(points)) == pytest.approx(1.0, abs=1e-6)
     assert met.density(np.array([[99.0, 15.0, 2.5]]))[0] == 0.0
+
+
+def test_impossible_points_end_no_search():
+    """1 point of 400 is possible, where 2.8 deviations less than the mean close in on the lead."""
+    narrow = {"require": "ego_speed - lead_speed < 4", "about": "one that hardly closes in"}
+    search = RareEvents(how_met(logical(constraint=[narrow])), 40)
+    while len((draw := search.ask()).points):
+        search.tell(draw, np.zeros(len(draw.points), bool), np.zeros(len(draw.points)))
+    assert search.drives == 40
+    assert search.drawn >= search.counted.sum()
 
 
 def test_without_a_collision_the_limit_is_that_of_drawn_drives():

@@ -254,20 +254,24 @@ class RareEvents:
 
     def _count(self, size: int, stream: np.random.Generator) -> Draw:
         logical, mixtures = self.met.logical, self._mixtures(stream)
-        rows = self.met.base(size, stream)
         defensive = DEFENSIVE if mixtures else 1.0
-        share = stream.uniform(size=size)
-        volume = float(np.prod(logical.high - logical.low))
-        for number, mixture in enumerate(mixtures):
-            chosen = (share >= defensive) & ((np.arange(size) % len(mixtures)) == number)
-            rows = np.where(chosen[:, None], logical.from_unit(mixture.draw(size, stream)), rows)
-        density = self.met.density(rows)
+        drawn, density = 0, np.zeros(size)
+        while not density.any():  # impossible points count, but end no search
+            rows = self.met.base(size, stream)
+            share = stream.uniform(size=size)
+            for number, mixture in enumerate(mixtures):
+                chosen = (share >= defensive) & ((np.arange(size) % len(mixtures)) == number)
+                unit = mixture.draw(size, stream)
+                rows = np.where(chosen[:, None], logical.from_unit(unit), rows)
+            density = self.met.density(rows)
+            drawn += size
         rows, density = rows[density > 0.0], density[density > 0.0]
+        volume = float(np.prod(logical.high - logical.low))
         proposal = defensive * self.met.base_density(rows)
         for number, mixture in enumerate(mixtures):
             part = (1.0 - defensive) * (len(range(number, size, len(mixtures))) / size)
             proposal = proposal + part * mixture.density(logical.to_unit(rows)) / volume
-        return Draw(rows, density / proposal, size)
+        return Draw(rows, density / proposal, drawn)
 
     def _mixtures(self, stream: np.random.Generator) -> list[Mixture]:
         """Gaussians over points that may collide, and over those that almost surely do; over
