@@ -86,33 +86,63 @@ def _evaluation(
     """The run's settings with this scenario, this point and this ADS alone; paths of its files made
     absolute.
     """
-    ads = next(item for item in settings.ads if item.name == fact.driver)
     sampling = SamplingSettings(method="file", file=points)  # its column has the exposure
-    space = str(source / entry.use) if is_file(entry.use) else made_absolute(entry.use, source)
+    entry = replace(entry, sampling=sampling, exposure=ExposureSettings())
+    ads = next(item for item in settings.ads if item.name == fact.driver)
+    alone = absolute(replace(settings, scenario=(entry,), ads=(ads,)), source)
+    (there,) = alone.scenario
+    return replace(
+        alone,
+        scenario=(replace(there, sampling=sampling),),
+        run=replace(settings.run, qualification=""),  # it is about the run that this case is of
+    )
+
+
+def absolute(settings: EvaluationSettings, source: Path) -> EvaluationSettings:
+    """The settings with the paths of files absolute, so that they hold in a file of any folder.
+
+    source: the folder where they start.
+    """
+
+    def path(name: str | None) -> str:
+        return str(source / name) if name else ""
+
+    def scenario(entry: ScenarioSettings) -> ScenarioSettings:
+        sampling, exposure = entry.sampling, entry.exposure
+        sampling = replace(
+            sampling,
+            method=sampling.method and made_absolute(sampling.method, source),
+            file=path(sampling.file) or None,
+        )
+        exposure = replace(exposure, recordings=tuple(map(path, exposure.recordings)))
+        use = path(entry.use) if is_file(entry.use) else made_absolute(entry.use, source)
+        return replace(entry, use=use, sampling=sampling, exposure=exposure)
+
     plant, drivers = settings.simulation.plant, settings.drivers
     if plant is not None:
-        plant = replace(plant, file=str(source / plant.file))
+        plant = replace(plant, file=path(plant.file))
     collision = settings.method.collision
     collision = replace(collision, severity=made_absolute(collision.severity, source))
     return replace(
         settings,
         method=replace(settings.method, collision=collision),
-        scenario=(replace(entry, use=space, sampling=sampling, exposure=ExposureSettings()),),
-        ads=(
+        scenario=tuple(map(scenario, settings.scenario)),
+        ads=tuple(
             replace(
-                ads,
-                controller=made_absolute(ads.controller, source),
-                files=tuple(str(source / name) for name in ads.files),
-            ),
+                item,
+                controller=made_absolute(item.controller, source),
+                files=tuple(map(path, item.files)),
+            )
+            for item in settings.ads
         ),
         drivers=replace(
             drivers,
             source=made_absolute(drivers.source, source),
-            recordings=tuple(str(source / name) for name in drivers.recordings),
-            cases=str(source / drivers.cases) if drivers.cases else "",
+            recordings=tuple(map(path, drivers.recordings)),
+            cases=path(drivers.cases),
         ),
         simulation=replace(settings.simulation, plant=plant),
-        run=replace(settings.run, qualification=""),  # it is about the run that this case is of
+        run=replace(settings.run, qualification=path(settings.run.qualification)),
     )
 
 

@@ -4,6 +4,8 @@ step by step."""
 import asyncio
 import csv
 import json
+import shutil
+import tomllib
 from contextlib import suppress
 
 import pytest
@@ -16,7 +18,7 @@ import sumo_eval
 from sumo_eval.errors import InputError
 from sumo_eval.extras.studies.opinion import compare_opinion, read_ratings
 from sumo_eval.extras.wheel.messages import MOST_A_SECOND
-from sumo_eval.extras.wheel.outcome import collect
+from sumo_eval.extras.wheel.outcome import collect, evaluation_of
 from sumo_eval.extras.wheel.page import page
 from sumo_eval.extras.wheel.plan import read_study
 from sumo_eval.extras.wheel.study import participants, study
@@ -204,6 +206,28 @@ def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan, tm
         in sentences[0]
     )
     assert sentences[1:] == [f"{it.participant}, {it.case}: {it.why}." for it in found.left]
+
+
+def test_an_evaluation_with_people_finds_the_files_of_its_run(plan, tmp_path, monkeypatch):
+    monkeypatch.setattr("sumo_eval.record.trust._asked", True)  # as `--trust` does
+    run = tmp_path / "run"
+    shutil.copytree(plan.run, run)
+    text = (run / "evaluation.toml").read_text()
+    for key, value in (
+        ('severity = "severity"', 'severity = "harm.py:loss"'),
+        ("recordings = []", 'recordings = ["people.csv"]'),
+        ('qualification = ""', 'qualification = "tool"'),
+    ):
+        assert key in text
+        text = text.replace(key, value)
+    (run / "evaluation.toml").write_text(text)
+    found = tomllib.loads(evaluation_of(plan._replace(run=run), 3))
+    source = plan.run.parent
+    assert found["method"]["collision"]["severity"] == f"{source / 'harm.py'}:loss"
+    assert found["run"]["qualification"] == str(source / "tool")
+    assert found["drivers"]["recordings"] == []
+    exposures = [entry["exposure"]["recordings"] for entry in found["scenario"]]
+    assert exposures == [[str(source / "people.csv")]] * len(exposures)
 
 
 def test_a_study_file_with_a_mistake_gets_a_sentence(plan):

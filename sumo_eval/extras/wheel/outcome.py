@@ -14,13 +14,13 @@ from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sumo_eval.cosim.doors.entry import made_absolute
 from sumo_eval.errors import InputError, said
 from sumo_eval.extras.wheel.plan import StudyCase, StudyPlan
 from sumo_eval.extras.wheel.quality import Quality
 from sumo_eval.extras.wheel.study import Participant, participants
 from sumo_eval.extras.wheel.tape import digest, drive_again, read_tape
 from sumo_eval.record.run_folder import read_manifest, read_settings
+from sumo_eval.report.export_case import absolute
 from sumo_eval.report.page import write_csv
 from sumo_eval.report.people import STUDY, drawn_words
 from sumo_eval.settings.config import to_toml
@@ -191,34 +191,18 @@ def _broken_off(person: Participant) -> list[LeftOut]:
 
 def evaluation_of(plan: StudyPlan, people: int) -> str:
     """The run's evaluation with these people instead of its drivers, as TOML."""
-    settings = read_settings(plan.run)
-    source = Path(read_manifest(plan.run)["source_folder"])
-
-    def located(use: str) -> str:
-        is_file = (source / use.partition("?")[0]).is_file()
-        return str(source / use) if is_file else made_absolute(use, source)
-
-    def moved(item: Any) -> Any:
-        """Settings with a file relative to the run's."""
-        there = item is not None and item.file is not None
-        return replace(item, file=str(source / item.file)) if there else item
-
+    settings = absolute(read_settings(plan.run), Path(read_manifest(plan.run)["source_folder"]))
     drivers = replace(
         settings.drivers, source="recorded", recordings=(), cases=str(plan.folder / DRIVES),
         least=max(math.ceil(MOST_OF_THEM * people), 2), too_thin="leave_out",
     )  # fmt: skip
-    scenarios = [
-        replace(it, use=located(it.use), sampling=moved(it.sampling)) for it in settings.scenario
-    ]
-    ads = [
-        replace(it, controller=made_absolute(it.controller, source),
-            files=tuple(str(source / name) for name in it.files))
-        for it in settings.ads
-    ]  # fmt: skip
-    evaluation = replace(
-        settings, name=f"{settings.name} with people", drivers=drivers, scenario=tuple(scenarios),
-        ads=tuple(ads),
-        simulation=replace(settings.simulation, plant=moved(settings.simulation.plant)),
-    )  # fmt: skip
+    # exposure without tables of its own is from those of the drivers
+    tables = settings.drivers.recordings
+    scenarios = tuple(
+        replace(it, exposure=replace(it.exposure, recordings=it.exposure.recordings or tables))
+        for it in settings.scenario
+    )
+    name = f"{settings.name} with people"
+    evaluation = replace(settings, name=name, drivers=drivers, scenario=scenarios)
     title = f"# The evaluation of {plan.run} with the people of the study `{plan.settings.name}`."
     return f"{title}\n{to_toml(evaluation)}"
