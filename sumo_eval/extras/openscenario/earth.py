@@ -53,10 +53,11 @@ def _projection(position: Node, reference: Node | None) -> dict[str, float]:
     text = "" if reference is None else str(reference.element.text)
     given = dict(_PART.findall(text))
     it = {"x_0": 0.0, "y_0": 0.0, "lat_0": 0.0, "lon_0": 0.0, "k": 1.0, "k_0": 1.0, "zone": 0.0}
-    numbers = {name: number_of(given[name]) for name in it if name in given}
+    written = {name: number_of(given[name]) for name in it if name in given}
+    numbers = {name: value for name, value in written.items() if value is not None}
     kind = given.get("proj"), given.get("units", "m")
     known = kind == ("tmerc", "m") or (kind == ("utm", "m") and "zone" in given)
-    if not known or None in numbers.values() or "to_meter" in given:
+    if not known or len(numbers) < len(written) or "to_meter" in given:
         raise position.fault(
             "the <geoReference> of its map must be of +proj=tmerc or +proj=utm +zone=, in m and "
             f"decimal degrees, got {text.strip() or 'none'}"
