@@ -31,7 +31,7 @@ from sumo_eval.report.evidence import write_evidence
 from sumo_eval.report.found_cases import nearest_cases
 from sumo_eval.report.html import write_report
 from sumo_eval.report.junit import run_suites, write_junit
-from sumo_eval.report.people import people_rows, worst_cases
+from sumo_eval.report.people import MOST_WORST, people_rows
 from sumo_eval.report.sent_drives import Embedded
 from sumo_eval.report.tables import cases_csv
 from sumo_eval.report.terminal import closing_lines, ledger_lines
@@ -43,6 +43,7 @@ from sumo_eval.scoring.confidence.assessment import assess
 from sumo_eval.scoring.confidence.drivers import driver_deviations
 from sumo_eval.scoring.confidence.intervals import REPLICATES, Judged, score_intervals
 from sumo_eval.scoring.confidence.resamples import strata
+from sumo_eval.scoring.driver_bands import below_drivers
 from sumo_eval.scoring.findings import Findings
 from sumo_eval.scoring.kept_scores import KeptChunk, table_of
 from sumo_eval.scoring.ledger import ledger
@@ -184,7 +185,7 @@ PARTS: dict[str, Callable[[Evaluation, Path], object]] = {
     "terminal": lambda run, _: closing_lines(run),
     "shown cases": lambda run, _: shown_cases(run),
     "preventability": lambda run, _: preventability(run),
-    "people": lambda run, _: (people_rows(run), worst_cases(run), index_notes(run)),
+    "people": lambda run, _: (people_rows(run), below_drivers(run, MOST_WORST), index_notes(run)),
     "why": lambda run, _: why(run),
     "found cases": lambda run, _: named(run),
     "page": lambda run, _: written_page(run),

@@ -16,12 +16,9 @@ from sumo_eval.report.words import (
 )
 from sumo_eval.results import Evaluation, RankedAds
 from sumo_eval.scoring.behaviour import Behaviour, behaviour_of, harm_beside, ranked
-from sumo_eval.scoring.rule import sign_test
 
-CONTACT = 50.0 / 3.6
-"""Impact speed that excess impact speed is counted in, m/s."""
-BY_CHANCE = 0.05
-"""Probability of a sign test below which two ADSs count as different."""
+SELDOM = 2.0 / 3.0
+"""Most contacts a case that the page states as cases for each contact: 1.5 cases."""
 MOST_NAMED = 3
 """ADSs that share the first place and are named; the rest is a number."""
 
@@ -78,9 +75,9 @@ def safety_words(evaluation: Evaluation, found: Behaviour) -> str:
         return hits
     spaces = {score.scenario for score in evaluation.scores}
     grids = "this grid" if len(spaces) == 1 else "these grids"
-    every = CONTACT / found.excess
-    often = f"one 50 km/h contact every {every:z.0f} cases"
-    often = often if every >= 1.5 else f"{1.0 / every:z.1f} contacts at 50 km/h a case"
+    often = f"one 50 km/h contact every {1.0 / found.contacts:z.0f} cases"
+    if found.contacts > SELDOM:
+        often = f"{found.contacts:z.1f} contacts at 50 km/h a case"
     speed = (
         "; as much excess impact speed"
         if hit
@@ -99,14 +96,13 @@ def _safest(evaluation: Evaluation, every: Sequence[Behaviour]) -> str:
     if len(known) == 1:
         return words
     other = known[1].ads
-    less, more, common = harm_beside(evaluation, known[0].ads, other)
-    if less == more == 0:  # none in common: single cases that `run.only` names
-        return f"{words} {other} does the same harm in every case." if common else words
-    chance = min(1.0, 2.0 * sign_test(max(less, more), min(less, more)))
-    apart = "Told apart" if chance < BY_CHANCE and less > more else "Not told apart"
+    beside = harm_beside(evaluation, known[0].ads, other)
+    if beside.less == beside.more == 0:  # none in common: single cases that `run.only` names
+        return f"{words} {other} does the same harm in every case." if beside.common else words
+    apart = "Told apart" if beside.told_apart else "Not told apart"
     return (
-        f"{words} {apart} from {other}: less harm in {count(less, 'case')}, more in {more} (sign "
-        f"test, p = {chance:z.2g})."
+        f"{words} {apart} from {other}: less harm in {count(beside.less, 'case')}, more in "
+        f"{beside.more} (sign test, p = {beside.chance:z.2g})."
     )
 
 

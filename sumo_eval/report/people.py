@@ -6,15 +6,12 @@ import json
 from collections.abc import Mapping
 from typing import Any, Final
 
-import numpy as np
-
-from sumo_eval.cases import CaseTable
 from sumo_eval.errors import InputError, said
 from sumo_eval.input_file import read_input_text
 from sumo_eval.report.verdict import Beside
-from sumo_eval.report.words import TWO_GROUPS, count, number, percent
+from sumo_eval.report.words import TWO_GROUPS, count, percent
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.findings import findings, mean_of
+from sumo_eval.scoring.driver_bands import DriverBand, below_drivers, driver_bands
 from sumo_eval.text import capitalised
 
 MOST_WORST = 10  # cases
@@ -27,7 +24,7 @@ def people_context(evaluation: Evaluation, _: Beside) -> dict[str, Any]:
     return {
         "mode": evaluation.settings.method.anthropomorphic.mode,
         "rows": people_rows(evaluation),
-        "worst": worst_cases(evaluation),
+        "worst": below_drivers(evaluation, MOST_WORST),
         "study": study_sentences(evaluation),
         "exposures": [
             (name, f"{capitalised(str(found.get('about', 'not recorded')))}.")
@@ -80,49 +77,27 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
 
 
 def people_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
-    """A row for each score whose cases have a D_i: its ADS beside the drivers who were each left
-    out once, means weighted by exposure.
-    """
-    rows = []
-    for one in findings(evaluation):
-        score, own = one.score, one.cases[one.indexed]
-        if not len(own):
-            continue
-        drivers, banded = own.drivers, np.isfinite(own.human_mean).sum()
-        below = (own.index < own.human_low).sum()
-        numbers = np.unique(drivers[np.isfinite(drivers)]).astype(int).tolist()
-        recorded, everybody = (int(np.nansum(values)) for values in (own.recorded_drivers, drivers))
-        range_ = "–".join(dict.fromkeys(str(n) for n in (*numbers[:1], *numbers[-1:]))) or "no"
-        low, mean, high = (
-            mean_of(getattr(own, f"human_{end}"), own.exposure) for end in ("low", "mean", "high")
-        )
-        rows.append({
-            "scenario": score.scenario, "ads": score.ads, "d": number(score.d, 3),
-            "low": number(low, 3), "mean": number(mean, 3), "high": number(high, 3),
-            "below": f"{below} of {banded}",
-            "drivers": f"{range_} a case, {percent(recorded / everybody if everybody else 0.0)} "
-                       "recorded",
-            "warnings": _warnings(own),
-        })  # fmt: skip
-    return rows
+    """A row for each score whose cases have a D_i: its ADS beside the drivers."""
+    return [
+        {
+            "of": band,
+            "drivers": f"{_range(band)} a case, {percent(band.recorded)} recorded",
+            "warnings": _warnings(band),
+        }
+        for band in driver_bands(evaluation)
+    ]  # fmt: skip
 
 
-def _warnings(cases: CaseTable) -> tuple[str, ...]:
-    """Limitations of the numbers on the safe cases with a D_i.
+def _range(band: DriverBand) -> str:
+    return "–".join(dict.fromkeys(map(str, band.drivers))) or "no"
 
-    cases: these.
-    """
+
+def _warnings(band: DriverBand) -> list[str]:
+    """Limitations of the numbers."""
     said = (
-        ("Reference too thin in {}.", sum(note is not None for note in cases.reference_note)),
-        ("{} outside the support of the recorded exposure.", (cases.exposure_note != "").sum()),
-        (f"In {{}} {TWO_GROUPS}", cases.bimodal.sum()),
-        ("In {} no driver made the ADS's manoeuvre.", (cases.manoeuvre_share == 0.0).sum()),
+        ("Reference too thin in {}.", band.thin),
+        ("{} outside the support of the recorded exposure.", band.outside),
+        (f"In {{}} {TWO_GROUPS}", band.bimodal),
+        ("In {} no driver made the ADS's manoeuvre.", band.unlike),
     )
-    return tuple(words.format(count(int(number), "case")) for words, number in said if number)
-
-
-def worst_cases(evaluation: Evaluation) -> CaseTable:
-    """The cases in which an ADS scores furthest below the drivers' own mean."""
-    cases, below = evaluation.cases, evaluation.cases.index - evaluation.cases.human_mean
-    places = np.flatnonzero(below < 0.0)
-    return cases[places[np.lexsort((cases.case[places], below[places]))[:MOST_WORST]]]
+    return [words.format(count(number, "case")) for words, number in said if number]

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from sumo_eval.cases import CaseResult, point_numbers
 from sumo_eval.results import Evaluation, RankedAds
 from sumo_eval.scoring.findings import findings, mean_of
+from sumo_eval.scoring.rule import sign_test
+
+CONTACT = 50.0 / 3.6
+"""Impact speed that excess impact speed is counted in, m/s."""
+BY_CHANCE = 0.05
+"""Probability of a sign test below which two ADSs count as different."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +42,11 @@ class Behaviour:
     excess: float
     grade: float | None
     human: float | None
+
+    @property
+    def contacts(self) -> float:
+        """The excess as contacts at `CONTACT` a case."""
+        return self.excess / CONTACT
 
 
 def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
@@ -94,10 +106,28 @@ def _mean(values: Iterable[tuple[float | None, float]]) -> float | None:
     return sum((value or 0.0) * weight for value, weight in pairs) / whole
 
 
-def harm_beside(evaluation: Evaluation, first: str, second: str) -> tuple[int, int, int]:
-    """In how many cases of both ADSs the first does less and more avoidable harm than the second,
-    and how many they have in common.
+class HarmBeside(NamedTuple):
+    """Numbers of cases in which an ADS does less and more avoidable harm than a second ADS, and of
+    all that both have.
     """
+
+    less: int
+    more: int
+    common: int
+
+    @property
+    def chance(self) -> float:
+        """P of the two-sided sign test."""
+        return min(1.0, 2.0 * sign_test(max(self[:2]), min(self[:2])))
+
+    @property
+    def told_apart(self) -> bool:
+        """Whether the ADS does less harm, and not by chance."""
+        return self.chance < BY_CHANCE and self.less > self.more
+
+
+def harm_beside(evaluation: Evaluation, first: str, second: str) -> HarmBeside:
+    """Compare the avoidable harm of two ADSs case by case."""
     beside = {one.score.scenario: one for one in findings(evaluation, second)}
     differences = [np.empty(0)]
     for own in findings(evaluation, first):
@@ -106,7 +136,8 @@ def harm_beside(evaluation: Evaluation, first: str, second: str) -> tuple[int, i
             here, there = np.intersect1d(ours, theirs, return_indices=True)[1:]
             differences.append(own.beyond[here] - other.beyond[there])
     all_cases = np.concatenate(differences)
-    return int((all_cases < 0.0).sum()), int((all_cases > 0.0).sum()), len(all_cases)
+    less, more = (all_cases < 0.0).sum(), (all_cases > 0.0).sum()
+    return HarmBeside(int(less), int(more), len(all_cases))
 
 
 def worst_case(evaluation: Evaluation, order: Sequence[str]) -> CaseResult | None:

@@ -1,0 +1,45 @@
+"""Cases of a run by their parameters: those nearest to given values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from sumo_eval.cases import CaseTable
+from sumo_eval.errors import InputError, check_known
+from sumo_eval.results import Evaluation
+
+
+def nearest(
+    evaluation: Evaluation,
+    values: Mapping[str, float],
+    ads: str | None,
+    scenario: str | None,
+    most: int,
+) -> Iterator[tuple[CaseTable, CaseTable]]:
+    """All cases of each ADS in a scenario, and the `most` of them that are nearest to parameter
+    values, nearest first.
+
+    Distance: in the unit box, over the parameters that are given.
+
+    ads, scenario: only those; None: every ADS, and the first scenario that has all of these
+        parameters.
+    Raises InputError for one that the run does not have.
+    """
+    scenarios = evaluation.scenarios
+    having = [name for name, logical in scenarios.items() if values.keys() <= set(logical.names)]
+    name = scenario or next(iter((*having, *scenarios)))
+    check_known("scenario of this run", scenarios, name)
+    everybody = evaluation.ads_names if ads is None else [ads]
+    check_known("ADS of this run", evaluation.ads_names, *everybody)
+    logical = scenarios[name]
+    check_known(f"parameter of scenario `{name}`", logical.names, *values)
+    if bad := [item for item in values.items() if not np.isfinite(item[1])]:
+        raise InputError(f"`{bad[0][0]}` must be a finite number, got {bad[0][1]}.")
+    columns = [logical.column(parameter) for parameter in values]
+    spans = (logical.high - logical.low)[columns]
+    for one in everybody:
+        cases = evaluation.cases_of(one, name)
+        away = (cases.parameters(list(values)) - list(values.values())) / spans
+        yield cases, cases[np.argsort((away**2).sum(axis=1), kind="stable")[:most]]
