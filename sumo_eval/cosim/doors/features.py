@@ -36,6 +36,7 @@ from sumo_eval.settings.checked import Checked, Positive
 from sumo_eval.settings.config import read_checked, to_toml
 
 Floats = NDArray[Any]
+_Reader = Callable[[Observations, str], Floats]
 ACTIONS = ("acceleration", "steering")
 
 _EGO = ("x", "y", "heading", "speed", "acceleration", "lane", "length", "width")
@@ -149,18 +150,24 @@ class Interface(Checked):
         return len(self.actions) if self.choices is None else len(self.choices)
 
     @cached_property
-    def _readers(self) -> list[tuple[Callable[[Observations, str], Floats], float]]:
-        return [_reader(feature.name) for feature in self.features]
+    def _readers(self) -> list[tuple[_Reader, float]]:
+        """Reader of each feature, and its value where there is no such vehicle."""
+        return [
+            (
+                _reader(it.name),
+                _WHERE_ABSENT.get(it.name.rpartition(".")[2], 0.0)
+                if it.absent is None
+                else it.absent,
+            )
+            for it in self.features
+        ]
 
     def show(self, seen: Observations) -> NDArray[np.float32]:
         """The features of n cases, (n, number of features)."""
         n = len(seen.number)
         raw = np.empty((n, len(self.features)))
-        for column, (feature, (read, otherwise)) in enumerate(
-            zip(self.features, self._readers, strict=True)
-        ):
+        for column, (read, absent) in enumerate(self._readers):
             value = read(seen, self.frame)
-            absent = otherwise if feature.absent is None else feature.absent
             # readers give nan or inf where there is no such vehicle
             raw[:, column] = np.where(np.isfinite(value), value, absent)
         scaling = self._scaling
@@ -255,25 +262,21 @@ def usual(*, steering: bool = False, vehicles: int = 2) -> Interface:
     return Interface(tuple(features), tuple(actions))
 
 
-def _reader(name: str) -> tuple[Callable[[Observations, str], Floats], float]:
-    """Reader of a feature (nan or inf for a missing vehicle), and the value for a missing one."""
+def _reader(name: str) -> _Reader:
+    """Reader of a feature; it gives nan or inf for a missing vehicle."""
     what, _, rest = name.partition(".")
     if name in _UNGROUPED:
-        return _UNGROUPED[name], 0.0
-    if what == "ego" and rest in _EGO:
-        return lambda seen, frame: np.asarray(getattr(seen.ego, rest)), 0.0
-    if what == "lead" and rest in _LEAD:
-        absent = _WHERE_ABSENT.get(rest, 0.0)
-        return lambda seen, frame: np.asarray(getattr(seen.lead, rest)), absent
+        return _UNGROUPED[name]
+    if (what == "ego" and rest in _EGO) or (what == "lead" and rest in _LEAD):
+        return lambda seen, frame: np.asarray(getattr(getattr(seen, what), rest))
     number, _, value = rest.partition(".")
     if what == "vehicles" and number.isdigit() and int(number) > 0 and value in _VEHICLE:
         place = int(number) - 1
-        absent = _WHERE_ABSENT.get(value, 0.0)
-        return lambda seen, frame: _of_vehicle(seen, frame, place, value), absent
+        return lambda seen, frame: _of_vehicle(seen, frame, place, value)
     raise unknown("feature", name, NAMES)
 
 
-_UNGROUPED: Mapping[str, Callable[[Observations, str], Floats]] = {
+_UNGROUPED: Mapping[str, _Reader] = {
     "time": lambda seen, frame: np.full(len(seen.number), seen.time),
     "left_edge": lambda seen, frame: seen.road.left_edge_at(seen.ego.x) - seen.ego.y,
     "right_edge": lambda seen, frame: seen.ego.y - seen.road.right_edge_at(seen.ego.x),

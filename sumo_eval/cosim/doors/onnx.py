@@ -21,10 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.controller import Briefing, PolicyController
+from sumo_eval.cosim.doors.entry import steps_between
 from sumo_eval.cosim.doors.features import Interface, read_interface
 from sumo_eval.cosim.doors.observation import Observations
 from sumo_eval.errors import ControllerError, InputError, check_known, must_be, needs_extra, said
 from sumo_eval.input_file import input_file
+from sumo_eval.trajectory import FloatArray
 
 BLOCK = 32  # rows that a model is given at once
 _DTYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
@@ -75,20 +77,11 @@ class OnnxPolicy:
 
     def reset(self, briefing: Briefing) -> None:
         """Begin a batch: for how many of its steps an answer holds."""
-        period = self.interface.period
-        self._every = 1 if period is None else round(period / briefing.step)
-        if period is not None and (
-            self._every < 1 or abs(self._every * briefing.step - period) > 1e-9
-        ):
-            raise must_be(
-                "`period`",
-                f"the features table of {self._name}",
-                f"a multiple of {briefing.step:g} s",
-                period,
-            )
+        owner = f"the features table of {self._name}"
+        self._every = steps_between(self.interface.period or 0.0, briefing.step, owner)
         self._step, self._held = briefing.step, np.zeros((0, 2))
 
-    def act(self, seen: Observations) -> NDArray[np.float64]:
+    def act(self, seen: Observations) -> FloatArray:
         """Accelerations, m/s2, and steering wheel angles, rad, (n, 2)."""
         if self._every > 1 and round(seen.time / self._step) % self._every:
             return self._held[seen.number]
