@@ -21,7 +21,7 @@ import cmath
 import functools
 import math
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -55,7 +55,11 @@ SIGNALS = signal_names()
 """Signals for inputs of an ADS; where no vehicle is, its gap is 1000 m."""
 
 _SPEED_TOLERANCE = 0.01  # m/s, between a vehicle model's first speed and the case's: rounding only
-_NUMBERS = ("Real", "Float32", "Float64")
+_MADE: Mapping[str, Callable[[Any], Any]] = {
+    "Real": float, "Float32": float, "Float64": float, "Boolean": bool, "String": str,
+    "Binary": lambda value: str(value).encode(),
+}  # fmt: skip
+"""Values of types other than whole numbers."""
 _WHOLE = {
     "Integer": 32, "Int8": 8, "Int16": 16, "Int32": 32, "Int64": 64, "UInt8": -8, "UInt16": -16,
     "UInt32": -32,
@@ -63,7 +67,7 @@ _WHOLE = {
 }  # fmt: skip
 """Types of whole numbers and their bits, negative without a sign."""
 _TEXTS = ("String", "Binary")
-_TYPES = (*_NUMBERS, *_WHOLE, "Boolean", *_TEXTS)
+_TYPES = (*_MADE, *_WHOLE)
 _FATAL = 4  # fmi2Fatal, fmi3Fatal
 AS_IT_STARTS = "start"
 """In the place of a signal: the input keeps the start value of the FMU.
@@ -376,14 +380,8 @@ class _Fmu:
 
     def _plain(self, variable: Any, value: Any) -> Any:
         kind = variable.type
-        if kind == "String":
-            return str(value)
-        if kind == "Binary":
-            return str(value).encode()
-        if kind == "Boolean":
-            return bool(value)
-        if kind in _NUMBERS:
-            return float(value)
+        if kind in _MADE:
+            return _MADE[kind](value)
         whole, bits = round(value), _WHOLE[kind]
         span = 1 << abs(bits)
         low = -span // 2 if bits > 0 else 0
@@ -402,19 +400,11 @@ def _count(variable: Any) -> int | None:
 
 def _objects(seen: Observation) -> dict[str, list[float]]:
     """Values of each vehicle that is seen, the nearest first, then those of an empty place."""
-    found: dict[str, list[float]] = {}
-    empty = {"gap": NO_LEAD_GAP, "kind": -1.0}  # all else 0
-    for name in OBJECTS:
-        field_name = name.removeprefix("objects_")
-        if field_name == "kind":
-            values = [float(KINDS[it.kind]) for it in seen.vehicles]
-        else:
-            values = [
-                1.0 if field_name == "present" else float(getattr(it, field_name))
-                for it in seen.vehicles
-            ]
-        found[name] = [*values, empty.get(field_name, 0.0)]
-    return found
+    rows = [(1, *it[1:-1], KINDS[it.kind]) for it in seen.vehicles]
+    empty = {"objects_gap": NO_LEAD_GAP, "objects_kind": -1}  # all else 0
+    rows.append(tuple(empty.get(name, 0) for name in OBJECTS))
+    columns = zip(*rows, strict=True)
+    return {name: [*map(float, column)] for name, column in zip(OBJECTS, columns, strict=True)}
 
 
 @dataclass(slots=True)
