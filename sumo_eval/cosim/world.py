@@ -9,13 +9,12 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.cosim.contact import Body, describe, within_a_turn
 from sumo_eval.cosim.doors.fault_place import fault_place
@@ -64,9 +63,18 @@ from sumo_eval.scenario.played import (
 from sumo_eval.scenario.road.reference_line import curvatures, knots_of, map_places
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.text import clean, clean_log, traceback_of
-from sumo_eval.trajectory import CHANNELS, Alone, Clip, Collision, EndReason, Recording, Trajectory
+from sumo_eval.trajectory import (
+    CHANNELS,
+    Alone,
+    Clip,
+    Collision,
+    EndReason,
+    FloatArray,
+    IntArray,
+    Recording,
+    Trajectory,
+)
 
-_ENDS = ("time_limit", "standstill_speed", "standstill_time", "end_when_decided")
 _ARRIVED = 0.101  # m; SUMO removes a vehicle whose front is nearer to the end of the last lane
 
 
@@ -74,14 +82,6 @@ def described(road: Road, vehicle: VehicleSettings, settings: SimulationSettings
     """Two `SCENARIO` records (one for a step, one for a cycle of decisions) for all rows with this
     road and vehicle.
     """
-    ends = tuple(float(getattr(settings, name)) for name in _ENDS)
-    return _described(road, vehicle, settings.step, ends).copy()
-
-
-@lru_cache(maxsize=16)
-def _described(
-    road: Road, vehicle: VehicleSettings, step: float, ends: tuple[float, ...]
-) -> Records:
     records = np.zeros(2, SCENARIO)
     for name in ("length", "right_edge", "left_edge", "lane_width", "lanes", "bent", "shaped"):
         records["road"][name] = getattr(road, name)
@@ -92,9 +92,10 @@ def _described(
             records["road"][f"{side}_{name}"] = place
     for name, _ in LIMITS:
         records["vehicle"][name] = getattr(vehicle, name)
+    step = settings.step
     records["step"] = step, max(round(CYCLE / step), 1) * step
-    for name, value in zip(_ENDS, ends, strict=True):
-        records[name] = value
+    for name in ("time_limit", "standstill_speed", "standstill_time", "end_when_decided"):
+        records[name] = getattr(settings, name)
     return records
 
 
@@ -218,9 +219,7 @@ class World:
         )
         return ended
 
-    def read(
-        self, numbers: NDArray[np.int64], read: NDArray[np.float64], odd: NDArray[np.int64]
-    ) -> int:
+    def read(self, numbers: IntArray, read: FloatArray, odd: IntArray) -> int:
         """Take in what SUMO shows of vehicles, as in `read_rows`."""
         left: int = self._run(read_rows, self.scenes, self.scenario, numbers, read, odd)
         return left
@@ -322,7 +321,7 @@ class World:
             self.samples = grown
             self.gather()
 
-    def keep(self, rows: NDArray[np.intp]) -> None:
+    def keep(self, rows: IntArray) -> None:
         """Drop all rows but these; keep their order."""
         held = ("rows", "egos", "others", "clips", "seen", "shown", "samples", "_commands")
         for name in held:
@@ -395,18 +394,18 @@ class World:
 
         wall_time: of all cases together, s.
         """
-        each = wall_time / len(self.cases)
-        return [
-            self.left[case] if case in self.left else self._recording(case, each)
-            for case in range(len(self.cases))
-        ]
-
-    def _recording(self, case: int, wall_time: float) -> Recording:
-        error = self.errors.get(case)
-        return self.ended[case](
-            None if error is None else clean(error), clean_log(self.logs.get(case, "")),
-            self.latencies.of(case), wall_time, self.places.get(case, ""), self._batched,
-        )  # fmt: skip
+        recordings: list[Recording | Alone] = []
+        for case in range(len(self.cases)):
+            if case in self.left:
+                recordings.append(self.left[case])
+                continue
+            error = self.errors.get(case)
+            recordings.append(self.ended[case](
+                None if error is None else clean(error), clean_log(self.logs.get(case, "")),
+                self.latencies.of(case), wall_time / len(self.cases), self.places.get(case, ""),
+                self._batched,
+            ))  # fmt: skip
+        return recordings
 
     def _trajectory(
         self, row: int, vehicle: int, count: int, body: VehicleSettings | Actor
@@ -449,11 +448,10 @@ def _new_notes() -> Any:
 
 def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: int) -> Records:
     egos = np.zeros(len(cases), EGO)
-    for name in ("x", "y", "speed"):
+    for name in ("x", "y", "speed", "heading"):
         egos[name] = [getattr(concrete.ego, name) for concrete in cases]
     egos["length"], egos["width"] = vehicle.length, vehicle.width
     egos["live"], egos["placed"] = 1, placed
-    egos["heading"] = [concrete.ego.heading for concrete in cases]
     egos["way"]["start"], egos["way"]["length"] = egos["y"], 1.0
     for i, concrete in enumerate(cases):
         if concrete.ego.way is not None:
