@@ -17,6 +17,7 @@ from sumo_eval.errors import InputError
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.intp]
 EndReason = Literal[
     "contact",  # of the ego with another body
     "standstill",  # of the ego, with nothing left to happen

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.compiled import Compiled
@@ -54,7 +53,7 @@ from sumo_eval.kernels import bound
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import SENTENCE, words_of
-from sumo_eval.trajectory import Alone, EndReason
+from sumo_eval.trajectory import Alone, EndReason, FloatArray, IntArray
 
 _LONGEST_WORDS = SENTENCE - 20  # characters of an adapter's message, to which the time is added
 _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
@@ -110,7 +109,7 @@ class EgoControl:
     def after(self, world: World, now: float) -> None:
         """Act after SUMO's step to `now`, s."""
 
-    def keep(self, world: World, rows: NDArray[np.intp]) -> None:
+    def keep(self, world: World, rows: IntArray) -> None:
         """Drop all rows but these; keep their order."""
 
     def release(self, world: World, row: int) -> None:
@@ -368,7 +367,7 @@ class Rules(EgoControl):
         world.latencies.shared.append(took)
         self._pass_on(world, took)
 
-    def keep(self, world: World, rows: NDArray[np.intp]) -> None:
+    def keep(self, world: World, rows: IntArray) -> None:
         """Keep the memory of these rows."""
         self._arrays = tuple(
             type(it)(*(array[rows] for array in it)) if isinstance(it, tuple) else it[rows]
@@ -383,7 +382,7 @@ class Replay(NamedTuple):
     until: index of the first step of braking.
     """
 
-    commands: NDArray[np.float64]
+    commands: FloatArray
     until: int
 
 
@@ -413,7 +412,7 @@ class Replays(EgoControl):
         if world.cases[0].road.bent and self._moved.any():
             self._commands[self._moved, :, -1] = self._steering(world)[self._moved]
 
-    def _steering(self, world: World) -> NDArray[np.float64]:
+    def _steering(self, world: World) -> FloatArray:
         """Steering wheel angles by which the vehicle turns as it did in each step, rad."""
         heading, speed = self._commands[..., 2], self._commands[..., 3]
         turned = np.diff(heading, axis=1, prepend=heading[:, :1])
@@ -465,7 +464,7 @@ class Policies(EgoControl):
         ]
         self.keep(world, world.rows)
 
-    def keep(self, world: World, rows: NDArray[np.intp]) -> None:
+    def keep(self, world: World, rows: IntArray) -> None:
         """Drop all rows but these; keep their order."""
         self._limited = self._limited[rows]
         if self._perception is not None:
@@ -668,7 +667,7 @@ class OverArrays(Policies):
         world.latencies.shared.append(took)
         self._pass_on(world, took)
 
-    def _command(self, world: World, live: NDArray[np.intp], seen: Observations) -> None:
+    def _command(self, world: World, live: IntArray, seen: Observations) -> None:
         """Write the policy's commands for the rows that are live."""
         rows = len(live)
         answer = self._answer(seen, rows)
@@ -683,7 +682,7 @@ class OverArrays(Policies):
         answer = answer.reshape(rows, -1)
         self._commands[live, : answer.shape[1]] = answer
 
-    def _answer(self, seen: Observations, rows: int) -> NDArray[np.float64]:
+    def _answer(self, seen: Observations, rows: int) -> FloatArray:
         asked = clock.perf_counter()
         try:
             answer = np.asarray(self._act(seen), dtype=np.float64)

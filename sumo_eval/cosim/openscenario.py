@@ -44,13 +44,6 @@ from sumo_eval.trajectory import Trajectory
 VERTEX_INTERVAL = 0.1  # s between the vertices of a trajectory
 HEIGHT = 1.5  # m of every body: nothing here knows it, and the format asks
 _ON_FOOT = ("pedestrian", "child")
-_CATEGORIES = {
-    "car": "car",
-    "van": "van",
-    "truck": "truck",
-    "motorcycle": "motorbike",
-    "bicycle": "bicycle",
-}
 
 
 CASE, _SEAL = "sumo_eval_case", "sumo_eval_seal"
@@ -314,7 +307,7 @@ def _entity(name: str, body: str, length: float, width: float, accel: float, dec
             E.Axles(*axles),
             E.Properties(),
             name=name,
-            vehicleCategory=_CATEGORIES[body],
+            vehicleCategory="motorbike" if body == "motorcycle" else body,
         )
     return E.ScenarioObject(it, name=name)
 

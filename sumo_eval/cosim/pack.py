@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.observation import Observations
 from sumo_eval.cosim.records import REASONS
@@ -25,6 +24,7 @@ from sumo_eval.cosim.world import World, kind_of
 from sumo_eval.errors import InputError, SimulationError, must_be
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import ConditionSettings, SimulationSettings
+from sumo_eval.trajectory import FloatArray, IntArray
 
 
 class Pack:
@@ -83,7 +83,7 @@ class Pack:
         world.gather()
         world.egos["begun"][row], world.none_leaves_before = world.steps, 0.0
 
-    def step(self, commands: NDArray[np.float64]) -> NDArray[np.intp]:
+    def step(self, commands: FloatArray) -> IntArray:
         """One step of all rows that have not ended; the rows that end with it.
 
         commands: (n, 2), acceleration, m/s2, and steering wheel angle, rad.

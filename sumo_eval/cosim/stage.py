@@ -14,7 +14,6 @@ from itertools import chain, compress
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.cosim.impossible import FASTEST, LOSS_MARGIN, LOWEST_SPEED, impossible
 from sumo_eval.cosim.records import STRAIGHT, SUMO
@@ -23,7 +22,7 @@ from sumo_eval.cosim.sumo.session import bend_tolerance, check_start
 from sumo_eval.cosim.sumo.shared_files import edge_name, vehicle_names
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import SimulationError
-from sumo_eval.trajectory import Alone, FloatArray
+from sumo_eval.trajectory import Alone, FloatArray, IntArray
 
 # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
 EGO_SPEED_MODE = 6
@@ -235,7 +234,7 @@ class Stage:
         self.speeds |= zip(names, speeds, strict=True)
         return [row for row, j in self._unread if j == 0]
 
-    def _places_of(self, numbers: NDArray[np.int64]) -> list[tuple[int, int]]:
+    def _places_of(self, numbers: IntArray) -> list[tuple[int, int]]:
         return [divmod(number, self._width) for number in numbers.tolist()]
 
     def _look_for_names(self, world: World) -> list[str]:

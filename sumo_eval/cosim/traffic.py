@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.observation import lanes_at
 from sumo_eval.cosim.impossible import FASTEST, LOSS_MARGIN, LOWEST_SPEED, farthest_in
@@ -27,7 +26,7 @@ from sumo_eval.cosim.world import World
 from sumo_eval.scenario.bodies import VULNERABLE
 from sumo_eval.scenario.played import HANDED_OVER
 from sumo_eval.scenario.road.reference_line import curvatures
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 # m by which SUMO's position in a curve may differ: twice `tolerance`, as lanes are polylines of 1 m
 _TOLERANCE_IN_A_CURVE = 0.1
@@ -211,7 +210,7 @@ class Traffic(Stage):
             self._put_on_lane(_OnLane(*values))
 
     def _on_lanes_from(
-        self, number: NDArray[np.intp], begin: FloatArray, y: FloatArray, heading: FloatArray
+        self, number: IntArray, begin: FloatArray, y: FloatArray, heading: FloatArray
     ) -> BoolArray:
         """Whether each vehicle can be put on a lane: it does not walk, is on the lanes, heads in
         their direction, and is further than a step from the network's end.
@@ -223,8 +222,8 @@ class Traffic(Stage):
         return np.asarray(inside & ~self._walks[number])
 
     def _shadow_lanes(
-        self, y: FloatArray, across: FloatArray, lane: NDArray[np.intp], over_line: float
-    ) -> NDArray[np.intp]:
+        self, y: FloatArray, across: FloatArray, lane: IntArray, over_line: float
+    ) -> IntArray:
         """The neighbouring lane into which each body reaches by more than `over_line`, m; of two
         the left one; -1: none.
 
@@ -304,9 +303,7 @@ class Traffic(Stage):
         except self.traci.TraCIException:
             return np.array([[NOWHERE, 0.0, STRAIGHT, 0.0]])
 
-    def _take(
-        self, world: World, rows: NDArray[np.intp], columns: NDArray[np.intp], shown: FloatArray
-    ) -> None:
+    def _take(self, world: World, rows: IntArray, columns: IntArray, shown: FloatArray) -> None:
         """Write positions and speeds of vehicles that react to the world.
 
         shown: as of `_shown`.

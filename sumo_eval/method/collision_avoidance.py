@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.method import checks, score_terms
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 # zones come with scenarios and their files, which a loss or a severity does not need
 if TYPE_CHECKING:
-    from sumo_eval.method.zone_partition import IntArray, ZonePartition
+    from sumo_eval.method.zone_partition import ZonePartition
 
 SMALLEST_OVERLAP = 0.5  # w of Eq. 15 lies in [0.5, 1]
 LOSS_CLASSES = ((15.0, 1.0), (8.0, 0.7), (0.0, 0.4))  # Eq. 14: U above this, m/s -> L

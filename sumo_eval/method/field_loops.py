@@ -14,10 +14,9 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.kernels import keep_code
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import FloatArray, IntArray
 
 Loops = TypeVar("Loops", bound=Callable[..., Any])
 
@@ -170,7 +169,7 @@ def _add_terms(
 
 
 @compiled
-def far_values(samples: FloatArray, grid: Any, near: NDArray[np.int64], k1: float) -> FloatArray:
+def far_values(samples: FloatArray, grid: Any, near: IntArray, k1: float) -> FloatArray:
     """The field of far samples in the smallest boxes along x, (2**levels, p, q): at p nodes along
     x, as Chebyshev series of q terms across.
 
@@ -233,7 +232,7 @@ def _across(values: FloatArray, count: int, finer: FloatArray, n: int) -> FloatA
 
 @compiled
 def put_field(
-    rows: Any, samples: FloatArray, near: NDArray[np.int64], far: FloatArray, k1: float,
+    rows: Any, samples: FloatArray, near: IntArray, far: FloatArray, k1: float,
     field: FloatArray,
 ) -> None:  # fmt: skip
     """Put the field at rows of points across into `field`, (s, k): near samples summed, far ones

@@ -29,11 +29,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
 from sumo_eval.method.trajectory_field import samples_of, trajectory_fields
 from sumo_eval.settings import FieldSettings
-from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
+from sumo_eval.trajectory import BoolArray, FloatArray, IntArray, Trajectory
 
 NODES = 16  # in a box, along x
 REACH = 1.0  # lengths of a box from which on a sample is far from it
@@ -103,7 +102,7 @@ class Grid(NamedTuple):
     bounds: FloatArray
     nodes: FloatArray
     halves: FloatArray
-    counts: NDArray[np.int64]
+    counts: IntArray
     across: FloatArray
     finer: FloatArray
 
@@ -119,8 +118,8 @@ class PointRows(NamedTuple):
     """
 
     points: FloatArray
-    order: NDArray[np.int64]
-    starts: NDArray[np.int64]
+    order: IntArray
+    starts: IntArray
     shares: FloatArray
     across: FloatArray
 
@@ -147,7 +146,7 @@ class _Prepared(NamedTuple):
     """
 
     samples: FloatArray
-    near: NDArray[np.int64]
+    near: IntArray
     far: FloatArray
 
 
@@ -215,7 +214,7 @@ class SharedFields:
         return _Prepared(samples, near[-(2**self._stretch.levels) :], far)
 
 
-def _point_rows(stretch: Stretch, points: FloatArray, rows: NDArray[np.int64]) -> PointRows:
+def _point_rows(stretch: Stretch, points: FloatArray, rows: IntArray) -> PointRows:
     """Some rows of points (s, k, 2), all inside the stretch, box after box."""
     number = 2**stretch.levels
     order = rows[np.argsort(points[rows, 0, 0], kind="stable")]
@@ -282,7 +281,7 @@ def _to_series(nodes: FloatArray) -> FloatArray:
     return np.array(inverse, dtype=np.float64)
 
 
-def _across(slender: Sequence[float]) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+def _across(slender: Sequence[float]) -> tuple[IntArray, FloatArray, FloatArray]:
     """Nodes across for each level of boxes: how many, where on -1..1, and the matrices that make
     values there values at the nodes of the next level, or last a Chebyshev series; as `far_values`
     takes them.
@@ -302,7 +301,7 @@ def _across(slender: Sequence[float]) -> tuple[NDArray[np.int64], FloatArray, Fl
     return counts, places, finer
 
 
-def _counts(slender: Sequence[float]) -> NDArray[np.int64]:
+def _counts(slender: Sequence[float]) -> IntArray:
     """Number of nodes that each level needs across its boxes: the longer a box, the fewer."""
     bernstein = [REACH * ratio + math.hypot(REACH * ratio, 1.0) for ratio in slender]
     return np.array([math.ceil(-math.log(LEFT) / math.log(number)) for number in bernstein])

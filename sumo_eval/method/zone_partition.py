@@ -17,7 +17,7 @@ from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.method.point_criticality import asks_some, criticality, exactly_hazardous
@@ -27,9 +27,8 @@ from sumo_eval.scenario.sampling.drawn_points import steadily
 from sumo_eval.scenario.sampling.grid import decimal, evenly, mesh
 from sumo_eval.settings import ZoneSettings
 from sumo_eval.text import point_words
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
-IntArray = NDArray[np.intp]
 DEFAULT_SETTINGS = ZoneSettings()
 
 OWN_GRID_POINTS = 1_500  # larger grids of own steps are thinned: a GP's cost grows with the cube

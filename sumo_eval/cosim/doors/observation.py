@@ -17,13 +17,14 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sumo_eval.cosim.records import Records
 from sumo_eval.scenario.bodies import BODIES, CAR
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.road.reference_line import curvatures, map_places
 from sumo_eval.settings import ConditionSettings
 from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 _tuple = tuple.__new__  # a NamedTuple's own constructor takes twice as long
 NO_LEAD_GAP = 1000.0  # m, what `signals` give as gap where no vehicle is ahead
@@ -327,9 +328,7 @@ class Observation:
         """
         return float(curvatures(self.road.line, self._ego[0])) if self.road.bent else 0.0
 
-    def lane_lines(
-        self, ahead: float = 100.0, every: float = 2.0
-    ) -> tuple[NDArray[np.float64], ...]:
+    def lane_lines(self, ahead: float = 100.0, every: float = 2.0) -> tuple[FloatArray, ...]:
         """The lanes' centre lines from beside the ego to `ahead` m along the road: points (n, 2)
         `every` m, ahead and to the left of the ego's centre in the ego's own axes; the right-hand
         lane first.
@@ -406,19 +405,19 @@ class Observations:
 
     time: float
     road: Road
-    number: NDArray[np.intp]
-    _egos: NDArray[Any]
-    _seen: NDArray[Any]
-    _others: NDArray[Any]
+    number: IntArray
+    _egos: Records
+    _seen: Records
+    _others: Records
     _cases: Sequence[ConcreteScenario]
 
     @cached_property
-    def desired_speed(self) -> NDArray[np.float64]:
+    def desired_speed(self) -> FloatArray:
         """The speed that each ego wants, m/s: the one that it starts with."""
         return np.array([self._cases[number].ego.speed for number in self.number.tolist()])
 
     @cached_property
-    def kinds(self) -> NDArray[np.intp]:
+    def kinds(self) -> IntArray:
         """Kinds of the vehicles, by their numbers in `KINDS`, (n, m): 0 is a car."""
         shown = [
             [KINDS[actor.body] for actor in self._cases[number].actors]
@@ -473,7 +472,7 @@ class Observations:
         present = gap < np.inf
         nearest[~present] = -1
 
-        def of_lead(values: NDArray[Any], otherwise: NDArray[Any]) -> Any:
+        def of_lead(values: FloatArray, otherwise: FloatArray) -> Any:
             return np.column_stack([values, otherwise])[rows, nearest]
 
         return SimpleNamespace(
@@ -485,26 +484,26 @@ class Observations:
         )
 
     @cached_property
-    def distances(self) -> NDArray[Any]:
+    def distances(self) -> FloatArray:
         """Along the road from each ego's centre to those of the vehicles, (n, m), m; nan where
         there is none.
         """
         return np.asarray(self._seen["x"] - self._egos["seen"]["x"][:, None])
 
     @cached_property
-    def nearest(self) -> NDArray[np.intp]:
+    def nearest(self) -> IntArray:
         """Places of the vehicles of each case in `vehicles`, (n, m), the nearest along the road
         first.
         """
         return np.argsort(np.abs(self.vehicles.gap), axis=1, kind="stable")
 
     @property
-    def curvature(self) -> NDArray[Any]:
+    def curvature(self) -> FloatArray:
         """The curvature of the road's line beside each ego, 1/m, positive to the left, (n,)."""
         return curvatures(self.road.line, self._egos["x"])
 
     @property
-    def lanes(self) -> NDArray[Any]:
+    def lanes(self) -> FloatArray:
         """The lanes' centre lines to the left of each ego's centre, m, (n, lanes), the right-hand
         lane first.
         """
@@ -519,8 +518,8 @@ class Perception:
     streams: names of the random numbers of each case: the same name, the same misses and noise.
     """
 
-    _chance: NDArray[Any]  # of a miss, (n, steps, m)
-    _errors: NDArray[Any]  # m and m/s, (n, steps, m, 3)
+    _chance: FloatArray  # of a miss, (n, steps, m)
+    _errors: FloatArray  # m and m/s, (n, steps, m, 3)
 
     def __init__(self, conditions: Sequence[ConditionSettings], streams: Sequence[str]) -> None:
         self._limits = np.array([limits_of(it) for it in conditions])
@@ -530,11 +529,11 @@ class Perception:
         ]
         self._delays = self._limits[:, 0].max(), self._limits[:, 0].min()
         self._steps = 0
-        self._memory: deque[tuple[float, NDArray[Any], NDArray[Any]]] = deque()
+        self._memory: deque[tuple[float, FloatArray, FloatArray]] = deque()
 
     def look(
-        self, time: float, egos: NDArray[Any], others: NDArray[Any]
-    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        self, time: float, egos: FloatArray, others: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Egos and actors as they are seen at a step, as old as the perception delay makes them (at
         the start: as old as there is); call once a step.
 
@@ -569,7 +568,7 @@ class Perception:
         self._steps += 1
         return self._late(time, egos.copy(), seen)
 
-    def keep(self, rows: NDArray[np.intp]) -> None:
+    def keep(self, rows: IntArray) -> None:
         """Drop all cases but these; keep their order."""
         self._limits = self._limits[rows]
         self._memory = deque((time, egos[rows], seen[rows]) for time, egos, seen in self._memory)
@@ -580,8 +579,8 @@ class Perception:
         self._random = [self._random[row] for row in rows.tolist() if self._random]
 
     def _late(
-        self, time: float, egos: NDArray[Any], seen: NDArray[Any]
-    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        self, time: float, egos: FloatArray, seen: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Each case as it was seen its delay ago."""
         memory = self._memory
         memory.append((time, egos, seen))
@@ -607,7 +606,7 @@ class Perception:
             stream.standard_normal(out=errors)
         self._errors *= self._limits[:, None, None, [2, 2, 3]]
 
-    def _within_reach(self, egos: NDArray[Any], others: NDArray[Any]) -> NDArray[np.bool_]:
+    def _within_reach(self, egos: FloatArray, others: FloatArray) -> BoolArray:
         """Whether each actor is somewhere where it can be seen, (n, m)."""
         columns = others.transpose(2, 0, 1)
         x, y, heading = columns[:3]
@@ -629,9 +628,7 @@ class Perception:
         return np.asarray(reach)
 
 
-def _hidden(
-    me_x: NDArray[Any], x: NDArray[Any], y: NDArray[Any], width: NDArray[Any]
-) -> NDArray[np.bool_]:
+def _hidden(me_x: FloatArray, x: FloatArray, y: FloatArray, width: FloatArray) -> BoolArray:
     """Whether one nearer vehicle in front covers more than 80 % of the width, (n, m); lines of
     sight run along the road.
     """
@@ -643,7 +640,7 @@ def _hidden(
     return np.asarray((nearer & (shared > _COVERED * width[:, None])).any(axis=1))
 
 
-def present(others: NDArray[Any], there: NDArray[Any]) -> NDArray[Any]:
+def present(others: FloatArray, there: FloatArray) -> FloatArray:
     """Numbers of actors, (n, m, k), with x nan of those that have left the road.
 
     there: (n, m), 0 of those.
@@ -660,9 +657,9 @@ def lane_at(road: Road, y: float) -> int:
     return min(max(round(y / road.lane_width), 0), road.lanes - 1)
 
 
-def lanes_at(road: Road, y: Any) -> NDArray[np.intp]:
+def lanes_at(road: Road, y: Any) -> IntArray:
     """Numbers of the lanes nearest to many places across the road, m."""
-    found: NDArray[Any] = np.clip(np.round(y / road.lane_width), 0, road.lanes - 1)
+    found: FloatArray = np.clip(np.round(y / road.lane_width), 0, road.lanes - 1)
     return found.astype(np.intp)
 
 
