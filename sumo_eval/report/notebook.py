@@ -81,8 +81,8 @@ def picture(evaluation: Evaluation) -> Any:
     figure = Drawing(figsize=(4.0 * len(scenarios), 1.0 + 0.4 * len(ads)), layout="constrained")
     panels = figure.subplots(1, len(scenarios), sharey=True, squeeze=False)[0]
     for panel, scenario in zip(panels, scenarios, strict=True):
-        for place, name in enumerate(ads):
-            score = evaluation.score(name, scenario)
+        for score in evaluation.scores_in(scenario):  # not of each ADS where `run.only` names cases
+            place = ads.index(score.ads)
             if score.s_plus is None:
                 panel.annotate("not computed", (1.0, place), va="center")
                 continue

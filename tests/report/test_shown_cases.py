@@ -125,6 +125,12 @@ def test_a_case_is_found_by_some_of_its_parameters(evaluation):
     assert all(f"{name}={value:g}" in first for name, value in some.items())
     lines = nearest_cases(evaluation, dict(case.values), None, case.scenario, 1)
     assert case.case in {line.split(":")[0].strip() for line in lines}
+    scores = [it for it in evaluation.scores if (it.ads, it.scenario) != (case.ads, case.scenario)]
+    few = replace(evaluation, scores=tuple(scores))  # as where `run.only` names cases
+    heads = [line for line in nearest_cases(few, some, None, case.scenario, 1) if line[0] != " "]
+    assert heads
+    assert not any(line.startswith(f"{case.ads} in") for line in heads)
+    assert few.plot().axes
 
 
 @pytest.mark.parametrize(
