@@ -84,6 +84,14 @@ def in_a_process(
     return subprocess.run(words, cwd=cwd, text=True, timeout=300, check=False, **pipes)  # type: ignore[call-overload, no-any-return]
 
 
+def python(code: str, *arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
+    """Run code in a Python process of its own, which must end with status 0."""
+    words = [sys.executable, "-c", code, *map(str, arguments)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, **options)  # type: ignore[call-overload]
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done
+
+
 @contextlib.contextmanager
 def as_it_was() -> Iterator[None]:
     """Put back what a command changes of this process."""

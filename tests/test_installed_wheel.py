@@ -8,6 +8,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from commands import python
 
 ROOT = Path(__file__).parents[1]
 
@@ -119,12 +120,7 @@ def site(tmp_path_factory):
 @pytest.mark.campaign  # .ci/run has it
 def test_every_name_that_users_call_is_in_the_wheel_and_works(site, tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(site), "SUMO_EVAL_INTERPRETED": "1"}
-    done = subprocess.run(
-        [sys.executable, "-c", CALLS, str(site)], cwd=tmp_path, env=environment,
-        capture_output=True, text=True,
-        check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    python(CALLS, site, cwd=tmp_path, env=environment)
 
 
 def test_the_wheel_ships_networks_routes_and_the_extras(site):

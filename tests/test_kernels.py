@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import python
 
 import sumo_eval
 from sumo_eval import kernels
@@ -147,12 +148,9 @@ def test_interpreted_and_compiled_rules_drive_alike_to_the_bit(sparse, drivers):
         f"print(*(it.digest(ads, {sparse}) for ads in {drivers}))"
     )
     environment = {**os.environ, "SUMO_EVAL_INTERPRETED": "1"}
-    answer = subprocess.run(
-        [sys.executable, "-c", script, str(Path(__file__).parent)], env=environment,
-        capture_output=True, text=True,
-        check=True,
-    )  # fmt: skip
-    assert answer.stdout.split() == [digest(ads, sparse) for ads in drivers]
+    assert python(script, Path(__file__).parent, env=environment).stdout.split() == [
+        digest(ads, sparse) for ads in drivers
+    ]
 
 
 # -- machine code ----------------------------------------------------------------------------------
@@ -425,4 +423,4 @@ except ValueError as error:
 
 @pytest.mark.campaign  # compiles for ten seconds
 def test_functions_of_a_users_own_compile_beside_ours():
-    subprocess.run([sys.executable, "-c", OF_A_USER], check=True)
+    python(OF_A_USER)

@@ -3,13 +3,11 @@ mean something."""
 
 import json
 import os
-import subprocess
-import sys
 from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
-from commands import Done, in_a_process, sumo_eval
+from commands import Done, in_a_process, python, sumo_eval
 
 from sumo_eval.cli import main
 
@@ -43,9 +41,7 @@ def test_help_imports_nothing_heavy():
         "'plotly', 'jinja2'}\n"
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "partition" in done.stdout
+    assert "partition" in python(code).stdout
 
 
 def test_running_and_scoring_import_no_more_than_synthetic_drivers_on_a_grid_need():
@@ -55,8 +51,7 @@ def test_running_and_scoring_import_no_more_than_synthetic_drivers_on_a_grid_nee
         "'distributed'}\n"
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    python(code)
 
 
 def test_linear_algebra_keeps_to_one_thread_unless_the_user_says_otherwise(monkeypatch):

@@ -6,12 +6,12 @@ import itertools
 import locale
 import math
 import os
-import subprocess
 import sys
 from dataclasses import replace
 
 import libsumo
 import pytest
+from commands import python
 from cosim_cases import HALF_SECOND, ROAD, case, lead
 
 import sumo_eval.cosim.sumo.session as session_module
@@ -298,8 +298,8 @@ def test_trap_6_importing_prints_nothing_to_stdout():
         "assert 'libsumo' in sys.modules\n"
         "assert seen and seen[0] == 'quiet', seen\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    done = python(code)
+    assert (done.stdout, done.stderr) == ("", "")
 
 
 # 7 ------------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from dataclasses import replace
 import libsumo
 import numpy as np
 import pytest
+from commands import python
 from cosim_cases import HALF_SECOND, ROAD, case, lead, shifted
 
 import sumo_eval.cosim.sumo.session as session_module
@@ -278,8 +279,6 @@ def test_what_cannot_be_a_controller_is_refused_before_a_run(
 
 
 def test_the_same_file_has_the_same_module_name_in_every_process(tmp_path, monkeypatch):
-    import subprocess
-
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "my_ads.py").write_text("def drive(traci, ego, time):\n    pass\n")
     code = (
@@ -287,16 +286,7 @@ def test_the_same_file_has_the_same_module_name_in_every_process(tmp_path, monke
         "find_controller\n"
         f"print(find_controller('my_ads.py:drive', Path({str(tmp_path)!r})).__module__)"
     )
-    names = {
-        subprocess.run(
-            [sys.executable, "-c", code],
-            capture_output=True,
-            text=True,
-            check=True,
-            env={"PYTHONHASHSEED": seed},
-        ).stdout
-        for seed in ("1", "2")
-    }
+    names = {python(code, env={"PYTHONHASHSEED": seed}).stdout for seed in ("1", "2")}
     assert len(names) == 1
 
 

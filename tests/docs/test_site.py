@@ -13,6 +13,7 @@ from typing import get_args, get_type_hints
 
 import click
 import pytest
+from commands import python
 from loaded import load
 
 import sumo_eval
@@ -243,14 +244,7 @@ nbformat.write(book, "executed.ipynb")
 def test_the_notebook_runs_in_a_kernel_and_shows_its_tables(tmp_path, monkeypatch):
     pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")
-    done = subprocess.run(
-        [sys.executable, "-c", EXECUTE, str(NOTEBOOK)],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    python(EXECUTE, NOTEBOOK, cwd=tmp_path)
     cells = json.loads((tmp_path / "executed.ipynb").read_text())["cells"]
     shown = [cell["outputs"] for cell in cells if cell["cell_type"] == "code"]
     assert [len(outputs) for outputs in shown] == [1] * 6

@@ -1,12 +1,11 @@
 """Synthetic drivers at the wheel: what they know and when, what they do, and that they do it
 again."""
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from commands import python
 from drivers.populations import draw_population, synthetic_reference
 from road_scenes import (
     Mover,
@@ -299,10 +298,7 @@ def test_a_child_process_that_drives_imports_no_heavy_package():
         "import sumo_eval.ads.lane_changer, sumo_eval.drivers.synthetic.driver;"
         "print(sorted({'scipy', 'pandas', 'sklearn', 'pydantic'} & (set(sys.modules) - there)))"
     )
-    answer = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
-    assert answer.stdout.strip() == "[]"
+    assert python(script).stdout.strip() == "[]"
 
 
 def test_driver_numbers_are_stable():

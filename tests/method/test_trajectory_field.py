@@ -1,11 +1,10 @@
 """Laws and worked numbers of the trajectory field, Eqs. 9-10."""
 
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+from commands import python
 from hypothesis import given
 from hypothesis import strategies as st
 from twins import trajectory_field as twin
@@ -362,7 +361,7 @@ def test_vectors_cancel_on_the_path_where_magnitudes_peak():
 
 def test_numba_is_imported_late():
     script = "import sys, sumo_eval.method.trajectory_field; sys.exit('numba' in sys.modules)"
-    subprocess.run([sys.executable, "-c", script], check=True)
+    python(script)
 
 
 def test_compiled_loops_are_ordinary_python_too():

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from commands import python
 
 from sumo_eval.cli.stopping import heard
 from sumo_eval.cosim.simulation import simulate
@@ -313,8 +314,7 @@ def test_warming_up_begins_the_process_that_makes_the_children_and_they_come_fro
         "    assert begun is not None and begun == forkserver._forkserver._forkserver_pid\n"
         "    assert child.exitcode == 0\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (0, "a child\n"), done.stderr
+    assert python(code).stdout == "a child\n"
 
 
 def imported(error=None):
@@ -365,5 +365,4 @@ def test_a_child_imports_no_more_than_it_needs():
         "'special', 'stats')}\n"
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    python(code)

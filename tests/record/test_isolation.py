@@ -12,6 +12,7 @@ from itertools import count
 from pathlib import Path
 
 import pytest
+from commands import python
 from record import hostile_ads
 from record.runs import command, write_evaluation
 
@@ -293,10 +294,7 @@ def test_the_process_that_makes_children_leaves_what_its_owner_says_to_the_owner
         "for kind in (EOFError, BlockingIOError, ValueError):\n"
         "    sys.excepthook(kind, kind('ended'), None)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
-    assert done.stderr.strip() == "ValueError: ended"
+    assert python(script).stderr.strip() == "ValueError: ended"
 
 
 @pytest.mark.parametrize(

@@ -4,13 +4,12 @@ import os
 import py_compile
 import shutil
 import sqlite3
-import subprocess
-import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from commands import python
 from record.runs import sumo_eval_cli
 
 import sumo_eval
@@ -266,14 +265,7 @@ def test_kept_bytecode_hides_no_source(tmp_path, kept_in):
         "PYTHONPYCACHEPREFIX": str(tmp_path / kept_in) if kept_in else "",
     }
     for _ in ("compiled", "taken from what is compiled"):
-        done = subprocess.run(
-            [sys.executable, "-c", look],
-            cwd=tmp_path,
-            env=os.environ | kept,
-            text=True,
-            stdout=subprocess.PIPE,
-            check=True,
-        )
+        done = python(look, cwd=tmp_path, env=os.environ | kept)
         assert (
             done.stdout.strip() == f"[('planner.py', '{hash_of(tmp_path / 'planner.py', 'file')}')]"
         )

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
+from commands import python
 from evaluations import small
 from record.edited_store import edit
 from record.runs import MY_ADS, command, digest, sumo_eval_cli, write_evaluation
@@ -369,7 +370,7 @@ def test_the_hash_seed_of_the_interpreter_changes_nothing(whole, tmp_path):
     code = (
         f"import sumo_eval; sumo_eval.evaluate({str(path)!r}, {str(tmp_path / 'run')!r}, workers=8)"
     )
-    subprocess.run([sys.executable, "-c", code], env=environment, check=True, timeout=120)
+    python(code, env=environment, timeout=120)
     assert digest(tmp_path / "run") == digest(whole)
 
 

@@ -5,11 +5,9 @@ Whether Windows itself runs the program cannot be seen here.
 
 import json
 import os
-import subprocess
-import sys
 
 import pytest
-from commands import sumo_eval
+from commands import python, sumo_eval
 
 from sumo_eval.record.engines import refuse_engine
 from sumo_eval.settings import RunSettings
@@ -75,10 +73,7 @@ count = 2
 @pytest.mark.campaign
 def test_every_module_can_be_imported_without_posix():
     script = f"{IMPORT_ALL}{TAKE_AWAY}everything()"
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
+    python(script)
 
 
 @pytest.mark.parametrize("how", [(), ("--dry-run",)])
@@ -107,10 +102,7 @@ def test_a_whole_run_and_its_report_are_made_without_posix_by_the_serial_engine(
         "serial",
     ]
     script = f"{BEFORE}{TAKE_AWAY}{ELSEWHERE}from sumo_eval.cli import main\nmain({words!r})"
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
+    python(script)
     (score,) = json.loads((tmp_path / "run" / "scores.json").read_text())["scores"]
     assert (score["not_evaluated"], score["collisions"]) == (0, 0)
     assert "In short" in (tmp_path / "run" / "report.html").read_text()

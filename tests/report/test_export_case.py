@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import python
 from commands import sumo_eval as sumo_eval_cli
 from lxml import etree
 
@@ -206,11 +207,7 @@ print(json.dumps([found, libsumo.simulation.getDeltaT(), libsumo.simulation.getT
 def test_the_configuration_loads_and_steps_in_libsumo(run, tmp_path):
     case = "cut_in-0001-draws"
     export_case(run, case, tmp_path)
-    done = subprocess.run(
-        [sys.executable, "-c", STEPS_IN_LIBSUMO, f"{case}.sumocfg"], cwd=tmp_path,
-        capture_output=True, text=True,
-        timeout=60, check=True,
-    )  # fmt: skip
+    done = python(STEPS_IN_LIBSUMO, f"{case}.sumocfg", cwd=tmp_path, timeout=60)
     vehicles, step, time = json.loads(done.stdout.splitlines()[-1])
     assert (step, time) == (0.1, pytest.approx(3.1))
     # SUMO's position is the front bumper: half a body of 4.3 m before the centre, which starts at 0

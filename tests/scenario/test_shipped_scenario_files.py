@@ -4,11 +4,10 @@ bit."""
 import hashlib
 import itertools
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+from commands import python
 
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue, played
@@ -319,7 +318,4 @@ def test_a_scenario_is_read_when_it_is_asked_for_and_once():
         "print(before, [name.replace(chr(92), '/').split('/')[-1] for name in read if "
         "name.endswith('.toml')])"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert done.stdout == "0 ['ncap_ccrs.toml']\n"
+    assert python(program).stdout == "0 ['ncap_ccrs.toml']\n"

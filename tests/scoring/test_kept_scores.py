@@ -4,8 +4,6 @@ is what it was."""
 import os
 import shutil
 import sqlite3
-import subprocess
-import sys
 from contextlib import closing
 from dataclasses import fields, replace
 from pathlib import Path
@@ -13,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from commands import python
 from commands import sumo_eval as sumo_eval_cli
 from evaluations import small
 
@@ -273,9 +272,7 @@ def test_answers_from_what_is_kept_import_neither_a_simulator_nor_scipy(done):
         f"run, case, out = {str(done.folder)!r}, {case!r}, {str(done.folder / 'looked.html')!r}\n"
     )
     names += f"folder = {str(done.folder / 'exported')!r}\n"
-    told = subprocess.run(
-        [sys.executable, "-c", names + looking], capture_output=True, text=True, check=True
-    )
+    told = python(names + looking)
     assert told.stdout.splitlines()[-1] == "[]"
     assert "Unknown case `no_such_case`" in told.stderr
     assert (done.folder / "looked.html").is_file()
