@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from evaluations import small
 from record.edited_store import edit
+from refusals import refusal
 from standard_run import SCENARIOS
 
 import sumo_eval
-from sumo_eval.errors import InputError
 from sumo_eval.evaluation import zone_partitions
 from sumo_eval.record.store import FORMAT_VERSION, open_store
 from sumo_eval.report.html import write_report
@@ -157,7 +157,7 @@ def test_scoring_with_another_a_moves_points_between_the_terms(done):
 
 
 def test_scoring_refuses_changes_that_the_facts_depend_on(done):
-    with pytest.raises(InputError, match=r"`simulation\.step` cannot be changed by scoring"):
+    with refusal(r"`simulation\.step` cannot be changed by scoring"):
         sumo_eval.score(done.folder, ["simulation.step=0.1"])
 
 
@@ -301,7 +301,7 @@ def test_the_same_configuration_gives_the_same_facts(done, tmp_path):
 
 
 def test_a_run_folder_is_never_written_over(done):
-    with pytest.raises(InputError, match="already exists and is not empty"):
+    with refusal("already exists and is not empty"):
         sumo_eval.evaluate(small(("idm",), SCENARIOS), done.folder)
 
 
@@ -341,7 +341,7 @@ def test_a_plain_script_without_a_main_guard_runs_once(tmp_path):
 
 
 def test_a_misspelt_ads_is_found_before_the_first_case(tmp_path):
-    with pytest.raises(InputError, match=r"Unknown ADS `idn`.*Did you mean `idm`"):
+    with refusal(r"Unknown ADS `idn`.*Did you mean `idm`"):
         sumo_eval.evaluate(small(("idn",), SCENARIOS), tmp_path / "run")
     assert not (tmp_path / "run").exists()
 

@@ -2,11 +2,13 @@
 recordings."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refusal
 
 from sumo_eval.errors import InputError
 from sumo_eval.trajectory import CHANNELS, Collision, Recording, Trajectory
@@ -118,9 +120,8 @@ def test_length_duration_and_body():
     ],
 )
 def test_what_is_not_a_trajectory_is_refused(arguments, sentence):
-    with pytest.raises(InputError) as caught:
+    with refusal(re.escape(sentence)):
         Trajectory(*arguments)
-    assert sentence in str(caught.value)
 
 
 def test_an_unknown_steering_angle_may_be_nan():
@@ -199,11 +200,11 @@ def test_a_block_is_refused_as_its_channels_are(channel, value):
 
 
 def test_an_empty_block_is_refused():
-    with pytest.raises(InputError, match="non-empty"):
+    with refusal("non-empty"):
         Trajectory.of_block(np.empty((len(CHANNELS), 0)), length=4.5, width=1.8)
 
 
 @pytest.mark.parametrize("shape", [(len(CHANNELS) + 1, 3), (0, 3), (7,)])
 def test_a_block_of_another_shape_is_refused(shape):
-    with pytest.raises(InputError, match=r"must have shape \(7, n\)"):
+    with refusal(r"must have shape \(7, n\)"):
         Trajectory.of_block(np.empty(shape), length=4.5, width=1.8)

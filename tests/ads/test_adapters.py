@@ -1,10 +1,12 @@
 """ADSs with the interfaces of other tools drive through their adapters, unchanged; without one they
 are refused."""
 
+import re
 import sys
 from pathlib import Path
 
 import pytest
+from refusals import refusal
 
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.simulation import simulate
@@ -168,9 +170,8 @@ def test_without_its_adapter_it_is_refused_by_a_sentence_that_names_it(name, met
     ],
 )
 def test_what_an_adapter_cannot_drive_is_refused(locator, sentence):
-    with pytest.raises(InputError) as refused:
+    with refusal(re.escape(sentence)):
         load_controller(locator)
-    assert sentence in str(refused.value)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from refusals import refusal
 from road_scenes import actor, case, cut_outs_at_the_edge, fresh, low_speed, mover, safe_cut_outs
 
 from sumo_eval.ads.car_following import (
@@ -126,9 +127,7 @@ def test_a_follower_with_room_keeps_its_own_headway():
 @pytest.mark.parametrize("name", ["headway", "standstill_gap", "acceleration", "deceleration"])
 @pytest.mark.parametrize("value", [0.0, -1.0, math.inf, math.nan])
 def test_parameters_of_the_idm_are_positive_numbers(name, value):
-    with pytest.raises(
-        InputError, match=f"`{name}` of the IDM must be a finite number greater than 0"
-    ):
+    with refusal(f"`{name}` of the IDM must be a finite number greater than 0"):
         IdmParameters(**{name: value})
 
 

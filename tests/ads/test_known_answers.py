@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from refusals import refusal
 from road_scenes import ROAD, actor, case, grid, low_speed
 
 from sumo_eval.ads.known_answers import IdealBraking
 from sumo_eval.cosim.simulation import simulate
-from sumo_eval.errors import InputError
 from sumo_eval.method.criticality import ideal_impact_speed
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings, VehicleSettings
@@ -83,10 +83,7 @@ def test_ideal_braking_does_not_brake_for_the_other_lane_nor_for_what_drives_awa
 
 @pytest.mark.parametrize("deceleration", [0.0, -9.0, math.inf, math.nan])
 def test_ideal_braking_needs_a_deceleration(deceleration):
-    with pytest.raises(
-        InputError,
-        match="`deceleration` of ADS `ideal_braking` must be a finite number greater than 0",
-    ):
+    with refusal("`deceleration` of ADS `ideal_braking` must be a finite number greater than 0"):
         IdealBraking(deceleration)
 
 

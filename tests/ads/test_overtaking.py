@@ -4,12 +4,12 @@ import math
 from types import SimpleNamespace
 
 import pytest
+from refusals import refusal
 from road_scenes import BRIEFING, fresh, mover
 
 from sumo_eval.ads.car_following import IdmParameters, enhanced_idm_acceleration
 from sumo_eval.ads.lane_change import path_y, share_of_duration, smooth_step
 from sumo_eval.ads.overtaking import CLEARANCE, OVERTAKING, WATCHED, OvertakingHabits, overtake
-from sumo_eval.errors import InputError
 from sumo_eval.scenario import Road
 
 WILLING = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, duration=8.0)
@@ -226,9 +226,7 @@ def test_a_lead_that_brakes_during_the_lane_change_is_braked_for():
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_habits_are_positive_numbers(name, value):
     habits = {"inclined": True, "onset_headway": 2.5, "onset_ttc": 10.0, "duration": 8.0}
-    with pytest.raises(
-        InputError, match=f"`{name}` of `OvertakingHabits` must be a finite number greater than 0"
-    ):
+    with refusal(f"`{name}` of `OvertakingHabits` must be a finite number greater than 0"):
         OvertakingHabits(**(habits | {name: value}))
-    with pytest.raises(InputError, match="`inclined` of `OvertakingHabits` must be true or false"):
+    with refusal("`inclined` of `OvertakingHabits` must be true or false"):
         OvertakingHabits(**(habits | {"inclined": "no"}))

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from refusals import refusal
 from road_scenes import actor, case, fresh, mover
 
 from sumo_eval.ads.braking import SAFETY_BRAKING, follow_demand
@@ -34,7 +35,6 @@ from sumo_eval.ads.rss import lateral_safe_distance, longitudinal_safe_distance
 from sumo_eval.cosim.records import MOVER
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import drive
-from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, Start
 from sumo_eval.scenario.concrete import brake_to_stop, constant_lateral
 from sumo_eval.settings import VehicleSettings
@@ -329,16 +329,12 @@ def test_the_fuzzy_model_as_printed_comes_to_rest_against_a_standing_vehicle_and
 
 
 def test_the_margin_of_the_fuzzy_model_is_a_distance():
-    with pytest.raises(
-        InputError, match="`standstill_gap` of ADS `fsm` must be a finite number, at least 0"
-    ):
+    with refusal("`standstill_gap` of ADS `fsm` must be a finite number, at least 0"):
         FuzzySafetyModel(standstill_gap=-0.1)
 
 
 @pytest.mark.parametrize("driver", [CarefulDriver, Reg157])
 @pytest.mark.parametrize("value", [-1.0, math.nan, math.inf])
 def test_the_readings_are_numbers(driver, value):
-    with pytest.raises(
-        InputError, match=r"`lead_braking` of ADS .* must be a finite number, at least 0"
-    ):
+    with refusal(r"`lead_braking` of ADS .* must be a finite number, at least 0"):
         driver(lead_braking=value)

@@ -18,6 +18,7 @@ from pathlib import Path
 import junitparser
 import pytest
 from commands import sumo_eval
+from refusals import refusal
 
 from cli.nights import evaluation, plant
 from sumo_eval import open_run
@@ -296,14 +297,14 @@ def test_a_full_disk_leaves_earlier_nights_alone(week, tmp_path, monkeypatch):
 
     with monkeypatch.context() as patched:
         patched.setattr("sumo_eval.nightly.night.write_junit", full)
-        with pytest.raises(InputError, match="No space left on device"):
+        with refusal("No space left on device"):
             run_night(folder / "evaluation.toml", history, GateSettings(resamples=100))
     assert nights(history) == before
     assert {path.name for path in (history / "nights").iterdir()} == {
         night.night for night in before
     }
     monkeypatch.setattr("shutil.disk_usage", lambda _: shutil._ntuple_diskusage(100, 90, 10))
-    with pytest.raises(InputError, match="The night was not begun: it may need"):
+    with refusal("The night was not begun: it may need"):
         run_night(folder / "evaluation.toml", history, GateSettings(resamples=100))
 
 
@@ -583,5 +584,5 @@ def test_a_noisy_ads_is_found_and_its_new_collision_rerun(tmp_path, monkeypatch)
     files = sum(path.stat().st_size for path in result.report.parent.rglob("*"))
     free = shutil._ntuple_diskusage(0, 0, int(1.5 * files))  # without what was discarded
     monkeypatch.setattr("shutil.disk_usage", lambda _: free)
-    with pytest.raises(InputError, match="The night was not begun: it may need"):
+    with refusal("The night was not begun: it may need"):
         run_night(file, history, GateSettings(resamples=100))

@@ -3,6 +3,7 @@ once."""
 
 import math
 import random
+import re
 import shlex
 import sys
 from dataclasses import replace
@@ -10,12 +11,12 @@ from pathlib import Path
 
 import pytest
 from cosim_cases import HALF_SECOND, case, lead
+from refusals import refusal
 
 from sumo_eval import Command
 from sumo_eval.cosim.doors.controller import find_controller
 from sumo_eval.cosim.doors.entry import Entry, loading, made_absolute, split_entry
 from sumo_eval.cosim.simulation import simulate, simulate_many
-from sumo_eval.errors import InputError
 from sumo_eval.record.recording import planner
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import (
@@ -192,14 +193,13 @@ def test_a_late_answer_is_late_once_and_not_at_every_step_that_it_holds():
     ],
 )
 def test_an_entry_that_cannot_be_is_refused(folder, locator, sentence):
-    with pytest.raises(InputError) as refused:
+    with refusal(re.escape(sentence)):
         simulate(case(), locator, HALF_SECOND, folder=folder)
-    assert sentence in str(refused.value)
 
 
 @pytest.mark.parametrize("period", [math.nan, math.inf, -0.05, 0.01])
 def test_a_period_that_is_no_multiple_of_the_step_is_refused(period):
-    with pytest.raises(InputError, match="must be a multiple of"):
+    with refusal("must be a multiple of"):
         simulate(case(), lambda seen: 0.0, HALF_SECOND, period=period)
 
 
@@ -232,9 +232,7 @@ def test_what_a_class_loads_is_loaded_once_in_a_process(folder):
 def test_a_retrained_network_is_another_ads_and_a_file_that_is_not_there_is_refused(folder):
     ads = AdsSettings("a", "mine.py:Counting", files=("weights.bin",))
     settings = EvaluationSettings("x", (ScenarioSettings("cut_in"),), (ads,))
-    with pytest.raises(
-        InputError, match=r"`files` of ADS `a` must be files that are there, got 'weights\.bin'"
-    ):
+    with refusal(r"`files` of ADS `a` must be files that are there, got 'weights\.bin'"):
         planner(Resolved(settings, folder, {}))
     found = []
     for content in (b"1", b"2", b"1"):
@@ -255,5 +253,5 @@ def test_the_entry_is_read_from_the_file_and_a_misspelt_key_is_named(folder):
     assert (ads.period, ads.files, ads.options) == (0.2, ("w.bin",), {"gain": 2.0})
     assert settings_from(to_plain(read_evaluation(folder / "e.toml")), "again").ads == (ads,)
     (folder / "e.toml").write_text(text + "perod = 0.2\n")
-    with pytest.raises(InputError, match="Did you mean `period`"):
+    with refusal("Did you mean `period`"):
         read_evaluation(folder / "e.toml")

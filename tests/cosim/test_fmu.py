@@ -4,17 +4,18 @@ They are built here.
 """
 
 import math
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from cosim_cases import HALF_SECOND, case, lead
+from refusals import refusal
 
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command, EgoState
-from sumo_eval.errors import InputError
 from sumo_eval.settings import PlantSettings, SimulationSettings
 from sumo_eval.settings.config import settings_from, to_plain
 
@@ -147,9 +148,8 @@ def test_that_sumo_moves_an_ego_that_has_a_vehicle_model_of_its_own_is_on_record
     ],
 )
 def test_a_mapping_that_does_not_fit_is_refused_before_anything_runs(fmus, locator, sentence):
-    with pytest.raises(InputError) as caught:
+    with refusal(re.escape(sentence)):
         simulate(case(), locator, folder=fmus)
-    assert sentence in str(caught.value)
 
 
 EVALUATION = {
@@ -172,5 +172,5 @@ def test_the_mapping_in_the_evaluation_file_is_the_one_of_the_locator(fmus):
 
 def test_unknown_keys_of_the_mapping_are_refused():
     wrong = {**EVALUATION, "ads": [{**EVALUATION["ads"][0], "fmu": {"input": {}}}]}
-    with pytest.raises(InputError, match=r"`ads\[0\]\.fmu\.input`.*Did you mean `inputs`"):
+    with refusal(r"`ads\[0\]\.fmu\.input`.*Did you mean `inputs`"):
         settings_from(wrong, "evaluation.toml")

@@ -3,16 +3,17 @@
 They are built here.
 """
 
+import re
 import textwrap
 import zipfile
 from dataclasses import replace
 
 import pytest
 from cosim_cases import HALF_SECOND, case, lead
+from refusals import refusal
 
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.simulation import simulate
-from sumo_eval.errors import InputError
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.settings.config import settings_from, to_plain
 
@@ -201,10 +202,7 @@ def test_an_fmu_may_plan(fmus, kind):
 
 
 def test_a_plan_that_an_fmu_does_not_have_is_refused(fmus):
-    with pytest.raises(
-        InputError,
-        match=r"has no output `plan_x`, nor `plan_x\[1\]`, for `plan_x`; `outputs` must map it",
-    ):
+    with refusal(r"has no output `plan_x`, nor `plan_x\[1\]`, for `plan_x`; `outputs` must map it"):
         load_controller("fmu:Feedthrough3.fmu?outputs.plan_time=speeds&inputs.*=start", fmus)
     recording = simulate(
         case(), PLANS["scalars"].replace("=places", "=number"), HALF_SECOND, folder=fmus
@@ -233,9 +231,8 @@ def test_a_plan_that_an_fmu_does_not_have_is_refused(fmus):
     ],
 )
 def test_what_does_not_fit_is_refused_before_anything_runs(fmus, locator, sentence):
-    with pytest.raises(InputError) as caught:
+    with refusal(re.escape(sentence)):
         load_controller(locator, fmus)
-    assert sentence in str(caught.value)
 
 
 def test_a_whole_number_that_its_type_cannot_hold_ends_the_case(fmus):
@@ -258,9 +255,7 @@ def test_fmi_1_is_refused_by_its_version(tmp_path):
     )
     with zipfile.ZipFile(tmp_path / "old.fmu", "w") as archive:
         archive.writestr("modelDescription.xml", text)
-    with pytest.raises(
-        InputError, match=r"The FMI version of FMU `old\.fmu` must be 2\.0 or 3\.0, got"
-    ):
+    with refusal(r"The FMI version of FMU `old\.fmu` must be 2\.0 or 3\.0, got"):
         load_controller("fmu:old.fmu", tmp_path)
 
 

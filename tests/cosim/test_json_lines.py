@@ -1,16 +1,17 @@
 """`exec:`: a program in any language, its protocol, its deadline, its end."""
 
 import os
+import re
 import sys
 import time as clock
 from dataclasses import replace
 
 import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead
+from refusals import refusal
 
 from sumo_eval.cosim.doors import json_lines
 from sumo_eval.cosim.simulation import simulate
-from sumo_eval.errors import InputError
 from sumo_eval.settings import AdsSettings, ConditionSettings
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process groups")
@@ -202,6 +203,5 @@ def test_every_case_has_a_program_of_its_own():
     ],
 )
 def test_a_command_that_cannot_be_run_is_refused_before_anything_runs(locator, sentence):
-    with pytest.raises(InputError) as caught:
+    with refusal(re.escape(sentence)):
         simulate(case(), locator)
-    assert sentence in str(caught.value)

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 from cosim_cases import HALF_SECOND, case, lead
+from refusals import refusal
 
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.simulation import simulate
-from sumo_eval.errors import InputError
 
 if "REFERENCE_FMUS" not in os.environ:
     pytest.skip(
@@ -75,7 +75,5 @@ def test_a_state_space_takes_an_array():
 
 
 def test_clocks_is_refused_for_what_it_is():
-    with pytest.raises(
-        InputError, match="must be one for co-simulation, got one for scheduled execution"
-    ):
+    with refusal("must be one for co-simulation, got one for scheduled execution"):
         load_controller("fmu:3.0/Clocks.fmu", FOLDER)

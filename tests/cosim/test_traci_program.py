@@ -4,6 +4,7 @@ import sys
 
 import pytest
 from cosim_cases import HALF_SECOND, case, lead
+from refusals import refusal
 
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.doors.traci_program import sumo_binary
@@ -87,7 +88,7 @@ def test_an_entry_names_the_type_of_the_vehicle_that_a_client_drives(tmp_path):
         ('{"carFollowModel.ccac": 1}', r"set it with traci\.vehicle\.setParameter"),
         ("3&options.speed=2", "Unknown option `speed` of an ADS of `traci:`"),
     ):
-        with pytest.raises(InputError, match=sentence):
+        with refusal(sentence):
             load_controller(locator + wrong, tmp_path)
 
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from drivers.populations import draw_population
+from refusals import refusal
 
 from sumo_eval.drivers.synthetic.population import (
     IDM_CORRELATION,
@@ -15,7 +16,6 @@ from sumo_eval.drivers.synthetic.population import (
     REACTION,
     draw_driver,
 )
-from sumo_eval.errors import InputError
 from sumo_eval.scenario.concrete import smooth_step, smooth_step_rate
 from sumo_eval.settings import PopulationSettings
 
@@ -117,7 +117,5 @@ def test_another_seed_is_another_population():
 
 @pytest.mark.parametrize("index", [-1, 1.0, False])
 def test_a_driver_has_a_number(index):
-    with pytest.raises(
-        InputError, match="`index` of a driver must be a whole number of at least 0"
-    ):
+    with refusal("`index` of a driver must be a whole number of at least 0"):
         draw_driver(index, seed=1)

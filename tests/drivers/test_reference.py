@@ -7,13 +7,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from drivers.test_events import track
+from refusals import refusal
 from scipy import stats
 
 from sumo_eval.drivers.recorded.exposure import exposure_of, fit_exposure
 from sumo_eval.drivers.recorded.matching import match_of, matching_events
 from sumo_eval.drivers.recorded.recordings import Recordings, write_csv
 from sumo_eval.drivers.recorded.reference import open_people, reference
-from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import check_file, read_scenario
 from sumo_eval.scenario.logical import Counterpart
@@ -118,14 +118,14 @@ def test_drives_in_named_cases_are_taken_as_they_are(tmp_path):
     )
     cases.assign(lead_speed="slow").to_csv(folder / "cases.csv", index=False)
     people = open_people(settings, tmp_path)
-    with pytest.raises(InputError, match=r"`lead_speed` in row 2 of .*cases\.csv"):
+    with refusal(r"`lead_speed` in row 2 of .*cases\.csv"):
         reference(LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0), people, settings)
 
 
 def test_recorded_people_without_a_recording_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"`drivers\.recordings` or `drivers\.cases`"):
+    with refusal(r"`drivers\.recordings` or `drivers\.cases`"):
         open_people(DriverSettings(source="recorded"), tmp_path)
-    with pytest.raises(InputError, match="There is no file"):
+    with refusal("There is no file"):
         open_people(DriverSettings(source="recorded", recordings=("nobody.csv",)), tmp_path)
 
 
@@ -163,11 +163,11 @@ def test_a_declared_exposure_is_a_product_of_its_distributions(tmp_path):
     wrong = ExposureSettings(
         "declared", declared={"ego_sped": DeclaredDistribution("normal", 25.0, 4.0)}
     )
-    with pytest.raises(InputError, match="Did you mean `ego_speed`"):
+    with refusal("Did you mean `ego_speed`"):
         exposure_of(LOGICAL, wrong, DriverSettings(), tmp_path)
-    with pytest.raises(InputError, match="greater than 0"):
+    with refusal("greater than 0"):
         DeclaredDistribution("normal", 25.0, 0.0)
-    with pytest.raises(InputError, match="greater than `first` \\(25\\), got"):
+    with refusal("greater than `first` \\(25\\), got"):
         DeclaredDistribution("uniform", 25.0, 25.0)
 
 
@@ -175,31 +175,29 @@ def test_a_declared_exposure_is_a_product_of_its_distributions(tmp_path):
 def test_events_that_do_not_vary_are_refused(varied):
     events = np.column_stack([np.arange(20.0), np.full(20, 15.0)])
     events[varied, 1] = 20.0
-    with pytest.raises(InputError, match="must vary in each of ego_speed, lead_speed"):
+    with refusal("must vary in each of ego_speed, lead_speed"):
         fit_exposure(events, ("ego_speed", "lead_speed"))
 
 
 def test_too_few_events_and_scenarios_without_events_are_refused(tmp_path):
     path = write_people(tmp_path / "people.csv", [25.0])
     settings = ExposureSettings("recorded", recordings=(path.name,))
-    with pytest.raises(InputError, match="at least 10, got 1"):
+    with refusal("at least 10, got 1"):
         exposure_of(LOGICAL, settings, DriverSettings(), tmp_path)
-    with pytest.raises(
-        InputError, match="no recorded event that corresponds to scenario `ncap_ccrm`"
-    ):
+    with refusal("no recorded event that corresponds to scenario `ncap_ccrm`"):
         exposure_of(catalogue.load("ncap_ccrm"), settings, DriverSettings(), tmp_path)
 
 
 def test_names_of_a_reference_must_be_numbers_and_parameters(tmp_path):
     recorded = Counterpart("approach", (("ego_speed", "lead"),), (("ego_speed", 1.0),))
     people = open_people(settings_for(write_people(tmp_path / "p.csv", [25.0])), tmp_path)
-    with pytest.raises(InputError, match=r"must name columns of numbers: .* column 'ego_speed'"):
+    with refusal(r"must name columns of numbers: .* column 'ego_speed'"):
         matching_events(people.events, "mine", recorded)
     settings = EvaluationSettings(
         "e", (ScenarioSettings("cut_in"),), (AdsSettings("idm", "idm"),),
         drivers=DriverSettings(tolerance={"gpa": 1.0}),
     )  # fmt: skip
-    with pytest.raises(InputError, match=r"`drivers\.tolerance`\. Did you mean `gap`"):
+    with refusal(r"`drivers\.tolerance`\. Did you mean `gap`"):
         Resolved.of(settings, tmp_path)
 
 

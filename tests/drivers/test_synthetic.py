@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from commands import python
 from drivers.populations import draw_population, synthetic_reference
+from refusals import refusal
 from road_scenes import (
     Mover,
     actor,
@@ -31,7 +32,6 @@ from sumo_eval.drivers.synthetic.driver import (
     human_controller,
 )
 from sumo_eval.drivers.synthetic.population import draw_driver
-from sumo_eval.errors import InputError
 from sumo_eval.method.anthropomorphic import count_operations
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import sample
@@ -276,9 +276,7 @@ def test_a_drive_does_not_depend_on_the_order_of_the_values():
 
 @pytest.mark.parametrize("index", [-1, 10])
 def test_a_driver_outside_the_population_is_refused(index):
-    with pytest.raises(
-        InputError, match=r"`index` of a population of 10 drivers must be within 0\.\.9"
-    ):
+    with refusal(r"`index` of a population of 10 drivers must be within 0\.\.9"):
         human_controller(index, 10, 1, CUT_OUT)
 
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
+from refusals import refusal
 
 import sumo_eval.gym
 from sumo_eval.cosim.pack import Pack
 from sumo_eval.cosim.simulation import simulate
-from sumo_eval.errors import InputError
 from sumo_eval.extras.gym.episodes import Transition
 from sumo_eval.gym import Action, Feature, Interface, usual_reward
 from sumo_eval.scenario import catalogue
@@ -62,11 +62,11 @@ def test_gymnasium_accepts_the_environment_of_every_scenario(scenario):
     bent = catalogue.load(scenario).road.bent
     logical = catalogue.load(scenario)
     if logical.concretes(central_point(logical)[None])[0].lively:
-        with pytest.raises(InputError, match="scripts that depend on time alone to be learned in"):
+        with refusal("scripts that depend on time alone to be learned in"):
             make(f"sumo_eval/{scenario}-v0", steering=True).reset()
         return
     if bent:
-        with pytest.raises(InputError, match="on a curved road needs `sumo=False`"):
+        with refusal("on a curved road needs `sumo=False`"):
             make(f"sumo_eval/{scenario}-v0", steering=True, sumo=True).reset()
         close()
     env = make(f"sumo_eval/{scenario}-v0", steering=True, sumo=not bent)
@@ -194,9 +194,7 @@ def test_several_environments_and_a_simulation_live_in_one_process():
 
 def test_a_second_simulation_in_the_process_is_refused_with_the_way_out():
     make("sumo_eval/cut_in-v0", sumo=True).reset(seed=0)
-    with pytest.raises(
-        InputError, match="close the other environment first, or make this one with `sumo=False`"
-    ):
+    with refusal("close the other environment first, or make this one with `sumo=False`"):
         gymnasium.make("sumo_eval/cut_in-v0", sumo=True).reset(seed=0)
 
 
@@ -235,15 +233,11 @@ def test_reset_takes_a_point_part_of_one_or_a_sampler():
     assert env.reset(seed=4, options={"gap": 50.0})[1]["values"] == values
     assert env.reset(seed=5, options={"gap": 50.0})[1]["values"] != values
     assert env.reset(options={"sampler": lambda generator: POINT})[1]["values"] == POINT
-    with pytest.raises(
-        InputError, match=r"Unknown parameter `gab` of scenario .*\. Did you mean `gap`"
-    ):
+    with refusal(r"Unknown parameter `gab` of scenario .*\. Did you mean `gap`"):
         env.reset(options={"gab": 50.0})
-    with pytest.raises(
-        InputError, match="`gap` of scenario `front_vehicle_cut_out` must be within"
-    ):
+    with refusal("`gap` of scenario `front_vehicle_cut_out` must be within"):
         env.reset(options={**POINT, "gap": 1e6})
-    with pytest.raises(InputError, match="The sampler must give a number for each parameter"):
+    with refusal("The sampler must give a number for each parameter"):
         env.reset(options={"sampler": lambda generator: 3})
 
 
@@ -329,27 +323,27 @@ def test_an_action_of_a_discrete_set_is_its_values():
     for action in (0, 4):
         env.step(action)
     assert asked == [[-2.0, -0.1], [1.0, 0.0]]
-    with pytest.raises(InputError, match="whole numbers from 0 to 5"):
+    with refusal("whole numbers from 0 to 5"):
         env.step(6)
-    with pytest.raises(InputError, match="given for every action or for none"):
+    with refusal("given for every action or for none"):
         Interface(RAW.features, (set_of[0], Action("steering")))
 
 
 def test_what_the_environment_cannot_do_is_refused():
-    with pytest.raises(InputError, match="nothing in `conditions`"):
+    with refusal("nothing in `conditions`"):
         make(
             "sumo_eval/cut_in-v0",
             settings=SimulationSettings(conditions=ConditionSettings(dropout=0.1)),
         ).reset()
-    with pytest.raises(InputError, match="`period` of the interface must be a multiple of `step`"):
+    with refusal("`period` of the interface must be a multiple of `step`"):
         make("sumo_eval/cut_in-v0", interface=Interface(RAW.features, RAW.actions, period=0.07))
-    with pytest.raises(InputError, match=r"Unknown feature `lead\.gab`\. Did you mean `lead\.gap`"):
+    with refusal(r"Unknown feature `lead\.gab`\. Did you mean `lead\.gap`"):
         Feature("lead.gab")
     many = make_vec("sumo_eval/cut_in-v0", num_envs=2)
     many.reset()
-    with pytest.raises(InputError, match=r"must be 2 x 1 numbers, got \(2, 3\)"):
+    with refusal(r"must be 2 x 1 numbers, got \(2, 3\)"):
         many.step(np.zeros((2, 3)))
-    with pytest.raises(InputError, match="must be reset before its first step"):
+    with refusal("must be reset before its first step"):
         make("sumo_eval/cut_in-v0").unwrapped.step(np.zeros(1))
 
 

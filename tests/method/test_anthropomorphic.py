@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refusal
 from twins import anthropomorphic as twin
 
-from sumo_eval.errors import InputError
 from sumo_eval.method import anthropomorphic as module
 from sumo_eval.method.anthropomorphic import (
     IndexNote,
@@ -614,9 +614,7 @@ def test_the_wheels_threshold_may_be_a_lateral_acceleration():
 def test_the_wheel_rule_is_refused_unless_both_sides_have_a_steering_signal():
     with_signal, without = drive(), without_steering([0.0] * 30)
     for ads, drivers in ((without, [with_signal] * 2), (with_signal, [with_signal, without])):
-        with pytest.raises(
-            InputError, match="needs the steering wheel angle of the ADS and of all drivers"
-        ):
+        with refusal("needs the steering wheel angle of the ADS and of all drivers"):
             anthropomorphic_index(ads, drivers, ROAD, WHEEL)
 
 
@@ -860,7 +858,7 @@ def test_the_weighted_index_is_a_mean_and_only_relative_exposure_counts(cases, f
     ],
 )
 def test_the_weighted_index_refuses(values, exposure, words):
-    with pytest.raises(InputError, match=words):
+    with refusal(words):
         exposure_weighted_index(values, exposure)
 
 
@@ -869,12 +867,10 @@ def test_the_weighted_index_refuses(values, exposure, words):
 
 @pytest.mark.parametrize("drivers", [[], [drive()]])
 def test_fewer_than_two_drivers_are_not_a_reference(drivers):
-    with pytest.raises(InputError, match=f"at least 2, got {len(drivers)}"):
+    with refusal(f"at least 2, got {len(drivers)}"):
         anthropomorphic_index(drive(), drivers, ROAD)
 
 
 def test_an_ads_that_starts_past_the_roads_end_is_refused():
-    with pytest.raises(
-        InputError, match=r"start of road `test` must be before its end at x = 60 m, got 60.0"
-    ):
+    with refusal(r"start of road `test` must be before its end at x = 60 m, got 60.0"):
         anthropomorphic_index(drive(start=60.0, until=80.0), [drive()] * 2, ROAD)

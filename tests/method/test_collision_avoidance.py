@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refusal
 from twins.collision_avoidance import walked_weight
 from twins.spaces import space
 
-from sumo_eval.errors import InputError
 from sumo_eval.method.collision_avoidance import (
     collision_avoidance_index,
     collision_loss,
@@ -245,7 +245,7 @@ def test_the_first_exit_counts_where_a_ray_enters_the_zone_again(ring):
     ],
 )
 def test_points_outside_the_space_have_no_weight(cut_out, point, sentence):
-    with pytest.raises(InputError, match=sentence):
+    with refusal(sentence):
         collision_weight(point, cut_out)
 
 
@@ -327,7 +327,7 @@ def test_c_is_a_share_and_only_the_ratio_of_the_weights_counts(cases, factor):
     ],
 )
 def test_impossible_collisions_are_refused(arguments, sentence):
-    with pytest.raises(InputError, match=sentence):
+    with refusal(sentence):
         collision_avoidance_index(*arguments)
 
 
@@ -347,10 +347,10 @@ def test_impossible_collisions_are_refused(arguments, sentence):
     ],
 )
 def test_impossible_impacts_are_refused(arguments, sentence):
-    with pytest.raises(InputError, match=sentence):
+    with refusal(sentence):
         impact_severity(*arguments)
 
 
 def test_a_negative_severity_has_no_loss():
-    with pytest.raises(InputError, match=r"`u` of a collision must be at least 0, got -1\.0"):
+    with refusal(r"`u` of a collision must be at least 0, got -1\.0"):
         collision_loss([3.0, -1.0])

@@ -5,8 +5,8 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refusal
 
-from sumo_eval.errors import InputError
 from sumo_eval.method.score import combined_score, population_scale
 
 index = st.floats(0.0, 1.0)
@@ -89,7 +89,7 @@ def test_the_population_scale_gives_the_middle_ads_half_of_the_points():
     ],
 )
 def test_what_makes_no_score_is_refused(arguments, keywords, sentence):
-    with pytest.raises(InputError, match=sentence):
+    with refusal(sentence):
         combined_score(*arguments, **keywords)
 
 
@@ -112,5 +112,5 @@ def test_what_makes_no_score_is_refused(arguments, keywords, sentence):
     ],
 )
 def test_what_makes_no_scale_is_refused(arguments, keywords, sentence):
-    with pytest.raises(InputError, match=sentence):
+    with refusal(sentence):
         population_scale(*arguments, **keywords)

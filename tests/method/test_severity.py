@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refusal
 
-from sumo_eval.errors import InputError
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.method.severity import (
     CHOICES,
@@ -75,9 +75,7 @@ def test_the_papers_severity_and_class_are_eqs_15_and_14():
 
 def test_eq14_and_the_loss_class_are_two_names_of_one_choice():
     assert CollisionSettings(severity="eq14").loss == "class"
-    with pytest.raises(
-        InputError, match="'severity' or 'eq14' beside `loss` 'class', got 'injury:cyclist'"
-    ):
+    with refusal("'severity' or 'eq14' beside `loss` 'class', got 'injury:cyclist'"):
         CollisionSettings(loss="class", severity="injury:cyclist")
 
 
@@ -196,15 +194,13 @@ def test_an_own_function_replaces_u(folder):
     ],
 )
 def test_a_wrong_severity_is_known_before_the_first_case(folder, name, sentence):
-    with pytest.raises(InputError, match=sentence):
+    with refusal(sentence):
         severity_of(CollisionSettings(severity=name), folder)
 
 
 def test_a_wrong_answer_names_the_case(folder):
     chosen = severity_of(CollisionSettings(severity="mine.py:hard_hits_only"), folder)
-    with pytest.raises(
-        InputError, match=r"mine.py:hard_hits_only` must return .* got -1.0 for case cut_in 7"
-    ):
+    with refusal(r"mine.py:hard_hits_only` must return .* got -1.0 for case cut_in 7"):
         chosen.of(GRAZE, "case cut_in 7")
 
 

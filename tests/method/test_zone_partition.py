@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from refusals import refusal
 from scipy.optimize import minimize
 from scipy.spatial import KDTree
 from twins.spaces import space
 from twins.zone_partition import distance_to_change, posterior_mean
 
-from sumo_eval.errors import InputError
 from sumo_eval.method.collision_avoidance import collision_weight
 from sumo_eval.method.criticality import critical_gap, ideal_impact_speed, max_inverse_ttc
 from sumo_eval.method.point_criticality import criticality, exact_target, squared_time_target
@@ -486,7 +486,7 @@ def test_points_outside_the_space_are_refused(cut_out, points, sentence):
         cut_out.boundary_distance,
         cut_out.nearest_zone,
     ):
-        with pytest.raises(InputError, match=sentence):
+        with refusal(sentence):
             method(points)
 
 
@@ -509,7 +509,7 @@ def test_points_outside_the_space_are_refused(cut_out, points, sentence):
     ],
 )
 def test_training_points_that_cannot_serve_are_refused(points, sentence):
-    with pytest.raises(InputError, match=sentence):
+    with refusal(sentence):
         partition(CUT_OUT, QUICK, points=points)
 
 
@@ -517,11 +517,11 @@ def test_a_space_without_points_and_an_error_over_no_points_are_refused():
     def gap(values):
         return values["x"]
 
-    with pytest.raises(InputError, match="must have points that satisfy its constraints"):
+    with refusal("must have points that satisfy its constraints"):
         partition(
             space([("x", 0.0, 5.0, 1.0)], gap, constraints=[lambda values: values["x"] > 9]), QUICK
         )
-    with pytest.raises(InputError, match="`n` of `boundary_error` must be at least 1"):
+    with refusal("`n` of `boundary_error` must be at least 1"):
         boundary_error(partition(LOW_SPEED), 0)
 
 

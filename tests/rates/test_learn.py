@@ -13,6 +13,7 @@ import pytest
 from commands import sumo_eval
 from lxml import etree
 from rates.planted import RANGES, RANK_CORRELATION, TOGETHER, planted, recordings_of, shares_of
+from refusals import refusal
 
 from sumo_eval.drivers.recorded.importing import import_recordings
 from sumo_eval.drivers.recorded.recordings import Recordings
@@ -289,10 +290,9 @@ def test_copula_holds_parameters_that_are_in_one_order():
 
 
 def test_events_that_lie_on_a_line_are_refused():
-    from sumo_eval.errors import InputError
 
     rows = tuple((float(i), 2.0 * i) for i in range(20))
-    with pytest.raises(InputError, match="must vary in each"):
+    with refusal("must vary in each"):
         Joint("kde", ("a", "b"), rows, (0.0, 0.0), (20.0, 40.0))
 
 

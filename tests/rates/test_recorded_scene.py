@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 from commands import sumo_eval
 from rates.planted import recordings_of
+from refusals import refusal
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical, write_csv
-from sumo_eval.errors import InputError
 from sumo_eval.extras.rates.departures import SceneDrive
 from sumo_eval.extras.rates.recorded_scene import (
     FAR,
@@ -82,7 +82,7 @@ def test_without_a_model_no_vehicle_reacts_and_one_point_is_left(tmp_path):
     path = tmp_path / "scene.toml"
     write_scene(recorded(), path, "ego", span=(None, 120.0))
     logical = read_scenario(path)
-    with pytest.raises(InputError, match="one where no actor reacts"):
+    with refusal("one where no actor reacts"):
         logical.concrete(react_beyond=2.0)
     found = simulate(logical.concrete(react_beyond=NEVER), "careful_driver")
     assert not any(clip.what == "handed_over" for clip in found.clips)
@@ -199,7 +199,7 @@ def test_a_path_that_comes_back_to_where_it_began_keeps_its_furthest_point():
     ],
 )
 def test_a_scene_that_cannot_be_is_refused(tmp_path, given, words):
-    with pytest.raises(InputError, match=words):
+    with refusal(words):
         write_scene(recorded(), tmp_path / "scene.toml", **given)  # type: ignore[arg-type]
 
 
@@ -216,13 +216,9 @@ def test_of_several_recordings_the_only_one_with_the_ego_is_taken(tmp_path):
     alone = tmp_path / "alone" / "scene.toml"
     write_scene(recorded(), alone, "ego", span=(None, 120.0))
     assert path.read_text() == alone.read_text()
-    with pytest.raises(
-        InputError, match=r"`recording` must name one recording: vehicle `ego` is in 2, r, s\."
-    ):
+    with refusal(r"`recording` must name one recording: vehicle `ego` is in 2, r, s\."):
         write_scene(twice(with_ego=True), path, "ego", span=(None, 120.0))
-    with pytest.raises(
-        InputError, match=r"Unknown vehicle `eg` of the recording\. Did you mean `ego`"
-    ):
+    with refusal(r"Unknown vehicle `eg` of the recording\. Did you mean `ego`"):
         write_scene(twice(with_ego=True), path, "eg", span=(None, 120.0))
     write_scene(twice(with_ego=True), path, "ego", span=(None, 120.0), recording="s")
     assert "s, recorded" in read_scenario(path).source
@@ -238,11 +234,11 @@ def test_one_who_follows_late_must_do_nothing_after_it_and_departed_needs_a_reco
     }  # fmt: skip
     assert scenario_from(content, "t", Path()).concrete(far=1.0).reacts
     content["vehicle"][0]["manoeuvre"] = [follow, {"do": "brake", "deceleration": 2.0}]
-    with pytest.raises(InputError, match="must do nothing after it does `follow`"):
+    with refusal("must do nothing after it does `follow`"):
         scenario_from(content, "t", Path())
     content["vehicle"][0]["manoeuvre"] = [follow]
     del content["ego"]["recorded"]
-    with pytest.raises(InputError, match="has `recorded` places"):
+    with refusal("has `recorded` places"):
         scenario_from(content, "t", Path())
 
 

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refusal
 
 import sumo_eval
-from sumo_eval.errors import InputError, StoppedError
+from sumo_eval.errors import StoppedError
 from sumo_eval.record.facts import record_facts, resolve
 from sumo_eval.record.points import choose_points
 from sumo_eval.record.run_folder import read_manifest, read_settings
@@ -133,7 +134,7 @@ def test_a_larger_budget_adds_rounds_and_a_width_that_is_reached_none(run, tmp_p
     entry = read_settings(run.folder).scenario[0]
     reached = replace(entry, sampling=replace(entry.sampling, count=72, until=100.0))
     settings = replace(read_settings(run.folder), scenario=(reached,))
-    with pytest.raises(InputError, match="already exists"):
+    with refusal("already exists"):
         sumo_eval.evaluate(settings, run.folder)
     wider = sumo_eval.evaluate(settings, run.folder, resume=True)
     assert len(wider.cases) == 40
@@ -143,9 +144,7 @@ def test_a_larger_budget_adds_rounds_and_a_width_that_is_reached_none(run, tmp_p
 def test_a_budget_below_what_was_driven_is_refused(run):
     entry = read_settings(run.folder).scenario[0]
     smaller = replace(entry, sampling=replace(entry.sampling, count=32))
-    with pytest.raises(
-        InputError, match="must be at least the 40 points that its rounds have, got 32"
-    ):
+    with refusal("must be at least the 40 points that its rounds have, got 32"):
         sumo_eval.evaluate(
             replace(read_settings(run.folder), scenario=(smaller,)), run.folder, resume=True
         )
@@ -154,5 +153,5 @@ def test_a_budget_below_what_was_driven_is_refused(run):
 
 def test_shards_cannot_choose_by_all_cases(tmp_path):
     run = replace(resolve(EVALUATION, tmp_path, resume=False), shard=(1, 2))
-    with pytest.raises(InputError, match=r"sampled in rounds .* cannot be recorded in shards"):
+    with refusal(r"sampled in rounds .* cannot be recorded in shards"):
         record_facts(run, tmp_path / "run")

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 from record.runs import MY_ADS, command, digest, sumo_eval_cli, write_evaluation
+from refusals import refusal
 
-from sumo_eval.errors import InputError
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import run_cases
 from sumo_eval.record.kept import packed
@@ -224,7 +224,7 @@ def recorded(folder):
 
 def test_without_a_scheduler_there_is_a_message(tmp_path):
     setup = Setup(SimulationSettings(), RunSettings(engine="dask"), HERE)
-    with pytest.raises(InputError, match="needs the address of a scheduler"):
+    with refusal("needs the address of a scheduler"):
         next(run_cases([], setup))
 
 
@@ -234,5 +234,5 @@ def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
     setup = Setup(
         SimulationSettings(), RunSettings(engine="dask", scheduler="tcp://127.0.0.1:9"), HERE
     )
-    with pytest.raises(InputError, match=r"no Dask scheduler at tcp://127\.0\.0\.1:9"):
+    with refusal(r"no Dask scheduler at tcp://127\.0\.0\.1:9"):
         next(run_cases([], setup))

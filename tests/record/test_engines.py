@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 from commands import python
+from refusals import refusal
 
 from sumo_eval.cli.stopping import heard
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.errors import InputError
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import LATE, is_late_by_chance, run_batches, run_cases
 from sumo_eval.record.kept import KeptRecording, packed
@@ -256,7 +256,7 @@ def test_neither_the_number_of_workers_nor_the_order_changes_a_byte(controller, 
 
 
 def test_the_least_memory_that_is_accepted_is_enough():
-    with pytest.raises(InputError, match="must be at least 512"):
+    with refusal("must be at least 512"):
         RunSettings(memory_limit=511.0)
     setup = Setup(SimulationSettings(), RunSettings(memory_limit=512.0), HERE)
     (outcome,) = run_cases([Case(0, CONCRETE, "ads", "idm", "idm")], setup)

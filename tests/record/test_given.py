@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 from commands import sumo_eval as sumo_eval_cli
+from refusals import refusal
 
 import sumo_eval
-from sumo_eval.errors import InputError
 from sumo_eval.settings import AdsSettings
 from sumo_eval.settings.config import read_evaluation
 
@@ -105,22 +105,18 @@ def test_what_cannot_be_sent_is_refused_and_leaves_no_run(tmp_path):
     def holds(seen):
         return 0.0 if lock else 1.0
 
-    with pytest.raises(
-        InputError, match=r"ADS `holds` cannot be sent to the processes that drive: TypeError"
-    ):
+    with refusal(r"ADS `holds` cannot be sent to the processes that drive: TypeError"):
         sumo_eval.evaluate(EVALUATION, tmp_path / "run", ads=[holds])
     assert not (tmp_path / "run").exists()
 
 
 def test_two_of_one_name_cannot_be_told_apart(tmp_path):
-    with pytest.raises(InputError, match="must differ from each other, got 'idm' twice"):
+    with refusal("must differ from each other, got 'idm' twice"):
         sumo_eval.evaluate(EVALUATION, tmp_path / "run", ads=["idm", AdsSettings("idm", "idm")])
 
 
 def test_a_wrong_dict_is_refused_like_a_wrong_file(tmp_path):
-    with pytest.raises(
-        InputError, match=r"Unknown key `drivers\.cout` in the evaluation\. Did you mean `count`"
-    ):
+    with refusal(r"Unknown key `drivers\.cout` in the evaluation\. Did you mean `count`"):
         sumo_eval.evaluate({**EVALUATION, "drivers": {"cout": 2}}, tmp_path / "run")
 
 

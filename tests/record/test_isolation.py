@@ -15,8 +15,8 @@ import pytest
 from commands import python
 from record import hostile_ads
 from record.runs import command, write_evaluation
+from refusals import refusal
 
-from sumo_eval.errors import InputError
 from sumo_eval.record import hygiene
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import identify, run_cases
@@ -191,11 +191,9 @@ def test_a_process_serves_one_locator_in_its_life(tmp_path):
 def test_the_serial_engine_refuses_a_second_ads_of_the_users_and_takes_one(tmp_path):
     cases = two_planners(tmp_path)
     setup = Setup(SimulationSettings(), RunSettings(engine="serial"), tmp_path)
-    with pytest.raises(
-        InputError, match=r"one ADS of yours, got ADS `a/my.py:drive` and ADS `b/my.py:drive`"
-    ):
+    with refusal(r"one ADS of yours, got ADS `a/my.py:drive` and ADS `b/my.py:drive`"):
         list(run_cases(cases, setup))
-    with pytest.raises(InputError, match="one ADS of yours"):
+    with refusal("one ADS of yours"):
         identify([("ADS", "a/my.py:drive"), ("ADS", "b/my.py:drive")], setup)
     assert len(identify([("ADS", "a/my.py:drive"), ("ADS", "idm")], setup)) == 2
 

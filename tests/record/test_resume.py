@@ -19,6 +19,7 @@ from commands import python
 from evaluations import small
 from record.edited_store import edit
 from record.runs import MY_ADS, command, digest, sumo_eval_cli, write_evaluation
+from refusals import refusal
 
 import sumo_eval
 from sumo_eval.errors import InputError, StoppedError
@@ -156,9 +157,9 @@ def test_resuming_with_fewer_cases_is_refused_and_loses_none(whole):
     every = [f"{settings.scenario[0].use}-0000-{ads.name}" for ads in settings.ads]
     narrow = replace(settings, run=replace(settings.run, only=tuple(every)))
     for fewer in (replace(settings, ads=settings.ads[:1]), narrow):
-        with pytest.raises(InputError, match="a run keeps its cases"):
+        with refusal("a run keeps its cases"):
             record_facts(replace(run, settings=fewer), whole, resume=True)
-        with pytest.raises(InputError, match="cannot continue as shard 1/2"):
+        with refusal("cannot continue as shard 1/2"):
             record_facts(replace(run, shard=(1, 2)), whole, resume=True)
         assert (digest(whole), written.read_text()) == (before, text)
     record_facts(run, whole, resume=True)
@@ -258,7 +259,7 @@ def test_a_folder_that_was_half_made_is_made_again(whole, tmp_path):
     assert digest(tmp_path / "run") == digest(whole)
     (tmp_path / "foreign").mkdir()
     (tmp_path / "foreign" / "thesis.txt").write_text("three years of work")
-    with pytest.raises(InputError, match="is not a run folder"):
+    with refusal("is not a run folder"):
         sumo_eval.evaluate(path, tmp_path / "foreign", resume=True)
 
 
@@ -332,7 +333,7 @@ def test_shards_make_the_whole_and_only_together(whole, tmp_path):
 
 @pytest.mark.parametrize("text", ["0/4", "5/4", "1", "a/b", "1/", "-1/4"])
 def test_a_shard_that_is_none_is_refused(text):
-    with pytest.raises(InputError, match="must have the form i/n"):
+    with refusal("must have the form i/n"):
         parse_shard(text)
 
 
@@ -440,7 +441,7 @@ class LostElsewhere:
 def test_what_fails_beside_the_driving_ends_it_with_its_own_sentence(whole, tmp_path):
     path = write_evaluation(tmp_path, SLOW_ADS)
     run = Resolved.of(read_evaluation(path), tmp_path)
-    with pytest.raises(InputError, match="zones of `mine`"):
+    with refusal("zones of `mine`"):
         record_facts(run, tmp_path / "run", meanwhile=refuse)
     assert rows(tmp_path / "run") < rows(whole), "not after an hour of driving"
 

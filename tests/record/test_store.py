@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from record.edited_store import edit
+from refusals import refusal
 
 from sumo_eval.errors import InputError
 from sumo_eval.record.cases import Case, Outcome
@@ -60,9 +61,9 @@ def test_packing_what_was_unpacked_changes_no_byte():
 
 @pytest.mark.parametrize("kept", [slice(0, 10), slice(0, 40), slice(0, -1)])
 def test_a_damaged_drive_is_refused_with_a_sentence(kept):
-    with pytest.raises(InputError, match="A recorded trajectory"):
+    with refusal("A recorded trajectory"):
         unpack(packed(drive())[kept])
-    with pytest.raises(InputError, match="is damaged: Error -3"):
+    with refusal("is damaged: Error -3"):
         unpack(packed(drive())[:20] + b"no deflated bytes")
 
 
@@ -138,18 +139,12 @@ def test_facts_are_selected_by_role_scenario_and_driver_in_the_order_of_points(t
 
 
 def test_a_file_that_is_not_a_facts_file_is_refused(tmp_path):
-    with (
-        pytest.raises(InputError, match="is not a run folder"),
-        open_store(tmp_path / "facts.sqlite"),
-    ):
+    with refusal("is not a run folder"), open_store(tmp_path / "facts.sqlite"):
         pass
     (tmp_path / "facts.sqlite").write_text(
         "not a database, but long enough to be mistaken for one " * 30
     )
-    with (
-        pytest.raises(InputError, match="is not a facts file"),
-        open_store(tmp_path / "facts.sqlite"),
-    ):
+    with refusal("is not a facts file"), open_store(tmp_path / "facts.sqlite"):
         pass
 
 
@@ -162,9 +157,7 @@ def test_a_newer_format_is_refused_with_both_versions(tmp_path):
     connection.commit()
     connection.close()
     with (
-        pytest.raises(
-            InputError, match=f"format version 99; this sumo_eval reads version {FORMAT_VERSION}"
-        ),
+        refusal(f"format version 99; this sumo_eval reads version {FORMAT_VERSION}"),
         open_store(path),
     ):
         pass
@@ -185,7 +178,7 @@ def test_reading_a_store_cannot_change_it(tmp_path):
     path = tmp_path / "facts.sqlite"
     with open_store(path, create=True):
         pass
-    with open_store(path) as store, pytest.raises(InputError, match="readonly"):
+    with open_store(path) as store, refusal("readonly"):
         store.add(Outcome(case(), "crashed", None, "late"))
 
 
@@ -224,7 +217,7 @@ def test_a_full_disk_is_reported_and_what_was_recorded_stays(tmp_path):
         store.add(Outcome(case(), "ok", Recording(drive(), {}, None, "road_end")))
         store._connection.execute("PRAGMA max_page_count = 12")
         big = {f"actor_{n}": drive(400, seed=n) for n in range(9)}
-        with pytest.raises(InputError, match=r"cannot be written: database or disk is full"):
+        with refusal(r"cannot be written: database or disk is full"):
             store.add(Outcome(case(8), "ok", Recording(drive(), big, None, "road_end")))
         kept = len(list(store.facts("ads")))
     with open_store(tmp_path / "facts.sqlite") as store:
@@ -268,10 +261,7 @@ def test_an_edited_row_is_reported_with_its_case(tmp_path, change):
     edit(tmp_path / "facts.sqlite", change)
     said = reads(tmp_path / "facts.sqlite")
     assert "front_vehicle_cut_out-0002-idm" in said
-    with (
-        pytest.raises(InputError, match="0002"),
-        open_store(tmp_path / "facts.sqlite", create=True),
-    ):
+    with refusal("0002"), open_store(tmp_path / "facts.sqlite", create=True):
         pass
 
 
@@ -344,10 +334,7 @@ def test_a_locked_file_is_refused(tmp_path):
 def test_a_folder_in_place_of_the_file_is_refused(tmp_path):
     (tmp_path / "facts.sqlite").mkdir()
     assert "is not a run folder" in reads(tmp_path / "facts.sqlite")
-    with (
-        pytest.raises(InputError, match="unable to open"),
-        open_store(tmp_path / "facts.sqlite", create=True),
-    ):
+    with refusal("unable to open"), open_store(tmp_path / "facts.sqlite", create=True):
         pass
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 from commands import sumo_eval as sumo_eval_cli
+from refusals import refusal
 
 import sumo_eval
-from sumo_eval.errors import InputError
 from sumo_eval.nightly.night import import_runs
 from sumo_eval.record import trust
 from sumo_eval.record.facts import merge, resolve, verify
@@ -126,9 +126,7 @@ DOORS: dict[str, Callable[[Path], object]] = {
 def test_no_function_runs_code_of_others(foreign, tmp_path, door):
     run = tmp_path / "run"
     shutil.copytree(foreign / "run", run)
-    with pytest.raises(
-        InputError, match=r"`.*code\.py:severity` .* --trust\.|code\.py:mine.* --trust\."
-    ):
+    with refusal(r"`.*code\.py:severity` .* --trust\.|code\.py:mine.* --trust\."):
         DOORS[door](run)
     assert not ran(foreign)
 
@@ -180,7 +178,7 @@ def test_own_run_that_names_other_code_now_is_refused(own, tmp_path, another_pro
         (own / "run" / "evaluation.toml").write_text(
             before.replace("code.py:severity", "code.py:other")
         )
-        with pytest.raises(InputError, match="--trust"):
+        with refusal("--trust"):
             sumo_eval.score(own / "run")
     finally:
         (own / "run" / "evaluation.toml").write_text(before)
@@ -192,7 +190,7 @@ def test_own_run_with_paths_from_elsewhere_is_refused(own, tmp_path, another_pro
     content = {name: value for name, value in json.loads(before).items() if name != SEAL}
     try:
         manifest.write_text(sealed({**content, "source_folder": str(tmp_path)}, indent=2))
-        with pytest.raises(InputError, match="--trust"):
+        with refusal("--trust"):
             sumo_eval.score(own / "run")
     finally:
         manifest.write_text(before)

@@ -10,9 +10,9 @@ from decimal import ROUND_CEILING, ROUND_FLOOR
 from importlib.metadata import version
 
 import pytest
+from refusals import refusal
 
 from sumo_eval import evaluate, score
-from sumo_eval.errors import InputError
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.report.checks import checks_content
 from sumo_eval.report.evidence import _outward, evidence_of, write_evidence
@@ -221,7 +221,7 @@ def test_a_wrong_qualification_is_refused_before_any_drive(tmp_path, text, sente
         "name": "n", "scenario": [{"use": "cut_in"}], "ads": [{"name": "idm", "controller": "idm"}],
         "run": {"qualification": str(tmp_path / "q.json")},
     }  # fmt: skip
-    with pytest.raises(InputError, match=sentence):
+    with refusal(sentence):
         evaluate(content, tmp_path / "run")
     assert not (tmp_path / "run").exists()
 

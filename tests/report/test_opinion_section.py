@@ -3,8 +3,8 @@
 import json
 
 import pytest
+from refusals import refusal
 
-from sumo_eval.errors import InputError
 from sumo_eval.extras.studies.opinion import Opinion, RatedScore, opinion_json
 from sumo_eval.report.opinion_section import OPINION, opinion_content
 
@@ -34,5 +34,5 @@ def test_the_section_is_there_only_where_people_were_asked(tmp_path):
 )
 def test_a_damaged_file_of_opinions_is_said_and_not_passed_over(tmp_path, damage):
     (tmp_path / OPINION).write_text(damage)
-    with pytest.raises(InputError, match="ask again with: sumo-eval humans opinion"):
+    with refusal("ask again with: sumo-eval humans opinion"):
         opinion_content(tmp_path)

@@ -12,6 +12,7 @@ import pytest
 from browser import CHROMIUM, Page
 from lxml import etree
 from page_checks import press
+from refusals import refusal
 
 from sumo_eval.cosim.sumo.gui_replay import sumo_gui
 from sumo_eval.errors import InputError
@@ -219,12 +220,12 @@ def test_a_case_without_a_recording_and_a_companion_that_was_not_there_get_a_sen
     evaluation, tmp_path
 ):
     crashed = next(case for case in evaluation.cases if case.status == "crashed")
-    with pytest.raises(InputError, match="has no recording to replay"):
+    with refusal("has no recording to replay"):
         recorded(evaluation.folder, crashed.case)
-    with pytest.raises(InputError, match="Did you mean"):
+    with refusal("Did you mean"):
         recorded(evaluation.folder, crashed.case + "x")
     fact = collision(evaluation)
-    with pytest.raises(InputError, match="Unknown ADS or driver"):
+    with refusal("Unknown ADS or driver"):
         write_replay(
             evaluation.folder,
             catalogue.load(fact.scenario),

@@ -15,9 +15,9 @@ import builders
 import numpy as np
 import pytest
 from packed_pages import unpacked
+from refusals import refusal
 
 from sumo_eval.cases import CaseTable
-from sumo_eval.errors import InputError
 from sumo_eval.report import sent_drives
 from sumo_eval.report.html import term, write_report
 from sumo_eval.report.page import template
@@ -282,7 +282,7 @@ def test_a_map_shows_the_two_chosen_parameters(evaluation):
     assert (two.x, two.y, two.fixed) == (1, 0, {})
     for axes, words in ((("gap", "p7"), "p7"), (("gap", "gap"), "two different")):
         settings = replace(evaluation.settings.report, axes={builders.SCENARIOS[1]: axes})
-        with pytest.raises(InputError, match=words):
+        with refusal(words):
             Resolved.of(replace(evaluation.settings, report=settings), Path())
 
 
@@ -341,7 +341,7 @@ def test_the_same_evaluation_gives_the_same_bytes(evaluation, partitions, page):
 
 
 def test_a_run_without_facts_is_refused(evaluation, partitions, tmp_path):
-    with pytest.raises(InputError, match="is not a run folder"):
+    with refusal("is not a run folder"):
         write_report(replace(evaluation, folder=tmp_path), partitions)
 
 

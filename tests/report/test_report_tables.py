@@ -7,8 +7,8 @@ from dataclasses import asdict, replace
 import builders
 import pandas as pd
 import pytest
+from refusals import refusal
 
-from sumo_eval.errors import InputError
 from sumo_eval.report.tables import cases_csv, scores_json
 from sumo_eval.report.words import (
     count,
@@ -56,7 +56,7 @@ def test_a_parameter_that_is_called_like_a_column_keeps_its_values(evaluation, t
 
 def test_a_folder_that_cannot_be_is_refused(evaluation, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be written"):
+    with refusal("cannot be written"):
         cases_csv(evaluation, tmp_path / "file" / "cases.csv")
 
 
@@ -86,7 +86,7 @@ def test_numbers_that_json_does_not_know_become_null(evaluation, value):
 
 def test_a_score_that_is_not_there_is_refused_by_name(evaluation):
     known = evaluation.scores[0]
-    with pytest.raises(InputError, match=f"Unknown ADS `nobody` of scenario `{known.scenario}`"):
+    with refusal(f"Unknown ADS `nobody` of scenario `{known.scenario}`"):
         evaluation.score("nobody", known.scenario)
-    with pytest.raises(InputError, match="Unknown scenario `nowhere` of this evaluation"):
+    with refusal("Unknown scenario `nowhere` of this evaluation"):
         evaluation.score(known.ads, "nowhere")

@@ -10,9 +10,9 @@ import builders
 import numpy as np
 import pytest
 from packed_pages import unpacked
+from refusals import refusal
 
 from sumo_eval.cases import CaseTable
-from sumo_eval.errors import InputError
 from sumo_eval.report.density import TILES, density_maps
 from sumo_eval.report.found_cases import nearest_cases
 from sumo_eval.report.html import write_report
@@ -142,7 +142,7 @@ def test_a_case_is_found_by_some_of_its_parameters(evaluation):
     ],
 )
 def test_what_the_run_does_not_have_is_said(evaluation, values, ads, words):
-    with pytest.raises(InputError, match=words):
+    with refusal(words):
         list(nearest_cases(evaluation, values, ads, None, 1))
 
 

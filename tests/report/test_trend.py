@@ -8,8 +8,8 @@ import builders
 import pytest
 from browser import CHROMIUM, Page
 from page_checks import holds_what_every_page_holds, saved_table
+from refusals import refusal
 
-from sumo_eval.errors import InputError
 from sumo_eval.nightly.history import HISTORY, REGRET_OF_LOSSES, Night, open_history
 from sumo_eval.nightly.trend import HEIGHT, TOP, _ticks, charts, failed_nights, write_trend
 from sumo_eval.report.gate_result import GateResult
@@ -66,22 +66,22 @@ def test_what_was_added_comes_back(history, evaluation):
 def test_a_night_is_never_replaced(history, evaluation):
     with (
         open_history(history, create=True) as lines,
-        pytest.raises(InputError, match="nothing in it is replaced"),
+        refusal("nothing in it is replaced"),
     ):
         lines.add(night("2026-01-01T02-00-00Z"), evaluation, [])
 
 
 def test_another_format_and_another_file_are_refused(tmp_path):
-    with pytest.raises(InputError, match="There is no history"), open_history(tmp_path):
+    with refusal("There is no history"), open_history(tmp_path):
         pass
     connection = sqlite3.connect(tmp_path / HISTORY)
     connection.execute("PRAGMA user_version = 99")
     connection.commit()
     connection.close()
-    with pytest.raises(InputError, match="format version 99"), open_history(tmp_path, create=True):
+    with refusal("format version 99"), open_history(tmp_path, create=True):
         pass
     (tmp_path / HISTORY).write_bytes(b"no database at all, only words" * 100)
-    with pytest.raises(InputError, match="is not a history"), open_history(tmp_path):
+    with refusal("is not a history"), open_history(tmp_path):
         pass
 
 

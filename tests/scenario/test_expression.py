@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refusal
 
 from sumo_eval.errors import InputError
 from sumo_eval.scenario.expression import Expression, checked_names, condition, number
@@ -66,7 +67,7 @@ def test_what_is_not_a_number_stays_so_on_both_sides(name):
 
 def test_a_missing_value_is_named():
     for ask in (Expression("2 * ego_speed").at, Expression("2 * ego_speed").value):
-        with pytest.raises(InputError, match="Did you mean `ego_sped`"):
+        with refusal("Did you mean `ego_sped`"):
             ask({"ego_sped": 1.0})
 
 
@@ -94,16 +95,16 @@ def test_nothing_else_is_let_in(text):
 
 
 def test_a_misspelt_name_or_function_is_answered_with_the_nearest():
-    with pytest.raises(InputError, match="Did you mean `ego_speed`"):
+    with refusal("Did you mean `ego_speed`"):
         checked_names(Expression("2 * ego_sped"), ["ego_speed", "gap"], "a test")
-    with pytest.raises(InputError, match="Did you mean `sqrt`"):
+    with refusal("Did you mean `sqrt`"):
         Expression("sqr(a)")
 
 
 def test_a_number_is_not_a_condition_nor_the_reverse():
-    with pytest.raises(InputError, match="a number, not a comparison"):
+    with refusal("a number, not a comparison"):
         number("a < 3", "a test")
-    with pytest.raises(InputError, match="a condition such as"):
+    with refusal("a condition such as"):
         condition("a + 3", "a test")
     assert float(number(3, "a test").value({})) == 3.0
 
@@ -114,15 +115,15 @@ def test_what_is_not_defined_is_not_finite_and_gives_no_warning():
 
 @pytest.mark.parametrize("text", ["abs(abs)", "min", "x + min", "where(x < 1, min, 2)", "x < abs"])
 def test_a_function_without_its_values_is_refused(text):
-    with pytest.raises(InputError, match="is a function: it must be given values in brackets"):
+    with refusal("is a function: it must be given values in brackets"):
         Expression(text)
 
 
 @pytest.mark.parametrize("text", ["9" * 990, "1e999", "0x" + "f" * 900, "x + " + "1" * 400])
 def test_a_number_that_no_float_can_hold_is_refused(text):
-    with pytest.raises(InputError, match="must hold finite numbers and names only"):
+    with refusal("must hold finite numbers and names only"):
         Expression(text)
-    with pytest.raises(InputError, match="must be finite"):
+    with refusal("must be finite"):
         number(10**400, "the test")
 
 

@@ -4,9 +4,9 @@
 import sys
 
 import pytest
+from refusals import refusal
 
 import sumo_eval
-from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue, formats
 
 EVALUATION = {
@@ -56,33 +56,22 @@ def test_an_installed_package_reads_a_format_of_its_own(site):
 
 def test_a_format_that_cannot_be_loaded_is_refused(site):
     install(site, "lead = lead_format:read")
-    with pytest.raises(
-        InputError,
-        match=r"The reader of `\.lead` files, `lead_format:read`, cannot be loaded: Module",
-    ):
+    with refusal(r"The reader of `\.lead` files, `lead_format:read`, cannot be loaded: Module"):
         catalogue.find("slow.lead", site)
 
 
 def test_two_readers_of_one_ending_are_refused_by_name(site):
     install(site, "xosc = lead_format:read")
-    with pytest.raises(
-        InputError, match=r"Files `\.xosc` must have one reader, got .*uninstall one"
-    ):
+    with refusal(r"Files `\.xosc` must have one reader, got .*uninstall one"):
         catalogue.find("any.xosc", site)
 
 
 def test_an_ending_that_nothing_reads_is_refused(tmp_path):
-    with pytest.raises(
-        InputError,
-        match=r"Unknown logical scenario `slow\.lead`: .*entry point `lead` of .* would do\.$",
-    ):
+    with refusal(r"Unknown logical scenario `slow\.lead`: .*entry point `lead` of .* would do\.$"):
         catalogue.find("slow.lead", tmp_path)
 
 
 def test_own_format_without_entry_point_names_the_mend(tmp_path, monkeypatch):
     monkeypatch.setattr(formats, "_points", dict)
-    with pytest.raises(
-        InputError,
-        match=r"no installed package reads `\.xosc` files.*`pip install -e \.` once more",
-    ):
+    with refusal(r"no installed package reads `\.xosc` files.*`pip install -e \.` once more"):
         catalogue.find("any.xosc", tmp_path)

@@ -2,13 +2,14 @@
 is refused."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refusal
 
 from sumo_eval.cosim.openscenario import opendrive_xml
-from sumo_eval.errors import InputError
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.road.lanes import Crossing, LaneSpan
@@ -93,7 +94,7 @@ def test_straight_roads_are_straight_and_a_crossing_asks_which_road():
     assert (straight.line, straight.lanes, straight.length) == ((), 3, 10_000.0)
     ncap = CATALOGUES / "osc_ncap" / "OpenDRIVE" / "NCAP"
     assert read_opendrive(ncap / "StraightRoad_NCAP_Roadmarks.xodr").line == ()
-    with pytest.raises(InputError, match="has 10 roads: `opendrive_road` must name one of"):
+    with refusal("has 10 roads: `opendrive_road` must name one of"):
         read_opendrive(ncap / "X-Intersection_NCAP.xodr")
 
 
@@ -130,10 +131,10 @@ def test_a_constant_lane_offset_shifts_the_lanes_and_one_that_changes_is_refused
     steps = OFFSET.format(s=0, a=1.25) + OFFSET.format(s=50, a=0)
     for offsets in (steps, OFFSET.format(s=50, a=1.25)):
         path.write_text(text.replace("<lanes>", "<lanes>" + offsets))
-        with pytest.raises(InputError, match=r"<laneOffset> of .* must be constant along the road"):
+        with refusal(r"<laneOffset> of .* must be constant along the road"):
             read_opendrive(path)
     path.write_text(text.replace("<road ", '<road rule="LHT" '))
-    with pytest.raises(InputError, match="left-hand traffic is not supported, got 'LHT'"):
+    with refusal("left-hand traffic is not supported, got 'LHT'"):
         read_opendrive(path)
 
 
@@ -195,7 +196,7 @@ def test_law_a_parametric_cubic_is_followed(tmp_path, normalised):
     ],
 )  # fmt: skip
 def test_a_cubic_that_is_not_what_its_geometry_says_is_refused(tmp_path, changes, kind, sentence):
-    with pytest.raises(InputError, match=sentence):
+    with refusal(sentence):
         read_opendrive(cubic(tmp_path, 60.0, kind, **changes))
 
 
@@ -216,7 +217,7 @@ def test_a_scenario_file_drives_on_it(tmp_path):
         Piece(80.0 * (1 + 0.01 * 7.25), 0.01 / 1.0725, 0.01 / 1.0725),
     )
     for key, value in (("line", [{"length": 9.0}]), ("network", "town.net.xml")):
-        with pytest.raises(InputError, match="opendrive"):
+        with refusal("opendrive"):
             scenario_from(
                 {**content, "road": {"opendrive": "road.xodr", key: value}}, "the file", tmp_path
             )
@@ -234,17 +235,17 @@ def test_a_scenario_file_drives_on_it(tmp_path):
     ],
 )  # fmt: skip
 def test_what_would_be_another_road_is_refused_by_name(tmp_path, parts, sentence):
-    with pytest.raises(InputError, match=sentence):
+    with refusal(sentence):
         read_opendrive(written(tmp_path, **parts))
 
 
 def test_a_file_that_is_none_and_a_road_that_is_not_there(tmp_path):
-    with pytest.raises(InputError, match="There is no OpenDRIVE file"):
+    with refusal("There is no OpenDRIVE file"):
         read_opendrive(tmp_path / "none.xodr")
     (tmp_path / "text.xodr").write_text("hello")
-    with pytest.raises(InputError, match="is not XML"):
+    with refusal("is not XML"):
         read_opendrive(tmp_path / "text.xodr")
-    with pytest.raises(InputError, match=r"Unknown road `main` .*\. Did you mean `mein`\?"):
+    with refusal(r"Unknown road `main` .*\. Did you mean `mein`\?"):
         read_opendrive(written(tmp_path, id="mein"), "main")
 
 
@@ -330,19 +331,15 @@ def test_the_roads_of_a_turn_are_driven_in_order(tmp_path):
     ],
 )
 def test_roads_that_do_not_follow_each_other_are_refused(tmp_path, names, a, sentence):
-    with pytest.raises(InputError) as caught:
+    with refusal(re.escape(sentence)):
         read_opendrive(chain(tmp_path, a), names)
-    assert sentence in str(caught.value)
 
 
 def test_a_width_that_is_a_polynomial_is_refused_by_its_lane(tmp_path):
     road = Road("t", 500.0, 3, 3.5, 400.0, spans=(LaneSpan(0, -math.inf, 300.0, 0.0, 50.0),))
     path = tmp_path / "t.xodr"
     path.write_text(opendrive_xml(road).replace('b="-0.07" c="0"', 'b="0" c="-0.001"'))
-    with pytest.raises(
-        InputError,
-        match=r"The width of lane -3 of road `0` of OpenDRIVE file .* must be constant, or",
-    ):
+    with refusal(r"The width of lane -3 of road `0` of OpenDRIVE file .* must be constant, or"):
         read_opendrive(path)
 
 

@@ -1,10 +1,12 @@
 """OpenSCENARIO parameter variations, in the layouts of the published ALKS set, become points of our
 spaces."""
 
+import re
 from contextlib import nullcontext
 
 import numpy as np
 import pytest
+from refusals import refusal
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.points import read_variation
@@ -286,9 +288,8 @@ def test_what_cannot_be_used_is_refused(files, change, sentence):
         return
     assert old in text
     (files / name).write_text(text.replace(old, new))
-    with pytest.raises(InputError) as caught:
+    with refusal(re.escape(sentence)):
         points(files)
-    assert sentence in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -301,7 +302,7 @@ def test_what_cannot_be_used_is_refused(files, change, sentence):
 )
 def test_a_distribution_that_does_not_exist_is_refused(files, tag, numbers):
     (files / "variation.xosc").write_text(stochastic(("Ve0_kph", f"<{tag} {numbers}/>")))
-    with pytest.raises(InputError, match=rf"<{tag}>: `\w+` must be (above|at least) 0"):
+    with refusal(rf"<{tag}>: `\w+` must be (above|at least) 0"):
         read_variation(files / "variation.xosc", None, 1)
 
 
@@ -331,7 +332,7 @@ def test_only_holds_truth_values_and_parameters_that_do_not_vary(files):
     assert set(chosen.points[:, 2].tolist()) == {10.0}
 
     (files / "mapping.toml").write_text(mapping.replace("false", '"off"'))
-    with pytest.raises(InputError, match=r"\[only\] of mapping mapping.toml keeps no combination"):
+    with refusal(r"\[only\] of mapping mapping.toml keeps no combination"):
         points(files)
 
 
@@ -348,7 +349,5 @@ def test_a_count_for_a_deterministic_variation_is_not_ignored_in_silence(tmp_pat
         )
     )
     assert len(read_variation(path, None, 1).combinations) == 5
-    with pytest.raises(
-        InputError, match=r"`count` does nothing for all\.xosc: its distribution is deterministic"
-    ):
+    with refusal(r"`count` does nothing for all\.xosc: its distribution is deterministic"):
         read_variation(path, 3, 1)

@@ -1,13 +1,14 @@
 """Moves that begin when a condition holds, speeds, swings and paths, against their closed forms."""
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from refusals import refusal
 
-from sumo_eval.errors import InputError
 from sumo_eval.method.point_criticality import criticality
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.scenario.file import check_points, scenario_from
@@ -64,7 +65,7 @@ def test_a_profile_by_time_and_one_by_place_pass_through_their_knots():
     assert np.interp(190.0, x, v) == pytest.approx(10.0, abs=0.02)
     assert np.interp(190.0, x, t) == pytest.approx(80.0 / 30.0, abs=1e-3)
     move = {"do": "speed_profile", "places": [190.0], "speeds": [10.0]}
-    with pytest.raises(InputError, match=r"`heading` .* \(use `times` otherwise\), got 180"):
+    with refusal(r"`heading` .* \(use `times` otherwise\), got 180"):
         way(scene(move, heading=180.0))
 
 
@@ -200,16 +201,15 @@ def test_a_move_begins_when_another_has_ended_and_a_delay_is_over():
 )  # fmt: skip
 def test_every_mistake_names_the_nearest_word(change, sentence):
     move = {"do": "brake", "deceleration": 5.0, **change}
-    with pytest.raises(InputError) as caught:
+    with refusal(re.escape(sentence)):
         check_points(
             scene({key: value for key, value in move.items() if value is not None}),
             np.array([[20.0]]),
         )
-    assert sentence in str(caught.value)
 
 
 def test_a_vehicle_that_starts_inside_another_is_refused():
-    with pytest.raises(InputError, match="clear of `ego` at the start"):
+    with refusal("clear of `ego` at the start"):
         check_points(
             scene({"do": "accelerate", "speed": 3.0, "acceleration": 1.0}, x=52.0),
             np.array([[20.0]]),
@@ -218,7 +218,7 @@ def test_a_vehicle_that_starts_inside_another_is_refused():
 
 def test_a_parameter_that_nothing_depends_on_is_refused():
     unused = [*BASE["parameter"], {"name": "w", "unit": "m", "low": 0.0, "high": 1.0, "step": 0.5}]
-    with pytest.raises(InputError, match="Parameter `w` of t must be used"):
+    with refusal("Parameter `w` of t must be used"):
         scenario_from(
             {**BASE, "parameter": unused, "vehicle": [{"name": "lead", "x": 150.0, "speed": 1.0}]},
             "t",
@@ -241,7 +241,7 @@ def test_a_stream_is_the_same_every_time_and_denser_than_its_lane_is_refused():
     assert repr(one) == repr(two)
     assert len(one.actors) in range(7, 13)  # 300 m at 30 a km, give or take what is drawn
     assert {actor.name for actor in one.actors} >= {"s_1", "s_7"}
-    with pytest.raises(InputError, match="`density` of stream `s` must be at most 100 a km"):
+    with refusal("`density` of stream `s` must be at most 100 a km"):
         scenario_from({**content, "stream": [{**stream, "density": 150.0}]}, "t", Path()).concrete(
             v=20.0
         )
@@ -286,7 +286,7 @@ def test_a_condition_that_never_holds_is_refused_before_a_drive(when, held):
     if held:
         check_points(logical, np.array([[20.0]]))
         return
-    with pytest.raises(InputError, match="can never hold, whatever the ego does"):
+    with refusal("can never hold, whatever the ego does"):
         check_points(logical, np.array([[20.0]]))
 
 
@@ -319,7 +319,7 @@ def test_a_margin_is_the_zone_to_the_last_digit_and_says_all():
     points = np.array([[10.0], [20.3], [20.30001], [30.0]])
     assert partition(logical).exactly_hazardous(points).tolist() == [False, True, True, True]
     assert partition(logical).most_dangerous[0] == {"v": 30.0}
-    with pytest.raises(InputError, match="has no `obstacle` beside `margin`"):
+    with refusal("has no `obstacle` beside `margin`"):
         scene(zone={**zone, "obstacle": "lead"})
-    with pytest.raises(InputError, match="must have an `obstacle`, or a `margin`"):
+    with refusal("must have an `obstacle`, or a `margin`"):
         scene(zone={})

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refusal
 from scenario.test_scenario_file import EXAMPLE
 
 from sumo_eval.cosim.simulation import simulate
-from sumo_eval.errors import InputError
 from sumo_eval.method.point_criticality import exact_target
 from sumo_eval.scenario import catalogue, constant_lateral, motion
 from sumo_eval.scenario.file import read_scenario
@@ -167,7 +167,7 @@ def test_a_run_up_that_takes_no_time_changes_no_outcome():
     ],
 )
 def test_a_run_up_that_is_none_is_refused(name, sentence):
-    with pytest.raises(InputError, match=sentence.replace("?", r"\?")):
+    with refusal(sentence.replace("?", r"\?")):
         catalogue.load(name)
 
 
@@ -195,5 +195,5 @@ def test_move_sideways_has_the_acceleration_of_the_file(tmp_path):
 
 
 def test_move_sideways_without_an_acceleration_above_0_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"`acceleration`.* must be greater than 0 m/s2, got 0"):
+    with refusal(r"`acceleration`.* must be greater than 0 m/s2, got 0"):
         own(tmp_path, ", acceleration = 0.0")

@@ -3,13 +3,14 @@ away."""
 
 import itertools
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from refusals import refusal
 from scipy import stats
 
-from sumo_eval.errors import InputError
 from sumo_eval.scenario import (
     Approach,
     Constraint,
@@ -228,7 +229,7 @@ def test_weighted_by_danger_a_mean_is_still_the_mean_over_the_exposure():
 
 
 def test_an_exposure_of_nothing_is_refused():
-    with pytest.raises(InputError, match="above 0 somewhere"):
+    with refusal("above 0 somewhere"):
         draw(space(axis("a"), exposure=lambda values: np.zeros(np.shape(values["a"]))), "exposure")
 
 
@@ -276,9 +277,8 @@ def test_law_a_number_of_few_digits_in_another_unit_stays_one():
     ],
 )
 def test_a_csv_that_cannot_be_used_is_refused(tmp_path, text, sentence):
-    with pytest.raises(InputError) as caught:
+    with refusal(re.escape(sentence)):
         from_file(tmp_path, text)
-    assert sentence in str(caught.value)
 
 
 def test_points_at_shares_exist_where_a_parameter_lists_its_values():
@@ -305,9 +305,9 @@ def test_a_sampler_of_the_users_is_a_function_of_space_number_and_stream(tmp_pat
         "was asked for 20 points, returned 19"
         in sample(CUT_OUT, "mine.py:few", request=request).notes[0]
     )
-    with pytest.raises(InputError, match="ValueError: no idea"):
+    with refusal("ValueError: no idea"):
         sample(CUT_OUT, "mine.py:broken", request=request)
-    with pytest.raises(InputError, match=r"an \(n, 3\) array"):
+    with refusal(r"an \(n, 3\) array"):
         sample(CUT_OUT, "mine.py:flat", request=request)
 
 
@@ -337,9 +337,8 @@ def test_a_sampler_of_the_users_is_a_function_of_space_number_and_stream(tmp_pat
     ],
 )
 def test_a_request_that_makes_no_points_is_refused(method, keys, sentence):
-    with pytest.raises(InputError) as caught:
+    with refusal(re.escape(sentence)):
         sample(CUT_OUT, method, request=Request(**keys))
-    assert sentence in str(caught.value)
 
 
 def test_every_method_says_which_keys_it_takes():
@@ -349,7 +348,7 @@ def test_every_method_says_which_keys_it_takes():
 
 def test_constraints_that_exclude_every_point_are_refused():
     nothing = replace(CUT_OUT, constraints=(Constraint("impossible", lambda v: v["gap"] > 1e9),))
-    with pytest.raises(InputError, match="Of 64 points are ruled out: 64 by `impossible`"):
+    with refusal("Of 64 points are ruled out: 64 by `impossible`"):
         draw(nothing, "sobol")
 
 
@@ -367,7 +366,7 @@ def test_constraints_that_exclude_every_point_are_refused():
 )
 def test_a_list_of_points_with_odd_rows_is_refused(tmp_path, text, words):
     (tmp_path / "points.csv").write_text(text)
-    with pytest.raises(InputError, match=words):
+    with refusal(words):
         from_csv(
             catalogue.load("front_vehicle_low_speed"), Request(file="points.csv", folder=tmp_path)
         )

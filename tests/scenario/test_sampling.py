@@ -1,13 +1,14 @@
 """The grid: exact decimals, both ends, C order, nothing silently missing."""
 
+import re
 from decimal import Decimal
 
 import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from refusals import refusal
 
-from sumo_eval.errors import InputError
 from sumo_eval.scenario import Approach, LogicalScenario, Parameter, Road, Start, catalogue
 from sumo_eval.scenario.joint import Joint
 from sumo_eval.scenario.sampling.drawn_points import steadily
@@ -161,9 +162,8 @@ def test_points_keep_the_grids_order():
     ],
 )
 def test_what_makes_no_grid_is_refused(arguments, sentence):
-    with pytest.raises(InputError) as caught:
+    with refusal(re.escape(sentence)):
         sample(CUT_OUT, **arguments)
-    assert sentence in str(caught.value)
 
 
 def test_the_central_point_is_on_the_grid_possible_and_nearest_to_the_centre():
@@ -202,7 +202,7 @@ def test_one_draw_of_a_joint_density_with_little_mass_inside():
     assert (point >= narrow.low).all()
     assert (point <= narrow.high).all()
     nowhere = Joint("kde", ("a", "b"), events, (800.0, 0.9), (900.0, 1.1))
-    with pytest.raises(InputError, match="No draw of the joint distribution"):
+    with refusal("No draw of the joint distribution"):
         nowhere.draw(1, stream)
 
 

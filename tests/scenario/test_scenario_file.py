@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refusal
 from scipy import stats
 
 import sumo_eval
@@ -130,9 +131,7 @@ def test_two_readings_are_equal_and_can_be_sent_to_another_process(file):
 
 
 def test_a_value_that_is_not_listed_does_not_exist(file):
-    with pytest.raises(
-        InputError, match=r"`truck_speed` of scenario `slow_truck` must be one of 10, 15, 22.2 m/s"
-    ):
+    with refusal(r"`truck_speed` of scenario `slow_truck` must be one of 10, 15, 22.2 m/s"):
         read_scenario(file).concrete(ego_speed=30.0, truck_speed=12.0)
 
 
@@ -231,9 +230,8 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
 def test_every_mistake_has_a_message(file, old, new, sentence):
     assert old in EXAMPLE
     file.write_text(EXAMPLE.replace(old, new, 1))
-    with pytest.raises(InputError) as caught:
+    with refusal(re.escape(sentence)):
         check_file(file)
-    assert sentence in str(caught.value)
 
 
 def test_an_option_is_a_number_that_expressions_know_and_another_scenario_where_it_is_given(file):
@@ -251,12 +249,11 @@ def test_an_option_is_a_number_that_expressions_know_and_another_scenario_where_
     assert (plain.road.lanes, given.road.lanes) == (2, 3)
     assert given.about == "A truck brakes when it is told to."
     assert [option.name for option in plain.options] == ["reaction"]
-    with pytest.raises(
-        InputError,
-        match=r"`reaction` of scenario `slow_truck` must be a finite number of s above 0, got '-1",
+    with refusal(
+        r"`reaction` of scenario `slow_truck` must be a finite number of s above 0, got '-1"
     ):
         catalogue.find("slow_truck.toml?reaction=-1", file.parent)
-    with pytest.raises(InputError, match="Did you mean `reaction`"):
+    with refusal("Did you mean `reaction`"):
         catalogue.find("slow_truck.toml?reacton=1", file.parent)
 
 
@@ -308,9 +305,7 @@ def test_what_builds_up_may_be_there_at_once_and_nothing_else_is_endless(file):
     (truck,) = read_scenario(file).concrete(ego_speed=25.0, truck_speed=10.0).actors
     assert (truck.lateral_speed(0.0), truck.y(1.0)) == (1.0, 1.0)
     file.write_text(file.read_text().replace("speed = 1.0, offset", 'speed = "1.0 / 0.0", offset'))
-    with pytest.raises(
-        InputError, match=r"speed of `move_sideways` of vehicle `truck` = `1.0 / 0.0` of scenario"
-    ):
+    with refusal(r"speed of `move_sideways` of vehicle `truck` = `1.0 / 0.0` of scenario"):
         read_scenario(file).concrete(ego_speed=25.0, truck_speed=10.0)
 
 
@@ -318,9 +313,8 @@ def test_all_mistakes_of_a_kind_are_named_at_once(file):
     file.write_text(
         EXAMPLE.replace("step = 5.0", "stp = 5.0").replace("[ego]", "[ego]\nspede = 3.0")
     )
-    with pytest.raises(InputError) as caught:
+    with refusal(r"`parameter\[0\]\.stp`") as caught:
         check_file(file)
-    assert "`parameter[0].stp`" in str(caught.value)
     assert "`ego.spede`" in str(caught.value)
 
 
@@ -335,7 +329,7 @@ def test_a_wrong_table_or_word_is_refused_with_one_message(tmp_path):
 
 
 def test_a_file_that_is_not_there():
-    with pytest.raises(InputError, match="There is no scenario file"):
+    with refusal("There is no scenario file"):
         catalogue.find("nowhere.toml")
 
 
@@ -369,9 +363,7 @@ def test_a_speed_in_other_units_is_never_driven_as_m_s(tmp_path, unit):
     """8 km/h = 2.22222 m/s; a fuzz of units, of which none may come to a scenario."""
     path = tmp_path / "short.toml"
     path.write_text(SHORT.replace("SPEED", "4.0").replace('unit = "m/s"', f'unit = "{unit}"'))
-    with pytest.raises(
-        InputError, match=r"nit of parameter `v`|nit `.*` of parameter `v`"
-    ) as refused:
+    with refusal(r"nit of parameter `v`|nit `.*` of parameter `v`") as refused:
         read_scenario(path)
     assert unit != "km/h" or "low = 2.22222" in str(refused.value)
 
@@ -394,9 +386,8 @@ def test_a_speed_in_other_units_is_never_driven_as_m_s(tmp_path, unit):
 def test_what_is_often_written_gets_the_sentence_that_helps(tmp_path, monkeypatch, old, new, words):
     monkeypatch.chdir(tmp_path)
     Path("short.toml").write_text(SHORT.replace("SPEED", "4.0").replace(old, new))
-    with pytest.raises(InputError) as refused:
+    with refusal(re.escape(words)):
         check_file(Path("short.toml"))
-    assert words in str(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -412,7 +403,7 @@ def test_points_of_a_table_come_in_the_unit_of_its_head(tmp_path, header, low):
     if low == 10.0:
         assert sample(logical, "file", request=wanted).points.tolist() == [[10.0]]
     else:
-        with pytest.raises(InputError, match=r"within 8\.\.14|[Uu]nit"):
+        with refusal(r"within 8\.\.14|[Uu]nit"):
             sample(logical, "file", request=wanted)
 
 

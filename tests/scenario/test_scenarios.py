@@ -4,12 +4,14 @@ import csv
 import itertools
 import math
 import pickle
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refusal
 
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import (
@@ -70,9 +72,7 @@ def test_the_default_steps_end_where_the_range_ends(logical):
 
 
 def test_an_unknown_scenario_is_answered_with_the_nearest_name():
-    with pytest.raises(
-        InputError, match=r"Unknown logical scenario .* Did you mean `front_vehicle_cut_out`"
-    ):
+    with refusal(r"Unknown logical scenario .* Did you mean `front_vehicle_cut_out`"):
         catalogue.load("front_vehicle_cutout")
 
 
@@ -83,7 +83,7 @@ def test_a_scenario_may_be_a_module_or_a_file_of_the_users(tmp_path):
     )
     assert catalogue.find("mine.py:MINE", tmp_path) is CUT_OUT
     assert catalogue.find("front_vehicle_cut_out") is CUT_OUT
-    with pytest.raises(InputError, match="must be a LogicalScenario, got int"):
+    with refusal("must be a LogicalScenario, got int"):
         catalogue.find("mine.py:OTHER", tmp_path)
 
 
@@ -286,11 +286,9 @@ def test_the_named_samples_are_the_euro_ncap_matrices(name, edition):
 
 def test_a_named_sample_has_no_levels_and_levels_mean_the_grid():
     logical = catalogue.load("ncap_ccrs")
-    with pytest.raises(InputError, match="Sample `ncap_2023` of scenario `ncap_ccrs` is a list"):
+    with refusal("Sample `ncap_2023` of scenario `ncap_ccrs` is a list"):
         sample(logical, "ncap_2023", levels=2)
-    with pytest.raises(
-        InputError, match=r"Unknown sampling method `ncap_2025`. Did you mean `ncap_202"
-    ):
+    with refusal(r"Unknown sampling method `ncap_2025`. Did you mean `ncap_202"):
         sample(logical, "ncap_2025")
     assert (
         sample(logical, levels=2).points.tolist()
@@ -341,20 +339,17 @@ GOOD = {"ego_speed": 20.0, "obstacle_speed": 10.0, "gap": 70.0}
     ],
 )
 def test_a_point_that_is_not_one_is_refused_with_its_sentence(change, sentence):
-    with pytest.raises(InputError) as caught:
+    with refusal(re.escape(sentence)):
         CUT_OUT.concrete(**{**GOOD, **change})
-    assert sentence in str(caught.value)
 
 
 def test_a_missing_parameter_is_named():
-    with pytest.raises(
-        InputError, match="Parameter `gap` of scenario `front_vehicle_cut_out` is missing"
-    ):
+    with refusal("Parameter `gap` of scenario `front_vehicle_cut_out` is missing"):
         CUT_OUT.concrete(ego_speed=20.0, obstacle_speed=10.0)
 
 
 def test_points_of_another_space_are_refused():
-    with pytest.raises(InputError, match="must be 3 long"):
+    with refusal("must be 3 long"):
         CUT_OUT.columns(np.zeros((5, 2)))
 
 
@@ -363,7 +358,7 @@ def test_points_of_another_space_are_refused():
     [(3.0, 3.0, 1.0), (4.0, 3.0, 1.0), (0.0, math.inf, 1.0), (0.0, 1.0, 0.0), (0.0, 1.0, math.nan)],
 )
 def test_a_parameter_without_a_range_or_a_step_is_refused(low, high, step):
-    with pytest.raises(InputError, match="of parameter `p` must be"):
+    with refusal("of parameter `p` must be"):
         Parameter("p", low, high, step, "m", "a test")
 
 
@@ -371,9 +366,7 @@ def test_two_vehicles_of_one_name_are_refused():
     road = Road("r", 100.0, 1, 3.5, 0.0)
     for names in (("ego",), ("a", "a")):
         actors = tuple(Actor(name, Start(50.0 + 10 * i, 0.0, 1.0)) for i, name in enumerate(names))
-        with pytest.raises(
-            InputError, match="The names of the vehicles of scenario `s` must be distinct"
-        ):
+        with refusal("The names of the vehicles of scenario `s` must be distinct"):
             ConcreteScenario("s", {}, 1.0, road, Start(10.0, 0.0, 1.0), actors)
 
 
@@ -440,7 +433,7 @@ def test_a_scenario_of_ones_own_has_its_exposure_and_constraints():
     assert sample(mine).points.ravel().tolist() == [2.0, 4.0, 6.0, 8.0]
     assert sample(mine).refused.ravel().tolist() == [1.0, 3.0, 5.0, 7.0, 9.0]
     assert mine.concrete(gap=4).exposure == 8.0
-    with pytest.raises(InputError, match="must be even, got 'gap=3'"):
+    with refusal("must be even, got 'gap=3'"):
         mine.concrete(gap=3)
 
 
@@ -581,6 +574,5 @@ def test_law_braking_never_reverses_and_the_distance_is_the_integral_of_the_spee
     ],
 )
 def test_scripts_that_no_vehicle_can_follow_are_refused(make, sentence):
-    with pytest.raises(InputError) as caught:
+    with refusal(re.escape(sentence)):
         make()
-    assert sentence in str(caught.value)

@@ -4,11 +4,13 @@ import contextlib
 import itertools
 import math
 import random
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from lxml import etree
+from refusals import refusal
 
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.sumo.session import session
@@ -123,9 +125,8 @@ def test_a_scenario_file_names_a_network_of_its_folder(tmp_path, network):
     ],
 )
 def test_a_road_that_is_not_there_is_refused(network, edges, end, sentence):
-    with pytest.raises(InputError) as caught:
+    with refusal(re.escape(sentence)):
         read_road(network, edges, end)
-    assert sentence in str(caught.value)
 
 
 SIDEWALK = """<net version="1.20">
@@ -169,7 +170,7 @@ def test_a_lane_without_cars_is_not_a_lane_of_the_road(tmp_path, permissions):
     )
     plain = read_road(edge_of(tmp_path / "bare.net.xml", CAR, CAR), ["m"], 280.0)
     assert (road.lanes, road.lane_width, road.run_out) == (2, 3.2, pytest.approx(6.4))
-    with pytest.raises(InputError, match="must have a lane on which a car may drive"):
+    with refusal("must have a lane on which a car may drive"):
         read_road(edge_of(tmp_path / "none.net.xml", (permissions, 2.0)), ["m"], 280.0)
     if permissions != NO_CARS[0]:
         return
@@ -215,9 +216,7 @@ def test_any_permissions_of_lanes_make_a_road_or_a_sentence(tmp_path, seed):
 def test_a_lane_index_must_be_a_small_number(tmp_path, index):
     path = edge_of(tmp_path / "own.net.xml", CAR, CAR)
     path.write_text(path.read_text().replace('index="1"', f'index="{index}"'))
-    with pytest.raises(
-        InputError, match="The index of lane 'm_1' must be a whole number of at most 3 digits, got"
-    ):
+    with refusal("The index of lane 'm_1' must be a whole number of at most 3 digits, got"):
         read_road(path, ["m"], 280.0)
 
 
@@ -228,13 +227,13 @@ def test_lengths_of_a_network_must_be_numbers(tmp_path, text):
         assert old in path.read_text()
         wrong = tmp_path / "wrong.net.xml"
         wrong.write_text(path.read_text().replace(old, new, 1))
-        with pytest.raises(InputError, match="of the network must be a finite number"):
+        with refusal("of the network must be a finite number"):
             read_road(wrong, ["m"], 280.0)
 
 
 def test_lanes_of_different_widths_are_listed(tmp_path):
     path = edge_of(tmp_path / "own.net.xml", ('allow="pedestrian"', 2.0), ("", 3.2), ("", 3.5))
-    with pytest.raises(InputError, match=r"must have one width, got m_1 3\.2 m, m_2 3\.5 m"):
+    with refusal(r"must have one width, got m_1 3\.2 m, m_2 3\.5 m"):
         read_road(path, ["m"], 280.0)
 
 
@@ -360,7 +359,7 @@ def test_junction_without_right_of_way_is_refused(tmp_path):
         "must have a <request> for each of its connections.*or be of type `unregulated`: it has "
         "none"
     )
-    with pytest.raises(InputError, match=sentence):
+    with refusal(sentence):
         read_road(path, ["road0", "road1"], 500.0)
     junction.set("type", "unregulated")
     path.write_bytes(etree.tostring(root))
@@ -375,16 +374,14 @@ def test_curved_edges_are_driven_in_their_order(bent):
         ),
         (["road0", "road1", "road2"], "of its edges, got 1200"),
     ):
-        with pytest.raises(InputError, match=sentence):
+        with refusal(sentence):
             read_road(bent, edges, 1200.0)
 
 
 @pytest.mark.campaign
 def test_corner_that_no_car_can_drive_is_refused(tmp_path):
     corner = turned(tmp_path / "corner.net.xml", bend=800.0)
-    with pytest.raises(
-        InputError, match=r"must be at least 7.5 m, so that the ego can drive its innermost"
-    ):
+    with refusal(r"must be at least 7.5 m, so that the ego can drive its innermost"):
         read_road(corner, ["road"], 600.0)
 
 
@@ -421,16 +418,16 @@ def test_traffic_reacts_on_a_curved_network(bent, tmp_path):
 def test_a_network_that_changed_after_reading_is_refused(network):
     road = read_road(network, ["road"], 600.0)
     network.write_text(network.read_text().replace("side_road", "other_road"))
-    with pytest.raises(InputError, match="has changed since"):
+    with refusal("has changed since"):
         laid_along_x(road.network)
 
 
 def test_a_file_that_is_not_a_network_is_refused(tmp_path):
     (tmp_path / "x.net.xml").write_text("<routes/>")
-    with pytest.raises(InputError, match="must be `net`"):
+    with refusal("must be `net`"):
         read_road(tmp_path / "x.net.xml", ["road"], 600.0)
     (tmp_path / "x.net.xml").write_text("<net>")
-    with pytest.raises(InputError, match="is not XML"):
+    with refusal("is not XML"):
         read_road(tmp_path / "x.net.xml", ["road"], 600.0)
 
 
@@ -463,16 +460,14 @@ def test_the_outermost_lanes_of_a_network_begin_and_end_where_its_edges_meet(tmp
     assert {float(part.split(",")[1]) for part in shapes["road0_0"].split()} == {3.5}
     assert {float(part.split(",")[1]) for part in shapes["road2_0"].split()} == {0.0}
     odd, missing = ["road1", "road3", "road2"], "must lead to edge `road3`: no lane of it does"
-    with pytest.raises(InputError, match=missing):
+    with refusal(missing):
         read_road(path, odd, 300.0)
     joined = "".join(
         f'<connection from="{one}" to="{other}" fromLane="0" toLane="0"/>'
         for one, other in itertools.pairwise(odd)
     )
     path.write_text(path.read_text().replace("</net>", f"{joined}</net>"))
-    with pytest.raises(
-        InputError, match="must have the outermost lane that edges before and behind it have"
-    ):
+    with refusal("must have the outermost lane that edges before and behind it have"):
         read_road(path, odd, 300.0)
 
 

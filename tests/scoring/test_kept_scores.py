@@ -14,9 +14,9 @@ import pytest
 from commands import python
 from commands import sumo_eval as sumo_eval_cli
 from evaluations import small
+from refusals import refusal
 
 import sumo_eval
-from sumo_eval.errors import InputError
 from sumo_eval.evaluation import discard_trajectories, zone_partitions
 from sumo_eval.record import human_reference, points
 from sumo_eval.record.facts import verify
@@ -136,7 +136,7 @@ def test_stopped_scoring_continues_where_it_was(done, copy, monkeypatch):
 def test_a_damaged_row_is_reported(copy):
     with closing(sqlite3.connect(copy / KEPT)) as connection, connection:
         connection.execute("UPDATE parts SET data = zeroblob(length(data)) WHERE kind = 'rows'")
-    with pytest.raises(InputError, match=r"not as it was written.*may be deleted"):
+    with refusal(r"not as it was written.*may be deleted"):
         list(sumo_eval.score(copy).cases)
 
 
@@ -149,10 +149,10 @@ def test_facts_that_changed_without_a_trace_are_found_on_reading(done, copy):
         )
     os.utime(facts, ns=(state.st_atime_ns, state.st_mtime_ns))
     assert facts.stat().st_size == state.st_size
-    with pytest.raises(InputError, match=f"`{case}` .* is not as it was recorded"):
+    with refusal(f"`{case}` .* is not as it was recorded"):
         recorded(copy, case)
     os.utime(facts)  # a changed time, and all of it is checked before anything is said
-    with pytest.raises(InputError, match=f"`{case}` .* is not as it was recorded"):
+    with refusal(f"`{case}` .* is not as it was recorded"):
         sumo_eval.score(copy)
 
 
@@ -183,7 +183,7 @@ def test_a_run_without_its_trajectories_keeps_its_scores(done, copy, monkeypatch
         lambda: sumo_eval.open_run(copy).trajectories(lost.case),
         lambda: sumo_eval.score(copy, ["method.zones.restarts=1",
                     "method.anthropomorphic.slice_spacing=7.0"])):  # fmt: skip
-        with pytest.raises(InputError, match="were discarded after it was scored"):
+        with refusal("were discarded after it was scored"):
             refused()
     told = sumo_eval_cli("export", copy, "--out", copy / "tables")
     assert told.returncode == 0
@@ -297,8 +297,5 @@ def test_released_trajectories_are_in_no_digest(done, copy, tmp_path):
     case = done.cases[0].case
     with closing(sqlite3.connect(copy / FACTS)) as connection, connection:
         connection.execute('UPDATE facts SET status = "off_road" WHERE "case" = ?', (case,))
-    with (
-        pytest.raises(InputError, match=f"`{case}` .* is not as it was recorded"),
-        open_store(copy / FACTS, whole=True),
-    ):
+    with refusal(f"`{case}` .* is not as it was recorded"), open_store(copy / FACTS, whole=True):
         pass

@@ -8,9 +8,9 @@ from typing import get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
+from refusals import refusal
 
 import sumo_eval.settings as settings_module
-from sumo_eval.errors import InputError
 from sumo_eval.settings import (
     About,
     AnthropomorphicSettings,
@@ -112,9 +112,8 @@ def test_about_knows_unit_symbol_and_equation():
     ],
 )  # fmt: skip
 def test_a_value_outside_its_bounds_is_refused(cls, values, sentence):
-    with pytest.raises(InputError) as caught:
+    with refusal(re.escape(sentence)):
         cls(**values)
-    assert sentence in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -133,11 +132,9 @@ def test_python_refuses_what_a_file_refuses(key, cls, values, place, demand):
     content = {"name": "x", "scenario": [{"use": "cut_in"}], key: values}
     if key == "sampling":
         content["scenario"][0][key] = content.pop(key)
-    with pytest.raises(
-        InputError, match=re.escape(f"`{place}` of `{cls.__name__}` must be {demand}")
-    ):
+    with refusal(re.escape(f"`{place}` of `{cls.__name__}` must be {demand}")):
         cls(**values)
-    with pytest.raises(InputError, match=re.escape(f".{place}` in mine.toml must be {demand}")):
+    with refusal(re.escape(f".{place}` in mine.toml must be {demand}")):
         settings_from(content, "mine.toml")
 
 
@@ -159,9 +156,7 @@ def test_law_every_numeric_bound_refuses_what_lies_outside(cls):
                         for f in dataclasses.fields(cls)
                         if _has_no_default(f) and f is not item
                     }
-                    with pytest.raises(
-                        InputError, match=f"`{item.name}` of `{cls.__name__}` must be"
-                    ):
+                    with refusal(f"`{item.name}` of `{cls.__name__}` must be"):
                         cls(**required, **{item.name: outside(bound)})
 
 

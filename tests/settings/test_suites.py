@@ -5,8 +5,8 @@ import tomllib
 from dataclasses import fields
 
 import pytest
+from refusals import refusal
 
-from sumo_eval.errors import InputError
 from sumo_eval.settings import PopulationSettings
 from sumo_eval.settings.config import SUITES, settings_from
 
@@ -45,7 +45,7 @@ def test_a_suite_says_everything_of_its_drivers_so_that_no_default_moves_its_sco
     ],
 )
 def test_nothing_about_a_suite_can_be_changed(more, sentence):
-    with pytest.raises(InputError, match=sentence):
+    with refusal(sentence):
         settings_from(asked(**more), "here")
 
 

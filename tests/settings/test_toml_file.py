@@ -1,10 +1,12 @@
 """A TOML file may hold anything: what cannot be used is one clear sentence, never a traceback."""
 
 import os
+import re
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from refusals import refusal
 
 from sumo_eval.errors import InputError
 from sumo_eval.settings.toml_file import DEEPEST, line_of, read_toml, toml_from
@@ -41,9 +43,9 @@ WRONG = {
 @pytest.mark.parametrize("name", WRONG)
 def test_what_cannot_be_used_is_refused(name):
     text, words = WRONG[name]
-    with pytest.raises(InputError) as caught:
+    with refusal(re.escape(words)) as caught:
         toml_from(text, "The file")
-    assert words in str(caught.value)
+
     assert str(caught.value).startswith("The file ")
     assert len(str(caught.value)) < 500
 
@@ -92,5 +94,5 @@ def test_what_is_not_a_file_is_refused(tmp_path):
     if os.geteuid() != 0:  # whom nothing is closed to
         cases[tmp_path / "closed"] = "cannot be read: "
     for path, words in cases.items():
-        with pytest.raises(InputError, match=words):
+        with refusal(words):
             read_toml(path, "test file")

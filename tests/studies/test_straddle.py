@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from refusals import refusal
 
-from sumo_eval.errors import InputError
 from sumo_eval.extras.studies.straddle import POOL, BoundarySearch
 from sumo_eval.scenario import Approach, Constraint, LogicalScenario, Parameter, Road, Start
 
@@ -134,7 +134,7 @@ def test_between_listed_values_there_is_no_boundary():
         Parameter("a", 0.0, 1.0, 1.0, "m", "-", values=(0.0, 1.0)),
         Parameter("b", 0.0, 1.0, 0.5, "m", "-"),
     )
-    with pytest.raises(InputError, match="hold it fixed"):
+    with refusal("hold it fixed"):
         BoundarySearch(square("a", "b", parameters=listed))
-    with pytest.raises(InputError, match="must have a possible point"):
+    with refusal("must have a possible point"):
         BoundarySearch(square("a", constraints=(Constraint("none", lambda v: v["a"] < -1.0),)))

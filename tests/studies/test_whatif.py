@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 from commands import sumo_eval as run
+from refusals import refusal
 from scipy.optimize import brentq
 
 import sumo_eval
 from sumo_eval.cosim.simulation import simulate
-from sumo_eval.errors import InputError
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.report.explain import known_case
@@ -127,7 +127,7 @@ def test_a_case_that_does_not_repeat_is_refused(night):
     file.write_text(LATE.format(begin=0.0))
     try:
         hit = known_case(folder, case.replace("late", "too_late"))
-        with pytest.raises(InputError, match="does not repeat: recorded a contact"):
+        with refusal("does not repeat: recorded a contact"):
             WhatIf(folder).answers(hit)
     finally:
         file.write_text(before)

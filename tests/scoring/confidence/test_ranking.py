@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refusal
 from scoring.test_scoring_intervals import HIT, LOST_SAFE, SAFE, combined
 
 from sumo_eval.cases import CaseTable
-from sumo_eval.errors import InputError
 from sumo_eval.report.score_table import score_lines
 from sumo_eval.report.tables import scores_json
 from sumo_eval.report.terminal import ranking_lines
@@ -128,11 +128,11 @@ def test_the_weights_of_scenarios_decide_and_the_total_is_their_mean():
 
 def test_a_misspelt_scenario_and_weights_of_nothing_are_refused():
     scores, found = scored(drives("a", 0.0))
-    with pytest.raises(InputError, match=r"Unknown scenario `z` in `method.ranking.weights`"):
+    with refusal(r"Unknown scenario `z` in `method.ranking.weights`"):
         rank(scores, found, RankingSettings({"z": 2.0}))
-    with pytest.raises(InputError, match="at least one scenario a weight above 0"):
+    with refusal("at least one scenario a weight above 0"):
         rank(scores, found, RankingSettings({"s": 0.0}))
-    with pytest.raises(InputError, match=r"`weights.s` of `RankingSettings` must be at least 0"):
+    with refusal(r"`weights.s` of `RankingSettings` must be at least 0"):
         RankingSettings({"s": -1.0})
 
 
