@@ -9,8 +9,10 @@ from refusals import refusal
 from sumo_eval.cosim import simulate
 from sumo_eval.cosim.openscenario import CASE, opendrive_xml, openscenario_xml
 from sumo_eval.extras.openscenario.logical import concrete, read_file
+from sumo_eval.extras.openscenario.written import scenario_content
 from sumo_eval.extras.wheel.tape import digest
 from sumo_eval.scenario.catalogue import SCENARIOS, load
+from sumo_eval.scenario.concrete import Actor, Model, Start
 from sumo_eval.settings import SimulationSettings
 
 
@@ -36,6 +38,19 @@ def test_exported_case_drives_to_the_same_digest(tmp_path, name):
     again = concrete(read_file(exported(tmp_path, case)), {})
     for controller in ("idm", "no_reaction"):
         assert digest(simulate(again, controller)) == digest(simulate(case, controller))
+
+
+@pytest.mark.parametrize(("changes", "what"), [
+    ({"changes": (("conditions.perception_delay", 0.2),)}, "the conditions"),
+    ({"ego": Start(50.0, 0.0, 10.0, 0.1)}, "the start of the ego"),
+    ({"actors": (Actor("a", Start(90.0, 0.0, 9.0), model=Model("IDM", 9.0)),)}, "actors that SUMO"),
+])  # fmt: skip
+def test_no_scenario_file_leaves_out_what_an_exported_case_has(tmp_path, changes, what):
+    logical = load("front_vehicle_braking")
+    (case,) = logical.concretes([0.5 * (logical.low + logical.high)])
+    read = read_file(exported(tmp_path, replace(case, **changes)))
+    with pytest.raises(InputError, match=f"no words for {what}"):
+        scenario_content(read, {})
 
 
 @pytest.mark.parametrize(

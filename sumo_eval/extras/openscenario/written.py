@@ -14,7 +14,7 @@ from sumo_eval.errors import InputError, must_be
 from sumo_eval.extras.openscenario.logical import Read, concrete
 from sumo_eval.report.page import write_page
 from sumo_eval.scenario import played
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.scenario.logical import ONLY
 from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.scenario.road.table import bend_name
@@ -44,8 +44,17 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
             'the OpenSCENARIO file itself: `use = "FILE.xosc"`.'
         )
     there = concrete(read, point)
+    for what, holds in _unsaid(there).items():
+        if holds:
+            raise InputError(
+                f"A scenario file has no words for {what} of {there.scenario}: it plays from the "
+                "OpenSCENARIO file itself."
+            )
     label = point_words(point)
     names = _names(there.actors)
+    ends = {
+        "x": there.road.length, "time": there.time_limit, "standstill": there.standstill_time,
+    }  # fmt: skip
     return {
         "name": re.sub(r"\W", "_", read.logical.name),
         "about": read.space.about,
@@ -58,12 +67,22 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
         "sample": [{"name": "the_case", "points": [[0.0]]}],
         "default_sample": "the_case",
         "road": _road(there.road),
-        "end": {"x": there.road.length,
-            **({} if there.time_limit is None else {"time": there.time_limit})},
+        "end": {key: value for key, value in ends.items() if value is not None},
         "ego": _ego(there),
         "vehicle": [_vehicle(actor, name, names) for actor,
             name in zip(there.actors, names, strict=True)],
     }  # fmt: skip
+
+
+def _unsaid(there: ConcreteScenario) -> dict[str, bool]:
+    """Whether a case, as an exported one can be, is what a scenario file cannot say."""
+    road, ego = there.road, there.ego
+    return {
+        "the lanes, which are not the same throughout,": road.shaped or road.network is not None,
+        "the start of the ego": ego != Start(ego.x, ego.y, ego.speed),
+        "actors that SUMO drives": any(actor.model for actor in there.actors),
+        "the conditions": bool(there.changes),
+    }
 
 
 def write_scenario(content: Mapping[str, Any], path: Path) -> None:
@@ -89,8 +108,6 @@ def _names(actors: Sequence[Actor]) -> list[str]:
 
 
 def _road(road: Road) -> dict[str, Any]:
-    if road.shaped or road.network is not None:
-        raise must_be("The road", "`import --out`", "the same lanes throughout", road.name)
     # which a scenario file's road has of its own
     name = road.name.removesuffix(bend_name(road.line, named=False))
     return {
