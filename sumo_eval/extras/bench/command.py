@@ -50,9 +50,10 @@ def bench(small: bool, only: tuple[str, ...], cases: int, file: Path | None) -> 
         progress=lambda part: tell(f"measuring: {part}", err=True),
     )
     if file is not None:
-        file.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+        plain = {**found, "rows": [row._asdict() for row in found["rows"]]}
+        file.write_text(json.dumps(plain, indent=2) + "\n", encoding="utf-8")
     machine = ", ".join(f"{name} {value}" for name, value in found["machine"].items())
     tell(machine)
     for row in found["rows"]:
-        ratio = "" if row["ratio"] is None else f"  {row['ratio']:z.2f} x {row['ratio_of']}"
-        tell(f"{row['group']:<14} {row['what']:<62} {row['value']:z10.3g} {row['unit']:<8}{ratio}")
+        ratio = "" if row.ratio is None else f"  {row.ratio:z.2f} x {row.ratio_of}"
+        tell(f"{row.group:<14} {row.what:<62} {row.value:z10.3g} {row.unit:<8}{ratio}")

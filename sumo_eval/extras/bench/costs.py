@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,19 +48,17 @@ from sumo_eval.trajectory import FloatArray, Recording
 SETTINGS = SimulationSettings(step=0.1, end_when_decided=True)
 
 
-Row = dict[str, Any]
-
-
-def _row(
-    group: str, what: str, value: float, unit: str, ratio: float | None = None, ratio_of: str = ""
-) -> Row:
+class Row(NamedTuple):
     """One measurement: what, how much, in which unit, and a ratio with its meaning ("" where there
     is none).
     """
-    return {
-        "group": group, "what": what, "value": value, "unit": unit, "ratio": ratio,
-        "ratio_of": ratio_of,
-    }  # fmt: skip
+
+    group: str
+    what: str
+    value: float
+    unit: str
+    ratio: float | None = None
+    ratio_of: str = ""
 
 
 class TenLines:
@@ -199,12 +197,12 @@ def cosimulation(cases: int, rounds: int) -> list[Row]:
                 bare[name] = min(bare[name], took)
     count, driver = len(concretes), "careful_driver, packed"
     rows = [
-        _row(group, f"{name} ({np.mean(steps[name]):.0f} steps a case)", count / own[name],
+        Row(group, f"{name} ({np.mean(steps[name]):.0f} steps a case)", count / own[name],
              "cases/s", bare[name] / own[name], "bare libsumo")
         for name in ways
     ]  # fmt: skip
     what = "bare libsumo, one at a time, as many steps"
-    rows.append(_row(group, what, count / bare[driver], "cases/s"))
+    rows.append(Row(group, what, count / bare[driver], "cases/s"))
     return [*rows, _storing(concretes, recordings[driver])]
 
 
@@ -218,7 +216,7 @@ def _storing(concretes: Sequence[ConcreteScenario], recordings: Sequence[Recordi
             for number, (one, recording) in enumerate(zip(concretes, recordings, strict=True))
         ]
         took = _seconds(lambda: list(map(store.add, outcomes)))
-    return _row("co-simulation", "storing recordings", 1e3 * took / len(outcomes), "ms/case")
+    return Row("co-simulation", "storing recordings", 1e3 * took / len(outcomes), "ms/case")
 
 
 def field_and_index(rounds: int) -> list[Row]:
@@ -253,9 +251,9 @@ def field_and_index(rounds: int) -> list[Row]:
     kernel, exponential = least["kernel"] / terms, least["exp"] / (1000 * numbers.size)
     ratio = simulated / points / index
     return [
-        _row(group, "numpy's exp, a number", 1e9 * exponential, "ns"),
-        _row(group, "field, a term", 1e9 * kernel, "ns", exponential / kernel, "numpy's exp"),
-        _row(
+        Row(group, "numpy's exp, a number", 1e9 * exponential, "ns"),
+        Row(group, "field, a term", 1e9 * kernel, "ns", exponential / kernel, "numpy's exp"),
+        Row(
             group, "D of a case, 10 drivers", 1e3 * index, "ms", ratio, "its 11 drives in batches"
         ),
     ]
@@ -268,8 +266,8 @@ def zones(points: int) -> list[Row]:
     own = _seconds(lambda: partition(logical))
     trained = _seconds(lambda: partition(logical, points=many))
     return [
-        _row("zones", "front_vehicle_cut_out, its own grid", own, "s"),
-        _row("zones", f"{points} training points", trained, "s"),
+        Row("zones", "front_vehicle_cut_out, its own grid", own, "s"),
+        Row("zones", f"{points} training points", trained, "s"),
     ]
 
 

@@ -40,13 +40,6 @@ def plot(
     if figure in FIGURES:  # else `draw` says so
         width_of(width)
         refuse_without_matplotlib()
-    if figure not in OF_RUNS or is_edge(run, figure):
-        tell(str(save(draw(run, figure, scenario=scenario, ads=ads, case=case, width=width), file)))
-        return
-
-    evaluation = scored(run)
-    tell(
-        str(
-            save(draw(evaluation, figure, scenario=scenario, ads=ads, case=case, width=width), file)
-        )
-    )
+    source = scored(run) if figure in OF_RUNS and not is_edge(run, figure) else run
+    drawn = draw(source, figure, scenario=scenario, ads=ads, case=case, width=width)
+    tell(str(save(drawn, file)))

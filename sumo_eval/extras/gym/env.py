@@ -19,19 +19,16 @@ Floats = NDArray[Any]
 
 
 def _spaces(interface: Interface) -> tuple[gymnasium.spaces.Box, gymnasium.Space[Any]]:
+    """The spaces of the features and of the actions."""
     low, high = (end.astype(np.float32) for end in interface.bounds)
     shown = gymnasium.spaces.Box(low, high, dtype=np.float32)
-    return shown, _action_space(interface)
-
-
-def _action_space(interface: Interface) -> gymnasium.Space[Any]:
     if interface.choices is not None:
-        return gymnasium.spaces.Discrete(interface.width)
+        return shown, gymnasium.spaces.Discrete(interface.width)
     ranges = [
         (-1.0, 1.0) if action.low is not None else (-np.inf, np.inf) for action in interface.actions
     ]
     least, most = (np.array(ends, dtype=np.float32) for ends in zip(*ranges, strict=True))
-    return gymnasium.spaces.Box(least, most, dtype=np.float32)
+    return shown, gymnasium.spaces.Box(least, most, dtype=np.float32)
 
 
 def _answers(interface: Interface, actions: Any, count: int) -> Floats:

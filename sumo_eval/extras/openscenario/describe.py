@@ -9,7 +9,7 @@ from pathlib import Path
 
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.collections import uses_of
-from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points, notes_on
+from sumo_eval.extras.openscenario.logical import Read, concrete, concrete_points
 from sumo_eval.extras.openscenario.moves import changes_nothing
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor
@@ -55,7 +55,7 @@ def described(read: Read) -> Iterator[str]:
         yield f"  {count} do not: {why.removeprefix('= ')}"
     if len(reasons) > _SHOWN:
         yield f"  and {len(reasons) - _SHOWN} more reasons"
-    yield from (f"  {note}" for note in notes_on(read.dropped, read.ignored, {}))
+    yield from (f"  {note}" for note in read.notes)
     points = concrete_points(read) if playing else ()
     first = next((point for point, why in points if why is None), None)
     if first is not None:

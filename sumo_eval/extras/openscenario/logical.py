@@ -200,7 +200,7 @@ class Read:
     """A file that was read: its logical scenario for one road, and notes on it.
 
     roads: names of the roads of the file, of which this is number `road`.
-    dropped: parameters without an effect, so that their points would be driven twice.
+    notes: what of the file has no effect here.
     refused: why points are not supported, and how many.
     """
 
@@ -209,9 +209,8 @@ class Read:
     frame: Frame
     roads: tuple[str, ...]
     road: int
-    dropped: tuple[str, ...]
-    ignored: tuple[str, ...]
-    refused: tuple[tuple[str, int], ...]
+    notes: tuple[str, ...]
+    refused: Mapping[str, int]
 
 
 def read_file(path: Path, given: Mapping[str, str] | None = None) -> Read:
@@ -271,23 +270,20 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     logical = replace(_logical(space, frame, scenes), name=name)
     if "zones" in options:
         logical = replace(logical, search=_search(scenes, logical.road))
-    notes = [*notes_on(dropped, ignored, refused), *_about_zones(logical, scenes)]
-    logical = replace(logical, notes=tuple(notes))
-    return Read(logical, space, frame, names, number, dropped, ignored, tuple(refused.items()))
-
-
-def notes_on(
-    dropped: Sequence[str], ignored: Sequence[str], refused: Mapping[str, int]
-) -> Iterator[str]:
-    """Notes on the file for a reader of the scores."""
+    notes = []
     if dropped:
-        yield (
+        notes.append(
             f"Points that differ in {', '.join(dropped)} alone are driven alike, and are one point."
         )
     if ignored:
-        yield f"Ignored, because they move no vehicle here: {', '.join(ignored)}."
-    for why, count in refused.items():
-        yield f"{count} of the points that were tried are not supported: {why}"
+        notes.append(f"Ignored, because they move no vehicle here: {', '.join(ignored)}.")
+    unsupported = (
+        f"{count} of the points that were tried are not supported: {why}"
+        for why, count in refused.items()
+    )
+    everything = (*notes, *unsupported, *_about_zones(logical, scenes))
+    logical = replace(logical, notes=everything)
+    return Read(logical, space, frame, names, number, tuple(notes), refused)
 
 
 def _about_zones(logical: LogicalScenario, scenes: Scenes) -> Iterator[str]:

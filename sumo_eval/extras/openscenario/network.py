@@ -203,7 +203,7 @@ def _road(element: Node, name: str) -> MapRoad:
 def _sloped(road: Node) -> bool:
     """Whether a road is not level: its height changes, or it has a superelevation."""
     heights, tilts = (
-        [[it.number(key, 0.0) for key in "abcd"] for it in road.all(name)] for name in PROFILES
+        {tuple(it.number(key, 0.0) for key in "abcd") for it in road.all(name)} for name in PROFILES
     )
-    changes = any(any(rest) for _, *rest in heights) or len({first for first, *_ in heights}) > 1
-    return changes or any(map(any, tilts))
+    level = len(heights) < 2 and not any(any(slopes) for _, *slopes in heights)
+    return not level or any(map(any, tilts))

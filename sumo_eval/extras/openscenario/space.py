@@ -12,7 +12,6 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ from sumo_eval.extras.openscenario.reading import Node, read_openscenario
 from sumo_eval.extras.openscenario.scene import FileOptions
 from sumo_eval.extras.openscenario.values import Value, plain
 from sumo_eval.scenario.distribution import Distribution
+from sumo_eval.scenario.sampling.grid import decimal
 
 Assignments = tuple[tuple[str, Value], ...]
 
@@ -60,7 +60,7 @@ class Axis:
         """Its values on the grid."""
         if self.choices:
             return [value for value, _ in self.choices]
-        low, step = Fraction(repr(self.low)), Fraction(repr(self.step))
+        low, step = decimal(self.low), decimal(self.step)
         return [float(low + step * k) for k in range(self.count)]
 
     @property
@@ -68,8 +68,7 @@ class Axis:
         """The number of its values on the grid."""
         if self.choices:
             return len(self.choices)
-        low, high, step = (Fraction(repr(it)) for it in (self.low, self.high, self.step))
-        return (high - low) // step + 1
+        return (decimal(self.high) - decimal(self.low)) // decimal(self.step) + 1
 
     def nearest(self, values: ArrayLike) -> NDArray[Any]:
         """The places of the values on the grid that are nearest to values of any shape."""

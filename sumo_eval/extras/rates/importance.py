@@ -68,13 +68,12 @@ class Met(NamedTuple):
         if self.joint is not None:
             return self.joint.draw(count, stream)
         shares = stream.uniform(size=(count, len(self.logical.names)))
-        columns = [
-            item.low + share * (item.high - item.low)
-            if item.distribution is None
-            else item.distribution.quantile(share, item.low, item.high)
-            for share, item in zip(shares.T, self.logical.parameters, strict=True)
-        ]
-        return np.column_stack(columns)
+        points = self.logical.from_unit(shares)
+        for column, item in enumerate(self.logical.parameters):
+            if item.distribution is not None:
+                share = shares[:, column]
+                points[:, column] = item.distribution.quantile(share, item.low, item.high)
+        return points
 
     def base_density(self, points: FloatArray) -> FloatArray:
         """The density (n,) of `base` at points (n, k)."""

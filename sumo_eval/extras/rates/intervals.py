@@ -13,14 +13,14 @@ LEVEL = 0.95
 OUTERMOST = 3  # spacings between the furthest values that show an end
 
 
-def of_each(count: int, level: float = LEVEL) -> float:
-    """The level of each of `count` intervals that hold all at once with probability `level` (Sidak
+def of_each(count: int) -> float:
+    """The level of each of `count` intervals that hold all at once with probability `LEVEL` (Sidak
     1967).
 
-    Exact where they are independent, and never below `level` for two-sided intervals of normal
+    Exact where they are independent, and never below `LEVEL` for two-sided intervals of normal
     estimates.
     """
-    return float(level ** (1.0 / max(count, 1)))
+    return float(LEVEL ** (1.0 / max(count, 1)))
 
 
 def rate_interval(events: int, exposure: float, level: float = LEVEL) -> tuple[float, float]:

@@ -105,12 +105,12 @@ def _cell(value: Any) -> str:
     return str(value)
 
 
-def amount(value: float, digits: int = 3) -> str:
-    """A number in `digits`, a large one written out: 168,000."""
-    shown = f"{value:z.{digits}g}"
+def amount(value: float) -> str:
+    """A number in three digits, a large one written out: 168,000."""
+    shown = f"{value:z.3g}"
     return f"{float(shown):,.0f}" if abs(float(shown)) >= 1000.0 else shown
 
 
-def interval(low: float, high: float, digits: int = 3) -> str:
+def interval(low: float, high: float) -> str:
     """Two limits in words."""
-    return f"{amount(low, digits)} to {amount(high, digits)}"
+    return f"{amount(low)} to {amount(high)}"
