@@ -8,6 +8,7 @@ from refusals import refusal
 
 from sumo_eval.cosim import simulate
 from sumo_eval.cosim.openscenario import CASE, opendrive_xml, openscenario_xml
+from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.logical import concrete, read_file
 from sumo_eval.extras.openscenario.written import scenario_content
 from sumo_eval.extras.wheel.tape import digest

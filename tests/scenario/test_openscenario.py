@@ -187,9 +187,7 @@ def test_a_variation_is_the_space_and_constraints_leave_points_out(tmp_path):
     assert [
         (item.name, item.low, item.high, item.step, item.unit) for item in read.logical.parameters
     ] == [("kph", 36.0, 90.0, 18.0, "1")]
-    assert read.notes == (
-        "Points that differ in light alone are driven alike, and are one point.",
-    )
+    assert read.notes == ("Points that differ in light alone are driven alike, and are one point.",)
     found = [(point["kph"], why) for point, why in concrete_points(read)]
     assert found == [(36.0, None), (54.0, None), (72.0, None), (90.0, "= kph lessOrEqual 80")]
     assert read.logical.concrete(kph=54.0).ego.speed == pytest.approx(15.0)

@@ -253,9 +253,7 @@ def field_and_index(rounds: int) -> list[Row]:
     return [
         Row(group, "numpy's exp, a number", 1e9 * exponential, "ns"),
         Row(group, "field, a term", 1e9 * kernel, "ns", exponential / kernel, "numpy's exp"),
-        Row(
-            group, "D of a case, 10 drivers", 1e3 * index, "ms", ratio, "its 11 drives in batches"
-        ),
+        Row(group, "D of a case, 10 drivers", 1e3 * index, "ms", ratio, "its 11 drives in batches"),
     ]
 
 
