@@ -37,6 +37,7 @@ def whatif(
     from sumo_eval.record.run_folder import FACTS
     from sumo_eval.record.store import open_store
     from sumo_eval.report.explain import known_case
+    from sumo_eval.report.words import count
     from sumo_eval.whatif.search import WhatIf
 
     if all_collisions == (case is not None):
@@ -50,14 +51,20 @@ def whatif(
             for number, fact in enumerate(facts, start=1):
                 found.append(search.answers_or_why_not(fact, lever, fine=False))
                 progress("collisions", number, len(facts))
-        if found and all(one.why_not for one in found):
-            raise InputError(found[0].why_not)
+        left_out = [one.why_not for one in found if one.why_not]
+        if left_out and len(left_out) == len(found):
+            raise InputError(left_out[0])
+        if left_out:
+            words = f"{count(len(left_out), 'collision')} left out. The first: {left_out[0]}"
+            tell(words, err=True)
         lines = _table_of_all(found)
     else:
         found = [search.answers(known_case(run, case), lever)]
         lines = _table(found[0])
     if as_json:
-        plain = {one.fact.case: [_plain(it) for it in one.answers] for one in found}
+        plain = {
+            one.fact.case: [_plain(it) for it in one.answers] for one in found if not one.why_not
+        }
         tell(json.dumps(plain, indent=1))
     else:
         show(lines)
@@ -86,8 +93,6 @@ def _table_of_all(found: Sequence[CaseLevers]) -> Iterator[str]:
 
     if not found:
         yield "The run has no collision."
-    if left_out := [one.why_not for one in found if one.why_not]:
-        yield f"{count(len(left_out), 'collision')} left out. The first: {left_out[0]}"
     groups: dict[tuple[str, str], list[CaseLevers]] = {}
     for one in (one for one in found if not one.why_not):
         groups.setdefault((one.fact.driver, one.fact.scenario), []).append(one)

@@ -129,5 +129,9 @@ def test_a_case_that_does_not_repeat_is_refused(night):
         hit = known_case(folder, case.replace("late", "too_late"))
         with refusal("does not repeat: recorded a contact"):
             WhatIf(folder).answers(hit)
+        file.write_text(LATE.format(begin="(0.0 if observation.ego.speed > 25.0 else 3.4)"))
+        done = run("whatif", folder, "--all-collisions", "--lever", "gap", "--json")
+        assert hit.case not in json.loads(done.stdout)
+        assert "1 collision left out. The first: " in done.stderr
     finally:
         file.write_text(before)
