@@ -144,8 +144,6 @@ def _numba() -> Any:
     os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
     numba = importlib.import_module("numba")
     importlib.import_module("numba.extending")
-    if not PLAIN:
-        importlib.import_module("sumo_eval.numba_insides").compile_whole_loops()
     while _unregistered:
         _register(_unregistered.pop())
     return numba

@@ -1,6 +1,5 @@
-"""Machine code of numba's, made for whole loops alone, and kept in one sealed file for each:
-numba's own index mixes kinds of arguments up where two processes write at once, and trusts damaged
-files.
+"""Machine code of numba's, kept in one sealed file for each loop: numba's own index mixes kinds of
+arguments up where two processes write at once, and trusts damaged files.
 
 This borrows insides of numba that are not part of its interface, tried with numba 0.68.
 SUMO_EVAL_PLAIN=1 leaves them out.
@@ -70,61 +69,6 @@ def kept_code() -> Any:
             return kernels.cache_folder() / f"{self._py_func.__name__}.{digest.hexdigest()[:24]}"
 
     return KeptCode
-
-
-@functools.cache
-def compile_whole_loops() -> None:
-    """Let numba make machine code of a function when its address is asked for: parts of a loop are
-    compiled within the loop alone. It saves a fifth of the time.
-    """
-    codegen = importlib.import_module("numba.core.codegen")
-    # what every address may need: made at once
-    registry = importlib.import_module("numba.core.registry")
-    runtime = importlib.import_module("numba.core.runtime").rtsys
-    runtime.initialize(registry.cpu_target.target_context)
-    set_environment = codegen.JITCPUCodegen.set_env
-
-    def set_if_compiled(generator: Any, name: str, environment: Any) -> None:
-        if generator._engine.is_symbol_defined(name):
-            set_environment(generator, name, environment)
-
-    codegen.JITCPUCodegen._library_class = _late_code(codegen.JITCodeLibrary)
-    codegen.JITCPUCodegen.set_env = set_if_compiled
-
-
-def _late_code(library: Any) -> Any:
-    """numba's class of a function and what it calls, which has no machine code before its address
-    is asked for.
-    """
-    environment_of = importlib.import_module("numba.core.environment").lookup_environment
-
-    class LateCode(library):  # type: ignore[misc]
-        """A function and what it calls, ready to be a part of others."""
-
-        _has_code = False
-
-        def _finalize_final_module(self) -> None:
-            self._finalize_dynamic_globals()
-            self._verify_declare_only_symbols()
-            self._finalized = True
-
-        def get_pointer_to_function(self, name: str) -> int:
-            """Its address, or 0 where it is not defined in this library."""
-            self._ensure_finalized()
-            module = self._shared_module or self._final_module  # the first if it was kept
-            if not self._has_code and _defines(module, name):
-                self._has_code = True
-                super()._finalize_final_module()
-                for variable in self._final_module.global_variables:
-                    if (environment := environment_of(variable.name)) is not None:
-                        self._codegen.set_env(variable.name, environment)
-            return int(super().get_pointer_to_function(name)) if self._has_code else 0
-
-    return LateCode
-
-
-def _defines(module: Any, name: str) -> bool:
-    return any(it.name == name and not it.is_declaration for it in module.functions)
 
 
 def _seal(content: bytes) -> bytes:
