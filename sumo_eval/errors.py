@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import difflib
 import itertools
+import os
 import re
 from collections.abc import Collection, Iterable, Sequence
 
@@ -65,18 +66,13 @@ def nearest(name: str, known: Sequence[str]) -> str | None:
         return None
     matcher = difflib.SequenceMatcher(b=name)
     best, near = LEAST_ALIKE, ""
-    first = max(known, key=lambda one: _alike_at_the_start(one, name))
+    # letters: names are no paths
+    first = max(known, key=lambda one: len(os.path.commonprefix([one, name])))  # noqa: RUF071
     for one in itertools.chain((first,), known):
         matcher.set_seq1(one)
         if matcher.real_quick_ratio() >= best and matcher.quick_ratio() >= best:
             best, near = max((best, near), (matcher.ratio(), one))
     return near or None
-
-
-def _alike_at_the_start(one: str, other: str) -> int:
-    """Number of letters that two names have in common before the first that differs."""
-    shorter = min(len(one), len(other))
-    return next((place for place in range(shorter) if one[place] != other[place]), shorter)
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -138,16 +138,13 @@ def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: P
             )
         from sumo_eval.report.evidence import write_evidence
 
-        evaluation = scored(run)
-        for path in write_evidence(evaluation, out):
-            tell(str(path))
+        say(map(str, write_evidence(scored(run), out)))
         return
     if case is None:
         from sumo_eval.record.exchange import export as write
         from sumo_eval.record.exchange import open_run
 
-        for path in write(run, out, kind or "csv"):
-            tell(str(path))
+        say(map(str, write(run, out, kind or "csv")))
         if lost := open_run(run).discarded:
             tell(
                 f"Not among them: {lost / 1e6:z,.2f} MB of trajectories that `[run] keep` has "
@@ -162,6 +159,5 @@ def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: P
     from sumo_eval.report.export_case import export_case
 
     exported = export_case(run, case, out)
-    for path in exported.paths:
-        tell(str(path))
+    say(map(str, exported.paths))
     tell(f"Drive it again, in that folder: {exported.line}")

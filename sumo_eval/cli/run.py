@@ -112,11 +112,8 @@ def run(
         changes["engine"] = "dask"
     if out is None and (resume or part != WHOLE):
         raise click.UsageError("`--resume` and `--shard` need `--out`, the folder that is meant.")
-    folder = (
-        Path()
-        if out is None and dry_run
-        else out or out_folder.default("paper" if evaluation is None else evaluation.stem)
-    )
+    name = "paper" if evaluation is None else evaluation.stem
+    folder = out or (Path() if dry_run else out_folder.default(name))
     resolved = resolve(
         evaluation, folder, resume, ads, **changes | {"only": changes["only"] or None}
     )
@@ -166,15 +163,12 @@ def score(run: Path, changes: tuple[str, ...], everything: bool) -> None:
     warm_up()  # before the imports below, which take a second
 
     result = scored(run, changes)
-    said = (
+    note = (
         f"Scored with {', '.join(changes)} instead of the values in "
-        f"{result.folder / 'evaluation.toml'}."
+        f"{result.folder / 'evaluation.toml'}. report.html and scores.json show these scores; "
+        "other commands use the settings of the file."
     )
-    stays = (
-        "report.html and scores.json show these scores; other commands use the settings of the "
-        "file."
-    )
-    finish(result, [f"{said} {stays}"] if changes else [], everything=everything)
+    finish(result, [note] if changes else [], everything=everything)
 
 
 @click.command(epilog="Example: sumo-eval merge part1 part2 --out results/whole")

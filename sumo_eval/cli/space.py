@@ -10,7 +10,7 @@ import click
 
 from sumo_eval.cli import out_folder
 from sumo_eval.cli.options import SEED, count_option, path_option
-from sumo_eval.cli.sentences import tell
+from sumo_eval.cli.sentences import say, tell
 from sumo_eval.text import point_words
 
 
@@ -49,14 +49,12 @@ def partition(scenario: str) -> None:
     result = describe_zones(logical, zones, draw(logical))
     share = f"{result.hazardous_share:z.1%} of {result.sampled} grid points"
     tell(f"{logical.name}: {result.zones} hazardous zone(s), {share}")
-    for point in result.most_dangerous:
-        tell(f"  most dangerous point: {point_words(point)}")
+    say(f"  most dangerous point: {point_words(point)}" for point in result.most_dangerous)
     tell(
         f"  on the wrong side of the exact boundary: {result.boundary_error:z.2%} of the possible "
         "points"
     )
-    for note in result.notes:
-        tell(f"  {note}")
+    say(f"  {note}" for note in result.notes)
 
 
 @click.command(epilog="Example: sumo-eval sample cut_in --method sobol --count 64 --out points")
@@ -115,7 +113,4 @@ def sample(
     total = len(chosen.points) + len(chosen.refused)
     share = len(chosen.refused) / total
     tell(f"{title}; constraints refuse {len(chosen.refused)} of {total} ({share:z.1%}).")
-    for note in chosen.notes:
-        tell(f"  {note}")
-    tell(str(table))
-    tell(str(page))
+    say((*(f"  {note}" for note in chosen.notes), str(table), str(page)))

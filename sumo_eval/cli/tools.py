@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, INPUT_WRONG
-from sumo_eval.cli.options import POSITIVE
+from sumo_eval.cli.options import POSITIVE, SEED
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 
@@ -27,41 +27,22 @@ _LISTED = 5  # files of a folder
 _LINES = 20  # of what an ADS printed
 
 
-def _of_a_run(name: str) -> Callable[[], float]:
-    """The default of a limit of `[run]`, which is read once a command needs it."""
-
-    def default() -> float:
-        from sumo_eval.settings import RunSettings
-
-        return float(getattr(RunSettings(), name))
-
-    return default
-
-
 @click.command(epilog="Example: sumo-eval check my_ads.py:MyAds")
 @click.argument("what", metavar="LOCATOR-or-FILE")
 @click.option(
     "--step-timeout",
     type=POSITIVE,
-    default=_of_a_run("step_timeout"),
     show_default="as `run.step_timeout`",
     help="Wall time a step may take in the run that is to be, s.",
 )
 @click.option(
     "--case-timeout",
     type=POSITIVE,
-    default=_of_a_run("case_timeout"),
     show_default="as `run.case_timeout`",
     help="Wall time a case may take in the run that is to be, s.",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=1,
-    show_default=True,
-    help="Draws two of the cases.",
-)
-def check(what: str, step_timeout: float, case_timeout: float, seed: int) -> None:
+@SEED
+def check(what: str, step_timeout: float | None, case_timeout: float | None, seed: int) -> None:
     """Check an ADS (edge cases of two scenarios, driven twice), an evaluation file, or a scenario
     (name or FILE.toml).
 
@@ -188,13 +169,22 @@ def _check_scenario(use: str) -> NoReturn:
     sys.exit(DONE)
 
 
-def _check_controller(locator: str, step_timeout: float, case_timeout: float, seed: int) -> None:
+def _check_controller(
+    locator: str, step_timeout: float | None, case_timeout: float | None, seed: int
+) -> None:
     from sumo_eval.record.apart import check_apart
     from sumo_eval.record.edge_cases import edge_cases
     from sumo_eval.record.loops import WORLD, compiled, ready
     from sumo_eval.scenario import catalogue
+    from sumo_eval.settings import RunSettings
     from sumo_eval.text import last_lines
 
+    run = RunSettings()
+    run = replace(
+        run,
+        step_timeout=step_timeout or run.step_timeout,
+        case_timeout=case_timeout or run.case_timeout,
+    )
     cases = [
         case
         for name in ("front_vehicle_low_speed", "front_vehicle_cut_out")
@@ -202,10 +192,10 @@ def _check_controller(locator: str, step_timeout: float, case_timeout: float, se
     ]
     if WORLD not in compiled():
         # what cannot be loaded is refused before anything is compiled
-        check_apart(locator, (), Path.cwd())
+        check_apart(locator, (), Path.cwd(), run)
         with Progress() as progress:
             ready({WORLD}, progress)  # else the first drive would wait for it, and count as slow
-    findings, printed = check_apart(locator, cases, Path.cwd(), step_timeout, case_timeout)
+    findings, printed = check_apart(locator, cases, Path.cwd(), run)
     if printed:
         tell(f"It printed:\n{last_lines(printed, _LINES)}", err=True)
     for finding, after in zip(findings, [*findings[1:], None], strict=True):

@@ -100,21 +100,20 @@ def run_night(
                 f"Night {name} was stopped before its end and continued: recorded cases were not "
                 "rerun. How long the night took is not known."
             )
-        with _unfinished(history / NIGHTS / name, resumed=stopped is not None):
-            done, again = _evaluated(
-                evaluation,
-                history / NIGHTS / name,
-                workers,
-                stopped is not None,
-                progress,
-                stopping,
-            )
+        folder, resume = history / NIGHTS / name, bool(stopped)
+        with _unfinished(folder, resumed=resume):
+            run = resolve(evaluation, folder, resume, workers=workers)
+            with stopping() as asked:
+                recorded = record_rounds(
+                    run, folder, resume=resume, progress=progress, stopping=asked
+                )
+            done = score(folder, progress=progress, resolved=run)
             judged = judge_night(history, lines, done, gate, progress)
-            notes += [*again, *judged.bases.notes]
+            notes += [*recorded.notes, *judged.bases.notes]
             comparison, gates = judged.bases.comparison, judged.gates
             write_tables(done)
             suites = {**comparison_suites(comparison, gates), **run_suites(done)}
-            write_junit(suites, done.folder / JUNIT, score_parts(done))
+            write_junit(suites, folder / JUNIT, score_parts(done))
             since = {limit: one.words for limit, one in judged.since.items()}
             beside = Beside(comparison, gates, since, tuple(notes))
             beside = replace(beside, levers=_levers(done, beside, progress))
@@ -198,23 +197,6 @@ def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
         ) from error
 
 
-def _evaluated(
-    evaluation: Path,
-    folder: Path,
-    workers: int | None,
-    resume: bool,
-    progress: Progress,
-    stopping: Callable[[], AbstractContextManager[Stopping]],
-) -> tuple[Evaluation, tuple[str, ...]]:
-    """Drive the night's cases that are not recorded yet, and score all; the evaluation, and
-    sentences on cases that were rerun.
-    """
-    run = resolve(evaluation, folder, resume, workers=workers)
-    with stopping() as asked:
-        recorded = record_rounds(run, folder, resume=resume, progress=progress, stopping=asked)
-    return score(folder, progress=progress, resolved=run), recorded.notes
-
-
 def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet) -> list[Night]:
     """Add finished runs to a history as nights of the time they were recorded.
 
@@ -293,14 +275,9 @@ def _clear_away(history: Path, lines: History, but: str | None = None) -> list[s
                 f"{path} is a complete run without a line in the history; it was left as it is. To "
                 f"add it: {_importing(history, path)}."
             )
-        elif _removed(path):
-            notes.append(
-                f"Night {path.name} was stopped before its end; its unfinished folder was removed."
-            )
         else:
-            notes.append(
-                f"Night {path.name} was stopped before its end; its folder could not be removed."
-            )
+            gone = "unfinished folder was" if _removed(path) else "folder could not be"
+            notes.append(f"Night {path.name} was stopped before its end; its {gone} removed.")
     return notes
 
 

@@ -5,7 +5,6 @@ of its own.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 from sumo_eval.cosim.doors.contract import Finding, check_controller
@@ -18,7 +17,6 @@ from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import RunSettings
 from sumo_eval.text import clean
 
-_RUN = RunSettings()
 _TIMEOUT = 600.0  # s for all drives of a check
 _LONGEST = 100_000  # characters of one
 
@@ -27,19 +25,19 @@ def check_apart(
     locator: str,
     cases: Sequence[ConcreteScenario],
     folder: Path,
-    step_timeout: float = _RUN.step_timeout,
-    case_timeout: float = _RUN.case_timeout,
+    run: RunSettings,
 ) -> tuple[list[Finding], str]:
     """Every point of the contract, and what the ADS printed.
 
     Without cases: only that it can be loaded and made.
 
+    run: time limits of its steps and cases.
+
     Raises InputError when it cannot.
     """
     limits = RunSettings(case_timeout=_TIMEOUT)
-    check = partial(_checked, step_timeout=step_timeout, case_timeout=case_timeout)
     with Pool(1, limits) as pool:
-        (ended,) = pool.each(Work(check, folder), [(locator, tuple(cases))])
+        (ended,) = pool.each(Work(_checked, (folder, run)), [(locator, tuple(cases))])
     if ended.how == "done":
         rows = ((clean(text, _LONGEST, lines=True) for text in row) for row in ended.result)
         return [Finding(*row) for row in rows], ended.log
@@ -49,19 +47,20 @@ def check_apart(
 
 
 def _checked(
-    asked: tuple[str, Sequence[ConcreteScenario]],
-    folder: Path,
-    step_timeout: float,
-    case_timeout: float,
+    asked: tuple[str, Sequence[ConcreteScenario]], shared: tuple[Path, RunSettings]
 ) -> list[tuple[str, str, str]]:
     """In the child: kind, text and what to do of each finding."""
-    locator, cases = asked
+    (locator, cases), (folder, run) = asked, shared
     try:
         if not cases:
             load_controller(locator, folder)
             return []
         findings = check_controller(
-            locator, cases, folder=folder, step_timeout=step_timeout, case_timeout=case_timeout
+            locator,
+            cases,
+            folder=folder,
+            step_timeout=run.step_timeout,
+            case_timeout=run.case_timeout,
         )
     except KeyboardInterrupt as error:
         place = f" At {at}." if (at := fault_place(error, None, folder)) else ""

@@ -100,12 +100,15 @@ def settings_of(
     elif isinstance(evaluation, Mapping):
         content = _with_locators(evaluation, folder, resume)
         settings, source = settings_from(content, "the evaluation", own_ads=not ads), Path.cwd()
-    elif (run := _run_of(evaluation, folder, resume)) is not None:
-        settings, source = read_evaluation(run / run_folder.EVALUATION), run_folder.source_of(run)
-        refuse_foreign_code(run, settings, source, driving=True)
     else:
-        path = PAPER_EVALUATION if evaluation is None else Path(evaluation)
-        settings, source = read_evaluation(path, own_ads=not ads), path.parent.resolve()
+        own = folder if resume and run_folder.is_run(folder) else PAPER_EVALUATION
+        path = own if evaluation is None else Path(evaluation)
+        if run_folder.is_run(path):
+            settings = read_evaluation(path / run_folder.EVALUATION)
+            source = run_folder.source_of(path)
+            refuse_foreign_code(path, settings, source, driving=True)
+        else:
+            settings, source = read_evaluation(path, own_ads=not ads), path.parent.resolve()
     for locator in ads:
         # `env -C` exists, whatever it runs
         if isinstance(locator, str) and locator.startswith(("exec:", "traci:")):
@@ -125,14 +128,6 @@ def settings_of(
         scenario=expanded(settings.scenario, source),
         run=replace(settings.run, **given),  # type: ignore[arg-type]
     ), source
-
-
-def _run_of(evaluation: str | os.PathLike[str] | None, folder: Path, resume: bool) -> Path | None:
-    """The run whose own evaluation is meant: the one to resume, or one that is named instead of a
-    file.
-    """
-    named = Path(evaluation) if evaluation is not None else folder if resume else None
-    return named if named is not None and run_folder.is_run(named) else None
 
 
 def _with_locators(evaluation: Mapping[str, Any], folder: Path, resume: bool) -> dict[str, Any]:

@@ -68,12 +68,12 @@ class KeptResults:
         """Close the file."""
         self._finish()
 
-    def get(self, kind: Kind, key: bytes, place: int = 0) -> bytes | None:
-        """The content of a part; None where it is not kept.
+    def get(self, kind: Kind, key: bytes) -> bytes | None:
+        """The content of the first part of a key; None where it is not kept.
 
         Raises InputError for one that is not as it was written.
         """
-        return next(iter(self.some(kind, key, place, place + 1)), None)
+        return next(iter(self.some(kind, key, 0, 1)), None)
 
     def some(self, kind: Kind, key: bytes, first: int, last: int) -> list[bytes]:
         """The contents of the parts with these places, in their order, `last` not among them."""

@@ -24,13 +24,12 @@ from sumo_eval.record.build import builds_of
 from sumo_eval.record.lock import held
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.sealed import read_sealed, sealed
-from sumo_eval.record.store import FIX, FORMAT_VERSION, Store
+from sumo_eval.record.store import FORMAT_VERSION, Store
 from sumo_eval.record.trust import code_of, give, is_remembered, refuse_foreign_code
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.config import read_evaluation, to_toml
-from sumo_eval.text import shown
 
 FACTS = "facts.sqlite"
 EVALUATION = "evaluation.toml"
@@ -140,24 +139,20 @@ def create(
             manifest |= {name: before[name] for name in now}
             resumed = [*before.get("resumed", []), *([] if another_round else [now])]
             manifest |= {"resumed": resumed} if resumed else {}
-        _write(folder / MANIFEST, sealed(manifest, indent=2))
+        _write(folder / MANIFEST, sealed(manifest))
 
 
 def write_exposures(folder: Path, exposures: Mapping[str, Any]) -> None:
     """Keep what the exposure of every scenario was made of: the recordings need not be there when
     scores are.
     """
-    _write(folder / EXPOSURES, sealed(exposures, indent=2))
+    _write(folder / EXPOSURES, sealed(exposures))
 
 
 def read_exposures(folder: Path) -> dict[str, Any]:
     """Exposures that `write_exposures` kept; nothing where a run has none."""
-    try:
-        return read_sealed(folder / EXPOSURES, FIX)
-    except FileNotFoundError:
-        return {}
-    except OSError as error:
-        raise InputError(f"The exposures of run {folder} cannot be read: {error}.") from error
+    path = folder / EXPOSURES
+    return read_sealed(path) if path.is_file() else {}
 
 
 def _write(path: Path, text: str) -> None:
@@ -175,7 +170,7 @@ def read_settings(folder: Path) -> EvaluationSettings:
     if not (folder / FACTS).is_file():
         raise InputError(f"{folder} is not a run folder: there is no {FACTS} in it.")
     settings = read_evaluation(folder / EVALUATION)
-    if code_of(settings, folder):
+    if code_of(settings, folder, driving=False):
         refuse_foreign_code(folder, settings, source_of(folder))
     return settings
 
@@ -209,18 +204,7 @@ def read_manifest(folder: Path) -> Mapping[str, Any]:
 
     Raises InputError for one of another format, and for one that is not as it was written.
     """
-
-    def refuse_other_formats(content: Mapping[str, Any]) -> None:
-        if content.get("format_version") != FORMAT_VERSION:
-            raise InputError(
-                f"Run {folder} has format version {shown(content.get('format_version'))}; this "
-                f"sumo_eval reads {FORMAT_VERSION}."
-            )
-
-    try:
-        return read_sealed(folder / MANIFEST, FIX, first=refuse_other_formats)
-    except OSError as error:
-        raise InputError(f"The manifest of run {folder} cannot be read: {error}.") from error
+    return read_sealed(folder / MANIFEST, FORMAT_VERSION)
 
 
 def check_complete(store: Store, folder: Path) -> None:

@@ -9,42 +9,48 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError
+from sumo_eval.input_file import read_input
+from sumo_eval.text import shown
 
 SEAL = "seal"
+FIX = "Take the file from a copy of the run, or run the evaluation again into a new folder."
 
 
-def sealed(content: Mapping[str, Any], *, indent: int | None = None) -> str:
+def sealed(content: Mapping[str, Any]) -> str:
     """The text of a file with this content, and the hash of it as its last entry, `seal`."""
     # a scenario may have that name
     name = SEAL + "~" * (SEAL in content)
-    return json.dumps({**content, name: _hash(content)}, indent=indent) + "\n"
+    return json.dumps({**content, name: _hash(content)}, indent=2) + "\n"
 
 
-def read_sealed(
-    path: Path, mend: str, *, first: Callable[[Mapping[str, Any]], object] = lambda content: None
-) -> dict[str, Any]:
-    """The content of a file that `sealed` made the text of. OSError where there is none.
+def read_sealed(path: Path, version: int | None = None) -> dict[str, Any]:
+    """The content of a file that `sealed` made the text of.
 
-    Raises InputError for one that is not as it was written; `mend` says what may be done then.
+    Raises InputError for one that is not as it was written.
 
-    first: is shown the content before the hash is compared, and may refuse it for a better reason.
+    version: its `format_version`, where it has one; another version may have another seal.
     """
+    text = read_input(path, path.stem)
     try:
-        content = json.loads(path.read_bytes())
+        content: dict[str, Any] = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(
-            f"{path} cannot be read, it was changed or damaged: {error}. {mend}"
+            f"{path} cannot be read, it was changed or damaged: {error}. {FIX}"
         ) from error
-    if isinstance(content, dict):
-        first(content)
-    if not isinstance(content, dict) or not content or content.popitem()[1] != _hash(content):
+    whole = isinstance(content, dict) and bool(content)
+    if whole and version is not None and content.get("format_version") != version:
         raise InputError(
-            f"{path} is not as it was written: its content does not fit its `{SEAL}`. {mend}"
+            f"Run {path.parent} has format version {shown(content.get('format_version'))}; this "
+            f"sumo_eval reads {version}."
+        )
+    if not whole or content.popitem()[1] != _hash(content):
+        raise InputError(
+            f"{path} is not as it was written: its content does not fit its `{SEAL}`. {FIX}"
         )
     return content
 

@@ -30,6 +30,7 @@ from sumo_eval.record.kept import EGO as EGO
 from sumo_eval.record.kept import KeptRecording, keep, unpack
 from sumo_eval.record.kept_results import KEPT, KeptResults
 from sumo_eval.record.reads import FileOfAds
+from sumo_eval.record.sealed import FIX
 from sumo_eval.trajectory import Alone, Clip, Collision, Latency, Recording, Trajectory
 
 FORMAT_VERSION = 4
@@ -82,8 +83,6 @@ _ALL_DRIVES = 'SELECT * FROM trajectories ORDER BY "case", vehicle'
 _DRIVES = 'SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle'
 _UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
 """Errors of reading a damaged file: SQLite's own words about it may hold its bytes."""
-
-FIX = "Take the file from a copy of the run, or run the evaluation again into a new folder."
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,8 +209,7 @@ class Store:
 
         Raises InputError for the first that differs.
         """
-        for _ in self._read("BEGIN"):  # one state of the file for all queries, whatever is written
-            pass
+        self._first("BEGIN")  # one state of the file for all queries, whatever is written
         try:
             self._compare()
         finally:
@@ -325,8 +323,7 @@ class Store:
                 (_DISCARDED, str(size)),
             ):
                 write("INSERT OR REPLACE INTO about VALUES (?,?)", (name, value))
-        for _ in self._read("VACUUM"):  # a file does not shrink by itself
-            pass
+        self._first("VACUUM")  # a file does not shrink by itself
         return cases
 
     @property

@@ -29,8 +29,10 @@ _trusted: set[tuple[str, str]] = set()  # folder and hash, where the state folde
 _asked = False
 
 
-def code_of(settings: EvaluationSettings, source: Path) -> set[Code]:
-    """The Python that opening a run of these settings loads."""
+def code_of(settings: EvaluationSettings, source: Path, *, driving: bool = True) -> set[Code]:
+    """The Python that opening a run of these settings loads, and where it is driven again what its
+    ADSs, its vehicle and its cluster run.
+    """
     named = [
         ("scenario", entry.use.partition("?")[0])
         for entry in settings.scenario
@@ -38,20 +40,13 @@ def code_of(settings: EvaluationSettings, source: Path) -> set[Code]:
     ]
     named += [("sampler", entry.sampling.method or "") for entry in settings.scenario]
     named += [("severity", settings.method.collision.severity), ("people", settings.drivers.source)]
-    return {
-        _code(what, name, source) for what, name in named if ":" in name and name not in CHOICES
-    }
-
-
-def driven_by(settings: EvaluationSettings, source: Path) -> set[Code]:
-    """The code that driving a run of these settings again runs: of its ADSs, its vehicle, and its
-    cluster.
-    """
-    named = [("ADS", ads.controller) for ads in settings.ads if ":" in ads.controller]
-    if settings.simulation.plant is not None:
-        named.append(("vehicle", settings.simulation.plant.file))
-    if settings.run.engine == "dask":
-        named.append(("scheduler", settings.run.scheduler))
+    named = [(what, name) for what, name in named if ":" in name and name not in CHOICES]
+    if driving:
+        named += [("ADS", ads.controller) for ads in settings.ads if ":" in ads.controller]
+        if settings.simulation.plant is not None:
+            named.append(("vehicle", settings.simulation.plant.file))
+        if settings.run.engine == "dask":
+            named.append(("scheduler", settings.run.scheduler))
     return {_code(what, name, source) for what, name in named if not name.startswith("sumo:")}
 
 
@@ -59,7 +54,7 @@ def give(settings: EvaluationSettings, source: Path) -> None:
     """Take what an evaluation names that the user gives, or recorded, for the user's own, in this
     process.
     """
-    _given.update(code_of(settings, source) | driven_by(settings, source))
+    _given.update(code_of(settings, source))
 
 
 def trust_what_is_opened(said: bool) -> None:
@@ -73,7 +68,7 @@ def remember(run: Path, settings: EvaluationSettings, source: Path) -> None:
 
     A run that names no code needs no note.
     """
-    code = code_of(settings, source) | driven_by(settings, source)
+    code = code_of(settings, source)
     if not code:
         return
     _given.update(code)
@@ -93,7 +88,7 @@ def is_remembered(run: Path, settings: EvaluationSettings, source: Path) -> bool
     """Whether this user recorded the run on this machine, or trusts it, and it names what it named
     then.
     """
-    place, code = str(run.resolve()), code_of(settings, source) | driven_by(settings, source)
+    place, code = str(run.resolve()), code_of(settings, source)
     try:
         known = (place, _hash(code)) in _trusted
         return known or _note(place).read_text(encoding="ascii") == _hash(code)
@@ -108,7 +103,7 @@ def refuse_foreign_code(
 
     driving: its ADSs are to be run, too.
     """
-    code = code_of(settings, source) | (driven_by(settings, source) if driving else set())
+    code = code_of(settings, source, driving=driving)
     if code <= _given:
         return
     if _asked:

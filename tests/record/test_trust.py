@@ -189,7 +189,7 @@ def test_own_run_with_paths_from_elsewhere_is_refused(own, tmp_path, another_pro
     before = manifest.read_text()
     content = {name: value for name, value in json.loads(before).items() if name != SEAL}
     try:
-        manifest.write_text(sealed({**content, "source_folder": str(tmp_path)}, indent=2))
+        manifest.write_text(sealed({**content, "source_folder": str(tmp_path)}))
         with refusal("--trust"):
             sumo_eval.score(own / "run")
     finally:
