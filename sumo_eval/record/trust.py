@@ -30,8 +30,9 @@ _asked = False
 
 
 def code_of(settings: EvaluationSettings, source: Path, *, driving: bool = True) -> set[Code]:
-    """The Python that opening a run of these settings loads, and where it is driven again what its
-    ADSs, its vehicle and its cluster run.
+    """The Python that opening a run of these settings loads.
+
+    driving: with the code of its ADSs, its vehicle and its cluster.
     """
     named = [
         ("scenario", entry.use.partition("?")[0])
