@@ -311,7 +311,7 @@ def _count_mistakes(parts: Iterable[tuple[str, Callable[[], str]]]) -> int:
 
 def _check_recorded_people(space: Space, settings: EvaluationSettings, source: Path) -> int:
     """Count the mistakes in recorded events of a scenario; warn where no safe point has any."""
-    from sumo_eval.drivers.recorded.matching import known_match, matching_events
+    from sumo_eval.drivers.recorded.matching import matching_events
     from sumo_eval.drivers.recorded.reference import open_people, reference
 
     people = open_people(settings.drivers, source)
@@ -323,7 +323,7 @@ def _check_recorded_people(space: Space, settings: EvaluationSettings, source: P
         safe = (space.concrete(number) for number in space.safe)
         drives = (reference(point, people, settings.drivers, recorded).drives for point in safe)
         matched.append(any(drives))
-        if people.events is None or known_match(name, recorded) is None:
+        if people.events is None or recorded is None:
             return "drives in named cases only"
         return f"{len(matching_events(people.events, name, recorded))} events like it"
 

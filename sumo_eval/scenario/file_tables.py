@@ -416,8 +416,9 @@ class RecordedTable(Checked):
             if not within > 0.0:
                 raise must_be(f"`recorded.tolerance.{name}`", where, "above 0", within)
         columns = tuple((name, self.columns.get(name, name)) for name in names)
+        start = self.start or ("t" if self.event == "approach" else "start")
         return Counterpart(
-            self.event, columns, tuple(tolerance.items()), self.start, tuple(self.only.items())
+            self.event, columns, tuple(tolerance.items()), start, tuple(self.only.items())
         )
 
 
@@ -540,7 +541,7 @@ class ScenarioFile(Checked):
             item.name: {move.name: index for index, move in enumerate(item.scripted) if move.name}
             for item in self.vehicle
         }
-        names = Names(where, f"scenario `{self.name}`", [], moves)
+        names = Names(where, f"scenario `{self.name}`", [], moves, bool(self.ego.recorded))
         units = [
             *((item.name, item.unit) for item in parameters),
             *((item.name, item.unit) for item in self.option),
@@ -559,8 +560,7 @@ class ScenarioFile(Checked):
         return names, Definitions(tuple(entries), tuple(options.items()))
 
     def _place(self, names: Names, definitions: Definitions, road: Road) -> Placement:
-        departs = bool(self.ego.recorded)
-        vehicles = tuple(item.read(names, road, departs=departs) for item in self.vehicle)
+        vehicles = tuple(item.read(names, road) for item in self.vehicle)
         streams = tuple((item, item.read(names, road)) for item in self.stream)
         if not vehicles and not streams and self.zone != "none":
             raise InputError(f"{names.where} must have at least one [[vehicle]] or [[stream]].")

@@ -174,6 +174,7 @@ class Names:
     owner: how they call the scenario.
     known: parameters, options and definitions.
     vehicles: numbers of manoeuvres by name, of each of the other vehicles by name.
+    departs: whether the ego has recorded places.
     scene: what the scene has been found to depend on so far.
     """
 
@@ -181,6 +182,7 @@ class Names:
     owner: str
     known: list[str]
     vehicles: Mapping[str, Mapping[str, int]]
+    departs: bool = False
     scene: list[Expression] = field(default_factory=list)
 
     def expression(self, formula: Formula, what: str) -> Expression:

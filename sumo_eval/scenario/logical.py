@@ -204,14 +204,14 @@ class Counterpart:
     event: kind of event.
     columns: (parameter, column of the events).
     tolerance: (parameter, largest difference of an event that counts as this point).
-    start: column with the time that is the scenario's t = 0; empty: the event's own.
+    start: column with the time that is the scenario's t = 0.
     only: (column, value that it must have).
     """
 
     event: str
     columns: tuple[tuple[str, str], ...]
     tolerance: tuple[tuple[str, float], ...]
-    start: str = ""
+    start: str = "start"
     only: tuple[tuple[str, str], ...] = ()
 
 

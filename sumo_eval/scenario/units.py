@@ -24,16 +24,15 @@ _SPELT = {
     "": "1",
 }
 _FOOT, _HOUR = 0.3048, 3600.0  # m, s
-CONVERSIONS = {
-    "m/s": {**dict.fromkeys(("km/h", "kmh", "kph", "kmph"), 1.0 / 3.6),
-        "mph": 5280.0 * _FOOT / _HOUR,
-            "kn": 1852.0 / _HOUR, "ft/s": _FOOT},
-    "m": {"km": 1000.0, "cm": 0.01, "mm": 0.001, "ft": _FOOT, "mi": 5280.0 * _FOOT},
-    "s": {"ms": 0.001, "min": 60.0, "h": _HOUR},
-    "m/s2": {"g": 9.80665},
-    "1": {"%": 0.01},
+_CONVERSIONS = {
+    **dict.fromkeys(("km/h", "kmh", "kph", "kmph"), ("m/s", 1.0 / 3.6)),
+    "mph": ("m/s", 5280.0 * _FOOT / _HOUR), "kn": ("m/s", 1852.0 / _HOUR), "ft/s": ("m/s", _FOOT),
+    "km": ("m", 1000.0), "cm": ("m", 0.01), "mm": ("m", 0.001), "ft": ("m", _FOOT),
+    "mi": ("m", 5280.0 * _FOOT),
+    "ms": ("s", 0.001), "min": ("s", 60.0), "h": ("s", _HOUR),
+    "g": ("m/s2", 9.80665), "%": ("1", 0.01),
 }  # fmt: skip
-"""Other units by the one that is meant: by how much their numbers are multiplied."""
+"""Other units: the one that is meant, and by how much their numbers are multiplied."""
 
 _WITH_UNIT = re.compile(r"\s*([-+]?\d+(?:\.\d*)?)\s*([^\s\d.][^()]*?)\s*")
 
@@ -48,12 +47,11 @@ def factor_to(own: str, unit: str, column: str) -> float:
 
     column: what errors name.
     """
-    factors = {own: 1.0, spelt(own): 1.0, **CONVERSIONS.get(spelt(own), {})}
-    if (
-        name := next((name for name in factors if name.lower() == spelt(unit).lower()), None)
-    ) is None:
-        raise unknown(f"unit of {column}:", unit, factors)
-    return factors[name]
+    others = {name: factor for name, (meant, factor) in _CONVERSIONS.items() if meant == spelt(own)}
+    factors = {own.lower(): 1.0, spelt(own).lower(): 1.0, **others}
+    if (factor := factors.get(spelt(unit).lower())) is None:
+        raise unknown(f"unit of {column}:", unit, (own, *others))
+    return factor
 
 
 def in_own_unit(value: float, factor: float) -> float:
@@ -69,14 +67,15 @@ def in_own_unit(value: float, factor: float) -> float:
 
 def refuse_unit(formula: str | float, owner: str) -> None:
     """Refuse a number with a unit where a formula should be: `30 km/h`."""
-    found = _WITH_UNIT.fullmatch(formula) if isinstance(formula, str) else None
-    for own, others in CONVERSIONS.items() if found is not None else ():
-        if found is not None and (spelt(found[2]) == own or found[2].lower() in others):
-            value = others.get(found[2].lower(), 1.0) * float(found[1])
-            raise InputError(
-                f"{owner} must be a number without a unit, got {formula}: as {own} write "
-                f"{value:.6g}."
-            )
+    found = _WITH_UNIT.fullmatch(str(formula))
+    if not found:
+        return
+    own, factor = _CONVERSIONS.get(found[2].lower(), (spelt(found[2]), 1.0))
+    if own in KNOWN:
+        raise InputError(
+            f"{owner} must be a number without a unit, got {formula}: as {own} write "
+            f"{factor * float(found[1]):.6g}."
+        )
 
 
 def check_unit(unit: str, owner: str, numbers: Mapping[str, float | None]) -> None:
@@ -86,19 +85,16 @@ def check_unit(unit: str, owner: str, numbers: Mapping[str, float | None]) -> No
     """
     if spelt(unit) in KNOWN:
         return
-    for own, others in CONVERSIONS.items():
-        if (factor := others.get(unit.strip().lower())) is not None:
-            written = ", ".join(
-                f"{key} = {factor * value:.6g}"
-                for key, value in numbers.items()
-                if value is not None
-            )
-            raise InputError(
-                f"The unit of {owner} must be {own}, got {unit}: expressions and scripts take its "
-                f"numbers as {own}. "
-                f"Write them so{f' ({written})' if written else ''}."
-            )
-    raise unknown(f"unit of {owner}:", unit, KNOWN)
+    if unit.strip().lower() not in _CONVERSIONS:
+        raise unknown(f"unit of {owner}:", unit, KNOWN)
+    own, factor = _CONVERSIONS[unit.strip().lower()]
+    written = ", ".join(
+        f"{key} = {factor * value:.6g}" for key, value in numbers.items() if value is not None
+    )
+    raise InputError(
+        f"The unit of {owner} must be {own}, got {unit}: expressions and scripts take its numbers "
+        f"as {own}. Write them so{f' ({written})' if written else ''}."
+    )
 
 
 def check_uses(table: Any, units: Mapping[str, str], where: str) -> None:

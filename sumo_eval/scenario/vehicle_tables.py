@@ -288,11 +288,10 @@ class ManoeuvreTable(Checked):
         at_a_time = ("keep_speed", "brake", "change_lane", "change_lane_cosine", "move_sideways")
         return self.when is not None or self.do not in at_a_time
 
-    def read(self, vehicle: str, names: Names, road: Road, *, departs: bool) -> Move:
+    def read(self, vehicle: str, names: Names, road: Road) -> Move:
         """It, checked.
 
         vehicle: what does it, for sentences.
-        departs: whether the ego has recorded places.
         """
         what = f"`{self.do}` of {vehicle}"
         place = f"{what} in {names.where}"
@@ -315,7 +314,7 @@ class ManoeuvreTable(Checked):
             )
         when = None
         if self.when is not None:
-            when = trigger(self.when, place, names, departs=departs and follows)
+            when = trigger(self.when, place, names, departs=names.departs and follows)
         return Move(self, numbers, tuple(self._pairs(what, place, names, road)), when)
 
     def _pairs(
@@ -453,18 +452,15 @@ class VehicleTable(Checked):
         """Its manoeuvres without a `keep_speed` that changes nothing; conditions count in them."""
         return [it for it in self.manoeuvre if self.lively or it.do != "keep_speed"]
 
-    def read(self, names: Names, road: Road, *, departs: bool) -> Vehicle:
-        """It, checked.
-
-        departs: as in `ManoeuvreTable.read`.
-        """
+    def read(self, names: Names, road: Road) -> Vehicle:
+        """It, checked."""
         check_name(f"a vehicle of {names.where}", self.name)
         what = f"vehicle `{self.name}`"
         owner = capitalised(f"{what} of {names.where}")
         if sum(place is not None for place in (self.gap, self.gap_behind, self.x)) != 1:
             raise InputError(f"{owner} must have either gap, gap_behind or x.")
         names.distinct((move.name for move in self.manoeuvre if move.name), "manoeuvre", owner)
-        moves = [move.read(what, names, road, departs=departs) for move in self.manoeuvre]
+        moves = [move.read(what, names, road) for move in self.manoeuvre]
         scripted = tuple(move for move in moves if move.table in self.scripted)
         vehicle = Vehicle(self, names.quantities(self, what), scripted)
         follows = [move.do == "follow" for move in self.manoeuvre]

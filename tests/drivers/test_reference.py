@@ -11,7 +11,7 @@ from refusals import refusal
 from scipy import stats
 
 from sumo_eval.drivers.recorded.exposure import exposure_of, fit_exposure
-from sumo_eval.drivers.recorded.matching import match_of, matching_events
+from sumo_eval.drivers.recorded.matching import matching_events
 from sumo_eval.drivers.recorded.recordings import Recordings, write_csv
 from sumo_eval.drivers.recorded.reference import open_people, reference
 from sumo_eval.scenario import catalogue
@@ -59,7 +59,7 @@ def test_drives_begin_at_the_egos_start_and_lateral_moves_are_stretched_to_the_s
     path = write_people(tmp_path / "people.csv", [25.0])
     settings = settings_for(path)
     concrete = LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0)
-    found = reference(concrete, open_people(settings, tmp_path), settings)
+    found = reference(concrete, open_people(settings, tmp_path), settings, LOGICAL.recorded)
     (drive,) = found.drives
     assert (drive.time[0], drive.x[0], drive.y[0]) == (
         0.0,
@@ -77,21 +77,23 @@ def test_only_events_within_the_tolerance_count_nearest_first(tmp_path):
     path = write_people(tmp_path / "people.csv", [25.0, 23.0, 26.0, 30.0])
     settings = settings_for(path)
     concrete = LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0)
-    found = reference(concrete, open_people(settings, tmp_path), settings)
+    found = reference(concrete, open_people(settings, tmp_path), settings, LOGICAL.recorded)
     assert found.names == ("r0/ego", "r2/ego", "r1/ego")
     narrow = replace(settings, tolerance={"ego_speed": 0.5})
-    assert reference(concrete, open_people(narrow, tmp_path), narrow).names == ("r0/ego",)
+    assert reference(concrete, open_people(narrow, tmp_path), narrow, LOGICAL.recorded).names == (
+        "r0/ego",
+    )
 
 
 def test_a_driver_counts_once_and_a_recording_that_ends_too_early_does_not(tmp_path):
     path = write_people(tmp_path / "people.csv", [25.0, 24.5, 25.5], same_driver=(0, 1))
     settings = settings_for(path)
     concrete = LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0)
-    found = reference(concrete, open_people(settings, tmp_path), settings)
+    found = reference(concrete, open_people(settings, tmp_path), settings, LOGICAL.recorded)
     assert len(found.drives) == 2
     early = write_people(tmp_path / "early.csv", [25.0], seconds=20.0)  # 10 s of 550 m at 25 m/s
     settings = settings_for(early)
-    found = reference(concrete, open_people(settings, tmp_path), settings)
+    found = reference(concrete, open_people(settings, tmp_path), settings, LOGICAL.recorded)
     assert not found.drives
 
 
@@ -107,19 +109,28 @@ def test_drives_in_named_cases_are_taken_as_they_are(tmp_path):
     cases.to_csv(folder / "cases.csv", index=False)
     settings = DriverSettings(source="recorded", cases="mine")
     people = open_people(settings, tmp_path)
-    found = reference(LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0), people, settings)
+    found = reference(
+        LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0), people, settings, LOGICAL.recorded
+    )
     assert found.names == ("ben",)
     assert found.drives[0].y.tolist() == [0.3] * 50
     (folder / "ben.csv").write_text((folder / "ben.csv").read_text().replace("ben,", ","))
-    nameless = reference(LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0), people, settings)
+    nameless = reference(
+        LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0), people, settings, LOGICAL.recorded
+    )
     assert nameless.names == ("ben",), "the file names its driver where the column is empty"
     assert (
-        reference(LOGICAL.concrete(ego_speed=25.0, lead_speed=10.0), people, settings).drives == ()
+        reference(
+            LOGICAL.concrete(ego_speed=25.0, lead_speed=10.0), people, settings, LOGICAL.recorded
+        ).drives
+        == ()
     )
     cases.assign(lead_speed="slow").to_csv(folder / "cases.csv", index=False)
     people = open_people(settings, tmp_path)
     with refusal(r"`lead_speed` in row 2 of .*cases\.csv"):
-        reference(LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0), people, settings)
+        reference(
+            LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0), people, settings, LOGICAL.recorded
+        )
 
 
 def test_recorded_people_without_a_recording_are_refused(tmp_path):
@@ -189,7 +200,7 @@ def test_too_few_events_and_scenarios_without_events_are_refused(tmp_path):
 
 
 def test_names_of_a_reference_must_be_numbers_and_parameters(tmp_path):
-    recorded = Counterpart("approach", (("ego_speed", "lead"),), (("ego_speed", 1.0),))
+    recorded = Counterpart("approach", (("ego_speed", "lead"),), (("ego_speed", 1.0),), "t")
     people = open_people(settings_for(write_people(tmp_path / "p.csv", [25.0])), tmp_path)
     with refusal(r"must name columns of numbers: .* column 'ego_speed'"):
         matching_events(people.events, "mine", recorded)
@@ -205,5 +216,4 @@ def test_names_of_a_reference_must_be_numbers_and_parameters(tmp_path):
 def test_the_motorway_variants_can_be_placed_and_name_their_event(file):
     assert "possible points" in check_file(file)[1]
     logical = read_scenario(file)
-    match = match_of(logical.name, logical.recorded)
-    assert set(match.columns) == set(logical.names) == set(match.tolerance)
+    assert set(dict(logical.recorded.columns)) == set(dict(logical.recorded.tolerance))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from refusals import refusal
 
-from sumo_eval.drivers.synthetic.wander import SmoothNoise, noise_at, noise_value
+from sumo_eval.drivers.synthetic.wander import SmoothNoise, noise_at
 from sumo_eval.settings.random_streams import random_stream
 
 
@@ -28,7 +28,7 @@ def test_a_seed_is_a_whole_number(seed):
 
 
 def value(noise, time):
-    return noise_value(noise.waves, noise.amplitude, time)
+    return noise_at(noise.waves, noise.amplitude, time)[0]
 
 
 def at(noise, time):

@@ -117,10 +117,14 @@ def exposure_of(
             f"The exposure of scenario `{logical.name}` must name recordings, in "
             "`scenario.exposure.recordings` or `drivers.recordings`, got none."
         )
-    from sumo_eval.drivers.recorded.matching import match_of, matching_events
+    if logical.recorded is None:  # before files are read
+        raise InputError(
+            f"There is no recorded event that corresponds to scenario `{logical.name}`: a scenario "
+            "file names its event in [recorded]."
+        )
+    from sumo_eval.drivers.recorded.matching import matching_events
     from sumo_eval.drivers.recorded.reference import open_people
 
-    match_of(logical.name, logical.recorded)  # refuses a scenario without one before files are read
     people = open_people(DriverSettings(recordings=tuple(recordings)), source)
     assert people.events is not None
     events = matching_events(people.events, logical.name, logical.recorded)

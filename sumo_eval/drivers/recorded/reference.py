@@ -14,7 +14,7 @@ import pandas as pd
 
 from sumo_eval.drivers.recorded.events import Events, extract_events, lane_centres
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
-from sumo_eval.drivers.recorded.matching import known_match, matching_events
+from sumo_eval.drivers.recorded.matching import matching_events
 from sumo_eval.drivers.recorded.recordings import Recordings, read_csv
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -92,7 +92,7 @@ def reference(
     concrete: ConcreteScenario,
     people: People,
     settings: DriverSettings,
-    recorded: Counterpart | None = None,
+    recorded: Counterpart | None,
 ) -> Reference:
     """All drives recorded in a concrete scenario: named drives as they are, else events like it,
     nearest first.
@@ -101,17 +101,16 @@ def reference(
     `settings.coverage` of the road or ends in standstill. A driver counts once. Positions begin at
     the ego's start; lateral ones are stretched from the recorded lanes' width to the scenario's.
 
-    recorded: the events as which the scenario occurs on the road.
+    recorded: the events as which the scenario occurs on the road; None: unknown.
     """
     named = _named_drives(concrete, people)
     if named is not None:
         return named
-    match = known_match(concrete.scenario, recorded)
-    if people.events is None or match is None:
+    if people.events is None or recorded is None:
         return Reference()
     events = matching_events(people.events, concrete.scenario, recorded)
     own = settings.tolerance or {}
-    tolerance = {name: own.get(name, within) for name, within in match.tolerance.items()}
+    tolerance = {name: own.get(name, within) for name, within in recorded.tolerance}
     names = list(tolerance)
     wanted = [concrete.values[name] for name in names]
     in_tolerances = ((events[names] - wanted).abs() / list(tolerance.values())).to_numpy()

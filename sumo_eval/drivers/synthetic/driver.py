@@ -23,7 +23,7 @@ from sumo_eval.cosim.compiled import Compiled, unknown
 from sumo_eval.cosim.records import MOVER, Records, fields, flags
 from sumo_eval.cosim.step_rules import first_of
 from sumo_eval.drivers.synthetic.population import AS_RECORDED, Driver, draw_driver
-from sumo_eval.drivers.synthetic.wander import SmoothNoise, noise_at, noise_value
+from sumo_eval.drivers.synthetic.wander import SmoothNoise, noise_at
 from sumo_eval.errors import must_be
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -157,7 +157,8 @@ def synthetic_driver(
     attend(memory, me, others, mind, p, time)
     start = memory.cruising_speed if memory.began else me.speed
     desired = start * p.gain
-    free = (desired - me.speed) / SPEED_RELAXATION + noise_value(waves[1], p.pedal_amplitude, time)
+    pedal = noise_at(waves[1], p.pedal_amplitude, time)[0]
+    free = (desired - me.speed) / SPEED_RELAXATION + pedal
     memory.desired_speed, memory.free = desired, free * smooth_step(time / SETTLING_TIME)
     wanted = overtake(memory, me, mind.known, mind.watched, p, way, scenario)
     y, slope, bend = _line(memory, me, waves, p, scenario)

@@ -12,18 +12,6 @@ from sumo_eval.trajectory import FloatArray
 
 
 @kernel
-def noise_value(waves: Any, amplitude: float, time: float) -> float:
-    """n(time) of a `SmoothNoise`.
-
-    waves: (8, 2).
-    """
-    value = 0.0
-    for k in range(len(waves)):
-        value += math.sin(waves[k, 0] * time + waves[k, 1])
-    return amplitude * value
-
-
-@kernel
 def noise_at(waves: Any, amplitude: float, time: float) -> tuple[float, float, float]:
     """n, dn/dt and d2n/dt2 of a `SmoothNoise` at `time`, s.
 
