@@ -20,7 +20,7 @@ from sumo_eval.extras.wheel.tape import read_tape
 from sumo_eval.input_file import hash_of, read_input
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.scenario.catalogue import find
-from sumo_eval.scenario.joint import read_joint
+from sumo_eval.scenario.number_table import read_numbers
 from sumo_eval.scenario.sampling.listed_points import from_csv
 from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sumo_network import read_road
@@ -53,7 +53,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "scenario": lambda path: find(f"{path}.toml", path.parent),
     "network": lambda path: read_road(path, ["a"], 100.0),
     "points": _points,
-    "events": lambda path: read_joint(path, "copula", ["a"], ([0.0], [1.0]), None),
+    "events": lambda path: read_numbers(path, "events", {"a": "1"}),
     "OpenSCENARIO": read_openscenario,
     "OpenDRIVE": lambda path: read_xml(path, "OpenDRIVE file"),
     "variation": lambda path: read_variation(path, None, 1),
@@ -166,5 +166,4 @@ def test_rooms_of_input_open_files_one_way():
 def test_events_of_a_spreadsheet_with_a_byte_order_mark_are_read(tmp_path):
     path = tmp_path / "events.csv"
     path.write_text("a\n1\n2\n4\n", encoding="utf-8-sig")
-    joint = read_joint(path, "copula", ["a"], ([0.0], [5.0]), None)
-    assert joint.events == ((1.0,), (2.0,), (4.0,))
+    assert read_numbers(path, "events", {"a": "1"}).rows.tolist() == [[1.0], [2.0], [4.0]]

@@ -29,7 +29,7 @@ from sumo_eval.scenario.formulas import (
     LimitedFormula,
     Names,
 )
-from sumo_eval.scenario.joint import Joint, read_joint
+from sumo_eval.scenario.joint import Joint
 from sumo_eval.scenario.logical import (
     Constraint,
     Counterpart,
@@ -39,6 +39,7 @@ from sumo_eval.scenario.logical import (
     Option,
     Parameter,
 )
+from sumo_eval.scenario.number_table import read_numbers
 from sumo_eval.scenario.requirement import Requirements, requirement
 from sumo_eval.scenario.road.lanes import Crossing, CrossingTable, LaneTable, crossings_of, spans_of
 from sumo_eval.scenario.road.opendrive import ReadRoad, read_opendrive
@@ -375,9 +376,15 @@ class JointTable(Checked):
                     f"Parameter `{item.name}` of {where} must have a range and no distribution: "
                     "[joint] says how often its values occur."
                 )
-        box = [item.low for item in parameters], [item.high for item in parameters]
-        return read_joint(
-            folder / self.events, self.kind, [item.name for item in parameters], box, self.bandwidth
+        path, units = folder / self.events, {item.name: item.unit for item in parameters}
+        return Joint(
+            self.kind,
+            tuple(units),
+            tuple(map(tuple, read_numbers(path, "events", units).rows.tolist())),
+            tuple(item.low for item in parameters),
+            tuple(item.high for item in parameters),
+            self.bandwidth,
+            path.name,
         )
 
 

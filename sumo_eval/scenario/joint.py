@@ -16,18 +16,15 @@ scipy.stats is not needed: what is used of scipy is loaded when a density is ask
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be
-from sumo_eval.input_file import input_file
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 JointKind = Literal["kde", "copula"]
@@ -273,38 +270,6 @@ def _copula_density(prepared: _Prepared, points: FloatArray) -> FloatArray:
     for j in range(points.shape[1]):
         found = found * np.interp(points[:, j], prepared.grids[j], prepared.densities[j])
     return np.asarray(found)
-
-
-def read_joint(
-    path: Path,
-    kind: JointKind,
-    names: Sequence[str],
-    box: tuple[Sequence[float], Sequence[float]],
-    bandwidth: float | None,
-) -> Joint:
-    """The joint distribution over the events in a CSV file with a column for each of `names`."""
-    try:
-        with input_file(path, "file of events").open(encoding="utf-8-sig", newline="") as file:
-            lines = csv.DictReader(file)
-            rows = [(lines.line_num, row) for row in lines]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"The events {path} cannot be read: {error}.") from error
-    if missing := [f"`{name}`" for name in names if not rows or name not in rows[0][1]]:
-        what = (
-            f"a column {missing[0]}" if len(missing) == 1 else f"the columns {', '.join(missing)}"
-        )
-        raise InputError(f"The events {path} must have {what}.")
-    events = []
-    for number, row in rows:
-        try:
-            events.append(tuple(float(row[name]) for name in names))
-        except (TypeError, ValueError):
-            raise InputError(
-                f"Row {number} of the events {path} must have a number for each parameter."
-            ) from None
-    return Joint(
-        kind, tuple(names), tuple(events), tuple(box[0]), tuple(box[1]), bandwidth, path.name
-    )
 
 
 def of_values(joint: Joint, values: Mapping[str, ArrayLike]) -> FloatArray:

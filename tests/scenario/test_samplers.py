@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from refusals import refusal
+from road_scenes import every_point
 from scipy import stats
 
 from sumo_eval.scenario import (
@@ -23,6 +23,7 @@ from sumo_eval.scenario import (
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.expression import Definitions
 from sumo_eval.scenario.formulas import ExposureDensity
+from sumo_eval.scenario.number_table import read_numbers
 from sumo_eval.scenario.sampling.combinations import tuples_of
 from sumo_eval.scenario.sampling.listed_points import from_csv
 from sumo_eval.scenario.sampling.request import Request
@@ -111,9 +112,7 @@ def held(logical, points, strength, levels):
 @pytest.mark.parametrize("strength", [1, 2, 3, 4])
 @pytest.mark.parametrize("levels", [3, 5])
 def test_every_possible_combination_of_t_values_is_held_counted_one_by_one(strength, levels):
-    from sumo_eval.scenario.sampling.samples import grid
-
-    everything = grid(CUT_IN, levels=levels)
+    everything = every_point(CUT_IN, levels=levels)
     possible = held(CUT_IN, everything[CUT_IN.feasible(everything)], strength, levels)
     chosen = sample(CUT_IN, "combinations", request=Request(levels=levels, strength=strength))
     assert held(CUT_IN, chosen.points, strength, levels) == possible
@@ -344,6 +343,17 @@ def test_a_request_that_makes_no_points_is_refused(method, keys, sentence):
 def test_every_method_says_which_keys_it_takes():
     known = {"levels", "steps", "count", "strength", "file", "round", "aim", "until", "rounds"}
     assert all(takes and takes <= known for _, takes in all_methods().values())
+
+
+def test_events_are_read_as_points_are_with_units_and_lines(tmp_path):
+    path, units = tmp_path / "e.csv", {"gap": "m", "v": "m/s"}
+    path.write_text("gap (cm),v,note\n250,1,x\n")
+    assert read_numbers(path, "events", units).rows.tolist() == [[2.5, 1.0]]
+    path.write_text("gap,v\n1,nan\n")
+    with pytest.raises(InputError, match="`v` in line 2 of the events"):
+        read_numbers(path, "events", units)
+    path.write_text("exposure\n4\n")  # a parameter of that name is no weight
+    assert read_numbers(path, "points", {"exposure": "1"}, "exposure").rows.tolist() == [[4.0]]
 
 
 def test_constraints_that_exclude_every_point_are_refused():
