@@ -13,6 +13,8 @@ from sumo_eval.cosim.doors.controller import Briefing
 from sumo_eval.cosim.vehicle_model import LIMITED, Command, EgoState, move
 from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.scenario import Actor, ConcreteScenario, LogicalScenario, Road, Start, catalogue
+from sumo_eval.scenario.sampling.grid import full_grid
+from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.settings import VehicleSettings
 
 ROAD = Road(name="test_road", length=600.0, lanes=2, lane_width=3.5, run_out=5400.0)
@@ -102,6 +104,11 @@ def grid(logical: LogicalScenario) -> np.ndarray:
     axes = [np.arange(p.low, p.high + 1e-9, p.step) for p in logical.parameters]
     points = np.array(list(itertools.product(*axes)))
     return points[logical.feasible(points)]
+
+
+def every_point(logical: LogicalScenario, **request: Any) -> np.ndarray:
+    """Every point of the grid, possible or not; `request` as in `Request`."""
+    return full_grid(logical, Request(**request)).points
 
 
 def peak_inverse_ttc(logical: LogicalScenario, points: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ import duckdb
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.recorded.events import RULES
+from sumo_eval.drivers.recorded.events import GHOST_LATERAL_SPEED
 from sumo_eval.method.plausibility import Quantiles, extremes_of, quantiles_of
 from sumo_eval.trajectory import Trajectory
 
@@ -80,7 +80,7 @@ def motorway_people(folder: Path) -> tuple[Quantiles, int]:
     ghosts.
     """
     drives = [(who, extremes_of(ego, actors)) for _, who, ego, actors in motorway_drives(folder)]
-    kept = [one for one in drives if not one[1]["max_lateral_speed"] > RULES.ghost_lateral_speed]
+    kept = [one for one in drives if not one[1]["max_lateral_speed"] > GHOST_LATERAL_SPEED]
     exact = quantiles_of([found for _, found in kept], [who for who, _ in kept])
     rounded = Quantiles(
         {name: tuple(round(value, 3) for value in values) for name, values in exact.values.items()},

@@ -78,14 +78,13 @@ class Parameter:
         """Values (n,) at shares 0..1 of the range; listed values divide the shares equally."""
         if self.values:
             place = np.minimum((shares * len(self.values)).astype(np.intp), len(self.values) - 1)
-            return np.asarray(np.array(self.values, dtype=np.float64)[place])
+            return np.array(self.values, dtype=np.float64)[place]
         return self.rounded(self.low + shares * (self.high - self.low))
 
     def rounded(self, values: FloatArray) -> FloatArray:
         """Values (n,) rounded to `DIGITS` digits of the range, and within it."""
         decimals = DIGITS - math.floor(math.log10(self.high - self.low))
-        rounded: FloatArray = np.clip(np.round(values, decimals), self.low, self.high)
-        return rounded
+        return np.clip(np.round(values, decimals), self.low, self.high)
 
     @property
     def unit_suffix(self) -> str:

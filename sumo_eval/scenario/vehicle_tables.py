@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, MinLen
@@ -37,30 +38,32 @@ from sumo_eval.scenario.formulas import (
     Limits,
     Names,
 )
+from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.road.reference_line import frame_places
 from sumo_eval.scenario.streams import StreamTable, sumo_model
 from sumo_eval.scenario.trigger import Trigger, trigger
 from sumo_eval.settings import About, Checked, Positive
 from sumo_eval.text import capitalised
 
-_NEEDS = {
-    "keep_speed": ((), ()),
-    "brake": (("deceleration",), ("jerk",)),
-    "change_lane": (("duration", "offset"), ()),
-    "change_lane_cosine": (("duration", "offset"), ()),
-    "move_sideways": (("speed", "offset"), ("acceleration",)),
-    "accelerate": (("speed", "acceleration"), ("jerk",)),
-    "speed_profile": (("speeds",), ("times", "places")),
-    "sinus": (("offset", "acceleration"), ("cycles",)),
-    "path": ((), ("points", "lanes", "places")),
-    "follow": (("model",), ("speed", "acceleration", "deceleration", "headway", "min_gap")),
+_MANOEUVRES: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Act]]] = {
+    "keep_speed": ((), (), partial(Act, played.KEEP)),
+    "brake": (("deceleration",), ("jerk",), brake_to_stop),
+    "change_lane": (("duration", "offset"), (), lane_change),
+    "change_lane_cosine": (("duration", "offset"), (), partial(lane_change, cosine=True)),
+    "move_sideways": (("speed", "offset"), ("acceleration",), constant_lateral),
+    "accelerate": (("speed", "acceleration"), ("jerk",), partial(Act, played.SPEED)),
+    "speed_profile": (("speeds",), ("times", "places"), partial(Act, played.BY_TIME)),
+    "sinus": (("offset", "acceleration"), ("cycles",), partial(Act, played.SINUS)),
+    "path": ((), ("points", "lanes", "places"), partial(Act, played.PATH)),
+    "follow": (
+        ("model",),
+        ("speed", "acceleration", "deceleration", "headway", "min_gap"),
+        partial(Act, played.FOLLOW),
+    ),
 }
-"""Keys that a manoeuvre must have and those it may have, other than `begin`."""
-_KINDS = {
-    "keep_speed": played.KEEP, "accelerate": played.SPEED, "speed_profile": played.BY_TIME,
-    "sinus": played.SINUS,
-    "path": played.PATH,
-}  # fmt: skip
+"""Keys that a manoeuvre must have, those it may have, other than `begin`, and what makes its act of
+its numbers.
+"""
 _ENDLESS = Limits(above=0.0, endless=True)
 _AHEAD = 0.1  # rad from the road's direction within which a way is as long as the road beside it
 
@@ -295,7 +298,7 @@ class ManoeuvreTable(Checked):
         """
         what = f"`{self.do}` of {vehicle}"
         place = f"{what} in {names.where}"
-        needed, allowed = _NEEDS[self.do]
+        needed, allowed, _ = _MANOEUVRES[self.do]
         for item in fields(self)[4:]:
             key, absent = item.name, getattr(self, item.name) in (None, ())
             if absent and key in needed:
@@ -357,32 +360,21 @@ class Move:
     pairs: tuple[tuple[LimitedFormula, LimitedFormula], ...]
     when: Trigger | None
 
-    def act(self, known: Mapping[str, float], vehicle: str) -> played.Act:
+    def act(self, known: Mapping[str, float], vehicle: str) -> Act:
         """Its act where these names have these values; a `follow` has none but where it waits."""
         table, numbers = self.table, self.numbers.at(known)
         pairs = tuple((one.at(known), two.at(known)) for one, two in self.pairs)
-        match table.do:
-            case "brake":
-                act = brake_to_stop(**numbers)
-            case "change_lane" | "change_lane_cosine":
-                act = lane_change(**numbers, cosine=table.do == "change_lane_cosine")
-            case "move_sideways":
-                act = constant_lateral(**numbers)
-            case _:
-                act = played.Act(
-                    played.BY_PLACE if table.speeds and table.places else _KINDS[table.do],
-                    **numbers,
-                )
+        act = _MANOEUVRES[table.do][2](**numbers)
         if table.do == "sinus" and act.offset:
             turns = 2.0 * math.pi * (table.cycles or 1.0)
             act = act._replace(duration=turns / math.sqrt(2.0 * act.acceleration / abs(act.offset)))
-        if table.do == "speed_profile" and any(
-            b[0] <= a[0] for a, b in itertools.pairwise(((0.0, 0.0), *pairs))
-        ):
-            owner = f"`speed_profile` of vehicle `{vehicle}`"
-            raise must_be(f"The {'places' if table.places else 'times'}", owner,
-                "above 0 and ascending",
-                          [knot[0] for knot in pairs])  # fmt: skip
+        if table.do == "speed_profile":
+            knots = [knot[0] for knot in pairs]
+            what = "The places" if table.places else "The times"
+            if not all(a < b for a, b in itertools.pairwise([0.0, *knots])):
+                owner = f"`speed_profile` of vehicle `{vehicle}`"
+                raise must_be(what, owner, "above 0 and ascending", knots)
+            act = act._replace(kind=played.BY_PLACE) if table.places else act
         return act._replace(table=pairs, program=self.program(known), name=table.name)
 
     def program(self, known: Mapping[str, float]) -> tuple[tuple[int, int, int, float], ...]:
@@ -533,7 +525,7 @@ class Vehicle:
             if program:
                 places = ego_table.recorded
                 acts.append(
-                    played.Act(
+                    Act(
                         played.FOLLOW, given["begin"], RECORDED_EVERY, table=places, program=program
                     )
                 )

@@ -12,6 +12,7 @@ import pytest
 from commands import python
 from cosim_cases import HALF_SECOND, ROAD, case, lead, shifted
 from refusals import refusal
+from road_scenes import every_point
 
 import sumo_eval.cosim.sumo.session as session_module
 from sumo_eval.cosim.contact import Body, widest_gap
@@ -29,7 +30,7 @@ from sumo_eval.scenario import (
     lane_change,
     motion,
 )
-from sumo_eval.scenario.sampling.samples import grid, sample
+from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
 CUT_OUT = catalogue.load("front_vehicle_cut_out")
@@ -873,7 +874,7 @@ def test_the_leads_lane_change_is_smooth_and_within_its_tyres_grip():
 
 
 def test_law_the_lead_never_touches_the_obstacle_at_any_possible_point_of_the_grid():
-    points = grid(CUT_OUT)
+    points = every_point(CUT_OUT)
     assert len(points) == 275
     feasible = CUT_OUT.feasible(points)
     assert 100 < feasible.sum() < 275

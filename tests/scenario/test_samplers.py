@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from refusals import refusal
 from road_scenes import every_point
 from scipy import stats
 
@@ -350,7 +351,7 @@ def test_events_are_read_as_points_are_with_units_and_lines(tmp_path):
     path.write_text("gap (cm),v,note\n250,1,x\n")
     assert read_numbers(path, "events", units).rows.tolist() == [[2.5, 1.0]]
     path.write_text("gap,v\n1,nan\n")
-    with pytest.raises(InputError, match="`v` in line 2 of the events"):
+    with refusal("`v` in line 2 of the events"):
         read_numbers(path, "events", units)
     path.write_text("exposure\n4\n")  # a parameter of that name is no weight
     assert read_numbers(path, "points", {"exposure": "1"}, "exposure").rows.tolist() == [[4.0]]

@@ -8,11 +8,12 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from refusals import refusal
+from road_scenes import every_point
 
 from sumo_eval.scenario import Approach, LogicalScenario, Parameter, Road, Start, catalogue
 from sumo_eval.scenario.joint import Joint
 from sumo_eval.scenario.sampling.drawn_points import steadily
-from sumo_eval.scenario.sampling.samples import central_point, grid, sample
+from sumo_eval.scenario.sampling.samples import central_point, sample
 
 CUT_OUT = catalogue.load("front_vehicle_cut_out")
 LOW_SPEED = catalogue.load("front_vehicle_low_speed")
@@ -31,14 +32,14 @@ def space(*ranges):
 
 
 def test_the_spaces_own_steps_are_the_default():
-    points = grid(CUT_OUT)
+    points = every_point(CUT_OUT)
     assert points.shape == (5 * 5 * 11, 3)
     assert points.dtype == np.float64
     assert np.unique(points[:, 2]).tolist() == [20.0 + 10.0 * i for i in range(11)]
 
 
 def test_the_first_parameter_is_the_slowest():
-    assert grid(space((0, 1, 1), (5, 7, 1))).tolist() == [
+    assert every_point(space((0, 1, 1), (5, 7, 1))).tolist() == [
         [0, 5],
         [0, 6],
         [0, 7],
@@ -49,14 +50,14 @@ def test_the_first_parameter_is_the_slowest():
 
 
 def test_levels_are_evenly_spaced_and_include_both_ends():
-    points = grid(CUT_OUT, levels=4)
+    points = every_point(CUT_OUT, levels=4)
     assert points.shape == (64, 3)
     assert np.unique(points[:, 0]).tolist() == pytest.approx([10.0, 16.66666667, 23.33333333, 30.0])
     assert np.unique(points[:, 2])[[0, -1]].tolist() == [20.0, 120.0]
 
 
 def test_levels_and_steps_by_name_leave_other_axes_as_they_are():
-    points = grid(CUT_OUT, levels={"ego_speed": 2}, steps={"gap": 50.0})
+    points = every_point(CUT_OUT, levels={"ego_speed": 2}, steps={"gap": 50.0})
     assert np.unique(points[:, 0]).tolist() == [10.0, 30.0]
     assert np.unique(points[:, 1]).tolist() == [0.0, 5.0, 10.0, 15.0, 20.0]
     assert np.unique(points[:, 2]).tolist() == [20.0, 70.0, 120.0]
@@ -65,7 +66,7 @@ def test_levels_and_steps_by_name_leave_other_axes_as_they_are():
 def test_a_tenth_ends_where_it_should_without_a_duplicate():
     # scenarioxp's trap: adding 0.1 ten times gives 0.9999999999999999 and then 1.0 (or
     # 1.0999999999999999) once more
-    values = grid(space((0.0, 1.0, 0.1))).ravel()
+    values = every_point(space((0.0, 1.0, 0.1))).ravel()
     assert values.tolist() == [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]
 
 
@@ -92,7 +93,7 @@ def test_law_a_step_grid_is_that_of_decimal_arithmetic(low, high, step):
 @given(decimals, decimals, st.integers(2, 40))
 def test_law_levels_start_at_low_end_at_high_and_grow(low, high, levels):
     assume(high - low > Decimal("0.05"))
-    values = grid(space((float(low), float(high), 1.0)), levels=levels).ravel()
+    values = every_point(space((float(low), float(high), 1.0)), levels=levels).ravel()
     assert (len(values), values[0], values[-1]) == (levels, float(low), float(high))
     assert np.all(np.diff(values) > 0)
     assert np.diff(values) == pytest.approx((float(high) - float(low)) / (levels - 1), abs=1e-9)
@@ -119,7 +120,7 @@ def test_possible_and_refused_points_are_the_whole_grid():
     assert CUT_OUT.feasible(chosen.points).all()
     assert not CUT_OUT.feasible(chosen.refused).any()
     merged = np.concatenate([chosen.points, chosen.refused])
-    assert {tuple(row) for row in merged} == {tuple(row) for row in grid(CUT_OUT)}
+    assert {tuple(row) for row in merged} == {tuple(row) for row in every_point(CUT_OUT)}
     # low speed: lead slower than the ego; of 5 x 5 the pairs (10, >=10), (15, >=15), (20, 20): 3 +
     # 2 + 1 are not
     assert (len(sample(LOW_SPEED).points), len(sample(LOW_SPEED).refused)) == (19, 6)
@@ -183,7 +184,7 @@ def test_the_central_point_steps_aside_where_the_centre_is_impossible():
 
 
 def test_two_callers_cannot_get_different_grids():
-    assert grid(CUT_OUT).tobytes() == grid(CUT_OUT).tobytes()
+    assert every_point(CUT_OUT).tobytes() == every_point(CUT_OUT).tobytes()
 
 
 def test_the_additive_recurrence_fills_the_box_evenly():

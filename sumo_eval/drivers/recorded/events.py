@@ -33,32 +33,27 @@ from sumo_eval.text import cells
 KINDS = ("approach", "cut_out", "cut_in", "lead_braking")
 
 
-class EventRules(NamedTuple):
-    """The constants of the rules above, SI units."""
-
-    closing_speed: float = 2.0
-    approach_headway: float = 3.5
-    approach_gap: float = 30.0
-    least_gap: float = 2.0
-    largest_ttc: float = 20.0
-    follows_below: float = 0.5  # closing speed under which an approach has turned into following
-    cut_out_headway: float = 4.0
-    cut_out_gap: float = 30.0
-    revealed_within: float = 300.0
-    cut_in_headway: float = 3.0
-    cut_in_gap: float = 25.0
-    lead_deceleration: float = 1.0
-    lead_speed_drop: float = 2.0
-    braking_below: float = 0.3  # deceleration that begins and ends a lead's braking
-    lane_kept: float = 1.0  # s on both sides of a lane change
-    lateral_speed: float = 0.12  # m/s, above which a vehicle is changing lane
-    ghost_ttc: float = 1.0
-    ghost_gap: float = 1.0
-    ghost_acceleration: float = 6.0
-    ghost_lateral_speed: float = 2.0
-
-
-RULES = EventRules()
+# constants of the rules above, SI units
+CLOSING_SPEED = 2.0
+APPROACH_HEADWAY = 3.5
+APPROACH_GAP = 30.0
+LEAST_GAP = 2.0
+LARGEST_TTC = 20.0
+FOLLOWS_BELOW = 0.5  # closing speed under which an approach has turned into following
+CUT_OUT_HEADWAY = 4.0
+CUT_OUT_GAP = 30.0
+REVEALED_WITHIN = 300.0
+CUT_IN_HEADWAY = 3.0
+CUT_IN_GAP = 25.0
+LEAD_DECELERATION = 1.0
+LEAD_SPEED_DROP = 2.0
+BRAKING_BELOW = 0.3  # deceleration that begins and ends a lead's braking
+LANE_KEPT = 1.0  # s on both sides of a lane change
+LATERAL_SPEED = 0.12  # m/s, above which a vehicle is changing lane
+GHOST_TTC = 1.0
+GHOST_GAP = 1.0
+GHOST_ACCELERATION = 6.0
+GHOST_LATERAL_SPEED = 2.0
 Event = dict[str, Any]
 
 
@@ -92,7 +87,7 @@ class RecordedTraffic:
     """The motor vehicles of a recording as arrays (n,), by vehicle and time.
 
     slices: rows of each vehicle.
-    lane: counts once it is kept for `RULES.lane_kept`.
+    lane: counts once it is kept for `LANE_KEPT`.
     centres: median y of each lane, m.
     across: lateral speed, m/s.
     lead, follower: rows of the vehicles ahead and behind at that instant; -1: none.
@@ -116,7 +111,7 @@ class RecordedTraffic:
         # a visit to a lane that is too short stays with the lane before, at first with that after
         visit = (rows[["vehicle", "lane"]] != rows[["vehicle", "lane"]].shift()).any(axis=1)
         samples = visit.groupby(visit.cumsum()).transform("size")
-        kept = rows["lane"].where(samples >= round(RULES.lane_kept / INTERVAL))
+        kept = rows["lane"].where(samples >= round(LANE_KEPT / INTERVAL))
         settled = kept.groupby(rows["vehicle"])
         lane = settled.ffill().fillna(settled.bfill()).fillna(rows["lane"])
         self.lane = lane.to_numpy().astype(np.int64)
@@ -212,9 +207,9 @@ def find_lane_changes(traffic: RecordedTraffic) -> list[RecordedLaneChange]:
             side = float(np.sign(lane[crossing] - lane[crossing - 1]))
             lateral = side * traffic.across
             first = last = crossing
-            while first > part.start and lateral[first - 1] > RULES.lateral_speed:
+            while first > part.start and lateral[first - 1] > LATERAL_SPEED:
                 first -= 1
-            while last < part.stop - 1 and lateral[last] > RULES.lateral_speed:
+            while last < part.stop - 1 and lateral[last] > LATERAL_SPEED:
                 last += 1
             moved = side * (traffic.y[first : last + 1] - traffic.y[first])
             middle = None
@@ -259,8 +254,8 @@ def _stretches(traffic: RecordedTraffic) -> list[slice]:
 
 def _is_ghost(gap: float, ttc: float, accelerations: np.ndarray) -> bool:
     """Whether these extremes are a tracker's, m, s and m/s2."""
-    near = gap < RULES.ghost_gap or ttc < RULES.ghost_ttc
-    return bool(near or np.abs(accelerations).max() > RULES.ghost_acceleration)
+    near = gap < GHOST_GAP or ttc < GHOST_TTC
+    return bool(near or np.abs(accelerations).max() > GHOST_ACCELERATION)
 
 
 def _start_kind(traffic: RecordedTraffic, start: int, row: int) -> str:
@@ -269,15 +264,15 @@ def _start_kind(traffic: RecordedTraffic, start: int, row: int) -> str:
         places = (start, traffic.lead[start])
         edge = any(place == traffic.slices[traffic.names[place]].start for place in places)
         return "dataset_edge" if edge else "lane_entry_or_cut_in"
-    far = traffic.gap[row - 1] > RULES.approach_headway * traffic.speed[row - 1]
-    crossed = far and traffic.closing[row - 1] >= RULES.closing_speed
+    far = traffic.gap[row - 1] > APPROACH_HEADWAY * traffic.speed[row - 1]
+    crossed = far and traffic.closing[row - 1] >= CLOSING_SPEED
     return "range_crossing" if crossed else "closing_builds_up"
 
 
 def _outcome(traffic: RecordedTraffic, row: int, end: int) -> tuple[str, int]:
     """Kind and row of the end of an approach that begins at a row of a stretch up to `end`."""
     names, lane = traffic.names, traffic.lane
-    followed = np.flatnonzero(traffic.closing[row:end] < RULES.follows_below)
+    followed = np.flatnonzero(traffic.closing[row:end] < FOLLOWS_BELOW)
     if followed.size:
         return "follow", row + int(followed[0])
     if end < traffic.slices[names[row]].stop:
@@ -292,16 +287,16 @@ def _outcome(traffic: RecordedTraffic, row: int, end: int) -> tuple[str, int]:
 def _approaches(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -> list[Event]:
     gap, speed, time = traffic.gap, traffic.speed, traffic.t
     begun = (
-        (traffic.closing >= RULES.closing_speed)
-        & (gap <= np.maximum(RULES.approach_headway * speed, RULES.approach_gap))
-        & (gap > RULES.least_gap)
+        (traffic.closing >= CLOSING_SPEED)
+        & (gap <= np.maximum(APPROACH_HEADWAY * speed, APPROACH_GAP))
+        & (gap > LEAST_GAP)
     )
     onsets = {change.row: change.onset for change in changes}
     events = []
     for part in _stretches(traffic):
         hits = np.flatnonzero(begun[part])
         least_ttc, least_gap = traffic.ttc[part].min(), gap[part].min()
-        if hits.size == 0 or least_ttc > RULES.largest_ttc:
+        if hits.size == 0 or least_ttc > LARGEST_TTC:
             continue
         row, end = part.start + int(hits[0]), part.stop
         ego, lead = traffic.names[row], traffic.lead[row]
@@ -348,11 +343,11 @@ def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -
             continue
         ego = names[behind]
         now = traffic.row_of(ego, int(traffic.frame[change.row]))
-        reach = max(RULES.cut_out_headway * speed[behind], RULES.cut_out_gap)
+        reach = max(CUT_OUT_HEADWAY * speed[behind], CUT_OUT_GAP)
         if now is None or gap[behind] > reach:
             continue
         revealed = int(traffic.lead[now])
-        near = gap[now] <= RULES.revealed_within and names[revealed] != change.vehicle
+        near = gap[now] <= REVEALED_WITHIN and names[revealed] != change.vehicle
         revealed = revealed if near else -1
         begin = traffic.row_of(ego, round(change.onset / INTERVAL))
         begin = now if begin is None else begin
@@ -391,14 +386,14 @@ def _cut_ins(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) ->
     events = []
     for change in changes:
         row = int(traffic.follower[change.row])
-        if row < 0 or gap[row] > max(RULES.cut_in_headway * speed[row], RULES.cut_in_gap):
+        if row < 0 or gap[row] > max(CUT_IN_HEADWAY * speed[row], CUT_IN_GAP):
             continue
         ego = traffic.names[row]
         part = traffic.slices[ego]
         if row == part.start or traffic.lane[row - 1] != traffic.lane[row]:
             continue
         braking = traffic.acceleration[row : min(row + 100, part.stop)]
-        fast = change.lateral_speed > RULES.ghost_lateral_speed
+        fast = change.lateral_speed > GHOST_LATERAL_SPEED
         events.append(
             {
                 "ego": ego,
@@ -422,13 +417,13 @@ def _braking_leads(traffic: RecordedTraffic) -> list[Event]:
     events = []
     for stretch in _stretches(traffic):
         lead = traffic.lead[stretch]
-        braking = acceleration[lead] <= -RULES.braking_below
+        braking = acceleration[lead] <= -BRAKING_BELOW
         edges = np.flatnonzero(np.diff(np.concatenate(([0], braking, [0]))))
         for first, last in edges.reshape(-1, 2).tolist():
             row, part = stretch.start + first, slice(stretch.start + first, stretch.start + last)
             strongest = acceleration[lead[first:last]].min()
             drop = speed[lead[first]] - speed[lead[last - 1]]
-            if strongest > -RULES.lead_deceleration or drop < RULES.lead_speed_drop:
+            if strongest > -LEAD_DECELERATION or drop < LEAD_SPEED_DROP:
                 continue
             both = np.append(acceleration[part], strongest)
             events.append(

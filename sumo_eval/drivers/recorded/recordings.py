@@ -141,8 +141,7 @@ def smooth(values: FloatArray, window: int) -> FloatArray:
     """
     from scipy.signal import savgol_filter
 
-    smoothed: FloatArray = savgol_filter(values, window, 2) if values.size > window else values
-    return smoothed
+    return savgol_filter(values, window, 2) if values.size > window else values
 
 
 def write_csv(recordings: Recordings, path: Path) -> None:

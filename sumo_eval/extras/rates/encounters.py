@@ -30,7 +30,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_eval.drivers.recorded.events import (
-    RULES,
+    BRAKING_BELOW,
+    GHOST_LATERAL_SPEED,
     Event,
     RecordedLaneChange,
     RecordedTraffic,
@@ -95,7 +96,7 @@ class Encounters:
     motions: recorded motion of the actor of each.
     events: how many count for the rate, those without parameters included.
     left_out: how many of these have no parameters, by reason.
-    ghosts: how many move as no vehicle can (`RULES`); they count nowhere else.
+    ghosts: how many move as no vehicle can (`drivers.recorded.events`); they count nowhere else.
     """
 
     name: str
@@ -267,7 +268,7 @@ def _measure_recording(
     for change in changes:
         pair = _neighbours(traffic, change) if change.to > change.origin >= 0 else None
         if pair is not None:
-            ghost = change.lateral_speed > RULES.ghost_lateral_speed
+            ghost = change.lateral_speed > GHOST_LATERAL_SPEED
             event = {"ego": change.vehicle, "t": change.t, "ghost": ghost}
             take("lane_change", event, pair[1], _lane_change, change, *pair)
 
@@ -368,7 +369,7 @@ def _braking(traffic: RecordedTraffic, event: Event) -> Measurement:
     whole = traffic.slices[event["lead"]]
     first = whole.start + round((event["t"] - traffic.t[whole.start]) / INTERVAL)
     acceleration = traffic.acceleration[first : whole.stop]
-    eased = np.flatnonzero(acceleration > -RULES.braking_below)
+    eased = np.flatnonzero(acceleration > -BRAKING_BELOW)
     steps = int(eased[0]) if eased.size else 0
     if steps < LEAST_BRAKING:
         raise NotMeasuredError(NOT_WHOLE)

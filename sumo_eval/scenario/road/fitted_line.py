@@ -146,7 +146,7 @@ def _curvatures(grid: _Grid, along: FloatArray, headings: FloatArray) -> FloatAr
         np.interp(grid.knots + 0.5 * side * grid.length / count, middles, headings)
         for side in (-1, 1)
     )
-    return np.asarray((behind - before) * count / grid.length)
+    return (behind - before) * count / grid.length
 
 
 def _integrated(grid: _Grid, first: FloatArray, curvature: FloatArray) -> _Line:

@@ -20,7 +20,7 @@ from typing import NamedTuple
 from lxml import etree
 
 from sumo_eval.errors import InputError, check_known, must_be
-from sumo_eval.scenario.road.lanes import LaneSpan
+from sumo_eval.scenario.road.lanes import LaneSpan, missing
 from sumo_eval.scenario.road.parametric import Cubic, pieces_along
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Piece, bends, length_of
@@ -413,11 +413,7 @@ def _span_of(
     before, behind = [s for s in gone if s <= begin], [s for s in gone if s >= end]
     opens, closes = max(before, default=begin), min(behind, default=end)
     for s, value in knots:  # it opens once, is whole, and ends once, along straight edges
-        wanted = width
-        if s < begin:
-            wanted = 0.0 if s <= opens else width * (s - opens) / (begin - opens)
-        elif s > end:
-            wanted = 0.0 if s >= closes else width * (closes - s) / (closes - end)
+        wanted = width * (1.0 - missing(s, opens, begin, end, closes))
         square = s in (begin, end) and abs(value) <= _SAME  # it begins or ends at once
         if abs(value - wanted) > 1e-4 and not square:
             what = "one that opens once and ends once, each along a straight edge"

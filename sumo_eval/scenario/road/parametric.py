@@ -36,27 +36,24 @@ class Cubic:
         u, v = (np.polynomial.Polynomial(one) for one in (self.along, self.left))
         if order:
             u, v = u.deriv(order), v.deriv(order)
-        return np.asarray(u(p), dtype=np.float64), np.asarray(v(p), dtype=np.float64)
+        return u(p), v(p)
 
     def heading(self, p: FloatArray) -> FloatArray:
         """Direction of the curve, rad, without jumps."""
         u, v = self.at(p, 1)
-        turned: FloatArray = np.unwrap(np.arctan2(v, u))
-        return turned
+        return np.unwrap(np.arctan2(v, u))
 
     def curvature(self, p: FloatArray) -> FloatArray:
         """(u' v'' - v' u'') / (u'2 + v'2)^1.5, 1/m."""
         (u1, v1), (u2, v2) = self.at(p, 1), self.at(p, 2)
-        found: FloatArray = (u1 * v2 - v1 * u2) / np.power(u1 * u1 + v1 * v1, 1.5)
-        return found
+        return (u1 * v2 - v1 * u2) / np.power(u1 * u1 + v1 * v1, 1.5)
 
     def lengths(self, ends: FloatArray) -> FloatArray:
         """Length of the curve between neighbouring p, m: quadrature of |(u', v')|."""
         half = 0.5 * np.diff(ends)
         middle = 0.5 * (ends[:-1] + ends[1:])
         u, v = self.at(middle[:, None] + half[:, None] * _NODES, 1)
-        found: FloatArray = np.hypot(u, v) @ _WEIGHTS * half
-        return found
+        return np.hypot(u, v) @ _WEIGHTS * half
 
 
 def pieces_along(cubic: Cubic, length: float, owner: str) -> list[Piece]:

@@ -84,8 +84,7 @@ def steadily(k: int, count: int) -> FloatArray:
     phi = 2.0
     for _ in range(60):
         phi = (1.0 + phi) ** (1.0 / (k + 1))
-    shares: FloatArray = (0.5 + np.outer(np.arange(count), phi ** -np.arange(1.0, k + 1))) % 1.0
-    return shares
+    return (0.5 + np.outer(np.arange(count), phi ** -np.arange(1.0, k + 1))) % 1.0
 
 
 def _drawn(

@@ -164,13 +164,6 @@ def _method(name: str, prescribed: Collection[str]) -> Method:
     return methods[name]
 
 
-def grid(logical: LogicalScenario, *, levels: Levels = None, steps: Steps = None) -> FloatArray:
-    """Every point (n, k) of the grid, possible or not, the first parameter slowest; arguments as in
-    `sample`.
-    """
-    return full_grid(logical, Request(levels=levels, steps=steps)).points
-
-
 def central_point(logical: LogicalScenario) -> FloatArray:
     """The point (k,) of the space's default sample nearest to the centre of the unit box; of
     equals, the first.
@@ -178,5 +171,5 @@ def central_point(logical: LogicalScenario) -> FloatArray:
     points = sample(logical).points
     distance = np.linalg.norm(logical.to_unit(points) - 0.5, axis=-1)
     # rounded: equals must stay equal
-    point: FloatArray = points[int(np.argmin(np.round(distance, 12)))]
+    point: FloatArray = points[np.argmin(np.round(distance, 12))]
     return point
