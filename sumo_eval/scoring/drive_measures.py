@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
@@ -62,13 +62,15 @@ def drive_measures(
         fact.case: key_of("drive", hash_of(fact.case), width, files, method_sources())
         for fact in evaluated
     }
-    found = space.kept_by_case("drive", keys)
-    missing = [
-        _Request(fact.case, fact.collision, width, _conflicting(space.logical, fact))
-        for fact in evaluated
-        if fact.case not in found
-    ]
-    found |= space.computed_by_case("drive", keys, _measured_part, missing, _AT_ONCE)
+
+    def requests(missing: Collection[str]) -> list[_Request]:
+        return [
+            _Request(fact.case, fact.collision, width, _conflicting(space.logical, fact))
+            for fact in evaluated
+            if fact.case in missing
+        ]
+
+    found = space.results("drive", keys, requests, _measured_part, _AT_ONCE)
     return {case: _measures_in(found[case], people) for case in keys}
 
 

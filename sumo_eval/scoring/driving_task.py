@@ -4,7 +4,7 @@ run.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -80,9 +80,11 @@ def tasks_of_drives(
         hashes = [hash_of(case) for case in others]
         common = key_of(hashes, road, margin, start.x, start.way, method_sources())
         keys |= {case: key_of(common, hash_of(case), hit) for case, hit in hits.items()}
-    found = space.kept_by_case("task", keys)
-    missing = [point for point in points if not point.drives.keys() <= found.keys()]
-    found |= space.computed_by_case("task", keys, _tasks_of_part, missing, _AT_ONCE)
+
+    def points_of(missing: Collection[str]) -> list[_Point]:
+        return [point for point in points if not point.drives.keys().isdisjoint(missing)]
+
+    found = space.results("task", keys, points_of, _tasks_of_part, _AT_ONCE)
     return {case: decoded(data, _RECORDS) for case, data in found.items()}
 
 

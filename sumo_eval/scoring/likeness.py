@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from array import array
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -311,16 +311,13 @@ def beside_people(
     return row
 
 
-def reference_notes(cases: CaseTable) -> tuple[ScoreNote, ...]:
+def reference_notes(cases: CaseTable) -> Iterator[ScoreNote]:
     """Remarks on the human reference and the exposure of the cases of one ADS in one
     scenario.
     """
     safe = cases.safe
-    thin = [note for note in cases.reference_note[safe] if note is not None]
-    notes: list[ScoreNote] = []
-    if thin:
+    if thin := [note for note in cases.reference_note[safe] if note is not None]:
         unfilled = sum(note.filled is None for note in thin)
-        notes.append(ThinReferences(len(thin), int(safe.sum()), unfilled))
+        yield ThinReferences(len(thin), int(safe.sum()), unfilled)
     if outside := int(np.count_nonzero(cases.exposure_note != "")):
-        notes.append(Counted("outside_support", outside, len(cases)))
-    return tuple(notes)
+        yield Counted("outside_support", outside, len(cases))

@@ -170,8 +170,7 @@ def _reference(
     """
     if fact.status not in EVALUATED:
         return {f"{who}_severity": None, f"{who}_error": fact.error or fact.status}
-    hit = None if struck_by_other(fact, space) else _severity(fact, space.severity)
-    return {f"{who}_severity": max(hit or 0.0, least)}
+    return {f"{who}_severity": max(_severity(fact, space) or 0.0, least)}
 
 
 def _of_departure(fact: Fact, tasks: Mapping[str, TaskOfDrive], space: ScenarioRun) -> float:
@@ -184,9 +183,13 @@ def _of_departure(fact: Fact, tasks: Mapping[str, TaskOfDrive], space: ScenarioR
     )
 
 
-def _severity(fact: Fact, severity: Severity) -> float | None:
-    """U of a case's collision, or of the measure in its place; None without a collision."""
-    return None if fact.collision is None else severity.of(fact.collision, fact.case)
+def _severity(fact: Fact, space: ScenarioRun) -> float | None:
+    """U of a case's collision, or of the measure in its place; None without a collision, or where
+    it is the other vehicle's fault.
+    """
+    if fact.collision is None or struck_by_other(fact, space):
+        return None
+    return space.severity.of(fact.collision, fact.case)
 
 
 def tabulate(
@@ -208,7 +211,7 @@ def tabulate(
     for fact in facts:
         zone: Zone = "hazardous" if known.hazardous[fact.point] else "safe"
         hit, task, struck = fact.collision, tasks.get(fact.case), struck_by_other(fact, space)
-        severity = None if struck else _severity(fact, space.severity)
+        severity = _severity(fact, space)
         ideal = harm[fact.point]["ideal_severity"]
         fields_of_row: dict[str, Any] = {
             **{name: getattr(fact, name) for name in _RECORDED},

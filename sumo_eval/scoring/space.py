@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -60,25 +60,25 @@ class ScenarioRun:
         """The recorded drives of a role at some points."""
         return self.store.facts_at(points, role, self.name)
 
-    def kept_by_case(self, kind: Kind, keys: Mapping[str, bytes]) -> dict[str, bytes]:
-        """Results that the run keeps, by case."""
-        parts = {case: self.kept.get(kind, key) for case, key in keys.items()}
-        return {case: data for case, data in parts.items() if data is not None}
-
-    def computed_by_case(
+    def results(
         self,
         kind: Kind,
         keys: Mapping[str, bytes],
+        jobs_of: Callable[[Collection[str]], Sequence[Job]],
         work: Callable[[tuple[Path, Sequence[Job]]], Sequence[tuple[str, bytes]]],
-        jobs: Sequence[Job],
         at_once: int,
     ) -> dict[str, bytes]:
-        """Results by case, computed in processes and kept under their keys.
+        """Results by case: those that the run keeps under the keys, all others computed in
+        processes and kept.
 
-        work: path of the facts and some jobs -> cases, each with its result.
+        jobs_of: cases without a result -> jobs.
+        work: path of the facts and some jobs, at most `at_once` -> cases, each with its result.
         """
+        parts = {case: self.kept.get(kind, key) for case, key in keys.items()}
+        found = {case: data for case, data in parts.items() if data is not None}
+        jobs = jobs_of(keys.keys() - found.keys())
         starts = range(0, len(jobs), at_once)
-        parts = [(self.store.path, jobs[first : first + at_once]) for first in starts]
-        new = dict(chain.from_iterable(self.spread(work, parts) if parts else ()))
+        some = [(self.store.path, jobs[first : first + at_once]) for first in starts]
+        new = dict(chain.from_iterable(self.spread(work, some) if some else ()))
         self.kept.put((kind, keys[case], 0, data) for case, data in new.items())
-        return new
+        return found | new

@@ -31,7 +31,6 @@ def small_buffers(monkeypatch):
     """What is held at any number of cases is made small, so that a few of them fill it already."""
     monkeypatch.setattr(tables, "records_of", lru_cache(2)(tables.records_of.__wrapped__))
     monkeypatch.setattr(resamples, "AT_ONCE", 64_000)
-    monkeypatch.setattr(resamples, "DRAWN_AT_ONCE", 2_000)
 
 
 @pytest.fixture(scope="module")

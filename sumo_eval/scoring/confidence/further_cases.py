@@ -14,7 +14,6 @@ from sumo_eval.trajectory import FloatArray
 
 NEIGHBOURS = 6
 CANDIDATES = 8_192
-_AT_ONCE = 65_536  # cases whose neighbours are in memory at a time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,12 +38,9 @@ def further_cases(
     farthest from all cases.
     """
     unit = logical.to_unit(points)
-    tree, variances = KDTree(unit), []
+    tree = KDTree(unit)
     neighbours = np.arange(1, min(NEIGHBOURS + 1, len(points)) + 1)
-    for first in range(0, len(unit), _AT_ONCE):
-        near = np.asarray(tree.query(unit[first : first + _AT_ONCE], k=neighbours)[1])
-        variances.append(np.var(influence[near], axis=1))
-    variance = np.concatenate(variances)
+    variance = np.var(influence[np.asarray(tree.query(unit, k=neighbours)[1])], axis=1)
     candidates = logical.from_shares(steadily(len(logical.names), CANDIDATES))
     candidates = candidates[logical.feasible(candidates)]
     where = logical.to_unit(candidates)

@@ -32,27 +32,15 @@ ADAPTIVE = "adaptive"
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Rounds and points so far, of how many points at most.
+    """Rounds so far.
 
-    half_width: half the 95 % interval of the ADS that is known least, points of S+ or share of the
-        space; infinite where one has none.
-    further: points of the next round, 0 where there is none.
+    further: points of the next one, 0 where there is none.
+    sentence: for readers of the report.
     """
 
     rounds: int
-    points: int
-    budget: int
-    half_width: float
     further: int
-    why: str
-
-    @property
-    def sentence(self) -> str:
-        """For readers of the report."""
-        return (
-            f"Adaptive sampling: {self.points} of at most {self.budget} points in {self.rounds} "
-            f"rounds; {self.why}."
-        )
+    sentence: str
 
 
 def standing(
@@ -93,7 +81,8 @@ def standing(
     elif not further:
         asked = "" if sampling.until is None else f", more than the {sampling.until:g} asked for"
         why = f"all it may drive; {wide}{asked}"
-    return Standing(rounds, done, budget, half, further, why)
+    so_far = f"Adaptive sampling: {done} of at most {budget} points in {rounds} rounds; {why}."
+    return Standing(rounds, further, so_far)
 
 
 def further_round(

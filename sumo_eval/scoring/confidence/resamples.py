@@ -27,9 +27,6 @@ from sumo_eval.trajectory import FloatArray
 # points in replicates that are held at a time: 16 MB a table, and 1,000 points with 2,000
 AT_ONCE = 2_000_000
 OF_MORE = 8  # of more points such a part of it: 2 MB a table
-DRAWN_AT_ONCE = 500_000  # of these, what is drawn at a time
-# that are looked at together, with some arrays of their coordinates: half a megabyte
-POINTS_IN_CACHE = 8_000
 # ways of sampling that leave no part of the space out
 EVEN = frozenset({"grid", "sobol", "halton"})
 SMALLEST = 4  # points that are split in halves
@@ -105,27 +102,16 @@ def _sort_along_widest(order: IntArray, sizes: IntArray, unit: FloatArray) -> No
 
     order: list behind list.
 
-    Lists of one size are sorted together, as many as stay in a cache: a million points have half a
-    million lists.
+    Lists of one size are sorted together: a million points have half a million lists.
     """
     firsts = np.cumsum(sizes) - sizes
     for size in np.unique(sizes[sizes >= SMALLEST]).tolist():
-        for same in _some_at_a_time(firsts[sizes == size], size):
-            here = same[:, None] + np.arange(size)
-            rows = order[here]
-            points = unit[rows]
-            axis = np.argmax(np.ptp(points, axis=1), axis=1)
-            along = np.take_along_axis(points, axis[:, None, None], axis=2)[:, :, 0]
-            order[here] = np.take_along_axis(rows, np.argsort(along, axis=1, kind="stable"), axis=1)
-
-
-def _some_at_a_time(lists: IntArray, size: int) -> Iterator[IntArray]:
-    """Arrays along their first axis, of lists of one size, at most as many as `POINTS_IN_CACHE`
-    allows.
-    """
-    some = max(POINTS_IN_CACHE // size, 1)
-    for first in range(0, len(lists), some):
-        yield lists[first : first + some]
+        here = firsts[sizes == size][:, None] + np.arange(size)
+        rows = order[here]
+        points = unit[rows]
+        axis = np.argmax(np.ptp(points, axis=1), axis=1)
+        along = np.take_along_axis(points, axis[:, None, None], axis=2)[:, :, 0]
+        order[here] = np.take_along_axis(rows, np.argsort(along, axis=1, kind="stable"), axis=1)
 
 
 def same_sizes(groups: Strata) -> list[tuple[int, IntArray]]:
@@ -142,10 +128,8 @@ def draw_counts(groups: Strata, replicates: int, stream: np.random.Generator) ->
     """
     counts = np.ones((replicates, groups.points))
     for size, same in same_sizes(groups):
-        for rows in _rows_at_a_time(replicates, same.size):
-            number = rows.stop - rows.start
-            drawn = _multinomial(size, (number, len(same)), stream) * (size / (size - 1))
-            counts[rows, same.ravel()] = drawn.reshape(number, -1)
+        drawn = _multinomial(size, (replicates, len(same)), stream) * (size / (size - 1))
+        counts[:, same.ravel()] = drawn.reshape(replicates, -1)
     return counts
 
 
@@ -163,15 +147,6 @@ def _multinomial(
     drawn[..., 0] = stream.random(shape) > 0.5
     np.subtract(1.0, drawn[..., 0], out=drawn[..., 1])
     return drawn
-
-
-def _rows_at_a_time(replicates: int, points: int) -> Iterator[slice]:
-    """Replicates that are drawn in one go: the numbers of a stream are the same, however many they
-    are.
-    """
-    some = max(DRAWN_AT_ONCE // points, 1)
-    for first in range(0, replicates, some):
-        yield slice(first, min(first + some, replicates))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -209,11 +184,9 @@ class Balance:
         spread = float(sizes[sizes > 1].sum())  # of a group of s: G = s/(s - 1) (1 - 1/s)
         by_group = np.zeros(len(sizes))
         for size, same in same_sizes(groups):
-            squares = [
-                np.square(part - part.mean(axis=1, keepdims=True)).reshape(len(part), -1).sum(1)
-                for part in (trend[some] for some in _some_at_a_time(same, size))
-            ]
-            by_group[sizes == size] = size / (size - 1) * np.concatenate(squares)
+            part = trend[same]
+            squares = np.square(part - part.mean(axis=1, keepdims=True)).reshape(len(part), -1)
+            by_group[sizes == size] = size / (size - 1) * squares.sum(axis=1)
         lost = sum(map(float, by_group[sizes > 1]))
         return cls(trend, math.sqrt(spread / (spread - lost)))
 
@@ -336,8 +309,5 @@ def _counts_of_piece(
 
     share: how many of its draws fall on them, (m,).
     """
-    counts = np.empty((len(share), points))
-    for rows in _rows_at_a_time(len(share), points):
-        drawn = stream.multinomial(share[rows], np.full(points, 1.0 / points))
-        counts[rows] = drawn * (size / (size - 1))
-    return counts
+    drawn = stream.multinomial(share, np.full(points, 1.0 / points))
+    return np.asarray(drawn * (size / (size - 1)), dtype=np.float64)
