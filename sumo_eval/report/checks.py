@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from heapq import nsmallest
-from typing import Any
+from typing import Any, NamedTuple
 
+from sumo_eval.cases import CaseResult
 from sumo_eval.report.verdict import Beside
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.scoring.requirements import SEPARATOR
 from sumo_eval.text import point_words
 
 PASSED, FAILED, NOT_EVALUATED = "passed", "failed", "not evaluated"
@@ -18,20 +19,13 @@ MOST_LINES = 40  # of a terminal; checks.csv has all
 MOST_ROWS = 500  # of the page; checks.csv has all
 
 
-@dataclass(frozen=True, slots=True)
-class CheckedCase:
-    """A case of a scenario with requirements.
-
-    values: the point's, of which `point` has six digits.
-    missed: names of those that its drive misses; None: not evaluated.
+class CheckedCase(NamedTuple):
+    """A case of a scenario with requirements, and the names of those that its drive misses; None:
+    not evaluated.
     """
 
-    case: str
-    scenario: str
-    ads: str
-    point: str
-    values: tuple[float, ...]
-    missed: tuple[str, ...] | None
+    case: CaseResult
+    missed: Sequence[str] | None
 
     @property
     def verdict(self) -> str:
@@ -51,16 +45,10 @@ def checked_cases(
     scores: only the cases of these; default: of all.
     """
     for score in evaluation.scores if scores is None else scores:
-        if score.scenario not in evaluation.checks:
-            continue
-        for case in evaluation.cases_of(score.ads, score.scenario):
-            missed = (
-                None
-                if case.requirements_missed is None
-                else tuple(filter(None, case.requirements_missed.split("; ")))
-            )
-            point = point_words(case.values), tuple(case.values.values())
-            yield CheckedCase(case.case, case.scenario, case.ads, *point, missed)
+        if score.scenario in evaluation.checks:
+            for case in evaluation.cases_of(score.ads, score.scenario):
+                text = case.requirements_missed
+                yield CheckedCase(case, text and text.split(SEPARATOR))
 
 
 def check_lines(evaluation: Evaluation) -> Iterator[str]:
@@ -78,7 +66,9 @@ def check_lines(evaluation: Evaluation) -> Iterator[str]:
         shown = nsmallest(MOST_LINES, shown, key=lambda one: order.index(one.verdict))
     for one in shown:
         why = f": {'; '.join(one.missed)}" if one.missed else ""
-        yield f"  {one.verdict}  {one.ads} in {one.scenario}, {one.point}{why}"
+        case = one.case
+        at = point_words(case.values)
+        yield f"  {one.verdict}  {case.ads} in {case.scenario}, {at}{why}"
     if number > MOST_LINES:
         yield f"  and {number - MOST_LINES} more, all in checks.csv."
 
@@ -101,11 +91,12 @@ def _table(evaluation: Evaluation, scenario: str) -> dict[str, Any]:
     points: set[int] = set()
     rows: dict[tuple[float, ...], dict[str, CheckedCase]] = {}
     for one in checked_cases(evaluation, scores):
-        failed.update((one.ads, name) for name in checks if one.verdict_of(name) == FAILED)
-        passed[one.ads] += one.verdict == PASSED
-        points.add(hash(one.values))  # of a million points the texts would be 100 MB
-        if len(rows) < MOST_ROWS or one.values in rows:
-            rows.setdefault(one.values, {})[one.ads] = one
+        ads, point = one.case.ads, tuple(one.case.values.values())
+        failed.update((ads, name) for name in one.missed or ())
+        passed[ads] += one.verdict == PASSED
+        points.add(hash(point))  # of a million points the texts would be 100 MB
+        if len(rows) < MOST_ROWS or point in rows:
+            rows.setdefault(point, {})[ads] = one
     return {
         "scenario": scenario,
         "ads": names,
@@ -115,7 +106,7 @@ def _table(evaluation: Evaluation, scenario: str) -> dict[str, Any]:
         "passed": [passed[ads] for ads in names],
         "of": len(points),
         "rows": [
-            (next(iter(found.values())).point, [found.get(ads) for ads in names])
+            (next(iter(found.values())).case.values, [found.get(ads) for ads in names])
             for found in rows.values()
         ],
         "more": max(0, len(points) - MOST_ROWS),

@@ -25,7 +25,7 @@ from sumo_eval.report.words import (
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.findings import people_behind
 from sumo_eval.scoring.preventability import preventability, reference_ads
-from sumo_eval.text import cell
+from sumo_eval.text import cell, point_words
 
 CHECKS = "checks.csv"
 _ALSO = ("d_i", "departed", "gave_up", "incident_severity")
@@ -87,9 +87,10 @@ def write_tables(evaluation: Evaluation) -> None:
 def checks_csv(evaluation: Evaluation, path: Path) -> None:
     """Write one row for each check of a case: what was asked, and whether it passed."""
     rows = (
-        (one.case, one.scenario, one.ads, one.point, name, condition, one.verdict_of(name))
+        (it.case, it.scenario, it.ads, point_words(it.values), name, text, one.verdict_of(name))
         for one in checked_cases(evaluation)
-        for name, condition in evaluation.checks[one.scenario].items()
+        for it in [one.case]
+        for name, text in evaluation.checks[it.scenario].items()
     )
     head = ("case", "scenario", "ads", "point", "check", "condition", "verdict")
     write_csv(path, head, (map(cell, row) for row in rows))
