@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -152,8 +152,7 @@ class AnthropomorphicIndex:
     likeness: Likeness | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Pairing:
+class Pairing(NamedTuple):
     """An ADS and the drivers it is compared with, as places in a list of trajectories.
 
     ads: its place.
@@ -233,8 +232,7 @@ def indexes_by_group(
     return [_indexes(group, vehicles, shared, road, settings) for group in groups]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Vehicle:
+class _Vehicle(NamedTuple):
     """A trajectory and what Eqs. 11-12 take of it.
 
     whole: as recorded, from x = begin, m.
@@ -283,8 +281,7 @@ class _Vehicle:
 _Where = tuple[float, float, float]  # where slices begin, how far they go, how close they lie, m
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Comparison:
+class _Comparison(NamedTuple):
     """An ADS beside k drivers at m slices; arrays begin with the ADS.
 
     choice: drivers of one manoeuvre in mixture mode, else all.

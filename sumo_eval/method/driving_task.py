@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -121,8 +122,7 @@ def times_at(drive: Trajectory, places: FloatArray) -> FloatArray:
     return np.asarray(np.interp(places, x[known], drive.time[known] - drive.time[0], right=np.inf))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AskedWay:
+class AskedWay(NamedTuple):
     """The distance along the road that an ADS has to drive at a point, and the time for it.
 
     places: x along it, (n,), m.

@@ -10,7 +10,7 @@ for each hyperparameter.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
@@ -20,8 +20,7 @@ from scipy.spatial.distance import pdist, squareform
 from sumo_eval.trajectory import FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class Hyperparameters:
+class Hyperparameters(NamedTuple):
     """Eq. 7: the constants of the covariance.
 
     signal: sf^2.

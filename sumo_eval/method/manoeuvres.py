@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,8 +26,7 @@ Manoeuvre = tuple[int, ...]
 """The lane of the start, and the first other one; 0 is the right lane."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Choice:
+class Choice(NamedTuple):
     """The manoeuvre of an ADS among those of the drivers.
 
     manoeuvre: the ADS's; empty in gaussian mode.

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -65,8 +66,7 @@ class CriticalityMeasures:
     max_lateral_acceleration: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SmoothMotion:
+class SmoothMotion(NamedTuple):
     """Derivatives of a recorded or simulated drive that noise does not reach, (n,) each.
 
     acceleration: of the speed, m/s2.
@@ -84,8 +84,7 @@ class SmoothMotion:
     unrest: FloatArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Course:
+class Course(NamedTuple):
     """Common basis of the measures and the extremes of one drive, (n,) each at the ego's samples.
 
     gap: to the nearest lead vehicle, m.

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -15,8 +14,7 @@ from sumo_eval.settings import ScoreSettings
 ROUNDING = 1e-9  # what a mean of shares may be off by
 
 
-@dataclass(frozen=True, slots=True)
-class Score:
+class Score(NamedTuple):
     """S and what it is made of.
 
     total: S, points, None where neither index was computed.
@@ -71,8 +69,7 @@ def score_of(c: float | None, d: float | None, points: ScoreSettings) -> Score:
     return combined_score(c, d, a=points.a, b=points.b, k5=points.k5, k6=points.k6)
 
 
-@dataclass(frozen=True, slots=True)
-class PlusPoints:
+class PlusPoints(NamedTuple):
     """The two terms of S+, points: T A' a, for driving the task without harm, and T A' b H; 0 where
     not computed.
     """

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -119,8 +118,7 @@ nan where no case with exposure has one.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class Worth:
+class Worth(NamedTuple):
     """Points of S that an index of 1 gives: C and D (Eq. 18, with k5 and k6)."""
 
     c: float

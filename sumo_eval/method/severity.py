@@ -21,7 +21,7 @@ import hashlib
 import math
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -40,8 +40,7 @@ KMH = 3.6
 """km/h in a m/s."""
 
 
-@dataclass(frozen=True, slots=True)
-class Contact:
+class Contact(NamedTuple):
     """A first contact as a severity sees it; vectors are in the ego's own frame, x ahead and y to
     its left.
 
@@ -141,8 +140,7 @@ def injury_risk(who: str, closing_speed: ArrayLike, age: float | None = None) ->
     return np.asarray(1.0 / (1.0 + np.exp(-logit)))[()]
 
 
-@dataclass(frozen=True, slots=True)
-class Severity:
+class Severity(NamedTuple):
     """The chosen number V of a contact.
 
     name: as in the settings.

@@ -24,7 +24,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -44,8 +43,7 @@ LARGEST_EXPONENT = 0.5  # and so is one that grows faster with speed ahead: k2 v
 NARROWEST = 0.5  # m; a narrower strip is treated as if it were this half-wide
 
 
-@dataclass(frozen=True, slots=True)
-class Stretch:
+class Stretch(NamedTuple):
     """The part of a road that is divided into boxes: between which x and which y, m."""
 
     west: float

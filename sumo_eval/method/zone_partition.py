@@ -300,8 +300,7 @@ def of_parts(
     return ZonePartition(logical, settings, **{**parts, "surface": surface})
 
 
-@dataclass(frozen=True, slots=True)
-class BoundaryError:
+class BoundaryError(NamedTuple):
     """Share of misclassified points: over the whole box, and over the points that satisfy the
     constraints.
     """
