@@ -9,6 +9,8 @@ the same). Everything else is as `reg157` does it.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from sumo_eval.ads.reg157 import LastMoment, Reg157
 
 RESPONSE = 0.1  # s
@@ -16,15 +18,12 @@ SEATED = LastMoment("eu_2022_1426", braking=6.0, response=RESPONSE, build_up=0.3
 STANDING = LastMoment("eu_2022_1426_bus", braking=2.4, response=RESPONSE, build_up=0.12)
 
 
+@dataclass(eq=False)
 class Eu20221426(Reg157):
     """ADS `eu_2022_1426`: 6 m/s2, built up over 0.3 s, 0.1 s after the last moment to begin."""
 
     last_moment = SEATED
-
-    def __init__(
-        self, margin: float = 0.0, lead_braking: float = 1.0, standstill_gap: float = 0.1
-    ) -> None:
-        super().__init__(margin, lead_braking, standstill_gap)
+    margin: float = 0.0
 
 
 class Eu20221426Bus(Eu20221426):

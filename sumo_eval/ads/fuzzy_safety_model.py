@@ -9,6 +9,7 @@ lists the readings.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from sumo_eval.ads.perception import bumper_gap, is_in_sight
@@ -157,6 +158,7 @@ def fuzzy_safety_model(
     brake(fuzzy_demand, ego, others, own, known, later, scenario)
 
 
+@dataclass(eq=False)
 class FuzzySafetyModel(Compiled):
     """ADS `fsm`: brakes as PFS and CFS demand, `REACTION` s after they first do; between times it
     keeps its speed.
@@ -172,6 +174,8 @@ class FuzzySafetyModel(Compiled):
     numbers: ClassVar = [BRAKES, *fields("standstill_gap"), *flags("as_coded")]
     brakes = Brakes(REACTION, HUMAN_BRAKING, HUMAN_JERK)
 
-    def __init__(self, standstill_gap: float = 0.01, as_coded: bool = False) -> None:
-        check_numbers("fsm", standstill_gap=standstill_gap, as_coded=as_coded)
-        self.standstill_gap, self.as_coded = standstill_gap, as_coded
+    standstill_gap: float = 0.01
+    as_coded: bool = False
+
+    def __post_init__(self) -> None:
+        check_numbers("fsm", vars(self))

@@ -13,6 +13,7 @@ R157 controllers. docs/baselines.md lists the readings.
 from __future__ import annotations
 
 import math
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar
 
 from sumo_eval.ads.braking import BRAKE_PATH, Braked, first_instant, moved, path_command
@@ -397,6 +398,7 @@ def _watch_over(
     own.aeb_brakes = 0
 
 
+@dataclass(eq=False)
 class CarefulDriver(Compiled):
     """ADS `careful_driver` (with `aeb`: `careful_driver_aeb`), performance model 1 of UN R157.
 
@@ -421,27 +423,16 @@ class CarefulDriver(Compiled):
         *flags("aeb"),
     ]  # fmt: skip
 
-    def __init__(
-        self,
-        aeb: bool = False,
-        *,
-        wander: float = 0.375,
-        evaluation: float = 0.4,
-        reaction: float = 0.75,
-        lead_braking: float = 5.0,
-        in_path_limit: float = 3.0,
-    ) -> None:
-        check_numbers(
-            "careful_driver", wander=wander, evaluation=evaluation, reaction=reaction,
-            lead_braking=lead_braking,
-            in_path_limit=in_path_limit, aeb=aeb,
-        )  # fmt: skip
-        self.aeb = aeb
-        self.wander = wander
-        self.evaluation = evaluation
-        self.reaction = reaction
-        self.lead_braking = lead_braking
-        self.in_path_limit = in_path_limit
+    aeb: bool = False
+    _: KW_ONLY
+    wander: float = 0.375
+    evaluation: float = 0.4
+    reaction: float = 0.75
+    lead_braking: float = 5.0
+    in_path_limit: float = 3.0
+
+    def __post_init__(self) -> None:
+        check_numbers("careful_driver", vars(self))
 
     @property
     def brakes(self) -> Brakes:

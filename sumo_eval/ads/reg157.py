@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from sumo_eval.ads.perception import is_in_sight, lateral_overlap
 from sumo_eval.ads.r157 import (
@@ -34,8 +34,7 @@ BRAKING = 6.0  # m/s2
 INTRUSION = 0.3  # m, of the tyre beyond the lane marking
 
 
-@dataclass(frozen=True, slots=True)
-class LastMoment:
+class LastMoment(NamedTuple):
     """Allowance of a regulation before a collision has to be avoided: `braking` m/s2, `response`
     s, `build_up` s.
     """
@@ -102,6 +101,7 @@ def reg157(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: An
     brake(reg157_demand, ego, others, own, known, later, scenario)
 
 
+@dataclass(eq=False)
 class Reg157(Compiled):
     """ADS `reg157`: 0.35 s after the last moment to begin, 6 m/s2; for a lead that brakes, 0.35 s
     after it does.
@@ -121,18 +121,12 @@ class Reg157(Compiled):
     ]
     last_moment: ClassVar[LastMoment] = LastMoment("reg157", braking=BRAKING, response=RESPONSE)
 
-    def __init__(
-        self, margin: float = 0.1, lead_braking: float = 1.0, standstill_gap: float = 0.1
-    ) -> None:
-        check_numbers(
-            self.last_moment.ads,
-            margin=margin,
-            lead_braking=lead_braking,
-            standstill_gap=standstill_gap,
-        )
-        self.margin = margin
-        self.lead_braking = lead_braking
-        self.standstill_gap = standstill_gap
+    margin: float = 0.1
+    lead_braking: float = 1.0
+    standstill_gap: float = 0.1
+
+    def __post_init__(self) -> None:
+        check_numbers(self.last_moment.ads, vars(self))
 
     @property
     def brakes(self) -> LastMoment:

@@ -8,7 +8,7 @@ TraCI: that is one row.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -84,7 +84,7 @@ def unknown(count: int, others: int, layout: Layout) -> Records:
     return np.full((count, others), np.array(row(layout), layout))
 
 
-def check_numbers(ads: str, **numbers: float) -> None:
+def check_numbers(ads: str, numbers: Mapping[str, float]) -> None:
     """Raises InputError for a number of an ADS that is not finite or negative."""
     for name, value in numbers.items():
         if not (math.isfinite(value) and value >= 0.0):
