@@ -21,12 +21,12 @@ from sumo_eval.ads.r157 import (
     SHOWING,
     SIGHTED,
     Brakes,
-    brake,
+    braking_loop,
     closing_across,
     foresee_all,
     lateral_gap,
 )
-from sumo_eval.cosim.compiled import Compiled, check_numbers, each_row
+from sumo_eval.cosim.compiled import Compiled, check_numbers
 from sumo_eval.cosim.records import fields, flags
 from sumo_eval.kernels import kernel
 
@@ -128,7 +128,7 @@ def considered(me: Any, other: Any, lateral_closing: float) -> bool:
 def fuzzy_demand(scene: Any, after: float) -> float:
     """Deceleration demanded `after` s from now, if all vehicles continue as now, m/s2.
 
-    scene: as `brake` makes it.
+    scene: as `braking_loop` makes it.
     """
     own, known, others = scene[:3]
     foresee_all(own, known, others, after, scene[3].step)
@@ -146,18 +146,6 @@ def fuzzy_demand(scene: Any, after: float) -> float:
     return demanded
 
 
-@kernel
-def fuzzy_safety_model(
-    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any
-) -> None:
-    """The strongest braking that any lead vehicle demands, decided once a cycle.
-
-    CFS asks for more the harder the ego brakes already, so beside a limit of it the demand goes up
-    and down from look to look.
-    """
-    brake(fuzzy_demand, ego, others, own, known, later, scenario)
-
-
 @dataclass(eq=False)
 class FuzzySafetyModel(Compiled):
     """ADS `fsm`: brakes as PFS and CFS demand, `REACTION` s after they first do; between times it
@@ -169,7 +157,7 @@ class FuzzySafetyModel(Compiled):
     as_coded: CFS as the JRC's program has it (`critical_fuzzy_safety`), not as it is printed.
     """
 
-    loop = staticmethod(each_row(fuzzy_safety_model))
+    loop = staticmethod(braking_loop(fuzzy_demand))
     memory, known = SAFETY_MEMORY, SIGHTED
     numbers: ClassVar = [BRAKES, *fields("standstill_gap"), *flags("as_coded")]
     brakes = Brakes(REACTION, HUMAN_BRAKING, HUMAN_JERK)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from sumo_eval.ads.braking import SAFETY_BRAKING, follow_demand
 from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.perception import bumper_gap, carry_on, take
-from sumo_eval.cosim.compiled import decides
+from sumo_eval.cosim.compiled import decides, each_row
 from sumo_eval.cosim.records import MOVER, fields, flags
 from sumo_eval.kernels import kernel
 
@@ -162,25 +162,25 @@ def foresee_all(own: Any, known: Any, later: Any, time: float, step: float) -> N
         foresee(later[j], known[j].sighting, time, step)
 
 
-@kernel
-def brake(
-    demand: Callable[..., float], ego: Any, others: Any, own: Any, known: Any, later: Any,
-    scenario: Any,
-) -> None:  # fmt: skip
-    """Command the braking that `demand` asks for, decided once in the step of the last scenario,
-    and keep the lane.
+def braking_loop(demand: Callable[..., float], clocks: int = 2) -> Callable[..., None]:
+    """Loop of a rule that commands the braking that `demand` asks for, and keeps the lane.
 
     demand: called with (own, known, later, scenario) and a time after now, s; the deceleration
-        demanded then if all continue as now, m/s2.
-    own: of `SAFETY_MEMORY`, with `BRAKES` in `p`.
+        demanded then if all continue as now, m/s2. own: of `SAFETY_MEMORY`, with `BRAKES` in `p`.
+    clocks: 2: it is decided once a cycle; 1: at every step.
     """
-    if decides(own, scenario):
-        cycle = scenario[-1]
-        take(own.me, ego.seen)
-        own.me.braking = own.braking.path.level
-        for j in range(len(others)):
-            sight(known[j].sighting, others[j], cycle.step)
-        scene = (own, known, later, cycle)
-        own.told = -follow_demand(own.braking, demand, scene, ego.time, own.p.brakes, cycle)
-    ego.command.acceleration = own.told
-    ego.command.steering = lane_kept(ego, scenario[0])
+
+    @kernel
+    def rule(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) -> None:
+        if decides(own, scenario[:clocks]):
+            cycle = scenario[clocks - 1]
+            take(own.me, ego.seen)
+            own.me.braking = own.braking.path.level
+            for j in range(len(others)):
+                sight(known[j].sighting, others[j], cycle.step)
+            scene = (own, known, later, cycle)
+            own.told = -follow_demand(own.braking, demand, scene, ego.time, own.p.brakes, cycle)
+        ego.command.acceleration = own.told
+        ego.command.steering = lane_kept(ego, scenario[0])
+
+    return each_row(rule)

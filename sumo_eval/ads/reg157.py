@@ -19,13 +19,13 @@ from sumo_eval.ads.r157 import (
     SAFETY_MEMORY,
     SHOWING,
     SIGHTED,
-    brake,
+    braking_loop,
     foresee_all,
     lateral_gap,
     time_to_collision,
     within_headway,
 )
-from sumo_eval.cosim.compiled import Compiled, check_numbers, each_row
+from sumo_eval.cosim.compiled import Compiled, check_numbers
 from sumo_eval.cosim.records import fields
 from sumo_eval.kernels import kernel
 
@@ -82,7 +82,7 @@ def demands_braking(me: Any, other: Any, p: Any, scenario: Any) -> bool:
 def reg157_demand(scene: Any, after: float) -> float:
     """Deceleration demanded `after` s from now, if all vehicles continue as now, m/s2.
 
-    scene: as `brake` makes it.
+    scene: as `braking_loop` makes it.
     """
     own, known, others = scene[:3]
     scenario = scene[3]
@@ -93,12 +93,6 @@ def reg157_demand(scene: Any, after: float) -> float:
         ):
             return float(own.p.brakes.braking)
     return 0.0
-
-
-@kernel
-def reg157(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) -> None:
-    """Braking while a lead vehicle demands it, else the speed is kept; decided once a cycle."""
-    brake(reg157_demand, ego, others, own, known, later, scenario)
 
 
 @dataclass(eq=False)
@@ -113,7 +107,7 @@ class Reg157(Compiled):
         followed in continuous time that ends exactly against the other vehicle, a contact at 0 m/s.
     """
 
-    loop = staticmethod(each_row(reg157))
+    loop = staticmethod(braking_loop(reg157_demand))
     memory, known = SAFETY_MEMORY, SIGHTED
     numbers: ClassVar = [
         ("brakes", [*BRAKES[1], *fields("build_up")]),

@@ -20,12 +20,12 @@ from sumo_eval.ads.r157 import (
     SHOWING,
     SIGHTED,
     Brakes,
-    brake,
+    braking_loop,
     closing_across,
     foresee_all,
     lateral_gap,
 )
-from sumo_eval.cosim.compiled import Compiled, each_row
+from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.kernels import kernel
 
 RESPONSE = 0.75  # rho, s
@@ -66,7 +66,7 @@ def lateral_safe_distance(lateral_speed: float) -> float:
 def rss_demand(scene: Any, after: float) -> float:
     """Deceleration demanded `after` s from now, if all vehicles continue as now, m/s2.
 
-    scene: ego, memory and prediction of each actor, scenario: as `brake` makes it.
+    scene: ego, memory and prediction of each actor, scenario: as `braking_loop` makes it.
     """
     own, known, others = scene[:3]
     foresee_all(own, known, others, after, scene[3].step)
@@ -84,17 +84,9 @@ def rss_demand(scene: Any, after: float) -> float:
     return 0.0
 
 
-@kernel
-def responsibility_sensitive_safety(
-    ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any
-) -> None:
-    """Brakes with `HUMAN_BRAKING`, `RESPONSE` s after it became unsafe; else keeps its speed."""
-    brake(rss_demand, ego, others, own, known, later, scenario[:1])
-
-
 class ResponsibilitySensitiveSafety(Compiled):
     """ADS `rss`: full braking while an actor ahead violates both distances."""
 
-    loop = staticmethod(each_row(responsibility_sensitive_safety))
+    loop = staticmethod(braking_loop(rss_demand, clocks=1))
     memory, known, numbers = SAFETY_MEMORY, SIGHTED, [BRAKES]
     brakes = Brakes(RESPONSE, HUMAN_BRAKING, HUMAN_JERK)
