@@ -35,12 +35,12 @@ from sumo_eval.cosim.doors.controller import (
     NativeModel,
     ObjectController,
     adapted,
-    find_controller,
     load_controller,
+    located,
     own_vehicle_type,
     takes_arrays,
 )
-from sumo_eval.cosim.doors.entry import PLAIN, split_entry, steps_between
+from sumo_eval.cosim.doors.entry import split_entry, steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.kept_state import first_change, kept_state, reached_modules
 from sumo_eval.cosim.doors.traci_module import RefusedCallError, seen_as_traci
@@ -329,12 +329,14 @@ def _kind(
     Kinds are equal only where driving together gives the same bits as driving alone: one road, as
     many actors (of a stream, its density decides how many), and alike what SUMO sees of them.
     """
+    road, ego = concrete.road, concrete.ego
     if (
         manner.alone is not None
         or basis.plant is not None  # it moves one ego
         or basis.conditions.step_budget is not None  # a step's wall time is one case's own
-        or concrete.road.network is not None
-        or not _has_actors_and_ego_on_road(concrete)
+        or road.network is not None
+        or not concrete.actors
+        or not road.right_edge_at(ego.x) <= ego.y <= road.left_edge_at(ego.x)
         or (manner.hook is not None and not _fits_beside_others(concrete))
     ):
         return None
@@ -399,12 +401,7 @@ def _manner(
 
     if isinstance(controller, Replay):
         return _Manner(Replay, lambda: controller)
-    if isinstance(controller, str):
-        found, name, entry = (
-            find_controller(controller, folder), controller, split_entry(controller)[1],
-        )  # fmt: skip
-    else:
-        found, name, entry = controller, repr(controller), PLAIN
+    found, name, entry = located(controller, folder)
     if not entry.batch:
         return alone(Alone("asked", "batch=false"))
     if one_case and entry.period:  # a batch has one period
@@ -483,13 +480,6 @@ def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
         return min(times, default=math.inf)
     speeds = [start.speed for start in (ego, *starts) if start.speed > 0.0]
     return (concrete.road.length - ego.x) / min(speeds, default=math.inf)
-
-
-def _has_actors_and_ego_on_road(concrete: ConcreteScenario) -> bool:
-    road, ego = concrete.road, concrete.ego
-    return bool(concrete.actors) and bool(
-        road.right_edge_at(ego.x) <= ego.y <= road.left_edge_at(ego.x)
-    )
 
 
 def _fits_beside_others(concrete: ConcreteScenario) -> bool:

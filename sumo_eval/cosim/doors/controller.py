@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, Protocol, cast
 from urllib.parse import parse_qsl
 
-from sumo_eval.cosim.doors.entry import check_options, made, split_entry
+from sumo_eval.cosim.doors.entry import PLAIN, Entry, check_options, made, split_entry
 from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.doors.traci_module import TRACI, seen_as_traci
 from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
@@ -314,11 +314,15 @@ def load_controller(controller: ControllerLike, folder: Path | None = None) -> A
     Raises InputError when it cannot be found or is not a controller.
     """
     with seen_as_traci():
-        if isinstance(controller, str):
-            return adapted(
-                find_controller(controller, folder), controller, split_entry(controller)[1].options
-            )
-        return adapted(controller, repr(controller))
+        found, name, entry = located(controller, folder)
+        return adapted(found, name, entry.options)
+
+
+def located(controller: ControllerLike, folder: Path | None) -> tuple[Any, str, Entry]:
+    """What a locator leads to, or what was given in its place, its name, and its entry."""
+    if isinstance(controller, str):
+        return find_controller(controller, folder), controller, split_entry(controller)[1]
+    return controller, repr(controller), PLAIN
 
 
 def find_controller(locator: str, folder: Path | None = None) -> Any:
