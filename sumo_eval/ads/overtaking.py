@@ -177,20 +177,6 @@ def _comes_towards(others: Any, watched: Any) -> bool:
 
 
 @kernel
-def emergency_braking(scenario: Any) -> float:
-    """Needing more than this, braking alone is not relied on, m/s2."""
-    return float(EMERGENCY_BRAKING * scenario.vehicle.max_deceleration)
-
-
-@kernel
-def quickest_change(scenario: Any, emergency: bool) -> float:
-    """The shortest lane change of ordinary driving or of an emergency, s."""
-    return shortest_duration(
-        scenario.road.lane_width, EMERGENCY_LATERAL if emergency else COMFORTABLE_LATERAL
-    )
-
-
-@kernel
 def _in_the_way(
     memory: Any, me: Any, other: Any, scenario: Any, faster: float, clearance: float
 ) -> bool:
@@ -245,15 +231,17 @@ def _begins(memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenar
     if me.along < LEAST_SPEED:
         return False
     lead = _nearest_lead(others, watched)
-    emergency = False
+    emergency, relied_on = False, EMERGENCY_BRAKING * scenario.vehicle.max_deceleration
     for j in range(len(others)):
-        if watched[j].leads and _needed_braking(watched[j]) > emergency_braking(scenario):
+        if watched[j].leads and _needed_braking(watched[j]) > relied_on:
             emergency = True
     if not emergency and not (
         _pays(memory, others[lead], habits) and _is_time(me, watched[lead], habits)
     ):
         return False
-    shortest = max(quickest_change(scenario, emergency), LEAST_LENGTH / me.along)
+    lateral = EMERGENCY_LATERAL if emergency else COMFORTABLE_LATERAL
+    quickest = shortest_duration(scenario.road.lane_width, lateral)
+    shortest = max(quickest, LEAST_LENGTH / me.along)
     duration = _duration(me, others, watched, shortest, habits, scenario)
     if duration < 0.0 or not _left_is_free(memory, me, others, duration, emergency, scenario):
         return False

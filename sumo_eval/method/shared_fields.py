@@ -286,7 +286,9 @@ def _across(slender: Sequence[float]) -> tuple[IntArray, FloatArray, FloatArray]
 
     slender: length over half-width of the boxes of each level.
     """
-    counts = _counts(slender)
+    # the longer a box, the fewer nodes it needs
+    bernstein = [REACH * ratio + math.hypot(REACH * ratio, 1.0) for ratio in slender]
+    counts = np.array([math.ceil(-math.log(LEFT) / math.log(number)) for number in bernstein])
     most = counts.max()
     nodes = [chebyshev.chebpts1(count) for count in counts.tolist()]
     places, finer = np.zeros((len(counts), most)), np.zeros((len(counts) + 1, most, most))
@@ -297,9 +299,3 @@ def _across(slender: Sequence[float]) -> tuple[IntArray, FloatArray, FloatArray]
             series = chebyshev.chebvander(nodes[level + 1], len(here) - 1) @ series
         finer[level + 1, : len(here), : len(series)] = series.T
     return counts, places, finer
-
-
-def _counts(slender: Sequence[float]) -> IntArray:
-    """Number of nodes that each level needs across its boxes: the longer a box, the fewer."""
-    bernstein = [REACH * ratio + math.hypot(REACH * ratio, 1.0) for ratio in slender]
-    return np.array([math.ceil(-math.log(LEFT) / math.log(number)) for number in bernstein])

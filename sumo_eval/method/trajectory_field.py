@@ -95,7 +95,12 @@ def samples_of(trajectory: Trajectory, k2: float, interval: float) -> FloatArray
     begins = np.flatnonzero(np.append(True, np.any(motion[1:] != motion[:-1], axis=1)))
     weight = np.diff(np.append(begins, len(motion)))
     motion = motion[begins]
-    heading, exponent = motion[:, 2], _checked_exponent(k2 * motion[:, 3])
+    heading, exponent = motion[:, 2], k2 * motion[:, 3]
+    largest = float(np.max(np.abs(exponent)))
+    if largest > LARGEST_EXPONENT:
+        raise must_be(
+            "`k2` times the speed", "the trajectory field", f"at most {LARGEST_EXPONENT:g}", largest
+        )
     along = exponent * np.cos(heading), exponent * np.sin(heading)
     return np.column_stack((motion[:, :2], *along, exponent, weight))
 
@@ -136,12 +141,3 @@ def _checked_points(points: ArrayLike) -> FloatArray:
         wanted = "an (n, 2) array of x, y in m"
         raise must_be("`points`", owner, wanted, f"shape {places.shape}")
     return places
-
-
-def _checked_exponent(exponent: FloatArray) -> FloatArray:
-    largest = float(np.max(np.abs(exponent)))
-    if largest > LARGEST_EXPONENT:
-        raise must_be(
-            "`k2` times the speed", "the trajectory field", f"at most {LARGEST_EXPONENT:g}", largest
-        )
-    return exponent
