@@ -91,9 +91,7 @@ def running(
     with _files(network, routes) as files:
         keep_xml_parser()
         try:
-            arguments = _arguments(files.network, files.routes, files.log, settings, road)
-            arguments[arguments.index("--collision.action") + 1] = collisions
-            _start(arguments, files)
+            _start(_arguments(*files[:3], settings, road, collisions), files)
             yield libsumo
         finally:
             _close()
@@ -177,8 +175,9 @@ def _files(network: str, routes: str) -> Iterator[_Files]:
 
 
 def _arguments(
-    network: Path, routes: Path, log: Path, settings: SimulationSettings, road: Road | None = None
-) -> list[str]:
+    network: Path, routes: Path, log: Path, settings: SimulationSettings, road: Road | None,
+    collisions: str = "warn",
+) -> list[str]:  # fmt: skip
     options = {
         "net-file": str(network),
         "route-files": str(routes),
@@ -194,6 +193,7 @@ def _arguments(
         "duration-log.disable": "true",
         "seed": "0",
         **SIMULATION_OPTIONS,
+        "collision.action": collisions,
     }
     # a generator for each lane; SUMO's 64 take longer to seed
     if road is not None and road.network is None:
