@@ -213,8 +213,6 @@ def struck_side(ego: Body, other: Body) -> Side:
     nearest = min(depths.values())
     # both bodies count as this much larger
     candidates = [side for side, depth in depths.items() if depth <= nearest + 2.0 * _NEAR]
-    if len(candidates) == 1:
-        return candidates[0]
     closing = (other.velocity[0] - ego.velocity[0], other.velocity[1] - ego.velocity[1])
     c, s = math.cos(ego.heading), math.sin(ego.heading)
     forward, leftward = closing[0] * c + closing[1] * s, closing[1] * c - closing[0] * s

@@ -85,8 +85,6 @@ class Stage:
         self._edges = list(edges)
         self._lane = -1 if own else 0
         self._keep = _KEEPS_ROUTE if any_edge else _KEEPS_ROUTE_OFF_ROAD
-        self._middle = 0.5 * (road.left_edge + road.right_edge)
-        self._half = 0.5 * (road.left_edge - road.right_edge)
         self._far = FASTEST * world.settings.step  # m, further than anything drives in a step
         actors = [name for names in self.names for name in names[1:]]
         places = world.others[["front_x", "front_y"]]
@@ -305,10 +303,8 @@ class Stage:
         told &= (egos["reason"] == 0)[:, None]
         end = road.length + road.run_out - LOSS_MARGIN
         told &= (x - 0.5 * length >= 0.0) & (x + 0.5 * length < end)  # there are lanes
-        beside = (
-            np.abs(front_y - self._middle)
-            >= self._half + 0.5 * joined(egos, others, "width") - LOSS_MARGIN
-        )
+        reach = 0.5 * joined(egos, others, "width") - LOSS_MARGIN
+        beside = (front_y <= road.right_edge - reach) | (front_y >= road.left_edge + reach)
         told &= self._bent | ~beside  # beside every lane of a straight road SUMO shows others
         rows, columns = np.nonzero(told)
         numbers = live[rows] * self._width + columns

@@ -353,13 +353,11 @@ class Observation:
 
     def plain(self) -> dict[str, Any]:
         """Everything as plain values, ready for JSON."""
-        lead = self.lead
         return {
             "time": round(self.time, 6), "ego": self.ego._asdict(),
-            "lead": None if lead is None else lead._asdict(),
-            "second_lead": None if self.second_lead is None else self.second_lead._asdict(),
-            "neighbours": {place: None if it is None else it._asdict() for place,
-                it in self.neighbours.items()},
+            "lead": self.lead and self.lead._asdict(),
+            "second_lead": self.second_lead and self.second_lead._asdict(),
+            "neighbours": {place: it and it._asdict() for place, it in self.neighbours.items()},
             "vehicles": [vehicle._asdict() for vehicle in self.vehicles], "lanes": list(self.lanes),
             "left_edge": self.left_edge, "right_edge": self.right_edge, "curvature": self.curvature,
         }  # fmt: skip
