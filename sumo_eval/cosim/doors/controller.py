@@ -319,7 +319,7 @@ def load_controller(controller: ControllerLike, folder: Path | None = None) -> A
 
 
 def located(controller: ControllerLike, folder: Path | None) -> tuple[Any, str, Entry]:
-    """What a locator leads to, or what was given in its place, its name, and its entry."""
+    """Target of a locator, or the object given in its place; its name, and its entry."""
     if isinstance(controller, str):
         return find_controller(controller, folder), controller, split_entry(controller)[1]
     return controller, repr(controller), PLAIN
