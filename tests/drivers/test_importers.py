@@ -297,7 +297,7 @@ def test_sumo_keeps_ids_of_digits_beside_a_step_without_vehicles(tmp_path):
 
 def test_openacc_reads_a_marked_file_with_other_speeds(tmp_path):
     head = "\ufeffVehicle_order,a\nACC,0\n,\n,\n,\nTime,Speed1,SpeedLimit\n"
-    (tmp_path / "a.csv").write_text(head + "0,10,30\n0.1,10,30\n", encoding="utf-8")
+    (tmp_path / "a.csv").write_text(head + "0,10,30\n0.1,10,30\n")
     assert openacc.read(tmp_path / "a.csv")[0]["x"].tolist() == [0.0, 1.0]
 
 

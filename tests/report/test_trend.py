@@ -64,10 +64,7 @@ def test_what_was_added_comes_back(history, evaluation):
 
 
 def test_a_night_is_never_replaced(history, evaluation):
-    with (
-        open_history(history, create=True) as lines,
-        refusal("nothing in it is replaced"),
-    ):
+    with open_history(history, create=True) as lines, refusal("nothing in it is replaced"):
         lines.add(night("2026-01-01T02-00-00Z"), evaluation, [])
 
 

@@ -290,7 +290,7 @@ def test_a_condition_that_never_holds_is_refused_before_a_drive(when, held):
         check_points(logical, np.array([[20.0]]))
 
 
-def test_keep_speed_ends_a_brake_and_counts_in_conditions() -> None:
+def test_keep_speed_ends_a_brake_and_counts_in_conditions():
     brake = {"do": "brake", "name": "b", "deceleration": 2.0}
     speeds = way(scene(brake, {"do": "keep_speed", "begin": 2.0}))[4]
     assert speeds[-1] == 16.0  # 20 m/s less 2 s of 2 m/s2
