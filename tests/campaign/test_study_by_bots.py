@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("websockets")
 sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
-from browser import CHROMIUM, Page
+from browser import Page, needs_chromium
 
 import sumo_eval
 from sumo_eval.extras.figures.drawn import draw
@@ -85,7 +85,7 @@ def take_part(page, code):
 
 
 @pytest.mark.campaign
-@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+@needs_chromium
 def test_three_bots_drive_a_study_in_a_browser_and_fig_11_is_drawn(tmp_path):
     """8 drives each: every tape comes to the same bytes again, every rated score stands in the
     figure."""

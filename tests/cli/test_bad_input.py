@@ -5,6 +5,7 @@ import os
 import shlex
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -63,7 +64,7 @@ def folder(tmp_path):
 )
 def test_what_cannot_be_used_is_one_short_sentence_and_status_2(folder, arguments, words):
     own_process = "import.toml" in arguments  # whose sentence no encoding can hold
-    done = (in_a_process if own_process else sumo_eval)(*arguments, cwd=folder)
+    done = (in_a_process if own_process else partial(sumo_eval, status=2))(*arguments, cwd=folder)
     said = done.stdout + done.stderr
     assert done.returncode == 2, said
     assert words in said
@@ -82,8 +83,7 @@ def test_a_full_device_behind_stdout_loses_no_finished_work(folder):
     assert "Exception ignored" not in done.stderr
     for name in ("facts.sqlite", "cases.csv", "scores.json", "junit.xml", "report.html"):
         assert (folder / "o" / name).stat().st_size
-    again = sumo_eval("score", folder / "o")
-    assert (again.returncode, "Traceback" in again.stderr) == (0, False)
+    sumo_eval("score", folder / "o")
 
 
 @pytest.mark.campaign
@@ -98,10 +98,8 @@ def test_a_full_device_behind_stderr_does_not_end_a_run(folder):
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="nothing is closed to root")
 def test_a_read_only_folder_is_refused(folder):
     (folder / "closed").mkdir(mode=0o500)
-    done = sumo_eval("run", folder / "good.toml", "--out", folder / "closed" / "o")
-    assert done.returncode == 2
+    done = sumo_eval("run", folder / "good.toml", "--out", folder / "closed" / "o", status=2)
     assert "Permission denied" in done.stderr
-    assert "Traceback" not in done.stderr
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell's way to close a stream")

@@ -84,7 +84,6 @@ def test_score_prints_the_same_table_again(finished):
     done, out = finished
     before = (out / "scores.json").read_text()
     again = sumo_eval("score", str(out))
-    assert again.returncode == 0, again.stderr
     assert without_path(again.stdout) == without_path(done.stdout)
     assert (out / "scores.json").read_text() == before
 
@@ -97,20 +96,18 @@ def without_path(text):
 def test_report_writes_the_report_again(finished):
     _, out = finished
     (out / "report.html").unlink()
-    assert sumo_eval("report", str(out)).returncode == 0
+    sumo_eval("report", str(out))
     assert (out / "report.html").stat().st_size > 100_000
 
 
 def test_scenarios_lists_names_units_and_ranges():
     done = sumo_eval("scenarios")
-    assert done.returncode == 0
     assert "front_vehicle_cut_out" in done.stdout
     assert "20..120 m, step 10" in done.stdout
 
 
 def test_partition_says_where_the_danger_is_greatest():
     done = sumo_eval("partition", "front_vehicle_cut_out")
-    assert done.returncode == 0, done.stderr
     assert "1 hazardous zone" in done.stdout
     assert "ego_speed=30, obstacle_speed=0" in done.stdout
 
@@ -129,10 +126,8 @@ def test_partition_says_where_the_danger_is_greatest():
     ],
 )
 def test_bad_input_gets_a_sentence_and_status_2(arguments, sentence, tmp_path):
-    done = sumo_eval(*arguments, cwd=tmp_path)
-    assert done.returncode == 2
+    done = sumo_eval(*arguments, cwd=tmp_path, status=2)
     assert sentence in done.stderr
-    assert "Traceback" not in done.stderr
     assert not (tmp_path / "x").exists()
 
 
@@ -152,10 +147,8 @@ def test_an_unknown_key_an_unknown_ads_and_a_missing_controller_file_get_a_sente
         ("levels = 2", "steps = { lead_sped = 1.0 }", "Did you mean `lead_speed`?"),
     ):
         (tmp_path / "evaluation.toml").write_text(EVALUATION.replace(before, after))
-        done = sumo_eval("run", "evaluation.toml", "--out", "out", cwd=tmp_path)
-        assert done.returncode == 2, done.stderr
+        done = sumo_eval("run", "evaluation.toml", "--out", "out", cwd=tmp_path, status=2)
         assert sentence in done.stderr
-        assert "Traceback" not in done.stderr
         assert not (tmp_path / "out").exists()
 
 

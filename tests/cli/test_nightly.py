@@ -42,8 +42,9 @@ def week(tmp_path_factory):
     file, outputs = evaluation(folder), []
     for fault, status in (("", 0), ("", 0), ("30, 0:sleeps", 1), ("20, 0:raises", 1)):
         plant(folder, fault)
-        done = sumo_eval("nightly", file, "--history", folder / "history", "--keep", "2")
-        assert done.returncode == status, done.said
+        done = sumo_eval(
+            "nightly", file, "--history", folder / "history", "--keep", "2", status=status
+        )
         outputs.append(done.stdout)
     return folder, outputs
 
@@ -124,10 +125,10 @@ def test_a_second_night_is_refused_while_one_is_running(week):
     before = len(nights(folder / "history"))
     with (folder / "history" / "lock").open("a+") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        done = sumo_eval("nightly", folder / "evaluation.toml", "--history", folder / "history")
-    assert done.returncode == 2
+        done = sumo_eval(
+            "nightly", folder / "evaluation.toml", "--history", folder / "history", status=2
+        )
     assert "Another night is running" in done.stderr
-    assert "Traceback" not in done.stderr
     assert len(nights(folder / "history")) == before
 
 
@@ -216,7 +217,6 @@ def test_a_killed_night_continues_to_the_digest_of_a_whole_one(killed, tmp_path)
     assert nights(history) == []
 
     done = sumo_eval("nightly", file, "--history", history, "--resume")
-    assert done.returncode == 0, done.said
     assert f"Night {left.name} was stopped before its end and continued" in done.stdout.replace(
         "\n", " "
     )
@@ -228,7 +228,6 @@ def test_a_killed_night_continues_to_the_digest_of_a_whole_one(killed, tmp_path)
     assert len(json.loads((left / "manifest.json").read_text())["resumed"]) == 1
 
     after = sumo_eval("nightly", file, "--history", history, "--resume")
-    assert after.returncode == 0
     assert "No night was stopped before its end; this one is a new one." in after.stdout.replace(
         "\n", " "
     )
@@ -246,8 +245,7 @@ def test_a_night_of_another_evaluation_is_not_continued(tmp_path):
     left = history / "nights" / "2999-01-01T00-00-00Z"
     shutil.copytree(history / nights(history)[0].folder, left)
     file.write_text(file.read_text().replace('"mine"', '"theirs"'))
-    done = sumo_eval("nightly", file, "--history", history, "--resume")
-    assert done.returncode == 2
+    done = sumo_eval("nightly", file, "--history", history, "--resume", status=2)
     assert f"Night {left.name} was not continued:" in done.stderr.replace("\n", " ")
     assert "It stays; without --resume" in done.stderr.replace("\n", " ")
     assert (left / "facts.sqlite").is_file()
@@ -331,7 +329,6 @@ def test_lost_pairs_fail_until_they_are_accepted(week, tmp_path):
     assert told["unpaired"][0]["lost"] == 3
 
     done = sumo_eval("accept", history, "--reason", "fewer levels on purpose")
-    assert done.returncode == 0, done.stderr
     assert "accepted: every ADS" in done.stdout
     again = run_night(file, history, GateSettings(resamples=100))
     assert (again.night.exit_status, again.night.base) == (0, result.night.night)
@@ -341,8 +338,7 @@ def test_lost_pairs_fail_until_they_are_accepted(week, tmp_path):
 def test_a_mistake_in_the_file_is_said_before_anything_is_touched(tmp_path):
     file = evaluation(tmp_path)
     file.write_text(file.read_text().replace("levels", "level"))
-    done = sumo_eval("nightly", file, "--history", tmp_path / "history")
-    assert done.returncode == 2
+    done = sumo_eval("nightly", file, "--history", tmp_path / "history", status=2)
     assert "Did you mean `levels`?" in done.stderr
     assert not (tmp_path / "history").exists()
 
@@ -351,15 +347,13 @@ def test_older_runs_are_imported_as_nights_without_a_verdict(week, tmp_path):
     folder, _ = week
     kept = nights(folder / "history")[1]
     run = folder / "history" / kept.folder
-    done = sumo_eval("trend", tmp_path / "history", "--import", run)
-    assert done.returncode == 0, done.stderr
+    sumo_eval("trend", tmp_path / "history", "--import", run)
     (imported,) = nights(tmp_path / "history")
     assert imported.imported
     assert not imported.good
-    again = sumo_eval("trend", tmp_path / "history", "--import", run)
-    assert again.returncode == 2
+    again = sumo_eval("trend", tmp_path / "history", "--import", run, status=2)
     assert "nothing in it is replaced" in again.stderr
-    assert sumo_eval("trend", tmp_path).returncode == 2
+    sumo_eval("trend", tmp_path, status=2)
 
 
 def nothing(path):
@@ -423,10 +417,10 @@ def test_a_history_that_cannot_be_read_removes_no_night(week, tmp_path, spoil, w
     shutil.copytree(folder / "history", history)
     before = sorted(path.relative_to(history) for path in (history / "nights").rglob("*"))
     spoil(history / "history.sqlite")
-    done = sumo_eval("nightly", folder / "evaluation.toml", "--history", history, "--keep", "1")
-    assert done.returncode == 2
+    done = sumo_eval(
+        "nightly", folder / "evaluation.toml", "--history", history, "--keep", "1", status=2
+    )
     assert words in done.stderr
-    assert "Traceback" not in done.stderr
     assert done.stderr.startswith("sumo-eval: ")
     assert sorted(path.relative_to(history) for path in (history / "nights").rglob("*")) == before
 

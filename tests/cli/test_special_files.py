@@ -96,16 +96,13 @@ def within_20_seconds():
 @pytest.mark.usefixtures("within_20_seconds")
 @pytest.mark.parametrize("command", INPUTS)
 def test_special_file_is_refused_at_once(command, desk):
-    done = sumo_eval(*INPUTS[command], cwd=desk)
-    assert done.returncode == 2, done.said
+    done = sumo_eval(*INPUTS[command], cwd=desk, status=2)
     assert "must be a regular file, got a" in done.said
-    assert "Traceback" not in done.said
     assert not (desk / "out" / "facts.sqlite").exists()
 
 
 def test_gate_that_is_a_pipe_is_refused(standard_run_read_only, tmp_path):
     os.mkfifo(tmp_path / "gate.toml")
     run = str(standard_run_read_only)
-    done = sumo_eval("compare", run, run, "--gate", "gate.toml", cwd=tmp_path)
-    assert done.returncode == 2, done.said
+    done = sumo_eval("compare", run, run, "--gate", "gate.toml", cwd=tmp_path, status=2)
     assert "must be a regular file, got a named pipe" in done.said

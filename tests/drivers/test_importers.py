@@ -269,10 +269,8 @@ def test_a_damaged_file_gets_one_sentence_and_nothing_half_imported_stays(
 ):
     (tmp_path / name).write_text(text)
     out = tmp_path / "out" / "table.csv"
-    result = sumo_eval("humans", "import", form, tmp_path / name, "--out", out)
-    assert result.returncode == 2
+    result = sumo_eval("humans", "import", form, tmp_path / name, "--out", out, status=2)
     assert words in result.said
-    assert "Traceback" not in result.said
     assert not out.exists()
     assert not list(tmp_path.rglob("*.part*"))
     assert not out.parent.exists() or not list(out.parent.iterdir())

@@ -64,8 +64,7 @@ def recovered(folder, scenes, expected, seed):
 def test_what_was_planted_is_found_again_and_the_files_can_be_driven(tmp_path):
     source, out = tmp_path / "fcd.csv", tmp_path / "learnt"
     _, events = planted(source, 44, 32.0, 6)
-    result = sumo_eval("learn", source, "--format", "sumo_fcd", "--out", out)
-    assert result.returncode == 0, result.said
+    sumo_eval("learn", source, "--format", "sumo_fcd", "--out", out)
     told = json.loads((out / "learned.json").read_text())["classes"]["cut_in"]
     assert told["events"] == events
     assert told["without_parameters"] == {}
@@ -150,7 +149,6 @@ def test_too_little_data_leaves_no_campaign_that_is_refused(tmp_path):
     out.mkdir()
     (out / "campaign.toml").write_text("of an earlier time")
     done = sumo_eval("learn", source, "--format", "sumo_fcd", "--out", out)
-    assert done.returncode == 0, done.said
     assert "no scenario file" in done.said
     assert not list(out.glob("*.toml"))
 
@@ -165,10 +163,8 @@ def test_a_table_without_motor_vehicles_is_refused(tmp_path):
     path = tmp_path / "people.csv"
     rows = [f"r,a,{t / 10:.1f},{t / 10:.1f},0,0.5,0.5,pedestrian" for t in range(30)]
     path.write_text("recording,vehicle,t,x,y,length,width,class\n" + "\n".join(rows) + "\n")
-    result = sumo_eval("learn", path, "--out", tmp_path / "out")
-    assert result.returncode == 2
+    result = sumo_eval("learn", path, "--out", tmp_path / "out", status=2)
     assert "motor vehicles" in result.said
-    assert "Traceback" not in result.said
 
 
 def test_the_exact_poisson_limits():

@@ -10,7 +10,7 @@ import pytest
 from sumo_eval.extras.rates.page import Chart, Fold, Text, amount, interval, table, write_parts
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
-from browser import CHROMIUM, Page
+from browser import Page, needs_chromium
 
 HOSTILE = "</script><b>bold"
 
@@ -30,7 +30,7 @@ def test_a_column_is_one_of_numbers_when_all_its_cells_are():
 
 
 @pytest.mark.campaign
-@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+@needs_chromium
 def test_a_chart_in_a_folded_section_is_drawn_when_it_opens_and_follows_the_theme(tmp_path):
     chart = Chart("recorded", go.Figure(go.Scatter(x=[1, 2], y=[3, 4], name=HOSTILE)))
     inside = Fold(HOSTILE, "one chart", (chart, Text("a sentence")))

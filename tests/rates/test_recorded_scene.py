@@ -60,7 +60,6 @@ def test_the_file_and_the_terminal_say_what_of_the_road_is_not_written(scene, tm
     told = sumo_eval(
         "humans", "scene", table, "--ego", "ego", "--end", "120", "--out", tmp_path / "scene.toml"
     )
-    assert told.returncode == 0, told.said
     assert ROAD_AS_WRITTEN in told.said
 
 

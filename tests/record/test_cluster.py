@@ -124,10 +124,9 @@ def test_the_command_line_runs_on_the_cluster_to_the_same_digest(cluster, tmp_pa
     if not cluster.address:
         cluster.worker("--nanny")
         cluster.wait_for(1)
-    done = sumo_eval_cli(
+    sumo_eval_cli(
         "run", path, "--out", tmp_path / "far", "--engine", "dask", "--scheduler", cluster.address
     )
-    assert done.returncode == 0, done.stderr
     sumo_eval.evaluate(path, tmp_path / "near", workers=1)
     assert (
         sumo_eval.open_run(tmp_path / "far").digest()
@@ -195,7 +194,7 @@ def test_a_run_whose_scheduler_is_killed_continues_with_another(tmp_path):
     with started(tmp_path / "second") as cluster:
         cluster.worker("--no-nanny")
         cluster.wait_for(1)
-        done = sumo_eval_cli(
+        sumo_eval_cli(
             "run",
             path,
             "--out",
@@ -206,9 +205,8 @@ def test_a_run_whose_scheduler_is_killed_continues_with_another(tmp_path):
             "--scheduler",
             cluster.address,
         )
-    assert done.returncode == 0, done.stderr
     assert recorded(far) > before
-    assert sumo_eval_cli("run", path, "--out", tmp_path / "near").returncode == 0
+    sumo_eval_cli("run", path, "--out", tmp_path / "near")
     assert digest(far) == digest(tmp_path / "near")
 
 

@@ -24,10 +24,7 @@ from sumo_eval.settings.toml_file import read_toml
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("exchange")
-    assert (
-        sumo_eval_cli("run", write_evaluation(folder, levels=2), "--out", folder / "run").returncode
-        == 0
-    )
+    sumo_eval_cli("run", write_evaluation(folder, levels=2), "--out", folder / "run")
     return folder / "run"
 
 
@@ -49,8 +46,7 @@ def test_an_opened_run_gives_tables_and_trajectories(run):
 
 
 def test_csv_brings_every_number_back(run, tmp_path):
-    done = sumo_eval_cli("export", run, "--out", tmp_path)
-    assert done.returncode == 0, done.stderr
+    sumo_eval_cli("export", run, "--out", tmp_path)
     opened = sumo_eval.open_run(run)
     cases, drives = pd.read_csv(tmp_path / "cases.csv"), pd.read_csv(tmp_path / "drives.csv")
     assert list(cases["case"]) == list(opened.cases["case"])
@@ -130,8 +126,7 @@ def test_an_edited_file_of_a_run_is_reported_wherever_it_is_read(run, tmp_path, 
             ("verify", copy),
         ]
     for command in commands:
-        done = sumo_eval_cli(*command)
-        assert (done.returncode, "Traceback" in done.stderr) == (2, False), done.stderr
+        done = sumo_eval_cli(*command, status=2)
         assert f"{name} is not as it was written" in " ".join(done.stderr.split())
 
 
@@ -143,12 +138,7 @@ def test_a_scenario_may_be_called_as_the_seal(tmp_path):
 
 def test_a_run_that_is_none_unscored_or_newer_is_refused(run, tmp_path):
     for command in (("export", tmp_path, "--out", tmp_path / "out"), ("verify", tmp_path)):
-        done = sumo_eval_cli(*command)
-        assert (
-            done.returncode,
-            "is not a run folder" in done.stderr,
-            "Traceback" in done.stderr,
-        ) == (2, True, False)
+        assert "is not a run folder" in sumo_eval_cli(*command, status=2).stderr
     copy = tmp_path / "copy"
     copy.mkdir()
     for name in ("evaluation.toml", "facts.sqlite"):

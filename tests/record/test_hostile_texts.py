@@ -51,8 +51,7 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hostile")
     shutil.copy(Path(__file__).with_name("hostile_texts.py"), folder)
     (folder / "evaluation.toml").write_text(EVALUATION)
-    done = sumo_eval_cli("run", folder / "evaluation.toml", "--out", folder / "out")
-    assert done.returncode == 3, done.stderr
+    done = sumo_eval_cli("run", folder / "evaluation.toml", "--out", folder / "out", status=3)
     assert "Traceback" not in done.said
     return done.stdout, folder / "out"
 
@@ -143,9 +142,8 @@ def test_such_a_run_can_be_resumed_scored_reported_explained_and_exported(run, t
         (0, ("explain", folder, case)),
         (0, ("export", folder, "--format", "csv", "--out", tmp_path)),
     ):
-        done = sumo_eval_cli(*arguments)
+        done = sumo_eval_cli(*arguments, status=None)
         assert done.returncode in (status, 0), (arguments, done.stderr)
-        assert "Traceback" not in done.stderr
         if arguments[0] == "explain":
             assert " At hostile_texts.py:" in done.stdout
     for name in ("cases.csv", "drives.csv"):

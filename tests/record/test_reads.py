@@ -149,7 +149,6 @@ def test_an_edited_planner_is_rerun_and_reported(whole, tmp_path):
     run = sumo_eval_cli(
         "run", folder / "source" / "evaluation.toml", "--out", folder / "run", "--resume"
     )
-    assert run.returncode == 0, run.stderr
     assert "3 recorded cases of ADS `mine` cannot be reused: lazy/planner.py changed" in run.stdout
     fresh = sumo_eval.evaluate(folder / "source" / "evaluation.toml", tmp_path / "fresh")
     resumed = sumo_eval.score(folder / "run")

@@ -83,8 +83,7 @@ def test_where_nothing_forks_the_engine_of_processes_is_refused_before_the_work(
     (tmp_path / "evaluation.toml").write_text(EVALUATION)
     monkeypatch.delattr(os, "fork")
     words = ["run", str(tmp_path / "evaluation.toml"), "--out", str(tmp_path / "run"), *how]
-    result = sumo_eval(*words)
-    assert result.returncode == 2
+    result = sumo_eval(*words, status=2)
     assert "The engine `processes` needs a system whose processes can fork" in result.said
     assert "--engine serial" in result.said
     refuse_engine(RunSettings(engine="serial"))

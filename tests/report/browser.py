@@ -12,6 +12,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 CHROMIUM = next(
     (
         found
@@ -20,6 +22,9 @@ CHROMIUM = next(
     ),
     None,
 )
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+NODE = shutil.which("node")
+needs_node = pytest.mark.skipif(NODE is None, reason="node is not installed")
 FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
     "--disable-background-networking",
@@ -27,6 +32,15 @@ FLAGS = (
     "--remote-debugging-pipe",
     "--enable-unsafe-swiftshader",
 )  # fmt: skip
+
+
+def node(program: str, given: object = None) -> Any:
+    """What a program for Node.js that may read `given` prints as JSON."""
+    done = subprocess.run(
+        [NODE, "-e", 'const given = JSON.parse(require("fs").readFileSync(0, "utf8"));' + program],
+        input=json.dumps(given), capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return json.loads(done.stdout)
 
 
 class Page:

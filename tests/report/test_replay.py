@@ -2,14 +2,12 @@
 recorded."""
 
 import json
-import shutil
-import subprocess
 from importlib.resources import files
 
 import builders
 import numpy as np
 import pytest
-from browser import CHROMIUM, Page
+from browser import Page, needs_chromium, needs_node, node
 from lxml import etree
 from page_checks import press
 from refusals import refusal
@@ -28,9 +26,6 @@ from sumo_eval.scenario.road.reference_line import Piece, arc, map_places
 from sumo_eval.trajectory import Collision, Trajectory
 
 REPLAY_JS = str(files("sumo_eval.report") / "templates" / "replay.js")
-NODE = shutil.which("node")
-needs_node = pytest.mark.skipif(NODE is None, reason="node is not installed")
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 
 
 def plain(trajectory):
@@ -64,17 +59,13 @@ def test_the_page_computes_the_gap_and_ttc_of_the_method(contact):
     }
     script = f"""
         const replay = require({json.dumps(REPLAY_JS)});
-        const given = JSON.parse(require("fs").readFileSync(0, "utf8"));
         const {{ gap, ttc }} = replay.ahead(given.ego, given.actors, given.contact);
         const word = (value) => (Number.isFinite(value) ? value : String(value));
         console.log(JSON.stringify({{ gap: Array.from(gap, word), ttc: Array.from(ttc, word) }}));
     """
-    done = subprocess.run(
-        [NODE, "-e", script], input=json.dumps(given), capture_output=True, text=True, check=True
-    )
     there = {
         name: np.array([float(value) for value in values])
-        for name, values in json.loads(done.stdout).items()
+        for name, values in node(script, given).items()
     }
     gap, closing = vehicle_ahead(ego, actors, hit)
     np.testing.assert_allclose(there["gap"], gap, atol=1e-9)
@@ -259,17 +250,9 @@ def test_the_page_puts_a_curve_where_the_road_has_it():
     }
     script = f"""
         const replay = require({json.dumps(REPLAY_JS)});
-        const given = JSON.parse(require("fs").readFileSync(0, "utf8"));
         console.log(JSON.stringify(given.places.map(([x, y]) => replay.onMap(given, x, y))));
     """
-    done = subprocess.run(
-        [str(NODE), "-e", script],
-        input=json.dumps(given),
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    found = np.array(json.loads(done.stdout))
+    found = np.array(node(script, given))
     # nine digits of the line travel
     assert np.abs(found - np.stack(map_places(line, s, d), axis=1)).max() < 1e-5
 
@@ -286,17 +269,9 @@ def test_bodies_are_drawn_in_their_size_as_what_their_scenario_says():
     ]
     script = f"""
         const replay = require({json.dumps(REPLAY_JS)});
-        const given = JSON.parse(require("fs").readFileSync(0, "utf8"));
         console.log(JSON.stringify([given.map((body) => replay.bodyParts(body)), replay.bodyParts(given[6], 20)]));
     """
-    done = subprocess.run(
-        [str(NODE), "-e", script],
-        input=json.dumps(bodies),
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    drawn, child_from_afar = json.loads(done.stdout)
+    drawn, child_from_afar = node(script, bodies)
     for body, parts in zip(bodies, drawn, strict=True):
         places = np.concatenate([part["ring"] for part in parts if part["role"] == "body"])
         rider = 0.56 if body["kind"] == "bicycle" else 0.0  # who rides is as wide as that at least
@@ -325,9 +300,8 @@ def test_the_ego_is_drawn_as_what_its_size_looks_like(length, kind):
     given = json.dumps(ego | {"acceleration": [0.0] * 99})
     script = f"""
         const body = require({json.dumps(REPLAY_JS)}).bodyAt({{ road: {{}} }}, {given}, "ego", 0, "");
-        console.log(body.kind)"""
-    done = subprocess.run([str(NODE), "-e", script], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == kind
+        console.log(JSON.stringify(body.kind))"""
+    assert node(script) == kind
 
 
 @needs_node
@@ -348,8 +322,7 @@ def test_a_lane_without_a_taper_is_gone_at_once():
         const drawn = roadShapes({{ road }}, [300, 700]).filter(({{ type }}) => type === "path");
         console.log(JSON.stringify([grass, drawn.map(({{ path }}) => path)]));
     """
-    done = subprocess.run([str(NODE), "-e", script], capture_output=True, text=True, check=True)
-    grass, drawn = json.loads(done.stdout)
+    grass, drawn = node(script)
     assert {(x, y) for x, y in grass if y < 5.25} == {(500.0, 1.75), (700.0, 1.75)}
     assert drawn[0] == "M700,5.25L700,1.75L500,1.75L500,5.25L500,5.25Z"
 
@@ -372,8 +345,7 @@ def test_an_actor_that_has_left_is_drawn_no_more():
         }}
         console.log(JSON.stringify([3, 3.1].map((time) => fills([["lead", lead]], time) - fills([], time))));
     """
-    done = subprocess.run([str(NODE), "-e", script], capture_output=True, text=True, check=True)
-    there, gone = json.loads(done.stdout)
+    there, gone = node(script)
     assert there > 0 == gone
 
 

@@ -2,14 +2,12 @@
 method's own field."""
 
 import json
-import shutil
-import subprocess
 from importlib.resources import files
 
 import builders
 import numpy as np
 import pytest
-from browser import CHROMIUM, Page
+from browser import Page, needs_chromium, needs_node, node
 from packed_pages import unpacked, with_packed
 from page_checks import CONTRAST, WRITTEN_IN_CELLS, press
 
@@ -20,22 +18,17 @@ from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.trajectory import Trajectory
 
 FIELD_JS = str(files("sumo_eval.report") / "templates" / "field.js")
-NODE = shutil.which("node")
-needs_node = pytest.mark.skipif(NODE is None, reason="node is not installed")
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 
 
-def node(program, given):
-    """What a program that reads `given` and knows `sumoEval` prints as JSON."""
-    script = f"""
+def in_the_page(program, given):
+    """What a program that reads `given` and knows `sumoEval` gives."""
+    return node(
+        f"""
         const sumoEval = require({json.dumps(FIELD_JS)});
-        const given = JSON.parse(require("fs").readFileSync(0, "utf8"));
         (async () => {{ {program} }})().then((result) => console.log(JSON.stringify(result)));
-    """
-    done = subprocess.run(
-        [NODE, "-e", script], input=json.dumps(given), capture_output=True, text=True, check=True
+        """,
+        given,
     )
-    return json.loads(done.stdout)
 
 
 def plain(trajectory):
@@ -92,7 +85,7 @@ def test_the_page_computes_the_field_of_the_method(make, k1, k2, superposition):
         "trajectory": plain(trajectory),
         "options": {"k1": k1, "k2": k2, "sample_interval": 0.1, "superposition": superposition},
     }
-    there = node(
+    there = in_the_page(
         "return Array.from(sumoEval.trajectoryField(given.points, given.trajectory, "
         "given.options));",
         given,
@@ -115,7 +108,7 @@ def test_trajectories_come_back_from_the_page_to_their_steps():
         const plain = (value) => value.length === undefined ? value : Array.from(value);
         return all.map((t) => Object.fromEntries(Object.entries(t).map(([name, value]) => [name, plain(value)])));
     """
-    received = node(program, {"packed": encode_trajectories(sent), "steps": CHANNEL_STEPS})
+    received = in_the_page(program, {"packed": encode_trajectories(sent), "steps": CHANNEL_STEPS})
     assert len(received) == len(sent)
     for there, here in zip(received, sent, strict=True):
         assert (there["length"], there["width"]) == (here.length, here.width)
@@ -160,7 +153,7 @@ def test_extreme_samples_come_back_from_the_page_as_they_were():
         const all = await sumoEval.decodeTrajectories(given.packed, given.steps);
         return all.map((t) => Object.keys(given.steps).map((name) => Array.from(t[name], String)));
     """
-    received = node(program, {"packed": packed, "steps": CHANNEL_STEPS})
+    received = in_the_page(program, {"packed": packed, "steps": CHANNEL_STEPS})
     for there, here in zip(received, sent, strict=True):
         for (name, step), words in zip(CHANNEL_STEPS.items(), there, strict=True):
             values, meant = np.array([float(word) for word in words]), getattr(here, name)

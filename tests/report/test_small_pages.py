@@ -6,7 +6,7 @@ from dataclasses import replace
 import builders
 import numpy as np
 import pytest
-from browser import CHROMIUM, Page
+from browser import Page, needs_chromium
 from page_checks import holds_what_every_page_holds, saved_table, size
 from report_cases import hit, pick, with_case
 
@@ -21,7 +21,7 @@ from sumo_eval.scoring.gate_settings import GateSettings
 
 
 @pytest.mark.campaign
-@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+@needs_chromium
 def test_compare_points_and_a_report_without_people_hold_what_every_page_holds(
     evaluation, partitions, tmp_path
 ):

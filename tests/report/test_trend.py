@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import builders
 import pytest
-from browser import CHROMIUM, Page
+from browser import Page, needs_chromium
 from page_checks import holds_what_every_page_holds, saved_table
 from refusals import refusal
 
@@ -14,8 +14,6 @@ from sumo_eval.nightly.history import HISTORY, REGRET_OF_LOSSES, Night, open_his
 from sumo_eval.nightly.trend import HEIGHT, TOP, _ticks, charts, failed_nights, write_trend
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.settings.method import CollisionSettings
-
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 
 
 def night(name, status=0):

@@ -28,9 +28,7 @@ from tests.scenario.test_openscenario import (
 
 def said(path):
     """What `import` refuses a file with: exit status 2, one sentence in one line."""
-    result = sumo_eval("import", path)
-    assert result.returncode == 2, result.said
-    assert "Traceback" not in result.said
+    result = sumo_eval("import", path, status=2)
     assert len(result.stderr.strip().splitlines()) == 1, result.stderr
     assert result.stderr.strip()[-1] in ".?", result.stderr
     return result.stderr.strip()
@@ -46,8 +44,8 @@ def said(path):
     ],
 )
 def test_options_that_import_would_ignore_are_refused(words, sentence):
-    result = sumo_eval("import", *words.split())
-    assert (result.returncode, sentence in " ".join(result.stderr.split())) == (2, True)
+    result = sumo_eval("import", *words.split(), status=2)
+    assert sentence in " ".join(result.stderr.split())
 
 
 def change(path, old, new):

@@ -186,7 +186,6 @@ def test_a_run_without_its_trajectories_keeps_its_scores(done, copy, monkeypatch
         with refusal("were discarded after it was scored"):
             refused()
     told = sumo_eval_cli("export", copy, "--out", copy / "tables")
-    assert told.returncode == 0
     assert "MB of trajectories that `[run] keep` has discarded" in told.stderr
     lines = explain_case(
         done_again := sumo_eval.score(copy),

@@ -20,16 +20,13 @@ from commands import sumo_eval
     ],
 )
 def test_what_it_cannot_use_gets_a_sentence(arguments, words):
-    done = sumo_eval("drive", *arguments, "--no-browser", "--port", "0")
-    assert done.returncode == 2
+    done = sumo_eval("drive", *arguments, "--no-browser", "--port", "0", status=2)
     assert words in done.said
-    assert "Traceback" not in done.said
 
 
 def test_without_websockets_a_sentence_names_the_extra(monkeypatch, tmp_path):
     for name in [name for name in sys.modules if name.partition(".")[0] == "websockets"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "websockets", None)
-    done = sumo_eval("drive", "cut_in", "--no-browser", "--port", "0", "--out", tmp_path)
-    assert done.returncode == 2
+    done = sumo_eval("drive", "cut_in", "--no-browser", "--port", "0", "--out", tmp_path, status=2)
     assert "needs the extra `drive`" in done.said

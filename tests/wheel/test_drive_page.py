@@ -14,7 +14,7 @@ import pytest
 
 pytest.importorskip("websockets")
 sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
-from browser import CHROMIUM, Page
+from browser import Page, needs_chromium
 from test_window import LOGICAL, SETTINGS
 
 from sumo_eval.cosim.simulation import simulate
@@ -25,7 +25,6 @@ from sumo_eval.extras.wheel.tape import digest, read_tape
 from sumo_eval.extras.wheel.trip import concrete_of, one_drive
 from sumo_eval.extras.wheel.window import Window
 
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
 FAR = concrete_of(LOGICAL, {"ego_speed": 20.0, "obstacle_speed": 15.0, "gap": 120.0})
 SHORT = replace(FAR, time_limit=3.0)
 PAD = """
