@@ -106,7 +106,7 @@ def _table(evaluation: Evaluation, scenario: str) -> dict[str, Any]:
         "passed": [passed[ads] for ads in names],
         "of": len(points),
         "rows": [
-            (next(iter(found.values())).case.values, [found.get(ads) for ads in names])
+            (point_words(next(iter(found.values())).case.values), [found.get(ads) for ads in names])
             for found in rows.values()
         ],
         "more": max(0, len(points) - MOST_ROWS),
