@@ -203,7 +203,11 @@ def openscenario_xml(
     )
     act = E.Act(*(groups or [nobody]), E.StartTrigger(_after(0.0, "begin")), name="others")
     end = settings.time_limit if ego is None else float(ego.time[-1])
-    starts = [(EGO, concrete.ego), *((actor.name, actor.start) for actor in actors)]
+    starts = [(EGO, concrete.ego, concrete.ego.heading),
+        *((actor.name, actor.start, actor.heading) for actor in actors)]  # fmt: skip
+    kept = ", ".join(it.name for it in actors if it.lively and it.name not in known)
+    if kept:
+        remark = f"Not recorded, and so at one speed throughout: {kept}. {remark}"
     root = E.OpenSCENARIO(
         E.FileHeader(
             revMajor=1, revMinor=2, date="2022-01-01T00:00:00", author="sumo_eval",
@@ -217,7 +221,7 @@ def openscenario_xml(
             *(_entity(it.name, it.body, it.length, it.width, 10.0, 10.0) for it in actors),
         ),
         E.Storyboard(
-            E.Init(E.Actions(*(_begin(name, start, road) for name, start in starts))),
+            E.Init(E.Actions(*(_begin(*start, road) for start in starts))),
             E.Story(act, name="others"),
             E.StopTrigger(_after(end, "end")),
         ),
@@ -267,10 +271,13 @@ def exported_case(root: Any, road: bytes) -> ConcreteScenario | None:
     return case
 
 
-def _begin(name: str, start: Start, road: Road) -> Any:
-    """Place and speed of a vehicle at the start."""
+def _begin(name: str, start: Start, heading: float, road: Road) -> Any:
+    """Place and speed of a vehicle at the start.
+
+    heading: rad to the left of the road.
+    """
     return E.Private(
-        E.PrivateAction(E.TeleportAction(_position(road, start.x, start.y, start.heading))),
+        E.PrivateAction(E.TeleportAction(_position(road, start.x, start.y, heading))),
         E.PrivateAction(E.LongitudinalAction(E.SpeedAction(
             E.SpeedActionDynamics(dynamicsShape="step", value=0, dynamicsDimension="time"),
             E.SpeedActionTarget(E.AbsoluteTargetSpeed(value=start.speed)),

@@ -366,6 +366,9 @@ def test_who_waits_for_a_condition_follows_its_recording_in_openscenario():
         openscenario_xml(concrete, SimulationSettings(), "r.xodr", "r").encode()
     )
     assert "ego" not in {g.get("name") for g in alone.iter("ManeuverGroup")}
+    assert "Not recorded, and so at one speed throughout: child" in alone[0].get("description")
+    for tree in (root, alone):
+        assert tree.find(".//Private[@entityRef='child']//WorldPosition").get("h") == "1.570796"
 
 
 CHECKER = os.environ.get("QC_OPENSCENARIO") or shutil.which("qc_openscenario")
