@@ -192,6 +192,18 @@ def test_every_collision_and_every_missing_case_is_listed(evaluation, tags):
     assert linked >= {case.case for case in evaluation.cases if case.collided} | missing
 
 
+def test_the_masthead_counts_missing_cases_beyond_those_listed(
+    evaluation, partitions, report, monkeypatch
+):
+    """Two are missing, one is listed."""
+    whole = report.read_text()
+    with monkeypatch.context() as patched:
+        patched.setattr("sumo_eval.report.html.MOST_LISTED", 1)
+        page = write_report(evaluation, partitions).read_text()
+    report.write_text(whole)
+    assert "<b>2</b>&nbsp;could not be evaluated" in page
+
+
 def test_names_and_errors_are_text_everywhere(page, tags):
     assert builders.HOSTILE not in page
     assert escape(builders.HOSTILE, quote=False).split("&quot;")[0][:20] in page
