@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 # a text, because the report builds on this module
 _WRITE_RESULTS = "sumo_eval.report.junit:write_results"
+_NOT_DRIVEN_BY = ("method.", "report.", "run.workers", "run.incomplete")
+"""Beginnings of settings on which no recorded fact depends."""
 
 
 def evaluate(
@@ -147,15 +149,11 @@ def score(
     """
     folder = Path(run)
     for change in changes:
-        if "=" not in change:
-            raise InputError(
-                f"--set must have the form KEY=VALUE, e.g. method.score.a=60, got {change!r}."
-            )
-        if not change.strip().startswith(("method.", "report.", "run.")):
+        if not change.strip().startswith(_NOT_DRIVEN_BY):
             raise InputError(
                 f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts "
-                "depend on it. Only `method`, `report` and `run` can; run the evaluation again for "
-                "the rest."
+                "depend on it. Only `method`, `report`, `run.workers` and `run.incomplete` can; "
+                "run the evaluation again for the rest."
             )
     settings = with_changes(run_folder.read_settings(folder), changes)
     if resolved is None:

@@ -156,9 +156,10 @@ def test_scoring_with_another_a_moves_points_between_the_terms(done):
         assert after.s == pytest.approx(80 * before.c + 20 * (before.d or 0.0), abs=1e-12)
 
 
-def test_scoring_refuses_changes_that_the_facts_depend_on(done):
-    with refusal(r"`simulation\.step` cannot be changed by scoring"):
-        sumo_eval.score(done.folder, ["simulation.step=0.1"])
+@pytest.mark.parametrize("change", ["simulation.step=0.1", "run.only=[]", "run.case_timeout=9"])
+def test_scoring_refuses_changes_that_the_facts_depend_on(done, change):
+    with refusal(f"`{change.partition('=')[0]}` cannot be changed by scoring"):
+        sumo_eval.score(done.folder, [change])
 
 
 @pytest.mark.parametrize("gone", ["scenario = 'front_vehicle_cut_out'", "point = 1"])

@@ -161,7 +161,9 @@ def with_changes(settings: EvaluationSettings, changes: Sequence[str]) -> Evalua
     for change in changes:
         path, equals, text = change.partition("=")
         if not equals:
-            raise InputError(f"A change must have the form key=value, got {change!r}.")
+            raise InputError(
+                f"--set must have the form KEY=VALUE, e.g. method.score.a=60, got {change!r}."
+            )
         try:
             value = toml_from(f"value = {text}", f"`--set {shown(change)}`")["value"]
         except InputError:  # `--set report.reference=mine`: text needs no quotes

@@ -134,7 +134,7 @@ def test_a_change_reaches_the_setting_it_names_and_no_other():
         ("method.scor.a=60", "Did you mean `score`?"),
         ("method.score.aa=60", "Unknown key `method.score.aa`"),
         ("method.score.a=600", "`method.score.a`"),
-        ("method.score.a", "key=value"),
+        ("method.score.a", "KEY=VALUE"),
         ("method.score.a.b=3", "Unknown setting"),
     ],
 )
