@@ -47,7 +47,7 @@ from sumo_eval.scenario.formats import expanded
 from sumo_eval.scenario.resolved import WHOLE, Resolved
 from sumo_eval.scenario.road.table import check_line
 from sumo_eval.scenario.sampling.adaptive import size_of_round
-from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings, ScenarioSettings
+from sumo_eval.settings import AdsSettings, EvaluationSettings, ScenarioSettings
 from sumo_eval.settings.config import (
     PAPER_EVALUATION,
     check_evaluation,
@@ -336,7 +336,8 @@ def _shard_of(
     versions as the first.
     """
     other, versions = run_folder.read_settings(folder), run_folder.read_manifest(folder)["versions"]
-    if replace(other, run=RunSettings()) != replace(settings, run=RunSettings()):
+    # of `[run]`, which cases are driven counts
+    if replace(other, run=replace(settings.run, only=other.run.only)) != settings:
         raise InputError(
             f"{folder} is of another evaluation than {first}; only shards of one can be merged."
         )

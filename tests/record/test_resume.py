@@ -23,7 +23,7 @@ from refusals import refusal
 
 import sumo_eval
 from sumo_eval.errors import InputError, StoppedError
-from sumo_eval.record.facts import parse_shard, record_facts
+from sumo_eval.record.facts import merge, parse_shard, record_facts, resolve
 from sumo_eval.record.run_folder import only_writer
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.resolved import Resolved
@@ -326,6 +326,16 @@ def test_shards_make_the_whole_and_only_together(whole, tmp_path):
     merged = tmp_path / "results" / "night"
     assert digest(merged) == digest(whole)
     assert (merged / "report.html").is_file()
+
+
+def test_shards_of_other_cases_make_no_whole(tmp_path):
+    evaluation = small({"idm": "idm"}, drivers=2, steps={"ego_speed": 100.0, "lead_speed": 100.0})
+    folders = [tmp_path / "whole", tmp_path / "single"]
+    for number, only in enumerate((None, ("front_vehicle_low_speed-0000-idm",))):
+        run = resolve(evaluation, folders[number], resume=False, only=only)
+        record_facts(replace(run, shard=(1 + number, 2)), folders[number])
+    with refusal("is of another evaluation"):
+        merge(folders, tmp_path / "merged")
 
 
 @pytest.mark.parametrize("text", ["0/4", "5/4", "1", "a/b", "1/", "-1/4"])
