@@ -371,11 +371,16 @@ def _encoded(name: str, values: Sequence[Any]) -> bytes:
     row has.
     """
     if _is_real(name):
-        numbers = np.array([np.nan if value is None else value for value in values], dtype="<f8")
+        numbers = _with_nan(values)
         return zlib.compress(numbers.view(np.uint8).reshape(-1, 8).T.tobytes(), 1)
     places: dict[Any, int] = {}
     which = [places.setdefault(value, len(places)) for value in values]
     return zlib.compress(np.array(which, dtype="<u4").tobytes() + encoded(list(places)), 1)
+
+
+def _with_nan(values: Sequence[float | None]) -> FloatArray:
+    """Numbers (n,), nan for None."""
+    return np.array([np.nan if value is None else value for value in values], dtype="<f8")
 
 
 def _real(data: bytes, rows: int) -> FloatArray:
@@ -410,9 +415,7 @@ def _array(name: str, data: bytes, rows: int) -> Column:
     if kind == "bool":
         return np.array(values, dtype=np.bool_)[which]
     if name in NUMBERS:
-        return np.array([np.nan if value is None else value for value in values], dtype=np.float64)[
-            which
-        ]
+        return _with_nan(values)[which]
     if kind.startswith(("str", "Zone", "Literal")):
         return np.array([value or "" for value in values], dtype=_TEXT)[which]
     found = np.empty(len(values), dtype=object)

@@ -223,11 +223,9 @@ def _opened(argument: Any) -> Any:
 def _records(values: Any, dtype: np.dtype[Any], depth: int) -> Any:
     if depth:
         return [_records(value, dtype, depth - 1) for value in values]
-    assert dtype.names is not None
-    assert dtype.fields is not None
     found = SimpleNamespace()
-    for name, value in zip(dtype.names, values, strict=True):
-        inner = dtype.fields[name][0]
+    for name, value in zip(dtype.names or (), values, strict=True):
+        inner = dtype[name]
         setattr(found, name, value if inner.names is None else _records(value, inner, 0))
     return found
 
@@ -235,11 +233,9 @@ def _records(values: Any, dtype: np.dtype[Any], depth: int) -> Any:
 def _closed(records: Any, dtype: np.dtype[Any]) -> Any:
     if isinstance(records, list):
         return [_closed(record, dtype) for record in records]
-    assert dtype.names is not None
-    assert dtype.fields is not None
     values = []
-    for name in dtype.names:
-        inner, value = dtype.fields[name][0], getattr(records, name)
+    for name in dtype.names or ():
+        inner, value = dtype[name], getattr(records, name)
         values.append(value if inner.names is None else _closed(value, inner))
     return tuple(values)
 

@@ -86,7 +86,7 @@ class TrendChart:
     gates: tuple[tuple[Point, str], ...]
     half: float
     ticks: tuple[tuple[float, str], ...]
-    dates: tuple[tuple[float, str], ...]
+    dates: tuple[tuple[float, str], ...] = ()
 
 
 def write_trend(folder: Path, history: History) -> Path:
@@ -160,8 +160,8 @@ def charts(
             and (limit != "regret" or gate.night in of_night)
         ]
         if series:
-            axes = TrendChart(title, unit, (), (), 0.0, (), dates)
-            drawn.append(_drawn(axes, names, nights, series, limits))
+            chart = _drawn(title, unit, names, nights, series, limits)
+            drawn.append(replace(chart, dates=dates))
     return drawn
 
 
@@ -175,7 +175,8 @@ def _place(number: int, nights: int) -> float:
 
 
 def _drawn(
-    axes: TrendChart,
+    title: str,
+    unit: str,
     names: Sequence[str],
     nights: Sequence[Night],
     series: Series,
@@ -183,7 +184,7 @@ def _drawn(
 ) -> TrendChart:
     """A chart with its lines and gates: nights, ADSs and bounds."""
     values = [*series.values(), *(bound for _, _, bound in limits)]
-    ticks = _ticks(min(values), max(values), least=1.0 if axes.unit == "cases" else 0.0)
+    ticks = _ticks(min(values), max(values), least=1.0 if unit == "cases" else 0.0)
     at = {night.night: round(_place(place, len(nights)), 2) for place, night in enumerate(nights)}
     colours, dashes = dict(zip(names, cycle(COLOURS))), dict(zip(names, cycle(DASHES)))
 
@@ -192,7 +193,7 @@ def _drawn(
         return round(HEIGHT - BOTTOM - share * (HEIGHT - TOP - BOTTOM), 2)
 
     def point(night: str, name: str, value: float) -> Point:
-        words = f"{name}, {_date(night)}: {value:z.6g} {axes.unit}".rstrip()
+        words = f"{name}, {_date(night)}: {value:z.6g} {unit}".rstrip()
         return Point(at[night], height(value), words, (night, name, value))
 
     def line(ads: str) -> TrendLine:
@@ -211,16 +212,12 @@ def _drawn(
         for night, ads, limit in limits
         if ads in colours
     )
-    return replace(
-        axes,
-        lines=tuple(map(line, names)),
-        gates=tuple(gates),
-        half=round(0.42 * (WIDTH - LEFT - RIGHT) / max(len(nights), 1), 2),
-        ticks=tuple((height(tick), f"{tick:g}") for tick in ticks),
-    )
+    half = round(0.42 * (WIDTH - LEFT - RIGHT) / max(len(nights), 1), 2)
+    marked = tuple((height(tick), f"{tick:g}") for tick in ticks)
+    return TrendChart(title, unit, tuple(map(line, names)), tuple(gates), half, marked)
 
 
-def _ticks(low: float, high: float, least: float = 0.0) -> list[float]:
+def _ticks(low: float, high: float, least: float) -> list[float]:
     """Round numbers around a range, at least two of them, at least `least` apart."""
     if max(abs(low), abs(high)) < 1e-9:  # nothing but zeros, and what rounding leaves of them
         low, high = 0.0, 0.5

@@ -19,7 +19,6 @@ from sumo_eval.record.recording import Planner, Space, find_stale, stages
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.resolved import Resolved
-from sumo_eval.settings import ScenarioSettings
 
 _TIMED = 32  # drives of a kind that an estimate times, at most
 _A_KIND_FOR = 1.0  # s, where a user's ADS drives
@@ -87,7 +86,13 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     """
     refuse_engine(run.settings.run)
     if folder is None:
-        run = replace(run, settings=replace(run.settings, scenario=_in_one_round(run)))
+        entries = tuple(
+            replace(entry, sampling=replace(entry.sampling, round=entry.sampling.count, rounds=()))
+            if entry.sampling.method == "adaptive"
+            else entry
+            for entry in run.settings.scenario
+        )
+        run = replace(run, settings=replace(run.settings, scenario=entries))
     settings, workers = run.settings, run.settings.run.workers
     # a recorded case needs the identity of its ADS, and `run.only` the names of all ADSs
     every = 1 if folder or settings.run.only else -(-len(settings.ads) // _KINDS)
@@ -114,15 +119,6 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
         (len(some.settings.ads), len(settings.ads)),
         tuple(words for sort, words in _SORTS.items() if drives[sort] and sort not in took),
         broken_off,
-    )
-
-
-def _in_one_round(run: Resolved) -> tuple[ScenarioSettings, ...]:
-    return tuple(
-        replace(entry, sampling=replace(entry.sampling, round=entry.sampling.count, rounds=()))
-        if entry.sampling.method == "adaptive"
-        else entry
-        for entry in run.settings.scenario
     )
 
 

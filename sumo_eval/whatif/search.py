@@ -18,7 +18,6 @@ from sumo_eval.record.engines import run_cases
 from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.record.run_folder import resolved_run
 from sumo_eval.record.store import Fact
-from sumo_eval.trajectory import Collision
 from sumo_eval.whatif.levers import Lever, first_values, levers_of, moved
 
 _UNSEEN = "perception_not_limited"
@@ -112,23 +111,15 @@ class WhatIf:
         _fill(lines, asked, outcomes)
         if fine:
             self._locate(fact, lines)
-        clips = {
-            clip.what
-            for it in outcomes
-            if it is not None and it.recording is not None
-            for clip in it.recording.clips
-        }
+        recordings = (it.recording for it in outcomes if it is not None)
+        clips = {clip.what for one in recordings if one is not None for clip in one.clips}
+        unfelt = _PERCEIVED if _UNSEEN in clips else ()
         answers = [
-            Answer(
-                lever,
-                _flips(lever, line),
-                len(line),
-                _UNSEEN not in clips or lever.name not in _PERCEIVED,
-            )
+            Answer(lever, _flips(lever, line), len(line), lever.name not in unfelt)
             for lever, line in lines.items()
         ]
-        ordered = tuple(sorted(answers, key=lambda answer: answer.share))
-        return CaseLevers(fact, ordered, self._drives)
+        answers.sort(key=lambda answer: answer.share)
+        return CaseLevers(fact, tuple(answers), self._drives)
 
     def answers_or_why_not(
         self, fact: Fact, name: str | None = None, *, fine: bool = True
@@ -188,17 +179,17 @@ def _fill(
 
 def _check_repeats(fact: Fact, now: Outcome | None) -> None:
     """Refuse a case whose recorded outcome does not come again."""
-    hit = None if now is None or now.recording is None else now.recording.collision
-    if now is None or hit != fact.collision:
-        raise InputError(
-            f"Case `{fact.case}` does not repeat: recorded {_words(fact.collision)}, now "
-            f"{'not evaluated' if now is None else _words(hit)}. Its ADS must be the recorded one "
-            "and do the same in every drive: undo its changes, or run the evaluation again."
+    again = None if now is None else now.recording
+    if again is None or again.collision != fact.collision:
+        before, after = (
+            "no contact" if hit is None else f"a contact at {hit.time:.3f} s"
+            for hit in (fact.collision, None if again is None else again.collision)
         )
-
-
-def _words(hit: Collision | None) -> str:
-    return "no contact" if hit is None else f"a contact at {hit.time:.3f} s"
+        raise InputError(
+            f"Case `{fact.case}` does not repeat: recorded {before}, now "
+            f"{'not evaluated' if again is None else after}. Its ADS must be the recorded one and "
+            "do the same in every drive: undo its changes, or run the evaluation again."
+        )
 
 
 def _flips(lever: Lever, line: Line) -> tuple[Flip, ...]:
