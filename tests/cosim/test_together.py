@@ -44,6 +44,11 @@ def points(name, every):
     return list(logical.concretes(sample(logical).points[::every]))
 
 
+def behind(*speeds):
+    """A case for each speed, m/s, 50 m behind a lead of that speed."""
+    return [case(lead(50.0, speed=speed), speed=speed) for speed in speeds]
+
+
 @pytest.fixture
 def alone(monkeypatch):
     """Counts the cases that left the packs."""
@@ -239,7 +244,7 @@ SHORT = SimulationSettings(time_limit=1.0)
 
 
 def test_a_faulty_case_costs_only_itself(alone):
-    cases = [case(lead(50.0, speed=speed), speed=speed) for speed in (10.0, 15.0, 20.0)]
+    cases = behind(10.0, 15.0, 20.0)
     first, second, third = simulate_many(cases, [Gives(float("nan"), 15.0) for _ in cases], SHORT)
     assert not alone
     assert second.end_reason == "ads_error"
@@ -253,7 +258,7 @@ def test_a_faulty_case_costs_only_itself(alone):
     "answer", [3.0, -50.0, 50.0, -4.0], ids=["drives", "beyond brakes", "beyond drive", "brakes"]
 )
 def test_what_the_vehicle_cannot_do_is_clipped_and_counted_as_alone(answer, alone):
-    cases = [case(lead(50.0, speed=speed), speed=speed) for speed in (10.0, 15.0)]
+    cases = behind(10.0, 15.0)
     together = list(simulate_many(cases, [Gives(answer, 15.0) for _ in cases], SHORT))
     for concrete, found in zip(cases, together, strict=True):
         assert everything(found) == everything(simulate(concrete, Gives(answer, 15.0), SHORT))
@@ -268,7 +273,7 @@ class Raises(Gives):
 
 
 def test_a_policy_that_raises_fails_its_row_with_its_traceback(alone):
-    cases = [case(lead(50.0, speed=speed), speed=speed) for speed in (10.0, 15.0)]
+    cases = behind(10.0, 15.0)
     first, second = simulate_many(cases, [Raises(0.0, 15.0) for _ in cases], SHORT)
     assert (first.end_reason, second.end_reason) == ("time_limit", "ads_error")
     assert second.error == "The ADS raised at 0.00 s: RuntimeError: out of order."
@@ -285,7 +290,7 @@ def test_every_case_has_a_policy_of_its_own_when_a_class_is_given():
             self.steps += 1
             return -0.1 * self.steps
 
-    cases = [case(lead(50.0, speed=speed), speed=speed) for speed in (10.0, 15.0)]
+    cases = behind(10.0, 15.0)
     for concrete, found in zip(cases, simulate_many(cases, Counts, SHORT), strict=True):
         assert everything(found) == everything(simulate(concrete, Counts, SHORT))
 
@@ -339,7 +344,7 @@ def test_a_policy_over_arrays_that_gives_too_few_actions_fails_all_cases_of_the_
         def act(self, seen):
             return np.zeros(1)
 
-    cases = [case(lead(50.0, speed=speed), speed=speed) for speed in (10.0, 15.0)]
+    cases = behind(10.0, 15.0)
     for recording in simulate_many(cases, TooFew, SHORT):
         assert recording.end_reason == "ads_error"
         assert recording.error == (
@@ -356,7 +361,7 @@ def test_a_fault_in_a_call_over_arrays_belongs_to_all_its_cases_and_a_bad_number
                 raise ValueError("no path found")
             return np.where(seen.ego.speed == 10.0, np.nan, 0.0)
 
-    cases = [case(lead(50.0, speed=speed), speed=speed) for speed in (10.0, 15.0, 20.0)]
+    cases = behind(10.0, 15.0, 20.0)
     bad, *others = simulate_many(cases, Raises, SHORT)
     assert (bad.end_reason, bad.error) == (
         "ads_error", "`acceleration` of the ADS's Command must be a finite number, got nan at "
@@ -413,7 +418,7 @@ def test_law_a_baseline_goes_on_when_one_has_left(line):
 
 
 def test_a_subclass_that_decides_otherwise_is_asked(alone):
-    cases = [case(lead(50.0, speed=speed), speed=speed) for speed in (10.0, 15.0)]
+    cases = behind(10.0, 15.0)
     assert [
         found.ego.speed[-1] < found.ego.speed[0] - 0.5
         for found in simulate_many(cases, Subclass, SHORT)

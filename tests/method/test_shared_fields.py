@@ -120,8 +120,8 @@ def test_synthetic_extremes_are_within_the_bound(k1):
 
 @pytest.fixture(scope="module")
 def driven():
-    """Three drivers of a cut-out in SUMO and the points of their own slices, on many of which they
-    are themselves."""
+    """Three drivers of a cut-out in SUMO, and x and y of the points of their own slices, on many of
+    which they are themselves."""
     concrete = catalogue.load("front_vehicle_cut_out").concrete(
         ego_speed=20.0, obstacle_speed=5.0, gap=110.0
     )
@@ -132,13 +132,13 @@ def driven():
     for drive, spacing in zip(drives, (0.5, 0.5, 2.5), strict=True):
         slices = np.append(slice_positions(50.0, 550.0, spacing), drive.x[drive.x < 600.0])
         sets.append(slice_points(slices, lateral_position(drive, slices), concrete.road))
-    return drives, np.concatenate(sets)
+    points = np.concatenate(sets)
+    return drives, points[:, 0, 0], points[..., 1]
 
 
 @pytest.mark.parametrize("k1", [0.5, 0.75])
 def test_real_drives_are_within_a_tenth_of_the_bound(driven, k1):
-    drives, points = driven
-    x, y = points[:, 0, 0], points[..., 1]
+    drives, x, y = driven
     assert by_boxes(x, y)
     constants = FieldSettings(k1=k1)
     np.testing.assert_allclose(
@@ -147,18 +147,16 @@ def test_real_drives_are_within_a_tenth_of_the_bound(driven, k1):
 
 
 def test_the_order_of_the_rows_does_not_matter(driven):
-    drives, points = driven
-    mixed = np.random.default_rng(1).permutation(len(points))
-    straight = shared_fields(points[:, 0, 0], points[..., 1], drives, PLAIN)
-    there = shared_fields(points[mixed, 0, 0], points[mixed][..., 1], drives, PLAIN)
+    drives, x, y = driven
+    mixed = np.random.default_rng(1).permutation(len(x))
+    straight = shared_fields(x, y, drives, PLAIN)
+    there = shared_fields(x[mixed], y[mixed], drives, PLAIN)
     np.testing.assert_allclose(there, straight[:, mixed], rtol=1e-13)
 
 
 def test_same_input_same_bytes(driven):
-    drives, points = driven
-    first, second = (
-        shared_fields(points[:, 0, 0], points[..., 1], drives, PLAIN) for _ in range(2)
-    )
+    drives, x, y = driven
+    first, second = (shared_fields(x, y, drives, PLAIN) for _ in range(2))
     assert first.tobytes() == second.tobytes()
 
 
@@ -172,8 +170,7 @@ def test_samples_and_points_on_a_line_are_within_the_bound():
 
 @pytest.mark.parametrize("asked_before", [False, True])
 def test_points_off_the_stretch_are_within_the_bound(driven, asked_before):
-    drives, points = driven
-    x, y = points[:, 0, 0], points[..., 1]
+    drives, x, y = driven
     stretch = Stretch(80.0, 500.0, -1.76, 4.9)
     fields, inside = SharedFields(drives, stretch, PLAIN, y.size), stretch.holds(x, y)
     assert 0.3 < inside.mean() < 0.9
@@ -185,8 +182,7 @@ def test_points_off_the_stretch_are_within_the_bound(driven, asked_before):
 
 
 def test_earlier_questions_change_no_bit(driven):
-    drives, points = driven
-    x, y = points[:, 0, 0], points[..., 1]
+    drives, x, y = driven
     fields = SharedFields(drives, around(x, y), PLAIN, y.size)
     fields.at(x[::2], y[::2], [2, 0])
     again, alone = (
@@ -197,8 +193,7 @@ def test_earlier_questions_change_no_bit(driven):
 
 
 def test_company_changes_no_bit(driven):
-    drives, points = driven
-    x, y = points[:, 0, 0], points[..., 1]
+    drives, x, y = driven
     plainly_summed = standing(200.0, 1.0, 0.1, 120.0)
     fields = SharedFields([*drives, plainly_summed], around(x, y), PLAIN, y.size)
     last = len(drives)
@@ -210,8 +205,7 @@ def test_company_changes_no_bit(driven):
 def test_far_samples_are_summed_once(driven, monkeypatch):
     from sumo_eval.method import field_loops
 
-    drives, points = driven
-    x, y = points[:, 0, 0], points[..., 1]
+    drives, x, y = driven
     fields = SharedFields(drives, around(x, y), PLAIN, y.size)
     first = fields.at(x, y, [0, 1, 2])
     monkeypatch.setattr(field_loops, "far_values", None)

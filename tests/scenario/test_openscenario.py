@@ -104,6 +104,17 @@ RANGE = """<DeterministicSingleParameterDistribution parameterName="{name}"><Dis
 <Range lowerLimit="36" upperLimit="90"/></DistributionRange></DeterministicSingleParameterDistribution>"""
 
 
+def timed(action, when, n=1, delay=0):
+    """An event that begins an action at a time, s, or under a condition."""
+    when = when if isinstance(when, str) else AT.format(when)
+    return TIMED.format(n=n, action=action, delay=delay, when=when)
+
+
+def only_case(path):
+    """The case of a file without parameters."""
+    return find(str(path)).concrete(only=0.0)
+
+
 def written(folder, **parts):
     """A scenario file with its road and its catalog."""
     (folder / "catalogs").mkdir(exist_ok=True)
@@ -135,9 +146,7 @@ def test_a_scenario_file_is_a_space_of_one_point_with_everybody_where_it_says(tm
 def test_a_sinusoidal_lane_change_has_the_peak_speed_that_its_rate_says(tmp_path):
     """3.75 m to the right at 2 m/s: the peak of half a cosine is pi/2 of the mean, so it lasts pi *
     3.75 / 4 s."""
-    (other,) = (
-        find("scenario.xosc", written(tmp_path, events=CUT_IN).parent).concrete(only=0.0).actors
-    )
+    (other,) = only_case(written(tmp_path, events=CUT_IN)).actors
     (act,) = other.acts
     assert (act.kind, act.begin) == (played.COSINE, 0.5)
     assert (act.offset, act.duration) == pytest.approx((-3.75, math.pi * 3.75 / 4.0))
@@ -162,12 +171,8 @@ def test_moves_at_times_are_scripts_that_a_curve_can_have(tmp_path):
         'storyboardElementRef="act1" '
         'state="endTransition"/>'
     )
-    events = TIMED.format(n=1, action=OFFSET, delay=0, when=AT.format(2)) + TIMED.format(
-        n=2, action=BRAKE, delay=1, when=ended
-    )
-    (other,) = (
-        find("scenario.xosc", written(tmp_path, events=events).parent).concrete(only=0.0).actors
-    )
+    events = timed(OFFSET, 2) + timed(BRAKE, ended, n=2, delay=1)
+    (other,) = only_case(written(tmp_path, events=events)).actors
     assert not other.lively
     (move,) = other.lateral_moves
     lasts = math.pi * math.sqrt(1.25 / 0.6)
@@ -231,14 +236,12 @@ BAD = {
     "cannot be read": {"v": "${$kph +}"},
     "holds `__import__": {"v": "${__import__(1)}"},
     "no action `other` stands above it": {
-        "events": TIMED.format(n=1, action=BRAKE, delay=0, when='<StoryboardElementStateCondition '
+        "events": timed(BRAKE, '<StoryboardElementStateCondition '
                                'storyboardElementType="action" storyboardElementRef="other" '
                                'state="endTransition"/>')
     },
     "line .*<AcquirePositionAction>: this is not supported|<RoutingAction>": {
-        "events": TIMED.format(n=1,
-            action="<RoutingAction><AcquirePositionAction/></RoutingAction>", delay=0,
-                               when=AT.format(1))
+        "events": timed("<RoutingAction><AcquirePositionAction/></RoutingAction>", 1)
     },
 }  # fmt: skip
 
@@ -306,7 +309,7 @@ def test_a_move_with_a_condition_plays_on_a_curved_road(tmp_path):
     """A left bend of 500 m: the cut-in waits until the gap is below 30 m there as on a straight
     road."""
     path = written(tmp_path, events=CUT_IN)
-    straight = find(str(path)).concrete(only=0.0).actors[0]
+    straight = only_case(path).actors[0]
     (tmp_path / "road.xodr").write_text(ROAD.replace("<line/>", '<arc curvature="0.002"/>'))
     logical = find(str(written_again(path)))
     assert logical.road.bent
@@ -323,7 +326,7 @@ def test_speeds_and_gaps_on_a_curved_road_are_over_the_ground(tmp_path):
     15 / 6 = 2.5 s and 18.75 m.
     """
     brake = BRAKE.replace('value="5"/><SpeedActionTarget>', 'value="6"/><SpeedActionTarget>')
-    path = written(tmp_path, events=TIMED.format(n=1, action=brake, delay=0, when=AT.format(2)))
+    path = written(tmp_path, events=timed(brake, 2))
     (tmp_path / "road.xodr").write_text(ROAD.replace("<line/>", '<arc curvature="0.002"/>'))
     logical = find(str(path))
     scene = logical.concrete(only=0.0)
@@ -456,9 +459,9 @@ def test_an_ego_that_turns_behind_the_crossing_vehicle_passes(tmp_path):
 def test_times_without_a_reference_do_not_count(tmp_path):
     """Version 1.0 asks every vertex for a time."""
     line = _line(_at(1, 70.0), _at(1, 90.0)).replace("<Vertex>", '<Vertex time="0">')
-    event = TIMED.format(n=1, action=_following(line), delay=0, when=AT.format(0))
+    event = timed(_following(line), 0)
     path = changed(tmp_path, (' offset="0.25"', ""), events=event)
-    assert not any(act.table for act in find(str(path)).concrete(only=0.0).actors[0].acts)
+    assert not any(act.table for act in only_case(path).actors[0].acts)
 
 
 def test_a_trajectory_crosses_a_curved_road_straight_on_the_map(tmp_path):
@@ -467,9 +470,7 @@ def test_a_trajectory_crosses_a_curved_road_straight_on_the_map(tmp_path):
     its axle is.
     """
     follow = _following(_line(_at(1, 70.0), _at(-1, 60.0)))
-    path = written(
-        tmp_path, events=TIMED.format(n=1, action=follow, delay=0, when=AT.format(0)), v="10"
-    )
+    path = written(tmp_path, events=timed(follow, 0), v="10")
     road = ROAD.replace("<line/>", '<arc curvature="0.002"/>')
     (tmp_path / "road.xodr").write_text(road)
     path.write_text(path.read_text().replace(' offset="0.25"', ""))
@@ -492,19 +493,16 @@ def _ends_in_frame():
 
 
 def test_a_speed_that_is_reached_within_no_time_is_the_one_at_the_start(tmp_path):
-    was = find(str(written(tmp_path))).concrete(only=0.0)
+    was = only_case(written(tmp_path))
     linear = STEP.replace('"step"', '"linear"')
-    assert (
-        find(str(written_again(written(tmp_path, step=linear)))).concrete(only=0.0).actors
-        == was.actors
-    )
+    assert only_case(written_again(written(tmp_path, step=linear))).actors == was.actors
     with refusal("its first speed must be a step"):
         find(str(written_again(written(tmp_path, step=linear.replace('"0"', '"2"')))))
 
 
 def test_the_ego_can_be_named(tmp_path):
     path = written(tmp_path, events=CUT_IN)
-    was = find(str(path)).concrete(only=0.0)
+    was = only_case(path)
     hero = tmp_path / "hero.xosc"
     hero.write_text(path.read_text().replace('"Ego"', '"my hero"'))
     with refusal(
@@ -571,19 +569,16 @@ def test_no_synchronization_after_a_change_of_speed(tmp_path):
     place = '<LanePosition roadId="0" laneId="{}" s="{}"/>'
     meet = f"""<SynchronizeAction masterEntityRef="Ego"><TargetPositionMaster>{place.format(-1, 220)}
     </TargetPositionMaster><TargetPosition>{place.format(1, 220)}</TargetPosition></SynchronizeAction>"""
-    events = [
-        TIMED.format(n=n, action=action, delay=0, when=AT.format(at))
-        for n, action, at in ((1, BRAKE, 2), (2, meet, 6))
-    ]
-    (act,) = find(str(changed(tmp_path, events=events[1]))).concrete(only=0.0).actors[0].acts
+    events = [timed(action, at, n=n) for n, action, at in ((1, BRAKE, 2), (2, meet, 6))]
+    (act,) = only_case(changed(tmp_path, events=events[1])).actors[0].acts
     assert act.table == ((4.0, 15.0),)
     with refusal(r"the place of `Other` when this begins is unknown"):
         find(str(changed(tmp_path, events="".join(events))))
     last = '<RelativeSpeedToMaster speedTargetValueType="{}" value="{}"/>'
     meet = meet.replace("</Sy", f"<FinalSpeed>{last}</FinalSpeed></Sy")
     for kind, value in (("delta", -5), ("factor", 0.75)):
-        event = TIMED.format(n=2, action=meet.format(kind, value), delay=0, when=AT.format(6))
-        (act,) = find(str(changed(tmp_path, events=event))).concrete(only=0.0).actors[0].acts
+        event = timed(meet.format(kind, value), 6, n=2)
+        (act,) = only_case(changed(tmp_path, events=event)).actors[0].acts
         assert act.table == ((4.0, 15.0),)
         with refusal(f"Did you mean `{kind}`"):
             find(str(changed(tmp_path, events=event.replace(f'"{kind}"', f'"{kind}s"'))))
@@ -593,11 +588,11 @@ def test_a_harder_brake_follows_a_gentle_one(tmp_path):
     """15 m/s from 2 s on by 1 m/s2, and from 4 s on by 5 m/s2: it stands at 4 + 13 / 5 = 6.6 s."""
     gentle = BRAKE.replace('\nvalue="5"', '\nvalue="1"')
     events = [
-        TIMED.format(n=n, action=action, delay=0, when=AT.format(2 * n))
+        timed(action, 2 * n, n=n)
         for n, action in ((1, gentle), (2, BRAKE), (2, BRAKE.replace("linear", "cubic")))
     ]
     path = changed(tmp_path, events="".join(events[:2]))
-    other = simulate(find(str(path)).concrete(only=0.0), "no_reaction").actors["Other"]
+    other = simulate(only_case(path), "no_reaction").actors["Other"]
     assert np.interp((4.0, 5.6, 6.7), other.time, other.speed) == pytest.approx((13, 5, 0), abs=0.1)
     with refusal("only a linear change by `rate` is supported then"):
         find(str(changed(tmp_path, events=events[0] + events[2])))
@@ -605,9 +600,9 @@ def test_a_harder_brake_follows_a_gentle_one(tmp_path):
 
 @pytest.mark.parametrize("shape", ["linear", "cubic", "step"])
 def test_a_change_of_speed_in_0_s_is_a_step(tmp_path, shape):
-    timed = BRAKE.replace('"linear"', f'"{shape}"').replace('"rate"\nvalue="5"', '"time" value="0"')
-    path = changed(tmp_path, events=TIMED.format(n=1, action=timed, delay=0, when=AT.format(2)))
-    (act,) = find(str(path)).concrete(only=0.0).actors[0].acts
+    swift = BRAKE.replace('"linear"', f'"{shape}"').replace('"rate"\nvalue="5"', '"time" value="0"')
+    path = changed(tmp_path, events=timed(swift, 2))
+    (act,) = only_case(path).actors[0].acts
     assert (act.kind, act.begin, act.acceleration) == (played.SPEED, 2.0, pytest.approx(15e6))
 
 
@@ -616,7 +611,7 @@ def test_starts_depend_on_each_other_in_any_order(tmp_path):
     later = (EGO_PLACE, '<RelativeLanePosition entityRef="Other" dLane="0" ds="-50"/>'), (
         OTHER_PLACE, '<LanePosition roadId="0" laneId="-1" s="70"/>'
     )  # fmt: skip
-    case = find(str(changed(tmp_path, *later))).concrete(only=0.0)
+    case = only_case(changed(tmp_path, *later))
     assert (case.ego.x, case.actors[0].start.x) == pytest.approx((21.5, 71.5))
     with refusal("starts of Ego, Other depend on each other in a circle"):
         find(str(changed(tmp_path, later[0])))
@@ -626,10 +621,10 @@ def test_starts_depend_on_each_other_in_any_order(tmp_path):
     '<WorldPosition x="{x}" y="{y}" h="0.5"/>', '<RoadPosition roadId="0" s="20" t="-1.75"/>'
 ])  # fmt: skip
 def test_a_place_in_a_driving_lane_is_that_lane(tmp_path, place):
-    was = find(str(changed(tmp_path))).concrete(only=0.0)
+    was = only_case(changed(tmp_path))
     x, y = (5.0 + 20.0 * math.cos(0.5) + 1.75 * math.sin(0.5),
             7.0 + 20.0 * math.sin(0.5) - 1.75 * math.cos(0.5))  # fmt: skip
-    case = find(str(changed(tmp_path, (EGO_PLACE, place.format(x=x, y=y))))).concrete(only=0.0)
+    case = only_case(changed(tmp_path, (EGO_PLACE, place.format(x=x, y=y))))
     assert (case.ego.x, case.ego.y) == pytest.approx((was.ego.x, was.ego.y))
     assert case.actors[0].start.x == pytest.approx(was.actors[0].start.x)
     assert case.road.lanes == was.road.lanes
@@ -665,7 +660,7 @@ def test_every_kind_of_position_is_one_place(tmp_path, place, shape):
     """The numbers of the map are worked out from (5, 7), 0.5 rad and, on the earth, 48 N, 11 E."""
     path = changed(tmp_path, (OTHER_PLACE, place))
     (tmp_path / "road.xodr").write_text(ROAD.replace("<line/>", shape))
-    (other,) = find(str(path)).concrete(only=0.0).actors
+    (other,) = only_case(path).actors
     assert (other.start.x, other.start.y) == pytest.approx((71.5, 3.75), abs=0.01)
     assert other.heading == pytest.approx(0.0, abs=1e-3)
 
@@ -677,10 +672,10 @@ def test_a_distance_is_reached_once_within_limits(tmp_path):
     maxSpeed="40"/></LongitudinalDistanceAction></LongitudinalAction>"""
     ended = """<StoryboardElementStateCondition storyboardElementType="action"
     storyboardElementRef="act1" state="endTransition"/>"""
-    events = TIMED.format(n=1, action=reach, delay=0, when=AT.format(1))
-    events += TIMED.format(n=2, action=BRAKE, delay=3, when=ended)
+    events = timed(reach, 1)
+    events += timed(BRAKE, ended, n=2, delay=3)
     path = changed(tmp_path, ('ds="50" offset="0.25"', 'ds="50" offset="3"'), events=events)
-    drive = simulate(find(str(path)).concrete(only=0.0), "no_reaction")
+    drive = simulate(only_case(path), "no_reaction")
     other, ego = drive.actors["Other"], drive.ego
     brakes = int(np.flatnonzero((other.speed < 19.0) & (other.time > 5.0))[0]) - 5
     assert other.x[brakes] - ego.x[brakes] == pytest.approx(35.0, abs=0.2)
@@ -697,9 +692,9 @@ def test_a_move_is_played_although_an_earlier_one_may_lead_there(tmp_path):
     never = never.replace('rule="lessThan"\nvalue="30"', 'rule="greaterThan" value="25"')
     begin, end = never.index("<LateralAction>"), never.index("</LateralAction>")
     never = never[:begin] + BRAKE + never[end + len("</LateralAction>") :]
-    events = never + TIMED.format(n=1, action=BRAKE, delay=0, when=AT.format(2))
+    events = never + timed(BRAKE, 2)
     path = changed(tmp_path, ('offset="0.25"', 'offset="3"'), events=events)
-    other = simulate(find(str(path)).concrete(only=0.0), "no_reaction").actors["Other"]
+    other = simulate(only_case(path), "no_reaction").actors["Other"]
     assert np.interp([2.0, 4.0, 6.0], other.time, other.speed) == pytest.approx([15.0, 5.0, 0.0])
     wrong = 'Dimension="rate"', 'Dimension="Rate"'  # no time
     with refusal("`dynamicsDimension` must be one of"):
@@ -721,7 +716,7 @@ def test_what_holds_two_moves_is_complete_after_both(tmp_path, kind, name):
     none = set() if kind == "event" else {0}
     for first, ends in ((BRAKE + two + OFFSET, {0, 1}), (BRAKE.replace('"0"', '"15"'), none)):
         events = CUT_IN[:begin] + first + CUT_IN[end:] + then
-        (other,) = find(str(changed(tmp_path, events=events))).concrete(only=0.0).actors
+        (other,) = only_case(changed(tmp_path, events=events)).actors
         last = other.acts[-1].program
         assert {number for op, _, number, _ in last if op == played.ENDED} == ends
         assert last
@@ -734,11 +729,11 @@ def test_an_event_without_effect_waits_for_its_trigger(tmp_path, kind, name):
     lights = '<VisibilityAction graphics="true" sensors="true" traffic="true"/>'
     when = f"""<StoryboardElementStateCondition storyboardElementType="{kind}"
     storyboardElementRef="{name}" state="completeState"/>"""
-    events = TIMED.format(n=1, action=lights, delay=0, when=AT.format(4))
+    events = timed(lights, 4)
     events += """</Maneuver></ManeuverGroup></Act><Act name="b"><ManeuverGroup name="h"><Actors>
     <EntityRef entityRef="Other"/></Actors><Maneuver name="n">"""
-    events += TIMED.format(n=2, action=BRAKE, delay=1, when=when)
-    (other,) = find(str(changed(tmp_path, events=events))).concrete(only=0.0).actors
+    events += timed(BRAKE, when, n=2, delay=1)
+    (other,) = only_case(changed(tmp_path, events=events)).actors
     assert [act.begin for act in other.acts] == [5.0]
 
 
@@ -748,10 +743,8 @@ def test_no_event_begins_after_the_time_until_which_it_may(tmp_path, until, begi
     when = f'<SimulationTimeCondition value="{until}" rule="lessThan"/>'
     start = TIMED[TIMED.index("<StartTrigger>") : TIMED.index("</Event>")]
     act = start.format(delay=0, when=AT.format(4)) + "</Act>"
-    path = changed(
-        tmp_path, ("</Act>", act), events=TIMED.format(n=1, action=BRAKE, delay=0, when=when)
-    )
-    (other,) = find(str(path)).concrete(only=0.0).actors
+    path = changed(tmp_path, ("</Act>", act), events=timed(BRAKE, when))
+    (other,) = only_case(path).actors
     assert [it.begin for it in other.acts if it.kind == played.SPEED] == begins
 
 
@@ -759,8 +752,8 @@ def test_ego_against_the_reference_line_has_its_road_from_there(tmp_path):
     """The ego comes from s = 980 m in the left lane; the other, 50 m less, is 50 m ahead of it."""
     turned = '<Orientation type="relative" h="3.141592653589793"/></LanePosition>'
     place = '<LanePosition roadId="0" laneId="1" s="980">' + turned
-    case = find(str(changed(tmp_path, (EGO_PLACE, place), ('dLane="1" ds="50"',
-                'dLane="0" ds="-50"')))).concrete(only=0.0)  # fmt: skip
+    case = only_case(changed(tmp_path, (EGO_PLACE, place), ('dLane="1" ds="50"',
+                'dLane="0" ds="-50"')))  # fmt: skip
     (other,) = case.actors
     assert (case.ego.x, case.ego.y, other.start.x) == pytest.approx((21.5, 0.0, 71.5))
     assert (other.start.y, other.heading) == pytest.approx((-0.25, 0.0))
@@ -771,7 +764,7 @@ def test_the_only_entity_with_a_controller_is_the_ego(tmp_path):
         'entryName="car"/><ObjectController><Controller name="c"/></ObjectController>'
         "</ScenarioObject>")  # fmt: skip
     path = changed(tmp_path, controlled, ('"Ego"', '"hero"'))
-    assert find(str(path)).concrete(only=0.0).actors[0].name == "Other"
+    assert only_case(path).actors[0].name == "Other"
 
 
 def test_a_map_of_a_simulator_is_named_by_the_user(tmp_path):
@@ -798,9 +791,9 @@ def test_speed_and_distance_are_kept_while_the_ego_brakes(tmp_path, action, far)
     bodies of 4 and 6 m, or 3 s at the ego's speed; within limits it never brakes harder.
     """
     brake = f"<LongitudinalAction>{action}</LongitudinalAction>"
-    events = TIMED.format(n=1, action=brake, delay=0, when=AT.format(0))
+    events = timed(brake, 0)
     path = changed(tmp_path, ('ds="50" offset="0.25"', 'ds="50" offset="3"'), events=events)
-    drive = simulate(find(str(path)).concrete(only=0.0), lambda *_: Command(-2.0))
+    drive = simulate(only_case(path), lambda *_: Command(-2.0))
     other = drive.actors["Other"]
     at = int(np.searchsorted(other.time, 7.0))
     assert drive.ego.speed[at] < 15.0
@@ -820,7 +813,7 @@ def test_an_edge_needs_the_opposite_before(tmp_path):
     above = CUT_IN.replace('rule="lessThan"', 'rule="greaterThan"')
     for edge, latches in (("rising", 1), ("falling", 0), ("risingOrFalling", 0), ("none", 0)):
         events = above.replace('conditionEdge="rising"', f'conditionEdge="{edge}"')
-        (other,) = find(str(changed(tmp_path, events=events))).concrete(only=0.0).actors
+        (other,) = only_case(changed(tmp_path, events=events)).actors
         assert sum(act.offset == 0.0 for act in other.acts) == latches, edge
 
 
@@ -828,7 +821,7 @@ def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the
     act has begun."""
     plain = written(tmp_path, events=CUT_IN)
-    was = find(str(plain)).concrete(only=0.0).actors
+    was = only_case(plain).actors
     own = "<ParameterDeclarations>{}</ParameterDeclarations>"
     one = '<ParameterDeclaration name="{}" parameterType="string" value="{}"/>'
     text = plain.read_text().replace(
@@ -845,7 +838,7 @@ def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):
     again = tmp_path / "stories.xosc"
     again.write_text(text)
     assert text.count("$who") == text.count("$far") == 1
-    assert find(str(again)).concrete(only=0.0).actors == was
+    assert only_case(again).actors == was
 
 
 def written_again(path):
@@ -864,7 +857,7 @@ def test_a_case_ends_before_sumo_takes_the_ego_off_the_road(tmp_path):
 
 
 def test_why_every_point_counts_as_safe_is_said(tmp_path):
-    path = written(tmp_path, events=TIMED.format(n=1, action=BRAKE, delay=0, when=AT.format(2)))
+    path = written(tmp_path, events=timed(BRAKE, 2))
     (said,) = (note for note in find(str(path)).notes if "counts as safe" in note)
     assert "`?zones=1`" in said
     searched = find(f"{path}?zones=1")
@@ -994,9 +987,8 @@ ENDED = (
 
 
 @pytest.mark.parametrize("events",
-    ["", CUT_IN, TIMED.format(n=1, action=OFFSET, delay=0, when=AT.format(2)),
-                                    CUT_IN + TIMED.format(n=2, action=BRAKE, delay=1,
-                                        when=ENDED)])  # fmt: skip
+    ["", CUT_IN, timed(OFFSET, 2),
+                                    CUT_IN + timed(BRAKE, ENDED, n=2, delay=1)])  # fmt: skip
 def test_the_scenario_file_that_was_understood_says_the_same(tmp_path, events):
     """Everybody starts at the same place and does the same, by the scenario file as by the imported
     one."""

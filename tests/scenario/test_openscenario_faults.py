@@ -15,13 +15,13 @@ from sumo_eval.scenario.road.opendrive import read_opendrive
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.settings import ScenarioSettings
 from tests.scenario.test_openscenario import (
-    AT,
     BRAKE,
     CARS,
     OTHER_PLACE,
     ROAD,
-    TIMED,
     VARIATION,
+    only_case,
+    timed,
     written,
 )
 
@@ -60,7 +60,7 @@ def lane_change(n, when, target, lasts=2.0):
     """An event with a move of the other into a lane."""
     action = f"""<LateralAction><LaneChangeAction><LaneChangeActionDynamics dynamicsShape="sinusoidal" value="{lasts}"
     dynamicsDimension="time"/><LaneChangeTarget>{target}</LaneChangeTarget></LaneChangeAction></LateralAction>"""
-    return TIMED.format(n=n, action=action, delay=0, when=AT.format(when))
+    return timed(action, when, n=n)
 
 
 def speed_change(n, when, to, seconds, priority="overwrite"):
@@ -68,7 +68,7 @@ def speed_change(n, when, to, seconds, priority="overwrite"):
     action = f"""<LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape="linear" dynamicsDimension="time"
     value="{seconds}"/><SpeedActionTarget><AbsoluteTargetSpeed value="{to}"/></SpeedActionTarget></SpeedAction>
     </LongitudinalAction>"""
-    event = TIMED.format(n=n, action=action, delay=0, when=AT.format(when))
+    event = timed(action, when, n=n)
     return event.replace('priority="overwrite"', f'priority="{priority}"')
 
 
@@ -96,7 +96,7 @@ def after(ref, state="endTransition"):
         '<StoryboardElementStateCondition storyboardElementType="event" '
         f'storyboardElementRef="{ref}" state="{state}"/>'
     )
-    return TIMED.format(n=9, action=BRAKE, delay=0, when=ended)
+    return timed(BRAKE, ended, n=9)
 
 
 EVENTS = {
@@ -243,7 +243,7 @@ def test_two_lateral_moves_each_start_from_their_lane(tmp_path):
     then as it began, 0.25 m beside its lane's middle at the start.
     """
     events = lane_change(1, 1.0, SELF.format(-1)) + lane_change(2, 5.0, SELF.format(1))
-    (other,) = find(str(written(tmp_path, events=events))).concrete(only=0.0).actors
+    (other,) = only_case(written(tmp_path, events=events)).actors
     assert [move.offset for move in other.lateral_moves] == pytest.approx([-3.75, 3.5])
     assert [move.begin for move in other.lateral_moves] == [1.0, 5.0]
 
@@ -252,11 +252,7 @@ def test_lanes_count_to_the_left_of_where_their_entity_drives(tmp_path):
     """The other comes towards the ego in lane 1; one lane to its left is lane -1."""
     back = OTHER_PLACE.replace("/>", '><Orientation type="relative" h="3.14159265"/>')
     path = written(tmp_path, events=lane_change(1, 1.0, SELF.format(1)))
-    (other,) = (
-        find(str(change(path, OTHER_PLACE, back + "</RelativeLanePosition>")))
-        .concrete(only=0.0)
-        .actors
-    )
+    (other,) = only_case(change(path, OTHER_PLACE, back + "</RelativeLanePosition>")).actors
     assert other.acts[0].offset == pytest.approx(3.75)
 
 
@@ -285,11 +281,9 @@ def test_an_event_is_found_by_the_path_to_it(tmp_path):
     second = f'</Maneuver><Maneuver name="two">{speed_change(1, 4.0, 9.0, 2.0)}'
     events = speed_change(1, 1.0, 5.0, 2.0) + second + after("s::a::g::two::e1")
     for path in ("s::a::g::two::e1", "two::e1"):
-        (other,) = (
-            find(str(written(tmp_path, events=events.replace("s::a::g::two::e1", path))))
-            .concrete(only=0.0)
-            .actors
-        )
+        (other,) = only_case(
+            written(tmp_path, events=events.replace("s::a::g::two::e1", path))
+        ).actors
         assert [act.begin for act in other.acts] == pytest.approx([1.0, 4.0, 6.0])
 
 
@@ -299,9 +293,9 @@ def test_an_event_is_found_by_the_path_to_it(tmp_path):
 )
 def test_a_time_begins_when_its_rule_changes(tmp_path, rule, edge):
     when = '<SimulationTimeCondition value="4" rule="$light"/>'
-    events = TIMED.format(n=1, action=BRAKE, delay=0, when=when)
+    events = timed(BRAKE, when)
     path = written(tmp_path, events=events.replace('Edge="none"', f'Edge="{edge}"'))
-    (other,) = find(str(change(path, '"day"', f'"{rule}"'))).concrete(only=0.0).actors
+    (other,) = only_case(change(path, '"day"', f'"{rule}"')).actors
     assert other.braking.begin == 4.0
 
 
@@ -311,7 +305,7 @@ def test_a_catalog_whose_entry_is_there_twice_is_not_guessed(tmp_path):
     path = written(tmp_path)
     other = tmp_path / "catalogs" / "more.xosc"
     other.write_text(CARS.replace('Vehicle name="car"', 'Vehicle name="van"'))
-    assert find(str(path)).concrete(only=0.0).actors[0].length == 6.0
+    assert only_case(path).actors[0].length == 6.0
     other.write_text(CARS)
     change(path, 'description="a test"', 'description="another"')
     sentence = said(path)
@@ -359,7 +353,7 @@ def test_names_that_look_like_numbers_stay_what_they_are(tmp_path):
     <Element value="1234567"/></DistributionSet></DeterministicSingleParameterDistribution>"""
     varied = tmp_path / "varied.xosc"
     varied.write_text(VARIATION.format(file=path.name, parts=part))
-    assert find(str(varied)).concrete(only=0.0).ego.x == pytest.approx(21.5)
+    assert only_case(varied).ego.x == pytest.approx(21.5)
 
 
 def test_parameters_in_catalog_references_and_in_each_other_are_worked_out(tmp_path):
@@ -394,7 +388,7 @@ def test_an_entry_that_leads_to_itself_is_refused(tmp_path):
     follow = """<RoutingAction><FollowTrajectoryAction><TrajectoryRef><CatalogReference catalogName="ways"
     entryName="round"/></TrajectoryRef><TimeReference><None/></TimeReference><TrajectoryFollowingMode
     followingMode="position"/></FollowTrajectoryAction></RoutingAction>"""
-    path = written(tmp_path, events=TIMED.format(n=1, action=follow, delay=0, when=AT.format(1)))
+    path = written(tmp_path, events=timed(follow, 1))
     (tmp_path / "catalogs" / "ways.xosc").write_text(
         f"""<OpenSCENARIO><FileHeader revMajor="1" revMinor="3"/><Catalog name="ways"><Trajectory name="round"
         closed="false"><Shape><Polyline><Vertex><Position>{place}</Position></Vertex><Vertex><Position>{place}
