@@ -131,7 +131,15 @@ def _case(store: Store, number: int, concrete: ConcreteScenario, ads: str, zone:
     elif not cut_out and number == 2 and ads == HOSTILE:
         status = "off_road"
     case = Case(number, concrete, "ads", ads, "idm")
-    row = replace(_empty(case, zone, status), weight=0.25 + 0.01 * number)
+    row = CaseResult(
+        case=case.key, scenario=concrete.scenario, ads=ads, values=concrete.values,
+        zone=zone,  # type: ignore[arg-type]
+        exposure=concrete.exposure, status=status, end_reason=None, error=None, wall_time=None,
+        simulated_time=None, latency_mean=None, latency_max=None, collided=False,
+        ideal_severity=0.0, no_reaction_severity=12.0 if zone == "hazardous" else 0.0,
+        weight=0.25 + 0.01 * number,
+        task_share=None if zone == "hazardous" else 1.0 if status == "ok" else 0.0,
+    )  # fmt: skip
     if status == "crashed":
         error = "The process that ran the case died with exit code -11."
         store.add(Outcome(case, status, None, error))
@@ -190,23 +198,6 @@ def _case(store: Store, number: int, concrete: ConcreteScenario, ads: str, zone:
             index_note=(IndexNote("two_groups", number + 3, 1101),),
         )  # fmt: skip
     return row
-
-
-def _empty(case: Case, zone: str, status: str) -> CaseResult:
-    return CaseResult(
-        case=case.key, scenario=case.concrete.scenario, ads=case.driver,
-        values=case.concrete.values,
-        zone=zone,  # type: ignore[arg-type]
-        exposure=case.concrete.exposure, status=status, end_reason=None, error=None, wall_time=None,
-        simulated_time=None, latency_mean=None, latency_max=None, collided=False,
-        impact_speed=None, overlap=None,
-        side=None, severity=None,
-        loss=None, ideal_severity=0.0, no_reaction_severity=12.0 if zone == "hazardous" else 0.0,
-        weight=None,
-        beats_ideal=False, index=None, length_factor=None,
-        operation_factor=None, similarity=None, index_note=(), clips="",
-        task_share=None if zone == "hazardous" else 1.0 if status == "ok" else 0.0,
-    )  # fmt: skip
 
 
 def _score(ads: str, scenario: str, rows: list[CaseResult]) -> ScenarioResult:

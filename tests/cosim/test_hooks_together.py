@@ -32,6 +32,15 @@ def points(name, number):
     return list(logical.concretes(values[:: max(len(values) // number, 1)]))[:number]
 
 
+def reasons_to_leave(cases, hook):
+    """Why cases left their batch, in which each is driven as it is alone."""
+    why = Counter()
+    together = simulate_many(cases, hook, STEPS, alone=why)
+    for it, recording in zip(cases, together, strict=True):
+        assert recording.same_drive(simulate(it, hook, STEPS))
+    return why
+
+
 def returns_commands(traci, ego, time):
     return Command(-1.0 if traci.vehicle.getSpeed(ego) > 10.0 else 0.5, 0.001)
 
@@ -105,11 +114,7 @@ HOOKS = [
 )
 @pytest.mark.parametrize("hook", HOOKS)
 def test_hooks_are_the_same_together_and_alone(hook, scenario):
-    cases, why = points(scenario, 6), Counter()
-    together = list(simulate_many(cases, hook, STEPS, alone=why))
-    assert all(
-        one.same_drive(simulate(it, hook, STEPS)) for it, one in zip(cases, together, strict=True)
-    )
+    why = reasons_to_leave(points(scenario, 6), hook)
     assert {reason.why for reason in why} <= {"left_batch"}, why
     assert scenario != "cut_in" or not why
 
@@ -120,15 +125,8 @@ def test_hooks_with_own_conditions_are_the_same_together(hook):
         (), (("conditions.actuation_delay", 0.3),), (("conditions.sensor_range", 50.0),),
         (("vehicle.max_deceleration", 3.0),), (("vehicle.friction", 0.2),),
     ]  # fmt: skip
-    cases, why = (
-        [replace(it, changes=changes[k % 5]) for k, it in enumerate(points("cut_in", 10))],
-        Counter(),
-    )
-    together = list(simulate_many(cases, hook, STEPS, alone=why))
-    assert all(
-        one.same_drive(simulate(it, hook, STEPS)) for it, one in zip(cases, together, strict=True)
-    )
-    assert not why
+    cases = [replace(it, changes=changes[k % 5]) for k, it in enumerate(points("cut_in", 10))]
+    assert not reasons_to_leave(cases, hook)
 
 
 def raises(traci, ego, time):
@@ -231,11 +229,8 @@ class Closes:
     ],
 )
 def test_one_that_leaves_is_driven_alone_and_no_other(hook):
-    cases, why = [case(lead(80.0, 20.0), speed=speed) for speed in (10.0, 20.0, 18.0)], Counter()
-    together = list(simulate_many(cases, hook, STEPS, alone=why))
-    assert all(
-        one.same_drive(simulate(it, hook, STEPS)) for it, one in zip(cases, together, strict=True)
-    )
+    cases = [case(lead(80.0, 20.0), speed=speed) for speed in (10.0, 20.0, 18.0)]
+    why = reasons_to_leave(cases, hook)
     assert {reason.why: count for reason, count in why.items()} == {"left_batch": 1}
 
 

@@ -18,11 +18,7 @@ EMPTY = CaseResult(
     case="", scenario="s", ads="a", values={}, zone="hazardous", exposure=1.0, status="ok",
     end_reason=None, error=None,
     wall_time=None, simulated_time=None, latency_mean=None, latency_max=None, collided=False,
-    impact_speed=None,
-    overlap=None, side=None, severity=None, loss=None, ideal_severity=0.0,
-    no_reaction_severity=10.0, weight=None,
-    beats_ideal=False, index=None,
-    length_factor=None, operation_factor=None, similarity=None, index_note="", clips="",
+    ideal_severity=0.0, no_reaction_severity=10.0,
 )  # fmt: skip
 HIT = replace(
     EMPTY,
