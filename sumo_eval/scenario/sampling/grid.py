@@ -23,7 +23,8 @@ from sumo_eval.trajectory import FloatArray
 def full_grid(logical: LogicalScenario, request: Request) -> Drawn:
     """Every combination, the first parameter slowest.
 
-    An axis without levels or a step keeps the space's own step.
+    An axis with listed values has exactly these. Any other axis has the levels or the step that the
+    request gives it, else the space's own step.
     """
     axes, notes = grid_axes(logical, request)
     return Drawn(mesh(axes), notes=notes)
@@ -40,14 +41,15 @@ def grid_axes(
 ) -> tuple[list[list[float]], tuple[str, ...]]:
     """The values of each axis, and sentences about axes that do not end where their range does."""
     owner, steps = owner_of(logical), dict(request.steps or {})
-    named = isinstance(request.levels, Mapping)
+    named: dict[str, Any] = {}
+    # one number of levels is for all axes; listed values, which it does not name, ignore it
     levels: dict[str, Any] = dict.fromkeys(logical.names, request.levels)
     if isinstance(request.levels, Mapping):
-        levels = dict(request.levels)
-    for name in (*levels, *steps) if named or steps else ():
+        levels = named = dict(request.levels)
+    for name in (*levels, *steps):
         if name in steps and levels.get(name) is not None:
             raise InputError(f"`{name}` in {owner} must have levels or a step, got both.")
-        if logical.parameters[logical.column(name)].values and (named or name in steps):
+        if name in {*named, *steps} and logical.parameters[logical.column(name)].values:
             raise InputError(
                 f"`{name}` in {owner} has listed values: it takes no levels and no step."
             )
@@ -57,7 +59,7 @@ def grid_axes(
         values = list(item.values)
         if (count := levels.get(item.name)) is not None:
             _check_levels(count, item.name if named else "levels", owner)
-            values = values or evenly(item, count)
+            values = values or evenly(item, count)  # listed values stay
         if not values:
             step = steps.get(item.name, item.step)
             if isinstance(step, bool) or not isinstance(step, Real) or not 0 < step < math.inf:
