@@ -19,10 +19,10 @@ from sumo_eval.settings import VehicleSettings
 from sumo_eval.settings.checked import About, Checked, NotNegative
 from sumo_eval.trajectory import Recording
 
-# m/s2 of braking beyond that of the pedals before the event, from which a person has reacted
-BRAKES = 0.5
-STEERS = 0.35  # m/s2 of acceleration across the road
-SEEN = ROW.index("seen")
+# A reaction is to brake or steer harder than at the event by more than:
+BRAKES = 0.5  # m/s2; an ego that gains speed at the event brakes with 0
+STEERS = 0.35  # m/s2 across the road
+SEEN = ROW.index("seen")  # column with the number of the last step that the driver saw
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class QualitySettings(Checked):
     ] = 0
     off_road: Annotated[bool, About("a drive that left the road counts")] = False
     quit: Annotated[bool, About("a drive that was ended before its end counts")] = False
-    contact: Annotated[bool, About("a drive with a contact counts as skilled driving")] = False
+    contact: Annotated[bool, About("a drive with a contact counts")] = False
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,9 @@ class Quality:
 
     dropped: share of pictures that came late, None where the page sent no figures.
     latency_ms: 95th percentile from input to picture.
-    stalls, pauses: how often the loop, or the person, held.
+    stalls: halts of the loop itself.
+    pauses, paused: how often, and for how many s in all, the drive was held.
+    event: time of the first event, s.
     reaction: s from the first event to the first answer, None without either.
     unanswered: the longest that the drive continued without an answer of the window, s.
     stepped_down: how often the page drew more cheaply by itself during the drive (plainly, with
@@ -128,7 +130,8 @@ def quality_of(
     pauses = [it["seconds"] for it in tape.notes if it["note"] == "pause"]
     event, settings = first_event(concrete), settings_of(tape.head)
     vehicle = concrete.ego_vehicle(settings.vehicle)
-    behind = max((k - row[SEEN] for k, row in enumerate(tape.rows)), default=0)
+    # steps by which the driver's picture was behind the drive
+    behind = max((step - row[SEEN] for step, row in enumerate(tape.rows)), default=0)
     return Quality(
         end=recording.end_reason,
         dropped=time["dropped"] / time["frames"] if time.get("frames") else None,
@@ -154,9 +157,11 @@ def reaction(recording: Recording, event: float, vehicle: VehicleSettings) -> fl
     """Time from an event to the first braking or steering that was not there before it, s; None
     without any.
 
-    Braking: 0.5 m/s2 below the acceleration at the event. Steering: 0.35 m/s2 across beyond that at
-        the event, of the path that the steering wheel asks for, v^2 tan(angle / steering ratio) /
-        wheelbase; so a curve of the road alone, without a move of the wheel, does not count.
+    Braking: more than `BRAKES` below the acceleration at the event, or below 0 where that is
+        positive: a driver who only releases the accelerator has not braked.
+    Steering: the acceleration across the path that the steering wheel asks for, v^2 tan(angle /
+        steering ratio) / wheelbase, differs by more than `STEERS` from that at the event. A curve
+        of the road alone, without a move of the wheel, does not count.
     """
     ego = recording.ego
     if len(ego) < 3:
