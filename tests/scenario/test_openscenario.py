@@ -665,6 +665,20 @@ def test_every_kind_of_position_is_one_place(tmp_path, place, shape):
     assert other.heading == pytest.approx(0.0, abs=1e-3)
 
 
+def test_headings_and_offsets_of_carla_are_to_the_right(tmp_path):
+    place = '<{} entityRef="Ego" dx="42.1" dy="{}"><Orientation type="relative" h="{}"/></{}>'
+    ours, theirs = "RelativeWorldPosition", "RelativeObjectPosition"
+    plain = changed(tmp_path, (OTHER_PLACE, place.format(ours, 27.3, -0.4, ours)))
+    carla = changed(
+        tmp_path,
+        (OTHER_PLACE, place.format(theirs, -27.3, 0.4, theirs)),
+        ('description="a test"', 'description="CARLA:a test"'),
+    )
+    one, two = (find(str(path)).concrete(only=0.0).actors for path in (plain, carla))
+    assert one == two
+    assert one[0].heading == pytest.approx(-0.4)
+
+
 def test_a_distance_is_reached_once_within_limits(tmp_path):
     """Bodies of 4 and 6 m are 30 m apart at one speed; 3 s later the other brakes."""
     reach = """<LongitudinalAction><LongitudinalDistanceAction entityRef="Ego" distance="30"

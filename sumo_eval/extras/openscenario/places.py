@@ -167,13 +167,13 @@ class Places:
     """All places of a scenario at a point: the network, the catalogs and the entities by
     name.
 
-    mirrored: y points to the right, as in the files that CARLA writes.
+    side: 1; -1 where y and headings point to the right, as in the files that CARLA writes.
     """
 
     network: Network
     catalogs: Catalogs
     entities: dict[str, Entity]
-    mirrored: bool = False
+    side: float = 1.0
 
     def entity(self, name: str, element: Node) -> Entity:
         """An entity by its name; refused where there is none."""
@@ -206,7 +206,7 @@ class Places:
         for name in ("p", "r"):
             if turn.number(name, 0.0) != 0.0:
                 raise turn.fault(f"`{name}` must be 0 on a road that is flat")
-        heading = turn.number("h", 0.0)
+        heading = self.side * turn.number("h", 0.0)
         if turn.one_of("type", ("relative", "absolute"), "absolute") == "relative":
             heading += spot.pose.heading
         return replace(spot, pose=spot.pose._replace(heading=heading))
@@ -271,18 +271,19 @@ class Places:
         return self._on(other.road, s, t, None, element).turned(other.way)
 
     def _relative_object(self, element: Node) -> Spot:
+        if self.side < 0.0:  # scenario_runner reads it so
+            return self._relative_world(element)
         other = self.referred(element).placed(element)
         return Spot(other.pose.moved(element.number("dx"), element.number("dy", 0.0)))
 
     def _world(self, element: Node) -> Spot:
-        side = -1.0 if self.mirrored else 1.0
         y, heading = element.number("y"), element.number("h", 0.0)
-        return Spot(Pose(element.number("x"), side * y, side * heading))
+        return Spot(Pose(element.number("x"), self.side * y, self.side * heading))
 
     def _relative_world(self, element: Node) -> Spot:
         x, y, heading = self.referred(element).placed(element).pose
-        side = -1.0 if self.mirrored else 1.0
-        return Spot(Pose(x + element.number("dx"), y + side * element.number("dy"), heading))
+        y += self.side * element.number("dy", 0.0)
+        return Spot(Pose(x + element.number("dx"), y, heading))
 
     def _geo(self, element: Node) -> Spot:
         return Spot(Pose(*on_map(element, self.network.root), 0.0))

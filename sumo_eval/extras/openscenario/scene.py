@@ -215,7 +215,8 @@ class _Player:
                 raise part.fault(f"there is another entity with the name `{entity.name}`")
         # scenario_runner reads these files with CARLA's axes, in which y points to the right
         about = str(self.root.child("FileHeader").get("description"))
-        self.places = Places(network, self.catalogs, entities, about.startswith("CARLA:"))
+        side = -1.0 if about.startswith("CARLA:") else 1.0
+        self.places = Places(network, self.catalogs, entities, side)
         ego = options.ego or self._only_controlled()
         if ego not in entities:
             raise holder.fault(
