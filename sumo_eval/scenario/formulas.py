@@ -220,15 +220,14 @@ class Names:
 
         owner: of them; default: the file.
         """
-        seen: list[str] = []
-        for name in names:
-            if name in seen:
+        listed = list(names)
+        for name in listed:
+            if listed.count(name) > 1:
                 where = owner or self.where
                 raise InputError(
                     f"Every {kind} of {where} must have a name of its own, got `{name}` twice."
                 )
-            seen.append(name)
-        return seen
+        return listed
 
 
 @functools.cache

@@ -36,18 +36,6 @@ def quintic_bend(s: Any) -> Any:
 
 
 @kernel
-def share_done(move: Any, time: float) -> float:
-    """Share of a move's duration that is over, 0..1."""
-    return float(min(max((time - move.begin) / move.duration, 0.0), 1.0))
-
-
-@kernel
-def build_up(move: Any) -> float:
-    """Time in which a move at constant lateral speed reaches this speed, s."""
-    return float(move.speed / move.acceleration)
-
-
-@kernel
 def swing(move: Any, time: float) -> tuple[float, float, float]:
     """Offset m, speed m/s and acceleration m/s2 of swings to one side and back, then to the other,
     each A (1 - cos wt) / 2.
@@ -77,13 +65,14 @@ def lateral_motion(move: Any, time: float) -> tuple[float, float, float]:
         return _at_constant_speed(move, time - move.begin)
     if move.kind == SINUS:
         return swing(move, time)
-    s, rate = share_done(move, time), move.offset / move.duration
+    since, rate = time - move.begin, move.offset / move.duration
+    s = min(max(since / move.duration, 0.0), 1.0)  # share of the duration that is over
     if move.kind != COSINE:
         curvature = move.offset / (move.duration * move.duration)
         return move.offset * quintic(s), rate * quintic_rate(s), curvature * quintic_bend(s)
 
     # A (1 - cos pi s) / 2; pi s and w since are one angle, rounded in two ways: bits depend on it
-    half, w, since = 0.5 * move.offset, math.pi / move.duration, time - move.begin
+    half, w = 0.5 * move.offset, math.pi / move.duration
     speed = 0.5 * math.pi * move.offset / move.duration * math.sin(math.pi * s)
     going = 0.0 <= since < move.duration
     acceleration = half * w * w * math.cos(w * since) if going else 0.0
@@ -96,7 +85,7 @@ def _at_constant_speed(move: Any, since: float) -> tuple[float, float, float]:
 
     The speed builds up linearly and ends at once; `concrete.constant_lateral` has the duration.
     """
-    rise, t = build_up(move), max(since, 0.0)
+    rise, t = move.speed / move.acceleration, max(since, 0.0)
     going = 0.0 <= since < move.duration
     if t < rise:
         covered = 0.5 * move.speed * t * t / rise

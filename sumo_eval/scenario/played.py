@@ -287,15 +287,6 @@ def _follow_profile(pieces: Any, v: float, x: float, act: Any, table: Any) -> in
     return k
 
 
-@kernel
-def lasts(play: Any, pieces: Any) -> float:
-    """Duration of all pieces, s."""
-    total = 0.0
-    for k in range(play.pieces):
-        total += pieces[k].duration
-    return total
-
-
 # -- where it is -----------------------------------------------------------------------------------
 
 
@@ -633,7 +624,10 @@ def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
         return
     else:
         play.pieces = _follow_profile(pieces, v, x, act, table)
-    act.end = act.begin + lasts(play, pieces)
+    lasts = 0.0
+    for k in range(play.pieces):
+        lasts += pieces[k].duration
+    act.end = act.begin + lasts
 
 
 @kernel

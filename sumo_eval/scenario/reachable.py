@@ -85,24 +85,15 @@ def _fastest(actor: Actor) -> float:
     """The highest speed that a script has on a straight road, m/s; inf where SUMO drives, or it
     moves across.
     """
-    across = actor.start.lateral_speed != 0.0 or any(
-        act.kind <= played.COSINE for act in actor.acts
-    )
-    led = any(act.kind in (played.FOLLOW, played.MATCH) for act in actor.acts)
-    if across or actor.model is not None or led:
+    if actor.start.lateral_speed != 0.0 or actor.model is not None:
         return math.inf
-    told = [
-        speed
-        for act in actor.acts
-        if act.kind in (played.BY_TIME, played.BY_PLACE)
-        for _, speed in act.table
-    ]
-    return max(
-        actor.start.speed,
-        *told,
-        *(act.speed for act in actor.acts if act.kind == played.SPEED),
-        0.0,
-    )
+    speeds = [actor.start.speed, 0.0]
+    for act in actor.acts:
+        if act.kind <= played.COSINE or act.kind in (played.FOLLOW, played.MATCH):
+            return math.inf
+        profiled = act.kind in (played.BY_TIME, played.BY_PLACE)
+        speeds += [speed for _, speed in act.table] if profiled else [act.speed]
+    return max(speeds)
 
 
 def _may_hold(
@@ -122,16 +113,15 @@ def _may_hold(
             stack.append(known.get((op, one), _ANY))
         elif op in (played.NEGATE, played.ABSOLUTE):
             low, high = stack.pop()
-            stack.append((-high, -low) if op == played.NEGATE else _absolute(low, high))
+            if op == played.NEGATE or high < 0.0:
+                low, high = -high, -low
+            elif low < 0.0:  # of both signs
+                low, high = 0.0, max(-low, high)
+            stack.append((low, high))
         else:
             second, first = stack.pop(), stack.pop()
             stack.append(_joined(op, first, second))
     return stack[0][1] > 0.0
-
-
-def _absolute(low: float, high: float) -> Range:
-    most = max(abs(low), abs(high))
-    return (0.0 if low <= 0.0 <= high else min(abs(low), abs(high))), most
 
 
 def _joined(op: int, first: Range, second: Range) -> Range:

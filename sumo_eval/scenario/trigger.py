@@ -9,7 +9,6 @@ the time, and the functions below. What it says in plain numbers is worked out o
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from sumo_eval.errors import InputError, check_known, must_be, unknown
@@ -54,25 +53,9 @@ EGO_NAME = "ego"
 Step = tuple[int, int, int, Expression | None]
 
 
-@dataclass(frozen=True, slots=True)
-class Trigger:
-    """A checked condition: what a kernel does for it, with the expressions of the numbers that a
-    point decides.
-    """
-
-    text: str
-    steps: tuple[Step, ...]
-
-    def at(self, known: Mapping[str, float]) -> tuple[tuple[int, int, int, float], ...]:
-        """Its steps at a point."""
-        return tuple(
-            (op, one, two, 0.0 if value is None else float(value.at(known)))
-            for op, one, two, value in self.steps
-        )
-
-
-def trigger(text: str, owner: str, names: Names, *, departs: bool) -> Trigger:
-    """The condition in a text.
+def trigger(text: str, owner: str, names: Names, *, departs: bool) -> list[Step]:
+    """The condition in a text: what a kernel does for it, with the expressions of the numbers that
+    a point decides.
 
     departs: whether it may ask how far the ego is from a recorded one.
     Raises InputError naming what is wrong, and the nearest word.
@@ -81,7 +64,7 @@ def trigger(text: str, owner: str, names: Names, *, departs: bool) -> Trigger:
     steps = _Writer(text, owner, names, departs).steps(tree, condition=True)
     if len(steps) > 4 * played.DEEPEST:
         raise InputError(f"Condition `{text[:200]}` of {owner} is too long.")
-    return Trigger(text, tuple(steps))
+    return steps
 
 
 @dataclass(frozen=True, slots=True)

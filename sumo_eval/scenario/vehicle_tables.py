@@ -41,7 +41,7 @@ from sumo_eval.scenario.formulas import (
 from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.road.reference_line import frame_places
 from sumo_eval.scenario.streams import StreamTable, sumo_model
-from sumo_eval.scenario.trigger import Trigger, trigger
+from sumo_eval.scenario.trigger import Step, trigger
 from sumo_eval.settings import About, Checked, Positive
 from sumo_eval.text import capitalised
 
@@ -315,10 +315,10 @@ class ManoeuvreTable(Checked):
             raise InputError(
                 f"{place} has no `begin` without a `when`: a vehicle follows from the start."
             )
-        when = None
+        when: list[Step] = []
         if self.when is not None:
             when = trigger(self.when, place, names, departs=names.departs and follows)
-        return Move(self, numbers, tuple(self._pairs(what, place, names, road)), when)
+        return Move(self, numbers, tuple(self._pairs(what, place, names, road)), tuple(when))
 
     def _pairs(
         self, what: str, place: str, names: Names, road: Road
@@ -353,12 +353,13 @@ class Move:
     """A manoeuvre that was read.
 
     pairs: of a path or a profile.
+    when: its condition; empty: it begins at a time.
     """
 
     table: ManoeuvreTable
     numbers: LimitedFormulas
     pairs: tuple[tuple[LimitedFormula, LimitedFormula], ...]
-    when: Trigger | None
+    when: tuple[Step, ...]
 
     def act(self, known: Mapping[str, float], vehicle: str) -> Act:
         """Its act where these names have these values; a `follow` has none but where it waits."""
@@ -378,8 +379,11 @@ class Move:
         return act._replace(table=pairs, program=self.program(known), name=table.name)
 
     def program(self, known: Mapping[str, float]) -> tuple[tuple[int, int, int, float], ...]:
-        """Its condition at a point, () without one."""
-        return () if self.when is None else self.when.at(known)
+        """Its condition at a point."""
+        return tuple(
+            (op, one, two, 0.0 if value is None else float(value.at(known)))
+            for op, one, two, value in self.when
+        )
 
 
 @dataclass(frozen=True, slots=True)

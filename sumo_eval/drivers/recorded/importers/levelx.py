@@ -38,7 +38,10 @@ def read_tables(path: Path, *columns: Sequence[str]) -> list[pd.DataFrame]:
     tables = [read_table(place, names) for place, names in zip(paths, columns, strict=True)]
     checked_numbers(tables[0], sorted({"lonAcceleration", *columns[0]} & {*tables[0]}), path)
     key = columns[1][0]
+    checked_numbers(tables[1], (key,), paths[1])
     require(not tables[1][key].duplicated().any(), paths[1], f"must name each {key} once")
+    unknown = tables[0].loc[~tables[0][key].isin(tables[1][key]), key]
+    require(unknown.empty, path, f"must hold vehicles of {paths[1].name} only, got {unknown.min()}")
     checked_numbers(tables[2], ("frameRate",), paths[2])
     require(tables[2]["frameRate"].iloc[0] > 0.0, paths[2], "must have a `frameRate` above 0")
     return tables
@@ -48,7 +51,6 @@ def read(path: Path) -> Samples:
     """The samples of one recording, and a note on the road users that are left out."""
     tracks, meta, about = read_tables(path, _TRACKS, ("trackId", "class"), ("frameRate",))
     kind = tracks["trackId"].map(meta.set_index("trackId")["class"])
-    require(not kind.isna().any(), path, "must hold vehicles of its _tracksMeta.csv only")
     bodies = tracks["length"] > 0.0  # pedestrians and bicycles have no box
     table = pd.DataFrame(
         {
