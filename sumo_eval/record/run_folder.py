@@ -116,11 +116,14 @@ def create(
             (folder / name).mkdir(parents=True, exist_ok=True)
         inputs = {EVALUATION: to_toml(settings)}
         for concrete in examples:
-            network, view = f"{concrete.road.name}.net.xml", f"{concrete.road.name}.view.xml"
+            name, road = concrete.road.name, network_xml(concrete.road)
+            if inputs.get(f"networks/{name}.net.xml", road) != road:  # another road of this name
+                name = f"{name}_of_{concrete.scenario}"
+            network, view = f"{name}.net.xml", f"{name}.view.xml"
             routes, configuration = f"{concrete.scenario}.rou.xml", f"{concrete.scenario}.sumocfg"
             simulation = settings.simulation
             inputs |= {
-                f"networks/{network}": network_xml(concrete.road),
+                f"networks/{network}": road,
                 f"networks/{view}": view_xml(concrete.road),
                 f"routes/{routes}": routes_xml(concrete, simulation.vehicle),
                 f"routes/{configuration}": configuration_xml(

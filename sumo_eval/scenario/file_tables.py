@@ -40,7 +40,7 @@ from sumo_eval.scenario.logical import (
     Parameter,
 )
 from sumo_eval.scenario.number_table import read_numbers
-from sumo_eval.scenario.requirement import Requirements, requirement
+from sumo_eval.scenario.requirement import Requirement, Requirements, requirement
 from sumo_eval.scenario.road.lanes import Crossing, CrossingTable, LaneTable, crossings_of, spans_of
 from sumo_eval.scenario.road.opendrive import ReadRoad, read_opendrive
 from sumo_eval.scenario.road.table import PieceTable, bend_name, check_line, line_of
@@ -198,8 +198,15 @@ class RoadTable(Checked):
 
         crossings: tuple[Crossing, ...] = ()
         if self.opendrive is not None:
-            shape = self._of_opendrive(folder / self.opendrive)
-            name = (self.name or Path(self.opendrive).stem) + bend_name(shape.line, named=False)
+            path = folder / self.opendrive
+            shape = read_opendrive(path, self.opendrive_road)
+            check_line(shape.line, shape.lanes, shape.lane_width, f"the road of {path.name}")
+            if shape.spans and shape.line:
+                raise InputError(
+                    f"The road of {path.name} must be straight where its outermost lane opens or "
+                    "ends."
+                )
+            name = (self.name or path.stem) + bend_name(shape.line, named=False)
             hashed: tuple[Any, ...] = shape.spans
         else:
             line = line_of(self.line, options, self.lanes, self.lane_width, self.length, where)
@@ -216,15 +223,6 @@ class RoadTable(Checked):
         run_out = shape.length - end
         return Road(name, end, shape.lanes, shape.lane_width, run_out, line=shape.line,
                     spans=shape.spans, crossings=crossings)  # fmt: skip
-
-    def _of_opendrive(self, path: Path) -> ReadRoad:
-        read, owner = read_opendrive(path, self.opendrive_road), f"the road of {path.name}"
-        check_line(read.line, read.lanes, read.lane_width, owner)
-        if read.spans and read.line:
-            raise InputError(
-                f"{capitalised(owner)} must be straight where its outermost lane opens or ends."
-            )
-        return read
 
 
 @dataclass(frozen=True, slots=True)
@@ -500,10 +498,18 @@ class ScenarioFile(Checked):
         if not parameters:
             raise InputError(f"{where} must have at least one [[parameter]].")
         names, definitions = self._names(parameters, options, where)
-        road = self.road.read(self.end.x, options, where, folder, reacts=self._reacts())
+        vehicles = [*self.vehicle, *(it for option in self.option for it in option.given.vehicle)]
+        follows = any(move.do == "follow" for it in vehicles for move in it.manoeuvre)
+        reacts = follows or bool(self.stream)
+        road = self.road.read(self.end.x, options, where, folder, reacts=reacts)
         place = self._place(names, definitions, road)
         constraints = tuple(item.read(names, definitions) for item in self.constraint)
-        requirements = self._requirements(names, definitions)
+        requirements = tuple(
+            requirement(item.name or item.check, item.check, item.about, where, names.known,
+                        list(names.vehicles))
+            for item in self.require
+        )  # fmt: skip
+        names.distinct((item.name for item in requirements), "requirement")
         self._check_used(names, definitions, requirements)
         searched = place.lively or road.shaped or self.ego.goal_lane is not None
         zones: dict[str, Any] = {"notes": ("It declares no zones, so every point counts as safe.",)}
@@ -530,7 +536,7 @@ class ScenarioFile(Checked):
             default_sample=self.default_sample,
             has_drivers=self.people == "drivers",
             options=tuple(Option(option.name, option.unit, option.about) for option in self.option),
-            requirements=requirements,
+            requirements=Requirements(requirements, definitions) if requirements else None,
             **self._exposure(parameters, names, definitions, folder),
             **zones,
         )
@@ -577,32 +583,8 @@ class ScenarioFile(Checked):
         place = Placement(definitions, names.owner, road, self.ego, numbers, vehicles, streams)
         return replace(place, definitions=definitions.needed_by(*names.scene))
 
-    def _reacts(self) -> bool:
-        """Whether a SUMO model drives any actor."""
-        vehicles = [*self.vehicle, *(it for option in self.option for it in option.given.vehicle)]
-        return bool(self.stream) or any(
-            move.do == "follow" for it in vehicles for move in it.manoeuvre
-        )
-
-    def _requirements(self, names: Names, definitions: Definitions) -> Requirements | None:
-        if not self.require:
-            return None
-        found = tuple(
-            requirement(
-                item.name or item.check,
-                item.check,
-                item.about,
-                names.where,
-                names.known,
-                list(names.vehicles),
-            )
-            for item in self.require
-        )
-        names.distinct((item.name for item in found), "requirement")
-        return Requirements(found, definitions)
-
     def _check_used(
-        self, names: Names, definitions: Definitions, requirements: Requirements | None
+        self, names: Names, definitions: Definitions, requirements: Sequence[Requirement]
     ) -> None:
         """A parameter that nothing depends on would only repeat cases. InputError naming it."""
         zone = self.zone
@@ -612,17 +594,17 @@ class ScenarioFile(Checked):
             *names.scene,
             *(number(text, names.where) for text in texts if text is not None),
         ]
-        for one in () if requirements is None else requirements.all:
-            expressions += one.expressions
+        for item in requirements:
+            expressions += item.expressions
         needed = definitions.needed_by(*expressions)
         used = set().union(
             *(it.names for it in expressions), *(it.names for _, it in needed.entries)
         )
-        for item in self.parameter:
-            if item.name not in used and item.name not in CHANGES:
+        for parameter in self.parameter:
+            if parameter.name not in used and parameter.name not in CHANGES:
                 raise InputError(
-                    f"Parameter `{item.name}` of {names.where} must be used: nothing in the scene "
-                    "depends on it."
+                    f"Parameter `{parameter.name}` of {names.where} must be used: nothing in the "
+                    "scene depends on it."
                 )
 
     def _exposure(

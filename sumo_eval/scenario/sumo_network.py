@@ -75,7 +75,11 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     root = _parsed(network)
     if not edges:
         raise InputError(f"The road in {owner} must name the `edges` to drive along.")
-    by_id = {str(edge.get("id")): edge for edge in root.iter("edge") if not edge.get("function")}
+    by_id = {
+        str(edge.get("id")): edge
+        for edge in root.iter("edge")
+        if edge.get("function", "normal") == "normal"
+    }
     lanes = []
     for name in edges:
         check_known(f"edge of {owner}", by_id, name)

@@ -16,6 +16,7 @@ from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.sumo.session import session
 from sumo_eval.cosim.sumo.sumo_files import network_xml, routes_xml
 from sumo_eval.errors import InputError
+from sumo_eval.record.run_folder import create
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, catalogue
 from sumo_eval.scenario import played as played_kinds
 from sumo_eval.scenario.concrete import brake_to_stop
@@ -25,7 +26,13 @@ from sumo_eval.scenario.road.lanes import LaneSpan
 from sumo_eval.scenario.road.reference_line import Piece, arc, curvatures, map_places
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.scenario.sumo_network import laid_along_x, read_road
-from sumo_eval.settings import SimulationSettings, VehicleSettings
+from sumo_eval.settings import (
+    AdsSettings,
+    EvaluationSettings,
+    ScenarioSettings,
+    SimulationSettings,
+    VehicleSettings,
+)
 
 PLAIN = Road("plain", 900.0, 2, 3.5, 100.0)
 
@@ -413,6 +420,25 @@ def test_traffic_reacts_on_a_curved_network(bent, tmp_path):
     assert [(it.error, it.collision) for it in together] == [(None, None)] * 2
     assert np.abs(together[1].ego.y - 3.5).max() < 0.3
     assert together[1].ego.speed.min() < 15.0
+
+
+def test_edges_of_one_network_are_roads_with_files_of_their_own(tmp_path):
+    edge = (
+        "<edge id='{0}' from='{0}1' to='{0}2' function='normal'>"
+        "<lane id='{0}_0' index='0' length='500' shape='0,{1} 500,{1}' width='3.5'/></edge>"
+    )
+    path = tmp_path / "n.net.xml"
+    path.write_text(f"<net>{edge.format('a', 0)}{edge.format('b', 50)}</net>")
+    plain = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=10.0)
+    examples = [
+        replace(plain, scenario=name, road=read_road(path, [name], 300.0)) for name in ("a", "b")
+    ]
+    settings = EvaluationSettings("e", (ScenarioSettings("a"),), (AdsSettings("idm", "idm"),))
+    create(tmp_path / "run", settings, tmp_path, examples)
+    for concrete in examples:
+        text = (tmp_path / "run" / "routes" / f"{concrete.scenario}.sumocfg").read_text()
+        file = tmp_path / "run" / "networks" / re.search(r"[\w.]+\.net\.xml", text)[0]
+        assert file.read_text() == network_xml(concrete.road)
 
 
 def test_a_network_that_changed_after_reading_is_refused(network):

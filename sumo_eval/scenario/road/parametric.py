@@ -33,9 +33,7 @@ class Cubic:
 
     def at(self, p: FloatArray, order: int = 0) -> tuple[FloatArray, FloatArray]:
         """u and v, or their derivatives of that order by p."""
-        u, v = (np.polynomial.Polynomial(one) for one in (self.along, self.left))
-        if order:
-            u, v = u.deriv(order), v.deriv(order)
+        u, v = (np.polynomial.Polynomial(it).deriv(order) for it in (self.along, self.left))
         return u(p), v(p)
 
     def heading(self, p: FloatArray) -> FloatArray:
