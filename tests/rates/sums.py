@@ -77,7 +77,7 @@ def rate_of(known: Known, drives: int, seed: int) -> AdsRate:
             weights[collided], loss[collided], drives, 1.0, int(collided.sum()), drives
         )
         search = SimpleNamespace(
-            estimate=lambda told=told: told, counted=np.ones(drives, dtype=np.bool_),
+            estimate=lambda told=told: told, in_estimate=np.ones(drives, dtype=np.bool_),
             collided=collided,
             weights=weights, loss=loss, drawn=drives, points=points,
         )  # fmt: skip

@@ -69,7 +69,7 @@ def test_impossible_points_end_no_search():
     while len((draw := search.ask()).points):
         search.tell(draw, np.zeros(len(draw.points), bool), np.zeros(len(draw.points)))
     assert search.drives == 40
-    assert search.drawn >= search.counted.sum()
+    assert search.drawn >= search.in_estimate.sum()
 
 
 def test_without_a_collision_the_limit_is_that_of_drawn_drives():
@@ -85,7 +85,7 @@ def test_a_sum_is_as_wide_as_its_largest_scenario():
         told = estimated(weights, loss, 100, 1.0, len(weights), 100)
         search = SimpleNamespace(
             estimate=lambda: told,
-            counted=ones,
+            in_estimate=ones,
             collided=ones,
             weights=weights,
             loss=loss,

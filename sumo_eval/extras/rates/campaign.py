@@ -1,10 +1,13 @@
 """Crash rates: every ADS in every scenario of a campaign, per million kilometres, with intervals.
 
-A scenario has encounters per kilometre ([met] of its file); in each round the ADS drives points
-that were drawn by importance (`rates.importance`); the rate is the sum over the scenarios of
-encounters times the probability of a collision. Intervals hold four doubts: the drives', the rate
-of events' and that of the events' distribution (both by resampling the recorded events), and that
-of how far its kernels reach beyond the events.
+A scenario has encounters per kilometre ([met] of its file). In each round the ADS drives points
+that were drawn by importance (`rates.importance`). The rate is the sum over the scenarios of
+encounters times the probability of a collision. Its interval covers four uncertainties:
+
+- few drives;
+- few recorded events, from which the rate of encounters is counted;
+- few recorded events, over which the points are distributed (both by resampling the events);
+- how far the kernels of that distribution reach beyond the events.
 """
 
 from __future__ import annotations
@@ -113,11 +116,11 @@ class EncounterSpace(NamedTuple):
 class ScenarioRate(NamedTuple):
     """One ADS in one scenario.
 
-    collisions, loss: per million km, with limits;
-    draws: of both, (2, 2, `DRAWS`), by the narrow form of the exposure and by the form that was
-        driven.
-    limit: of collisions per million km, wherever they may be.
-    stopped: why.
+    collisions, loss: per million km, with limits.
+    draws: of collisions and of loss, (2, 2, `DRAWS`); each by two forms of the points' distribution
+        over the recorded events: the narrow form (`scenario.joint`), then the form that was driven.
+    limit: upper limit of collisions per million km; it also holds where no drive was.
+    stopped: why the drives ended, `width` or `budget`.
     """
 
     space: EncounterSpace
@@ -232,7 +235,7 @@ def _drive(
     while len((draw := search.ask()).points):
         outcomes = outcomes_at(
             draw.points, space.logical, item.locator, setup,
-            first=search.drives - len(draw.points),
+            first=search.drives - len(draw.points),  # `ask` has counted these points already
             ended=lambda done: watch(f"{space.logical.name}: {item.name}", done, settings.budget),
         )  # fmt: skip
         collided = np.array([outcome.status == "collision" for outcome in outcomes])
@@ -241,6 +244,7 @@ def _drive(
         estimate = search.estimate()
         _, low, high = estimate.probability
         enough = low > 0.0 and high <= settings.width * low
+        # a single hit has no spread that its interval could measure
         if not search.exploring and estimate.hits > 1 and enough:
             stopped = "width"
             break
@@ -262,21 +266,24 @@ def part_of(
     estimate = search.estimate()
     most = MILLION * space.interval[1]  # every encounter ends in a collision, and L is at most 1
     limit = most * estimate.upper_limit
-    hits = search.counted & search.collided
+    hits = search.in_estimate & search.collided
     if not hits.any():
         none, zero = (0.0, 0.0, limit), np.zeros((2, 2, DRAWS))
         return ScenarioRate(space, estimate, none, none, zero, limit, stopped, lost)
     stream = random_stream(seed, "rates", space.logical.name)
-    often = _often(space, search, seed, stream)
+    summed_rates = _summed_rates(space, search.points[hits], seed, stream)
     terms = np.stack([search.weights[hits], search.weights[hits] * search.loss[hits]])
-    relative = math.sqrt(math.log1p(estimate.deviation**2))
-    # Student's, as the drives' own interval: else a sum would be narrower than its largest part.
-    # Evenly spaced and shuffled: with few degrees of freedom the limits of draws by chance would be
-    # chance themselves.
-    even = [(stream.permutation(DRAWS) + 0.5) / DRAWS for _ in terms]
-    wide = [stdtrit(degrees_of_freedom(row), share) for row, share in zip(terms, even, strict=True)]
-    noise = np.exp(np.minimum(relative * np.stack(wide), 50.0))[:, None]
-    draws = MILLION * np.stack([often(row) for row in terms]) * noise / search.drawn
+    # of the log-normal distribution with this relative deviation
+    sigma = math.sqrt(math.log1p(estimate.deviation**2))
+    # Student's, as in the drives' own interval: else a sum would be narrower than its largest part.
+    # The permutation makes its shares evenly spaced: with few degrees of freedom, the limits of
+    # random ones would be random.
+    errors = [
+        stdtrit(degrees_of_freedom(row), (stream.permutation(DRAWS) + 0.5) / DRAWS) for row in terms
+    ]
+    # at most 50, so that exp stays finite; `most` limits such draws
+    noise = np.exp(np.minimum(sigma * np.stack(errors), 50.0))[:, None]
+    draws = MILLION * np.stack([summed_rates(row) for row in terms]) * noise / search.drawn
     draws = np.minimum(draws, most)
     rates: list[Any] = []
     for row, own in zip(draws, (estimate.probability, estimate.loss), strict=True):
@@ -288,42 +295,43 @@ def part_of(
     return ScenarioRate(space, estimate, collisions, loss, draws, limit, stopped, lost)
 
 
-def _often(
-    space: EncounterSpace, search: RareEvents, seed: int, stream: np.random.Generator
+def _summed_rates(
+    space: EncounterSpace, points: FloatArray, seed: int, stream: np.random.Generator
 ) -> Callable[[FloatArray], FloatArray]:
-    """A function from terms (h,) of the hits to (2, `DRAWS`) draws of their sum times the rate of
-    encounters: by the narrow form of the distribution over its events and by the form that was
-    driven; alike where there is none.
+    """A function from terms (h,), one a hit, to draws (2, `DRAWS`) of the rate of encounters times
+    the sum of the terms.
+
+    points: of the hits, (h, k).
+
+    The two rows are the narrow form of the points' distribution and the form that was driven. Both
+    rows are equal where that distribution has no events, or the rate was given by hand.
     """
-    points = search.points[search.counted & search.collided]
-    draws = resampled(space.met, RESAMPLED, seed)
-    if space.events is None or space.vehicle_km is None:
-        draws, rates = [], np.full(DRAWS, space.per_km)
-    elif not draws:
+    if space.events is None or space.vehicle_km is None:  # nothing was counted: the rate is given
+        return lambda terms: np.full((2, DRAWS), space.per_km * terms.sum())
+
+    resamples = resampled(space.met, RESAMPLED, seed)
+    if not resamples:  # only the rate comes from events
         rates = stream.gamma(space.events + 0.5, size=DRAWS) / space.vehicle_km
-    if not draws:
         return lambda terms: np.stack([rates, rates]) * terms.sum()
-    before = np.maximum(space.met.base_density(points), 1e-300)
-    ratios = np.array(
-        [
-            [form.density(points) / form.mass() / before for form in forms]
-            for forms in zip(
-                *((replace(joint, narrow=True), joint) for joint, _ in draws), strict=True
-            )
-        ]
-    )
-    counts = np.array([count for _, count in draws])
-    chosen = stream.integers(len(draws), size=DRAWS)
-    return lambda terms: space.per_km * (counts * (ratios @ terms))[:, chosen]
+
+    driven = np.maximum(space.met.base_density(points), 1e-300)
+    ratios = np.empty((2, len(resamples), len(points)))  # by form, resample and hit
+    for place, (joint, _) in enumerate(resamples):
+        for row, form in enumerate((replace(joint, narrow=True), joint)):
+            ratios[row, place] = form.density(points) / form.mass() / driven
+    # a resample with twice the events has twice the rate of encounters
+    factors = np.array([factor for _, factor in resamples])
+    chosen = stream.integers(len(resamples), size=DRAWS)
+    return lambda terms: space.per_km * (factors * (ratios @ terms))[:, chosen]
 
 
 def _limits(draws: FloatArray) -> tuple[float, float]:
     """The lower of the two rows' lower limits, and the higher of their upper ones, of draws (2,
     `DRAWS`).
 
-    Only the events tell how fast the chances beyond them fall. The form that was driven has them
-    too high where tails are normal, the narrow one has them too low where a tail is long; in the
-    middle it is the other way round.
+    Where tails are normal, the form that was driven is too dense beyond the events and too thin
+    among them. Where a tail is long, the narrow form is too thin beyond the events and too dense
+    among them.
     """
     lows, highs = np.quantile(draws, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0], axis=1)
     return float(lows.min()), float(highs.max())
@@ -332,8 +340,9 @@ def _limits(draws: FloatArray) -> tuple[float, float]:
 def summed(ads: str, controller: str, parts: Sequence[ScenarioRate]) -> AdsRate:
     """One ADS over all scenarios.
 
-    A scenario without a collision adds nothing to the sum. Without any, the upper limit is that of
-    the worst one: were all collisions there, none would have been missed with 95 %.
+    A scenario without a collision adds nothing to the sum. Without a collision in any scenario,
+    the upper limit is the largest of the scenarios' limits: were the rate of one scenario higher,
+    its drives would have shown a collision with 95 %.
     """
     limit = max(part.limit for part in parts)
     rates: list[Limits] = []
@@ -353,7 +362,10 @@ def summed(ads: str, controller: str, parts: Sequence[ScenarioRate]) -> AdsRate:
 
 def recorded_drivers(spaces: Sequence[EncounterSpace]) -> list[tuple[str, float, float]]:
     """The drivers of the recordings: where, km, and the upper limit of their collisions per million
-    km: such recordings have none, or the event would have been dropped.
+    km, from none seen.
+
+    An event with a collision is dropped at import: its gap makes it a ghost of the tracker
+    (`drivers.recorded.events`).
     """
     roads = {(space.where, space.vehicle_km) for space in spaces if space.vehicle_km is not None}
     return [(where, km, MILLION * -math.log(1.0 - LEVEL) / km) for where, km in sorted(roads)]

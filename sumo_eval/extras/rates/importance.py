@@ -162,13 +162,14 @@ class RareEvents:
 
     drives: how many were asked for.
     drawn: points for the estimate, the impossible ones included.
-    counted, weights, loss: (n,), of each drive.
+    in_estimate: (n,), whether each drive counts in the estimate; one that explores does not.
+    weights, loss: (n,), of each drive.
     """
 
     def __init__(self, met: Met, budget: int, seed: int = 1) -> None:
         self.met, self.budget, self.seed = met, budget, seed
         self.loss, self.weights = np.empty(0), np.empty(0)
-        self.counted: BoolArray = np.empty(0, dtype=np.bool_)
+        self.in_estimate: BoolArray = np.empty(0, dtype=np.bool_)
         self.drawn = self.drives = self._rounds = 0
         self._search = BoundarySearch(met.logical, seed)
 
@@ -206,7 +207,7 @@ class RareEvents:
         """Outcomes at drawn points: collisions (n,) and losses (n,), 0 without."""
         self.loss = np.append(self.loss, loss)
         self.weights = np.append(self.weights, draw.weights)
-        self.counted = np.append(self.counted, np.full(len(collided), draw.drawn > 0))
+        self.in_estimate = np.append(self.in_estimate, np.full(len(collided), draw.drawn > 0))
         self.drawn += draw.drawn
         self._search.tell(draw.points, collided)
 
@@ -319,7 +320,7 @@ class RareEvents:
 
     def estimate(self) -> CollisionEstimate:
         """The estimate from the counted drives."""
-        hits = self.counted & self.collided
+        hits = self.in_estimate & self.collided
         return estimated(
             self.weights[hits],
             self.loss[hits],
