@@ -13,23 +13,31 @@ from sumo_eval.report.words import interval_words, number, one_line
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import SCORES
 
-FIRST = ("avoidable\nof all\ncollisions", "T", "A'", "H", "S+ (95 %)", "S")
-"""Headings of the first table, beside the ADS and the scenario."""
+AVOIDABLE, S_PLUS = "avoidable\nof all\ncollisions", "S+ (95 %)"
+FIRST = (AVOIDABLE, "T", "A'", "H", S_PLUS, "S")
+"""Headings of the first table, after the ADS and the scenario."""
+KEPT_LONGEST = (S_PLUS, AVOIDABLE, "T", "A'", "H", "S")
+"""The same headings in the order in which a wider terminal gets them."""
+FAULTS = (
+    "caused\ncollisions",
+    "collided in\nsafe zone",
+    "left\nthe road",
+    "gave\nup",
+    "not\nevaluated",
+)
 MORE = (
-    "cases", "unavoidable\ncollisions", "caused\ncollisions", "collided in\nsafe "
-                                                              "zone", "left\nthe road", "gave\nup",
-    "not\nevaluated", "T (95 %)", "A' (95 %)", "A (95 %)", "H (95 %)", "C (95 %)", "D (95 %)",
-    "S (95 %)",
+    "cases", "unavoidable\ncollisions", *FAULTS, "T (95 %)", "A' (95 %)", "A (95 %)", "H (95 %)",
+    "C (95 %)", "D (95 %)", "S (95 %)",
 )  # fmt: skip
 """Headings of the tables that `--all` adds."""
-KEPT_LONGEST = (FIRST[4], FIRST[0], "T", "A'", "H", "S")
-"""Columns of the first table in the order in which a wider terminal gets them."""
-BAD = frozenset((FIRST[0], *MORE[2:7]))
+BAD = frozenset((AVOIDABLE, *FAULTS))
+"""Headings of counts that are red unless they are 0."""
 WIDTH = 100
 """Characters of a line where there is no terminal."""
 LONGEST_NAME = 24
-"""Characters of an ADS's name where its whole name would cost a column."""
+"""Characters to which a longer name of an ADS is shortened before a column is left out."""
 SHORTEST_NAME = 8
+"""Characters of a name that stay even where the line is then too long."""
 GAP = "  "
 WORDS = (
     "Avoidable: the ideal vehicle has no collision there. T: share of the driving task done. A': "
@@ -42,8 +50,10 @@ Row = tuple[str, str, Mapping[str, str]]
 
 
 def score_lines(evaluation: Evaluation, width: int = WIDTH, everything: bool = False) -> list[str]:
-    """Lines of at most `width` characters, a row an ADS and scenario; none is wrapped.
+    """The lines of the tables, a row an ADS and scenario; none is wrapped.
 
+    width: characters of the terminal. A row is longer where not even one column fits, and the
+        sentence on the columns left out may be longer.
     everything: whether the tables of `MORE` follow.
     """
     rows = [(one_line(score.ads), score.scenario, cells_of(score)) for score in evaluation.scores]
@@ -67,7 +77,7 @@ def cells_of(score: ScenarioResult) -> dict[str, str]:
         if heading.partition(" (")[0] in SCORES
     }
     return {
-        FIRST[0]: f"{score.avoidable_collisions} of {score.collisions}",
+        AVOIDABLE: f"{score.avoidable_collisions} of {score.collisions}",
         "cases": str(score.cases),
         "unavoidable\ncollisions": str(score.unavoidable_collisions),
         "caused\ncollisions": str(score.caused_collisions),
@@ -88,10 +98,10 @@ def _score(score: ScenarioResult, heading: str) -> str:
 
 
 def _first(rows: Sequence[Row], width: int) -> tuple[list[str], tuple[str, ...]]:
-    """The first table with as many columns as fit, and the headings that do not."""
+    """The first table with as many columns as fit, at least one, and the headings that do not."""
     for most in range(len(FIRST), 0, -1):
         columns = [heading for heading in FIRST if heading in KEPT_LONGEST[:most]]
-        if most == 1 or _least_width(rows, columns) <= width:
+        if _least_width(rows, columns) <= width:
             break
     return _fitting(rows, columns, width), tuple(
         heading for heading in FIRST if heading not in columns
@@ -135,7 +145,7 @@ def _fitting(rows: Sequence[Row], columns: Sequence[str], width: int) -> list[st
             rows, columns, widths, (ads, scenario)
         )
 
-    names = (min(ads, max(room, SHORTEST_NAME)),)
+    names = (min(ads, max(room, SHORTEST_NAME)),)  # one column: scenarios stand above their rows
     lines = _heading(columns, widths, names)
     for name, own in groupby(rows, key=lambda row: row[1]):
         lines += [
@@ -149,17 +159,20 @@ def _heading(columns: Sequence[str], widths: Sequence[int], names: Sequence[int]
     """The lines above a table.
 
     widths: characters of its columns.
-    names: of the ADS, and of the scenario where it has a column.
+    names: characters of the ADS's column, and of the scenario's where it has one.
     """
     depth = max(heading.count("\n") + 1 for heading in columns)
-    heads = [([""] * depth + heading.split("\n"))[-depth:] for heading in columns]
-    left = [[""] * len(names)] * (depth - 1) + [["ADS", "scenario"][: len(names)]]
+    # empty lines above the shorter headings
+    heads = [
+        [""] * (depth - 1 - heading.count("\n")) + heading.split("\n")
+        for heading in ("ADS", "scenario")[: len(names)] + tuple(columns)
+    ]
 
     lines = []
-    for level, words in enumerate(left):
-        own = [word.ljust(size) for word, size in zip(words, names, strict=True)]
-        shown = [head[level].rjust(size) for head, size in zip(heads, widths, strict=True)]
-        lines.append(GAP.join(own + shown).rstrip())
+    for words in zip(*heads, strict=True):
+        own = map(str.ljust, words, names)
+        shown = map(str.rjust, words[len(names) :], widths)
+        lines.append(GAP.join((*own, *shown)).rstrip())
     return lines
 
 
@@ -168,7 +181,7 @@ def _body(
 ) -> list[str]:
     lines = []
     for *named, cells in rows:
-        own = [
+        own = [  # the ADS alone where `names` has no width for the scenario
             _shortened(str(name), size).ljust(size)
             for name, size in zip(named, names, strict=False)
         ]
@@ -185,7 +198,7 @@ def _styled(cell: str, heading: str, size: int) -> str:
     text = cell.rjust(size)
     if heading in BAD and not cell.startswith("0"):
         return click.style(text, fg="red")
-    return click.style(text, bold=True) if heading in (FIRST[4], "S") else text
+    return click.style(text, bold=True) if heading in (S_PLUS, "S") else text
 
 
 def _shortened(name: str, size: int) -> str:
@@ -193,4 +206,5 @@ def _shortened(name: str, size: int) -> str:
     if len(name) <= size:
         return name
     begin = size // 2
-    return f"{name[:begin]}…{name[begin + 1 - size :]}"
+    end = size - begin - 1  # the … takes one
+    return f"{name[:begin]}…{name[-end:]}"
