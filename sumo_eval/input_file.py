@@ -74,8 +74,9 @@ def read_input_text(path: Path, what: str, largest: int = LARGEST) -> str:
 
 @contextmanager
 def writing(what: str) -> Iterator[None]:
-    """A block that writes files; where the system refuses that, InputError names `what`, `The case
-    in out`.
+    """A block that writes files. Where the system refuses that, it raises InputError.
+
+    what: begins the sentence, `The case in out` for example.
     """
     try:
         yield
