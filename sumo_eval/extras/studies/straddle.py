@@ -121,8 +121,8 @@ class BoundarySearch:
     @property
     def expected_change(self) -> float:
         """Share of the possible points that the next round is expected to class differently: the
-        mean of the last four rounds; 1 until both outcomes were known in four, and while the
-        classifier contradicts its trials.
+        mean of the last four changes from one fit to the next; 1 until five fits have been made,
+        which need both outcomes, and while the classifier contradicts its trials.
         """
         last = self._changes[-REMEMBERED:]
         if (
