@@ -67,11 +67,7 @@ def split_entry(locator: str) -> tuple[str, Entry]:
         name, _, text = pair.partition("=")
         value = _value(unquote_plus(text))
         if name == _PERIOD:
-            if (
-                isinstance(value, bool)
-                or not isinstance(value, int | float)
-                or not 0.0 < value <= sys.float_info.max
-            ):
+            if type(value) not in (int, float) or not 0.0 < value <= sys.float_info.max:
                 raise must_be("`period`", f"ADS `{locator}`", "a number greater than 0 s", value)
             period = float(value)
         elif name == _BATCH:

@@ -117,15 +117,10 @@ class _Fmu:
                 "The FMI version", f"FMU `{path.name}`", "2.0 or 3.0", self.description.fmiVersion
             )
         if self.description.coSimulation is None:
-            kinds = {"model exchange": "modelExchange", "scheduled execution": "scheduledExecution"}
-            other = [
-                kind
-                for kind, name in kinds.items()
-                if getattr(self.description, name, None) is not None
-            ]
+            exchanges = self.description.modelExchange is not None
+            other = "model exchange" if exchanges else "scheduled execution"
             raise InputError(
-                f"FMU `{path.name}` must be one for co-simulation, got one for "
-                f"{' and '.join(other) or 'nothing'}."
+                f"FMU `{path.name}` must be one for co-simulation, got one for {other}."
             )
         self._variables = {variable.name: variable for variable in self.description.modelVariables}
         self._inputs = self._wire_inputs(wiring, signals)
@@ -164,10 +159,9 @@ class _Fmu:
                 elif rest is None:
                     raise InputError(
                         f"Input `{name}` of FMU `{self.path.name}` is not a signal; `inputs` must "
-                        "map it. A number is a "
-                        f"constant, `{AS_IT_STARTS}` its start value (`inputs.*={AS_IT_STARTS}`: "
-                        "of all that are left)."
-                        f"{did_you_mean(name, signals)}"
+                        f"map it. A number is a constant, `{AS_IT_STARTS}` its start value "
+                        f"(`inputs.*={AS_IT_STARTS}`: of all that are "
+                        f"left).{did_you_mean(name, signals)}"
                     )
         return wired
 
@@ -207,12 +201,12 @@ class _Fmu:
                 raise unknown(
                     f"output in the mapping of FMU `{self.path.name}`", what, (*known, *lists)
                 )
-        wired = {what: self._output(name) for what, name in wiring.outputs.items() if what in known}
+        wired = {}
         for what in known:
             found = self._variables.get(what)
-            if what not in wired and found is not None and found.causality == "output":
-                wired[what] = self._output(what)
-            if what in needed and what not in wired:
+            if what in wiring.outputs or (found is not None and found.causality == "output"):
+                wired[what] = self._output(wiring.outputs.get(what, what))
+            elif what in needed:
                 outputs = [n for n, v in self._variables.items() if v.causality == "output"]
                 raise InputError(
                     f"FMU `{self.path.name}` has no output `{what}`; `outputs` must map it."
@@ -237,8 +231,7 @@ class _Fmu:
             elif what in wiring.outputs or what in PLAN[:3]:  # a plan needs time, x and y
                 raise InputError(
                     f"FMU `{self.path.name}` has no output `{name}`, nor `{name}[1]`, for "
-                    f"`{what}`; `outputs` must map "
-                    f"it.{did_you_mean(name, list(self._variables))}"
+                    f"`{what}`; `outputs` must map it.{did_you_mean(name, list(self._variables))}"
                 )
         return wired
 
@@ -482,8 +475,7 @@ class FmuController(Adapter):
         if not 1.0 <= count <= most:
             raise ControllerError(
                 f"`plan_count` of FMU `{self.path.name}` must be within 1 and {most}, the places "
-                "that it has, "
-                f"got {count:g}"
+                f"that it has, got {count:g}"
             )
         return Plan(*(lists[name][: round(count)] if name in lists else None for name in PLAN))
 
@@ -524,8 +516,7 @@ class FmuPlant:
                 if abs(first["speed"] - state.speed) > _SPEED_TOLERANCE:
                     raise SimulationError(
                         f"The vehicle model {self._fmu.path.name} must start at {state.speed:g} "
-                        "m/s, got "
-                        f"{first['speed']:g}; map a parameter of it to `speed`."
+                        f"m/s, got {first['speed']:g}; map a parameter of it to `speed`."
                     )
                 turn = state.heading - first["heading"]
                 self._offset = complex(state.x, state.y) - _turned(first, turn), turn
