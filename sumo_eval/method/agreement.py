@@ -44,7 +44,7 @@ def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
 
     Raises InputError under 3 pairs.
     """
-    first, second = np.asarray(scores, dtype=np.float64), np.asarray(opinions, dtype=np.float64)
+    first, second = np.asarray(scores, dtype=float), np.asarray(opinions, dtype=float)
     if first.shape != second.shape or first.ndim != 1 or first.size < 3:
         raise must_be(
             "The lists",
@@ -97,7 +97,7 @@ def concordance(ratings: ArrayLike) -> Agreement:
 
     Raises InputError for fewer than 2 raters or items, or a rating that is missing.
     """
-    table = np.asarray(ratings, dtype=np.float64)
+    table = np.asarray(ratings, dtype=float)
     if table.ndim != 2 or min(table.shape) < 2 or not np.all(np.isfinite(table)):
         raise must_be(
             "`ratings`", "Kendall's W", "a full table of at least 2 raters and 2 items", table.shape

@@ -487,7 +487,7 @@ def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
     operations: `most_operations` of the ADS.
     of_drivers: `most_operations` of each driver, at least two.
     """
-    drivers = np.asarray(of_drivers, dtype=np.float64)
+    drivers = np.asarray(of_drivers, dtype=float)
     deviation = max(float(drivers.std(ddof=1)), OPERATION_DEVIATION_FLOOR)
     return float(gaussian_similarity(max(operations, drivers.mean()), drivers.mean(), deviation))
 
@@ -500,7 +500,7 @@ def slice_positions(start: float, length: float, spacing: float) -> FloatArray:
     last one is shorter.
     """
     whole = int(length / spacing)
-    positions: FloatArray = start + spacing * np.arange(whole + 1, dtype=np.float64)
+    positions: FloatArray = start + spacing * np.arange(whole + 1, dtype=float)
     return (
         np.append(positions, start + length) if length - whole * spacing > SAME_PLACE else positions
     )
@@ -511,7 +511,7 @@ def lateral_position(trajectory: Trajectory, positions: ArrayLike) -> FloatArray
     its last y beyond.
     """
     x, y = trajectory.x, trajectory.y
-    wanted = np.asarray(positions, dtype=np.float64)
+    wanted = np.asarray(positions, dtype=float)
     after = np.searchsorted(np.maximum.accumulate(x), wanted)
     crossed = (after > 0) & (after < x.size)
     right = np.where(crossed, after, 0)
@@ -592,7 +592,7 @@ def _field_term(
     one: _Comparison, settings: AnthropomorphicSettings
 ) -> tuple[FloatArray, list[IndexNote]]:
     """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes."""
-    everywhere = np.ones((len(one.drivers), 1, 1), dtype=np.bool_)
+    everywhere = np.ones((len(one.drivers), 1, 1), dtype=bool)
     mean, deviation = spread(one.fields[1:], everywhere, one.choice, settings.pooled_drivers)
     floor = settings.field_deviation_floor * mean
     term = gaussian_similarity(one.fields[0], mean, np.maximum(deviation, floor))

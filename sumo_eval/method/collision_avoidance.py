@@ -127,7 +127,7 @@ def collision_avoidance_index(
         return 1.0
     if loss == "class":
         hit, best = collision_loss(hit), collision_loss(best)
-    everyone = np.ones(hit.shape, dtype=np.bool_)
+    everyone = np.ones(hit.shape, dtype=bool)
     return float(
         score_terms.collision_avoidance(
             score_terms.ideal_ratio(hit, best), r, everyone, everyone, score_terms.once(hit.size)
@@ -181,7 +181,7 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
 def _rows(point: Mapping[str, float] | ArrayLike, partition: ZonePartition) -> FloatArray:
     logical = partition.logical
     if not isinstance(point, Mapping):
-        array = np.asarray(point, dtype=np.float64)
+        array = np.asarray(point, dtype=float)
         if array.ndim == 0:
             raise must_be(
                 "`point`", f"scenario `{logical.name}`", "values by name, a row or rows", point
@@ -197,7 +197,7 @@ def _rows(point: Mapping[str, float] | ArrayLike, partition: ZonePartition) -> F
 
 
 def _velocity(name: str, values: ArrayLike) -> FloatArray:
-    array = np.asarray(values, dtype=np.float64)
+    array = np.asarray(values, dtype=float)
     if array.ndim == 0 or array.shape[-1] != 2 or not np.all(np.isfinite(array)):
         raise must_be(f"`{name}`", "a collision", "finite with a last axis of 2 (vx, vy)", array)
     return array

@@ -115,7 +115,7 @@ def crossing_conflict(
     """
     ego, (length, width) = concrete.ego, size
     found = tracks([concrete], [size], STEP, min(_time_on_road(concrete), _LONGEST))
-    times: FloatArray = np.arange(found.others.shape[2], dtype=np.float64) * STEP
+    times: FloatArray = np.arange(found.others.shape[2], dtype=float) * STEP
     track = found.others[0, other]
     long, wide = (reach[0] for reach in _extents(found.others[:, other], concrete, other))
     x, y = track[:, 0], track[:, 1]
@@ -259,7 +259,7 @@ def _let_the_ego_in(placed: Sequence[ConcreteScenario]) -> BoolArray:
     """
     react = [[actor.model is not None for actor in concrete.actors] for concrete in placed]
     behind = [[actor.start.x < concrete.ego.x for actor in concrete.actors] for concrete in placed]
-    found: BoolArray = np.array(react, dtype=np.bool_) & np.array(behind, dtype=np.bool_)
+    found: BoolArray = np.array(react, dtype=bool) & np.array(behind, dtype=bool)
     return found.T
 
 

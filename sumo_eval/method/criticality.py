@@ -78,7 +78,7 @@ def ideal_braking_speed(
         time, delay
     )
     return np.asarray(
-        np.asarray(ego_speed, dtype=np.float64) - np.clip(braked, 0.0, np.maximum(closing, 0.0))
+        np.asarray(ego_speed, dtype=float) - np.clip(braked, 0.0, np.maximum(closing, 0.0))
     )[()]
 
 

@@ -206,7 +206,7 @@ def smooth_motion(drive: Trajectory) -> SmoothMotion:
     moves, moves_long, moves_on = (
         stood[clock.size - values.size + 1 :] == stood[: values.size]
         if values.size
-        else np.zeros(0, dtype=np.bool_)
+        else np.zeros(0, dtype=bool)
         for values in (acceleration, jerk, unrest)
     )
     return SmoothMotion(

@@ -185,7 +185,7 @@ def quantiles_of(
     values: dict[str, tuple[float, ...]] = {}
     shares: dict[str, tuple[float, ...]] = {}
     for name, side in EXTREMES.items():
-        extreme = np.array([drive[name] for drive in drives], dtype=np.float64)
+        extreme = np.array([drive[name] for drive in drives], dtype=float)
         known = np.flatnonzero(~np.isnan(extreme))
         names = [people[place] for place in known.tolist()]
         times = Counter(names)

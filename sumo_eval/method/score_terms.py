@@ -138,7 +138,7 @@ def paper_score(c: ArrayLike, d: ArrayLike, points: ScoreSettings) -> FloatArray
     d: D, (m,), 0..1.
     points: a, b, k5 and k6.
     """
-    terms = np.asarray([c, d], dtype=np.float64)
+    terms = np.asarray([c, d], dtype=float)
     whole = worth(points)
     total = whole.c * np.nan_to_num(terms[0]) + whole.d * np.nan_to_num(terms[1])
     return np.where(np.isnan(terms).all(axis=0), np.nan, total)
@@ -165,7 +165,7 @@ def mean_shares(weights: ArrayLike) -> FloatArray:
 
     weights: w_i, (n,), at least 0.
     """
-    weight = np.asarray(weights, dtype=np.float64)
+    weight = np.asarray(weights, dtype=float)
     if not weight.any():
         weight = np.ones(weight.shape)
     return np.asarray(weight / weight.sum())
@@ -310,7 +310,7 @@ def grade_slope(avoided: float, sharpness: float) -> float:
 
 def _drawn(flags: ArrayLike, counts: Counts) -> BoolArray:
     """Whether each sample contains a flagged case, (m,)."""
-    return counts @ np.asarray(flags, dtype=np.float64) > 0.0
+    return counts @ np.asarray(flags, dtype=float) > 0.0
 
 
 def _ratio(numerator: FloatArray, denominator: FloatArray, otherwise: FloatArray) -> FloatArray:

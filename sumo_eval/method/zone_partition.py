@@ -448,12 +448,12 @@ def _refine(axes: list[list[float]], most: int) -> list[list[float]]:
 
 def _rows(points: ArrayLike) -> FloatArray:
     """Points (..., k) as (n, k)."""
-    array = np.asarray(points, dtype=np.float64)
+    array = np.asarray(points, dtype=float)
     return array.reshape(-1, array.shape[-1])
 
 
 def _user_points(logical: LogicalScenario, points: ArrayLike) -> FloatArray:
-    array = np.asarray(points, dtype=np.float64)
+    array = np.asarray(points, dtype=float)
     owner = f"scenario `{logical.name}`"
     if (
         array.ndim != 2

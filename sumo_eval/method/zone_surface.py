@@ -153,8 +153,7 @@ def fit(
         notes.insert(
             0,
             f"{len(failures)} of {settings.restarts + 1} searches for the GP's hyperparameters "
-            "stopped early: "
-            f"{failures[0]}.",
+            f"stopped early: {failures[0]}.",
         )
     surface = Surface(
         points=unit,

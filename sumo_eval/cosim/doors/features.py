@@ -198,7 +198,7 @@ class Interface(Checked):
         if self.choices is not None:
             return self._best(answers, found)
         for column, action in enumerate(self.actions):
-            value = np.asarray(answers[:, column], dtype=np.float64)
+            value = np.asarray(answers[:, column], dtype=float)
             if action.low is not None and action.high is not None:
                 share = 0.5 * (np.clip(value, -1.0, 1.0) + 1.0)  # a nan stays one
                 value = action.low + share * (action.high - action.low)
@@ -297,7 +297,7 @@ def _of_vehicle(seen: Observations, frame: str, place: int, what: str) -> Floats
     rows, them = np.arange(len(nearest)), nearest[:, place]
     there = np.isfinite(seen.vehicles.gap[rows, them])
     if what == "present":
-        return np.asarray(there, dtype=np.float64)
+        return np.asarray(there, dtype=float)
     if what in ("x", "y", "vx", "vy"):
         it, me = seen.vehicles, seen.ego
         if what in ("x", "y"):
