@@ -52,8 +52,7 @@ class Pack:
         if libsumo.simulation.isLoaded():
             raise InputError(
                 "libsumo holds one simulation in a process, and there is one already: close the "
-                "other environment "
-                "first, or make this one with `sumo=False`."
+                "other environment first, or make this one with `sumo=False`."
             )
         texts = shared_network_xml(cases), shared_routes_xml(cases, self._settings)
         traci = self._context.enter_context(running(*texts, self._settings, collisions="none"))
@@ -131,10 +130,9 @@ class Pack:
             )
         if concrete.lively:
             raise InputError(
-                f"Scenario `{concrete.scenario}` must have scripts that depend on time alone to "
-                "be learned in: in it a "
-                "vehicle follows, waits for a condition, has a path or a heading, or comes in a "
-                "stream."
+                f"Scenario `{concrete.scenario}` must have scripts that depend on time alone to be "
+                "learned in: in it a vehicle follows, waits for a condition, has a path or a "
+                "heading, or comes in a stream."
             )
         if kind_of(concrete) != self._kind:
             raise must_be("The cases", "one batch", "of one road, one ego's body and as many other "

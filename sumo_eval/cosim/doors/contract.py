@@ -256,8 +256,7 @@ def _in_range(recordings: Sequence[Recording]) -> Finding:
     if any(what in worst for what in _COMMANDS):
         mend = (
             "the vehicle does what it can, and every case counts that as clips; if that was not "
-            "intended: "
-            "acceleration is in m/s2, steering is the steering WHEEL's angle in rad"
+            "intended: acceleration is in m/s2, steering is the steering WHEEL's angle in rad"
         )
         if "acceleration" in worst and abs(worst["acceleration"].requested) > _NO_ACCELERATION:
             mend += "; for a speed at once return Command(speed=wanted) instead of (wanted - v)/dt"
@@ -311,8 +310,7 @@ def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:
         f"{where}: the second drive differs from {when:.2f} s on: {one.ego.speed[i]:.4f} m/s, "
         f"then {two.ego.speed[i]:.4f} m/s",
         "forget everything in reset (variables of the class and of the module too), draw random "
-        "numbers from a seed, "
-        "do not read the wall clock",
+        "numbers from a seed, do not read the wall clock",
     )  # fmt: skip
 
 

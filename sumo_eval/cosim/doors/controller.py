@@ -171,10 +171,8 @@ def as_command(action: Any) -> Wanted:
     found = [finite_number(value) for value in values] if len(values) <= 2 else []
     if not found or None in found:
         raise ControllerError(
-            "The action of the ADS must be a Command, an acceleration or (acceleration, "
-            "steering), of finite numbers, "
-            "or a Plan, "
-            f"got {shown(action)}"
+            "The action of the ADS must be a Command, an acceleration or (acceleration, steering), "
+            f"of finite numbers, or a Plan, got {shown(action)}"
         )
     return Command(*cast(list[float], found))
 
@@ -342,8 +340,7 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
     if ":" not in target:
         raise InputError(
             f"Unknown ADS `{locator}`: not one that ships, and not of the form `module:name` or "
-            "`file.py:name`."
-            f"{did_you_mean(locator, (*SHIPPED, 'sumo:IDM'))}"
+            f"`file.py:name`.{did_you_mean(locator, (*SHIPPED, 'sumo:IDM'))}"
         )
     with seen_as_traci():
         found = load_object(target, folder, "ADS")
@@ -386,8 +383,7 @@ def _other_way(locator: str) -> str | None:
     if suffix in _WEIGHTS:
         return (
             "weights alone do not drive; as ONNX they do (docs/ads/onnx.md), or in a class with "
-            "`act(observation)` "
-            "that loads them"
+            "`act(observation)` that loads them"
         )
     if " " in locator or "/" in locator:
         return f"`exec:{locator}` runs it as a program (docs/ads/exec.md)"
@@ -501,9 +497,8 @@ def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None
         )
     raise InputError(
         f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a "
-        "`step` method, "
-        f"got {type(found).__name__}. Or, without TraCI, a function (observation) or one with "
-        "`act`."
+        f"`step` method, got {type(found).__name__}. Or, without TraCI, a function (observation) "
+        "or one with `act`."
     )
 
 
@@ -555,10 +550,8 @@ def _foreign(found: Any, described: str) -> str | None:
     )
     return (
         f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a "
-        "`step` method, "
-        f"got {kind.__name__}. It has `{name}`, as {whose}: {way}put it in a class with "
-        "`act(observation)` that calls "
-        "it (docs/ads/observation.md)."
+        f"`step` method, got {kind.__name__}. It has `{name}`, as {whose}: {way}put it in a class "
+        "with `act(observation)` that calls it (docs/ads/observation.md)."
     )
 
 

@@ -171,8 +171,7 @@ def _asked(answer: dict[str, Any]) -> Any:
     if kind not in answer:
         raise ControllerError(
             "Without a `speed`, a `throttle`, a `brake` or a `plan` the ADS's answer must have an "
-            "`acceleration`, "
-            f"got {json.dumps(answer)}"
+            f"`acceleration`, got {json.dumps(answer)}"
         )
     return make(**answer)
 

@@ -113,8 +113,7 @@ class OnnxPolicy:
             if answer.shape != (rows, wanted) and not (wanted == 1 and answer.shape == (rows,)):
                 raise ControllerError(
                     f"The output `{self._output}` of {self._name} must have the shape ({rows}, "
-                    f"{wanted}) for {rows} "
-                    f"rows, by the actions of its table, got {answer.shape}"
+                    f"{wanted}) for {rows} rows, by the actions of its table, got {answer.shape}"
                 )
             found[begin : begin + rows] = answer.reshape(rows, wanted)[: len(part)]
         return found

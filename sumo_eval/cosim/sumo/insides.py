@@ -29,9 +29,8 @@ try:
     import libsumo as libsumo  # for those who must not import it before the line above
 except ImportError as missing:
     raise NotInstalledError(
-        f"SUMO's library cannot be loaded: {missing.msg}. It needs system libraries that a "
-        "machine without a desktop "
-        "may lack; on Debian and Ubuntu: apt-get install --no-install-recommends "
+        f"SUMO's library cannot be loaded: {missing.msg}. It needs system libraries that a machine "
+        "without a desktop may lack; on Debian and Ubuntu: apt-get install --no-install-recommends "
         f"{' '.join(SYSTEM_LIBRARIES)}"
     ) from missing
 
