@@ -7,6 +7,9 @@ pose moves linearly. Conservative advancement finds the first touch without skip
 1. Find the axis along which the gap between the bodies is widest.
 2. No two points of them close along it faster than `closing`.
 3. So they do not touch before gap / closing: go there, and begin again.
+
+Users: the loop, in every step; `ads/foresight.py`, for contact before a case begins; the gym's
+episodes, for the velocities of both bodies.
 """
 
 from __future__ import annotations
@@ -19,7 +22,8 @@ from sumo_eval.trajectory import Collision, Side
 
 TOUCH = 1e-6  # m, bodies closer than this touch
 FULL_TURN = 2.0 * math.pi  # rad
-_NEAR = 1e-3  # m; far above the touching tolerance, far below a body's size
+# m by which bodies grow on every side, so that the corner that touches is inside the other
+_GROWN = 1e-3
 
 
 class Body(NamedTuple):
@@ -140,7 +144,8 @@ def share_at_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body)
     share = 0.0
     gap, x, y = widest_gap(a_before, b_before)
     while gap > TOUCH:
-        # bound on how much of the gap this step closes, m
+        # bound on how much of the gap this step closes, m; b's shift along (x, y), which points
+        # from a to b, opens it
         closing = turning - (shift_x * x + shift_y * y)
         if gap > closing * (1.0 - share):
             return -1.0
@@ -201,6 +206,7 @@ def struck_side(ego: Body, other: Body) -> Side:
     """Touched face of the ego; at a corner, the one towards which the other moves faster."""
     corners = [corner for corner in other.corners() if _inside(ego, corner)]
     corners += [corner for corner in ego.corners() if _inside(other, corner)]
+    # no corner is inside where bodies cross like a plus: the other's centre decides
     points = [_in_frame_of(ego, corner) for corner in corners or [(other.x, other.y)]]
     ahead = sum(point[0] for point in points) / len(points)
     left = sum(point[1] for point in points) / len(points)
@@ -211,8 +217,8 @@ def struck_side(ego: Body, other: Body) -> Side:
         "right": 0.5 * ego.width + left,
     }
     nearest = min(depths.values())
-    # both bodies count as this much larger
-    candidates = [side for side, depth in depths.items() if depth <= nearest + 2.0 * _NEAR]
+    # at a corner of the ego two faces are touched; growing both bodies makes their depths differ
+    candidates = [side for side, depth in depths.items() if depth <= nearest + 2.0 * _GROWN]
     closing = (other.velocity[0] - ego.velocity[0], other.velocity[1] - ego.velocity[1])
     c, s = math.cos(ego.heading), math.sin(ego.heading)
     forward, leftward = closing[0] * c + closing[1] * s, closing[1] * c - closing[0] * s
@@ -228,4 +234,4 @@ def struck_side(ego: Body, other: Body) -> Side:
 
 def _inside(body: Body, point: tuple[float, float]) -> bool:
     ahead, left = _in_frame_of(body, point)
-    return abs(ahead) <= 0.5 * body.length + _NEAR and abs(left) <= 0.5 * body.width + _NEAR
+    return abs(ahead) <= 0.5 * body.length + _GROWN and abs(left) <= 0.5 * body.width + _GROWN
