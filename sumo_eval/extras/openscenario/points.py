@@ -90,15 +90,19 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
     for name, expression in mapping.parameters.items():
         checked_names(expression, theirs, f"`{name}` of mapping {request.file}")
     check_known(f"parameter in [only] of mapping {request.file}:", theirs, *mapping.only)
-    # also of a parameter that the file declares and does not vary
-    held = [(item, item | mapping.only) for item in variation.combinations]
-    kept = [whole for item, whole in held if whole == whole | item]
+    # keep what [only] does not contradict; it adds parameters that are declared but not varied
+    kept = [
+        item | mapping.only
+        for item in variation.combinations
+        if item | mapping.only == mapping.only | item
+    ]
     if not kept:
         raise InputError(f"[only] of mapping {request.file} keeps no combination.")
     allowed = kept
-    if variation.scenario is not None:  # with the defaults of other parameters
-        declared = map(variation.scenario.declared, kept)
-        allowed = [dict(inner.values) for inner, broken in declared if not broken]
+    if variation.scenario is not None:
+        # `values` include the defaults of other parameters
+        checked = map(variation.scenario.declared, kept)
+        allowed = [dict(scene.values) for scene, violated in checked if not violated]
     if not allowed:
         raise InputError(
             f"The constraints of {mapping.distribution.name} allow none of its {len(kept)} "
@@ -106,6 +110,7 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
         )
     rows = np.array([_row(mapping, item) for item in allowed])
     inside = logical.in_box(rows)
+    # rounded: expressions such as x / 3.6 can give equal points with different last digits
     points, times = np.unique(np.round(rows[inside], 9), axis=0, return_counts=True)
     if not len(points):
         raise InputError(
@@ -114,16 +119,21 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
     used = {name for expression in mapping.parameters.values() for name in expression.names}
     loose = sorted({name for item in kept for name in item} - used - mapping.only.keys())
     forbidden, outside = len(kept) - len(allowed), int(np.sum(~inside))
-    notes = {
-        f"[only] keeps {len(kept)} of {len(variation.combinations)} combinations.":
-            len(kept) < len(variation.combinations),
-        f"Constraint groups of the OpenSCENARIO file exclude {forbidden} combinations.": forbidden,
-        f"{outside} combinations lie outside the ranges of `{logical.name}`.": outside,
-        f"Not mapped, so that {times.sum()} combinations are {len(points)} points: "
-        f"{', '.join(loose)}.": loose,
-    }  # fmt: skip
-    said = (*variation.notes, *(note for note, applies in notes.items() if applies))
-    return Drawn(points, exposure=times.astype(np.float64), notes=said)
+    notes, total = [*variation.notes], len(variation.combinations)
+    if len(kept) < total:
+        notes.append(f"[only] keeps {len(kept)} of {total} combinations.")
+    if forbidden:
+        notes.append(
+            f"Constraint groups of the OpenSCENARIO file exclude {forbidden} combinations."
+        )
+    if outside:
+        notes.append(f"{outside} combinations lie outside the ranges of `{logical.name}`.")
+    if loose:
+        notes.append(
+            f"Not mapped, so that {times.sum()} combinations are {len(points)} points: "
+            f"{', '.join(loose)}."
+        )
+    return Drawn(points, exposure=times.astype(np.float64), notes=tuple(notes))
 
 
 def read_mapping(path: Path, logical: LogicalScenario) -> SpaceMapping:
@@ -139,12 +149,12 @@ def read_mapping(path: Path, logical: LogicalScenario) -> SpaceMapping:
             raise InputError(
                 f"`{name}` of scenario `{logical.name}` is missing in [parameters] of {owner}."
             )
-    parameters = {name: number(table.parameters[name], owner) for name in logical.names}
+    expressions = {name: number(table.parameters[name], owner) for name in logical.names}
     only = {
         name: plain(str(value).lower() if isinstance(value, bool) else str(value))
         for name, value in table.only.items()
     }
-    return SpaceMapping(path.parent / table.distribution, parameters, only)
+    return SpaceMapping(path.parent / table.distribution, expressions, only)
 
 
 def read_variation(path: Path, count: int | None, seed: int) -> Variation:
@@ -177,8 +187,7 @@ def read_variation(path: Path, count: int | None, seed: int) -> Variation:
     if count is not None:
         raise InputError(
             f"`count` does nothing for {path.name}: its distribution is deterministic, and all "
-            "combinations are "
-            "driven; [only] of the mapping leaves some out."
+            "combinations are driven; [only] of the mapping leaves some out."
         )
     return Variation(combinations, scenario, tuple(notes))
 
@@ -188,8 +197,10 @@ def _deterministic(distribution: Node, owner: str) -> tuple[Combination, ...]:
     total = math.prod(axis.count for axis in axes) if axes else 0
     if not 1 <= total <= MAX_POINTS:
         raise must_be("The combinations", owner, f"between 1 and {MAX_POINTS:,}", total)
-    choices = [map(axis.assigned, axis.values) for axis in axes]
-    return tuple(dict(itertools.chain(*parts)) for parts in itertools.product(*choices))
+    # a value of an axis assigns one or several of the file's parameters
+    assignments = [map(axis.assigned, axis.values) for axis in axes]
+    combinations = itertools.product(*assignments)
+    return tuple(dict(itertools.chain(*parts)) for parts in combinations)
 
 
 def _stochastic(element: Node, owner: str, count: int | None, seed: int) -> tuple[Combination, ...]:
@@ -222,8 +233,8 @@ def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
         if kind.tag != "Histogram":
             return [plain(parts[pick].attribute("value")) for pick in picks]
         limits = np.array([range_of(part) for part in parts])
-        widths = stream.uniform(size=runs) * np.ptp(limits[picks], axis=1)
-        return list((limits[picks, 0] + widths).tolist())
+        above_low = stream.uniform(size=runs) * np.ptp(limits[picks], axis=1)
+        return list((limits[picks, 0] + above_low).tolist())
     if kind.tag not in ("NormalDistribution", "LogNormalDistribution", "PoissonDistribution"):
         raise kind.unsupported()
     low, high = (-math.inf, math.inf) if kind.find("Range") is None else range_of(kind)
@@ -232,7 +243,8 @@ def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
     if variance < 0.0:
         raise kind.fault(f"`variance` must be at least 0, got {variance:g}")
     drawn: list[Value] = []
-    for _ in range(1000):  # rejection: a value outside the Range is drawn again
+    # values outside the Range are rejected; it is refused where not even 1 in 1000 lies within it
+    for _ in range(1000):
         if normal:
             values = stream.normal(mean, math.sqrt(variance), runs)
         elif kind.tag == "PoissonDistribution":
