@@ -1,6 +1,7 @@
 """A real Dask scheduler and two workers in processes of their own; one of them is killed in the
 middle."""
 
+import json
 import random
 import sqlite3
 import subprocess
@@ -27,11 +28,13 @@ HERE = Path(__file__).parent
 class Cluster:
     """A scheduler and workers, started and ended by the test."""
 
-    def __init__(self, folder):
-        self.folder = folder
+    def __init__(self, folder, *options, env=None):
+        self.folder, self.env = folder, env
         self.processes: list[subprocess.Popen[bytes]] = []
         self.file = folder / "scheduler.json"
-        self._start("dask_scheduler", "--port", "0", "--no-dashboard", "--host", "127.0.0.1")
+        self._start(
+            "dask_scheduler", "--port", "0", "--no-dashboard", "--host", "127.0.0.1", *options
+        )
         self.address = ""
 
     def worker(self, *options):
@@ -47,18 +50,24 @@ class Cluster:
             *options,
         ]
         with (self.folder / f"{program}_{len(self.processes)}.log").open("wb") as log:
-            self.processes.append(subprocess.Popen(line, cwd=self.folder, stdout=log, stderr=log))
+            self.processes.append(
+                subprocess.Popen(line, cwd=self.folder, env=self.env, stdout=log, stderr=log)
+            )
         return self.processes[-1]
+
+    def listen(self):
+        """The scheduler's address, as soon as there is one."""
+        until = time.monotonic() + 60.0
+        while not self.file.is_file() and time.monotonic() < until:
+            time.sleep(0.05)
+        return json.loads(self.file.read_text())["address"]
 
     def wait_for(self, workers):
         from distributed import Client
 
-        until = time.monotonic() + 60.0
-        while not self.file.is_file() and time.monotonic() < until:
-            time.sleep(0.05)
+        self.address = self.listen()
         with Client(scheduler_file=str(self.file), timeout=60, set_as_default=False) as client:
             client.wait_for_workers(workers, timeout=60)
-            self.address = client.scheduler.address
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +77,9 @@ def cluster(tmp_path_factory):
 
 
 @contextmanager
-def started(folder):
+def started(folder, *options, env=None):
     """A cluster whose processes end with the block."""
-    cluster = Cluster(folder)
+    cluster = Cluster(folder, *options, env=env)
     try:
         yield cluster
     finally:

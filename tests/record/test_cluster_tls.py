@@ -1,17 +1,16 @@
 """The certificates and settings of docs/clusters.md, word for word: a cluster on loopback that
 talks to nobody else."""
 
-import json
 import os
 import re
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 from record.runs import command, digest, write_evaluation
+from record.test_cluster import started
 
 pytest.importorskip("distributed")
 PAGE = Path(__file__).parents[2] / "docs" / "clusters.md"
@@ -53,24 +52,7 @@ def with_certificates(folder):
 @pytest.mark.campaign
 def test_a_cluster_with_the_certificates_of_the_page_runs_cases_and_refuses_who_has_none(tmp_path):
     environment = with_certificates(tmp_path)
-    address = tmp_path / "scheduler.json"
     path = write_evaluation(tmp_path, levels=2)
-    processes: list[subprocess.Popen[bytes]] = []
-
-    def start(program, *options):
-        line = [
-            sys.executable,
-            "-m",
-            f"distributed.cli.{program}",
-            "--host",
-            "127.0.0.1",
-            "--no-dashboard",
-            *options,
-        ]
-        with (tmp_path / f"{program}.log").open("wb") as log:
-            processes.append(
-                subprocess.Popen(line, cwd=tmp_path, env=environment, stdout=log, stderr=log)
-            )
 
     def run(out, env, *options):
         line = command("run", path, "--out", tmp_path / out, *options)
@@ -78,16 +60,10 @@ def test_a_cluster_with_the_certificates_of_the_page_runs_cases_and_refuses_who_
             line, env=env, capture_output=True, text=True, timeout=300, check=False
         )
 
-    try:
-        start(
-            "dask_scheduler", "--protocol", "tls", "--port", "0", "--scheduler-file", str(address)
-        )
-        until = time.monotonic() + 60.0
-        while not address.is_file() and time.monotonic() < until:
-            time.sleep(0.05)
-        scheduler = json.loads(address.read_text())["address"]
+    with started(tmp_path, "--protocol", "tls", env=environment) as cluster:
+        scheduler = cluster.listen()
         assert scheduler.startswith("tls://127.0.0.1:")
-        start("dask_worker", scheduler, "--nthreads", "1", "--no-nanny")
+        cluster.worker("--host", "127.0.0.1", "--no-nanny")
         done = run("far", environment, "--engine", "dask", "--scheduler", scheduler)
         assert done.returncode == 0, done.stderr
         without, open_one = dict(os.environ), scheduler.replace("tls", "tcp")
@@ -99,14 +75,5 @@ def test_a_cluster_with_the_certificates_of_the_page_runs_cases_and_refuses_who_
             refused = run(out, env, "--engine", "dask", "--scheduler", named)
             assert (refused.returncode, "Traceback" in refused.stderr) == (2, False), refused.stderr
             assert "There is no Dask scheduler at" in refused.stderr
-    finally:
-        for process in reversed(processes):
-            process.terminate()
-        for process in processes:
-            try:
-                process.wait(20)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
     assert run("near", dict(os.environ)).returncode == 0
     assert digest(tmp_path / "far") == digest(tmp_path / "near")
