@@ -1,19 +1,17 @@
 """Evaluations made by hand, with a real facts file: what the report is tested on, without SUMO."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.method.anthropomorphic import IndexNote
 from sumo_eval.method.score import plus_of
-from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.cases import Case, Outcome, Status
 from sumo_eval.record.run_folder import FACTS
-from sumo_eval.record.store import Store, open_store
+from sumo_eval.record.store import open_store
 from sumo_eval.results import BeyondRange, Evaluation, NotComputed, ScenarioResult, ZoneResult
-from sumo_eval.scenario import ConcreteScenario, catalogue
+from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.scoring.case_terms import case_terms, point_values
 from sumo_eval.settings import (
@@ -33,9 +31,7 @@ DRIVERS = 3
 ERROR = "RuntimeError: </script><b>lost the lane</b>"
 
 
-def drive(
-    x: float, y: float, speed: float, seconds: float, *, offset: float = 0.0, braking: float = 0.0
-) -> Trajectory:
+def drive(x, y, speed, seconds, *, offset=0.0, braking=0.0):
     """From (x, y), slowing down by `braking` m/s2 and moving `offset` m to the left; the end is off
     the 0.1 s grid."""
     time = np.append(np.arange(0.0, seconds, 0.1), seconds + 0.037)
@@ -44,7 +40,7 @@ def drive(
     return Trajectory(time, along, y + offset / (1.0 + np.exp(4.0 - time)), speed=speeds)
 
 
-def evaluation(folder: Path, partitions: dict[str, ZonePartition]) -> Evaluation:
+def evaluation(folder, partitions):
     """Two scenarios of three levels an axis, two ADSs.
 
     calm: 0.5 m to the left; hits in the hazardous zone only; one case crashed and has no recording.
@@ -109,7 +105,7 @@ def evaluation(folder: Path, partitions: dict[str, ZonePartition]) -> Evaluation
     )
 
 
-def _record_drivers(store: Store, number: int, concrete: ConcreteScenario) -> None:
+def _record_drivers(store, number, concrete):
     for index in range(DRIVERS):
         start = concrete.ego
         driven = drive(
@@ -119,7 +115,7 @@ def _record_drivers(store: Store, number: int, concrete: ConcreteScenario) -> No
         store.add(Outcome(case, "ok", Recording(driven, {}, None, "road_end")))
 
 
-def _case(store: Store, number: int, concrete: ConcreteScenario, ads: str, zone: str) -> CaseResult:
+def _case(store, number, concrete, ads, zone):
     """Record a case and say what came of it."""
     cut_out = concrete.scenario == SCENARIOS[1]
     hits = (zone == "hazardous" and number % 2 == 0) or (
@@ -133,7 +129,7 @@ def _case(store: Store, number: int, concrete: ConcreteScenario, ads: str, zone:
     case = Case(number, concrete, "ads", ads, "idm")
     row = CaseResult(
         case=case.key, scenario=concrete.scenario, ads=ads, values=concrete.values,
-        zone=zone,  # type: ignore[arg-type]
+        zone=zone,
         exposure=concrete.exposure, status=status, end_reason=None, error=None, wall_time=None,
         simulated_time=None, latency_mean=None, latency_max=None, collided=False,
         ideal_severity=0.0, no_reaction_severity=12.0 if zone == "hazardous" else 0.0,
@@ -158,7 +154,7 @@ def _case(store: Store, number: int, concrete: ConcreteScenario, ads: str, zone:
             for actor in concrete.actors
         },
         collision,
-        ends.get(status, "road_end"),  # type: ignore[arg-type]
+        ends.get(status, "road_end"),
         (Clip("acceleration_rate", 3, 0.5, -12.0, -9.0),),
         wall_time=0.01,
         controller_latency=Latency(1e-5, 4e-4, 9e-6, 3e-4, 1e-5),
@@ -200,7 +196,7 @@ def _case(store: Store, number: int, concrete: ConcreteScenario, ads: str, zone:
     return row
 
 
-def _score(ads: str, scenario: str, rows: list[CaseResult]) -> ScenarioResult:
+def _score(ads, scenario, rows):
     hits = [row for row in rows if row.collided]
     safe_hits = sum(row.zone == "safe" for row in hits)
     weights = np.array([row.weight for row in hits])

@@ -14,7 +14,6 @@ import subprocess
 import sys
 import sysconfig
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -42,11 +41,11 @@ class Done:
     stderr: str
 
     @property
-    def said(self) -> str:
+    def said(self):
         return self.stdout + self.stderr
 
 
-def sumo_eval(*arguments: object, cwd: Path | None = None, status: int | None = 0) -> Done:
+def sumo_eval(*arguments, cwd=None, status=0):
     """Run one command in this process as from that folder, and leave the process as it was.
 
     status: its exit status; None: any.
@@ -62,7 +61,7 @@ def sumo_eval(*arguments: object, cwd: Path | None = None, status: int | None = 
     return done
 
 
-def typed(line: str, cwd: Path | None = None) -> Done:
+def typed(line, cwd=None):
     """Run one line as a shell takes it apart: quotes, spaces and comments; `> file` gets what was
     printed."""
     command, _, file = line.partition(" > ")
@@ -74,9 +73,7 @@ def typed(line: str, cwd: Path | None = None) -> Done:
     return done
 
 
-def in_a_process(
-    *arguments: object, cwd: Path | None = None, **options: object
-) -> subprocess.CompletedProcess[str]:
+def in_a_process(*arguments, cwd=None, **options):
     """Run one command in a process of its own: for signals, encodings, devices and exit
     statuses."""
     words = [sys.executable, "-m", "sumo_eval", *map(str, arguments)]
@@ -87,19 +84,19 @@ def in_a_process(
         "env": dict(os.environ),
         **options,
     }
-    return subprocess.run(words, cwd=cwd, text=True, timeout=300, check=False, **pipes)  # type: ignore[call-overload, no-any-return]
+    return subprocess.run(words, cwd=cwd, text=True, timeout=300, check=False, **pipes)
 
 
-def python(code: str, *arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
+def python(code, *arguments, **options):
     """Run code in a Python process of its own, which must end with status 0."""
     words = [sys.executable, "-c", code, *map(str, arguments)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False, **options)  # type: ignore[call-overload]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, **options)
     assert done.returncode == 0, done.stdout + done.stderr
     return done
 
 
 @contextlib.contextmanager
-def as_it_was() -> Iterator[None]:
+def as_it_was():
     """Put back what a command changes of this process."""
     folder, environment, places, modules = (
         Path.cwd(),
@@ -126,7 +123,7 @@ def as_it_was() -> Iterator[None]:
         np.random.set_state(drawn_by_numpy)  # noqa: NPY002
 
 
-def is_a_users(name: str) -> bool:
+def is_a_users(name):
     """Whether a loaded module comes from a file that is neither installed nor this repository's."""
     file = getattr(sys.modules.get(name), "__file__", None)
     return file is not None and not file.startswith(INSTALLED)

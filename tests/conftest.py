@@ -7,7 +7,6 @@ import os
 import random
 import shutil
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -27,7 +26,7 @@ settings.register_profile("campaign", settings.get_profile("suite"), max_example
 settings.load_profile("suite")
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
+def pytest_addoption(parser):
     parser.addoption(
         "--shuffle",
         metavar="SEED",
@@ -35,7 +34,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
-def pytest_configure(config: pytest.Config) -> None:
+def pytest_configure(config):
     """Let each test process begin with another folder, so that it reads what the others have
     compiled."""
     gc.disable()  # until all is collected: nothing of it goes
@@ -48,7 +47,7 @@ def pytest_configure(config: pytest.Config) -> None:
         config.args = parts[first:] + parts[:first]
 
 
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config, items):
     """Let the files that take longest begin first, so that no process waits long for another at the
     end."""
     seed = config.getoption("shuffle")
@@ -63,19 +62,19 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items.sort(key=lambda item: (-seconds.get(_file(item), NEW), _file(item)))
 
 
-def pytest_collection_finish() -> None:
+def pytest_collection_finish():
     """Leave what the tests are made of out of every look for garbage."""
     gc.enable()
     gc.collect()
     gc.freeze()
 
 
-def _file(item: pytest.Item) -> str:
+def _file(item):
     return item.nodeid.partition("::")[0]
 
 
 @pytest.fixture(scope="session")
-def _standard_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def _standard_run(tmp_path_factory):
     from standard_run import recorded_once  # only where a test asks for it: it imports the package
 
     base = tmp_path_factory.getbasetemp()
@@ -85,7 +84,7 @@ def _standard_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def standard_run_read_only(_standard_run: Path) -> Iterator[Path]:
+def standard_run_read_only(_standard_run):
     """The run folder that all tests share (see tests/standard_run.py): a test that changes it
     fails."""
     from standard_run import state
@@ -98,7 +97,7 @@ def standard_run_read_only(_standard_run: Path) -> Iterator[Path]:
 
 
 @pytest.fixture
-def standard_run(_standard_run: Path, tmp_path: Path) -> Path:
+def standard_run(_standard_run, tmp_path):
     """A copy of the shared run for one test to write to; times of the files are those of the
     original."""
     return Path(shutil.copytree(_standard_run, tmp_path / "standard_run"))

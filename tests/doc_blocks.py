@@ -3,7 +3,6 @@
 import re
 import shlex
 import shutil
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,10 +26,10 @@ class Block:
     text: str
 
     @property
-    def place(self) -> str:
+    def place(self):
         return f"{self.page}:{self.line}"
 
-    def commands(self) -> list[list[str]]:
+    def commands(self):
         """The words behind `sumo-eval` of every command in it, with shell variables as the number
         1."""
         text = re.sub(r"\\\n|\n +(?=--)", " ", self.text) if self.language in CODE else ""
@@ -38,12 +37,12 @@ class Block:
         return [words_of(one) for one in found]
 
 
-def words_of(command: str) -> list[str]:
+def words_of(command):
     """A command's words, with shell variables and arithmetic as the number 1."""
     return shlex.split(re.sub(r"\$\(\([^)]*\)\)|\$\{\w+\}|\$\w+", "1", command), comments=True)
 
 
-def blocks(page: str) -> list[Block]:
+def blocks(page):
     """Every fenced block of a page."""
     found: list[Block] = []
     begun: tuple[int, str, int] | None = None
@@ -64,14 +63,14 @@ def blocks(page: str) -> list[Block]:
 BLOCKS = [block for page in PAGES for block in blocks(page)]
 
 
-def mentioned(page: str) -> Iterator[list[str]]:
+def mentioned(page):
     """The words of every `sumo-eval ...` between backticks in a page's sentences."""
     text = re.sub(r"^ *```.*?^ *```", "", (ROOT / page).read_text(), flags=re.S | re.M)
     for command in re.findall(r"`sumo-eval ([^`]+)`", text):
         yield words_of(" ".join(command.split()).split(" > ")[0])
 
 
-def code_of(page: str, marker: str) -> str:
+def code_of(page, marker):
     """The block of a page that holds this text."""
     (found,) = [block.text for block in blocks(page) if marker in block.text]
     return found
@@ -111,7 +110,7 @@ READS_A_RUN = (
 )
 
 
-def as_a_shell(folder: Path, pattern: str) -> list[str]:
+def as_a_shell(folder, pattern):
     """The paths that a shell puts in the place of a pattern."""
     return sorted(path.relative_to(folder).as_posix() for path in folder.glob(pattern))
 
@@ -124,7 +123,7 @@ class Desk:
     folder: Path
     run: Path
 
-    def lay_out(self) -> None:
+    def lay_out(self):
         """The files that the pages' blocks are saved as, and the small evaluation under its
         name."""
         (self.folder / "evaluation.toml").write_text(EVALUATION)
@@ -140,7 +139,7 @@ class Desk:
         ]
         (self.folder / "my_ads.py").write_text("\n\n".join(texts))
 
-    def stand_in(self, words: list[str]) -> list[str]:
+    def stand_in(self, words):
         """A command as it is run here: placeholders filled, a small evaluation for a dear one,
         folders made ready."""
         words = [

@@ -1,7 +1,6 @@
 """Evaluations of a few points with a few drivers, in the process of the test."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping
 
 from sumo_eval.settings import (
     AdsSettings,
@@ -13,15 +12,7 @@ from sumo_eval.settings import (
 )
 
 
-def small(
-    ads: Mapping[str, str] | Sequence[str],
-    scenarios: Sequence[str] = ("front_vehicle_low_speed",),
-    drivers: int = 4,
-    *,
-    levels: int = 3,
-    steps: Mapping[str, float] | None = None,
-    **more: Any,
-) -> EvaluationSettings:
+def small(ads, scenarios=("front_vehicle_low_speed",), drivers=4, *, levels=3, steps=None, **more):
     """So many levels an axis, or `steps`.
 
     ads: controllers by name, or controllers that are called like themselves.

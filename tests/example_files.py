@@ -73,13 +73,13 @@ def acc(seen):
 """
 
 
-def write_people(folder: Path, name: str = "people.csv.gz") -> None:
+def write_people(folder, name="people.csv.gz"):
     """Write a table of people."""
     (folder / name).write_bytes(people())
 
 
 @functools.cache
-def people() -> bytes:
+def people():
     """Return people.csv.gz: enough planted cut-ins to learn from; vehicle 17 drives from 60 s to 84
     s."""
     with tempfile.TemporaryDirectory() as place:
@@ -91,7 +91,7 @@ def people() -> bytes:
         return table.read_bytes()
 
 
-def write_highd(folder: Path) -> None:
+def write_highd(folder):
     """Write two cars of a highD recording, 4 s at 25 Hz, one behind the other on the lower
     lanes."""
     folder.mkdir(parents=True)
@@ -111,13 +111,13 @@ def write_highd(folder: Path) -> None:
     )
 
 
-def made(line: str, folder: Path) -> None:
+def made(line, folder):
     """Run the line that makes what another one reads."""
     done = typed(line, folder)
     assert done.returncode in (0, 3), done.said
 
 
-def write_campaign(folder: Path, name: str = "learned/campaign.toml") -> None:
+def write_campaign(folder, name="learned/campaign.toml"):
     """Write what `learn` writes, with a campaign of few drives."""
     place = (folder / name).parent
     place.mkdir(exist_ok=True)
@@ -126,7 +126,7 @@ def write_campaign(folder: Path, name: str = "learned/campaign.toml") -> None:
 
 
 @functools.cache
-def learned() -> dict[str, bytes]:
+def learned():
     """Learn from the people and return the files of it by name; the campaign asks for 40 drives."""
     with tempfile.TemporaryDirectory() as place:
         write_people(Path(place))
@@ -136,14 +136,14 @@ def learned() -> dict[str, bytes]:
     return files
 
 
-def write_parts(folder: Path, *parts: str) -> None:
+def write_parts(folder, *parts):
     """Drive the parts of an evaluation into a folder each."""
     (folder / "parts.toml").write_text(SMALL)
     for number, part in enumerate(parts, start=1):
         made(f"sumo-eval run parts.toml --out {part} --shard {number}/{len(parts)}", folder)
 
 
-def write_scene_run(folder: Path) -> None:
+def write_scene_run(folder):
     """Drive a recorded scene into results/scene."""
     write_people(folder)
     made("sumo-eval humans scene people.csv.gz --ego 17 --react IDM --out driven.toml", folder)
@@ -154,17 +154,17 @@ def write_scene_run(folder: Path) -> None:
     made("sumo-eval run of_a_scene.toml --out results/scene", folder)
 
 
-def write_nights(folder: Path) -> None:
+def write_nights(folder):
     """Begin a history, nights, with one night."""
     (folder / "one.toml").write_text(SMALL)
     made("sumo-eval run one.toml --out one", folder)
     made("sumo-eval trend nights --import one", folder)
 
 
-def write_policy(name: str) -> Callable[[Path], None]:
+def write_policy(name):
     """Return what writes a network of this name with its table."""
 
-    def write(folder: Path) -> None:
+    def write(folder):
         path = linear(folder)
         for file in (path, path.with_suffix(".toml")):
             shutil.move(file, folder / f"{name}{file.suffix}")
@@ -189,7 +189,7 @@ NEEDS: dict[str, Callable[[Path], None]] = {
 """A word of a command, and what makes the file or folder of that name."""
 
 
-def write_needs(words: list[str], folder: Path) -> None:
+def write_needs(words, folder):
     """Make what a command reads; what it writes behind --out is its own."""
     read = words[: words.index("--out")] if "--out" in words else words
     for word in read:

@@ -3,12 +3,11 @@
 import importlib.util
 import sys
 from pathlib import Path
-from types import ModuleType
 
 ROOT = Path(__file__).parents[1]
 
 
-def load(program: str) -> ModuleType:
+def load(program):
     """A program by its path in the repository, loaded afresh."""
     path = ROOT / program
     spec = importlib.util.spec_from_file_location(path.stem, path)

@@ -1,7 +1,6 @@
 """What a refusal must look like wherever a test expects one."""
 
 import contextlib
-from collections.abc import Iterator
 
 import pytest
 
@@ -9,7 +8,7 @@ from sumo_eval.errors import InputError
 
 
 @contextlib.contextmanager
-def refusal(words: str) -> Iterator[pytest.ExceptionInfo[InputError]]:
+def refusal(words):
     """Expect an InputError in which `words`, a pattern, is found and whose lines are sentences."""
     with pytest.raises(InputError, match=words) as caught:
         yield caught

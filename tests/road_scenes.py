@@ -1,7 +1,5 @@
 """Scenes on a straight road that the tests of the ADSs and the drivers share."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from types import SimpleNamespace
@@ -10,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.cosim.doors.controller import Briefing
-from sumo_eval.cosim.vehicle_model import LIMITED, Command, EgoState, move
+from sumo_eval.cosim.vehicle_model import LIMITED, EgoState, move
 from sumo_eval.method.criticality import max_inverse_ttc
-from sumo_eval.scenario import Actor, ConcreteScenario, LogicalScenario, Road, Start, catalogue
+from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, catalogue
 from sumo_eval.scenario.sampling.grid import full_grid
 from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.settings import VehicleSettings
@@ -21,9 +19,7 @@ ROAD = Road(name="test_road", length=600.0, lanes=2, lane_width=3.5, run_out=540
 BRIEFING = Briefing("test", ROAD, VehicleSettings(), 0.05)
 
 
-def advance(
-    state: EgoState, command: Command, limits: VehicleSettings, step: float
-) -> tuple[EgoState, tuple[tuple[str, float, float], ...]]:
+def advance(state, command, limits, step):
     """The state one `step` (s) later and every limit that the command ran into; see `move`."""
     clips: Any = [SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0) for _ in LIMITED]
     x, y, heading, speed, acceleration, wheel = state
@@ -41,15 +37,15 @@ class Mover(SimpleNamespace):
     name."""
 
     @property
-    def speed(self) -> float:
+    def speed(self):
         """Along the heading, m/s."""
         return math.hypot(self.along, self.across)
 
-    def _replace(self, **changes: float) -> Mover:
+    def _replace(self, **changes):
         return Mover(**{**vars(self), **changes})
 
 
-def mover(name: str, x: float, y: float = 0.0, along: float = 20.0, across: float = 0.0) -> Mover:
+def mover(name, x, y=0.0, along=20.0, across=0.0):
     """A vehicle of 4.5 m x 1.8 m, straight along the road."""
     return Mover(
         name=name,
@@ -65,7 +61,7 @@ def mover(name: str, x: float, y: float = 0.0, along: float = 20.0, across: floa
     )
 
 
-def fresh(layout: Any) -> Any:
+def fresh(layout):
     """A record as a rule finds it at the start: nothing is known (nan), nothing has happened
     (0)."""
     dtype = np.dtype(layout)
@@ -78,19 +74,17 @@ def fresh(layout: Any) -> Any:
     return found
 
 
-def case(
-    *actors: Actor, speed: float = 20.0, road: Road = ROAD, **values: float
-) -> ConcreteScenario:
+def case(*actors, speed=20.0, road=ROAD, **values):
     """The ego at x = 50 m on the right lane at `speed` m/s, and the given others."""
     return ConcreteScenario("test", values, 1.0, road, Start(50.0, 0.0, speed), actors)
 
 
-def actor(name: str, gap: float, speed: float, y: float = 0.0) -> Actor:
+def actor(name, gap, speed, y=0.0):
     """A vehicle `gap` m (bumper to bumper) ahead of the ego's start."""
     return Actor(name, Start(50.0 + 4.5 + gap, y, speed))
 
 
-def drawn_cases(name: str, count: int, seed: int) -> list[ConcreteScenario]:
+def drawn_cases(name, count, seed):
     """Concrete scenarios at possible points of a shipped scenario, drawn at random."""
     logical = catalogue.load(name)
     points = logical.from_shares(
@@ -99,19 +93,19 @@ def drawn_cases(name: str, count: int, seed: int) -> list[ConcreteScenario]:
     return list(logical.concretes(points[logical.feasible(points)][:count]))
 
 
-def grid(logical: LogicalScenario) -> np.ndarray:
+def grid(logical):
     """The feasible points of a space at its own steps."""
     axes = [np.arange(p.low, p.high + 1e-9, p.step) for p in logical.parameters]
     points = np.array(list(itertools.product(*axes)))
     return points[logical.feasible(points)]
 
 
-def every_point(logical: LogicalScenario, **request: Any) -> np.ndarray:
+def every_point(logical, **request):
     """Every point of the grid, possible or not; `request` as in `Request`."""
     return full_grid(logical, Request(**request)).points
 
 
-def peak_inverse_ttc(logical: LogicalScenario, points: np.ndarray) -> np.ndarray:
+def peak_inverse_ttc(logical, points):
     """Max ITTC of the points at 5 m/s2, 1/s, in closed form: below 0.7 lies the exact safe zone."""
     approach = logical.approach(logical.columns(points))
     return max_inverse_ttc(
@@ -123,20 +117,20 @@ def peak_inverse_ttc(logical: LogicalScenario, points: np.ndarray) -> np.ndarray
     )
 
 
-def low_speed() -> list[ConcreteScenario]:
+def low_speed():
     """All feasible points of front_vehicle_low_speed."""
     logical = catalogue.load("front_vehicle_low_speed")
     return list(logical.concretes(grid(logical)))
 
 
-def safe_cut_outs(every: int) -> list[ConcreteScenario]:
+def safe_cut_outs(every):
     """Every so-manyth safe point of front_vehicle_cut_out."""
     logical = catalogue.load("front_vehicle_cut_out")
     points = grid(logical)
     return list(logical.concretes(points[peak_inverse_ttc(logical, points) < 0.7][::every]))
 
 
-def cut_outs_at_the_edge(count: int, seed: int) -> list[ConcreteScenario]:
+def cut_outs_at_the_edge(count, seed):
     """Safe points of front_vehicle_cut_out that would be hazardous with a gap 5 % smaller."""
     logical = catalogue.load("front_vehicle_cut_out")
     rng = np.random.default_rng(seed)

@@ -7,7 +7,6 @@ drivers. As `sumo-eval run` leaves it.
 """
 
 import fcntl
-from pathlib import Path
 
 from commands import sumo_eval
 
@@ -23,7 +22,7 @@ EVALUATION = (
 )
 
 
-def recorded_once(folder: Path) -> Path:
+def recorded_once(folder):
     """Return the shared run below a folder that all test processes of a session know; record it if
     it is not there."""
     folder.mkdir(exist_ok=True)
@@ -37,7 +36,7 @@ def recorded_once(folder: Path) -> Path:
     return run
 
 
-def state(run: Path) -> dict[str, tuple[int, int]]:
+def state(run):
     """Size (B) and time of the last change (ns) of each file but that of kept results, which every
     score touches."""
     found = {

@@ -29,7 +29,7 @@ def rows(tmp_path_factory):
     )  # fmt: skip
     return [
         replace(
-            row, case=f"c-{number}", zone=zone, collided=collided, struck_from_behind=struck,  # type: ignore[arg-type]
+            row, case=f"c-{number}", zone=zone, collided=collided, struck_from_behind=struck,
             ideal_severity=ideal, no_reaction_severity=nothing, status=status,
             requirements_missed="late" if number > 200 else None,
         )

@@ -83,7 +83,7 @@ def test_what_is_cut_says_how_much_was_left_out():
 class Odd(str):
     """A text whose methods are the user's."""
 
-    def replace(self, *arguments):  # type: ignore[override]
+    def replace(self, *arguments):
         raise RuntimeError
 
     def __getitem__(self, key):
@@ -109,11 +109,11 @@ class SurrogateError(Exception):
 
 class Names(type):
     @property
-    def __name__(cls):  # type: ignore[override]
+    def __name__(cls):
         raise RuntimeError
 
 
-class NamelessError(Exception, metaclass=Names):  # type: ignore[misc]
+class NamelessError(Exception, metaclass=Names):
     pass
 
 

@@ -127,8 +127,8 @@ def flow(monkeypatch):
             return float(1.0 - (v / self.v0) ** 4 - (wanted / gap) ** 2)
 
     package, controllers = ModuleType("flow"), ModuleType("flow.controllers")
-    controllers.IDMController = IDMController  # type: ignore[attr-defined]
-    package.controllers = controllers  # type: ignore[attr-defined]
+    controllers.IDMController = IDMController
+    package.controllers = controllers
     monkeypatch.setitem(sys.modules, "flow", package)
     monkeypatch.setitem(sys.modules, "flow.controllers", controllers)
 
@@ -141,7 +141,7 @@ def test_a_controller_of_flow_sees_its_environment(flow):
     assert np.abs(found.ego.y).max() == 0.0
     from sumo_eval.cosim.doors.controller import load_controller
 
-    driver = load_controller("flow_drivers.py:Driver", EXAMPLES).target  # type: ignore[attr-defined]
+    driver = load_controller("flow_drivers.py:Driver", EXAMPLES).target
     driver.reset(SimpleNamespace(desired_speed=20.0, step=0.05, speed_limit=60.0))
     wanted = 2.0 + 20.0 + 20.0 * 10.0 / (2.0 * math.sqrt(1.5))
     answer = driver.act(seen(Body(150.0, 0.0, 0.0, 10.0, 4.5, 1.8)))

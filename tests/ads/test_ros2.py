@@ -31,7 +31,7 @@ def test_a_stack_drives_by_controls_in_lockstep():
     not count."""
     stack = drive(8.0)
 
-    def acc(seen):  # type: ignore[no-untyped-def]
+    def acc(seen):
         gap, speed = seen.lead.gap, seen.lead.speed
         wanted = 0.15 * (gap - 3.0 - 1.5 * seen.ego.speed) + 0.9 * (speed - seen.ego.speed)
         return max(-6.0, min(0.0, wanted))

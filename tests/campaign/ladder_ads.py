@@ -25,12 +25,12 @@ class Build:
     """
 
     def __init__(
-        self, *, brakes: float = 8.0, delay: float = 0.1, seen: float = 120.0,
-        headway: float = 1.4, speed: float = 1.0,
-        shake: float = 0.0, noise: float = 0.0, digits: float = 0.0, special: str = "",
-        at: float = 0.0,
-        work: float = 0.0,
-    ) -> None:  # fmt: skip
+        self, *, brakes = 8.0, delay = 0.1, seen = 120.0,
+        headway = 1.4, speed = 1.0,
+        shake = 0.0, noise = 0.0, digits = 0.0, special = "",
+        at = 0.0,
+        work = 0.0,
+    ):  # fmt: skip
         self.brakes, self.delay, self.seen, self.headway, self.speed = (
             brakes,
             delay,
@@ -50,7 +50,7 @@ class Build:
         self.chance = random.Random()
         self.work = int(work)
 
-    def act(self, seen):  # type: ignore[no-untyped-def]
+    def act(self, seen):
         """The command of a step."""
         for _ in range(self.work):
             pass
@@ -69,7 +69,7 @@ class Build:
             self.waiting.popleft()
         return self.waiting[0][1] if self.waiting[0][0] <= seen.time - self.delay + 1e-9 else 0.0
 
-    def wanted(self, seen):  # type: ignore[no-untyped-def]
+    def wanted(self, seen):
         """IDM, within the brakes."""
         v, desired = seen.ego.speed, max(self.speed * (self.first or 1.0), 0.1)
         free = 1.0 - (v / desired) ** 4

@@ -74,7 +74,7 @@ WRONG: tuple[Any, ...] = (
 )  # fmt: skip
 
 
-def mutant(number: int) -> tuple[bytes, str]:
+def mutant(number):
     """The file of that number and what was done to it; the same in every run."""
     draw = random.Random(number)
     content = copy.deepcopy(BASE)
@@ -106,7 +106,7 @@ def mutant(number: int) -> tuple[bytes, str]:
     return data, name
 
 
-def own_inputs(number: int) -> tuple[dict[str, bytes], list[str], str]:
+def own_inputs(number):
     """Files of somebody's own scenario, a command over them, and what was done: units, lanes,
     tables, locators."""
     draw = random.Random(number)
@@ -142,7 +142,7 @@ def own_inputs(number: int) -> tuple[dict[str, bytes], list[str], str]:
     )
     evaluation = {"name": "own", "scenario": [{"use": "own é.toml"}], "drivers": {"count": 2}}
     if kind == "header":
-        evaluation["scenario"][0]["sampling"] = {"method": "file", "file": "points.csv"}  # type: ignore[index]
+        evaluation["scenario"][0]["sampling"] = {"method": "file", "file": "points.csv"}
     files = {
         "own é.toml": tomli_w.dumps(content).encode("utf-8", errors="surrogatepass"),
         "own.net.xml": '<net><edge id="m" from="a" '
@@ -155,7 +155,7 @@ def own_inputs(number: int) -> tuple[dict[str, bytes], list[str], str]:
     return files, command, f"{kind}: {content} {lanes} {header!r} {locator!r}"
 
 
-def _places(content: dict[str, Any]) -> list[tuple[dict[str, Any], str]]:
+def _places(content):
     """Every key of the file, with the table it stands in."""
     found = []
     for key, value in content.items():

@@ -1,8 +1,6 @@
 """A small evaluation whose ADS can be given one planted fault, and drivers that cost no
 simulation."""
 
-from pathlib import Path
-
 ADS = '''
 from pathlib import Path
 
@@ -58,7 +56,7 @@ cases_per_pack = 32
 """
 
 
-def evaluation(folder: Path, levels: str = "3", fault: str = "", engine: str = "serial") -> Path:
+def evaluation(folder, levels="3", fault="", engine="serial"):
     """Write the evaluation and its modules.
 
     fault: `30, 0:sleeps`, the point and what the ADS does there.
@@ -73,6 +71,6 @@ def evaluation(folder: Path, levels: str = "3", fault: str = "", engine: str = "
     return folder / "evaluation.toml"
 
 
-def plant(folder: Path, fault: str) -> None:
+def plant(folder, fault):
     """Give the ADS a fault; none with an empty text."""
     (folder / "fault.txt").write_text(fault or ":")

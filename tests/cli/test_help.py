@@ -99,7 +99,7 @@ def test_sentences_break_on_a_terminal_and_nowhere_else(err, monkeypatch, capsys
     monkeypatch.setattr("shutil.get_terminal_size", lambda: os.terminal_size((40, 20)))
     monkeypatch.setattr("sys.stderr" if err else "sys.stdout", OnTerminal())
     say([line], err=err)
-    shown = (sys.stderr if err else sys.stdout).getvalue()  # type: ignore[attr-defined]
+    shown = (sys.stderr if err else sys.stdout).getvalue()
     assert [len(part) <= 40 for part in shown.splitlines()] == [True] * 3
     monkeypatch.undo()
     capsys.readouterr()

@@ -9,17 +9,17 @@ ROAD = Road(name="test_road", length=600.0, lanes=2, lane_width=3.5, run_out=540
 HALF_SECOND = SimulationSettings(time_limit=0.5)
 
 
-def case(*actors: Actor, speed: float = 20.0, x: float = 50.0, y: float = 0.0) -> ConcreteScenario:
+def case(*actors, speed=20.0, x=50.0, y=0.0):
     """The ego at x m and `speed` m/s, and the given others."""
     return ConcreteScenario("test", {}, 1.0, ROAD, Start(x, y, speed), actors)
 
 
-def lead(gap: float, speed: float = 0.0, y: float = 0.0, x: float = 50.0) -> Actor:
+def lead(gap, speed=0.0, y=0.0, x=50.0):
     """A vehicle `gap` m (bumper to bumper) ahead of an ego at x."""
     return Actor("lead", Start(x + 4.5 + gap, y, speed))
 
 
-def shifted(concrete: ConcreteScenario, dx: float) -> ConcreteScenario:
+def shifted(concrete, dx):
     """The same case, everything starting dx m further along the road."""
     move = lambda start: replace(start, x=start.x + dx)  # noqa: E731
     actors = tuple(replace(actor, start=move(actor.start)) for actor in concrete.actors)

@@ -160,7 +160,7 @@ def test_what_an_ads_sees_of_a_curve():
     seen = []
 
     class Looks:
-        def act(self, scene):  # type: ignore[no-untyped-def]
+        def act(self, scene):
             lines = scene.lane_lines(ahead=50.0, every=10.0)
             seen.append((scene.curvature, lines, scene.plain()["curvature"], scene.ego))
             return Command(0.0, 0.0)

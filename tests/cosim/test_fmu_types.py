@@ -138,7 +138,7 @@ def fmus(tmp_path_factory):
 
 
 def deceleration(locator, folder, *others):
-    recording = simulate(case(*others), locator, SimulationSettings(time_limit=1.0), folder=folder)  # type: ignore[arg-type]
+    recording = simulate(case(*others), locator, SimulationSettings(time_limit=1.0), folder=folder)
     assert recording.error is None, recording.error
     return round(float(recording.ego.acceleration[-1]), 6)
 

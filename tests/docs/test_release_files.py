@@ -27,7 +27,7 @@ def requirement(line):
         r"([A-Za-z0-9_.-]+) "
         r"*(.*)",
         line.strip(),
-    ).groups()  # type: ignore[union-attr]
+    ).groups()
     return name, versions.replace(" ", "")
 
 

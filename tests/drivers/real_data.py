@@ -12,6 +12,6 @@ needs_recordings = pytest.mark.skipif(
 )
 
 
-def recording(*parts: str) -> Path:
+def recording(*parts):
     """A file of the recordings."""
     return HUMAN.joinpath(*parts)

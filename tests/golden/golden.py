@@ -10,8 +10,6 @@ of the recorded channels to the bit; they hold for the versions that the file na
 versions of the C library round a sine differently.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import functools
@@ -21,7 +19,6 @@ import math
 import platform
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -31,7 +28,7 @@ import numpy as np
 import sumo_eval
 from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.record.run_folder import FACTS
-from sumo_eval.record.store import Store, open_store
+from sumo_eval.record.store import open_store
 from sumo_eval.scenario.catalogue import SCENARIOS, load
 from sumo_eval.settings import (
     AdsSettings,
@@ -57,7 +54,7 @@ TOLERANCE = 1e-9  # of scores, relative to 1 or to their own size where that is 
 MADE_WITH = ("libsumo", "numpy")
 
 
-def _closed_form(scenario: str) -> bool:
+def _closed_form(scenario):
     return load(scenario).approach is not None
 
 
@@ -65,7 +62,7 @@ IN_THE_SUITE = {True: ("curve_cut_in",), False: ("ramp_merge",)}
 """By whether their zones have a closed form: a bend, and a ramp. The campaign has all others."""
 
 
-def _others(closed: bool) -> tuple[str, ...]:
+def _others(closed):
     return tuple(
         sorted(
             name
@@ -83,7 +80,7 @@ PARTS = (
 side by side."""
 
 
-def evaluation(part: int) -> EvaluationSettings:
+def evaluation(part):
     """One small evaluation of scenarios whose zones all have a closed form, or all have none.
 
     All shipped ADSs and one of SUMO's models drive a few points of the former, `FEW` fewer points
@@ -105,12 +102,12 @@ def evaluation(part: int) -> EvaluationSettings:
 
 
 @functools.cache
-def _done(part: int) -> tuple[sumo_eval.Evaluation, tempfile.TemporaryDirectory[str]]:
+def _done(part):
     folder = tempfile.TemporaryDirectory()
     return sumo_eval.evaluate(evaluation(part), Path(folder.name) / "run"), folder
 
 
-def measured(scenario: str) -> dict[str, Any]:
+def measured(scenario):
     """What the evaluation of a scenario comes to today, in the shape of a golden file."""
     done, _ = _done(next(part for part, scenarios in enumerate(PARTS) if scenario in scenarios))
     with open_store(done.folder / FACTS) as store:
@@ -130,7 +127,7 @@ def measured(scenario: str) -> dict[str, Any]:
     }
 
 
-def made_with() -> dict[str, str]:
+def made_with():
     """The versions on which the last bit of a trajectory depends."""
     return {name: version(name) for name in MADE_WITH} | {
         "c_library": " ".join(platform.libc_ver()),
@@ -138,13 +135,13 @@ def made_with() -> dict[str, str]:
     }
 
 
-def kept(scenario: str) -> dict[str, Any]:
+def kept(scenario):
     """The golden file of a scenario."""
     content: dict[str, Any] = json.loads((FOLDER / f"{scenario}.json").read_text())
     return content
 
 
-def check(scenario: str) -> None:
+def check(scenario):
     """Fail where drives, people or scores are not the golden ones, and name each that is not."""
     found = measured(scenario)
     assert found["scores"]["ideal_braking"]["c"] == 1.0
@@ -154,7 +151,7 @@ def check(scenario: str) -> None:
     )
 
 
-def write(scenario: str, content: Mapping[str, Any]) -> None:
+def write(scenario, content):
     """Keep it, a line a drive, so that a change shows in a diff."""
     parts = []
     for name, part in content.items():
@@ -165,7 +162,7 @@ def write(scenario: str, content: Mapping[str, Any]) -> None:
     (FOLDER / f"{scenario}.json").write_text("{" + ",\n".join(parts) + "}\n")
 
 
-def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[str]:
+def differences(old, new):
     """A sentence for everything that is not as it was: drives that end otherwise, hashes,
     scores."""
     same_bits = old["made_with"] == new["made_with"]
@@ -181,9 +178,7 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[str]
                 yield from _unequal(f"{part}: {name}", before, after, same_bits=same_bits)
 
 
-def _unequal(
-    what: str, before: Mapping[str, Any], after: Mapping[str, Any], *, same_bits: bool
-) -> Iterator[str]:
+def _unequal(what, before, after, *, same_bits):
     for key in sorted({*before, *after}):
         old, new = before.get(key), after.get(key)
         if key == "trajectories":
@@ -193,7 +188,7 @@ def _unequal(
             yield f"{what}: {key} was {old}, is {new}."
 
 
-def _close(old: object, new: object) -> bool:
+def _close(old, new):
     if isinstance(old, list) and isinstance(new, list):
         return len(old) == len(new) and all(map(_close, old, new))
     if isinstance(old, float) and isinstance(new, int | float):
@@ -203,7 +198,7 @@ def _close(old: object, new: object) -> bool:
     return old == new
 
 
-def _drive(fact: Any, store: Store) -> dict[str, Any]:
+def _drive(fact, store):
     hit = fact.collision
     return {
         "status": fact.status,
@@ -215,7 +210,7 @@ def _drive(fact: Any, store: Store) -> dict[str, Any]:
     }
 
 
-def _hash(store: Store, case: str) -> str:
+def _hash(store, case):
     found = hashlib.sha256()
     for name, drive in sorted(store.trajectories(case).items()):
         found.update(name.encode())
@@ -224,19 +219,19 @@ def _hash(store: Store, case: str) -> str:
     return found.hexdigest()[:16]
 
 
-def _numbers(score: Any) -> dict[str, Any]:
+def _numbers(score):
     """Every number of a score by name; texts are not kept here."""
     plain = json.loads(json.dumps(dataclasses.asdict(score)))
     return {name: value for name, value in plain.items() if _is_numeric(value)}
 
 
-def _is_numeric(value: object) -> bool:
+def _is_numeric(value):
     if isinstance(value, list):
         return bool(value) and all(map(_is_numeric, value))
     return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
 
 
-def main() -> int:
+def main():
     """Compare or write, and say what changed.
 
     Exit status 1: something differs and was not written.

@@ -36,7 +36,7 @@ def test_what_was_trained_drives_as_it_was_trained(trainer, tmp_path):
     again, _ = trainer.train("front_vehicle_cut_out", 60.0, generations=3)
     np.testing.assert_array_equal(weights, again)
     trainer.write(weights, tmp_path / "policy.onnx")
-    policy = load_controller("onnx:policy.onnx", tmp_path).target  # type: ignore[attr-defined]
+    policy = load_controller("onnx:policy.onnx", tmp_path).target
     seen = (
         np.random.default_rng(0)
         .uniform(-1.0, 1.0, (50, len(trainer.INTERFACE.features)))
@@ -68,7 +68,7 @@ def test_what_ppo_learnt_drives_as_it_was_trained(monkeypatch, tmp_path):
     sys.modules.pop("train_ppo")
     assert model.num_timesteps == 256
     train_ppo.write(model, tmp_path / "ppo.onnx")
-    policy = load_controller("onnx:ppo.onnx", tmp_path).target  # type: ignore[attr-defined]
+    policy = load_controller("onnx:ppo.onnx", tmp_path).target
     seen = (
         np.random.default_rng(0)
         .uniform(-1.0, 1.0, (50, len(train_ppo.INTERFACE.features)))

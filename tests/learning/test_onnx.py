@@ -65,7 +65,7 @@ def deep(folder, **given):
         (drawn.normal(0.0, 0.4, (a, b)), drawn.normal(0.0, 0.1, b))
         for a, b in itertools.pairwise(sizes)
     ]
-    return write_model(folder, layers, interface, **given)  # type: ignore[arg-type]
+    return write_model(folder, layers, interface, **given)
 
 
 def test_a_model_drives_as_its_arithmetic_says(tmp_path):
@@ -75,9 +75,9 @@ def test_a_model_drives_as_its_arithmetic_says(tmp_path):
     """
 
     def rule(seen):
-        lead = seen.lead  # type: ignore[attr-defined]
+        lead = seen.lead
         gap, closing = (150.0, 0.0) if lead is None else (lead.gap, lead.relative_speed)
-        value = np.tanh(-0.075 * seen.ego.speed + 0.05 * gap + 0.4 * closing - 0.5)  # type: ignore[attr-defined]
+        value = np.tanh(-0.075 * seen.ego.speed + 0.05 * gap + 0.4 * closing - 0.5)
         return float(-8.0 + 0.5 * (value + 1.0) * 11.0)
 
     concrete = CUT_OUT.concrete(**POINT)
@@ -118,7 +118,7 @@ def test_a_model_made_for_one_row_drives_too(tmp_path):
 def test_what_is_seen_in_learning_is_seen_in_an_evaluation(tmp_path):
     """The model at the wheel of the environment and of an evaluation of the same point."""
     path = deep(tmp_path)
-    policy = load_controller(f"onnx:{path}").target  # type: ignore[attr-defined]
+    policy = load_controller(f"onnx:{path}").target
     env = gymnasium.make(
         "sumo_eval/front_vehicle_cut_out-v0",
         interface=str(path.with_suffix(".toml")),
@@ -236,7 +236,7 @@ def test_too_many_outputs_end_the_case(tmp_path):
 def test_a_choice_that_is_not_there_ends_the_case(tmp_path):
     choices = Interface((Feature("ego.speed"),), (Action("acceleration", values=(-1.0, 0.0)),))
     path = write_model(tmp_path, [(np.zeros((1, 2)), np.array([0.1, 0.3]))], choices)
-    policy = load_controller(f"onnx:{path}").target  # type: ignore[attr-defined]
+    policy = load_controller(f"onnx:{path}").target
     policy._chosen, policy._session = (
         True,
         SimpleNamespace(run=lambda *_: [np.full(policy._rows, 2)]),

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from sumo_eval.cosim.doors.controller import ControllerLike
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start
 from sumo_eval.scenario.catalogue import load
@@ -25,7 +24,7 @@ SETTINGS = SimulationSettings(
 Row = dict[str, str]
 
 
-def table(name: str) -> list[Row]:
+def table(name):
     """The rows of a reference table; the test is skipped where the tables are not."""
     path = TABLES / name
     if not path.is_file():
@@ -34,26 +33,17 @@ def table(name: str) -> list[Row]:
         return list(csv.DictReader(file))
 
 
-def kmh(text: str) -> float:
+def kmh(text):
     """Speed in m/s."""
     return float(text) / 3.6
 
 
-def scene(speed: float, *actors: Actor, x: float = EGO_X, y: float = LANE) -> ConcreteScenario:
+def scene(speed, *actors, x=EGO_X, y=LANE):
     """The ego in the middle lane of three."""
     return ConcreteScenario("r157", {}, 1.0, ROAD, Start(x, y, speed), actors)
 
 
-def cut_in(
-    speed: float,
-    other_speed: float,
-    gap: float,
-    lateral_speed: float,
-    *,
-    x: float = EGO_X,
-    side: float = 1.0,
-    slides: bool = True,
-) -> ConcreteScenario:
+def cut_in(speed, other_speed, gap, lateral_speed, *, x=EGO_X, side=1.0, slides=True):
     """A vehicle `gap` m ahead in the lane to the left (side -1: right) begins to come over at t =
     0. m, m/s."""
     start = Start(x + LENGTH + gap, LANE + side * LANE, other_speed)
@@ -61,9 +51,7 @@ def cut_in(
     return scene(speed, Actor("cut_in", start, (move,), LENGTH, WIDTH, slides=slides), x=x)
 
 
-def cut_out(
-    speed: float, lead_gap: float, obstacle_gap: float, lateral_speed: float
-) -> ConcreteScenario:
+def cut_out(speed, lead_gap, obstacle_gap, lateral_speed):
     """The lead begins to leave to the left at t = 0 and reveals a standing vehicle `obstacle_gap` m
     ahead of it."""
     lead_x = EGO_X + LENGTH + lead_gap
@@ -78,7 +66,7 @@ def cut_out(
 RUN_UP = 1.5  # m/s2, with which the JRC's simulator lets the lateral speed of a cut-in build up
 
 
-def of_row(kind: str, row: Row, *, bounded: bool = True, run_up: bool = False) -> ConcreteScenario:
+def of_row(kind, row, *, bounded=True, run_up=False):
     """The row of a `cut_in`, `cut_out` or `decel` table: the shipped scenario, where its parameters
     can say it.
 
@@ -111,9 +99,7 @@ def of_row(kind: str, row: Row, *, bounded: bool = True, run_up: bool = False) -
     return scene(speed, Actor("lead", start, (brake_to_stop(0.0, deceleration),), LENGTH, WIDTH))
 
 
-def collides(
-    concrete: ConcreteScenario, controller: ControllerLike, settings: SimulationSettings = SETTINGS
-) -> bool:
+def collides(concrete, controller, settings=SETTINGS):
     """Whether the ego touches anything within 35 s."""
     recording = simulate(concrete, controller, settings)
     assert recording.error is None, recording.error

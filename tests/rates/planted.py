@@ -1,13 +1,11 @@
 """Traffic with planted cut-ins, as SUMO floating car data: known ranges, a known correlation, a
 known rate."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 from scipy.special import ndtr
 
-from sumo_eval.drivers.recorded.recordings import Recordings, canonical
+from sumo_eval.drivers.recorded.recordings import canonical
 from sumo_eval.scenario.concrete import smooth_step
 
 RANGES = {
@@ -25,7 +23,7 @@ BEGIN, LASTS, APART = 8.0, 24.0, 60.0
 LENGTH = 5.0  # m, SUMO's car
 
 
-def shares_of(count: int, stream: np.random.Generator) -> np.ndarray:
+def shares_of(count, stream):
     """Where in its range each parameter of an event is, (count, k): even, and two of them
     together."""
     shares = stream.uniform(size=(count, len(RANGES)))
@@ -35,7 +33,7 @@ def shares_of(count: int, stream: np.random.Generator) -> np.ndarray:
     return shares
 
 
-def planted(path: Path, scenes: int, events_expected: float, seed: int) -> tuple[float, int]:
+def planted(path, scenes, events_expected, seed):
     """Write `scenes` scenes of two vehicles each, in some of which the other cuts in.
 
     Return the true rate, 1/km, and how many there are.
@@ -74,16 +72,14 @@ def planted(path: Path, scenes: int, events_expected: float, seed: int) -> tuple
     return events_expected / kilometres, events
 
 
-def _alone(begin: float) -> pd.DataFrame:
+def _alone(begin):
     """A vehicle that keeps its lane along the whole road, 2.2 km: roads are straightened along the
     longest track."""
     time = np.round(begin + np.arange(0.0, 55.05, 0.1), 1)
     return _fcd(time, "alone", 40.0 * (time - begin), 0.0 * time, 40.0 + 0.0 * time)
 
 
-def _fcd(
-    time: np.ndarray, vehicle: str, x: np.ndarray, y: np.ndarray, speed: np.ndarray
-) -> pd.DataFrame:
+def _fcd(time, vehicle, x, y, speed):
     """Rows of a vehicle as SUMO writes them."""
     return pd.DataFrame(
         {
@@ -98,12 +94,7 @@ def _fcd(
     )
 
 
-def recordings_of(
-    time: np.ndarray,
-    tracks: dict[str, tuple[np.ndarray, np.ndarray]],
-    lane_width: float,
-    begin: float = 0.0,
-) -> Recordings:
+def recordings_of(time, tracks, lane_width, begin=0.0):
     """Cars on straight lanes of one recording, `r`, that begins at `begin`;
 
     tracks: x and y of each, (n,) m.

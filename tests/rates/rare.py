@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from sumo_eval.extras.rates.importance import CollisionEstimate, RareEvents, how_met
+from sumo_eval.extras.rates.importance import RareEvents, how_met
 from sumo_eval.scenario.file import scenario_from
 
 SPREAD = {"ego_speed": (25.0, 1.5), "lead_speed": (15.0, 1.5), "headway": (2.5, 0.25)}
 TOWARDS = np.array([1.0, -1.0, -1.0]) / np.sqrt(3.0)  # faster ego, slower lead, shorter gap
 
 
-def logical(folder: Path = Path(), **more):
+def logical(folder=Path(), **more):
     parameters = [
         {
             "name": name,
@@ -36,13 +36,13 @@ def logical(folder: Path = Path(), **more):
     return scenario_from(content, "the rare scenario", folder)
 
 
-def collides(points: np.ndarray, probability: float) -> np.ndarray:
+def collides(points, probability):
     """Beyond a plane so far from the middle that it is crossed with this probability."""
     means, deviations = (np.array(item) for item in zip(*SPREAD.values(), strict=True))
     return ((points - means) / deviations) @ TOWARDS > -ndtri(probability)
 
 
-def estimate(probability: float, budget: int, seed: int) -> CollisionEstimate:
+def estimate(probability, budget, seed):
     search = RareEvents(how_met(logical()), budget, seed)
     while len((batch := search.ask()).points):
         hit = collides(batch.points, probability)

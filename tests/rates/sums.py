@@ -8,7 +8,7 @@ from typing import Final, Literal
 import numpy as np
 from scipy.special import ndtri
 
-from sumo_eval.extras.rates.campaign import MILLION, AdsRate, EncounterSpace, part_of, summed
+from sumo_eval.extras.rates.campaign import MILLION, EncounterSpace, part_of, summed
 from sumo_eval.extras.rates.importance import DEFENSIVE, Met, estimated
 from sumo_eval.scenario.joint import Joint
 
@@ -22,7 +22,7 @@ EVENTS: Final = 100  # of the first scenario, on average; the vehicle-km follow
 REACH: Final = 8.0  # the box of both parameters, in deviations
 
 
-def normal_density(points: np.ndarray, middle: float = 0.0) -> np.ndarray:
+def normal_density(points, middle=0.0):
     """Of two normal parameters with deviation 1, the first around `middle`."""
     return np.exp(-0.5 * ((points[:, 0] - middle) ** 2 + points[:, 1] ** 2)) / (2.0 * np.pi)
 
@@ -34,16 +34,16 @@ class Normal:
     joint: Joint | None = None
     heaviest: float = 1.0
 
-    def base(self, count: int, stream: np.random.Generator) -> np.ndarray:
+    def base(self, count, stream):
         return stream.standard_normal((count, 2))
 
-    def base_density(self, points: np.ndarray) -> np.ndarray:
+    def base_density(self, points):
         return normal_density(points)
 
     density = base_density
 
 
-def rate_of(known: Known, drives: int, seed: int) -> AdsRate:
+def rate_of(known, drives, seed):
     """One campaign: new recordings where they matter, new drives, and the rate that comes of them.
 
     A fifth of the drives is drawn as points are met, the others around the place where collisions
@@ -85,6 +85,6 @@ def rate_of(known: Known, drives: int, seed: int) -> AdsRate:
     return summed("x", "x", parts)
 
 
-def truth() -> float:
+def truth():
     """Collisions per million km of such a campaign."""
     return MILLION * sum(per_km * probability for per_km, probability in SCENARIOS)

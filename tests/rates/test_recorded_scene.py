@@ -104,7 +104,7 @@ def test_without_a_departure_all_drive_as_recorded(scene):
 
 
 def brakes(observation):
-    return -3.0 if observation.time >= 12.0 else 0.0  # type: ignore[attr-defined]
+    return -3.0 if observation.time >= 12.0 else 0.0
 
 
 def test_others_react_from_the_departure_on_else_they_collide(scene):
@@ -199,7 +199,7 @@ def test_a_path_that_comes_back_to_where_it_began_keeps_its_furthest_point():
 )
 def test_a_scene_that_cannot_be_is_refused(tmp_path, given, words):
     with refusal(words):
-        write_scene(recorded(), tmp_path / "scene.toml", **given)  # type: ignore[arg-type]
+        write_scene(recorded(), tmp_path / "scene.toml", **given)
 
 
 def twice(*, with_ego):

@@ -2,12 +2,11 @@
 machine wrote it."""
 
 import sqlite3
-from pathlib import Path
 
 from sumo_eval.record.store import Store, _hash
 
 
-def edit(path: Path, change: str, *, hashes: bool = False) -> None:
+def edit(path, change, *, hashes=False):
     """Run one SQL statement on a facts file.
 
     hashes: give every case, and the run, the hash of what it is then.

@@ -1,7 +1,6 @@
 """Small evaluations on disk, and commands on them."""
 
 import sys
-from pathlib import Path
 
 from commands import sumo_eval as sumo_eval_cli  # noqa: F401 - as those who write runs call it
 
@@ -37,9 +36,7 @@ class MyAds:
 """
 
 
-def write_evaluation(
-    folder: Path, ads: str = MY_ADS, levels: int = 3, case_timeout: float = 20.0
-) -> Path:
+def write_evaluation(folder, ads=MY_ADS, levels=3, case_timeout=20.0):
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "my_ads.py").write_text(ads)
     path = folder / "evaluation.toml"
@@ -47,9 +44,9 @@ def write_evaluation(
     return path
 
 
-def command(*arguments: object) -> list[str]:
+def command(*arguments):
     return [sys.executable, "-m", "sumo_eval", *map(str, arguments)]
 
 
-def digest(folder: Path) -> str:
+def digest(folder):
     return sumo_eval.open_run(folder).digest()

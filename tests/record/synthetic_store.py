@@ -6,7 +6,6 @@ Run as a program: one figure.
 import resource
 import sys
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.trajectory import Collision, Recording, Trajectory
 
 
-def outcomes(rows: int) -> Iterator[Outcome]:
+def outcomes(rows):
     """So many drives of one ADS, every tenth with a collision, every hundredth crashed."""
     concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20, lead_speed=10)
     time = np.arange(0.0, 5.0, 0.1)
@@ -34,7 +33,7 @@ def outcomes(rows: int) -> Iterator[Outcome]:
             yield Outcome(case, "ok", Recording(drive, {"lead": drive}, None, "road_end"))
 
 
-def use(path: Path, rows: int) -> tuple[int, int, int]:
+def use(path, rows):
     """Write so many rows, then ask what a parent asks: each case, the counts, the collisions, the
     digest."""
     with open_store(path, create=True) as store:

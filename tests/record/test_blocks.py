@@ -133,7 +133,7 @@ def test_some_cases_of_a_block_are_what_they_are_when_all_are_wanted(tmp_path):
     every = driven("OfTheMean", [0, 1, 2, 3])
     for wanted in ([2], [0, 3]):
         for outcome in driven("OfTheMean", wanted, engine="serial"):
-            assert outcome.recording.drives == every[outcome.case.point].recording.drives  # type: ignore[union-attr]
+            assert outcome.recording.drives == every[outcome.case.point].recording.drives
 
 
 def test_an_exception_in_a_call_belongs_to_all_cases_of_the_block(tmp_path):

@@ -83,7 +83,7 @@ def test_resuming_a_complete_run_simulates_nothing(whole, monkeypatch):
     simulated = []
     from sumo_eval.record import recording
 
-    def run_batches(cases, setup, stopping):  # type: ignore[no-untyped-def]
+    def run_batches(cases, setup, stopping):
         for case in cases:
             simulated.append(case.key)
             yield from ()

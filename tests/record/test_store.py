@@ -118,7 +118,7 @@ def test_a_case_that_cannot_be_stored_whole_leaves_nothing_behind(tmp_path):
         store.add(Outcome(case(), "ok", recording))
         with pytest.raises(sqlite3.IntegrityError):
             store.add(Outcome(case(), "ok", recording))
-        broken = Recording(drive(), {"ego2": None}, None, "road_end")  # type: ignore[dict-item]
+        broken = Recording(drive(), {"ego2": None}, None, "road_end")
         with pytest.raises(AttributeError):
             store.add(Outcome(case(point=8), "ok", broken))
         assert [fact.point for fact in store.facts("ads")] == [7]
@@ -377,5 +377,5 @@ def test_what_no_number_or_its_sign_is_comes_back_with_a_hash_that_fits(tmp_path
         float("inf"),
     )  # fmt: skip
     with open_store(tmp_path / "facts.sqlite", create=True) as store:
-        store.add(Outcome(case(np.int64(3)), "ok", recording, None, "a\x00b"))  # type: ignore[arg-type]
+        store.add(Outcome(case(np.int64(3)), "ok", recording, None, "a\x00b"))
     assert reads(tmp_path / "facts.sqlite") == ""

@@ -1,7 +1,5 @@
 """A headless Chromium driven over its debugging pipe: no driver package, no port, no network."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os
@@ -9,7 +7,6 @@ import select
 import shutil
 import subprocess
 import time
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -34,7 +31,7 @@ FLAGS = (
 )  # fmt: skip
 
 
-def node(program: str, given: object = None) -> Any:
+def node(program, given=None):
     """What a program for Node.js that may read `given` prints as JSON."""
     done = subprocess.run(
         [NODE, "-e", 'const given = JSON.parse(require("fs").readFileSync(0, "utf8"));' + program],
@@ -50,7 +47,7 @@ class Page:
     for.
     """
 
-    def __init__(self, profile: Path, width: int = 1400, height: int = 900, *flags: str) -> None:
+    def __init__(self, profile, width=1400, height=900, *flags):
         to_browser, self._write = os.pipe()
         self._read, from_browser = os.pipe()
         own = [f"--user-data-dir={profile}", f"--window-size={width},{height}"]
@@ -75,10 +72,10 @@ class Page:
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
 
-    def __enter__(self) -> Page:
+    def __enter__(self):
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *_):
         del self._session  # closing is said to the browser, not to the page
         os.write(self._write, json.dumps({"id": 0, "method": "Browser.close"}).encode() + b"\0")
         try:
@@ -89,7 +86,7 @@ class Page:
         os.close(self._write)
         os.close(self._read)
 
-    def call(self, method: str, **params: Any) -> Any:
+    def call(self, method, **params):
         """One command of the debugging protocol, and its result."""
         self._number += 1
         message: dict[str, Any] = {"id": self._number, "method": method, "params": params}
@@ -103,7 +100,7 @@ class Page:
                     raise RuntimeError(f"{method}: {answer['error']}")
                 return answer["result"]
 
-    def run(self, script: str) -> Any:
+    def run(self, script):
         """The value of a JavaScript expression; a promise is waited for."""
         answer = self.call(
             "Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True
@@ -114,17 +111,17 @@ class Page:
             )
         return answer["result"].get("value")
 
-    def picture(self) -> bytes:
+    def picture(self):
         """What is to be seen, as a PNG file."""
         return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
 
-    def open(self, address: str, ready: str, seconds: float = 60.0) -> None:
+    def open(self, address, ready, seconds=60.0):
         """Go to an address and wait until the expression `ready` is true."""
         self.requests.clear()
         self.call("Page.navigate", url=address)
         self.wait(ready, seconds)
 
-    def wait(self, ready: str, seconds: float = 60.0) -> None:
+    def wait(self, ready, seconds=60.0):
         """Wait until a JavaScript expression is true."""
         end = time.monotonic() + seconds
         while not self.run(f"document.documentElement !== null && Boolean({ready})"):
@@ -132,7 +129,7 @@ class Page:
                 raise TimeoutError(f"{ready} never became true; problems: {self.problems}")
             time.sleep(0.05)
 
-    def _receive(self) -> dict[str, Any]:
+    def _receive(self):
         while b"\0" not in self._buffer:
             if not select.select([self._read], [], [], 60.0)[0]:
                 raise TimeoutError("the browser does not answer")
@@ -145,7 +142,7 @@ class Page:
         self._note(message)
         return message
 
-    def _note(self, message: dict[str, Any]) -> None:
+    def _note(self, message):
         method, params = message.get("method"), message.get("params", {})
         if method == "Runtime.exceptionThrown":
             details = params["exceptionDetails"]

@@ -1,10 +1,6 @@
 """What holds for every page: words can be read, charts saved, three screens folded, nothing beside
 the window."""
 
-from pathlib import Path
-
-from browser import Page
-
 WRITTEN_IN_CELLS = """(async () => {
     // Words on the tiles of heat maps: the colour of each against the pixel of the map beneath it.
     const light = (colour) => colour.map((v) => v / 255)
@@ -64,7 +60,7 @@ CONTRAST = """(() => {
 KEYS = {"Tab": 9, "Enter": 13, "ArrowDown": 40, "ArrowUp": 38, " ": 32}
 
 
-def press(page: Page, key: str) -> None:
+def press(page, key):
     """Press a key and let it go."""
     text = {"text": "\r"} if key == "Enter" else {}
     for kind in ("keyDown", "keyUp"):
@@ -74,7 +70,7 @@ def press(page: Page, key: str) -> None:
         )  # fmt: skip
 
 
-def size(page: Page, width: int, height: int) -> None:
+def size(page, width, height):
     page.call(
         "Emulation.setDeviceMetricsOverride",
         width=width,
@@ -84,7 +80,7 @@ def size(page: Page, width: int, height: int) -> None:
     )
 
 
-def holds_what_every_page_holds(page: Page, path: Path, ready: str) -> None:
+def holds_what_every_page_holds(page, path, ready):
     """Opened on a phone and on desktops, folded and unfolded, light and dark.
 
     ready: that it is drawn.
@@ -116,7 +112,7 @@ def holds_what_every_page_holds(page: Page, path: Path, ready: str) -> None:
     assert page.problems == []
 
 
-def saved_table(page: Page, chart: str) -> list[str]:
+def saved_table(page, chart):
     """The lines of the CSV that the button of the first chart inside the selector saves."""
     page.run("""(() => { URL.createObjectURL = (blob) => { blob.text().then((text) => { window.savedText = text; });
         return '#'; }; HTMLAnchorElement.prototype.click = function () {}; window.savedText = ''; })()""")

@@ -1,18 +1,12 @@
 """Cases of the evaluation made by hand, picked and changed: what the tests of comparison, gates and
 JUnit share."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import builders
 
-from sumo_eval.cases import CaseResult
-from sumo_eval.results import Evaluation
 
-
-def with_case(
-    evaluation: Evaluation, key: str, change: Callable[[CaseResult], CaseResult]
-) -> Evaluation:
+def with_case(evaluation, key, change):
     """The evaluation with one case changed."""
     return replace(
         evaluation,
@@ -20,7 +14,7 @@ def with_case(
     )
 
 
-def pick(evaluation: Evaluation, *, collided: bool, zone: str = "hazardous") -> CaseResult:
+def pick(evaluation, *, collided, zone="hazardous"):
     return next(
         case
         for case in evaluation.cases
@@ -30,7 +24,7 @@ def pick(evaluation: Evaluation, *, collided: bool, zone: str = "hazardous") -> 
     )
 
 
-def hit(case: CaseResult) -> CaseResult:
+def hit(case):
     return replace(
         case, status="collision", collided=True, impact_speed=5.0, overlap=1.0, side="front",
         severity=5.0, loss=0.4,

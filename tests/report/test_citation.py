@@ -26,7 +26,7 @@ def test_digest_follows_every_score_and_no_order(evaluation):
     first, *rest = evaluation.scores
     assert digest(replace(evaluation, scores=(*rest, first))) == digest(evaluation)
     for changed in ({"s": 1.0}, {"avoided_share": 0.1}, {"departures": 7}, {"ads": "other"}):
-        other = replace(evaluation, scores=(replace(first, **changed), *rest))  # type: ignore[arg-type]
+        other = replace(evaluation, scores=(replace(first, **changed), *rest))
         assert digest(other) != digest(evaluation)
     noise = replace(first, c=(first.c or 0.0) + 1e-12)
     assert digest(replace(evaluation, scores=(noise, *rest))) == digest(evaluation), (
@@ -41,6 +41,6 @@ def test_suite_is_named_only_as_it_is(evaluation, changes):
         "scenario": [{"use": "suite:2026.1"}],
         "ads": [{"name": "a", "controller": "idm"}],
     }
-    settings = replace(settings_from(content, "a test"), **changes)  # type: ignore[arg-type]
+    settings = replace(settings_from(content, "a test"), **changes)
     assert suite_of(settings) == ("" if changes else "2026.1")
     assert ("suite 2026.1" in citation(replace(evaluation, settings=settings))) == (not changes)

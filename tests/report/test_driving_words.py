@@ -37,7 +37,7 @@ def case(evaluation):
     safe = next(one for one in evaluation.cases if one.zone == "safe" and not one.incident)
     return replace(
         safe, scenario=builders.SCENARIOS[0], values={"ego_speed": 20.0, "lead_speed": 5.0}, **FINE
-    )  # type: ignore[arg-type]
+    )
 
 
 def scene(case, ego, *drivers, **actors):
@@ -99,7 +99,7 @@ def test_a_missed_lane_change_is_said(case):
     placed = logical.placed(case.values)
     due = replace(placed, ego=replace(placed.ego, way=Way(3.5, 0.0, placed.ego.x + 100.0, False)))
     both = (drive([(0, 20), (10, 20)], x=placed.ego.x) for _ in range(2))
-    logical = SimpleNamespace(placed=lambda _: due, road=logical.road)  # type: ignore[assignment]
+    logical = SimpleNamespace(placed=lambda _: due, road=logical.road)
     said = [*words.task_words(scene(replace(case, task_share=0.5), *both), logical, 0.5)]
     assert said == [("Missed the lane change that was due after 100 m.", pytest.approx(5.0))]
 

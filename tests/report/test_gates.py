@@ -32,7 +32,7 @@ OFF = {
 
 def judged(base, new, *limits):
     """By these limits alone, without any by the rule."""
-    settings = GateSettings(resamples=400, **({"limit": limits, **OFF} if limits else {}))  # type: ignore[arg-type]
+    settings = GateSettings(resamples=400, **({"limit": limits, **OFF} if limits else {}))
     return judge(new, compare(base, new, settings), settings)
 
 
@@ -235,7 +235,7 @@ def test_the_scores_that_order_can_be_limited_by_value(evaluation, quantity, fie
     value = float(getattr(score, field))
     best = quantity in HIGHER_IS_BETTER
     bound = {"at_least": value} if best else {"at_most": value}
-    limit = LimitSettings(quantity, ads=score.ads, scenario=score.scenario, **bound)  # type: ignore[arg-type]
+    limit = LimitSettings(quantity, ads=score.ads, scenario=score.scenario, **bound)
     (holds,) = judged(evaluation, evaluation, limit)
     assert holds.passed
     (broken,) = judged(

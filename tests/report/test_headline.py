@@ -30,7 +30,7 @@ def of_one_scenario(evaluation, cases):
                 "gave_up": sum(case.gave_up for case in own),
                 "not_evaluated": sum(not case.evaluated for case in own),
             }
-            scores.append(replace(score, **counted))  # type: ignore[arg-type]
+            scores.append(replace(score, **counted))
     return replace(evaluation, scores=tuple(scores), cases=tuple(cases))
 
 
@@ -73,7 +73,7 @@ def test_each_alarm_is_raised_by_one_case(evaluation, words):
     first, *rest = clean(evaluation, builders.CALM)
     calm = headline(of_one_scenario(evaluation, [first, *rest]))
     assert calm.alarms == ()
-    odd = headline(of_one_scenario(evaluation, [replace(first, **ALARMS[words]), *rest]))  # type: ignore[arg-type]
+    odd = headline(of_one_scenario(evaluation, [replace(first, **ALARMS[words]), *rest]))
     ((ads, said),) = odd.alarms
     assert ads == builders.CALM
     assert words in said
@@ -100,20 +100,20 @@ def test_safety_in_a_test_engineers_words(evaluation):
     """One hit of 12 m/s = 43 km/h in 4 cases: mean excess 3 m/s, 50 / 3.6 / 3 = 4.6 cases a
     contact."""
     first, *rest = clean(evaluation, builders.CALM)
-    one = of_one_scenario(evaluation, [replace(first, **HIT), *rest])  # type: ignore[arg-type]
+    one = of_one_scenario(evaluation, [replace(first, **HIT), *rest])
     assert safety_words(one, behaviour_of(one, builders.CALM)) == (
         "1 avoidable collision in 4 cases, worst 43 km/h; "
         "as much excess impact speed as one 50 km/h contact every 5 cases of this grid"
     )
     # the ideal vehicle hits as well, by 6 m/s
     softer = {"ideal_severity": 6.0, "ideal_collided": True}
-    harder = of_one_scenario(evaluation, [replace(first, **HIT | softer), *rest])  # type: ignore[arg-type]
+    harder = of_one_scenario(evaluation, [replace(first, **HIT | softer), *rest])
     assert safety_words(harder, behaviour_of(harder, builders.CALM)) == (
         "no avoidable collision in 4 cases, yet as much impact speed above the ideal vehicle's "
         "as one 50 km/h contact every 9 cases of this grid"
     )
     # 27.8 m/s in every case
-    fast = [replace(case, **HIT | {"severity": 100.0 / 3.6}) for case in (first, *rest)]  # type: ignore[arg-type]
+    fast = [replace(case, **HIT | {"severity": 100.0 / 3.6}) for case in (first, *rest)]
     every = of_one_scenario(evaluation, fast)
     assert safety_words(every, behaviour_of(every, builders.CALM)).endswith(
         "as much excess impact speed as 2.0 contacts at 50 km/h a case of this grid"
@@ -128,7 +128,7 @@ def test_safety_in_a_test_engineers_words(evaluation):
 def test_sign_test_tells_the_safest_apart(evaluation, hits, words):
     """2 x 0.5^5 = 0.063 is chance, 2 x 0.5^6 = 0.031 is not."""
     calm, hostile = (clean(evaluation, ads, 8) for ads in (builders.CALM, builders.HOSTILE))
-    hostile = [replace(case, **HIT) if place < hits else case for place, case in enumerate(hostile)]  # type: ignore[arg-type]
+    hostile = [replace(case, **HIT) if place < hits else case for place, case in enumerate(hostile)]
     both = of_one_scenario(evaluation, [*calm, *hostile])
     assert harm_beside(both, builders.CALM, builders.HOSTILE) == (hits, 0, 8)
     worse = tuple(
@@ -166,7 +166,7 @@ def test_without_a_task_a_prime_stands_in_for_s_plus(evaluation):
 
 def test_a_departure_is_off_road_on_every_picture(evaluation):
     first, *rest = clean(evaluation, builders.CALM)
-    gone = replace(first, **ALARMS["left the road in 1 case"])  # type: ignore[arg-type]
+    gone = replace(first, **ALARMS["left the road in 1 case"])
     assert (first.outcome, gone.outcome) == ("no contact", "off road")
     kinds, words = failure_kinds(CaseTable.of([gone, *rest]))
     assert [words[kind] for kind in kinds] == ["off road", "", "", ""]

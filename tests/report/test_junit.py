@@ -35,7 +35,7 @@ def read(path):
 def with_report(evaluation, **values):
     return replace(
         evaluation, settings=replace(evaluation.settings, report=ReportSettings(**values))
-    )  # type: ignore[arg-type]
+    )
 
 
 def test_every_case_is_a_test_with_the_verdict_of_the_table(evaluation, tmp_path):

@@ -90,7 +90,7 @@ def test_the_page_computes_the_field_of_the_method(make, k1, k2, superposition):
         "given.options));",
         given,
     )
-    here = trajectory_field(points, trajectory, k1=k1, k2=k2, superposition=superposition)  # type: ignore[arg-type]
+    here = trajectory_field(points, trajectory, k1=k1, k2=k2, superposition=superposition)
     np.testing.assert_allclose(there, here, rtol=1e-6, atol=1e-9)
 
 

@@ -148,7 +148,7 @@ def test_the_ranking_has_a_section_where_there_is_one(evaluation):
             pairs=(RankedPair("x", "<y>", 1.5, (-2.0, 5.0), told_apart=False),),
         )
     )  # fmt: skip
-    content = ranking_content(ranked, Beside())  # type: ignore[arg-type]
+    content = ranking_content(ranked, Beside())
     assert content is not None
     text = template("sections/ranking.html.j2").render(content={"ranking": content}, term=term)
     assert '<th scope="row">&lt;y&gt;</th>' in text

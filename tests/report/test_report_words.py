@@ -37,7 +37,7 @@ CUT_OUT = builders.SCENARIOS[1]
 
 
 def with_loss(evaluation, loss):
-    method = MethodSettings(collision=CollisionSettings(loss=loss))  # type: ignore[arg-type]
+    method = MethodSettings(collision=CollisionSettings(loss=loss))
     return replace(evaluation, settings=replace(evaluation.settings, method=method))
 
 

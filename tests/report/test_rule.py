@@ -110,7 +110,7 @@ def test_holm_rejects_in_steps_and_leaves_out_what_cannot_fail():
 def calm(evaluation, **values):
     """A run in which every case of `calm` that ended well has these values."""
     cases = [
-        replace(case, **values) if case.ads == builders.CALM and case.status == "ok" else case  # type: ignore[arg-type]
+        replace(case, **values) if case.ads == builders.CALM and case.status == "ok" else case
         for case in evaluation.cases
     ]
     return replace(evaluation, cases=tuple(cases))

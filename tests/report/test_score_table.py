@@ -22,7 +22,7 @@ def with_ads(evaluation, number):
     own = [score for score in evaluation.scores if score.ads == first]
     names = [f"{LONG[place % 3]}{place or ''}" for place in range(number)]
     scores: list[ScenarioResult] = [
-        replace(score, ads=name, s_plus_interval=(12.3, 100.0), **INTERVALS)  # type: ignore[arg-type]
+        replace(score, ads=name, s_plus_interval=(12.3, 100.0), **INTERVALS)
         for score in own
         for name in names
     ]

@@ -159,7 +159,7 @@ def test_only_nights_of_a_failed_limit_are_marked_as_failed():
 
 
 def value_without(value):
-    return (value.night, value.ads, value.scenario, value.quantity, None)  # type: ignore[attr-defined]
+    return (value.night, value.ads, value.scenario, value.quantity, None)
 
 
 @needs_chromium

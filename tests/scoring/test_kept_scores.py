@@ -114,7 +114,7 @@ def test_stopped_scoring_continues_where_it_was(done, copy, monkeypatch):
     computed: list[int] = []
     compute = human_reference._compute_part
 
-    def counting(part):  # type: ignore[no-untyped-def]
+    def counting(part):
         computed.append(len(part[1]))
         return compute(part)
 

@@ -2,21 +2,17 @@
 
 import math
 import statistics
-from collections.abc import Sequence
 
-from sumo_eval.scenario.concrete import Road
-from sumo_eval.settings import AnthropomorphicSettings
-from sumo_eval.trajectory import Trajectory
 from twins.trajectory_field import instantaneous_field, samples
 
 
-def gaussian_similarity(value: float, mean: float, deviation: float) -> float:
+def gaussian_similarity(value, mean, deviation):
     """min(1, p(value) / p at two deviations), with the densities written out."""
     gaussian = statistics.NormalDist(mean, deviation)
     return min(1.0, gaussian.pdf(value) / gaussian.pdf(mean + 2.0 * deviation))
 
 
-def lateral_position(trajectory: Trajectory, position: float) -> float:
+def lateral_position(trajectory, position):
     """y at the first crossing of x = position."""
     x, y = trajectory.x.tolist(), trajectory.y.tolist()
     if position <= x[0]:
@@ -27,7 +23,7 @@ def lateral_position(trajectory: Trajectory, position: float) -> float:
     return y[-1]
 
 
-def length(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings) -> float:
+def length(trajectory, road, settings):
     """To the stop, to where it left the road, else to the road's end."""
     beside = trajectory.y[-1] < road.right_edge or trajectory.y[-1] > road.left_edge
     if trajectory.speed[-1] < settings.stop_speed or beside:
@@ -35,7 +31,7 @@ def length(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings
     return road.length - trajectory.x[0]
 
 
-def seen(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings) -> float:
+def seen(trajectory, road, settings):
     """How far it was seen."""
     x = trajectory.x.tolist()
     if max(x) >= road.length or x[-1] + (x[-1] - x[-2]) >= road.length:
@@ -43,7 +39,7 @@ def seen(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings) 
     return (x[-1] if trajectory.speed[-1] < settings.stop_speed else max(x)) - x[0]
 
 
-def operations(time: Sequence[float], active: Sequence[bool], neutral_time: float) -> int:
+def operations(time, active, neutral_time):
     """Sample by sample: begin when active, end when neutral for long enough."""
     count, running, neutral_since = 0, False, math.nan
     for now, is_active in zip(time, active, strict=True):
@@ -57,7 +53,7 @@ def operations(time: Sequence[float], active: Sequence[bool], neutral_time: floa
     return count
 
 
-def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int:
+def count_operations(trajectory, settings):
     """Steering (by the wheel every angle is known) and pedals."""
     time = trajectory.time.tolist()
     pedals = [abs(a) > settings.acceleration_threshold for a in trajectory.acceleration]
@@ -71,12 +67,12 @@ def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings) 
     return count + operations(time, steering, settings.neutral_time)
 
 
-def manoeuvres(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int:
+def manoeuvres(trajectory, settings):
     """Moves to one side at more than 0.12 m/s, a mean over a second, that shift the vehicle by at
     least 1 m."""
     time, y = trajectory.time.tolist(), trajectory.y.tolist()
 
-    def at(moment: float) -> float:
+    def at(moment):
         moment = min(max(moment, time[0]), time[-1])
         after = next(i for i, t in enumerate(time) if t >= moment)
         if after == 0:
@@ -84,7 +80,7 @@ def manoeuvres(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int
         share = (moment - time[after - 1]) / (time[after] - time[after - 1])
         return y[after - 1] + share * (y[after] - y[after - 1])
 
-    def rate(moment: float) -> float:
+    def rate(moment):
         span = min(moment + 0.5, time[-1]) - max(moment - 0.5, time[0])
         return (at(moment + 0.5) - at(moment - 0.5)) / span
 
@@ -112,9 +108,7 @@ def manoeuvres(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int
     return count
 
 
-def anthropomorphic_index(
-    ads: Trajectory, drivers: Sequence[Trajectory], road: Road, settings: AnthropomorphicSettings
-) -> float:
+def anthropomorphic_index(ads, drivers, road, settings):
     """D_i, for drivers who end on the road or within one sample of its end."""
     lengths = [length(driver, road, settings) for driver in drivers]
     own = length(ads, road, settings)

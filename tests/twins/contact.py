@@ -3,10 +3,8 @@ of a step."""
 
 import math
 
-from sumo_eval.cosim.contact import Body
 
-
-def pose(before: Body, after: Body, share: float) -> Body:
+def pose(before, after, share):
     """The body a share of the way from one sample to the next, turning the shorter way round."""
     turn = (after.heading - before.heading + math.pi) % math.tau - math.pi
     return before._replace(
@@ -16,7 +14,7 @@ def pose(before: Body, after: Body, share: float) -> Body:
     )
 
 
-def corners(body: Body, grow: float = 0.0) -> list[complex]:
+def corners(body, grow=0.0):
     """Corners as complex numbers, counter-clockwise, of a body grown by `grow` m on every side."""
     turn = complex(math.cos(body.heading), math.sin(body.heading))
     length, width = body.length / 2 + grow, body.width / 2 + grow
@@ -26,19 +24,19 @@ def corners(body: Body, grow: float = 0.0) -> list[complex]:
     ]
 
 
-def _left_of(point: complex, start: complex, end: complex) -> float:
+def _left_of(point, start, end):
     return ((end - start).conjugate() * (point - start)).imag
 
 
-def _inside(point: complex, polygon: list[complex]) -> bool:
+def _inside(point, polygon):
     return all(_left_of(point, polygon[i - 1], polygon[i]) >= 0 for i in range(len(polygon)))
 
 
-def _cross(a: complex, b: complex, c: complex, d: complex) -> bool:
+def _cross(a, b, c, d):
     return _left_of(a, c, d) * _left_of(b, c, d) < 0 and _left_of(c, a, b) * _left_of(d, a, b) < 0
 
 
-def overlap(a: Body, b: Body, grow: float = 0.0) -> bool:
+def overlap(a, b, grow=0.0):
     """Whether two bodies overlap: a corner of one inside the other, or two edges that cross."""
     one, two = corners(a, grow), corners(b, grow)
     if any(_inside(point, two) for point in one) or any(_inside(point, one) for point in two):
@@ -46,9 +44,7 @@ def overlap(a: Body, b: Body, grow: float = 0.0) -> bool:
     return any(_cross(one[i - 1], one[i], two[j - 1], two[j]) for i in range(4) for j in range(4))
 
 
-def first_overlap(
-    a_before: Body, a_after: Body, b_before: Body, b_after: Body, samples: int = 200
-) -> float | None:
+def first_overlap(a_before, a_after, b_before, b_after, samples=200):
     """The first of many evenly spaced instants (share of the step) at which the bodies overlap."""
     for index in range(samples + 1):
         share = index / samples

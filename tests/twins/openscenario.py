@@ -1,16 +1,13 @@
 """A second, independent reader of OpenSCENARIO: steps of 0.01 s along reference lines that it
 evaluates geometry by geometry, for an ego that keeps its speed. Tests compare places with it."""
 
-from __future__ import annotations
-
 import bisect
 import itertools
 import math
 import operator
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from lxml import etree
@@ -34,7 +31,7 @@ Point = tuple[float, float, float]
 class Road:
     """A reference line, and the lanes of its only section."""
 
-    def __init__(self, element: Any) -> None:
+    def __init__(self, element):
         self.geometries = list(element.iterfind("planView/geometry"))
         self.length = sum(float(it.get("length")) for it in self.geometries)
         shift = element.find("lanes/laneOffset")
@@ -51,7 +48,7 @@ class Road:
                 self.lanes[int(lane.get("id"))] = centre, wide, lane.get("type")
                 edge += wide
 
-    def at(self, s: float, t: float = 0.0) -> Point:
+    def at(self, s, t=0.0):
         """x, y and heading."""
         before = [it for it in self.geometries if float(it.get("s")) <= s + 1e-9]
         piece = (before or self.geometries[:1])[-1]
@@ -66,7 +63,7 @@ class Road:
             hdg + turned,
         )
 
-    def _local(self, shape: Any, u: float, length: float) -> Point:
+    def _local(self, shape, u, length):
         number = {key: float(value) for key, value in shape.attrib.items() if key != "pRange"}
         if shape.tag == "paramPoly3":
             scale = length if shape.get("pRange", "normalized") == "normalized" else 1.0
@@ -87,11 +84,11 @@ class Road:
             x, y = x + u / count * math.cos(turned), y + u / count * math.sin(turned)
         return x, y, begin * u + 0.5 * rate * u * u
 
-    def bend(self, s: float) -> float:
+    def bend(self, s):
         """Curvature, 1/m."""
         return math.remainder(self.at(s + 0.05)[2] - self.at(s - 0.05)[2], math.tau) / 0.1
 
-    def nearest(self, x: float, y: float) -> tuple[float, float]:
+    def nearest(self, x, y):
         """s and t of a place."""
         s = min((0.5 * self.length * k / 200 * 2 for k in range(201)),
                 key=lambda it: math.dist(self.at(it)[:2], (x, y)))  # fmt: skip
@@ -107,7 +104,7 @@ class Road:
 class Line(Road):
     """A trajectory: straight lines between places on the map, and straight on beyond them."""
 
-    def __init__(self, places: list[tuple[float, float]]) -> None:
+    def __init__(self, places):
         self.places = [it for k, it in enumerate(places) if not k or it != places[k - 1]]
         self.lanes = {}
         self.begins = [0.0]
@@ -115,14 +112,14 @@ class Line(Road):
             self.begins.append(self.begins[-1] + math.dist(*ends))
         self.length = self.begins[-1]
 
-    def at(self, s: float, t: float = 0.0) -> Point:
+    def at(self, s, t=0.0):
         k = min(max(bisect.bisect_right(self.begins, s) - 1, 0), len(self.places) - 2)
         (x, y), (x2, y2) = self.places[k : k + 2]
         heading, u = math.atan2(y2 - y, x2 - x), s - self.begins[k]
         c, d = math.cos(heading), math.sin(heading)
         return x + u * c - t * d, y + u * d + t * c, heading
 
-    def bend(self, s: float) -> float:
+    def bend(self, s):
         return 0.0
 
 
@@ -143,18 +140,18 @@ class Body:
     unknown: bool = False  # between the begin of a synchronized move and its last part
     moves: dict[str, Any] = field(default_factory=dict)
 
-    def place(self) -> tuple[float, float]:
+    def place(self):
         """The centre of the body on the map."""
         x, y, _ = self.road.at(self.s, self.t)
         heading = self.heading()
         return x + self.centre * math.cos(heading), y + self.centre * math.sin(heading)
 
-    def heading(self) -> float:
+    def heading(self):
         """Where it points on the map."""
         turn = (0.0 if self.way > 0 else math.pi) if self.turn is None else self.turn
         return self.road.at(self.s, self.t)[2] + turn
 
-    def touches(self, other: Body) -> bool:
+    def touches(self, other):
         """Whether two bodies overlap: along no axis of either they are apart."""
         (x, y), (x2, y2), turned = self.place(), other.place(), other.heading() - self.heading()
         c, s = abs(math.cos(turned)), abs(math.sin(turned))
@@ -167,7 +164,7 @@ class Body:
                 return False
         return True
 
-    def lane(self) -> int:
+    def lane(self):
         """The number of its lane."""
         return next(k for k, (c, w, _) in self.road.lanes.items() if abs(self.t - c) <= w / 2)
 
@@ -175,7 +172,7 @@ class Body:
 class Reader:
     """A scenario file that runs step by step."""
 
-    def __init__(self, path: Path, given: dict[str, str] | None = None, road: str = "") -> None:
+    def __init__(self, path, given=None, road=""):
         self.root = etree.parse(path, PLAIN).getroot()
         self.carla = self.root.find("FileHeader").get("description").startswith("CARLA:")
         self.time = 0.0
@@ -202,12 +199,12 @@ class Reader:
 
     # values
 
-    def _declare(self, element: Any, given: dict[str, str]) -> None:
+    def _declare(self, element, given):
         for part in element.iter("ParameterDeclaration"):
             name = part.get("name").lstrip("$")
             self.values[name] = given.get(name, part.get("value"))
 
-    def text(self, element: Any, name: str, default: str = "") -> str:
+    def text(self, element, name, default=""):
         written = str(element.get(name, default)).strip()
         if written.startswith("${"):
             inner = re.sub(
@@ -222,10 +219,10 @@ class Reader:
                 return self.text({"x": written}, "x")
         return written
 
-    def number(self, element: Any, name: str, default: float = 0.0) -> float:
+    def number(self, element, name, default=0.0):
         return float(self.text(element, name, str(default)))
 
-    def _body(self, element: Any) -> Body:
+    def _body(self, element):
         reference = element.find("CatalogReference")
         held = element
         if reference is not None:
@@ -240,7 +237,7 @@ class Reader:
 
     # places
 
-    def _start(self) -> None:
+    def _start(self):
         waiting = [(self.bodies[self.text(private, "entityRef")], action[0])
                    for private in self.root.iterfind("Storyboard/Init/Actions/Private")
                    for action in private.iterfind("PrivateAction")]  # fmt: skip
@@ -254,7 +251,7 @@ class Reader:
             assert len(left) < len(waiting)
             waiting = left
 
-    def _started(self, body: Body, action: Any) -> bool:
+    def _started(self, body, action):
         if action.tag in ("TeleportAction", "AddEntityAction"):
             return self._put(body, action.find("Position")[0])
         follow = action.find("FollowTrajectoryAction")
@@ -271,11 +268,11 @@ class Reader:
                     self._speed(body, speed)
         return True
 
-    def _relative(self, target: Any, base: float) -> float:
+    def _relative(self, target, base):
         value = self.number(target, "value")
         return base * value if target.get("speedTargetValueType") == "factor" else base + value
 
-    def _held(self, holder: Any, tag: str) -> Any:
+    def _held(self, holder, tag):
         """An element, or the entry that its <CatalogReference> names with the values it gives."""
         reference = next(holder.iter("CatalogReference"), None)
         if reference is None:
@@ -288,13 +285,13 @@ class Reader:
         self._declare(entry, given)
         return entry
 
-    def _line(self, holder: Any) -> Line:
+    def _line(self, holder):
         values = dict(self.values)
         line = Line(self._places(holder))
         self.values = values
         return line
 
-    def _places(self, holder: Any) -> list[tuple[float, float]]:
+    def _places(self, holder):
         trajectory = self._held(holder, "Trajectory")
         places = []
         for vertex in trajectory.iter("Vertex"):
@@ -321,7 +318,7 @@ class Reader:
                 places.append((x, y))
         return places
 
-    def _put(self, body: Body, position: Any) -> bool:
+    def _put(self, body, position):
         if position.tag == "TrajectoryPosition":
             body.road, body.s = self._line(position), self.number(position, "s")
             return True
@@ -384,7 +381,7 @@ class Reader:
             return True
         return self._turn(body, position)
 
-    def _turn(self, body: Body, position: Any) -> bool:
+    def _turn(self, body, position):
         """Point a body as its <Orientation> says; one that drives keeps to its road."""
         turn = position.find("Orientation")
         if turn is None:
@@ -398,7 +395,7 @@ class Reader:
         return True
 
     @staticmethod
-    def _beside(lane: int, count: int) -> int:
+    def _beside(lane, count):
         for _ in range(abs(count)):
             lane += 1 if count > 0 else -1
             lane += 0 if lane else (1 if count > 0 else -1)
@@ -406,7 +403,7 @@ class Reader:
 
     # moves
 
-    def _speed(self, body: Body, action: Any) -> Callable[[], bool]:
+    def _speed(self, body, action):
         target, dynamics = action.find("SpeedActionTarget")[0], action.find("SpeedActionDynamics")
         other = self.bodies.get(self.text(target, "entityRef"))
         if other is not None and self.text(target, "continuous") == "true":
@@ -424,7 +421,7 @@ class Reader:
         elif kind == "distance":
             lasts = 2.0 * value / (goal + first)
 
-        def now() -> float:
+        def now():
             u = min((self.time - begun) / lasts, 1.0) if lasts else 1.0
             return first + (goal - first) * SHAPES[shape](u)
 
@@ -432,7 +429,7 @@ class Reader:
         body.v = now()
         return lambda: self.time >= begun + lasts - 1e-9
 
-    def _across(self, body: Body, action: Any) -> Callable[[], bool]:
+    def _across(self, body, action):
         target = next(it for it in action if it.tag.endswith("Target"))[0]
         dynamics = next(it for it in action if it.tag.endswith("Dynamics"))
         other = self.bodies.get(self.text(target, "entityRef"), body)
@@ -455,14 +452,14 @@ class Reader:
         elif kind == "rate":
             value = way / value * PEAKS[shape]
 
-        def share() -> float:
+        def share():
             done = body.driven - driven if kind == "distance" else self.time - begun
             return min(done / value, 1.0) if value else 1.0
 
         body.moves["across"] = lambda: first + (goal - first) * SHAPES[shape](share())
         return lambda: share() >= 1.0 - 1e-9 and action.get("continuous") != "true"
 
-    def _do(self, body: Body, private: Any) -> Callable[[], bool]:
+    def _do(self, body, private):
         if private[0].tag == "SynchronizeAction":
             return self._synchronize(body, private[0])
         inner = private[0][0] if len(private[0]) else private[0]
@@ -491,7 +488,7 @@ class Reader:
         )
         return lambda: True
 
-    def _synchronize(self, body: Body, action: Any) -> Callable[[], bool]:
+    def _synchronize(self, body, action):
         """Only the last part is said by the standard: at the place in time, at the final speed."""
         master = self.bodies[action.get("masterEntityRef")]
         goals = []
@@ -510,7 +507,7 @@ class Reader:
         arrives, target = self.time + goals[0] / master.v, body.s + body.way * goals[1]
         body.unknown = True
 
-        def now() -> float:
+        def now():
             rest = speed * (arrives - self.time)
             body.unknown = body.unknown and rest > steady + 1e-9
             if not body.unknown and "sync" not in body.moves:
@@ -522,11 +519,11 @@ class Reader:
 
     # conditions
 
-    def _holds(self, trigger: Any) -> bool:
+    def _holds(self, trigger):
         groups = [] if trigger is None else trigger.findall("ConditionGroup")
         return not groups or any([all([self._true(it) for it in group]) for group in groups])  # noqa: C419 - each is looked at
 
-    def _true(self, condition: Any) -> bool:
+    def _true(self, condition):
         kind = condition[0]
         if kind.tag == "ByValueCondition":
             value = self._by_value(kind[0])
@@ -548,7 +545,7 @@ class Reader:
                  "risingOrFalling": was is not None and now != was}  # fmt: skip
         return edges[condition.get("conditionEdge")]
 
-    def _by_value(self, element: Any) -> bool:
+    def _by_value(self, element):
         if element.tag == "SimulationTimeCondition":
             # a step is short: `greaterThan` begins at the time itself
             rule = element.get("rule").replace("greaterThan", "greaterOrEqual")
@@ -564,7 +561,7 @@ class Reader:
         ended = element.get("state") in ("completeState", "endTransition")
         return any(state == "complete" or (not ended and state == "running") for state in states)
 
-    def _of(self, element: Any, body: Body) -> bool:
+    def _of(self, element, body):
         rule = RULES[element.get("rule", "greaterOrEqual")]
         value, free = self.number(element, "value"), element.get("freespace") == "true"
         reference = self.text(element, "entityRef")
@@ -601,7 +598,7 @@ class Reader:
         x, y, _ = body.road.at(body.s, body.t)
         return rule(math.dist((x, y), other.road.at(other.s, other.t)[:2]), value)
 
-    def _ahead(self, element: Any, body: Body, other: Body) -> float:
+    def _ahead(self, element, body, other):
         """How far another reference point is ahead: along the body's own axis, the middle of its
         lane, or the reference line."""
         along_road = self.text(element, "alongRoute") == "true"
@@ -616,7 +613,7 @@ class Reader:
 
     # the storyboard
 
-    def step(self) -> None:
+    def step(self):
         """The next 0.01 s."""
         for body in self.bodies.values():
             was = body.v
@@ -634,7 +631,7 @@ class Reader:
                 self._act(act)
         self.time += STEP
 
-    def _maneuvers(self, group: Any) -> Iterator[Any]:
+    def _maneuvers(self, group):
         yield from group.iterfind("Maneuver")
         for reference in group.iterfind("CatalogReference"):
             for it in reference.iter("ParameterAssignment"):
@@ -643,7 +640,7 @@ class Reader:
                 tuple(self.text(reference, it) for it in ("catalogName", "entryName"))
             ]
 
-    def _act(self, act: Any) -> None:
+    def _act(self, act):
         done = []
         for group in act.iterfind("ManeuverGroup"):
             names = [self.text(it, "entityRef") for it in group.iterfind("Actors/EntityRef")]
@@ -658,7 +655,7 @@ class Reader:
         if all(done):
             self.states[act] = "complete"
 
-    def _event(self, event: Any, names: list[str]) -> None:
+    def _event(self, event, names):
         actions = event.findall("Action")
         if all(it.find("GlobalAction") is not None for it in actions):
             deleted = list(event.iter("EntityAction"))

@@ -1,14 +1,11 @@
 """Eqs. 9-10 one point and one sample at a time."""
 
 import math
-from collections.abc import Sequence
-
-from sumo_eval.trajectory import Trajectory
 
 Sample = tuple[float, float, float, float]  # x, y, heading, speed
 
 
-def instantaneous_field(point: Sequence[float], sample: Sample, k1: float, k2: float) -> float:
+def instantaneous_field(point, sample, k1, k2):
     """s = exp(k2 v cos theta) / max(|r|, 1)^k1; a point on the vehicle is dead ahead of it."""
     x, y, heading, speed = sample
     rx, ry = point[0] - x, point[1] - y
@@ -17,7 +14,7 @@ def instantaneous_field(point: Sequence[float], sample: Sample, k1: float, k2: f
     return math.exp(k2 * speed * math.cos(theta)) / max(distance, 1.0) ** k1
 
 
-def samples(trajectory: Trajectory, interval: float = 0.1) -> list[Sample]:
+def samples(trajectory, interval=0.1):
     """The trajectory at first time, + interval, + 2 intervals, ..., linear between its own
     samples."""
     time = trajectory.time.tolist()
@@ -32,31 +29,19 @@ def samples(trajectory: Trajectory, interval: float = 0.1) -> list[Sample]:
         after = next(i for i, t in enumerate(time) if t >= wanted - 1e-9)
         before = max(after - 1, 0)
         share = (wanted - time[before]) / (time[after] - time[before]) if after > before else 0.0
-        found.append(tuple(c[before] + share * (c[after] - c[before]) for c in channels))  # type: ignore[arg-type]
+        found.append(tuple(c[before] + share * (c[after] - c[before]) for c in channels))
         step += 1
     return found
 
 
-def trajectory_field(
-    point: Sequence[float],
-    trajectory: Trajectory,
-    k1: float = 0.5,
-    k2: float = 0.005,
-    interval: float = 0.1,
-) -> float:
+def trajectory_field(point, trajectory, k1=0.5, k2=0.005, interval=0.1):
     """S = sum of s over the samples."""
     return sum(
         instantaneous_field(point, sample, k1, k2) for sample in samples(trajectory, interval)
     )
 
 
-def vector_field(
-    point: Sequence[float],
-    trajectory: Trajectory,
-    k1: float = 0.5,
-    k2: float = 0.005,
-    interval: float = 0.1,
-) -> float:
+def vector_field(point, trajectory, k1=0.5, k2=0.005, interval=0.1):
     """|sum of s r/|r||; a sample on the point has no direction and adds nothing."""
     east = north = 0.0
     for sample in samples(trajectory, interval):

@@ -67,7 +67,7 @@ def test_each_bound_marks_the_drive_that_breaks_it_and_no_other():
         ({"end": "contact"}, "touched another vehicle"),
         ({"end": "sim_error"}, "a fault of the simulation"),
     ):
-        assert replace(GOOD, **change).against(rule) == (words,)  # type: ignore[arg-type]
+        assert replace(GOOD, **change).against(rule) == (words,)
     assert replace(GOOD, end="quit").against(replace(rule, quit=True)) == ()
     assert (
         replace(GOOD, stepped_down=None, unanswered=None, drawn=None).against(rule) == ()

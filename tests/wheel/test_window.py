@@ -253,7 +253,7 @@ def test_quitting_and_a_broken_message_end_the_drive(tmp_path):
         assert recording.error == (None if name == "quit" else WRONG_INPUT)  # which the page shows
         assert len(read_tape(path).rows) == 12
         assert again(path).same is True
-        said = read_tape(path).end["error"]  # type: ignore[index]
+        said = read_tape(path).end["error"]
         assert said == ("quit" if name == "quit" else WRONG_INPUT)
 
 
@@ -269,7 +269,7 @@ async def test_a_window_that_was_closed_holds_the_drive_and_whoever_comes_back_g
         recording, quality = await drive
         assert (recording.end_reason, quality.pauses) == ("road_end", 1)
     door = simulate(CONCRETE, AtTheDoor(), SETTINGS)
-    assert read_tape(path).end["digest"] == digest(door)  # type: ignore[index]
+    assert read_tape(path).end["digest"] == digest(door)
     assert [it["why"] for it in read_tape(path).notes if it["note"] == "pause"] == ["closed"]
 
 
@@ -389,7 +389,7 @@ def test_a_laptop_that_sleeps_and_a_page_that_freezes_hold_the_drive_and_lose_no
         async def window():
             peer = await connect(
                 f"{address.replace('http', 'ws')}/wheel", origin=address, proxy=None
-            )  # type: ignore[arg-type]
+            )
             await peer.send(json.dumps({"token": token}))
             return peer
 

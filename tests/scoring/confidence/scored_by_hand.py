@@ -2,17 +2,13 @@
 
 from dataclasses import replace
 
-from sumo_eval.method.zone_partition import ZonePartition
-from sumo_eval.results import Evaluation
 from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS
 from sumo_eval.scoring.confidence.resamples import strata
 from sumo_eval.scoring.confidence.scored import with_intervals
 from sumo_eval.scoring.quantities import combine
 
 
-def with_intervals_of(
-    evaluation: Evaluation, partitions: dict[str, ZonePartition], ads: str
-) -> Evaluation:
+def with_intervals_of(evaluation, partitions, ads):
     """The evaluation with the scores of one of its ADSs alone, as `score` makes them of its
     rows."""
     finished = []
