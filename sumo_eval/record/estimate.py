@@ -14,7 +14,7 @@ from sumo_eval.method.zone_partition import refuse_impossible_zones
 from sumo_eval.record.cases import Case, Role, Setup
 from sumo_eval.record.claims import NO_USER_CODE, affinity
 from sumo_eval.record.engines import refuse_engine, run_cases
-from sumo_eval.record.facts import compile_loops, planned
+from sumo_eval.record.facts import compile_loops, in_rounds, planned
 from sumo_eval.record.recording import Planner, Space, find_stale, stages
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
@@ -85,17 +85,17 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     folder: of the run to resume.
     """
     refuse_engine(run.settings.run)
-    if folder is None:
-        entries = tuple(
-            replace(entry, sampling=replace(entry.sampling, round=entry.sampling.count, rounds=()))
-            if entry.sampling.method == "adaptive"
-            else entry
-            for entry in run.settings.scenario
-        )
-        run = replace(run, settings=replace(run.settings, scenario=entries))
+    recorded = 0 if folder is None else _recorded(folder, run)
+    entries = tuple(
+        replace(entry, sampling=replace(entry.sampling, round=entry.sampling.count, rounds=()))
+        if entry.sampling.method == "adaptive"
+        else entry
+        for entry in run.settings.scenario
+    )
+    run = replace(run, settings=replace(run.settings, scenario=entries))
     settings, workers = run.settings, run.settings.run.workers
-    # a recorded case needs the identity of its ADS, and `run.only` the names of all ADSs
-    every = 1 if folder or settings.run.only else -(-len(settings.ads) // _KINDS)
+    # `run.only` needs the names of all ADSs
+    every = 1 if settings.run.only else -(-len(settings.ads) // _KINDS)
     some = replace(run, settings=replace(settings, ads=settings.ads[::every]))
     plan, spaces = planned(some, looked_at=_LOOKED_AT)
     for space in spaces:
@@ -105,7 +105,6 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     whole, drives = replace(plan, run=run), Counter[str]()
     for kind in chain.from_iterable(stages(space, whole) for space in spaces):
         drives[_sort(kind.role)] += kind.total
-    recorded = 0 if folder is None else _recorded(folder, spaces, plan)
     setup = replace(plan.setup, run=replace(settings.run, workers=1, engine="processes"))
     took, timed, broken_off = _seconds_a_drive(_kinds(plan, spaces), setup)
     usual = fmean(took.values()) if took else 0.0
@@ -113,7 +112,7 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     return Estimate(
         drives,
         recorded,
-        seconds * (1.0 - recorded / max(drives.total(), 1)) / workers,
+        seconds * max(1.0 - recorded / max(drives.total(), 1), 0.0) / workers,
         timed,
         workers,
         (len(some.settings.ads), len(settings.ads)),
@@ -122,12 +121,13 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     )
 
 
-def _recorded(folder: Path, spaces: Sequence[Space], plan: Planner) -> int:
-    """Number of drives that a run folder holds already."""
+def _recorded(folder: Path, run: Resolved) -> int:
+    """Number of drives of an evaluation that a run folder holds already."""
     if not (folder / FACTS).is_file():
         return 0
+    plan, spaces = planned(in_rounds(run, folder), looked_at=_LOOKED_AT)
     with open_store(folder / FACTS) as store:
-        find_stale(store, plan.run.source)
+        find_stale(store, run.source)
         kinds = chain.from_iterable(stages(space, plan) for space in spaces)
         return sum(map(store.holds, chain.from_iterable(kind.cases for kind in kinds)))
 

@@ -48,6 +48,14 @@ def test_an_estimate_of_many_ads_times_a_few_of_them(monkeypatch):
     assert len({cases[0].driver for cases in timed}) == 12
 
 
+def test_estimate_of_a_run_to_resume_counts_all_its_rounds(tmp_path):
+    sampling = SamplingSettings("adaptive", count=40)
+    entry = ScenarioSettings("front_vehicle_cut_out", sampling=sampling)
+    settings = EvaluationSettings("x", (entry,), (AdsSettings("idm", "idm"),))
+    found = costs.estimate(Resolved.of(settings, HERE), tmp_path)
+    assert (found.drives["ads"], found.recorded) == (40, 0)
+
+
 def test_kinds_without_a_time_take_that_of_measured_ones(monkeypatch):
     monkeypatch.setattr(costs, "_TIMED_FOR", -1.0)
     found = estimated((AdsSettings("idm", "idm"),))
