@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from sumo_eval.extras.openscenario.network import MARKED, WIDEST, MapRoad, Network, in_frame
 from sumo_eval.extras.openscenario.places import Entity, MapPath, Spot
-from sumo_eval.scenario.road.opendrive import beside
+from sumo_eval.scenario.road.opendrive import DRIVEN, beside
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import (
     Piece,
@@ -97,7 +97,7 @@ def _lanes(ego: Entity, road: MapRoad, spot: Spot) -> tuple[float, int]:
     own = spot.lane
     assert own is not None
     driving = sorted(
-        (it for it in road.lanes.values() if it.kind == "driving"),
+        (it for it in road.lanes.values() if it.kind in DRIVEN),
         key=lambda it: spot.way * it.centre,
     )
     if own not in driving:

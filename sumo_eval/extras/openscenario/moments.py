@@ -231,8 +231,6 @@ class Conditions:
             raise element.fault(f"`delay` must be at least 0 s, got {delay:g}")
         kind = element.only()
         if kind.tag == "ByValueCondition":
-            if edge == "falling":
-                raise element.fault("the edge `falling` of a condition by value is not supported")
             moment = self._by_value(kind.only(), edge)
         elif kind.tag == "ByEntityCondition":
             moment = Moment(0.0, self._by_entity(kind, edge))
@@ -243,20 +241,21 @@ class Conditions:
     def _by_value(self, element: Node, edge: str) -> Moment:
         if element.tag == "SimulationTimeCondition":
             rule, value = element.one_of("rule", RULES), element.number("value")
-            if rule.startswith("less"):
-                if not element.compared(0.0, value):
-                    return Moment(NEVER)
-                if edge == "rising":
-                    raise element.fault(
-                        f"the time is below {value:g} s from the start, so it never rises to that; "
-                        "the edge `none` begins at once"
-                    )
-                falls = edge == "risingOrFalling"
-                return Moment(value) if falls else Moment(0.0, until=value)
+            less = rule.startswith("less")
+            if edge == ("rising" if less else "falling"):
+                raise element.fault(
+                    f"the time grows, so `{rule}` never has the edge `{edge}`: use `none`"
+                )
+            if less and not element.compared(0.0, value):
+                return Moment(NEVER)
+            if less:
+                return Moment(0.0, until=value) if edge == "none" else Moment(value)
             if rule == "equalTo" and value < 0.0:
                 return Moment(NEVER)
             at_start = rule == "notEqualTo" and edge == "none"
             return Moment(0.0 if at_start else max(value, 0.0))
+        if edge == "falling":
+            raise element.fault("the edge `falling` is not supported of it")
         if element.tag == "ParameterCondition":
             name = element.attribute("parameterRef").removeprefix("$")
             actions = element.element.getroottree().iter("ParameterAction")

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from sumo_eval.errors import InputError, did_you_mean
 from sumo_eval.extras.openscenario.reading import Node
-from sumo_eval.scenario.road.opendrive import PROFILES, lane_offset, reference_line
+from sumo_eval.scenario.road.opendrive import DRIVEN, PROFILES, lane_offset, reference_line
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Piece, bends, frame_places, length_of
 from sumo_eval.scenario.xml_file import read_xml
@@ -128,7 +128,7 @@ class Network:
         for road in self.roads.values():
             at = road.coordinates(pose)
             lane = road.lane_at(at.y)
-            if lane is not None and lane.kind == "driving" and -_ON <= at.x <= road.length + _ON:
+            if lane is not None and lane.kind in DRIVEN and -_ON <= at.x <= road.length + _ON:
                 lanes.append((abs(math.sin(at.heading)), road.name, (road, lane, at)))
         return min(lanes)[2] if lanes else None
 

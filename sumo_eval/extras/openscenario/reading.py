@@ -223,11 +223,9 @@ class Node:
         names = [part.attribute("name").removeprefix("$") for part in parts]
         for name in given:
             if name not in names:
-                holder = self.find("ParameterDeclarations")
-                place = "The file" if holder is None else holder.where
-                raise InputError(
-                    f"{place}: parameter `{name}` is not declared.{did_you_mean(name, names)}"
-                )
+                near = did_you_mean(name, names)
+                holder = self.find("ParameterDeclarations") or self
+                raise holder.fault(f"parameter `{name}` is not declared.{near}")
         for earlier, (part, name) in enumerate(zip(parts, names, strict=True)):
             if name in names[:earlier] and part.get("value") != parts[names.index(name)].get(
                 "value"

@@ -34,7 +34,7 @@ _MEETS = 0.05  # m and rad that a road of a chain may begin off the end of the o
 _MOST_ROADS = 8  # of a chain
 _Knots = list[tuple[float, float]]  # s and a lane's width there, m
 _Ramps = list[tuple[float, float, str]]  # begin, end and type of a lane's sections
-_DRIVEN = ("driving", "entry", "exit", "onRamp", "offRamp")
+DRIVEN = ("driving", "entry", "exit", "onRamp", "offRamp")
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +127,7 @@ def _stretch_or_none(road: etree._Element, owner: str, against: bool) -> _Stretc
     driven = [
         lane
         for lane in road.iterfind(f"lanes/laneSection/{side}/lane")
-        if lane.get("type") in _DRIVEN
+        if lane.get("type") in DRIVEN
     ]
     return _stretch(road, owner, against=against) if driven else None
 
@@ -266,7 +266,7 @@ class _Section(NamedTuple):
     @property
     def driven(self) -> list[int]:
         """Ranks of its driving lanes."""
-        return [_rank(lane) for lane in self.lanes if lane.get("type") in _DRIVEN]
+        return [_rank(lane) for lane in self.lanes if lane.get("type") in DRIVEN]
 
 
 def _driving_lanes(
@@ -332,7 +332,7 @@ def _inner_lanes(
             rank = _rank(lane)
             if rank > outer:
                 break
-            if rank == outer and lane.get("type") in _DRIVEN:
+            if rank == outer and lane.get("type") in DRIVEN:
                 begins[rank] = offset
                 continue
             name = f"lane {lane.get('id')}"
@@ -354,7 +354,7 @@ def _outermost(sections: Sequence[_Section], outer: int, owner: str) -> tuple[_K
     knots: _Knots = []
     ramps: _Ramps = []
     for begin, end, lanes in sections:
-        driven = [it for it in lanes if _rank(it) == outer and it.get("type") in _DRIVEN]
+        driven = [it for it in lanes if _rank(it) == outer and it.get("type") in DRIVEN]
         for lane in driven:
             knots += _widths(lane, begin, end, owner)
             ramps.append((begin, end, str(lane.get("type"))))
