@@ -241,6 +241,9 @@ def test_a_hole_in_a_track_makes_two_tracks_and_is_said(tmp_path):
     assert import_recordings("csv", [tmp_path / "slow.csv"]).vehicles == 1, "2 Hz have no holes"
 
 
+NGSIM = ",".join((*ngsim._ORIGINAL, "Location")) + "\n"
+
+
 @pytest.mark.parametrize(
     ("form", "name", "text", "words"),
     [
@@ -259,7 +262,10 @@ def test_a_hole_in_a_track_makes_two_tracks_and_is_said(tmp_path):
         ("sumo_fcd", "x.xml", NO_ANGLE, "must have `angle`"),
         ("commonroad", "x.xml", "<commonRoad timeStepSize='nan'/>", "must be a number, got 'nan'"),
         ("sumo_fcd", "x.csv", FCD + "0;;;;;\n1;90;a;oops;2;3\n", "`speed` in row 3 of"),
+        ("ngsim", "x.csv", NGSIM + "1," * 18 + "\n", "`Location` in row 2 of"),
+        ("ngsim", "x.csv", NGSIM + "1," * 30 + "\n", "is not such a table"),
         ("openacc", "x.csv", "a,b\n1,2\n", "must begin with the five rows"),
+        ("openacc", "x.csv", 'a,"' + "b" * 200_000, "field larger than field limit"),
         ("dlr_highway", "x.csv", "timestamp,id\n1,2\n", "must have the columns `center_easting`"),
         ("hihgD", "x.csv", "", "Did you mean `highd`?"),
     ],

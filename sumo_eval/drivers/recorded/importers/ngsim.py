@@ -41,7 +41,9 @@ def read(path: Path) -> Samples:
     has_heading = first[:1].isalpha() or first[:1] in (b'"', b"\xef")
     if has_heading:
         known = {name.lower(): name for name in _NEEDED}
-        rows = read_table(path, ()).rename(columns=lambda name: known.get(name.lower(), name))
+        rows = read_table(path, (), dtype={"Location": str}).rename(
+            columns=lambda name: known.get(name.lower(), name)
+        )
         require_columns(rows, _NEEDED, path)
     else:
         rows = read_table(path, (), sep=r"\s+", header=None, names=list(_ORIGINAL))

@@ -35,7 +35,7 @@ def read(path: Path) -> Samples:
     try:
         with input_file(path, "file").open(newline="", encoding="utf-8-sig") as file:
             head = {row[0]: row[1:] for row in islice(csv.reader(file), _HEAD_ROWS) if row}
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path} cannot be read: {error}.") from error
     known = {"Vehicle_order", "ACC"} <= head.keys()
     require(known, path, "must begin with the five rows of OpenACC's head")

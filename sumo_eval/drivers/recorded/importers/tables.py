@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import gzip
 import itertools
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -33,12 +34,17 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFr
     Raises InputError for a file that is not such a table.
     """
     try:
-        table: pd.DataFrame = pd.read_csv(input_file(path, "file"), low_memory=False, **options)
+        with warnings.catch_warnings():
+            # a row with more cells than the heading would shift the columns without `index_col`
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            table: pd.DataFrame = pd.read_csv(
+                input_file(path, "file"), low_memory=False, index_col=False, **options
+            )
     except InputError:
         raise
     except (OSError, UnicodeDecodeError, EOFError) as error:
         raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}.") from error
-    except ValueError as error:
+    except (ValueError, pd.errors.ParserWarning) as error:
         raise InputError(
             f"{path} is not such a table: {str(error).strip().rstrip('.')}."
         ) from error
