@@ -50,9 +50,9 @@ class PointJob:
 
     drivers: their cases.
     ads: the cases that get a D_i.
-    left_out: the ADSs' cases that get one with each driver left out, and with each of the
-        `exchanges`: places among the drivers of who is left out and of who counts twice instead.
+    left_out: the ADSs' cases that get a D_i without each driver, and one after each exchange.
     band: whether the drivers are scored against each other.
+    exchanges: pairs (left out, counted twice instead), as places in `drivers`.
     """
 
     drivers: tuple[str, ...]
@@ -65,13 +65,13 @@ class PointJob:
 
 @dataclass(frozen=True, slots=True)
 class LeftOut:
-    """D_i of a case on coarse slices against all drivers, and without each of them in their order;
-    `without` is empty where only two drivers are there.
+    """D_i of a case on coarse slices, compared with different sets of drivers.
 
-    exchanged: with one driver instead of another, mean over the exchanges; that of everyone where
-        there are none.
-    likeness, likeness_without, likeness_exchanged: likewise f_L * f_n+ * similarity of its
-        human-likeness, which leaves out its plausibility.
+    everyone: all drivers.
+    without: all but one, for each driver in their order; empty where there are only two drivers.
+    exchanged: mean over the exchanges of one driver for another; `everyone` without exchanges.
+    likeness, likeness_without, likeness_exchanged: of the same sets f_L * f_n+ * similarity, which
+        is the human-likeness of the case without the factor of its plausibility.
     """
 
     everyone: float
@@ -83,12 +83,13 @@ class LeftOut:
 
     @classmethod
     def of(cls, indexes: Sequence[AnthropomorphicIndex], exchanges: int) -> LeftOut:
-        """Results of leaving out drivers, from the indexes of `left_out_pairings`, the last of
-        which are exchanges.
+        """Results of leaving out drivers, from the indexes of `left_out_pairings`: everyone, each
+        driver left out, each exchange.
         """
         first = len(indexes) - exchanges
         values = [index.value for index in indexes]
         likenesses = [index.likeness.value for index in indexes if index.likeness is not None]
+        # `or`: without exchanges, the mean of everyone alone
         return cls(
             values[0], tuple(values[1:first]), fmean(values[first:] or values[:1]),
             likenesses[0], tuple(likenesses[1:first]), fmean(likenesses[first:] or likenesses[:1]),
@@ -114,7 +115,7 @@ def point_processes(store: Store, workers: int) -> Iterator[Spread]:
     """Function that spreads the points of a run over processes, for `compute_points`, or computes
     them here if they are few.
 
-    They begin with the first piece of work: where all is kept, none does.
+    The processes start with the first piece of work. Where all results are kept, none starts.
     """
     drives = sum(number for _, role, _, _, number, _ in store.counts() if role == "human")
     with ExitStack() as entered:
@@ -123,6 +124,7 @@ def point_processes(store: Store, workers: int) -> Iterator[Spread]:
         def spread(work: Callable[[Part], Result], parts: Sequence[Part]) -> Iterable[Result]:
             if not begun:
                 several = workers if drives >= _WORTH_PROCESSES else 1
+                # each process makes the compiled loops ready (`prepare`) before its first part
                 begun.append(entered.enter_context(spread_over(several, prepare)))
             return begun[0](work, parts)
 
@@ -155,6 +157,7 @@ def compute_points(
     done, new = 0, list[KeptPart]()
     for part in spread(_compute_part, parts) if parts else ():
         for place, result in zip(todo[done : done + len(part)], part, strict=True):
+            # kind, key, number 0 as the only part of its key, content
             new += [(name[0], keys[place][name], 0, data) for name, data in result.items()]
             results[place] |= result
         done += len(part)
@@ -223,7 +226,7 @@ def _compute_part(
     part: tuple[Path, Sequence[PointJob], AnthropomorphicSettings],
 ) -> list[dict[_Name, bytes]]:
     facts, jobs, settings = part
-    with open_store(facts, checked=True) as store:
+    with open_store(facts, checked=True) as store:  # by `compute_points`
         return [
             {name: encoded(record) for name, record in _compute(job, store, settings)}
             for job in jobs
@@ -237,22 +240,23 @@ def _compute(
     place = {case: number for number, case in enumerate(cases)}
     drivers = [place[case] for case in job.drivers]
     exchanges = job.exchanges if len(drivers) > 2 else ()
-    # Each ADS apart, so that its result is the same to the last bit whatever else is compared.
+    # Each ADS is a group of its own, so that its result is the same to the last bit whatever else
+    # is compared. `indexes` has the groups' results in the order of the groups.
     groups = [
-        [Pairing(place[case], tuple(drivers), settings.slice_spacing, likeness=True)]
-        for case in job.ads
-    ]
-    groups.append(band_pairings(drivers, settings) if job.band else [])
-    groups += [
-        left_out_pairings(place[case], drivers, exchanges, settings) for case in job.left_out
+        *(
+            [Pairing(place[case], tuple(drivers), settings.slice_spacing, likeness=True)]
+            for case in job.ads
+        ),
+        band_pairings(drivers, settings) if job.band else [],
+        *(left_out_pairings(place[case], drivers, exchanges, settings) for case in job.left_out),
     ]
     trajectories = [store.trajectory(case) for case in cases]
     indexes = iter(indexes_by_group(trajectories, groups, job.road, settings))
     for case in job.ads:
         (index,) = next(indexes)
         yield ("index", case), index
-    among = next(indexes)
+    band = next(indexes)
     if job.band:
-        yield ("band", ""), tuple(index.value for index in among)
+        yield ("band", ""), tuple(index.value for index in band)
     for case, group in zip(job.left_out, indexes, strict=True):
         yield ("left_out", case), LeftOut.of(group, len(exchanges))
