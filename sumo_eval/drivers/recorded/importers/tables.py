@@ -17,15 +17,15 @@ from sumo_eval.errors import MOST_KNOWN, InputError, did_you_mean
 from sumo_eval.input_file import input_file
 from sumo_eval.trajectory import Trajectory
 
-# of any number in a recording: identifiers may count ns since 1970; beyond, doubles
-# skip integers
+# Size of a number in a recording, at most: an identifier may count microseconds since 1970, 2e15,
+# and beyond 2^53 = 9e15 doubles skip integers.
 LARGEST = 2.0**53
 
 # columns that are text even where all are digits: 007 is not 7
 IDENTIFIERS = {"recording": str, "vehicle": str}
 
 Samples = tuple[pd.DataFrame, list[str]]
-"""Of a source at its own rate, and whole sentences on assumptions."""
+"""A table of tracks, with the sampling rate of the source, and sentences on what was assumed."""
 
 
 def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFrame:
@@ -52,6 +52,7 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFr
     if table.empty:
         raise InputError(f"{path} must have at least one row, got none.")
     for name in options.get("dtype", ()):
+        # pandas reads a name such as NA as a missing value
         if name in table and table[name].hasnans:
             table[name] = _names(path, name)
     return table
@@ -59,6 +60,7 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFr
 
 def _names(path: Path, column: str) -> pd.Series[str]:
     """A column of names, refused where a cell is empty; a vehicle may be called NA."""
+    # without `na_filter` no value is missing, so `read_table` does not call this function again
     names = read_table(path, (), usecols=[column], dtype={column: str}, na_filter=False)[column]
     empty = np.flatnonzero(names == "")
     if empty.size:
@@ -95,6 +97,7 @@ def checked_numbers(
     """
     for name in columns:
         numbers = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64)
+        # not `>`: nan is bad, too
         bad = np.flatnonzero(~(np.abs(numbers) <= LARGEST))
         if bad.size:
             place, number, got = int(bad[0]), numbers[bad[0]], table[name].iloc[bad[0]]
@@ -109,10 +112,10 @@ def checked_numbers(
 
 
 def line_of_row(path: Path, row: int, heading: int = 1) -> int:
-    """The line of a CSV file in which a row of its table ends, as an editor counts; pandas skips
-    blank lines.
+    """The line of a CSV file, as an editor counts, in which a row of its table ends.
 
-    heading: lines before the first row that are not blank.
+    row: in the table of pandas, which has no rows for blank lines.
+    heading: number of lines before the first row, blank ones not counted.
     """
     opened = gzip.open if path.suffix == ".gz" else open
     with opened(path, "rt", encoding="utf-8", errors="replace", newline="") as file:
@@ -128,9 +131,9 @@ def add_motion(table: pd.DataFrame, names: Sequence[str], owner: str) -> list[st
     owner: names the table in sentences.
     """
     missing = [name for name in names if name not in table]
-    for (_, vehicle), track in (
-        table.groupby(["recording", "vehicle"], sort=False) if missing else ()
-    ):
+    if not missing:
+        return []
+    for (_, vehicle), track in table.groupby(["recording", "vehicle"], sort=False):
         try:
             motion = Trajectory(track["t"], track["x"], track["y"])
         except InputError as error:
