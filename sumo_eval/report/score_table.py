@@ -140,13 +140,12 @@ def _fitting(rows: Sequence[Row], columns: Sequence[str], width: int) -> list[st
     room = width - sum(len(GAP) + column for column in widths)
     ads = max(len("ADS"), *(len(name) for name, _, _ in rows))
     scenario = max(len("scenario"), *(len(name) for _, name, _ in rows))
-    if ads + len(GAP) + scenario <= room:
-        return _heading(columns, widths, (ads, scenario)) + _body(
-            rows, columns, widths, (ads, scenario)
-        )
-
-    names = (min(ads, max(room, SHORTEST_NAME)),)  # one column: scenarios stand above their rows
+    whole = ads + len(GAP) + scenario <= room
+    # one column of names: scenarios stand above their rows
+    names = [ads, scenario] if whole else [min(ads, max(room, SHORTEST_NAME))]
     lines = _heading(columns, widths, names)
+    if whole:
+        return lines + _body(rows, columns, widths, names)
     for name, own in groupby(rows, key=lambda row: row[1]):
         lines += [
             click.style(_shortened(name, width), bold=True),

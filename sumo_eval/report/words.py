@@ -303,7 +303,7 @@ def people_sentence(evaluation: Evaluation) -> str:
     behind = people_behind(evaluation)
     source = ", ".join(drivers.recordings) or drivers.cases
     fills = drivers.too_thin == "fill"
-    if nobody_recorded(evaluation):
+    if not any(one.drives for one in behind):
         instead = "D and H compare with synthetic drivers alone" if fills else "there is no D_i"
         who = "no driver" if fills else f"fewer than {drivers.least} drivers"
         points = count(sum(one.points for one in behind), "safe concrete scenario")

@@ -159,17 +159,13 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
         driver_deviations(one, left_out, present, space.settings.drivers, space.settings.seed)
         for one in tables
     ]
-    scores = [  # 6  Eqs. 13, 17, 18; T, A', H, S+
-        combine(
-            name, space.name, table, method, tuple(remark.notes(name, space, people.notes, table)),
-            people=known.people, task_reference=space.car,
+    scores = []  # 6  Eqs. 13, 17, 18; T, A', H, S+
+    for (name, remark), table in zip(remarks.items(), tables, strict=True):
+        said = list(remark.notes(name, space, people.notes, table))
+        score = combine(
+            name, space.name, table, method, said, people=known.people, task_reference=space.car
         )
-        for (name, remark), table in zip(remarks.items(), tables, strict=True)
-    ]  # fmt: skip
-    scores = [
-        with_counts(score, table, space.logical)
-        for score, table in zip(scores, tables, strict=True)
-    ]
+        scores.append(with_counts(score, table, space.logical))
     places = [known.driven[name] for name in remarks]
     points = as_driven(space.points, known.points, whole=not space.settings.run.only)
     unit = space.logical.to_unit(points.points)

@@ -65,12 +65,6 @@ class Confidence:
     assessments: tuple[Assessment, ...]
     coverage: Mapping[str, SpaceCoverage]
 
-    def of(self, ads: str, scenario: str) -> Assessment:
-        """That of one ADS in one scenario."""
-        return next(
-            item for item in self.assessments if (item.ads, item.scenario) == (ads, scenario)
-        )
-
 
 def assess(
     evaluation: Evaluation, partitions: Mapping[str, ZonePartition], progress: Progress = quiet

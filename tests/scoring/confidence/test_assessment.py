@@ -149,7 +149,7 @@ def test_fewer_than_two_evaluated_cases_have_no_interval_and_a_reason(evaluation
         replace(evaluation, cases=(first,), scores=(score,)),
         {first.scenario: partitions[first.scenario]},
     )
-    alone = found.of(first.ads, first.scenario)
+    (alone,) = found.assessments
     assert (alone.intervals, alone.risk, alone.further) == ({}, None, None)
     assert alone.reason == "fewer than two evaluated cases with exposure"
 
@@ -157,8 +157,7 @@ def test_fewer_than_two_evaluated_cases_have_no_interval_and_a_reason(evaluation
 def test_every_score_lies_in_its_interval_and_risk_is_what_the_rows_say(evaluation, partitions):
     calm = with_intervals_of(evaluation, partitions, builders.CALM)
     found = assess(calm, partitions)
-    for score in calm.scores:
-        item = found.of(score.ads, score.scenario)
+    for score, item in zip(calm.scores, found.assessments, strict=True):
         assert set(item.intervals) >= {"c", "s"}
         for name, interval in item.intervals.items():
             assert interval.value == getattr(score, name)
