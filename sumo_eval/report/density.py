@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from sumo_eval.cases import CaseTable, IntArray
 from sumo_eval.scenario.logical import LogicalScenario, Parameter
+from sumo_eval.scoring.map_view import tile_counts
 from sumo_eval.trajectory import FloatArray
 
 TILES = 40  # on each axis
@@ -25,14 +26,7 @@ def density_maps(
     x, y: columns of the parameters.
     """
     across, up = (logical.parameters[column] for column in (x, y))
-    tile = []
-    for item, values in zip((across, up), cases.parameters([across.name, up.name]).T, strict=True):
-        share = (values - item.low) / (item.high - item.low)
-        tile.append(np.clip((share * TILES).astype(np.intp), 0, TILES - 1))
-    place = tile[1] * TILES + tile[0]
-    number = np.bincount(place, minlength=TILES * TILES)
-    hits = np.bincount(place, cases.collided, TILES * TILES)
-    share = np.divide(hits, number, out=np.zeros(len(hits)), where=number > 0)
+    number, share = tile_counts((across, up), cases, TILES)
     axes = " against ".join(
         f"{item.name} ({item.low:g} to {item.high:g}{item.unit_suffix})" for item in (up, across)
     )

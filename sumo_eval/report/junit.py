@@ -19,7 +19,6 @@ from shutil import copyfileobj
 from tempfile import SpooledTemporaryFile
 from typing import IO, Literal
 
-import numpy as np
 from lxml import etree
 
 from sumo_eval.cases import CaseResult, CaseTable
@@ -40,6 +39,7 @@ from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.comparison import AdsComparison, ChangedCase, Comparison
 from sumo_eval.scoring.findings import findings
+from sumo_eval.scoring.map_view import cells_of
 from sumo_eval.settings import ReportSettings
 from sumo_eval.text import point_words
 
@@ -291,23 +291,19 @@ def _by_cell(cases: CaseTable, tests: Iterable[Test], cells: int) -> Iterator[Te
     if not len(cases):
         return
     names = list(cases[0].values)
-    points = cases.parameters(names)
-    low, high = points.min(axis=0), points.max(axis=0)
-    spans = np.where(high > low, high - low, 1.0)
-    places = np.minimum(cells - 1, (cells * (points - low) / spans).astype(np.intp))
+    box = cells_of(cases.parameters(names), cells)
     # of the tests that passed, only how long they took: there may be a million
     seconds: defaultdict[tuple[int, ...], array[float]] = defaultdict(lambda: array("d"))
     bad: defaultdict[tuple[int, ...], list[Test]] = defaultdict(list)
-    for place, test in zip(map(tuple, places.tolist()), tests, strict=True):
+    for place, test in zip(map(tuple, box.places.tolist()), tests, strict=True):
         seconds[place].append(test.seconds)
         if test.verdict in ("failure", "error"):
             bad[place].append(test)
 
     for place in sorted(seconds):
-        begin, end = (low + (high - low) / cells * (np.array(place) + step) for step in (0, 1))
         edges = ", ".join(
             f"{name} {left:g}..{right:g}"
-            for name, left, right in zip(names, begin, end, strict=True)
+            for name, left, right in zip(names, *box.edges(place), strict=True)
         )
         result = partial(Test, edges, seconds=math.fsum(seconds[place]))
         failures = [test for test in bad[place] if test.verdict == "failure"]

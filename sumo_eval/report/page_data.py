@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.cases import CaseResult, CaseTable, IntArray
-from sumo_eval.method.point_criticality import exact_target
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report.packing import packed_bytes
 from sumo_eval.report.sent_drives import CHANNEL_STEPS, SentDrives
@@ -32,15 +31,11 @@ from sumo_eval.scenario.road.reference_line import knots_of
 from sumo_eval.scoring.drive_measures import finite
 from sumo_eval.scoring.failure_groups import FailureGroup, failure_groups
 from sumo_eval.scoring.findings import findings, mean_of
-from sumo_eval.scoring.map_view import View, choose_view, slice_points, telling_slice
+from sumo_eval.scoring.map_view import View, choose_view, telling_slice
 from sumo_eval.scoring.preventability import verdicts
+from sumo_eval.scoring.zone_levels import ZoneLevels, lattice_points, map_points, zone_levels
 from sumo_eval.trajectory import FloatArray
 
-LATTICE_POINTS = 32_000  # about, of the lattice of a whole space
-# where the criticality of each point is searched: 3 ms a point
-SEARCHED_CELLS, SEARCHED_LATTICE_POINTS = 16, 1_500
-LEAST_LATTICE, MOST_LATTICE = 4, 73  # points on each axis of it
-MAP_CELLS = 72  # cells on each axis of a zone map's background
 MOST_GROUPS = 12  # of failures of an ADS in a scenario
 
 
@@ -135,8 +130,7 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
             "fixed": drawn.fixed, "slice": telling,
         },
         "maps": [
-            zone_map(zones, drawn, panel, MAP_CELLS if logical.search is None else SEARCHED_CELLS)
-            for panel in range(len(view.panels))
+            zone_map(zones, drawn, panel) for panel in range(len(view.panels))
         ],
         "lattice": lattice(zones),
         **_groups(logical, cases, keys),
@@ -227,78 +221,25 @@ def gathered_words(view: View) -> str:
     return f"Each case is drawn in the panel whose {view.names[view.panel]} is nearest to its own."
 
 
-def zone_map(
-    zones: ZonePartition, view: View, panel: int, cells: int = MAP_CELLS
-) -> dict[str, Any]:
-    """The zones at the corners of cells over x and y (y slowest), as `_zones_at` has them."""
-    logical = zones.logical
-    ticks = np.linspace(0.0, 1.0, cells + 1)
-    points = slice_points(logical, view, panel, ticks, np.array([0.5]) if view.y is None else ticks)
-    low, span = logical.low, logical.high - logical.low
-    axes = {
-        name: np.round(low[column] + ticks * span[column], 6).tolist()
-        for name, column in (("x", view.x), ("y", view.y))
-        if column is not None
-    }
-    return {"y": [0.0]} | axes | _zones_at(zones, points.reshape(-1, points.shape[-1]))
-
-
-def _zones_at(zones: ZonePartition, rows: FloatArray) -> dict[str, Any]:
-    """The zones at points (n, k).
-
-    gp, exact: what the GP learnt and the closed form, int16 of 32000 y: 0 is the boundary, above it
-        is safe.
-    rooms: that of each constraint; impossible is where one of them is below 0.
-    """
-    return {
-        "gp": _levels(zones.predicted(rows)),
-        "exact": _levels(exact_target(zones.logical, rows, zones.settings)),
-        "rooms": rooms_of(zones.logical, rows),
-    }
+def zone_map(zones: ZonePartition, view: View, panel: int) -> dict[str, Any]:
+    """The zones at the corners of cells over x and y (y slowest)."""
+    axes, points = map_points(zones.logical, view, panel)
+    return axes | _packed(zone_levels(zones, points))
 
 
 def lattice(zones: ZonePartition) -> dict[str, Any] | None:
-    """The zones on a lattice over the whole space, from which the page draws any slice; None for
-    one parameter.
-
-    size: points on each axis, the ends included; the last parameter is the fastest.
+    """The zones on a lattice over the whole space, from which the page draws any slice, if there
+    is one.
     """
-    logical = zones.logical
-    k = len(logical.parameters)
-    if k < 2:
-        return None
-    most = LATTICE_POINTS if logical.search is None else SEARCHED_LATTICE_POINTS
-    size = max(LEAST_LATTICE, min(MOST_LATTICE, int(most ** (1.0 / k))))
-    if size**k > 4 * most:
-        return None
-    ticks = np.linspace(0.0, 1.0, size)
-    unit = np.stack(np.meshgrid(*[ticks] * k, indexing="ij"), axis=-1).reshape(-1, k)
-    rows = np.clip(logical.from_unit(unit), logical.low, logical.high)
-    return {"size": size} | _zones_at(zones, rows)
+    points = lattice_points(zones.logical)
+    return points and {"size": points.size} | _packed(zone_levels(zones, points.rows))
 
 
-def rooms_of(logical: LogicalScenario, rows: FloatArray) -> list[str]:
-    """Each constraint's room at points (n, k), int16 of 32000 the largest: below 0 at those that it
-    rules out.
-
-    One that only says yes or no has a room of 1 or -1.
-    """
-    values, rooms = logical.columns(rows), []
-    for constraint in logical.constraints:
-        holds = np.broadcast_to(constraint.holds(values), len(rows))
-        room = np.ones(len(rows)) if constraint.room is None else np.abs(constraint.room(values))
-        room = np.broadcast_to(np.nan_to_num(room, nan=0.0, posinf=0.0), len(rows))
-        # What is at the limit or not a number is still on the side that the constraint says.
-        steps = np.round(room / max(float(room.max()), 1e-300) * 31_999.0) + 1.0
-        rooms.append(packed_bytes(np.where(holds, steps, -steps).astype("<i2").tobytes()))
-    return rooms
-
-
-def _levels(y: FloatArray) -> str:
-    levels = np.clip(np.round(y * 32000.0), -32000, 32000)
-    # rounding must move no point into the zone
-    levels = np.where((y > 0.0) & (levels == 0.0), 1.0, levels)
-    return packed_bytes(levels.astype("<i2").tobytes())
+def _packed(levels: ZoneLevels) -> dict[str, Any]:
+    gp, exact, *rooms = (
+        packed_bytes(it.tobytes()) for it in (levels.gp, levels.exact, *levels.rooms)
+    )
+    return {"gp": gp, "exact": exact, "rooms": rooms}
 
 
 # --- roads ----------------------------------------------------------------------------------------

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult, CaseTable
-from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.cases import CaseResult, CaseTable, IntArray
+from sumo_eval.scenario.logical import LogicalScenario, Parameter
 from sumo_eval.trajectory import FloatArray
 
 # more values than this of the first parameter are gathered in GATHERED_PANELS panels
@@ -102,6 +103,49 @@ def telling_slice(view: View, cases: CaseTable) -> dict[int, float]:
     slices, which = np.unique(points, axis=0, return_inverse=True)  # in the order of their values
     collisions = np.bincount(which.ravel(), cases.collided, len(slices))
     return dict(zip(view.fixed, slices[int(np.argmax(collisions))].tolist(), strict=True))
+
+
+def tile_counts(
+    axes: Sequence[Parameter], cases: CaseTable, tiles: int
+) -> tuple[IntArray, FloatArray]:
+    """Number of cases in each tile of the plane of two parameters, x and y, and the share of them
+    that collided, (tiles * tiles,), y slowest.
+
+    tiles: along each axis.
+    """
+    points = cases.parameters([item.name for item in axes])
+    low, high = (np.array([getattr(item, end) for item in axes]) for end in ("low", "high"))
+    shares = (points - low) / (high - low)
+    x, y = np.clip((shares * tiles).astype(np.intp), 0, tiles - 1).T
+    number = np.bincount(y * tiles + x, minlength=tiles * tiles)
+    hits = np.bincount(y * tiles + x, cases.collided, tiles * tiles)
+    return number, np.divide(hits, number, out=np.zeros(len(hits)), where=number > 0)
+
+
+class Cells(NamedTuple):
+    """The box of cases in equal cells.
+
+    places: of the cell of each case, (n, k).
+    """
+
+    low: FloatArray
+    step: FloatArray
+    places: IntArray
+
+    def edges(self, place: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        """Least and largest values of a cell, (k,) each."""
+        return self.low + self.step * np.array(place), self.low + self.step * (np.array(place) + 1)
+
+
+def cells_of(points: FloatArray, cells: int) -> Cells:
+    """The cells of points (n, k).
+
+    cells: along each axis.
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    spans = np.where(high > low, high - low, 1.0)
+    places = np.minimum(cells - 1, (cells * (points - low) / spans).astype(np.intp))
+    return Cells(low, (high - low) / cells, places)
 
 
 def slice_points(

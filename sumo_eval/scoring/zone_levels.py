@@ -1,0 +1,103 @@
+"""Zones of a space at the points of a map, and of a lattice over the whole space."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_eval.method.point_criticality import exact_target
+from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scoring.map_view import View, slice_points
+from sumo_eval.trajectory import FloatArray
+
+LATTICE_POINTS = 32_000  # about, of the lattice of a whole space
+# where the criticality of each point is searched: 3 ms a point
+SEARCHED_CELLS, SEARCHED_LATTICE_POINTS = 16, 1_500
+LEAST_LATTICE, MOST_LATTICE = 4, 73  # points on each axis of it
+MAP_CELLS = 72  # cells on each axis of a zone map's background
+
+Levels = NDArray[np.int16]
+
+
+class ZoneLevels(NamedTuple):
+    """The zones at points, (n,) each.
+
+    gp, exact: what the GP learnt and the closed form, 32000 y: 0 is the boundary, above it is safe.
+    rooms: that of each constraint; impossible is where one of them is below 0.
+    """
+
+    gp: Levels
+    exact: Levels
+    rooms: list[Levels]
+
+
+def zone_levels(zones: ZonePartition, points: FloatArray) -> ZoneLevels:
+    """The zones at points (n, k)."""
+    exact = exact_target(zones.logical, points, zones.settings)
+    learnt = _levels(zones.predicted(points))
+    return ZoneLevels(learnt, _levels(exact), rooms_of(zones.logical, points))
+
+
+def map_points(
+    logical: LogicalScenario, view: View, panel: int
+) -> tuple[dict[str, Any], FloatArray]:
+    """Values of x and y at the corners of a map's cells, and the points there, (n, k), y
+    slowest.
+    """
+    ticks = np.linspace(0.0, 1.0, (MAP_CELLS if logical.search is None else SEARCHED_CELLS) + 1)
+    points = slice_points(logical, view, panel, ticks, np.array([0.5]) if view.y is None else ticks)
+    low, span = logical.low, logical.high - logical.low
+    axes = {
+        name: np.round(low[column] + ticks * span[column], 6).tolist()
+        for name, column in (("x", view.x), ("y", view.y))
+        if column is not None
+    }
+    return {"y": [0.0]} | axes, points.reshape(-1, points.shape[-1])
+
+
+class Lattice(NamedTuple):
+    """Evenly spaced points of a space, (n, k), the last parameter fastest.
+
+    size: points on each axis, the ends included.
+    """
+
+    size: int
+    rows: FloatArray
+
+
+def lattice_points(logical: LogicalScenario) -> Lattice | None:
+    """The lattice of a space; None for one parameter, and where it would be too large."""
+    k = len(logical.parameters)
+    most = LATTICE_POINTS if logical.search is None else SEARCHED_LATTICE_POINTS
+    size = max(LEAST_LATTICE, min(MOST_LATTICE, int(most ** (1.0 / k))))
+    if k < 2 or size**k > 4 * most:
+        return None
+    ticks = np.linspace(0.0, 1.0, size)
+    unit = np.stack(np.meshgrid(*[ticks] * k, indexing="ij"), axis=-1).reshape(-1, k)
+    return Lattice(size, np.clip(logical.from_unit(unit), logical.low, logical.high))
+
+
+def rooms_of(logical: LogicalScenario, points: FloatArray) -> list[Levels]:
+    """Each constraint's room at points (n, k), 32000 the largest: below 0 at those that it rules
+    out.
+
+    One that only says yes or no has a room of 1 or -1.
+    """
+    values, rooms = logical.columns(points), []
+    for constraint in logical.constraints:
+        holds = np.broadcast_to(constraint.holds(values), len(points))
+        room = np.ones(len(points)) if constraint.room is None else np.abs(constraint.room(values))
+        room = np.broadcast_to(np.nan_to_num(room, nan=0.0, posinf=0.0), len(points))
+        # What is at the limit or not a number is still on the side that the constraint says.
+        steps = np.round(room / max(float(room.max()), 1e-300) * 31_999.0) + 1.0
+        rooms.append(np.where(holds, steps, -steps).astype("<i2"))
+    return rooms
+
+
+def _levels(y: FloatArray) -> Levels:
+    levels = np.clip(np.round(y * 32000.0), -32000, 32000)
+    # rounding must move no point into the zone
+    return np.where((y > 0.0) & (levels == 0.0), 1.0, levels).astype("<i2")
