@@ -130,6 +130,7 @@ def check_points(logical: LogicalScenario, points: FloatArray) -> None:
     InputError at the first fault.
     """
     for concrete in logical.concretes(points):
+        concrete.simulation(SimulationSettings())  # a parameter may be a setting, with bounds
         start, end = concrete.ego.x, logical.road.length
         if start >= end:
             at = f"scenario `{logical.name}` at {concrete.label}"

@@ -550,10 +550,7 @@ class ScenarioFile(Checked):
                 option.unit, f"option `{option.name}` of {where}", {"default": option.default}
             )
             check_variable(option.name, f"an option of {where}")
-        moves = {
-            item.name: {move.name: index for index, move in enumerate(item.scripted) if move.name}
-            for item in self.vehicle
-        }
+        moves = {item.name: item.endings for item in self.vehicle}
         names = Names(where, f"scenario `{self.name}`", [], moves, bool(self.ego.recorded))
         units = [
             *((item.name, item.unit) for item in parameters),

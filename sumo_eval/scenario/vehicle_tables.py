@@ -445,8 +445,16 @@ class VehicleTable(Checked):
 
     @property
     def scripted(self) -> list[ManoeuvreTable]:
-        """Its manoeuvres without a `keep_speed` that changes nothing; conditions count in them."""
+        """Its manoeuvres without a `keep_speed` that changes nothing."""
         return [it for it in self.manoeuvre if self.lively or it.do != "keep_speed"]
+
+    @property
+    def endings(self) -> dict[str, int]:
+        """Index of the act of each manoeuvre with a name; one that follows from the start has no
+        act, and never ends.
+        """
+        acts = enumerate(self.scripted)
+        return {it.name: index for index, it in acts if it.name and (it.when or it.do != "follow")}
 
     def read(self, names: Names, road: Road) -> Vehicle:
         """It, checked."""

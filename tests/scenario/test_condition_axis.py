@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refusal
 
 import sumo_eval
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.file import check_file
 
 ROOT = Path(__file__).parents[2]
 SHIPPED = ROOT / "sumo_eval" / "scenario" / "files" / "cut_in.toml"
@@ -25,8 +27,15 @@ def test_the_example_is_cut_in_with_two_more_axes():
     shipped, example = (tomllib.loads(file.read_text()) for file in (SHIPPED, EXAMPLE))
     axes = [axis["name"] for axis in example["parameter"][:2]]
     assert axes == ["conditions.perception_delay", "conditions.sensor_range"]
-    del example["parameter"][:2]
+    del example["parameter"][:2], shipped["recorded"]  # no event has these axes
     assert example | {"name": "cut_in"} == shipped
+
+
+def test_axis_beyond_the_bounds_of_its_setting_is_refused(tmp_path):
+    text = EXAMPLE.read_text().replace("conditions.sensor_range", "conditions.dropout")
+    (tmp_path / EXAMPLE.name).write_text(text)
+    with refusal("`dropout` of `ConditionSettings` must be at most 1, got"):
+        check_file(tmp_path / EXAMPLE.name)
 
 
 def test_delay_and_range_are_axes_that_only_the_ads_feels(tmp_path):

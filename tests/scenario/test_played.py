@@ -301,6 +301,9 @@ def test_keep_speed_ends_a_brake_and_counts_in_conditions():
     content = {**BASE, "zone": "none", "vehicle": [lead, follower]}
     found = tracks([scenario_from(content, "t", Path()).concrete(v=20.0)], [(4.5, 1.8)], 0.05, 4.0)
     assert found.begins[0].tolist() == [0.0, 2.0]
+    lead["manoeuvre"] = [{"do": "follow", "model": "IDM", "name": "c"}]
+    with refusal("Unknown manoeuvre `c`"):  # it never ends
+        scenario_from(content, "t", Path())
 
 
 def test_an_ego_that_starts_sideways_drives_on_so_where_conditions_ask():
