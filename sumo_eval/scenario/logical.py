@@ -25,8 +25,8 @@ from sumo_eval.text import point_words
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 Values = Mapping[str, FloatArray]
-# significant digits of a range that drawn values keep, so that machines which differ in the last
-# bit draw the same points
+# digits that drawn values keep after the leading digit of their range (range 100 m: to 1e-4 m), so
+# that machines which differ in the last bit draw the same points
 DIGITS = 6
 ONLY = "only"
 """Name of the parameter that a scenario file without parameters gets: it changes nothing."""
@@ -82,7 +82,7 @@ class Parameter:
         return self.rounded(self.low + shares * (self.high - self.low))
 
     def rounded(self, values: FloatArray) -> FloatArray:
-        """Values (n,) rounded to `DIGITS` digits of the range, and within it."""
+        """Values (n,) rounded as `DIGITS` says, and within the range."""
         decimals = DIGITS - math.floor(math.log10(self.high - self.low))
         return np.clip(np.round(values, decimals), self.low, self.high)
 
@@ -122,10 +122,11 @@ class Approach:
     obstacle_deceleration: of an obstacle that brakes from t = 0 to a standstill, m/s2; 0: it keeps
         its speed.
     conflict_begin: time from which the obstacle is in the ego's path, s.
-    passing_length: of both bodies, m: an ego that is further ahead when the conflict begins has
-        passed.
+    passing_length: lengths of both bodies together, m. An ego whose front is further than this
+        ahead of the obstacle's rear when the conflict begins has passed it.
 
-    With `obstacle_deceleration` or `conflict_begin`, criticality is searched numerically.
+    Where `obstacle_deceleration` or `conflict_begin` is not 0, no closed form exists:
+    `searched_criticality` then looks for the worst moment. It simulates nothing, unlike `Search`.
     """
 
     ego_speed: FloatArray
@@ -152,8 +153,8 @@ class Search:
     """A zone rule by search: simulates one actor's motion while the ego brakes ideally.
 
     obstacle: index of that actor.
-    delay: values by name -> time until ideal braking begins, s, from the actor's first move, or
-        from the start where it makes none.
+    delay: values by name -> s from the actor's first move to ideal braking. The time of an actor
+        that makes no move counts from t = 0.
     conflict: True: the time until both paths collide counts; False: the gap along the road.
     """
 
@@ -238,7 +239,7 @@ class LogicalScenario:
     defined, and all points are safe.
 
     place: values of one point -> (ego's start, the other vehicles).
-    approach: values by name (arrays) -> `Approach`, for the closed form or a numerical search.
+    approach: values by name (arrays) -> `Approach`: criticality without a simulation.
     search: simulates an actor; where scripts depend on what happens.
     margin: values by name (arrays) -> distance to a limit that is known, m; hazardous at 0 and
         below.
