@@ -28,7 +28,8 @@ from sumo_eval.scenario.xml_file import read_xml
 from sumo_eval.text import capitalised
 
 _JOINT = 0.01  # m and rad that a geometry may begin off the end of the one before it
-_PART = 2.0  # m: a spiral's offset is no spiral, and is drawn in parts of it
+# m, at most, of the parts that make up the line beside a spiral, which is not itself a spiral
+_PART = 2.0
 _SAME = 1e-6  # m, widths closer than this are one
 _MEETS = 0.05  # m and rad that a road of a chain may begin off the end of the one before it
 _MOST_ROADS = 8  # of a chain
@@ -63,8 +64,10 @@ class _Stretch(NamedTuple):
 
 
 def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadRoad:
-    """A road of the file by its id, or several by theirs that are driven in order, in the direction
-    in which they meet; the only one where none is named.
+    """One road of the file, or several that are driven in order.
+
+    road: an id, or several; None: the only road of the file. Each of several is driven in the
+        direction in which it meets the one before.
 
     Raises InputError with what cannot be read.
     """
@@ -77,7 +80,7 @@ def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadR
         raise InputError(
             f"{owner} has {len(roads)} roads: `opendrive_road` must name one of {', '.join(roads)}."
         )
-    names = [next(iter(roads))] if road is None else [road] if isinstance(road, str) else list(road)
+    names = list(roads) if road is None else [road] if isinstance(road, str) else list(road)
     check_known(f"road of {owner}", roads, *names)
     if not 0 < len(names) <= _MOST_ROADS:
         raise must_be("The roads to drive along", owner, f"1 to {_MOST_ROADS}", len(names))
@@ -94,15 +97,14 @@ def _chain(roads: Sequence[etree._Element], owner: str) -> list[_Stretch]:
     """The roads in order, each along or against its own direction, whichever meets the one before
     it.
     """
-    for first in (False, True):
+    for first_against in (False, True):
         chain: list[_Stretch] = []
         for element in roads:
             name = f"road `{element.get('id')}` of {owner}"
-            ways = (False, True) if chain else (first,)
-            stretches = [_stretch_or_none(element, name, way) for way in ways]
-            chain += [it for it in stretches if it and (not chain or _meet(chain[-1], it.begin))][
-                :1
-            ]
+            directions = (False, True) if chain else (first_against,)
+            stretches = [_stretch_or_none(element, name, against) for against in directions]
+            meeting = [it for it in stretches if it and (not chain or _meet(chain[-1], it.begin))]
+            chain += meeting[:1]  # none meets: the chain stays shorter than `roads`
         if len(chain) == len(roads):
             break
     else:
@@ -111,10 +113,10 @@ def _chain(roads: Sequence[etree._Element], owner: str) -> list[_Stretch]:
             f"The driving lanes of the roads {names} of {owner} must meet, each at the end of the "
             "one before."
         )
-    first_one = chain[0]
+    first = chain[0]
     for stretch in chain:
-        off = abs(stretch.width - first_one.width)
-        if (stretch.lanes, stretch.spans) != (first_one.lanes, ()) or off > _SAME:
+        off = abs(stretch.width - first.width)
+        if (stretch.lanes, stretch.spans) != (first.lanes, ()) or off > _SAME:
             wanted = "of one number and width throughout, where several roads are driven in order"
             widths = [(it.lanes, it.width) for it in chain]
             raise must_be("The driving lanes", owner, wanted, widths)
@@ -150,8 +152,8 @@ def _stretch(road: etree._Element, owner: str, *, against: bool) -> _Stretch:
         reference = tuple(
             Piece(piece.length, -piece.end, -piece.begin) for piece in reversed(reference)
         )
-    lanes = _driving_lanes(road, owner, length_of(reference), against=against)
-    return _Stretch(beside(reference, lanes[0], owner), begin.moved(0.0, lanes[0]), *lanes[1:])
+    offset, lanes = _driving_lanes(road, owner, length_of(reference), against=against)
+    return _Stretch(beside(reference, offset, owner), begin.moved(0.0, offset), *lanes)
 
 
 def _number(element: etree._Element, name: str, owner: str, default: str = "nothing") -> float:
@@ -180,6 +182,7 @@ def reference_line(road: etree._Element, owner: str) -> tuple[tuple[Piece, ...],
         if begin is None:
             begin = place
         _check_joint(pieces, begin, place, owner)
+        # an empty <geometry> is refused below by its own tag
         shape = next(geometry.iterfind("*"), geometry)
         kind = str(shape.tag)
         length = _number(geometry, "length", owner)
@@ -227,7 +230,7 @@ def _check_near(what: str, owner: str, must: str, off: float, turned: float) -> 
 
 
 PROFILES = ("elevationProfile/elevation", "lateralProfile/superelevation")
-"""Elements by which a road differs from its map."""
+"""Elements that give a road height and tilt, which the plane of the map does not have."""
 
 
 def lane_offset(road: etree._Element, owner: str, *, flat: bool = False) -> float:
@@ -243,14 +246,14 @@ def lane_offset(road: etree._Element, owner: str, *, flat: bool = False) -> floa
         entries = list(road.iterfind(name))
         values = {_number(entry, "a", owner) for entry in entries}
         if all(_number(entry, "s", owner, "0") > 0.0 for entry in entries):
-            values.add(0.0)  # before the first one
+            values.add(0.0)  # before the first entry, or throughout where there is none
         bends = [
             entry for entry in entries if any(_number(entry, key, owner, "0") for key in "bcd")
         ]
-        level = name != "lateralProfile/superelevation" or values == {0.0}
-        if bends or len(values) > 1 or not level:
+        tilted = name == "lateralProfile/superelevation" and values != {0.0}
+        if bends or len(values) > 1 or tilted:
             shown = etree.tostring((bends or entries)[0]).decode().strip()
-            wanted = "constant along the road" if level else "0: roads are driven on the plane"
+            wanted = "0: roads are driven on the plane" if tilted else "constant along the road"
             raise must_be(f"<{entries[0].tag}>", owner, wanted, shown)
         found[name] = values.pop()
     return found["lanes/laneOffset"]
@@ -271,11 +274,12 @@ class _Section(NamedTuple):
 
 def _driving_lanes(
     road: etree._Element, owner: str, length: float, *, against: bool
-) -> tuple[float, int, float, tuple[LaneSpan, ...]]:
-    """Centre of the right-hand driving lane left of the reference line, m; how many there are,
-    their width, m, and the outermost one's span where it is not there throughout.
+) -> tuple[float, tuple[int, float, tuple[LaneSpan, ...]]]:
+    """Offset to the left from the reference line to the right-hand driving lane's centre, m; number
+    and width, m, of the driving lanes, and the outermost one's span where it is not there
+    throughout.
 
-    against: of the left-hand lanes, driven the other way.
+    against: the left-hand lanes, driven the other way; left is as seen by their drivers.
     """
     shift = lane_offset(road, owner)
     side = "left" if against else "right"
@@ -294,16 +298,17 @@ def _driving_lanes(
             where = f"{owner} at s = {section.begin:g}"
             raise must_be("The driving lanes", where, wanted, section.driven)
 
-    centres, inner = _inner_lanes(sections, outer, owner)
+    inner_edges, inner_widths = _inner_lanes(sections, outer, owner)
     knots, ramps = _outermost(sections, outer, owner)
     width = max(value for _, value in knots)
-    widths = [*(inner[rank] for rank in most[:-1]), width]
+    widths = [*(inner_widths[rank] for rank in most[:-1]), width]
     if any(abs(value - width) > _SAME for value in widths):
         raise must_be("The driving lanes", owner, "of one width", widths)
     spans = _span_of(knots, width, ramps, length, owner, against=against)
     if spans and len(most) == 1:
         raise must_be("The driving lanes", owner, "at least one that is there throughout", most)
-    return (-shift if against else shift) - (centres[outer] + 0.5 * width), len(most), width, spans
+    offset = (-shift if against else shift) - (inner_edges[outer] + 0.5 * width)
+    return offset, (len(most), width, spans)
 
 
 def _sections(road: etree._Element, owner: str, length: float, side: str) -> list[_Section]:
@@ -336,14 +341,15 @@ def _inner_lanes(
                 begins[rank] = offset
                 continue
             name = f"lane {lane.get('id')}"
-            (_, one), (_, other), *more = _widths(lane, section.begin, section.end, owner)
-            if one != other or more:
-                raise must_be(f"The width of {name}", owner, "constant", f"{one:g}..{other:g} m")
+            knots = _widths(lane, section.begin, section.end, owner)
+            width, at_end, *more = (value for _, value in knots)
+            if width != at_end or more:
+                raise must_be(f"The width of {name}", owner, "constant", f"{width:g}..{at_end:g} m")
             moved = abs(begins.setdefault(rank, offset) - offset)
-            if max(moved, abs(widths.setdefault(rank, one) - one)) > _SAME:
-                at = f"{one:g} m at s = {section.begin:g}"
+            if max(moved, abs(widths.setdefault(rank, width) - width)) > _SAME:
+                at = f"{width:g} m at s = {section.begin:g}"
                 raise must_be(capitalised(name), owner, "the same in every section", at)
-            offset += one
+            offset += width
     return begins, widths
 
 
@@ -397,39 +403,43 @@ def _span_of(
     length: float,
     owner: str, *, against: bool,
 ) -> tuple[LaneSpan, ...]:  # fmt: skip
-    """Spans of the outermost lane; () if it exists throughout.
+    """The span of the outermost lane; () if it exists throughout.
 
-    knots: its width along the road.
+    knots, ramps: as from `_outermost`. The lane must open once from the edge, keep its full width,
+        and end once, each along a straight edge; or begin or end at once.
     """
-    if all(abs(value - width) <= _SAME for _, value in knots):
+    whole = [s for s, value in knots if abs(value - width) <= _SAME]
+    if len(whole) == len(knots):
         return ()
     if against:
         raise must_be("The width of the outermost lane", owner, "constant where a road is driven "
                                                                 "against its direction",
                       [value for _, value in knots])  # fmt: skip
-    whole = [s for s, value in knots if abs(value - width) <= _SAME]
     gone = [s for s, value in knots if abs(value) <= _SAME]
     begin, end = min(whole), max(whole)
     before, behind = [s for s in gone if s <= begin], [s for s in gone if s >= end]
     opens, closes = max(before, default=begin), min(behind, default=end)
-    for s, value in knots:  # it opens once, is whole, and ends once, along straight edges
+    for s, value in knots:
         wanted = width * (1.0 - missing(s, opens, begin, end, closes))
         square = s in (begin, end) and abs(value) <= _SAME  # it begins or ends at once
+        # 1e-4 m: a slope that the file gives to six decimals is so far off after 200 m
         if abs(value - wanted) > 1e-4 and not square:
             what = "one that opens once and ends once, each along a straight edge"
             raise must_be("The outermost lane", owner, what, f"{value:g} m wide at s = {s:g}")
-    on = [e for b, e, kind in ramps if kind == "onRamp"]
-    off = [b for b, e, kind in ramps if kind == "offRamp"]
-    first = not before and begin <= _SAME
-    last = not behind and end >= length - _SAME
-    return (
-        LaneSpan(
-            0, -math.inf if first else begin, math.inf if last else end,
-            0.0 if first else begin - opens,
-            0.0 if last else closes - end, max(on, default=-math.inf) if first else -math.inf,
-            min(off, default=math.inf) if last else math.inf,
-        ),
-    )  # fmt: skip
+    on = [ramp_end for _, ramp_end, kind in ramps if kind == "onRamp"]
+    off = [ramp_begin for ramp_begin, _, kind in ramps if kind == "offRamp"]
+    from_start = not before and begin <= _SAME
+    to_end = not behind and end >= length - _SAME
+    span = LaneSpan(
+        lane=0,
+        begin=-math.inf if from_start else begin,
+        end=math.inf if to_end else end,
+        opening=begin - opens,
+        closing=closes - end,
+        parted_until=max(on, default=-math.inf) if from_start else -math.inf,
+        parted_from=min(off, default=math.inf) if to_end else math.inf,
+    )
+    return (span,)
 
 
 def beside(reference: tuple[Piece, ...], offset: float, owner: str) -> tuple[Piece, ...]:
@@ -437,15 +447,16 @@ def beside(reference: tuple[Piece, ...], offset: float, owner: str) -> tuple[Pie
     found = []
     for piece in reference:
         if max(piece.begin * offset, piece.end * offset) >= 1.0:
-            raise must_be("A curve", owner, "wider than its lanes", f"{piece}")
+            wanted = f"above {abs(offset):g} m, the distance of its lane from the reference line"
+            raise must_be("The radius of a curve", owner, wanted, f"{piece}")
         count = 1 if piece.begin == piece.end else math.ceil(piece.length / _PART)
         rate = (piece.end - piece.begin) / count
         for part in range(count):
             ends = piece.begin + rate * part, piece.begin + rate * (part + 1)
             begin, end = (curvature / (1.0 - curvature * offset) for curvature in ends)
             length, mean = piece.length / count, 0.5 * (ends[0] + ends[1])
-            beside = length * (1.0 - mean * offset)
-            # so that it turns exactly as far
-            missing = mean * length / beside - 0.5 * (begin + end)
-            found.append(Piece(beside, begin + missing, end + missing))
+            own_length = length * (1.0 - mean * offset)
+            # so that it turns exactly as far as the reference
+            correction = mean * length / own_length - 0.5 * (begin + end)
+            found.append(Piece(own_length, begin + correction, end + correction))
     return tuple(found)
