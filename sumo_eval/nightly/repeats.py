@@ -60,7 +60,7 @@ def repeats_of(
             progress("driving some cases twice", number, len(sample))
 
     noisy = {ads for ads, equal in alike.items() if not all(equal)}
-    keys = [case.key for case in sample if case.driver in noisy]
+    keys = {case.key for case in sample if case.driver in noisy}
     rows = _rerun(done, keys, place) if keys else {}
     return {
         ads: Repeats(
@@ -73,6 +73,7 @@ def repeats_of(
 def _sample(plan: Planner, number: int) -> list[Case]:
     """The cases of all ADSs at `number` points, drawn by the run's seed."""
     spaces = [space_of(plan.run, place) for place in range(len(plan.run.scenarios))]
+    # draws index the points of all spaces in order; each space's begin where the one before ends
     ends = np.cumsum([len(space.numbers) for space in spaces])
     drawn = random_stream(plan.run.settings.seed, "driven twice").permutation(int(ends[-1]))[
         :number
@@ -80,8 +81,9 @@ def _sample(plan: Planner, number: int) -> list[Case]:
     cases: list[Case] = []
     for space, end in zip(spaces, ends, strict=True):
         first = end - len(space.numbers)
-        here = np.sort(drawn[(drawn >= first) & (drawn < end)] - first)
-        cases += plan.ads(replace(space, numbers=[space.numbers[place] for place in here.tolist()]))
+        places = np.sort(drawn[(drawn >= first) & (drawn < end)] - first)
+        points = [space.numbers[place] for place in places.tolist()]
+        cases += plan.ads(replace(space, numbers=points))
     return cases
 
 
@@ -94,11 +96,8 @@ def _rerun(done: Evaluation, cases: Collection[str], place: Path) -> dict[str, C
             store.unseal()
             store.remove(cases)
         record_facts(done.resolved, place, resume=True)
-        wanted = set(cases)
         return {
-            row.case: row
-            for row in score(place, resolved=done.resolved).cases
-            if row.case in wanted
+            row.case: row for row in score(place, resolved=done.resolved).cases if row.case in cases
         }
     finally:
         shutil.rmtree(place, ignore_errors=True)
@@ -107,7 +106,10 @@ def _rerun(done: Evaluation, cases: Collection[str], place: Path) -> dict[str, C
 def _floors(
     done: Evaluation, ads: str, rows: Mapping[str, CaseResult], settings: GateSettings
 ) -> dict[str, float]:
-    """1.5 q95(|d|) of every quantity that the rule looks at."""
+    """Noise floor (`floor_of`) of every quantity that the rule looks at, by name.
+
+    rows: of the second drives, by case.
+    """
     first = [row for row in done.cases if row.ads == ads and row.case in rows]
     second = [rows[row.case] for row in first]
     names = [measure.quantity for measure in (*settings.near_miss.measure, *settings.shift.measure)]
@@ -128,8 +130,8 @@ def bad_again(
     settings: GateSettings,
     place: Path,
 ) -> dict[str, int]:
-    """Cases of noisy ADSs that are newly bad, driven four times more: in how many of the five
-    drives each is bad.
+    """Number of bad drives of each newly bad case of a noisy ADS, which is driven
+    `settings.outcome.repeats` times more; the first drive counts, too.
     """
     bases = dict(_newly_bad_rows(comparisons, noise, settings))
     bad = dict.fromkeys(bases, 1)
@@ -145,18 +147,24 @@ def bad_again(
 def _newly_bad_rows(
     comparisons: Sequence[Comparison], noise: Noise, settings: GateSettings
 ) -> Iterator[tuple[str, tuple[CaseResult, tuple[str, str]]]]:
-    """Key of a newly bad case of a noisy ADS, its row in the base, and both units of U."""
-    for one in (one for comparison in comparisons for one in comparison.ads):
+    """Key of a newly bad case of a noisy ADS, its row in the base, and the units of U in the base
+    and in the new run.
+    """
+    compared = [one for comparison in comparisons for one in comparison.ads]
+    for one in compared:
         repeats, paired = noise.of(one.ads), one.changed.paired
-        for worse in newly_bad(one, settings, repeats).values() if repeats.noisy else ():
+        if not repeats.noisy:
+            continue
+        for worse in newly_bad(one, settings, repeats).values():
             for pair in worse.which:
                 yield paired.new[pair].case, (paired.base[pair], one.units)
 
 
 def shaky_cases(done: Evaluation, bad: Mapping[str, int], settings: GateSettings) -> set[ShakyCase]:
     """Rerun cases that were not bad in all of their drives."""
-    some = {case for case, drives in bad.items() if drives <= settings.outcome.repeats}
-    return {_place(row) for row in done.cases if row.case in some} if some else set()
+    # bad in at most `repeats` of its `repeats` + 1 drives
+    shaky = {case for case, drives in bad.items() if drives <= settings.outcome.repeats}
+    return {_place(row) for row in done.cases if row.case in shaky} if shaky else set()
 
 
 def _place(row: CaseResult) -> ShakyCase:
