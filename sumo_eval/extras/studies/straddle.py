@@ -1,6 +1,6 @@
 """Boundary between two outcomes with few trials: ask for points, tell their outcomes.
 
-A Gaussian process classifier (probit-like, Laplace approximation) learns the outcomes in the unit
+A Gaussian process classifier (logistic, Laplace's approximation) learns the outcomes in the unit
 box. The next points are those where the sign of its latent function f is most open: the straddle
 rule of Bryan et al. (2005), 1.96 sd(f) - |mean(f)|. The points of one round are chosen in order,
 each as if the earlier ones had been tried; one in eight goes where sd(f) alone is
@@ -33,12 +33,13 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 POOL = 4_096  # points of the space that are weighed in each round
 STRADDLE = 1.96
 EXPLORE_EVERY = 8  # of a round, every eighth point goes where least is known
-# trials up to which the kernel's constants are searched again each time they have grown by half
+# The kernel's constants are sought again each time the number of trials has grown by half. Those
+# that were sought with this many trials or more stay.
 LEARN_UNTIL = 300
 SIGNAL_BOUNDS, SCALE_BOUNDS = (1.0, 1e3), (0.02, 10.0)  # variance of f; unit-box lengths
-SETTLED = 1e-3  # of probability: how far a trial may be from its own equation at the mode
-# share of its own trials that a classifier may put on the wrong side and still count as settled
-CONTRADICTED = 0.05
+LABEL_VARIANCE = 1.0  # an outcome is assumed to tell as much as f measured with this variance
+CONVERGED = 1e-3  # largest difference of a trial's probability from that of f, as in `_at_mode`
+CONTRADICTED = 0.05  # share of trials that the classifier may put on the wrong side
 REMEMBERED = 4  # rounds whose changes predict those of the next one
 SAME = 1e-9  # unit-box lengths
 
@@ -88,8 +89,8 @@ class BoundarySearch:
             best = int(np.argmax(score))
             chosen.append(best)
             shared = covariance(best)
-            # a label tells as much as f with deviation 1
-            variance = variance - shared**2 / (shared[best] + 1.0)
+            # its outcome will narrow f, whatever it is
+            variance = variance - shared**2 / (shared[best] + LABEL_VARIANCE)
         return untried[chosen]
 
     def tell(self, points: ArrayLike, outcomes: ArrayLike) -> None:
@@ -112,6 +113,7 @@ class BoundarySearch:
         if self._model is None:
             return np.full(len(rows), float(self.outcomes[0]) if len(self.outcomes) else 0.5)
         mean, variance, _ = self._latent(self.logical.to_unit(rows))
+        # P(f > 0), f being normal
         return np.asarray(norm.cdf(mean / np.sqrt(np.maximum(variance, SAME))))
 
     def classify(self, points: ArrayLike) -> BoolArray:
@@ -162,7 +164,7 @@ class BoundarySearch:
             optimizer = "fmin_l_bfgs_b" if learn else None
             model = GaussianProcessClassifier(kernel, optimizer=optimizer).fit(unit, self.outcomes)
             # Newton's steps can overshoot where f may be very large, and scikit-learn ends
-            # silently: less, then.
+            # silently. Halve the variance of f until they converge.
             while not _at_mode(model) and model.kernel_.k1.constant_value > 2.0:
                 signal = ConstantKernel(model.kernel_.k1.constant_value / 2.0, SIGNAL_BOUNDS)
                 kernel = signal * model.kernel_.k2
@@ -193,16 +195,16 @@ class BoundarySearch:
             shared = kernel(unit, unit[row : row + 1])[:, 0] - half.T @ half[:, row]
             for before in known:
                 shared = shared - before * before[row]
-            known.append(shared / np.sqrt(shared[row] + 1.0))
+            known.append(shared / np.sqrt(shared[row] + LABEL_VARIANCE))
             return np.asarray(shared)
 
         return mean, variance, covariance
 
 
 def _at_mode(model: GaussianProcessClassifier) -> bool:
-    """Whether Laplace's approximation is where it should be: f = K (y - p) with p the probabilities
-    of f itself.
+    """Whether Laplace's approximation has converged to the mode, where f = K (y - p) and the
+    probabilities p of the trials are those of f itself, 1 / (1 + exp(-f)).
     """
     inner = model.base_estimator_
     f = inner.kernel_(inner.X_train_) @ (inner.y_train_ - inner.pi_)
-    return bool(np.max(np.abs(expit(f) - inner.pi_)) < SETTLED)
+    return bool(np.max(np.abs(expit(f) - inner.pi_)) < CONVERGED)
