@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refusal
 from twins.collision_avoidance import walked_weight
-from twins.spaces import space
+from twins.spaces import space, two_hills
 
 from sumo_eval.method.collision_avoidance import (
     collision_avoidance_index,
@@ -29,16 +29,6 @@ crashes = st.lists(crash, min_size=1, max_size=6)
 @pytest.fixture(scope="module")
 def cut_out():
     return partition(CUT_OUT, QUICK)
-
-
-@pytest.fixture(scope="module")
-def two_zones():
-    def gap(values):
-        first = np.hypot(values["x"] - 30, values["y"] - 40) - 25
-        second = np.hypot(values["x"] - 80, values["y"] - 70) - 10
-        return 45.102 + np.minimum(first, second)
-
-    return partition(space([("x", 0.0, 100.0, 10.0), ("y", 0.0, 100.0, 10.0)], gap), QUICK)
 
 
 @pytest.fixture(scope="module")
@@ -191,8 +181,9 @@ def test_without_a_hazardous_zone_every_collision_weighs_1():
     assert collision_weight([[20.0, 0.0], [30.0, 5.0]], zones).tolist() == [1.0, 1.0]
 
 
-def test_the_nearest_of_several_zones_counts(two_zones):
+def test_the_nearest_of_several_zones_counts():
     # (80, 85) is 15 m from the middle of the small zone, (30, 75) 35 m from that of the large one
+    two_zones = partition(two_hills(), QUICK)
     small, large = star_of(two_zones, 1), star_of(two_zones, 0)
     weights = collision_weight([[80, 85], [30, 75]], two_zones)
     assert collision_weight(on_ray(two_zones, [80, 85], 0.1, index=1), two_zones) == pytest.approx(

@@ -7,7 +7,7 @@ import pytest
 from refusals import refusal
 from scipy.optimize import minimize
 from scipy.spatial import KDTree
-from twins.spaces import space
+from twins.spaces import space, two_hills
 from twins.zone_partition import distance_to_change, posterior_mean
 
 from sumo_eval.method.collision_avoidance import collision_weight
@@ -40,15 +40,7 @@ def cut_out():
 
 @pytest.fixture(scope="module")
 def hill():
-    """Two parameters; the gap is short around (30, 40) and around (80, 70), where the second is the
-    smaller zone."""
-
-    def gap(values):
-        first = np.hypot(values["x"] - 30, values["y"] - 40) - 25
-        second = np.hypot(values["x"] - 80, values["y"] - 70) - 10
-        return 45.102 + np.minimum(first, second)
-
-    return partition(space([("x", 0.0, 100.0, 10.0), ("y", 0.0, 100.0, 10.0)], gap), QUICK)
+    return partition(two_hills(), QUICK)
 
 
 # --- zones without a closed form ------------------------------------------------------------------

@@ -26,3 +26,14 @@ def space(parameters, gap, ego_speed=20.0, delay=0.0, constraints=()):
         place=lambda values: None,
         approach=approach,
     )
+
+
+def two_hills():
+    """The gap is short around (30, 40) and around (80, 70), where the second is the smaller zone."""
+
+    def gap(values):
+        first = np.hypot(values["x"] - 30, values["y"] - 40) - 25
+        second = np.hypot(values["x"] - 80, values["y"] - 70) - 10
+        return 45.102 + np.minimum(first, second)
+
+    return space([("x", 0.0, 100.0, 10.0), ("y", 0.0, 100.0, 10.0)], gap)
