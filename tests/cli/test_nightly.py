@@ -132,10 +132,15 @@ def test_a_second_night_is_refused_while_one_is_running(week):
     assert len(nights(folder / "history")) == before
 
 
-def test_what_a_killed_night_left_is_removed_and_said(week, tmp_path):
-    folder, _ = week
+def copy_of(week, tmp_path, part=""):
+    """The folder of the week, and a copy of its history or of a part of it."""
     history = tmp_path / "history"
-    shutil.copytree(folder / "history", history)
+    shutil.copytree(week[0] / "history" / part, history / part)
+    return week[0], history
+
+
+def test_what_a_killed_night_left_is_removed_and_said(week, tmp_path):
+    folder, history = copy_of(week, tmp_path)
     left = history / "nights" / "2026-01-01T00-00-00Z"
     left.mkdir()
     (left / "facts.sqlite").write_bytes(b"half a night")
@@ -262,9 +267,7 @@ def test_a_night_of_another_evaluation_is_not_continued(tmp_path):
 def test_a_disk_that_fails_without_being_full_and_a_late_ctrl_c_keep_the_night(
     fault, week, tmp_path, monkeypatch
 ):
-    folder, _ = week
-    history = tmp_path / "history"
-    shutil.copytree(folder / "history", history)
+    folder, history = copy_of(week, tmp_path)
     plant(folder, "")
 
     def broken(*_):
@@ -285,9 +288,7 @@ def test_a_disk_that_fails_without_being_full_and_a_late_ctrl_c_keep_the_night(
 
 
 def test_a_full_disk_leaves_earlier_nights_alone(week, tmp_path, monkeypatch):
-    folder, _ = week
-    history = tmp_path / "history"
-    shutil.copytree(folder / "history", history)
+    folder, history = copy_of(week, tmp_path)
     before = nights(history)
 
     def full(*_):
@@ -311,9 +312,7 @@ def test_lost_pairs_fail_until_they_are_accepted(week, tmp_path):
 
     Both corners are judged.
     """
-    folder, _ = week
-    history = tmp_path / "history"
-    shutil.copytree(folder / "history", history)
+    _, history = copy_of(week, tmp_path)
     file = evaluation(tmp_path, "2")
     result = run_night(file, history, GateSettings(resamples=100))
     assert result.night.exit_status == 1
@@ -412,9 +411,7 @@ def a_folder(path):
     ],
 )
 def test_a_history_that_cannot_be_read_removes_no_night(week, tmp_path, spoil, words):
-    folder, _ = week
-    history = tmp_path / "history"
-    shutil.copytree(folder / "history", history)
+    folder, history = copy_of(week, tmp_path)
     before = sorted(path.relative_to(history) for path in (history / "nights").rglob("*"))
     spoil(history / "history.sqlite")
     done = sumo_eval(
@@ -426,9 +423,7 @@ def test_a_history_that_cannot_be_read_removes_no_night(week, tmp_path, spoil, w
 
 
 def test_a_history_without_a_line_keeps_the_folders_that_it_does_not_know(week, tmp_path):
-    folder, _ = week
-    history = tmp_path / "history"
-    shutil.copytree(folder / "history" / "nights", history / "nights")
+    folder, history = copy_of(week, tmp_path, "nights")
     before = {path.name for path in (history / "nights").iterdir()}
     with open_history(history, create=True):
         pass
@@ -442,9 +437,7 @@ def test_a_history_without_a_line_keeps_the_folders_that_it_does_not_know(week, 
 
 @pytest.mark.parametrize("known_lines", [0, 1], ids=["no line", "the oldest line"])
 def test_old_history_put_back_keeps_complete_nights(week, tmp_path, known_lines):
-    folder, _ = week
-    history = tmp_path / "history"
-    shutil.copytree(folder / "history" / "nights", history / "nights")
+    _, history = copy_of(week, tmp_path, "nights")
     complete = sorted(path.name for path in (history / "nights").iterdir())
     unfinished = history / "nights" / "2020-01-01T00-00-00Z"
     shutil.copytree(history / "nights" / complete[0], unfinished)

@@ -53,20 +53,26 @@ def settings_for(path, **changes):
     return replace(DriverSettings(source="recorded", recordings=(path.name,)), **changes)
 
 
+CONCRETE = LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0)
+
+
+def found_in(settings, folder):
+    """The drivers recorded like that case."""
+    return reference(CONCRETE, open_people(settings, folder), settings, LOGICAL.recorded)
+
+
 def test_drives_begin_at_the_egos_start_and_lateral_moves_are_stretched_to_the_scenarios_lane(
     tmp_path,
 ):
     path = write_people(tmp_path / "people.csv", [25.0])
-    settings = settings_for(path)
-    concrete = LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0)
-    found = reference(concrete, open_people(settings, tmp_path), settings, LOGICAL.recorded)
+    found = found_in(settings_for(path), tmp_path)
     (drive,) = found.drives
     assert (drive.time[0], drive.x[0], drive.y[0]) == (
         0.0,
-        concrete.ego.x,
-        pytest.approx(concrete.ego.y, abs=1e-6),
+        CONCRETE.ego.x,
+        pytest.approx(CONCRETE.ego.y, abs=1e-6),
     )
-    assert drive.x[-2] < concrete.road.length <= drive.x[-1]
+    assert drive.x[-2] < CONCRETE.road.length <= drive.x[-1]
     # The event begins 10 s into the recording; the lane change ends at 17 s: 9 s later it is one
     # lane to the left.
     assert np.interp(9.0, drive.time, drive.y) == pytest.approx(3.75, abs=0.3)
@@ -75,26 +81,18 @@ def test_drives_begin_at_the_egos_start_and_lateral_moves_are_stretched_to_the_s
 
 def test_only_events_within_the_tolerance_count_nearest_first(tmp_path):
     path = write_people(tmp_path / "people.csv", [25.0, 23.0, 26.0, 30.0])
-    settings = settings_for(path)
-    concrete = LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0)
-    found = reference(concrete, open_people(settings, tmp_path), settings, LOGICAL.recorded)
+    found = found_in(settings_for(path), tmp_path)
     assert found.names == ("r0/ego", "r2/ego", "r1/ego")
-    narrow = replace(settings, tolerance={"ego_speed": 0.5})
-    assert reference(concrete, open_people(narrow, tmp_path), narrow, LOGICAL.recorded).names == (
-        "r0/ego",
-    )
+    narrow = settings_for(path, tolerance={"ego_speed": 0.5})
+    assert found_in(narrow, tmp_path).names == ("r0/ego",)
 
 
 def test_a_driver_counts_once_and_a_recording_that_ends_too_early_does_not(tmp_path):
     path = write_people(tmp_path / "people.csv", [25.0, 24.5, 25.5], same_driver=(0, 1))
-    settings = settings_for(path)
-    concrete = LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0)
-    found = reference(concrete, open_people(settings, tmp_path), settings, LOGICAL.recorded)
+    found = found_in(settings_for(path), tmp_path)
     assert len(found.drives) == 2
     early = write_people(tmp_path / "early.csv", [25.0], seconds=20.0)  # 10 s of 550 m at 25 m/s
-    settings = settings_for(early)
-    found = reference(concrete, open_people(settings, tmp_path), settings, LOGICAL.recorded)
-    assert not found.drives
+    assert not found_in(settings_for(early), tmp_path).drives
 
 
 def test_drives_in_named_cases_are_taken_as_they_are(tmp_path):

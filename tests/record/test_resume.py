@@ -65,6 +65,13 @@ def started(run, path, *options, at_rows=1):
     return process
 
 
+def assert_continues(path, whole):
+    """What is left of the run beside its evaluation continues to the content of a whole one."""
+    run = path.with_name("run")
+    sumo_eval.evaluate(path, run, resume=True)
+    assert digest(run) == digest(whole)
+
+
 def test_a_killed_run_continues_to_the_same_content(whole, tmp_path):
     path = write_evaluation(tmp_path)
     process = started(tmp_path / "run", path, at_rows=4)
@@ -183,8 +190,7 @@ def test_ctrl_c_once_ends_the_cases_and_says_how_to_resume(whole, tmp_path):
     assert "Ctrl-C once more stops at once" in errors
     assert "the same command with --resume continues" in errors
     assert "Traceback" not in errors
-    sumo_eval.evaluate(path, tmp_path / "run", resume=True)
-    assert digest(tmp_path / "run") == digest(whole)
+    assert_continues(path, whole)
 
 
 def children_of_fork_servers(root):
@@ -244,8 +250,7 @@ def test_a_run_whose_disk_fills_up_stops_and_continues_later(whole, tmp_path):
     assert done.returncode == 2, done.stderr
     assert "cannot be written" in done.stderr
     assert "Traceback" not in done.stderr
-    sumo_eval.evaluate(path, tmp_path / "run", resume=True)
-    assert digest(tmp_path / "run") == digest(whole)
+    assert_continues(path, whole)
 
 
 @pytest.mark.campaign
@@ -253,8 +258,7 @@ def test_a_folder_that_was_half_made_is_made_again(whole, tmp_path):
     path = write_evaluation(tmp_path)
     (tmp_path / "run" / "networks").mkdir(parents=True)
     (tmp_path / "run" / "evaluation.toml.half").write_text("nam")
-    sumo_eval.evaluate(path, tmp_path / "run", resume=True)
-    assert digest(tmp_path / "run") == digest(whole)
+    assert_continues(path, whole)
     (tmp_path / "foreign").mkdir()
     (tmp_path / "foreign" / "thesis.txt").write_text("three years of work")
     with refusal("is not a run folder"):
@@ -387,8 +391,7 @@ def test_a_caller_can_stop_a_run_and_continue(whole, tmp_path):
 
     with pytest.raises(StoppedError, match="continues"):
         sumo_eval.evaluate(path, tmp_path / "run", progress=count, stopping=lambda: len(seen) > 3)
-    sumo_eval.evaluate(path, tmp_path / "run", resume=True)
-    assert digest(tmp_path / "run") == digest(whole)
+    assert_continues(path, whole)
 
 
 # --- what another process does while cases are driven ---------------------------------------------

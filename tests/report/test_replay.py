@@ -85,13 +85,17 @@ def collision(evaluation):
     return recorded(evaluation.folder, key)
 
 
+def replay_of_collision(evaluation, folder):
+    fact = collision(evaluation)
+    return write_replay(
+        evaluation.folder, catalogue.load(fact.scenario), fact, folder / "replay.html"
+    )
+
+
 def test_a_replay_is_small_and_asks_for_nothing(evaluation, tmp_path):
     """The player is about 60 kB; one case of the hand-made evaluation adds less than the 14 kB a
     case may take."""
-    fact = collision(evaluation)
-    path = write_replay(
-        evaluation.folder, catalogue.load(fact.scenario), fact, tmp_path / "replay.html"
-    )
+    path = replay_of_collision(evaluation, tmp_path)
     page = path.read_text()
     (data,) = page.split('id="replay-data">')[1].split("</script>")[:1]
     assert len(data) < 14_000
@@ -195,10 +199,7 @@ def test_every_camera_shows_road_and_ego_and_contact_has_its_frames(evaluation, 
 @pytest.mark.campaign
 @needs_chromium
 def test_where_webgl_is_missing_the_plain_drawing_stays(evaluation, tmp_path):
-    fact = collision(evaluation)
-    path = write_replay(
-        evaluation.folder, catalogue.load(fact.scenario), fact, tmp_path / "replay.html"
-    )
+    path = replay_of_collision(evaluation, tmp_path)
     with Page(tmp_path / "profile", 800, 600, "--disable-3d-apis") as page:
         page.open(path.as_uri(), "document.documentElement.dataset.replay === 'ready'")
         assert page.run("document.querySelector('.replay-camera').hidden")
@@ -354,10 +355,7 @@ def test_an_actor_that_has_left_is_drawn_no_more():
 def test_the_charts_of_a_replay_follow_the_theme_and_are_saved_as_they_are_drawn(
     evaluation, tmp_path
 ):
-    fact = collision(evaluation)
-    path = write_replay(
-        evaluation.folder, catalogue.load(fact.scenario), fact, tmp_path / "replay.html"
-    )
+    path = replay_of_collision(evaluation, tmp_path)
     with Page(tmp_path / "profile") as page:
         page.open(path.as_uri(), "document.documentElement.dataset.replay === 'ready'")
         assert page.run("document.querySelectorAll('.replay-held .save button').length") == 4 * 3
