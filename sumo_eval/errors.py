@@ -27,7 +27,7 @@ class InputError(SumoEvalError, ValueError):
 class NotInstalledError(InputError, ImportError):
     """A library cannot be loaded.
 
-    A process that only gets ready stays quiet, as after any import that fails.
+    It is an ImportError, too, which the fork server ignores while it loads modules in advance.
     """
 
 
@@ -59,18 +59,20 @@ LEAST_ALIKE = 0.55  # of 1: names that are less alike are not offered
 def nearest(name: str, known: Sequence[str]) -> str | None:
     """The known name that a misspelt one is most like, None where none is near.
 
-    The answer is that of `difflib.get_close_matches`. Who begins like the name is looked at first,
-    so that nearly all of a hundred thousand names are ruled out by the letters that they have.
+    The answer is that of `difflib.get_close_matches`. The name with the longest common beginning is
+    compared first: most others are then ruled out by a quick count of their letters, which matters
+    where a hundred thousand are known.
     """
     if not known:
         return None
     matcher = difflib.SequenceMatcher(b=name)
     best, near = LEAST_ALIKE, ""
-    # letters: names are no paths
+    # `commonprefix` compares letters, not parts of paths, which is what names need
     first = max(known, key=lambda one: len(os.path.commonprefix([one, name])))  # noqa: RUF071
     for one in itertools.chain((first,), known):
         matcher.set_seq1(one)
         if matcher.real_quick_ratio() >= best and matcher.quick_ratio() >= best:
+            # of two equally alike names, the later one in the alphabet
             best, near = max((best, near), (matcher.ratio(), one))
     return near or None
 
@@ -79,15 +81,16 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """A closing half-sentence: the nearest known name, or the list of known names when none is
     near.
     """
-    names = [str(candidate) for candidate in known]
+    names = list(map(str, known))
     near = nearest(name, names)
     if near is not None:
         return f" Did you mean `{near}`?"
-    told = ", ".join(name[:WORDS] for name in names)
-    if len(told) > MOST_KNOWN:
-        cut = told.rindex(", ", 0, MOST_KNOWN)
-        told = f"{told[:cut]} and {len(names) - told[:cut].count(', ') - 1} more"
-    return f" Known: {told}." if names else ""
+    # each is shortened, so that at least two fit into the list
+    listed = ", ".join(known_name[:WORDS] for known_name in names)
+    if len(listed) > MOST_KNOWN:
+        cut = listed.rindex(", ", 0, MOST_KNOWN)
+        listed = f"{listed[:cut]} and {len(names) - len(listed[:cut].split(', '))} more"
+    return f" Known: {listed}." if names else ""
 
 
 def must_be(what: str, owner: str, requirement: str, got: object) -> InputError:
@@ -141,6 +144,7 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
 
     kind: what is unknown, and of or in what: `parameter of scenario `cut_in``.
     """
+    # the owner begins with the first " of " or " in "; a colon at the end belongs to neither
     parts = re.fullmatch(r"(.*?)((?: of | in ).*?)?:?", kind, flags=re.DOTALL)
     what, owner = parts.groups(default="")  # type: ignore[union-attr]
     return InputError(f"Unknown {what} `{name}`{owner}.{did_you_mean(name, known)}")
@@ -159,8 +163,8 @@ def check_known(kind: str, known: Collection[str], *names: str) -> None:
 def said(error: BaseException) -> str:
     """`ValueError: no such lane`: an exception in words, ready to be followed by a full stop.
 
-    An attribute that an object of this package has not gets that of its ego, or the nearest that
-    it has.
+    Where the exception names an attribute that an object of this package lacks, the words offer the
+    same attribute of the object's ego, or else the nearest name that the object has.
     """
     text = words_of(error).strip().rstrip(".")
     if (
