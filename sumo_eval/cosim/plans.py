@@ -97,7 +97,7 @@ class Executor:
         self._in_force = None
 
     def command(self, asked: Wanted | None, ego: Sequence[float], time: float) -> Command:
-        """The acceleration and wheel angle for the step that begins at `time` s.
+        """The acceleration and steering-wheel angle for the step that begins at `time` s.
 
         asked: None: what was asked for still holds (`holds`).
         ego: centre x, y m, heading rad, speed m/s, and whatever else is known of it.
@@ -115,7 +115,9 @@ class Executor:
         acceleration, steering, speed = _read(held)
         if speed is not None:  # first order: dv/dt = (v_wanted - v) / T
             acceleration = (_finite("speed", speed, "Command") - ego[3]) / self._gains.speed_time
-        if (  # the usual case, fast; a class of the ADS's own may answer otherwise when read again
+        # The usual case, fast. An object of the ADS's own class is copied instead: its attributes
+        # may have other values when they are read again.
+        if (
             type(held) is Command
             and speed is None
             and type(acceleration) is float
@@ -129,8 +131,8 @@ class Executor:
         )
 
     def _pedals(self, asked: Pedals) -> Command:
-        """acceleration = throttle * max_acceleration - brake * max_deceleration; wheel angle =
-        steer * end stop, positive to the left.
+        """acceleration = throttle * max_acceleration - brake * max_deceleration; steering-wheel
+        angle = steer * end stop, positive to the left.
         """
         limits, values = self._vehicle, []
         for name, least in (("throttle", 0.0), ("brake", 0.0), ("steer", -1.0)):
@@ -147,7 +149,9 @@ class Executor:
     def _along(self, track: _Track, ego: Sequence[float], time: float) -> Command:
         """The tracker: Stanley's law for the front axle, feed-forward and feedback for the speed.
 
-        wheel angle = ratio (theta - heading + atan(k e / (v_s + v)) + atan(wheelbase * curvature))
+        steering-wheel angle = steering ratio * angle of the front wheels
+        angle of the front wheels = theta - heading + atan(k e / (v_s + v))
+            + atan(wheelbase * curvature)
         acceleration = dv_plan/dt + k_v (v_plan - v) + k_s s
 
         e: m from the front axle to the path, positive where the path is to the left.
@@ -174,13 +178,16 @@ class Executor:
         half = 0.5 * limits.wheelbase
         front = x + half * math.cos(heading)
         path = track.beside(front, y + half * math.sin(heading))
-        if path is None:  # a plan to stay where it is says nothing of a direction
+        # one place, or the same one at all times: without a direction to follow the wheels stay
+        # straight, even where the road is curved
+        if path is None:
             return Command(acceleration, 0.0)
         theta, aside = path
         turn = within_a_turn(theta - heading) + math.atan2(
             gains.steering_gain * aside, gains.softening_speed + speed
         )
-        if self._line:  # both angles are relative to the road: it needs a wheel angle of its own
+        # theta and heading are relative to the road, so its curvature has to be added
+        if self._line:
             turn += math.atan(limits.wheelbase * float(curvatures(self._line, front)))
         return Command(acceleration, turn * limits.steering_ratio)
 
@@ -239,7 +246,8 @@ class _Track:
         i = self._segment_in_time
         while times[i + 1] < time:
             i += 1
-        self._segment_in_time = max(i - 1, 0)  # one back: the tracker looks a step ahead
+        # one back: the tracker looks a step ahead, and by rounding the next step may be earlier
+        self._segment_in_time = max(i - 1, 0)
         share = (time - times[i]) / (times[i + 1] - times[i])
 
         def within(values: Sequence[float]) -> float:
@@ -253,7 +261,7 @@ class _Track:
         """
         xs, ys = self._front_x, self._front_y
         beside = None
-        # the first segment, from the last one on, whose end is not behind the place
+        # from the segment of the last answer on, the first whose end is not behind the place
         for i in range(self._segment_in_place, len(xs) - 1):
             along_x, along_y = xs[i + 1] - xs[i], ys[i + 1] - ys[i]
             square = along_x * along_x + along_y * along_y
@@ -286,7 +294,8 @@ def _directions(x: Sequence[float], y: Sequence[float], if_still: float) -> list
         if abs(along) > _SAME_PLACE or abs(across) > _SAME_PLACE:
             last += within_a_turn(math.atan2(across, along) - last)
         found.append(last)
-    if len(x) > 2:  # the chord at an end has the direction half a segment inwards: extrapolate
+    # at an end the chord of one segment is the direction at its middle: extrapolate to the end
+    if len(x) > 2:
         for end, inner in ((0, 1), (-1, -2)):
             if math.hypot(x[inner] - x[end], y[inner] - y[end]) > _SAME_PLACE:
                 found[end] += found[end] - found[inner]
