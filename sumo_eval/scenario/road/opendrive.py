@@ -412,14 +412,16 @@ def _span_of(
     if len(whole) == len(knots):
         return ()
     if against:
-        raise must_be("The width of the outermost lane", owner, "constant where a road is driven "
-                                                                "against its direction",
-                      [value for _, value in knots])  # fmt: skip
+        raise must_be(
+            "The width of the outermost lane", owner,
+            "constant where a road is driven against its direction", [value for _, value in knots],
+        )  # fmt: skip
     gone = [s for s, value in knots if abs(value) <= _SAME]
     begin, end = min(whole), max(whole)
     before, behind = [s for s in gone if s <= begin], [s for s in gone if s >= end]
     opens, closes = max(before, default=begin), min(behind, default=end)
     for s, value in knots:
+        # between straight edges, of which `missing` gives the share that they take away at s
         wanted = width * (1.0 - missing(s, opens, begin, end, closes))
         square = s in (begin, end) and abs(value) <= _SAME  # it begins or ends at once
         # 1e-4 m: a slope that the file gives to six decimals is so far off after 200 m
@@ -430,16 +432,17 @@ def _span_of(
     off = [ramp_begin for ramp_begin, _, kind in ramps if kind == "offRamp"]
     from_start = not before and begin <= _SAME
     to_end = not behind and end >= length - _SAME
-    span = LaneSpan(
-        lane=0,
-        begin=-math.inf if from_start else begin,
-        end=math.inf if to_end else end,
-        opening=begin - opens,
-        closing=closes - end,
-        parted_until=max(on, default=-math.inf) if from_start else -math.inf,
-        parted_from=min(off, default=math.inf) if to_end else math.inf,
+    return (
+        LaneSpan(
+            lane=0,
+            begin=-math.inf if from_start else begin,
+            end=math.inf if to_end else end,
+            opening=begin - opens,
+            closing=closes - end,
+            parted_until=max(on, default=-math.inf) if from_start else -math.inf,
+            parted_from=min(off, default=math.inf) if to_end else math.inf,
+        ),
     )
-    return (span,)
 
 
 def beside(reference: tuple[Piece, ...], offset: float, owner: str) -> tuple[Piece, ...]:
