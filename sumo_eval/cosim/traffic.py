@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -348,13 +349,9 @@ class Traffic(Stage):
 
     def remove(self, world: World, row: int) -> None:
         """Remove the vehicles of a case that has ended from its batch."""
-        if self._alone:
-            return
-        some_gone = not world.others["present"][row].all()
-        # the list is slow: it is read only if SUMO may have removed one itself
-        held = set(self.traci.vehicle.getIDList()) if some_gone else None
-        for number in range(row * self._width, (row + 1) * self._width):
-            for name in (self._flat[number], self._shadow_of[number]):
-                if name and (held is None or name in held):
-                    self.traci.vehicle.remove(name)
-                self._shown_shadows.discard(name)
+        super().remove(world, row)
+        shadows = self._shadow_of[row * self._width : (row + 1) * self._width]
+        for name in () if self._alone else filter(None, shadows):
+            with suppress(self.traci.TraCIException):  # SUMO may have removed it
+                self.traci.vehicle.remove(name)
+            self._shown_shadows.discard(name)

@@ -239,8 +239,10 @@ def read_interface(path: Path) -> Interface:
     )
 
 
-def usual(*, steering: bool = False, vehicles: int = 2) -> Interface:
-    """The default features and actions: the ego, its lane, its lead, and the nearest vehicles."""
+def usual(*, steering: bool = False) -> Interface:
+    """The default features and actions: the ego, its lane, its lead, and the two nearest
+    vehicles.
+    """
     features = [
         Feature("ego.speed", 0.0, 60.0), Feature("ego.acceleration", -10.0, 10.0),
         Feature("ego.heading", -0.5, 0.5),
@@ -250,7 +252,7 @@ def usual(*, steering: bool = False, vehicles: int = 2) -> Interface:
         Feature("lead.relative_speed", -40.0, 40.0),
         Feature("lead.offset", -4.0, 4.0),
     ]  # fmt: skip
-    for k in range(1, vehicles + 1):
+    for k in (1, 2):
         features += [
             Feature(f"vehicles.{k}.present", 0.0, 1.0), Feature(f"vehicles.{k}.x", -150.0, 150.0),
             Feature(f"vehicles.{k}.y", -8.0, 8.0), Feature(f"vehicles.{k}.vx", -40.0, 40.0),
