@@ -1,8 +1,10 @@
-"""The view of one row of a batch: what the guarded `traci` answers where many cases share SUMO.
+"""The view of one row of a batch: answers of the guarded `traci` where many cases share SUMO.
 
-The cases' roads lie on each other, so places, times and speeds are those of the case alone. Names
-differ: a call's get the row's suffix on the way in and lose it on the way out. A call about more
-than the row takes the row out of its batch.
+`cosim/simulation.py` opens `sharing()` around the drive of such a batch.
+
+The cases' roads lie on each other, so positions, times and speeds are those of the case alone.
+Names differ: those that a call is given get the row's suffix, those in its answer lose it. A call
+about more than the row takes the row out of its batch: `Guard.leave` raises.
 """
 
 from __future__ import annotations
@@ -21,14 +23,14 @@ from sumo_eval.cosim.sumo.sumo_files import EGO
 
 _OF_A_ROW = ("vehicle", "vehicletype", "lane", "edge", "route")
 _READS = ("get", "is", "could", "wants")
-_OF_ALL_ROWS = ("getTime", "getDeltaT", "getCurrentTime")  # the same for each of them
+_OF_ALL_ROWS = ("getTime", "getDeltaT", "getCurrentTime")  # the same in every row
 _OF_MANY = frozenset(
     {
         "getIDList",
         "getIDCount",
         "getLoadedIDList",
         "getTeleportingIDList",
-        "getDrivingDistance2D",  # of whichever road lies at the place
+        "getDrivingDistance2D",  # its position may lie on the road of another row
         "getTaxiFleet",
         "getFoes",
         "getInternalFoes",
@@ -53,7 +55,8 @@ _OF_MODELS = frozenset(
         "getParameterWithKey",
     }
 )
-"""Calls that SUMO's driver models answer, which are awake in the ego of a row alone."""
+"""Calls that SUMO's driver models answer. Of the vehicles of a row, only the ego has an active
+one."""
 
 
 def _reading(guard: Guard, read: Callable[..., Any]) -> Any:
@@ -65,20 +68,21 @@ def _reading(guard: Guard, read: Callable[..., Any]) -> Any:
             inside = [names[it] if type(it) is str else it for it in (name, *args)]
             return names.outside(read(*inside, **kwargs))
         except (libsumo.TraCIException, TypeError):
-            guard.leave()
+            guard.leave()  # raises
 
     return reading
 
 
 def _reading_by_name(guard: Guard, read: Callable[[str], Any]) -> Any:
-    """A call that reads from the row and takes a name alone: in half the time."""
+    """A call that reads from the row and takes only a name: half the time of `_reading`."""
 
     def reading(name: Any) -> Any:
         try:
             answer = read(guard.names[name])
+            # most answers are floats, which hold no name
             return answer if type(answer) is float else guard.names.outside(answer)
         except (libsumo.TraCIException, TypeError):
-            guard.leave()
+            guard.leave()  # raises
 
     return reading
 
@@ -86,7 +90,7 @@ def _reading_by_name(guard: Guard, read: Callable[[str], Any]) -> Any:
 def _of_ego(guard: Guard, reading: Callable[..., Any]) -> Any:
     def of_ego(*args: Any, **kwargs: Any) -> Any:
         if args[:1] != (EGO,):
-            guard.leave()
+            guard.leave()  # raises
         return reading(*args, **kwargs)
 
     return of_ego
@@ -105,6 +109,7 @@ def _kept_speed(guard: Guard, reading: Callable[..., Any]) -> Any:
 def _kept_position(guard: Guard, reading: Callable[..., Any]) -> Any:
     def position(vehID: Any, *more: Any) -> Any:  # noqa: N803 - TraCI's name
         name = guard.names[vehID]
+        # a kept position is valid as long as its vehicle has a kept speed (`Guard.begin`)
         return guard.positions[name] if name in guard.speeds and not more else reading(vehID, *more)
 
     return position
@@ -116,10 +121,11 @@ def _nearest(guard: Guard, reading: Callable[..., Any]) -> Any:
     def nearest(vehID: Any, dist: Any = 100.0) -> Any:  # noqa: N803 - TraCI's name
         names = guard.names
         try:
-            ahead, gap = found = read(names[vehID], dist)
-            if ahead:
-                return names.back[ahead], gap
-            return None if libsumo.vehicle._legacyGetLeader else found
+            lead, gap = read(names[vehID], dist)
+            if lead:
+                return names.back[lead], gap
+            # libsumo's `getLeader`, which `read` leaves out, has this switch
+            return None if libsumo.vehicle._legacyGetLeader else (lead, gap)
         except (libsumo.TraCIException, TypeError, KeyError):
             return reading(vehID, dist)
 
@@ -135,6 +141,7 @@ def _listing(guard: Guard, read: Callable[[], Any]) -> Any:
 
     def listing() -> Any:
         names = guard.names
+        # `read` lists the names of all rows; this row's suffix stands in no name of another
         return tuple(sorted(names.outside(it) for it in read() if names.suffix in it))
 
     return listing
@@ -142,7 +149,7 @@ def _listing(guard: Guard, read: Callable[[], Any]) -> Any:
 
 def _leaving(guard: Guard) -> Any:
     def leaving(*args: Any, **kwargs: Any) -> Any:
-        guard.leave()
+        guard.leave()  # raises
 
     return leaving
 
@@ -154,7 +161,7 @@ def _seen(guard: Guard, domain: Any, call: str) -> Any:
         return _listing(guard, domain.getIDList)
     if kind in _OF_A_ROW and call.startswith(_READS) and call not in _OF_MANY:
         read = getattr(domain, call)
-        by_name = read.__code__.co_argcount == 1
+        by_name = read.__code__.co_argcount == 1  # a static method: its argument is the name
         direct = insides.direct(call, read, kind)
         reading = _reading_by_name(guard, direct) if by_name else _reading(guard, read)
         if call in _OF_MODELS and kind in ("vehicle", "vehicletype"):
@@ -164,22 +171,24 @@ def _seen(guard: Guard, domain: Any, call: str) -> Any:
 
 
 def _view(guard: Guard) -> list[tuple[Any, str, Any]]:
-    """The calls that differ where cases share SUMO: of which domain, name, what stands there."""
+    """The calls that differ where cases share SUMO: domain, name of the call, its stand-in."""
     view: list[tuple[Any, str, Any]] = []
     for domain in TRACI.DOMAINS:
-        kind = domain.__name__
         for call in dir(domain):
             read = getattr(domain, call)
-            written = call in vars(domain)  # guarded already
-            if call.startswith("_") or isinstance(read, type) or not callable(read) or written:
+            # a domain is a subclass of libsumo's: its own are the writing calls, guarded already
+            writes = call in vars(domain)
+            if call.startswith("_") or isinstance(read, type) or not callable(read) or writes:
                 continue
-            if kind != "simulation" or call not in _OF_ALL_ROWS:
+            if domain.__name__ != "simulation" or call not in _OF_ALL_ROWS:
                 view.append((domain, call, _seen(guard, domain, call)))
     return view
 
 
-class _None(ModuleType):
-    """A libsumo that knows no rows; to a hook that has kept it, the real one after the batch."""
+class _NoLibsumo(ModuleType):
+    """Stand-in of libsumo in a batch: any use of it takes the row out. A hook that has kept it uses
+    the real one after the batch.
+    """
 
     def __getattr__(self, name: str) -> Any:
         if sys.modules["libsumo"] is self:
@@ -205,7 +214,7 @@ class _Console(io.TextIOBase):
         return int(now.write(text))
 
 
-_NONE = _None("libsumo")
+_NO_LIBSUMO = _NoLibsumo("libsumo")
 _VIEW: list[tuple[Any, str, Any]] = []
 
 
@@ -219,7 +228,7 @@ def sharing() -> Iterator[None]:
     for domain, call, seen in _VIEW:
         setattr(domain, call, seen)
     real = sys.modules["libsumo"]
-    sys.modules["libsumo"] = _NONE
+    sys.modules["libsumo"] = _NO_LIBSUMO
     try:
         out, err = redirect_stdout(_Console("stdout")), redirect_stderr(_Console("stderr"))
         with seen_as_traci(), out, err:
@@ -227,4 +236,4 @@ def sharing() -> Iterator[None]:
     finally:
         sys.modules["libsumo"] = real
         for domain, call, _ in _VIEW:
-            delattr(domain, call)
+            delattr(domain, call)  # the inherited call of libsumo answers again
