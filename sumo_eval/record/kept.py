@@ -25,12 +25,12 @@ from sumo_eval.trajectory import (
 
 EGO = "ego"
 
-# x reaches kilometres; the others lose nothing that matters in single precision: 1e-7 of a lane, a
-# speed, an angle
+# Single precision is off by 1e-7 of a value: nothing that matters of a lane's width, a speed or an
+# angle, but 0.1 mm of an x of kilometres.
 _DOUBLE = ("time", "x")
 _SINGLE = tuple(name for name in CHANNELS if name not in _DOUBLE)
 _SAMPLE_BYTES = 8 * len(_DOUBLE) + 4 * len(_SINGLE)
-_HEADER = struct.Struct("<Idd")
+_HEADER = struct.Struct("<Idd")  # number of samples, length and width of the vehicle
 
 
 class KeptRecording(NamedTuple):
@@ -66,8 +66,10 @@ def keep(recording: Recording) -> KeptRecording:
 
 
 def packed(trajectory: Trajectory) -> bytes:
-    """A trajectory as bytes: time and x in double, the rest in single precision, byte planes
-    together, deflated.
+    """A trajectory as bytes: time and x in double, the rest in single precision, deflated.
+
+    A channel stands as planes: the first bytes of all its samples, then the second bytes, and so
+    on, which deflates better than sample after sample.
     """
     planes = [
         np.ascontiguousarray(getattr(trajectory, name), dtype=kind)
@@ -89,6 +91,7 @@ def unpack(data: bytes) -> Trajectory:
     try:
         n, length, width = _HEADER.unpack_from(data)
         size = n * _SAMPLE_BYTES
+        # at most one byte more than there should be: damaged bytes may inflate without end
         body = np.frombuffer(inflating.decompress(data[_HEADER.size :], size + 1), dtype=np.uint8)
     except (struct.error, zlib.error) as error:
         raise InputError(f"A recorded trajectory is damaged: {error}.") from error
