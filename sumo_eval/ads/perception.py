@@ -1,10 +1,11 @@
 """Perception of rules: gaps, overlaps, which vehicle is ahead, which one is hidden.
 
-Everything along and across the road.
+The baselines of `ads/` and the synthetic drivers use it. All is along and across the road.
 
 `me` and `other` are `MOVER` records of `cosim.records` (x, y: body centre, m; along, across: speeds
 by road axis, m/s; half_length, half_width: half the extent of the turned body along and across the
-road, m). One that is not seen has nan as its x, and is nowhere.
+road, m). A vehicle that is not seen has nan as its x. Comparisons with nan are false: tests are
+written so that such a vehicle is never ahead, behind or hiding another vehicle.
 """
 
 from __future__ import annotations
@@ -14,10 +15,9 @@ from typing import Any
 
 from sumo_eval.kernels import kernel
 
-# m to a vehicle that hides the road ahead: the least distance of the following gaps of UN R157
-LEAST_GAP = 2.0
-COURTESY = 1.0  # s between an ego and somebody who crosses its path, below which it yields
-CROSSES = 0.1  # m/s towards the path, below which nobody crosses
+LEAST_GAP = 2.0  # m between two vehicles at rest: the least following distance of UN R157
+COURTESY = 1.0  # s between the ego and a road user that crosses its path, below which it yields
+CROSSES = 0.1  # m/s towards the path, below which a road user does not cross it
 
 
 @kernel
@@ -42,6 +42,7 @@ def lateral_overlap(me: Any, other: Any) -> float:
     across.
     """
     mine, its = me.half_width, other.half_width
+    # the strip is at most as wide as either body
     return float(min(mine + its - abs(me.y - other.y), 2.0 * mine, 2.0 * its))
 
 
@@ -65,13 +66,16 @@ def lead_in_path(me: Any, others: Any) -> int:
 
 @kernel
 def coming_into_path(me: Any, others: Any) -> int:
-    """Index of the nearest road user ahead that comes into the strip of road that the ego's body
-    sweeps straight ahead while the ego is there, or within `COURTESY` of it, both at the speeds
-    that they have, -1: none. One that a nearer vehicle hides to more than half is not seen.
+    """Index of the nearest road user ahead that comes into the ego's path from the side, -1: none.
+
+    The path is the strip of road that the ego's body sweeps straight ahead. The road user is in it
+    while the ego passes, or less than `COURTESY` before or after, if both keep their speeds. One
+    that a nearer vehicle hides to more than half is not seen.
     """
     nearest = -1
     for j in range(len(others)):
         other = others[j]
+        # `not >` also skips nan
         if not other.x > me.x or (nearest >= 0 and other.x >= others[nearest].x):
             continue
         apart, reach = other.y - me.y, me.half_width + other.half_width
@@ -79,6 +83,7 @@ def coming_into_path(me: Any, others: Any) -> int:
         closing, gap = me.along - other.along, bumper_gap(me, other)
         if abs(apart) < reach or towards < CROSSES or closing <= 0.0 or gap < 0.0:
             continue
+        # s until the road user enters and leaves the strip, and the ego reaches and has passed it
         enters, leaves = (abs(apart) - reach) / towards, (abs(apart) + reach) / towards
         here, gone = gap / closing, (gap + 2.0 * (me.half_length + other.half_length)) / closing
         if (
@@ -143,11 +148,12 @@ def safe_gap(speed: float, lead_speed: float, deceleration: float, response: flo
 
 @kernel
 def is_visible(me: Any, others: Any, index: int, hiding_share: float) -> bool:
-    """Whether no single nearer vehicle covers more than `hiding_share` of a vehicle's width.
+    """Whether a vehicle is seen by lines of sight that all run along the road: no single nearer
+    vehicle covers more than `hiding_share` of its width.
 
-    Lines of sight run along the road: seen from far away, a vehicle hides what lies straight behind
-    it. With 0 a vehicle is seen once nothing covers any of it (a sensor that needs the whole
-    contour), with 0.5 once half shows.
+    Seen from far away, a vehicle hides what lies straight behind it. With a share of 0 a vehicle is
+    seen once nothing covers any of it (a sensor that needs the whole contour), with 0.5 once half
+    of it shows.
     """
     other = others[index]
     if math.isnan(other.x):
@@ -162,11 +168,11 @@ def is_visible(me: Any, others: Any, index: int, hiding_share: float) -> bool:
 
 @kernel
 def is_in_sight(me: Any, others: Any, index: int, hiding_share: float) -> bool:
-    """Whether no single nearer vehicle covers more than `hiding_share` of a vehicle's width.
+    """Whether a vehicle is seen from the ego: along the road (`is_visible`) in the strip that the
+    ego's body sweeps, elsewhere along the line from the ego to its middle.
 
-    A vehicle that reaches into the strip of road that the ego's body sweeps is looked at along the
-    road (`is_visible`), any other along the line from the ego to its middle: between parked cars
-    the ego sees nothing over them.
+    In both, no single nearer vehicle covers more than `hiding_share` of its width. So parked cars
+    at the side hide what stands between them.
     """
     other = others[index]
     if math.isnan(other.x) or other.x <= me.x or lateral_overlap(me, other) > 0.0:
@@ -196,10 +202,11 @@ def covers(
     the eye to it.
 
     nearer_half, other_half: half their extents across the road, m.
-    share: of the way to the other, at which the nearer one is; the other's width is so much
-        narrower there.
+    share: of the way from the eye to the other vehicle, at which the nearer one is. There the
+        other's width appears scaled by it, as lines of sight meet in the eye.
     """
     hidden = other_half * share
+    # from the line of sight to the nearer vehicle's middle, m
     apart = abs(nearer_y - eye_y - share * (other_y - eye_y))
     return bool(
         min(nearer_half + hidden - apart, 2.0 * nearer_half, 2.0 * hidden) > 2.0 * hidden * hiding
@@ -217,8 +224,10 @@ def take(to: Any, other: Any) -> None:
 
 @kernel
 def carry_on(mover: Any, time: float) -> None:
-    """Move a vehicle to where it is `time` s later if it keeps its velocity, or keeps braking
-    until it stands.
+    """Move a vehicle to where it is `time` s later.
+
+    It keeps its velocity, or, with `braking` above 0, brakes along the road until `along` is 0.
+    Until then it also moves across the road, and after that not at all; `across` stays as it is.
     """
     if mover.braking <= 0.0:
         mover.x, mover.y = mover.x + mover.along * time, mover.y + mover.across * time
