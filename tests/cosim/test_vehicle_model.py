@@ -108,6 +108,11 @@ def test_drive_rises_with_its_jerk(step):
     assert max(b - a for a, b in itertools.pairwise(accelerations)) <= 10.0 * step + 1e-12
 
 
+def test_drive_has_a_limit_and_more_is_recorded():
+    state, clips = advance(driving(10.0, 4.0), Command(9.0), CAR, 0.1)
+    assert (state.acceleration, clips) == (4.0, (("acceleration", 9.0, 4.0),))
+
+
 @pytest.mark.parametrize("step", STEPS)
 def test_drive_from_a_standstill_starts_from_no_drive(step):
     # v = 10 t^2/2 until 0.4 s: 0.8 m/s
