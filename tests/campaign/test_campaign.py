@@ -10,7 +10,6 @@ import os
 import random
 import subprocess
 import time
-import traceback
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -18,11 +17,10 @@ from typing import Any
 
 import pytest
 from campaign.mutants import mutant, own_inputs
-from click.testing import CliRunner
+from commands import sumo_eval as sumo_eval_cli
 from record.runs import command, digest, write_evaluation
 
 import sumo_eval
-from sumo_eval.cli import main
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import run_cases
 from sumo_eval.scenario import catalogue
@@ -143,18 +141,13 @@ def run_mutant(number, folder):
     data, name = mutant(number)
     path, out = folder / f"{number}.toml", folder / f"run_{number}"
     path.write_bytes(data)
-    runner = CliRunner()
-    result = runner.invoke(main, ["run", str(path), "--dry-run"])
-    if result.exit_code == 0 and " with " in result.output and _small(result.output):
-        result = runner.invoke(main, ["run", str(path), "--out", str(out)])
-    fault = "".join(traceback.format_exception(result.exception)) if result.exception else ""
-    assert result.exception is None or isinstance(result.exception, SystemExit), (
-        f"{number} {name}\n{fault}"
-    )
-    assert result.exit_code in (0, 1, 2, 3), f"{number} {name}: {result.exit_code}"
-    assert "Traceback" not in result.output, f"{number} {name}"
-    if result.exit_code == 2:
-        assert result.output.startswith("sumo-eval: "), f"{number} {name}: {result.output}"
+    result = sumo_eval_cli("run", path, "--dry-run", status=None)
+    if result.returncode == 0 and " with " in result.said and _small(result.said):
+        result = sumo_eval_cli("run", path, "--out", out, status=None)
+    assert result.returncode in (0, 1, 2, 3), f"{number} {name}: {result.returncode}"
+    assert "Traceback" not in result.said, f"{number} {name}"
+    if result.returncode == 2:
+        assert result.stderr.startswith("sumo-eval: "), f"{number} {name}: {result.said}"
         return "refused"
     if not out.exists():
         return "valid, too large to run here"
@@ -162,7 +155,7 @@ def run_mutant(number, folder):
     assert (
         opened.scores["cases"].sum() == len(opened.cases) == (opened.drives["role"] == "ads").sum()
     ), f"{number} {name}"
-    return "scored" if result.exit_code == 0 else "incomplete"
+    return "scored" if result.returncode == 0 else "incomplete"
 
 
 def _small(words):
@@ -178,14 +171,10 @@ def run_own_inputs(number, folder):
     files, words, name = own_inputs(number)
     for file, data in files.items():
         (folder / file).write_bytes(data)
-    result = CliRunner().invoke(main, words)
-    fault = "".join(traceback.format_exception(result.exception)) if result.exception else ""
-    assert result.exception is None or isinstance(result.exception, SystemExit), (
-        f"{number} {name}\n{fault}"
-    )
-    assert result.exit_code in (0, 2), f"{number} {name}: {result.exit_code}"
-    assert "Traceback" not in result.output, f"{number} {name}"
-    return "taken" if result.exit_code == 0 else "refused"
+    result = sumo_eval_cli(*words, status=None)
+    assert result.returncode in (0, 2), f"{number} {name}: {result.returncode}"
+    assert "Traceback" not in result.said, f"{number} {name}"
+    return "taken" if result.returncode == 0 else "refused"
 
 
 @pytest.mark.campaign

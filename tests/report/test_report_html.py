@@ -273,20 +273,17 @@ def test_the_preventability_of_every_ads_stands_in_a_table(evaluation, page):
         assert " ".join(map(str, counts)) in text
 
 
+ROWS = [[float(a), 1.0, float(b), float(c)] for a in range(2) for b in range(4) for c in range(3)]
+
+
 def test_a_map_of_many_parameters_takes_the_two_that_vary_most(evaluation):
-    rows = [
-        [float(a), 1.0, float(b), float(c)] for a in range(2) for b in range(4) for c in range(3)
-    ]
-    view = choose_view(space(4), points(evaluation, rows))
+    view = choose_view(space(4), points(evaluation, ROWS))
     assert (view.x, view.y) == (2, 3)
     assert set(view.fixed) == {0, 1}
 
 
 def test_a_map_shows_the_two_chosen_parameters(evaluation):
-    rows = [
-        [float(a), 1.0, float(b), float(c)] for a in range(2) for b in range(4) for c in range(3)
-    ]
-    cases = points(evaluation, rows)
+    cases = points(evaluation, ROWS)
     view = choose_view(space(4), cases, ("p3", "p0"))
     assert (view.x, view.y, set(view.fixed)) == (3, 0, {1, 2})
     assert choose_view(space(3), cases, ("p2", "p0")).panel is None
