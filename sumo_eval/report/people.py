@@ -81,15 +81,12 @@ def people_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     return [
         {
             "of": band,
-            "drivers": f"{_range(band)} a case, {percent(band.recorded)} recorded",
+            "drivers": f"{'–'.join(dict.fromkeys(map(str, band.drivers))) or 'no'} a case, "
+            f"{percent(band.recorded)} recorded",
             "warnings": _warnings(band),
         }
         for band in driver_bands(evaluation)
     ]  # fmt: skip
-
-
-def _range(band: DriverBand) -> str:
-    return "–".join(dict.fromkeys(map(str, band.drivers))) or "no"
 
 
 def _warnings(band: DriverBand) -> list[str]:

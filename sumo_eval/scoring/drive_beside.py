@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -148,7 +148,7 @@ class Event(NamedTuple):
 
     time: float
     actor: str
-    what: Literal["braked", "moved over"]
+    what: str
 
 
 class Extreme(NamedTuple):
@@ -196,18 +196,14 @@ def _until(drive: Trajectory, samples: int) -> Trajectory:
     return Trajectory(*channels, length=drive.length, width=drive.width)
 
 
-def _events(scene: CaseDrives) -> list[Event]:
+def _events(scene: CaseDrives) -> Iterator[Event]:
     """When each actor first braked, and first moved sideways."""
-    events = []
     for name, actor in scene.actors.items():
-        since = actor.time - actor.time[0]
         brakes = actor.acceleration <= BRAKES
         moves = np.abs(actor.y - actor.y[0]) >= SIDEWAYS
-        if brakes.any():
-            events.append(Event(float(since[np.argmax(brakes)]), name, "braked"))
-        if moves.any():
-            events.append(Event(float(since[np.argmax(moves)]), name, "moved over"))
-    return events
+        for done, what in ((brakes, "braked"), (moves, "moved over")):
+            if done.any():
+                yield Event(float(actor.time[np.argmax(done)] - actor.time[0]), name, what)
 
 
 class Furthest(NamedTuple):
