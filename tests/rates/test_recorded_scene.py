@@ -195,11 +195,12 @@ def test_a_path_that_comes_back_to_where_it_began_keeps_its_furthest_point():
         ({"ego": "ego", "span": (None, 300.0)}, "within its recording, 100 to 120 s"),
         ({"ego": "ego", "recording": "q"}, "Unknown recording `q`"),
         ({"ego": "ego", "model": "IDM", "beyond": 0.0}, "must be above 0 m"),
+        ({"ego": "ego", "path": Path("x.txt")}, "one that ends with .toml, got 'x.txt'"),
     ],
 )
 def test_a_scene_that_cannot_be_is_refused(tmp_path, given, words):
     with refusal(words):
-        write_scene(recorded(), tmp_path / "scene.toml", **given)
+        write_scene(recorded(), **{"path": tmp_path / "scene.toml", **given})
 
 
 def twice(*, with_ego):

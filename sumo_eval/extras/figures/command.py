@@ -34,11 +34,17 @@ def plot(
     boundary.
     """
     from sumo_eval.extras.figures.drawn import FIGURES, OF_RUNS, draw, is_edge
-    from sumo_eval.extras.figures.style import refuse_without_matplotlib, save, width_of
+    from sumo_eval.extras.figures.style import (
+        ending_of,
+        refuse_without_matplotlib,
+        save,
+        width_of,
+    )
 
     file = out or run / f"{figure}.svg"
     if figure in FIGURES:  # else `draw` says so
         width_of(width)
+        ending_of(file)
         refuse_without_matplotlib()
     source = scored(run) if figure in OF_RUNS and not is_edge(run, figure) else run
     drawn = draw(source, figure, scenario=scenario, ads=ads, case=case, width=width)

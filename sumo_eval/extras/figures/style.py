@@ -124,10 +124,10 @@ def on_paper(
     return figure
 
 
-def save(figure: Figure, path: Path) -> Path:
-    """Write a figure as what its file's ending says.
+def ending_of(path: Path) -> str:
+    """The ending of a figure's file: `svg`, `png` or `pdf`.
 
-    Raises InputError for another ending or a place that refuses.
+    Raises InputError for any other.
     """
     ending = path.suffix.lower().lstrip(".")
     if ending not in ENDINGS:
@@ -135,6 +135,15 @@ def save(figure: Figure, path: Path) -> Path:
             f"The figure's file must end in one of {', '.join(f'.{name}' for name in ENDINGS)}, "
             f"got {path.name!r}."
         )
+    return ending
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write a figure as what its file's ending says.
+
+    Raises InputError for another ending or a place that refuses.
+    """
+    ending = ending_of(path)
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}[ending]
     try:
         with styled():

@@ -11,13 +11,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+from sumo_eval.extras.openscenario.frame import Frame
 from sumo_eval.extras.openscenario.network import in_frame
 from sumo_eval.extras.openscenario.places import Entity, Places
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.extras.openscenario.values import RULES
 from sumo_eval.scenario import played
 from sumo_eval.scenario.road.pose import Pose
-from sumo_eval.scenario.road.reference_line import Piece, length_of, tightest
+from sumo_eval.scenario.road.reference_line import length_of, tightest
 from sumo_eval.text import shown
 
 Step = tuple[int, int, int, float]
@@ -133,15 +134,12 @@ class Conditions:
     """Access of conditions to entities, their numbers among the actors, and elements of the
     storyboard above.
 
-    origin, line: of the road's frame. reference: of the road's reference line, m left of `line`.
     latch: adds a move that changes nothing and begins when a program holds; the program of its end.
     """
 
     places: Places
     number_of: Mapping[str, int]
-    origin: Pose
-    line: tuple[Piece, ...]
-    reference: float
+    frame: Frame
     latch: Callable[[Program], Program]
     spans: list[tuple[str, str, Span]] = field(default_factory=list)
 
@@ -351,7 +349,7 @@ class Conditions:
         position = holder.child("Position").only()
         if position.get("entityRef") is None:
             pose = self.places.spot(holder.child("Position")).pose
-            return in_frame(pose, self.origin, self.line)
+            return in_frame(pose, self.frame.origin, self.frame.line)
         return self._moving(position)
 
     def _moving(self, position: Node) -> Entity:
@@ -403,11 +401,12 @@ class Conditions:
         """
         default = "lane" if element.flag("alongRoute") else "entity"
         system = element.one_of("coordinateSystem", ("entity", "lane", "road"), default)
-        if not self.line:
+        frame = self.frame
+        if not frame.line:
             return 1.0
-        turned = sum(0.5 * (it.begin + it.end) * it.length for it in self.line)
-        left = self.reference if system == "road" else one.frame.y
-        return 1.0 - turned / length_of(self.line) * left
+        turned = sum(0.5 * (it.begin + it.end) * it.length for it in frame.line)
+        left = -frame.way * frame.offset if system == "road" else one.frame.y
+        return 1.0 - turned / length_of(frame.line) * left
 
     def _distance(self, element: Node, one: Entity) -> tuple[Number, float]:
         default = "euclidianDistance" if element.tag == "DistanceCondition" else None
@@ -423,7 +422,8 @@ class Conditions:
     ) -> tuple[Number, float]:
         """The square of the distance in a straight line, m2."""
         # a distance that is not the one along the road's curve
-        if self.line and abs(value) ** 3 / (24.0 * tightest(self.line) ** 2) > _BENT:
+        line = self.frame.line
+        if line and abs(value) ** 3 / (24.0 * tightest(line) ** 2) > _BENT:
             raise element.fault("a distance across a curve of the road is not supported")
         x, y = (self._apart(element, one, other, axis) for axis in (played.X, played.Y))
         if element.flag("freespace"):

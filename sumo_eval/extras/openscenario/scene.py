@@ -272,10 +272,7 @@ class _Player:
 
         # an act that remembers a condition is the first actor's, so deleted ones must be known
         self.actors = list(entities.values())
-        frame = self.frame
-        self.conditions = Conditions(
-            self.places, numbers, frame.origin, frame.line, -frame.way * frame.offset, self._latch
-        )
+        self.conditions = Conditions(self.places, numbers, self.frame, self._latch)
         self._delete_at_once(story)
         self.actors = [it for it in entities.values() if it is not self.ego and not it.deleted]
         numbers |= {entity.name: number for number, entity in enumerate(self.actors)}

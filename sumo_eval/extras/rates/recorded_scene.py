@@ -100,6 +100,8 @@ def write_scene(
     model: SUMO's, by which the actors react; None: they do not.
     beyond: m.
     """
+    if path.suffix != ".toml":
+        raise must_be("The file", "a scene", "one that ends with .toml", str(path))
     table = _of_recording(recordings.table, recording, ego)
     if not 0.0 < beyond < NEVER:
         bounds = f"above 0 m and below {NEVER:g} m"
