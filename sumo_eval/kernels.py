@@ -18,6 +18,7 @@ import importlib
 import importlib.metadata
 import itertools
 import os
+import pickle
 import platform
 import subprocess
 import sys
@@ -28,15 +29,16 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from sumo_eval.input_file import read_input
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 INTERPRETED = os.environ.get("SUMO_EVAL_INTERPRETED", "") not in ("", "0")
 PLAIN = os.environ.get("SUMO_EVAL_PLAIN", "") not in ("", "0")
-"""Whether the insides that `numba_insides` and `record/children.py` borrow are left out."""
+"""Whether the insides that `kept_code` and `record/children.py` borrow are left out."""
 _PACKAGE = Path(__file__).parent
 _ROOMS = (
     "kernels.py",
-    "numba_insides.py",
     "trajectory.py",
     "settings",
     "scenario",
@@ -47,6 +49,7 @@ _ROOMS = (
 )
 """Where kernels and the constants that are compiled into them stand."""
 
+_SEAL = 32  # bytes before machine code on disk: the SHA-256 of the rest, which reveals damage
 _unregistered: list[Callable[..., Any]] = []
 """Kernels that were marked before numba was loaded."""
 
@@ -135,8 +138,62 @@ def keep_code(loop: Any) -> Any:
         importlib.import_module("numba.core.config").__dict__["CACHE_DIR"] = str(cache_folder())
         loop.enable_caching()
     else:
-        loop._cache = importlib.import_module("sumo_eval.numba_insides").kept_code()(loop.py_func)
+        loop._cache = kept_code()(loop.py_func)
     return loop
+
+
+@functools.cache
+def kept_code() -> Any:
+    """numba's way to keep code, with one sealed file for each loop and kind of arguments: its own
+    index mixes kinds of arguments up where two processes write at once, and trusts damaged files.
+
+    Borrows insides of numba that are not part of its interface, tried with numba 0.68;
+    SUMO_EVAL_PLAIN=1 leaves them out.
+    """
+    caching = importlib.import_module("numba.core.caching")
+    rebuilt = importlib.import_module("numba.core.compiler").CompileResult._rebuild
+
+    class KeptCode(caching.NullCache):  # type: ignore[name-defined,misc]
+        """The code of a loop: nothing that goes wrong with its files does more than compile it
+        again.
+        """
+
+        def __init__(self, function: Callable[..., Any]) -> None:
+            self._py_func = function
+
+        def load_overload(self, signature: Any, target: Any) -> Any:
+            """The code for arguments of these types, or None; without what numba imports to
+            compile, 0.5 s.
+            """
+            importlib.import_module("numba.core.runtime").rtsys.initialize(target)
+            try:
+                content = read_input(self._path(signature, target.codegen()), "machine code")
+                seal, code = content[:_SEAL], content[_SEAL:]
+                # as numba does
+                if seal == hashlib.sha256(code).digest():
+                    return rebuilt(target, *pickle.loads(code))  # noqa: S301
+            except Exception:  # noqa: BLE001 - whatever a file of another make holds
+                return None
+            return None
+
+        def save_overload(self, signature: Any, result: Any) -> None:
+            """Keep it, if it can be kept."""
+            if result.library.has_dynamic_globals:
+                return
+            code = caching.dumps(result._reduce())
+            with contextlib.suppress(OSError):
+                path = self._path(signature, result.codegen)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                with caching.IndexDataCacheFile._open_for_write(self, path) as file:
+                    file.write(hashlib.sha256(code).digest() + code)
+
+        def _path(self, signature: Any, codegen: Any) -> Path:
+            source = Path(self._py_func.__code__.co_filename)
+            key = caching.Cache._index_key(self, signature, codegen)
+            digest = hashlib.sha256(repr((str(source), source.read_bytes(), key)).encode())
+            return cache_folder() / f"{self._py_func.__name__}.{digest.hexdigest()[:24]}"
+
+    return KeptCode
 
 
 def _numba() -> Any:
