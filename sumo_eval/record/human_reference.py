@@ -12,7 +12,7 @@ that was stopped continues where it was.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
@@ -34,7 +34,7 @@ from sumo_eval.method.leave_one_out import band_pairings, left_out_pairings
 from sumo_eval.method.shared_fields import prepare
 from sumo_eval.record.kept_results import KeptResults, Kind, key_of
 from sumo_eval.record.kept_results import Part as KeptPart
-from sumo_eval.record.spread import Part, Result, Spread, spread_over
+from sumo_eval.record.spread import Spread, spread_over
 from sumo_eval.record.store import Store, open_store
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
@@ -119,16 +119,14 @@ def point_processes(store: Store, workers: int) -> Iterator[Spread]:
     """
     drives = sum(number for _, role, _, _, number, _ in store.counts() if role == "human")
     with ExitStack() as entered:
-        begun: list[Spread] = []
 
-        def spread(work: Callable[[Part], Result], parts: Sequence[Part]) -> Iterable[Result]:
-            if not begun:
-                several = workers if drives >= _WORTH_PROCESSES else 1
-                # each process makes the compiled loops ready (`prepare`) before its first part
-                begun.append(entered.enter_context(spread_over(several, prepare)))
-            return begun[0](work, parts)
+        @cache
+        def begun() -> Spread:
+            several = workers if drives >= _WORTH_PROCESSES else 1
+            # each process makes the compiled loops ready (`prepare`) before its first part
+            return entered.enter_context(spread_over(several, prepare))
 
-        yield spread
+        yield lambda work, parts: begun()(work, parts)
 
 
 def compute_points(
