@@ -4,6 +4,7 @@ name is offered.
 
 from __future__ import annotations
 
+import bisect
 import difflib
 import itertools
 import os
@@ -86,10 +87,11 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     if near is not None:
         return f" Did you mean `{near}`?"
     # each is shortened, so that at least two fit into the list
-    listed = ", ".join(known_name[:WORDS] for known_name in names)
-    if len(listed) > MOST_KNOWN:
-        cut = listed.rindex(", ", 0, MOST_KNOWN)
-        listed = f"{listed[:cut]} and {len(names) - len(listed[:cut].split(', '))} more"
+    ends = list(itertools.accumulate(len(it[:WORDS]) + len(", ") for it in names))
+    fitting = bisect.bisect(ends, MOST_KNOWN)
+    listed = ", ".join(it[:WORDS] for it in names[:fitting])
+    if fitting < len(names):
+        listed += f" and {len(names) - fitting} more"
     return f" Known: {listed}." if names else ""
 
 

@@ -84,6 +84,7 @@ def test_a_list_of_known_names_ends_after_a_few():
     # A name takes 15 characters and 2 between: after 47 of them 47 * 17 - 2 = 797 of the 800 are
     # full.
     assert said.endswith("cut_in-0046-idm and 953 more.")
+    assert did_you_mean("nothere", ["a, b"] * 1000).endswith("a, b and 867 more.")  # 800 / 6 fit
     long = did_you_mean("nothere", ["x" * 900, *"abc", "y" * 900])
     assert long.endswith(f"{'x' * 300}, a, b, c, {'y' * 300}.")
 

@@ -144,6 +144,7 @@ def test_a_program_that_works_on_after_its_case_is_killed_too(tmp_path):
             "read x; echo {}; read x; echo 3",
             "answer with a JSON object on one line, got '3' at 0.00 s.",
         ),
+        ("read x; printf '%09999d\n' 0 | tr 0 '['; sleep 5", "a JSON object on one line, got '[["),
         ("read x; echo {}; read x; echo {}", "must have an `acceleration`, got {} at 0.00 s."),
         (
             'read x; echo {}; read x; echo "{\\"honk\\": 1}"',

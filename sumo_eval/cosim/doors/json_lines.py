@@ -109,7 +109,7 @@ class JsonLinesProgram(Adapter):
         line = self._line(program, until, deadline)
         try:
             answer = json.loads(line)
-        except ValueError:
+        except (ValueError, RecursionError):
             answer = None
         if not isinstance(answer, dict):
             raise ControllerError(

@@ -10,6 +10,7 @@ Read: lines, arcs, spirals and parametric cubics, a constant lane offset, lanes 
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Sequence
@@ -102,9 +103,10 @@ def _chain(roads: Sequence[etree._Element], owner: str) -> list[_Stretch]:
         for element in roads:
             name = f"road `{element.get('id')}` of {owner}"
             directions = (False, True) if chain else (first_against,)
-            stretches = [_stretch_or_none(element, name, against) for against in directions]
-            meeting = [it for it in stretches if it and (not chain or _meet(chain[-1], it.begin))]
-            chain += meeting[:1]  # none meets: the chain stays shorter than `roads`
+            # one after the other: what is wrong on the side that is not driven does not matter
+            stretches = (_stretch_or_none(element, name, against) for against in directions)
+            meeting = (it for it in stretches if it and (not chain or _meet(chain[-1], it.begin)))
+            chain += itertools.islice(meeting, 1)  # of none, the chain stays shorter than `roads`
         if len(chain) == len(roads):
             break
     else:
