@@ -7,6 +7,7 @@ travels than is kept.
 
 from __future__ import annotations
 
+import math
 import re
 import traceback
 from collections.abc import Callable, Mapping
@@ -137,6 +138,15 @@ def traceback_of(error: BaseException) -> str:
     # an exception's attributes are the user's, and memory may be short
     except BaseException as fault:  # noqa: BLE001
         return f"(the traceback of {kind_of(error)} is not available: {kind_of(fault)})\n"
+
+
+def number_in(text: str | None) -> float:
+    """The finite number that a text from outside is; nan where it is none."""
+    try:
+        value = float(text or "")
+    except ValueError:
+        return math.nan
+    return value if math.isfinite(value) else math.nan
 
 
 def cell(value: Any) -> Any:

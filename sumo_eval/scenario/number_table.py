@@ -15,7 +15,7 @@ import numpy as np
 from sumo_eval.errors import InputError, did_you_mean, must_be
 from sumo_eval.input_file import input_file
 from sumo_eval.scenario.units import factor_to, in_own_unit
-from sumo_eval.text import from_cell, shown
+from sumo_eval.text import from_cell, number_in, shown
 from sumo_eval.trajectory import FloatArray
 
 # as tables are headed: `ego_speed (km/h)`
@@ -77,20 +77,14 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
                 f"Line {number} of the {what} {path} must have {len(header)} values, got more."
             )
         row = dict(zip(header, line, strict=False))
-        numbers = (_real(row.get(name), f"`{name}` in line {number}", owner) for name in names)
-        own = [factors.get(name, 1.0) for name in names]
-        table.append(list(map(in_own_unit, numbers, own)))
+        table.append(
+            [in_own_unit(number_in(row.get(name)), factors.get(name, 1.0)) for name in names]
+        )
+        for name, value in zip(names, table[-1], strict=True):
+            if math.isnan(value):
+                what = f"`{name}` in line {number}"
+                raise must_be(what, owner, "a number", row.get(name))
     converted = [
         title for title, name in zip(titles, header, strict=True) if factors.get(name, 1.0) != 1.0
     ]
     return NumberTable(names, np.array(table), [it for it in header if it not in names], converted)
-
-
-def _real(text: str | None, what: str, owner: str) -> float:
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise must_be(what, owner, "a number", text)
-    return value

@@ -36,7 +36,7 @@ from sumo_eval.scenario.road.reference_line import (
 )
 from sumo_eval.scenario.road.table import bend_name, check_line
 from sumo_eval.scenario.xml_file import read_xml
-from sumo_eval.text import shown
+from sumo_eval.text import number_in, shown
 from sumo_eval.trajectory import FloatArray
 
 STRAIGHT = 0.1  # m that a lane may be off its straight line; netconvert writes centimetres
@@ -456,11 +456,8 @@ def _points(text: str) -> tuple[Point, ...]:
 
 
 def _number(text: str, what: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
+    value = number_in(text)
+    if math.isnan(value):
         raise must_be(what, "the network", "a finite number", text)
     return value
 

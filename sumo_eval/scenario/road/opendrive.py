@@ -26,7 +26,7 @@ from sumo_eval.scenario.road.parametric import Cubic, pieces_along
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Piece, bends, length_of
 from sumo_eval.scenario.xml_file import read_xml
-from sumo_eval.text import capitalised
+from sumo_eval.text import capitalised, number_in
 
 _JOINT = 0.01  # m and rad that a geometry may begin off the end of the one before it
 # m, at most, of the parts that make up the line beside a spiral, which is not itself a spiral
@@ -160,12 +160,9 @@ def _stretch(road: etree._Element, owner: str, *, against: bool) -> _Stretch:
 
 def _number(element: etree._Element, name: str, owner: str, default: str = "nothing") -> float:
     text = element.get(name, default)
-    try:
-        value = float(text)
-    except ValueError:
-        raise must_be(f"`{name}` of <{element.tag}>", owner, "a number", text) from None
-    if not math.isfinite(value):
-        raise must_be(f"`{name}` of <{element.tag}>", owner, "finite", value)
+    value = number_in(text)
+    if math.isnan(value):
+        raise must_be(f"`{name}` of <{element.tag}>", owner, "a finite number", text)
     return value
 
 

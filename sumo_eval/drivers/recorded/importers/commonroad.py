@@ -20,6 +20,7 @@ from sumo_eval.drivers.recorded.importers.files import reading_xml
 from sumo_eval.drivers.recorded.importers.tables import LARGEST, Samples
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
+from sumo_eval.text import number_in
 from sumo_eval.trajectory import FloatArray
 
 _SETS = ("time/intervalStart", "position/rectangle", "position/circle", "position/polygon",
@@ -149,13 +150,10 @@ def _value(state: Any, place: str, path: Path) -> float:
 
 
 def _number(text: str | None, path: Path, element: Any, what: str) -> float:
-    try:
-        number = float(text or "")
-        if not abs(number) <= LARGEST:
-            raise ValueError
-        return number
-    except ValueError:
+    number = number_in(text)
+    if not abs(number) <= LARGEST:
         raise InputError(
             f"`{what}` of the element in row {element.sourceline} of {path} must be a number, got "
             f"{text!r}."
-        ) from None
+        )
+    return number
