@@ -107,10 +107,12 @@ def test_a_table_of_omega_prime_is_read(tmp_path):
     rows["vel_x"], rows["vel_y"] = rows["speed"] * np.cos(TURN), rows["speed"] * np.sin(TURN)
     rows = rows.rename(columns={"vehicle": "idx", "heading": "yaw"}).drop(columns=["t", "speed"])
     path = tmp_path / "drive.parquet"
-    with duckdb.connect() as database:
-        database.register("objects", rows)
-        database.execute(f"COPY objects TO '{path}' (FORMAT parquet)")
+    duckdb.from_df(rows).write_parquet(str(path))
     is_the_scene(path)
+    for column, name in (("type", "type"), ("total_nanos", "t"), ("idx", "vehicle")):
+        duckdb.from_df(rows.assign(**{column: "text"})).write_parquet(str(path))
+        with refusal(f"`{name}` in row 1 of .* must be a number"):
+            osi.read(path)
 
 
 def test_an_mcap_file_is_read(tmp_path):

@@ -217,7 +217,9 @@ def _omega_prime(path: Path) -> pd.DataFrame:
         raise InputError(f"{path} is not a Parquet table: {str(error).splitlines()[0]}.") from error
     require_columns(rows, wanted, path)
     rows = rows[list(wanted)].rename(columns={"idx": "vehicle", "yaw": "heading"})
-    rows["t"] = rows["total_nanos"] * 1e-9
-    rows["speed"] = np.hypot(rows["vel_x"], rows["vel_y"])
-    rows[["type", "subtype"]] = rows[["type", "subtype"]].fillna(0).astype(int)
-    return rows[list(_COLUMNS)]
+    known = rows[["total_nanos", "vel_x", "vel_y"]].apply(pd.to_numeric, errors="coerce")
+    rows["t"], rows["speed"] = known["total_nanos"] * 1e-9, np.hypot(known["vel_x"], known["vel_y"])
+    kinds = ["vehicle", "type", "subtype"]
+    rows = rows.fillna({"type": 0, "subtype": 0})
+    checked_numbers(rows, kinds, path, rows=range(1, len(rows) + 1))
+    return rows.astype(dict.fromkeys(kinds, int))[list(_COLUMNS)]
