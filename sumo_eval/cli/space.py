@@ -4,6 +4,7 @@ ADS in it.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import click
@@ -50,10 +51,10 @@ def partition(scenario: str) -> None:
     share = f"{result.hazardous_share:z.1%} of {result.sampled} grid points"
     tell(f"{logical.name}: {result.zones} hazardous zone(s), {share}")
     say(f"  most dangerous point: {point_words(point)}" for point in result.most_dangerous)
-    tell(
-        f"  on the wrong side of the exact boundary: {result.boundary_error:z.2%} of the possible "
-        "points"
-    )
+    wrong = f"{result.boundary_error:z.2%} of the possible points"
+    if math.isnan(result.boundary_error):
+        wrong = "unknown, as no point between those of the grid is possible"
+    tell(f"  on the wrong side of the exact boundary: {wrong}")
     say(f"  {note}" for note in result.notes)
 
 

@@ -32,6 +32,11 @@ def test_sample_writes_and_draws_the_points_of_a_scenario_file(truck, tmp_path):
     assert 'id="study-data"' in page or "truck_speed" in page
 
 
+def test_a_space_of_grid_points_alone_has_no_boundary_error(truck):
+    truck.write_text(f'{EXAMPLE}\n[[constraint]]\nrequire = "ego_speed == 20.0"\n')
+    assert "boundary: unknown, as no point" in sumo_eval("partition", truck).said
+
+
 def test_who_names_no_folder_gets_a_new_one_under_results(truck, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = sumo_eval("sample", truck)
