@@ -388,6 +388,6 @@ def _is_own(history: Path, night: Night) -> bool:
     folder = history / NIGHTS / night.night
     return (
         night.folder == f"{NIGHTS}/{night.night}"
-        and folder.parent == history / NIGHTS
+        and folder.resolve().parent == (history / NIGHTS).resolve()
         and not folder.is_symlink()
     )
