@@ -57,7 +57,7 @@ def with_suites(content: Mapping[str, Any], where: str) -> dict[str, Any]:
     entries = plain.get("scenario", ())
     uses = (
         [str(one.get("use", "")) for one in entries if isinstance(one, Mapping)]
-        if isinstance(entries, list)
+        if isinstance(entries, list | tuple)
         else []
     )
     names = [use.removeprefix(_SUITE) for use in uses if use.startswith(_SUITE)]

@@ -24,6 +24,7 @@ def test_a_suite_brings_its_scenarios_seed_and_drivers():
         "front_vehicle_low_speed", "front_vehicle_cut_out", "front_vehicle_braking", "cut_in",
     ]  # fmt: skip
     assert (settings.seed, settings.drivers.count) == (20261, 6)
+    assert settings_from(asked(scenario=({"use": "suite:2026.1"},)), "here") == settings
     assert settings.drivers.population == PopulationSettings(0.771, 1.0, 1.0, 1.0, "recorded")
 
 
