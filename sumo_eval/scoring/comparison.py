@@ -400,19 +400,18 @@ def _paired(base: CaseTable, new: CaseTable) -> Paired:
     none = np.empty(0, dtype=np.intp)
     if not (len(base) and len(new)) or base[0].values.keys() != new[0].values.keys():
         return Paired(base[none], new[none], none, base, new)
-    old, now = point_numbers([base, new])
-    points = int(max(old.max(), now.max())) + 1
-    # row of the last, or first, case at each point; -1: no case
-    last_old, last_now, first_now = (np.full(points, -1, dtype=np.intp) for _ in range(3))
-    last_old[old] = np.arange(len(old))
-    last_now[now] = np.arange(len(now))
-    first_now[now[::-1]] = np.arange(len(now))[::-1]
-    both = np.flatnonzero((last_old >= 0) & (last_now >= 0))
-    both = both[np.argsort(first_now[both], kind="stable")]
-    rows = last_now[both]
-    lost, added = last_old[last_now < 0], last_now[last_old < 0]
-    alone = base[lost[lost >= 0]], new[added[added >= 0]]
-    return Paired(base[last_old[both]], new[rows], rows, *alone)
+    (olds, _, last_old), (news, first_now, last_now) = map(_cases_at, point_numbers([base, new]))
+    here, there = np.intersect1d(olds, news, assume_unique=True, return_indices=True)[1:]
+    order = np.argsort(first_now[there])
+    pairs, rows = last_old[here[order]], last_now[there[order]]
+    lost, added = np.delete(last_old, here), np.delete(last_now, there)
+    return Paired(base[pairs], new[rows], rows, base[lost], new[added])
+
+
+def _cases_at(points: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Every point of some cases once, ascending, and the rows of its first and of its last case."""
+    known, first = np.unique(points, return_index=True)
+    return known, first, len(points) - 1 - np.unique(points[::-1], return_index=True)[1]
 
 
 _NOT_DRIVEN: Final = frozenset((
