@@ -1,8 +1,9 @@
 """The rest of an `[[ads]]` entry: how often a controller is asked, and what its constructor is
 given.
 
-In one text with the locator: `my_ads.py:Planner?period=0.2&options.gain=2`. A class may load what
-its objects share once a process; that happens here too, and its time is counted apart from driving.
+In one text with the locator: `my_ads.py:Planner?period=0.2&options.gain=2`. A class may load once
+in a process what its objects share (`LOAD_ONCE`). `made` calls this, and its time is counted apart
+from driving.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from urllib.parse import unquote_plus
 from sumo_eval.errors import InputError, check_known, must_be, said
 
 _PERIOD, _BATCH, _OPTION = "period", "batch", "options."
-# a command, or a value, may hold a `?` of its own: only one before such a key begins the entry
+# The `?` that begins the entry: a key of the entry follows, at once or after other pairs and `&`. A
+# command, or a value, may hold another `?`.
 _ENTRY = re.compile(rf"\?(?=([^?]*&)?({_PERIOD}=|{_BATCH}=|{re.escape(_OPTION)}))")
 LOAD_ONCE = "load_once"
 """The name of a class method that loads what all objects of the class share."""
@@ -38,7 +40,7 @@ _unreported: list[str] = []
 class Entry:
     """The rest of an `[[ads]]` entry.
 
-    period: s between two calls; 0, the default that none can name: every step.
+    period: s between two calls; an entry gives it above 0. Without one it is 0: every step.
     options: keyword arguments of the constructor.
     batch: whether its cases may share a simulation.
     """
@@ -54,7 +56,8 @@ PLAIN = Entry()
 def split_entry(locator: str) -> tuple[str, Entry]:
     """The locator without its entry, and the entry.
 
-    Raises InputError for a period that is none.
+    Raises InputError for a period that is not a number above 0, or a batch that is not a truth
+    value.
     """
     begin = _ENTRY.search(locator)
     if begin is None:
@@ -86,8 +89,10 @@ def made_absolute(locator: str, folder: Path) -> str:
     A program of `exec:` and `traci:` is run in `folder` by way of `env -C`.
     """
     bare = split_entry(locator)[0]
-    has_query = "?" in bare.partition(":")[2]  # of `onnx:` or `sumo:`, with the entry's keys among
-    if bare != locator and not has_query:  # the entry stays as it is
+    # A query, of `onnx:` or `sumo:`, may have pairs on both sides of the entry's. Without a query
+    # the entry is the end of the locator, and stays as it is.
+    has_query = "?" in bare.partition(":")[2]
+    if bare != locator and not has_query:
         return made_absolute(bare, folder) + locator[len(bare) :]
     scheme, _, rest = locator.partition(":")
     if scheme in ("exec", "traci") and rest:
@@ -97,8 +102,8 @@ def made_absolute(locator: str, folder: Path) -> str:
         if scheme == "onnx":
             query = re.sub(r"(?<=features=)[^&]+", lambda table: str(folder / table[0]), query)
         return f"{scheme}:{folder / file}{mark}{query}"
+    # `path.py:Class`, or `module:Class` of a file in the folder; else of an installed module
     place, _, name = locator.rpartition(":")
-    # a module of the folder, not an installed one
     if place.isidentifier() and (folder / f"{place}.py").is_file():
         place = f"{place}.py"
     return f"{folder / place}:{name}" if place.endswith(".py") else locator
@@ -135,6 +140,7 @@ def steps_between(period: float, step: float, owner: str) -> int:
     Raises InputError for a period that is not a multiple of the step.
     """
     ratio = period / step
+    # above 0.5: a period near 0 is near 0 steps, which is a multiple, too
     if period and not (0.5 < ratio < math.inf and abs(ratio - round(ratio)) <= 1e-6):
         raise must_be("`period`", owner, f"a multiple of `simulation.step` ({step:g} s)", period)
     return max(round(ratio), 1)
