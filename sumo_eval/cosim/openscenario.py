@@ -1,8 +1,9 @@
 """A concrete scenario as OpenSCENARIO XML 1.2, and its road as OpenDRIVE, for other simulators.
 
 Vehicles with scripted manoeuvres follow a trajectory with times, so that they do there exactly what
-they did here; those whose moves depend on what happens follow the one that was recorded. The
-reference point of every vehicle is put into the middle of its body, where this package has it.
+they did here. Vehicles whose moves depend on what happens follow their recorded trajectory; without
+one they keep their speed. The reference point of every vehicle is put into the middle of its body,
+where this package has it.
 
 The header holds the case to the last bit, with a seal over the file and its road: unchanged, the
 file imports as that case.
@@ -46,10 +47,11 @@ HEIGHT = 1.5  # m of every body: nothing here knows it, and the format asks
 _ON_FOOT = ("pedestrian", "child")
 
 
-CASE, _SEAL = "sumo_eval_case", "sumo_eval_seal"
+CASE, _SEAL = "sumo_eval_case", "sumo_eval_seal"  # names of properties of the file's header
 
 
 def _actor(name: str, start: Start, acts: Iterable[Any], *rest: Any) -> Actor:
+    # an act is a named tuple, of which the encoded case holds the values alone
     return Actor(name, start, tuple(Act(*act) for act in acts), *rest)
 
 
@@ -70,11 +72,12 @@ E: Any = ElementMaker(typemap={float: _written, int: _written, np.float64: _writ
 def opendrive_xml(road: Road) -> str:
     """The road as OpenDRIVE 1.6; lane -1 is the leftmost one.
 
-    The reference line is the left edge; of a curved road it is the right lane's centre, from
-    which the lanes are offset: an offset of a spiral is none.
+    The reference line of a straight road is its left edge. Of a curved one it is the right lane's
+    centre, from which the lanes are offset: a line beside a spiral is not a spiral.
     """
     length = road.length + road.run_out
-    left, aside = road.span(road.lanes - 1), 0.0 if road.bent else road.left_edge
+    left = road.span(road.lanes - 1)
+    aside = 0.0 if road.bent else road.left_edge
     places = [
         0.0,
         *sorted({it for span in road.spans for it in span.places if 0.0 < it < length}),
@@ -82,20 +85,21 @@ def opendrive_xml(road: Road) -> str:
     ]
     sections = list(itertools.pairwise(places))
     lanes = E.lanes()
-    if road.bent and left is EVERYWHERE:
+    if left is not EVERYWHERE:  # the left edge moves with the end of the leftmost lane
+        for begin, end in sections:
+            first, last = (
+                road.left_edge - aside - road.lane_width * gone for gone in _gone(left, begin, end)
+            )
+            lanes.append(E.laneOffset(s=begin, a=first, b=(last - first) / (end - begin), c=0, d=0))
+    elif road.bent:
         lanes.append(E.laneOffset(s=0, a=road.left_edge, b=0, c=0, d=0))
-    for begin, end in sections if left is not EVERYWHERE else ():
-        first, last = (
-            road.left_edge - aside - road.lane_width * gone for gone in _gone(left, begin, end)
-        )
-        lanes.append(E.laneOffset(s=begin, a=first, b=(last - first) / (end - begin), c=0, d=0))
     for begin, end in sections:
         right = E.right()
         for place in reversed(range(road.lanes)):
             first, last = (
                 road.lane_width * (1.0 - gone) for gone in _gone(road.span(place), begin, end)
             )
-            if not first == last == 0.0:
+            if first or last:
                 width = E.width(sOffset=0, a=first, b=(last - first) / (end - begin), c=0, d=0)
                 right.append(E.lane(width, id=-1 - len(right), type="driving", level="false"))
         lanes.append(
@@ -113,7 +117,8 @@ def _gone(span: LaneSpan, begin: float, end: float) -> tuple[float, float]:
     """The shares of a lane that are not there at the ends of a section, throughout which its edge
     is straight.
     """
-    inside = 1e-6 * (end - begin)  # an end may be where the lane's edge turns
+    # The edge may turn at either end. So the share is taken just inside, and rounded.
+    inside = 1e-6 * (end - begin)
     return tuple(
         float(missing_at(span, place).round(5)) for place in (begin + inside, end - inside)
     )  # type: ignore[return-value]
@@ -141,6 +146,7 @@ def _geometry(road: Road, s: float, aside: float, turned: float, length: float, 
     x, y, heading = map_places(road.line, s, aside)
     return E.geometry(
         shape,
+        # a line that is turned is that of a crossing road, whose own s begins here
         s=0 if turned else s,
         x=float(x),
         y=float(y),
@@ -153,9 +159,12 @@ def _plan(road: Road, length: float, aside: float) -> Iterator[Any]:
     """The pieces of a line, and the straight behind them."""
     s = 0.0
     for piece in (*road.line, Piece(max(length - sum(piece.length for piece in road.line), 1e-3))):
-        shape = E.spiral(curvStart=f"{piece.begin:.12g}", curvEnd=f"{piece.end:.12g}")
-        if piece.begin == piece.end:
-            shape = E.arc(curvature=f"{piece.begin:.12g}") if piece.begin else E.line()
+        if piece.begin != piece.end:
+            shape = E.spiral(curvStart=f"{piece.begin:.12g}", curvEnd=f"{piece.end:.12g}")
+        elif piece.begin:
+            shape = E.arc(curvature=f"{piece.begin:.12g}")
+        else:
+            shape = E.line()
         yield _geometry(road, s, aside, 0.0, piece.length, shape)
         s += piece.length
 
@@ -169,17 +178,19 @@ def openscenario_xml(
 ) -> str:
     """The scenario.
 
-    driven: how everybody was recorded, by name: the ego drives that way again, until it ends, as do
-        those whose moves depend on what happens. None: the ego keeps its speed, as which controller
-        drives it is the other simulator's to say.
+    driven: recorded trajectories by vehicle. The ego follows its own until that ends, and so do
+        actors whose moves depend on what happens. None: the ego keeps its speed, because the other
+        simulator chooses the controller that drives it.
 
     road_file: the OpenDRIVE file, relative.
     remark: where it comes from, for the header.
     """
     settings = concrete.simulation(settings)
     vehicle, road, actors = settings.vehicle, concrete.road, concrete.actors
+    # a polyline has at least two vertices
     known = {name: path for name, path in (driven or {}).items() if len(path) > 1}
     ego = known.get(EGO)
+    # the motion of a lively actor depends on more than time
     recorded = [actor.name for actor in actors if actor.lively and actor.name in known]
     moved = tracks(
         [concrete],
@@ -361,5 +372,6 @@ def _after(time: float, name: str) -> Any:
 
 
 def _position(road: Road, x: float, y: float, heading: float) -> Any:
+    # from the frame of the road to the map
     x, y, heading = (float(it) for it in map_places(road.line, x, y, heading))
     return E.Position(E.WorldPosition(x=x, y=y, z=0, h=heading, p=0, r=0))
