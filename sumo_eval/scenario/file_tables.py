@@ -410,7 +410,8 @@ class RecordedTable(Checked):
     )
 
     def read(self, parameters: Sequence[Parameter], where: str) -> Counterpart:
-        """The events by the parameters' names."""
+        """The events by the names of the parameters, without settings of a case."""
+        parameters = [item for item in parameters if item.name not in CHANGES]
         names = [item.name for item in parameters]
         check_known(f"parameter in [recorded] of {where}:", names, *self.columns, *self.tolerance)
         tolerance = {

@@ -9,8 +9,10 @@ from refusals import refusal
 
 import sumo_eval
 from sumo_eval.cosim.simulation import simulate
+from sumo_eval.drivers.recorded.exposure import exposure_of
 from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.file import check_file
+from sumo_eval.scenario.file import check_file, scenario_from
+from sumo_eval.settings import DriverSettings, ExposureSettings
 
 ROOT = Path(__file__).parents[2]
 SHIPPED = ROOT / "sumo_eval" / "scenario" / "files" / "cut_in.toml"
@@ -27,8 +29,14 @@ def test_the_example_is_cut_in_with_two_more_axes():
     shipped, example = (tomllib.loads(file.read_text()) for file in (SHIPPED, EXAMPLE))
     axes = [axis["name"] for axis in example["parameter"][:2]]
     assert axes == ["conditions.perception_delay", "conditions.sensor_range"]
-    del example["parameter"][:2], shipped["recorded"]  # no event has these axes
-    assert example | {"name": "cut_in"} == shipped
+    recorded = {"recorded": shipped["recorded"], "name": "cut_in"}
+    logical = scenario_from(example | recorded, "t", EXAMPLE.parent)
+    del example["parameter"][:2]
+    assert example | recorded == shipped
+    assert tuple(dict(logical.recorded.columns)) == logical.names[2:]
+    settings = ExposureSettings("recorded", recordings=("p.csv",))
+    with refusal(r"Unknown parameter `conditions\.perception_delay` in \[recorded\]"):
+        exposure_of(logical, settings, DriverSettings(), Path())
 
 
 def test_axis_beyond_the_bounds_of_its_setting_is_refused(tmp_path):

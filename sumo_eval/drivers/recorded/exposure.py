@@ -122,6 +122,8 @@ def exposure_of(
             f"There is no recorded event that corresponds to scenario `{logical.name}`: a scenario "
             "file names its event in [recorded]."
         )
+    owner = f"parameter in [recorded] of scenario `{logical.name}`:"
+    check_known(owner, dict(logical.recorded.columns), *logical.names)
     from sumo_eval.drivers.recorded.matching import matching_events
     from sumo_eval.drivers.recorded.reference import open_people
 
