@@ -1,7 +1,8 @@
 """Base of baselines and synthetic drivers, whose rule is a kernel that the loop of all rows calls.
 
 An object of such a class holds what was given to it and nothing of a case: its memory of a case
-stands in arrays that the loop keeps, a row each.
+stands in arrays that the loop keeps, a row each. A user's class may also call its `step` through
+TraCI: that is one row.
 """
 
 from __future__ import annotations
@@ -12,11 +13,22 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sumo_eval.cosim.records import MOVER, Layout, Records, fields, flags
-from sumo_eval.cosim.step_rules import first_of
-from sumo_eval.errors import ControllerError, must_be
+from sumo_eval.cosim.records import BODY, EGO, MOVER, Layout, Records, fields, flags
+from sumo_eval.cosim.step_rules import first_of, show_body
+from sumo_eval.cosim.sumo.insides import vehicles
+from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.cosim.world import described, write_way
+from sumo_eval.errors import must_be
 from sumo_eval.kernels import kernel
 from sumo_eval.kernels import rows as compiled_rows
+from sumo_eval.scenario.road.reference_line import frame_places, knots_of
+from sumo_eval.settings import SimulationSettings
+
+
+@compiled_rows
+def _show_rows(movers: Records, bodies: Records, line: Records, rear: float) -> None:
+    for i in range(len(movers)):
+        show_body(movers[i], bodies[i], line, rear if i == 0 else 0.0)
 
 
 def each_row(rule: Callable[..., None]) -> Callable[..., None]:
@@ -116,17 +128,88 @@ class Compiled:
 
     @classmethod
     def rides(cls, target: Any) -> bool:
-        """Whether an object is driven by its loop: a subclass with a `step` or a `reset` of its own
-        is not.
-        """
+        """Whether an object is driven by its loop: a subclass with a `step` of its own is not."""
         own = type(target)
         return (
-            isinstance(target, Compiled) and own.step is Compiled.step and not hasattr(own, "reset")
+            isinstance(target, Compiled)
+            and own.step is Compiled.step
+            and own.reset is Compiled.reset
         )
 
-    def step(self, traci: Any, ego: str, time: float) -> Any:
-        """Refuse to be asked: a rule is called by its loop alone."""
-        raise ControllerError(
-            f"The baseline `{type(self).__name__}` must drive by its own loop; a class that "
-            "decides otherwise needs a `step` of its own"
+    def reset(self, scenario: Any, traci: Any, ego: str) -> None:
+        """Begin a case that is driven through TraCI."""
+        self._scenario = described(
+            scenario.road, scenario.vehicle, SimulationSettings(step=scenario.step)
         )
+        self._line, self._way = scenario.road.line, scenario.way
+        self._along: list[float] | None = None
+        self._names: tuple[str, ...] | None = None
+
+    def step(self, traci: Any, ego: str, time: float) -> Command:
+        """One row of the loop, with what TraCI shows."""
+        calls, gone = vehicles(traci), traci.TraCIException
+        if self._names is None:
+            self._names = tuple(name for name in traci.vehicle.getIDList() if name != ego)
+            self._own = type(self).arrays([self], self._scenario, len(self._names))
+            self._egos, self._seen = np.zeros(1, EGO), np.zeros((1, len(self._names)), MOVER)
+            self._egos["live"] = 1
+            self._sizes = [
+                (traci.vehicle.getLength(n), traci.vehicle.getWidth(n)) for n in (ego, *self._names)
+            ]
+        sized = zip((ego, *self._names), self._sizes, strict=True)
+        bodies = np.array(
+            [(*_pose(calls, name, size[0], gone), *size, 0.0) for name, size in sized], BODY
+        )
+        movers = np.zeros(len(bodies), MOVER)
+        rear = 0.5 * float(self._scenario["vehicle"]["wheelbase"][0])
+        _show_rows(movers, self._in_frame(bodies), knots_of(self._line), rear)
+        self._egos["time"] = time
+        if time == 0.0:
+            self._egos["way"]["start"], self._egos["way"]["length"] = movers["y"][0], 1.0
+            if self._way is not None:
+                write_way(
+                    self._egos[0], self._way, float(movers["y"][0]), float(movers["speed"][0])
+                )
+        self._egos["seen"][0] = movers[0]
+        self._seen[0] = movers[1:]
+        type(self).loop(self._egos, self._seen, *self._own, self._scenario, time)
+        command = self._egos["command"][0]
+        self._egos["steering"] = command["steering"]
+        return Command(float(command["acceleration"]), float(command["steering"]))
+
+    def _in_frame(self, bodies: Any) -> Any:
+        """Bodies along and across the road, from those that SUMO shows on the map."""
+        if not self._line:
+            return bodies
+        if self._along is None:
+            self._along = frame_places(self._line, bodies["x"], bodies["y"])[0].tolist()
+        for i, (body, near) in enumerate(zip(bodies, self._along, strict=True)):
+            x, y, heading = frame_places(
+                self._line, body["x"], body["y"], body["heading"], near=near
+            )
+            body["x"], body["y"], body["heading"] = x, y, heading
+            self._along[i] = float(x)
+        return bodies
+
+    def settled(self) -> bool:
+        """Whether nothing more will come of it in a case that is driven through TraCI."""
+        return bool(self._egos["settled"][0])
+
+
+def _pose(
+    calls: Any, name: str, length: float, gone: type[Exception]
+) -> tuple[float, float, float, float]:
+    """Centre, heading and speed of a vehicle of which SUMO shows the front bumper and an angle
+    clockwise from north; nan of one that has left.
+    """
+    try:
+        x, y = calls.getPosition(name)
+    except gone:
+        return (math.nan,) * 4
+    heading = np.radians(90.0 - calls.getAngle(name))
+    return (
+        x - 0.5 * length * np.cos(heading),
+        y - 0.5 * length * np.sin(heading),
+        heading,
+        calls.getSpeed(name),
+    )

@@ -313,6 +313,7 @@ def make_briefing(
         terms.step_timeout,
         *task_of(concrete),
         terms.every * settings.step,
+        concrete.ego.way,
     )
 
 

@@ -50,7 +50,7 @@ from sumo_eval.cosim.step_rules import (
 )
 from sumo_eval.cosim.vehicle_model import count_clip
 from sumo_eval.kernels import bound
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, departures
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Way, departures
 from sumo_eval.scenario.played import (
     BEGUN,
     DEEPEST,
@@ -454,13 +454,20 @@ def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: i
     egos["live"], egos["placed"] = 1, placed
     egos["way"]["start"], egos["way"]["length"] = egos["y"], 1.0
     for i, concrete in enumerate(cases):
-        ego, way = concrete.ego, concrete.ego.way
-        if way is not None:
-            length = way.length(ego.speed)
-            egos["way"][i] = (ego.y, way.offset, way.begin, length, way.by, 1, int(way.ends))
+        if concrete.ego.way is not None:
+            write_way(egos[i], concrete.ego.way, concrete.ego.y, concrete.ego.speed)
     if placed == MODEL:
         _put_in_curve(egos, cases[0].road, vehicle)
     return egos
+
+
+def write_way(ego: Any, way: Way, y: float, speed: float) -> None:
+    """Write the lane change that an ego has to make into its record.
+
+    y: of the ego's start, m.
+    speed: at the start, m/s.
+    """
+    ego["way"] = (y, way.offset, way.begin, way.length(speed), way.by, 1, int(way.ends))
 
 
 def _put_in_curve(egos: Records, road: Road, vehicle: VehicleSettings) -> None:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from road_scenes import case, fresh, mover
+from road_scenes import fresh, mover
 
 from sumo_eval.ads.car_following import Idm
 from sumo_eval.ads.perception import (
@@ -21,6 +21,7 @@ from sumo_eval.ads.perception import (
 from sumo_eval.cosim.records import BODY, MOVER
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.step_rules import show_body
+from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.road.reference_line import knots_of
 
 
@@ -47,10 +48,24 @@ def test_a_turned_body_is_shown_by_its_extents_and_speeds_along_and_across_the_r
     assert vars(other) == straight
 
 
-def test_a_baseline_asked_through_traci_is_refused():
-    found = simulate(case(), lambda traci, ego, time: Idm().step(traci, ego, time))
-    assert found.end_reason == "ads_error"
-    assert "The baseline `Idm` must drive by its own loop" in found.error
+def test_a_rule_sees_what_sumo_shows_and_the_harness_records():
+    """Through TraCI and in the loop the same rule drives the same."""
+    concrete = catalogue.load("front_vehicle_cut_out").concrete(
+        ego_speed=20.0, obstacle_speed=5.0, gap=60.0
+    )
+
+    class ThroughTraci:
+        def reset(self, scenario, traci, ego):
+            self.ads = Idm()
+            self.ads.reset(scenario, traci, ego)
+
+        def step(self, traci, ego, time):
+            return self.ads.step(traci, ego, time)
+
+    recording, expected = simulate(concrete, ThroughTraci()), simulate(concrete, "idm")
+    assert recording.end_reason == expected.end_reason
+    assert recording.ego.x == pytest.approx(expected.ego.x, abs=1e-6)
+    assert recording.ego.y == pytest.approx(expected.ego.y, abs=1e-6)
 
 
 def test_gaps_run_from_bumper_to_bumper():

@@ -191,6 +191,20 @@ def test_a_model_of_sumos_follows_a_curve(ads):
     assert found.collision is None
 
 
+def test_a_shipped_rule_asked_through_traci_drives_the_curve():
+    from sumo_eval.ads.car_following import Idm
+
+    class Mine(Idm):
+        def step(self, traci, ego, time):  # type: ignore[no-untyped-def]
+            return super().step(traci, ego, time)
+
+    concrete = on(bend(250.0), case(lead(40.0, 15.0)))
+    plain, mine = simulate(concrete, "idm", SHORT), simulate(concrete, Mine, SHORT)
+    assert mine.error is None
+    # SUMO has no wheel to begin with
+    assert np.abs(channels(plain)[1:3] - channels(mine)[1:3]).max() < 0.03
+
+
 def test_an_ego_may_begin_sideways():
     """asin(0.6 / 20) = 0.030005 rad to the left; the lane is kept after that."""
     concrete = case(lead(500.0, 30.0), speed=20.0)

@@ -410,11 +410,18 @@ class Subclass(CarefulDriver):
         return Command(-1.0)
 
 
+class ThroughTraci(CarefulDriver):
+    def step(self, traci, ego, time):
+        return super().step(traci, ego, time)
+
+
 @pytest.mark.parametrize("line", [(), (arc(400.0, 500.0),)])
-def test_law_a_baseline_goes_on_when_one_has_left(line):
+def test_law_a_baseline_in_traci_goes_on_when_one_has_left(line):
     road = replace(ROAD, length=300.0, run_out=0.0, line=line)
-    found = simulate(replace(case(lead(150.0, speed=40.0)), road=road), CarefulDriver)
-    assert (found.end_reason, found.error) == ("road_end", None)
+    short = replace(case(lead(150.0, speed=40.0)), road=road)
+    for ads in (CarefulDriver, ThroughTraci):
+        found = simulate(short, ads)
+        assert (found.end_reason, found.error) == ("road_end", None)
 
 
 def test_a_subclass_that_decides_otherwise_is_asked(alone):

@@ -28,7 +28,7 @@ from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
 from sumo_eval.cosim.plans import Plan, Wanted
 from sumo_eval.cosim.vehicle_model import Command, Pedals
 from sumo_eval.errors import ControllerError, InputError, did_you_mean, must_be, unknown
-from sumo_eval.scenario.concrete import Road
+from sumo_eval.scenario.concrete import Road, Way
 from sumo_eval.settings import VehicleSettings
 from sumo_eval.settings.locators import load_object
 
@@ -43,6 +43,7 @@ class Briefing:
     desired_speed: the speed that the ego wants, m/s: the one that it starts with.
     goal: the end of the road in the lane that it starts in or has to change to, x, y m.
     change: x from which it may change lanes and x by which it must have, m; None: it may stay.
+    way: the same lane change as an object; only baselines use it.
     scenario, values: the scenario's name and its parameters' values if `reveal_scenario` is set,
         else "" and None.
     """
@@ -57,6 +58,7 @@ class Briefing:
     goal: tuple[float, float] = (math.nan, math.nan)
     change: tuple[float, float] | None = None
     period: float = math.nan
+    way: Way | None = None
 
     @property
     def speed_limit(self) -> float:
