@@ -88,8 +88,8 @@ def run(
     everything: bool,
     **changes: Any,
 ) -> None:
-    """Simulate and score EVALUATION, a TOML file or a run; without one the paper's, with --resume
-    the run's own.
+    """Simulate and score EVALUATION, a TOML or .xosc file or a run; without one the paper's, with
+    --resume the run's own.
     """
     from sumo_eval.record.children import warm_up
 

@@ -10,7 +10,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_type_hints
 
@@ -19,7 +19,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from sumo_eval.errors import InputError, check_known, did_you_mean, nearest
 from sumo_eval.input_file import read_input_text
-from sumo_eval.settings import Checked, EvaluationSettings
+from sumo_eval.settings import Checked, EvaluationSettings, ScenarioSettings
 from sumo_eval.settings.toml_file import line_of, read_toml, toml_from
 from sumo_eval.text import shown
 
@@ -35,13 +35,20 @@ Settings = TypeVar("Settings", bound=Checked)
 
 
 def read_evaluation(path: Path, *, own_ads: bool = True) -> EvaluationSettings:
-    """The settings in an evaluation file.
+    """The settings in an evaluation file; of an OpenSCENARIO file, the paper's evaluation with this
+    scenario.
 
     Raises InputError naming every mistake in it.
 
     own_ads: whether its `[[ads]]` drive; without it the caller names others, and the file may have
         none.
     """
+    if path.suffix == ".xosc":
+        return replace(
+            read_evaluation(PAPER_EVALUATION),
+            name=path.stem,
+            scenario=(ScenarioSettings(path.name),),
+        )
     return settings_from(read_toml(path, "evaluation file"), str(path), own_ads=own_ads, file=path)
 
 

@@ -1044,6 +1044,12 @@ def same_case(one, two):
             assert mine == pytest.approx(theirs, abs=1e-9)
 
 
+def test_a_file_alone_is_driven_with_the_papers_settings(tmp_path):
+    """One point, by `idm` and `lane_changer`."""
+    done = sumo_eval("run", written(tmp_path, events=CUT_IN), "--dry-run")
+    assert done.said.startswith("2 drives of the ADSs")
+
+
 def test_one_point_is_written_and_a_whole_space_is_not(tmp_path):
     """54 km/h = 15 m/s; the other is 5 m/s slower."""
     scenario = written(tmp_path, events=CUT_IN)
