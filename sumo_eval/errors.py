@@ -141,6 +141,13 @@ def check_name(owner: str, name: str) -> None:
         raise must_be("`name`", owner, shape, name)
 
 
+def check_vehicle_name(owner: str, name: str) -> None:
+    """Refuse a `name` that SUMO could not give a vehicle."""
+    check_name(owner, name)
+    if re.search(r"""[\s|\\'";,<>&]""", name):
+        raise must_be("`name`", owner, """without spaces and | \\ ' " ; , < > &""", name)
+
+
 def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
     """Unknown parameter `gpa` of scenario `cut_in`. Did you mean `gap`?
 

@@ -166,15 +166,17 @@ def morning_lines(result: NightResult) -> list[str]:
 
 def tell_github(result: NightResult) -> list[str]:
     """Append the summary to `$GITHUB_STEP_SUMMARY`; annotations, where GitHub runs the night."""
-    summary = os.environ.get("GITHUB_STEP_SUMMARY", "")
+    summary, lines = os.environ.get("GITHUB_STEP_SUMMARY", ""), list[str]()
     if summary:
-        with Path(summary).open("a", encoding="utf-8") as file:
-            file.write((result.report.parent / SUMMARY).read_text(encoding="utf-8"))
-    return (
-        github_annotations(result.judged.gates)
-        if os.environ.get("GITHUB_ACTIONS") == "true"
-        else []
-    )
+        text = (result.report.parent / SUMMARY).read_text(encoding="utf-8")
+        try:
+            with Path(summary).open("a", encoding="utf-8") as file:
+                file.write(text)
+        except OSError as error:  # the night is over, and its exit status counts
+            lines = [f"$GITHUB_STEP_SUMMARY cannot be written: {error}."]
+    if os.environ.get("GITHUB_ACTIONS") == "true":
+        lines += github_annotations(result.judged.gates)
+    return lines
 
 
 def _escaped(text: str) -> str:

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, MinLen
 
-from sumo_eval.errors import check_name, must_be
+from sumo_eval.errors import check_vehicle_name, must_be
 from sumo_eval.scenario.bodies import BODIES
 from sumo_eval.scenario.concrete import Actor, Model, Road, Start
 from sumo_eval.scenario.formulas import ABOVE_0, Formula, LimitedFormulas, Names
@@ -58,7 +58,7 @@ class StreamTable(Checked):
         Raises InputError for a lane that the road does not have.
         """
         what = f"stream `{self.name}`"
-        check_name(f"a stream of {names.where}", self.name)
+        check_vehicle_name(f"a stream of {names.where}", self.name)
         if self.lane >= road.lanes:
             raise must_be("`lane`", f"{what} of {names.where}", f"below {road.lanes}", self.lane)
         return names.quantities(self, what)

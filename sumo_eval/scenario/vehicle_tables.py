@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, MinLen
 
-from sumo_eval.errors import InputError, check_name, did_you_mean, must_be
+from sumo_eval.errors import InputError, check_vehicle_name, did_you_mean, must_be
 from sumo_eval.scenario import played
 from sumo_eval.scenario.bodies import BODIES
 from sumo_eval.scenario.concrete import (
@@ -458,7 +458,7 @@ class VehicleTable(Checked):
 
     def read(self, names: Names, road: Road) -> Vehicle:
         """It, checked."""
-        check_name(f"a vehicle of {names.where}", self.name)
+        check_vehicle_name(f"a vehicle of {names.where}", self.name)
         what = f"vehicle `{self.name}`"
         owner = capitalised(f"{what} of {names.where}")
         if sum(place is not None for place in (self.gap, self.gap_behind, self.x)) != 1:

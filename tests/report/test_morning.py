@@ -4,6 +4,7 @@ beside it."""
 import json
 import shlex
 from dataclasses import replace
+from types import SimpleNamespace
 
 import builders
 import junitparser
@@ -16,7 +17,7 @@ from sumo_eval.nightly.bases import Bases, accept, pin_of
 from sumo_eval.nightly.gates import judge
 from sumo_eval.nightly.history import Accepted, Night, open_history
 from sumo_eval.nightly.judged import JudgedNight, Since, new_first, new_pin
-from sumo_eval.nightly.morning import github_annotations, write_night
+from sumo_eval.nightly.morning import github_annotations, tell_github, write_night
 from sumo_eval.nightly.night import _refuse_without_history
 from sumo_eval.nightly.rule_limits import judge_rule
 from sumo_eval.nightly.trend import write_trend
@@ -158,6 +159,12 @@ def test_an_annotation_is_one_line_for_github(judged):
     assert head == f"error title=min_gap of {builders.CALM}"
     assert "\n" not in line
     assert "0.92 -> 0.32" in body
+
+
+def test_a_summary_that_cannot_be_written_is_only_said(judged, folder, monkeypatch):
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(folder))
+    said = tell_github(SimpleNamespace(judged=judged, report=folder / "report.html"))
+    assert said[0].startswith("$GITHUB_STEP_SUMMARY cannot be written: [Errno 21]")
 
 
 def test_new_failures_stand_before_old_ones(judged):
