@@ -61,6 +61,14 @@ def test_the_ending_says_the_format(done, tmp_path, ending, begin):
     assert ending != "pdf" or b"/FontFile2" in file.read_bytes(), "the fonts are in the file"
 
 
+def test_a_map_is_of_an_ads_that_drove_in_its_space(done):
+    first = done.settings.ads[0].name
+    few = replace(done, scores=tuple(it for it in done.scores if it.ads != first))
+    assert draw(few, "zone_map").axes
+    with refusal(f"Unknown ADS `{first}`"):
+        draw(few, "zone_map", ads=first)
+
+
 def test_every_point_of_a_map_is_drawn(done):
     """Each panel of cut-out is one ego speed; its dots are the cases of the ADS at that speed."""
     figure = draw(done, "zone_map", ads="no_reaction", scenario="front_vehicle_cut_out")

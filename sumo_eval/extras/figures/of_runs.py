@@ -57,7 +57,8 @@ def zone_map(asked: Asked) -> Figure:
     given.
     """
     evaluation, name = asked.evaluation, asked.one_place
-    who = asked.names[0] if asked.case is None else asked.row.ads
+    drove = (it.ads for it in asked.scores if it.scenario == name)
+    who = next(drove, asked.names[0]) if asked.case is None else asked.row.ads
     zones = zone_partitions(evaluation)[name]
     cases = evaluation.cases_of(who, name)
     view, about = _slice(
