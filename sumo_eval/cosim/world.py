@@ -49,6 +49,7 @@ from sumo_eval.cosim.step_rules import (
     see_rows,
 )
 from sumo_eval.cosim.vehicle_model import count_clip
+from sumo_eval.errors import ControllerTimeoutError
 from sumo_eval.kernels import bound
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Way, departures
 from sumo_eval.scenario.played import (
@@ -284,9 +285,14 @@ class World:
         vars(notes[what]).update(known)
 
     def keep_fault(self, case: int, error: BaseException, driver: Any, folder: Path | None) -> None:
-        """Keep the traceback of an exception for the log, and its place in the user's code."""
-        self.logs[case] = self.logs.get(case, "") + traceback_of(error)
-        self.places[case] = self.places.get(case) or fault_place(error, driver, folder)
+        """Keep the traceback of an exception for the log, and its place in the user's code.
+
+        A late answer that no line of the user's led to has none worth keeping.
+        """
+        place = fault_place(error, driver, folder)
+        if place or not isinstance(error, ControllerTimeoutError):
+            self.logs[case] = self.logs.get(case, "") + traceback_of(error)
+        self.places[case] = self.places.get(case) or place
 
     def touched(self, counts: Mapping[str, int], ignored: Mapping[str, str]) -> None:
         """Record how often the ADS of a single case changed what is not its own.
