@@ -299,7 +299,7 @@ def braked_distance(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike) 
     """
     v0, a = np.asarray(speed, dtype=np.float64), np.asarray(deceleration, dtype=np.float64)
     t = np.minimum(np.asarray(time, dtype=np.float64), v0 / a)
-    return np.asarray(v0 * t - a * (np.maximum(t, 0.0) ** 2 / 2.0))
+    return np.asarray(v0 * t - a * (np.square(np.maximum(t, 0.0)) / 2.0))
 
 
 @dataclass(frozen=True, slots=True)

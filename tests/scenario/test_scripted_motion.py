@@ -1,6 +1,6 @@
 """Scripted motion of one vehicle at one time is, to the last bit, what the array functions say."""
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from sumo_eval.scenario import brake_to_stop, lane_change, motion
@@ -20,6 +20,7 @@ def test_a_lane_change_is_the_smooth_step_to_the_last_bit(time, begin, duration,
 
 
 @given(TIMES, st.floats(0.0, 5.0), st.floats(0.0, 60.0), st.floats(0.1, 12.0))
+@example(1.0, 0.0, 1.175494351e-38, 0.1)  # t to the power of 2 is not t times t there
 def test_a_brake_is_the_braked_motion_to_the_last_bit(time, begin, speed, deceleration):
     brake, since = brake_to_stop(begin, deceleration), time - begin
     assert motion.time_to_stand(brake, speed) == speed / deceleration
