@@ -213,7 +213,7 @@ class ScenarioResult:
     them.
 
     c None: no case, or no collision, could be evaluated. d None: not computed, see `d_reason`. s
-    None: neither C nor D. task_share T and s_plus S+ (None where there is no safe point),
+    None: neither C nor D. task_share T and s_plus S+ (None without a safe point),
     avoided_share A (w = r) and its grade avoidance_grade A', avoided_share_exposure (w = p), regret
     m/s, human_likeness H (None: see `h_reason`); None where nothing could be evaluated.
 
@@ -386,7 +386,7 @@ class Evaluation:
     """A scored run.
 
     cases: of every ADS in every scenario, read from the run's folder when they are asked for.
-    ranking: None where there is no order of its ADSs.
+    ranking: None without an order of its ADSs.
     scenarios: the logical scenarios by name.
     """
 

@@ -40,7 +40,7 @@ def judge(
 ) -> tuple[GateResult, ...]:
     """The rule, then every limit of a gate, for every ADS and logical scenario it is about.
 
-    comparison None: there is no base.
+    comparison: None without a base.
 
     noise: what is known of ADSs that do not repeat. A limit on missed requirements in all scenarios
         is about those that have some, if any has. One on what the run has not is not evaluated.

@@ -277,7 +277,7 @@ _INSTALLED = _installed_places()
 
 
 def _state(place: str) -> State:
-    """State of a file, by which a change of its content is noticed; None: there is no such file."""
+    """State of a file, by which a change of its content is noticed; None: no such file exists."""
     try:
         it = os.stat(place)
     except (OSError, ValueError):

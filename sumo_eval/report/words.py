@@ -224,12 +224,12 @@ def number(value: float | None, digits: int) -> str:
 
 
 def interval_words(interval: tuple[float, float] | None, digits: int, to: str = "..") -> str:
-    """`0.912..1.000`; nothing where there is no interval."""
+    """`0.912..1.000`; nothing without an interval."""
     return "" if interval is None else to.join(number(end, digits) for end in interval)
 
 
 span = partial(interval_words, to=" to ")
-"""`0.912 to 1.000`; nothing where there is no interval."""
+"""`0.912 to 1.000`; nothing without an interval."""
 
 
 def percent(share: float | None) -> str:

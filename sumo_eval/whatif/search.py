@@ -61,7 +61,7 @@ class CaseLevers:
     """The levers of one case, the least change first.
 
     drives: number of drives that the answers took.
-    why_not: error message where there are no answers.
+    why_not: error message in place of answers.
     """
 
     fact: Fact

@@ -15,7 +15,7 @@
 
 A feature may have `mean` and `deviation` in place of the range: (value - mean) / deviation. A
 feature with neither, and an action without a range, are not scaled. `absent` replaces the value
-where there is no such vehicle: it is limited and scaled as the value would be.
+without such a vehicle: it is limited and scaled as the value would be.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Feature(Checked):
 
     low, high: the value is limited to low..high and mapped onto -1..1.
     mean, deviation: the value is mapped onto (value - mean) / deviation.
-    absent: value where there is no such vehicle, before it is limited and scaled.
+    absent: value without such a vehicle, before it is limited and scaled.
     """
 
     name: str
@@ -151,7 +151,7 @@ class Interface(Checked):
 
     @cached_property
     def _readers(self) -> list[tuple[_Reader, float]]:
-        """Reader of each feature, and its value where there is no such vehicle."""
+        """Reader of each feature, and its value without such a vehicle."""
         return [
             (
                 _reader(it.name),
@@ -168,7 +168,7 @@ class Interface(Checked):
         raw = np.empty((n, len(self.features)))
         for column, (read, absent) in enumerate(self._readers):
             value = read(seen, self.frame)
-            # readers give nan or inf where there is no such vehicle
+            # readers give nan or inf without such a vehicle
             raw[:, column] = np.where(np.isfinite(value), value, absent)
         scaling = self._scaling
         np.clip(raw, scaling["low"], scaling["high"], out=raw)
