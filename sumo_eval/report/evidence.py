@@ -25,7 +25,7 @@ from sumo_eval.report.page import template, write_page
 from sumo_eval.report.qualification import holds, qualification_sentence
 from sumo_eval.report.words import count, people_sentence, reference_sentence, sampling_words
 from sumo_eval.results import Evaluation, ScenarioResult
-from sumo_eval.scoring.confidence.assessment import risk
+from sumo_eval.scoring.confidence.assessment import risk_of
 from sumo_eval.scoring.confidence.intervals import LEVEL
 from sumo_eval.scoring.preventability import preventability, reference_ads, verdicts
 
@@ -150,15 +150,13 @@ def _collisions(
     known = evaluation.exposure_known(score.scenario)
     under = "this exposure" if known else "equal weights of its points"
     judged = cases[cases.evaluated]
-    hit, exposure = judged[judged.collided], judged.exposure
-    if len(judged) < 2 or not exposure.sum() > 0.0:
+    hit, found = judged[judged.collided], risk_of(evaluation, score)
+    if found is None:
         return _claim(
             score, "collisions", claim=f"The collision share of {about} is known.", verdict="open",
             argument="An interval needs two evaluated cases with exposure.",
             evidence=(f"{count(len(judged), 'case')} evaluated.",), against=hit,
         )  # fmt: skip
-    loss = np.nan_to_num(judged.loss)
-    found = risk(exposure, loss, evaluation.settings.seed, (score.scenario, score.ads))
     it = found.collision_probability
     return _claim(
         score, "collisions",

@@ -17,11 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.cases import CaseResult
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.record.cases import Role
 from sumo_eval.record.store import EGO, RECORDED, Fact, Store, open_store
 from sumo_eval.report.packing import LEVEL, packed_bytes
 from sumo_eval.scoring.contact_cause import cause_of_contact
+from sumo_eval.scoring.shown_cases import HIT, telling
 from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
 
 CHANNEL_STEPS = {
@@ -49,8 +50,6 @@ class Embedded:
 
 
 MOST_BYTES = 4_500_000  # of embedded trajectories; the whole page stays below 10 MB at 5,000 cases
-# weight of a point with an incident or without an outcome, plus its U; of others at most 1
-FAILED = 2.0
 BYTES_OF_A_RUN = 900  # about; what is chosen is measured before it is embedded
 BYTES_BEYOND = 40  # about, of an entry of `beyond`
 
@@ -137,7 +136,7 @@ def worth_embedding(
     """The points whose trajectories travel in the page: all, or as many as `most_runs` allows, the
     most telling first.
 
-    Incidents, the hardest first, and cases that could not be evaluated come first, without their
+    Cases that could not be evaluated and incidents, the hardest first, come first, without their
     drivers where not all fit, then the least human-like.
 
     cases_of: those that the page has, by scenario. points_of: their points, by case.
@@ -149,12 +148,8 @@ def worth_embedding(
         there = set(points.values())
         for role, counts in runs.items():
             counts.update((name, at) for _, at, _ in store.names(role, name) if at in there)
-        for case in cases:
+        for case, tell in zip(cases, telling(CaseTable.of(cases)).tolist(), strict=True):
             at = name, points[case.case]
-            harm = max(case.severity or 0.0, case.departure_severity or 0.0)
-            likeness = 1.0 if case.index is None else case.index
-            matters = case.incident or not case.evaluated
-            tell = FAILED + harm if matters else 1.0 - likeness
             tells[at] = max(tells.get(at, 0.0), tell)
     own, humans = runs.values()
     order = sorted(tells, key=lambda known: (-tells[known], known))
@@ -164,7 +159,7 @@ def worth_embedding(
     for drivers in (False, True):
         for here in order:
             cost = (0 if here in chosen else own[here]) + (humans[here] if drivers else 0)
-            if cost > left or (not drivers and tells[here] < FAILED):
+            if cost > left or (not drivers and tells[here] < HIT):
                 break
             chosen.add(here)
             if drivers:

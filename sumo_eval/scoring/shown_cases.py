@@ -14,7 +14,7 @@ from sumo_eval.trajectory import FloatArray
 # cases that the page has, of all ADSs and scenarios together: with more it would be over 10 MB
 MOST_SHOWN = 5_000
 # a case that is named elsewhere, not evaluated, with an incident; others at most 1
-_NAMED, _LOST, _HIT = 5.0, 4.0, 2.0
+_NAMED, _LOST, HIT = 5.0, 4.0, 2.0
 
 
 def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str, IntArray]:
@@ -52,10 +52,10 @@ def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str
     return found
 
 
-def telling(cases: CaseTable, named: Collection[str]) -> FloatArray:
-    """Weight of each case in this choice: how much it tells a reader, (n,)."""
+def telling(cases: CaseTable, named: Collection[str] = ()) -> FloatArray:
+    """Weight of each case in a choice: how much it tells a reader, (n,)."""
     severity = np.nan_to_num(cases.incident_severity)
-    harm = _HIT + severity / max(float(severity.max(initial=0.0)), 1.0)
+    harm = HIT + severity / max(float(severity.max(initial=0.0)), 1.0)
     tells = np.where(cases.incident, harm, np.nan_to_num(1.0 - cases.human_likeness))
     tells = np.where(cases.evaluated, tells, _LOST)
     return np.where(np.isin(cases.case, list(named)), _NAMED, tells)

@@ -93,22 +93,21 @@ def _points(evaluation: Evaluation, zones: ZonePartition) -> FloatArray:
 
 def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition) -> Assessment:
     settings = evaluation.settings
-    cases = evaluation.cases_of(score.ads, score.scenario)
-    terms = case_terms(cases, settings.method)
-    evaluated = terms.evaluated
-    if evaluated.sum() < 2 or not terms.exposure[evaluated].sum() > 0.0:
+    found = risk_of(evaluation, score)
+    if found is None:
         reason = "fewer than two evaluated cases with exposure"
         return Assessment(score.ads, score.scenario, {}, {}, None, None, reason)
-    terms = terms.part(evaluated)
-    points = cases.parameters(zones.logical.names)[evaluated]
-    loss = np.nan_to_num(cases.loss[evaluated])
+    cases = evaluation.cases_of(score.ads, score.scenario)
+    judged = cases[cases.evaluated]
+    moved = influence(case_terms(judged, settings.method), settings.method)
+    points = judged.parameters(zones.logical.names)
     return Assessment(
         score.ads,
         score.scenario,
         intervals_of(score),
         score.half_widths_by_source,
-        risk(terms.exposure, loss, settings.seed, (score.scenario, score.ads)),
-        further_cases(zones.logical, points, influence(terms, settings.method), FURTHER),
+        found,
+        further_cases(zones.logical, points, moved, FURTHER),
     )
 
 
@@ -138,6 +137,16 @@ def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
             shares, value = mean_shares(weights[part]), values[part]
             moved[part] += points * shares * (value - float(shares @ value))
     return moved
+
+
+def risk_of(evaluation: Evaluation, score: ScenarioResult) -> Risk | None:
+    """Risk of an ADS in a scenario; None with fewer than two evaluated cases with exposure."""
+    cases = evaluation.cases_of(score.ads, score.scenario)
+    judged = cases[cases.evaluated]
+    if len(judged) < 2 or not judged.exposure.sum() > 0.0:
+        return None
+    loss = np.nan_to_num(judged.loss)
+    return risk(judged.exposure, loss, evaluation.settings.seed, (score.scenario, score.ads))
 
 
 def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] = ()) -> Risk:
