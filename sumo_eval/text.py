@@ -141,9 +141,12 @@ def traceback_of(error: BaseException) -> str:
 
 
 def number_in(text: str | None) -> float:
-    """The finite number that a text from outside is; nan where it is none."""
+    """The finite number that a text from outside is; nan where it is none.
+
+    `2_0`, which only Python reads as 20, is none.
+    """
     try:
-        value = float(text or "")
+        value = float((text or "").replace("_", "?"))
     except ValueError:
         return math.nan
     return value if math.isfinite(value) else math.nan

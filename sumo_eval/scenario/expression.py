@@ -192,6 +192,8 @@ def condition(text: str, owner: str) -> Expression:
 
 
 def _of_kind(text: str, owner: str, wanted: str, *, condition: bool) -> Expression:
+    if not (isinstance(text, str) and text.strip()):
+        raise must_be("The expression", owner, "a text such as `3.5 * ego_speed`", text)
     expression = Expression(text)
     if _is_condition(_tree(text)) != condition:
         raise must_be(f"`{text}`", owner, wanted, text)

@@ -373,6 +373,7 @@ def test_constraints_that_exclude_every_point_are_refused():
         ),
         (f"ego_speed,lead_speed\n{'1' * 5_000},10\n", "must be a number"),
         ("ego_speed,lead_speed\n20\n", "must be a number"),
+        ("ego_speed,lead_speed\n2_0,10\n", "must be a number"),
     ],
 )
 def test_a_list_of_points_with_odd_rows_is_refused(tmp_path, text, words):

@@ -162,6 +162,7 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
     [
         ("truck_speed < ego_speed", "truck_sped < ego_speed", "Did you mean `truck_speed`?"),
         ("truck_speed < ego_speed", "truck_speed - ego_speed", "a condition such as"),
+        ("truck_speed < ego_speed", " ", "of scenario file"),
         ('"norm"', '"nrm"', "Did you mean `norm`?"),
         ('name = "truck"', 'name = "a truck"', "must be without spaces and"),
         ("loc = 27.0", "lok = 27.0", "Did you mean `loc`?"),
