@@ -79,7 +79,7 @@ UNION SELECT * FROM (SELECT "case" FROM circumstances EXCEPT SELECT "case" FROM 
 """
 Row = Sequence[Any]
 _ALL_FACTS = 'SELECT * FROM facts ORDER BY "case"'
-_ALL_DRIVES = 'SELECT * FROM trajectories ORDER BY "case", vehicle'
+_ALL_DRIVES = 'SELECT "case", vehicle, data FROM trajectories ORDER BY "case", vehicle'
 _DRIVES = 'SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle'
 _UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
 """Errors of reading a damaged file: SQLite's own words about it may hold its bytes."""

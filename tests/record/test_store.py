@@ -265,6 +265,12 @@ def test_an_edited_row_is_reported_with_its_case(tmp_path, change):
         pass
 
 
+def test_a_lost_column_is_named(tmp_path):
+    filled(tmp_path / "facts.sqlite", [1])
+    edit(tmp_path / "facts.sqlite", "ALTER TABLE trajectories DROP COLUMN data")
+    assert "no such column: data" in reads(tmp_path / "facts.sqlite")
+
+
 def test_a_case_that_was_taken_out_of_a_complete_run_breaks_its_seal(tmp_path):
     path = tmp_path / "facts.sqlite"
     filled(path, [1, 2, 3])
