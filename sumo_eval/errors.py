@@ -156,7 +156,7 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
     # the owner begins with the first " of " or " in "; a colon at the end belongs to neither
     parts = re.fullmatch(r"(.*?)((?: of | in ).*?)?:?", kind, flags=re.DOTALL)
     what, owner = parts.groups(default="")  # type: ignore[union-attr]
-    return InputError(f"Unknown {what} `{name}`{owner}.{did_you_mean(name, known)}")
+    return InputError(f"Unknown {what} `{clean(name)}`{owner}.{did_you_mean(name, known)}")
 
 
 def check_known(kind: str, known: Collection[str], *names: str) -> None:
