@@ -23,6 +23,7 @@ from sumo_eval.extras.rates.page import (
 )
 from sumo_eval.extras.rates.scenes import SCENES
 from sumo_eval.report.page import write_page
+from sumo_eval.report.words import count
 from sumo_eval.scenario.joint import Joint
 from sumo_eval.settings.random_streams import random_stream
 
@@ -158,7 +159,7 @@ def sentences(lesson: Lesson) -> list[str]:
     """The results, a line a class."""
     survey = lesson.survey
     lines = [
-        f"{len(survey.recordings)} recordings, {survey.vehicles} motor vehicles, "
+        f"{count(len(survey.recordings), 'recording')}, {survey.vehicles} motor vehicles, "
         f"{survey.kilometres:.1f} vehicle-km in {survey.hours:.2f} h; 5 to 95 % of speeds "
         f"{interval(survey.speeds[0], survey.speeds[2])} m/s."
     ]

@@ -27,6 +27,7 @@ from sumo_eval.extras.rates.intervals import (
 )
 from sumo_eval.extras.rates.scenes import CAR_LENGTH, SCENES, Quantity, content_of
 from sumo_eval.report.page import write_csv
+from sumo_eval.report.words import count
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.joint import Joint, JointKind
 from sumo_eval.scenario.logical import LogicalScenario
@@ -107,7 +108,7 @@ def learn(
     if not survey.kilometres > 0.0:
         raise InputError("The recordings must hold motor vehicles that drive, got none.")
     about = (
-        f"{source}: {len(survey.recordings)} recordings, {survey.kilometres:.1f} vehicle-km in "
+        f"{source}: {count(len(survey.recordings), 'recording')}, {survey.kilometres:.1f} vehicle-km in "
         f"{survey.hours:.2f} h"
     )
     learnt = {}
