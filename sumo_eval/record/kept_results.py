@@ -82,9 +82,10 @@ class KeptResults:
             "place < ? ORDER BY place"
         )
         for connection in self._connections:
-            found = []
+            found: list[bytes] = []
             for place, data, known in self._read(connection, query, (kind, key, first, last)):
-                if not isinstance(data, bytes) or known != _hash(kind, key, place, data):
+                whole = isinstance(data, bytes) and known == _hash(kind, key, place, data)
+                if not (whole and place == first + len(found)):  # else one before it is lost
                     raise InputError(
                         f"{self.path} is not as it was written: a part of it was changed. {_MEND}"
                     )

@@ -22,7 +22,6 @@ from sumo_eval.record.cases import Role
 from sumo_eval.record.store import EGO, RECORDED, Fact, Store, open_store
 from sumo_eval.report.packing import LEVEL, packed_bytes
 from sumo_eval.scoring.contact_cause import cause_of_contact
-from sumo_eval.scoring.shown_cases import HIT, telling
 from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
 
 CHANNEL_STEPS = {
@@ -141,6 +140,9 @@ def worth_embedding(
 
     cases_of: those that the page has, by scenario. points_of: their points, by case.
     """
+    # scipy comes with it, and an animation of one case chooses nothing
+    from sumo_eval.scoring.shown_cases import HIT, telling
+
     runs: dict[Role, Counter[Point]] = {"ads": Counter(), "human": Counter()}
     tells: dict[Point, float] = {}
     for name, cases in cases_of.items():

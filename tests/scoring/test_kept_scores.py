@@ -133,9 +133,13 @@ def test_stopped_scoring_continues_where_it_was(done, copy, monkeypatch):
     assert 0 < before < sum(computed) <= max(score.safe_cases for score in done.scores)
 
 
-def test_a_damaged_row_is_reported(copy):
+@pytest.mark.parametrize(
+    "change",
+    ["UPDATE parts SET data = zeroblob(length(data))", "UPDATE parts SET place = 10000 + place"],
+)
+def test_a_damaged_or_lost_column_is_reported(copy, change):
     with closing(sqlite3.connect(copy / KEPT)) as connection, connection:
-        connection.execute("UPDATE parts SET data = zeroblob(length(data)) WHERE kind = 'rows'")
+        connection.execute(f"{change} WHERE kind = 'rows' AND place % 7 = 3")
     with refusal(r"not as it was written.*may be deleted"):
         list(sumo_eval.score(copy).cases)
 
