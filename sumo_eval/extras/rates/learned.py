@@ -108,8 +108,8 @@ def learn(
     if not survey.kilometres > 0.0:
         raise InputError("The recordings must hold motor vehicles that drive, got none.")
     about = (
-        f"{source}: {count(len(survey.recordings), 'recording')}, {survey.kilometres:.1f} vehicle-km in "
-        f"{survey.hours:.2f} h"
+        f"{source}: {count(len(survey.recordings), 'recording')}, "
+        f"{survey.kilometres:.1f} vehicle-km in {survey.hours:.2f} h"
     )
     learnt = {}
     try:
