@@ -210,18 +210,18 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
             stage.put_aside(gone)
             try:
                 stage.tell(world, count)
+                stage.step()
+                driver.after(world, now)
+                stage.read(world)
+                if stage.compares(world.steps):
+                    stage.compare(world)
             except stage.traci.TraCIException as error:
                 if not asked:
                     raise
-                raise ControllerError(  # the ADS has just removed a vehicle by TraCI
+                raise ControllerError(  # the ADS has removed a vehicle by TraCI
                     f"After the ADS's step at {world.time:.2f} s SUMO cannot move the ego: "
                     f"{said(error)}."
                 ) from error
-            stage.step()
-            driver.after(world, now)
-            stage.read(world)
-            if stage.compares(world.steps):
-                stage.compare(world)
             moved = 0
             if world.waits:
                 world.wake(now)
@@ -259,9 +259,12 @@ def break_off(world: World, error: Exception, moved: int = 0) -> None:
     """
     if isinstance(error, ControllerError | SimulationError):
         world.fail(0, _fault(error), words_of(error, SENTENCE))
-    else:
-        words = f"SUMO stopped at {world.time:.2f} s: {said(error)}."
-        world.fail(0, "sim_error", words_of(words, SENTENCE))
+    elif not world.errors:  # else the ADS has just been found to have closed it
+        world.fail(
+            0,
+            "sim_error",
+            words_of(f"SUMO stopped at {world.time:.2f} s: {said(error)}.", SENTENCE),
+        )
     _stop(world, moved)
 
 
@@ -449,15 +452,19 @@ class Policies(EgoControl):
         super().begin(world, stage)
         self._road, self._alone = world.cases[0].road, len(world.cases) == 1
         stage.take_charge(world)
-        names = [actor.name for actor in world.cases[0].actors] if self._alone else []
-        interference = world.settings.conditions.interference
-        GUARD.begin(names, world.settings.step, interference, heeding(world.cases[0]))
+        GUARD.begin(
+            [actor.name for actor in world.cases[0].actors] if self._alone else (),
+            world.settings.step, world.settings.conditions.interference, heeding(world.cases[0]),
+        )  # fmt: skip
         self._tasks = [task_of(concrete) for concrete in world.cases]
         self._kinds = [kinds_of(concrete) for concrete in world.cases]
         conditions = [its.conditions for its in world.each]
         self._limited = np.array([not sees_all(it) for it in conditions])
-        streams = list(map(stream_of, self._seeds, world.cases))
-        self._perception = Perception(conditions, streams) if self._limited.any() else None
+        self._perception = (
+            Perception(conditions, list(map(stream_of, self._seeds, world.cases)))
+            if self._limited.any()
+            else None
+        )
         self._executors = [
             Executor(its, partial(world.note, case), world.cases[case].road.line)
             for case, its in enumerate(world.each)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from sumo_eval.cosim.doors.traci_module import GUARD
 from sumo_eval.cosim.impossible import FASTEST, LOSS_MARGIN, LOWEST_SPEED, impossible
 from sumo_eval.cosim.records import STRAIGHT, SUMO
 from sumo_eval.cosim.sumo.insides import simulation_step, vehicles
@@ -258,7 +259,6 @@ class Stage:
                 try:
                     x, y = front = calls.getPosition(name)
                     angle, speed = calls.getAngle(name), calls.getSpeed(name)
-                    shown = x, y, angle, speed
                     last_x, last_y = fronts[name]
                     there = (
                         -far < x - last_x < far
@@ -272,12 +272,12 @@ class Stage:
                             )
                         raise self.traci.TraCIException(name)
                     fronts[name], speeds[name] = front, speed
+                    shown = x, y, angle, speed
                 except self.traci.TraCIException:
                     now = world.time + self._step
                     present[row, j], self._names = 0, []
                     speeds.pop(name, None)
                     world.note(int(world.rows[row]), "actor_left_the_network", now, now)
-                    shown = _NOT_THERE
                 except SimulationError:
                     if self._alone:
                         raise
@@ -321,13 +321,15 @@ class Stage:
             )  # fmt: skip
 
     def _fail(self, world: World, row: int, vehicle: int, words: str) -> None:
-        """Fail a case of which SUMO shows a vehicle at another place.
+        """Fail a case of which SUMO shows a vehicle at another place: by the ADS's fault where its
+        calls moved the ego.
 
         words: with {} for the vehicle.
         """
         actors = world.cases[int(world.rows[row])].actors
         who = f"vehicle `{actors[vehicle - 1].name}`" if vehicle else "the ego"
-        world.fail(row, "sim_error", f"SUMO {words.format(who)}")
+        moved = self.asked and self._alone and GUARD.moved and not vehicle
+        world.fail(row, "ads_error" if moved else "sim_error", f"SUMO {words.format(who)}")
 
     def remove(self, world: World, row: int) -> None:
         """Remove the vehicles of a case that has ended from its batch."""

@@ -344,8 +344,9 @@ class Traffic(Stage):
                 ahead = 0.5 * float(body["length"]) * math.cos(float(body["heading"])) / ground
                 off = self.calls.getLanePosition(name) - float(body["x"]) - ahead
                 if not abs(off) <= _TOLERANCE_IN_A_CURVE:  # `not <=`: true of nan as well
-                    words = f"put {{}} {off:.3f} m along its lane from its place."
-                    self._fail(world, row, j, words)
+                    self._fail(
+                        world, row, j, f"put {{}} {off:.3f} m along its lane from its place."
+                    )
 
     def remove(self, world: World, row: int) -> None:
         """Remove the vehicles of a case that has ended from its batch."""

@@ -2,6 +2,8 @@
 
 import math
 from dataclasses import FrozenInstanceError, replace
+from importlib import import_module
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -475,3 +477,23 @@ def test_lead_over_arrays_is_neutral_where_there_is_no_vehicle():
 
     simulate(case(), Arrays(), SimulationSettings(time_limit=0.1))
     assert shown[0] == [20.0, 0.0, math.inf]
+
+
+@pytest.mark.parametrize(
+    ("call", "arguments"),
+    {
+        "close": (), "simulationStep": (), "vehicle.setSpeed": ("lead", 1.0),
+        "vehicle.remove": ("ego",), "vehicle.moveToXY": ("ego", "", 0, 300.0, 0.0, 90.0, 2),
+    }.items(),
+)  # fmt: skip
+def test_a_policy_that_writes_to_sumo_is_at_fault_itself(call, arguments):
+    before = import_module("libsumo")
+
+    def policy(seen):
+        module = before if call == "close" else import_module("libsumo")
+        attrgetter(call)(module)(*arguments)
+        return 0.0
+
+    cases = [case(lead(50.0))] * 2
+    for found in (simulate(cases[0], policy), *simulate_many(cases, policy)):
+        assert found.end_reason == "ads_error"

@@ -432,29 +432,26 @@ def test_an_ads_that_takes_over_the_simulation_is_stopped_and_the_next_case_work
     assert simulate(case(), nothing, HALF_SECOND).end_reason == "time_limit"
 
 
-def test_stepping_the_clock_in_reset_is_seen_too():
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (
+            "simulationStep",
+            "moved SUMO's clock by +0.05 s at 0.00 s; stepping is the harness's "
+            "(a program with a loop of its own runs as `traci:COMMAND`).",
+        ),
+        ("close", "closed the simulation at 0.00 s; that is the harness's."),
+    ],
+)
+def test_taking_over_in_reset_is_named_before_a_step(call, sentence):
     class Eager:
         def reset(self, scenario, traci, ego):
-            traci.simulationStep()
-
-        def step(self, traci, ego, time):
-            return None
-
-    assert "moved SUMO's clock by +0.05 s at 0.00 s" in simulate(case(), Eager()).error
-
-
-def test_closing_the_simulation_in_reset_is_named_before_a_step_trips_over_it():
-    class Closing:
-        def reset(self, scenario, traci, ego):
-            traci.close()
+            getattr(traci, call)()
 
         def step(self, traci, ego, time):
             traci.vehicle.getSpeed(ego)
 
-    assert (
-        simulate(case(), Closing()).error
-        == "The ADS closed the simulation at 0.00 s; that is the harness's."
-    )
+    assert simulate(case(), Eager()).error == "The ADS " + sentence
 
 
 def test_an_actor_that_leaves_the_simulation_is_recorded():

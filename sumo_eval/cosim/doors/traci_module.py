@@ -1,12 +1,12 @@
 """The `traci` that an ADS sees: the running libsumo, with every call that is not the ADS's own
 guarded.
 
-`import traci` in an ADS's code gives this module while the code is loaded and while it drives
-(`seen_as_traci`). Reading is libsumo's own function, untouched. A call that writes goes through a
-thin wrapper: the ego may be written to; other vehicles, the road and SUMO's clock are the
-harness's. What happens then is `ConditionSettings.interference`: the call is refused and the case
-ends, or it is put on record (and stepping, starting and closing are left out). A meaningless number
-(see `traci_numbers`) is refused in either case.
+`import traci` or `import libsumo` in an ADS's code gives this module while the code is loaded and
+while it drives (`seen_as_traci`). Reading is libsumo's own function, untouched. A call that writes
+goes through a thin wrapper: the ego may be written to; other vehicles, the road and SUMO's clock
+are the harness's. What happens then is `ConditionSettings.interference`: the call is refused and
+the case ends, or it is put on record (and stepping, starting and closing are left out). A
+meaningless number (see `traci_numbers`) is refused in either case.
 """
 
 from __future__ import annotations
@@ -186,9 +186,8 @@ class Guard:
 
     def touches(self, domain: str, call: str, name: object) -> None:
         """An ADS writes to something that is not the ego's."""
-        what = f"touched_{domain}"
         self.meddles(
-            what, f"The ADS called traci.{domain}.{call} for `{name}`",
+            f"touched_{domain}", f"The ADS called traci.{domain}.{call} for `{name}`",
             'only its own vehicle is its own (`interference = "record"` lets it, and counts)',
         )  # fmt: skip
 
@@ -375,15 +374,12 @@ under it."""
 
 @contextmanager
 def seen_as_traci(module: ModuleType = TRACI) -> Iterator[None]:
-    """`import traci` gives a module within this block, by default the running simulation;
-    afterwards what was there.
+    """`import traci` and `import libsumo` give a module within this block, by default the running
+    simulation; afterwards what was there.
     """
-    before = sys.modules.get("traci")
-    sys.modules["traci"] = module
+    before = {name: sys.modules[name] for name in ("traci", "libsumo")}
+    sys.modules.update(dict.fromkeys(before, module))
     try:
         yield
     finally:
-        if before is None:
-            del sys.modules["traci"]
-        else:
-            sys.modules["traci"] = before
+        sys.modules.update(before)

@@ -227,13 +227,14 @@ def sharing() -> Iterator[None]:
         _VIEW.extend(_view(GUARD))
     for domain, call, seen in _VIEW:
         setattr(domain, call, seen)
-    real = sys.modules["libsumo"]
-    sys.modules["libsumo"] = _NO_LIBSUMO
     try:
-        out, err = redirect_stdout(_Console("stdout")), redirect_stderr(_Console("stderr"))
-        with seen_as_traci(), out, err:
+        with (
+            seen_as_traci(),
+            redirect_stdout(_Console("stdout")),
+            redirect_stderr(_Console("stderr")),
+        ):
+            sys.modules["libsumo"] = _NO_LIBSUMO
             yield
     finally:
-        sys.modules["libsumo"] = real
         for domain, call, _ in _VIEW:
             delattr(domain, call)  # the inherited call of libsumo answers again
