@@ -161,7 +161,7 @@ def _limits(record: Path) -> list[dict[str, Any]]:
         return []
     try:
         limits: list[dict[str, Any]] = json.loads(record.read_text(encoding="utf-8"))["failed"]
-    except ValueError as error:  # a night that was stopped while it wrote
+    except (ValueError, LookupError, TypeError) as error:  # stopped while it wrote, or edited
         raise InputError(f"{record} is damaged: {error}. Accept another night.") from error
     return limits
 

@@ -110,9 +110,10 @@ def test_accept_keeps_what_when_and_why(evaluation, tmp_path):
     ):
         with refusal(words):
             accept(tmp_path, name, reason, until)
-    (tmp_path / "nights" / LATER / "night.json").write_text('{"night"')
-    with refusal("is damaged"):
-        accept(tmp_path, LATER, "x", None)
+    for text in ('{"night"', "{}", "[]"):
+        (tmp_path / "nights" / LATER / "night.json").write_text(text)
+        with refusal("is damaged"):
+            accept(tmp_path, LATER, "x", None)
 
 
 def test_a_failure_says_since_when_without_a_break(evaluation, tmp_path):
