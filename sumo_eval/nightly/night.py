@@ -376,7 +376,8 @@ def _prune(history: Path, lines: History, keep: int) -> list[str]:
             notes.append(f"The folder of night {night.night} could not be removed.")
     if removed:
         notes.append(
-            f"The folders of {removed} old nights were removed; their lines stay in the history."
+            f"The folders of {count(removed, 'old night')} were removed; their lines stay in the "
+            "history."
         )
     return notes
 
