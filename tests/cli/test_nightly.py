@@ -12,7 +12,7 @@ import sqlite3
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 import junitparser
@@ -205,13 +205,11 @@ def stop_when(reached, file, history):
 def recorded(history):
     """How many drives a night that has no line holds."""
     for facts in history.glob("nights/*/facts.sqlite"):
-        connection = sqlite3.connect(f"file:{facts}?mode=ro", uri=True)
         try:
-            return int(connection.execute("SELECT count(*) FROM facts").fetchone()[0])
+            with closing(sqlite3.connect(f"file:{facts}?mode=ro", uri=True)) as connection:
+                return int(connection.execute("SELECT count(*) FROM facts").fetchone()[0])
         except sqlite3.Error:  # it is being made
             return 0
-        finally:
-            connection.close()
     return 0
 
 
@@ -228,7 +226,7 @@ def test_a_killed_night_continues_to_the_digest_of_a_whole_one(killed, tmp_path)
     (night,) = nights(history)
     assert (night.night, night.folder, night.wall_time) == (left.name, f"nights/{left.name}", None)
     assert "before its end and continued" in (left / "report.html").read_text()
-    with sqlite3.connect(left / "facts.sqlite") as facts:
+    with closing(sqlite3.connect(left / "facts.sqlite")) as facts:
         assert 0 < kept < facts.execute("SELECT count(*) FROM facts").fetchone()[0]
     assert len(json.loads((left / "manifest.json").read_text())["resumed"]) == 1
 
@@ -441,7 +439,7 @@ def test_old_history_put_back_keeps_complete_nights(week, tmp_path, known_lines)
     complete = sorted(path.name for path in (history / "nights").iterdir())
     unfinished = history / "nights" / "2020-01-01T00-00-00Z"
     shutil.copytree(history / "nights" / complete[0], unfinished)
-    with sqlite3.connect(unfinished / "facts.sqlite") as facts:
+    with closing(sqlite3.connect(unfinished / "facts.sqlite")) as facts, facts:
         facts.execute("UPDATE about SET value = '' WHERE name IN ('complete', 'seal')")
     with open_history(history, create=True) as lines:
         for name in (*complete, unfinished.name):
@@ -482,7 +480,7 @@ def test_no_history_removes_a_complete_night(week, tmp_path, seeds):
             shutil.copy(source / "facts.sqlite", night / "facts.sqlite")
             shutil.copy(source / "manifest.json", night / "manifest.json")
             if kind == "stopped":
-                with sqlite3.connect(night / "facts.sqlite") as facts:
+                with closing(sqlite3.connect(night / "facts.sqlite")) as facts, facts:
                     facts.execute("UPDATE about SET value = '' WHERE name IN ('complete', 'seal')")
             elif kind == "cut":
                 (night / "facts.sqlite").write_bytes(

@@ -6,6 +6,7 @@ import shutil
 import sqlite3
 import zipfile
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -160,7 +161,7 @@ def test_an_edited_planner_is_rerun_and_reported(whole, tmp_path):
 
 
 def test_list_that_cases_share_stands_once(whole):
-    with sqlite3.connect(whole / "run" / "facts.sqlite") as facts:
+    with closing(sqlite3.connect(whole / "run" / "facts.sqlite")) as facts:
         names = facts.execute("SELECT DISTINCT ads FROM files_read").fetchall()
         files = facts.execute("SELECT count(*), count(DISTINCT path) FROM files_read").fetchone()
     assert names == [("my_ads.py:Mine",)], "of the ADS alone"
@@ -176,7 +177,7 @@ def test_a_name_without_a_file_is_not_the_same(tmp_path, path):
 
 def test_a_damaged_list_is_rerun(whole, tmp_path):
     folder = copy_of(whole, tmp_path)
-    with sqlite3.connect(folder / "run" / "facts.sqlite") as facts:
+    with closing(sqlite3.connect(folder / "run" / "facts.sqlite")) as facts, facts:
         facts.execute("UPDATE files_read SET hash = 'x'")
     assert "3 recorded cases" in stale(folder)[0]
 

@@ -11,6 +11,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -46,7 +47,8 @@ def whole(tmp_path_factory):
 def rows(run):
     """Rows in the facts of a run that may still be in the making."""
     try:
-        with sqlite3.connect(f"file:{run / 'facts.sqlite'}?mode=ro", uri=True) as connection:
+        address = f"file:{run / 'facts.sqlite'}?mode=ro"
+        with closing(sqlite3.connect(address, uri=True)) as connection:
             return int(connection.execute("SELECT count(*) FROM facts").fetchone()[0])
     except sqlite3.OperationalError:
         return 0

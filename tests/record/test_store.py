@@ -3,6 +3,7 @@
 import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -92,7 +93,7 @@ def test_file_without_latencies_still_reads(tmp_path):
         store.add(
             Outcome(case(), "ok", Recording(drive(), {}, None, "road_end", controller_latency=took))
         )
-    with sqlite3.connect(path) as connection:
+    with closing(sqlite3.connect(path)) as connection, connection:
         connection.execute("DROP TABLE latencies")
     for create in (False, True):
         with open_store(path, create=create) as store:

@@ -242,8 +242,14 @@ def test_play_at_a_contact_begins_at_the_start(opened):
         small.show({ road, bodies: {}, ghosts: [],
             views: [{ name: "a", ego: drive(0), actors: [["lead", drive(13)]], contact }] });
         root.querySelector(".replay-play").click();
+        // in every picture: on a busy machine a look from outside comes after the end
+        window.least = 1;
+        (function look() {
+            least = Math.min(least, Number(root.querySelector(".replay-slider").value));
+            if (root.isConnected) requestAnimationFrame(look);
+        })();
     })()""")
-    opened.wait("Number(root.querySelector('.replay-slider').value) < 0.9")
+    opened.wait("least < 0.9")
     opened.run("small.stop(); root.remove()")
 
 
