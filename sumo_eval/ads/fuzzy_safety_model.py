@@ -166,4 +166,4 @@ class FuzzySafetyModel(Compiled):
     as_coded: bool = False
 
     def __post_init__(self) -> None:
-        check_numbers("fsm", vars(self))
+        check_numbers("fsm", self)

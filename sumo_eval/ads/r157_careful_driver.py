@@ -432,7 +432,7 @@ class CarefulDriver(Compiled):
     in_path_limit: float = 3.0
 
     def __post_init__(self) -> None:
-        check_numbers("careful_driver", vars(self))
+        check_numbers("careful_driver", self)
 
     @property
     def brakes(self) -> Brakes:

@@ -120,7 +120,7 @@ class Reg157(Compiled):
     standstill_gap: float = 0.1
 
     def __post_init__(self) -> None:
-        check_numbers(self.last_moment.ads, vars(self))
+        check_numbers(self.last_moment.ads, self)
 
     @property
     def brakes(self) -> LastMoment:

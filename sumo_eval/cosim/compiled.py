@@ -7,8 +7,9 @@ TraCI: that is one row.
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -84,11 +85,15 @@ def unknown(count: int, others: int, layout: Layout) -> Records:
     return np.full((count, others), np.array(row(layout), layout))
 
 
-def check_numbers(ads: str, numbers: Mapping[str, float]) -> None:
-    """Raises InputError for a number of an ADS that is not finite or negative."""
-    for name, value in numbers.items():
+def check_numbers(ads: str, rule: Any) -> None:
+    """Raises InputError for a field of an ADS, a dataclass, that is not finite or negative.
+
+    A subclass may hold anything in other attributes.
+    """
+    for field in dataclasses.fields(rule):
+        value = getattr(rule, field.name)
         if not (math.isfinite(value) and value >= 0.0):
-            raise must_be(f"`{name}`", f"ADS `{ads}`", "a finite number, at least 0", value)
+            raise must_be(f"`{field.name}`", f"ADS `{ads}`", "a finite number, at least 0", value)
 
 
 class Compiled:

@@ -338,3 +338,12 @@ def test_the_margin_of_the_fuzzy_model_is_a_distance():
 def test_the_readings_are_numbers(driver, value):
     with refusal(r"`lead_braking` of ADS .* must be a finite number, at least 0"):
         driver(lead_braking=value)
+
+
+def test_a_subclass_may_hold_what_is_no_number():
+    class Named(Reg157):
+        def __init__(self):
+            self.name = "mine"
+            super().__init__(margin=0.2)
+
+    assert (Named().margin, Named().name) == (0.2, "mine")
