@@ -7,7 +7,7 @@ import pytest
 from refusals import refusal
 from road_scenes import ROAD, actor, case, grid, low_speed
 
-from sumo_eval.ads.known_answers import IdealBraking
+from sumo_eval.ads import IdealBraking
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.method.criticality import ideal_impact_speed
 from sumo_eval.scenario import catalogue
