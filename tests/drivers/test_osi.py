@@ -109,6 +109,9 @@ def test_a_table_of_omega_prime_is_read(tmp_path):
     path = tmp_path / "drive.parquet"
     duckdb.from_df(rows).write_parquet(str(path))
     is_the_scene(path)
+    ids = rows["idx"].to_numpy(np.uint64) + np.uint64(2**63)
+    duckdb.from_df(rows.assign(idx=ids)).write_parquet(str(path))
+    assert set(osi.read(path)[0]["vehicle"]) <= set(map(str, ids.tolist()))
     for column, name in (("type", "type"), ("total_nanos", "t"), ("idx", "vehicle")):
         duckdb.from_df(rows.assign(**{column: "text"})).write_parquet(str(path))
         with refusal(f"`{name}` in row 1 of .* must be a number"):
