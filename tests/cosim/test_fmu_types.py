@@ -259,6 +259,18 @@ def test_fmi_1_is_refused_by_its_version(tmp_path):
         load_controller("fmu:old.fmu", tmp_path)
 
 
+def test_an_fmu_of_no_kind_is_refused_as_such(tmp_path):
+    with zipfile.ZipFile(tmp_path / "none.fmu", "w") as archive:
+        archive.writestr(
+            "modelDescription.xml",
+            '<fmiModelDescription fmiVersion="3.0" modelName="m" instantiationToken="m">'
+            '<ModelVariables><Float64 name="t" valueReference="0" causality="independent"/>'
+            "</ModelVariables><ModelStructure/></fmiModelDescription>",
+        )
+    with refusal("must be one for co-simulation, got one for nothing"):
+        load_controller("fmu:none.fmu", tmp_path)
+
+
 def test_a_constant_in_the_evaluation_file_is_a_number():
     settings = settings_from(
         {

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -38,9 +38,6 @@ _WORDS = {
     "plan_ended": "a plan ended at {requested:.2f} s, and was driven on straight until "
     "{applied:.2f} s",
 }
-_OUT_OF_RANGE = ("acceleration", "steering_angle", "speed_mode", "touched_vehicle",
-    "stepped_the_clock",
-                 "actor_off_its_script", "dropped_traci_call", "ignored_traci_call")  # fmt: skip
 _OF_A_PLAN = ("plan_error", "plan_ended")
 _FAR_FROM_A_PLAN = 1.0  # m
 _NO_ACCELERATION = 20.0  # m/s2: nobody means more
@@ -231,7 +228,7 @@ def _fault(case: ConcreteScenario, recording: Recording, count: int, cases: int)
     return Finding("FAIL", f"{where}: {recording.error}{log}", mend)
 
 
-def _worst(recordings: Sequence[Recording], whats: Sequence[str]) -> dict[str, Clip]:
+def _worst(recordings: Sequence[Recording], whats: Collection[str]) -> dict[str, Clip]:
     """The worst clips of these kinds: those whose two values are farthest apart."""
     clips = [clip for it in recordings for clip in it.clips if clip.what in whats]
     clips.sort(key=lambda clip: (abs(clip.requested - clip.applied), abs(clip.requested)))
@@ -243,7 +240,7 @@ def _said(clip: Clip) -> str:
 
 
 def _in_range(recordings: Sequence[Recording]) -> Finding:
-    worst = _worst(recordings, _OUT_OF_RANGE)
+    worst = _worst(recordings, _WORDS.keys() - _OF_A_PLAN)
     if not worst:
         return Finding("ok", "commands are within what the vehicle can do")
     logs = {

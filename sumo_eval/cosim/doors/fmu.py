@@ -117,10 +117,14 @@ class _Fmu:
                 "The FMI version", f"FMU `{path.name}`", "2.0 or 3.0", self.description.fmiVersion
             )
         if self.description.coSimulation is None:
-            exchanges = self.description.modelExchange is not None
-            other = "model exchange" if exchanges else "scheduled execution"
+            kinds = {
+                "model exchange": self.description.modelExchange,
+                "scheduled execution": self.description.scheduledExecution,
+            }
+            other = " and ".join(kind for kind, found in kinds.items() if found is not None)
             raise InputError(
-                f"FMU `{path.name}` must be one for co-simulation, got one for {other}."
+                f"FMU `{path.name}` must be one for co-simulation, got one for "
+                f"{other or 'nothing'}."
             )
         self._variables = {variable.name: variable for variable in self.description.modelVariables}
         self._inputs = self._wire_inputs(wiring, signals)
