@@ -119,9 +119,11 @@ def _best(evaluation: Evaluation, order: Sequence[RankedAds]) -> str:
     parts = "" if ranking is None else parts_of_total(ranking)
     if best.s_plus is None:
         return f"none: {REASON_WITHOUT_T}{parts}. Read A' instead."
+    if ranking is None:  # `run.only` names other points of each
+        return "not known: the ADSs drove different points."
     interval = f" ({span(best.interval, 1)})" if best.interval else ""
     points = f"{best.ads} with {number(best.s_plus, 1)} of 100 points{interval}{parts}."
-    if ranking is None or len(order) == 1 or order[1].s_plus is None:
+    if len(order) == 1 or order[1].s_plus is None:
         return points
     pair = ranking.pair(best.ads, order[1].ads)
     equal = [one.ads for one in order[1:] if one.place == best.place]

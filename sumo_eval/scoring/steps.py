@@ -7,6 +7,7 @@ imports it where it computes.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -92,11 +93,10 @@ class Scoring:
         """Whether all ADSs drove the same points: `run.only` may name others of each."""
         if not self.run.settings.run.only:
             return True
-        points: dict[str, set[str]] = {}
+        points = defaultdict[str, set[str]](set)
         for case, _, ads in self.store.names("ads"):
-            points.setdefault(ads, set()).add(case.removesuffix(ads))
-        first, *others = points.values()
-        return all(some == first for some in others)
+            points[ads].add(case.removesuffix(ads))
+        return len(set(map(frozenset, points.values()))) == 1
 
     def _space(self, entry: ScenarioSettings, logical: LogicalScenario) -> ScenarioRun:
         settings, source = self._settings_in(logical.name), self.run.source

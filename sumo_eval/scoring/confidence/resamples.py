@@ -310,4 +310,4 @@ def _counts_of_piece(
     share: how many of its draws fall on them, (m,).
     """
     drawn = stream.multinomial(share, np.full(points, 1.0 / points))
-    return np.asarray(drawn * (size / (size - 1)), dtype=np.float64)
+    return np.asarray(drawn * (size / (size - 1)))
