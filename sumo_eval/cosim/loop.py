@@ -191,7 +191,6 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
     """Step until every case has ended."""
     settings = world.settings
     step, every = settings.step, round(settings.record_interval / settings.step)
-    as_read, asked = stage.as_read, stage.asked
     moved = 0  # 1 while a step is under way: an error then takes it back
     try:
         driver.begin(world, stage)
@@ -205,7 +204,7 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
             now, sampling = after * step, after % every == 0
             if sampling:
                 world.room_for_samples()
-            count, gone = world.move(closely=asked or stage.closely(world.steps), as_read=as_read)
+            count, gone = world.move(closely=stage.closely(world.steps), as_read=stage.as_read)
             moved = 1
             stage.put_aside(gone)
             try:
@@ -216,7 +215,7 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
                 if stage.compares(world.steps):
                     stage.compare(world)
             except stage.traci.TraCIException as error:
-                if not asked:
+                if not stage.asked:
                     raise
                 raise ControllerError(  # the ADS has removed a vehicle by TraCI
                     f"After the ADS's step at {world.time:.2f} s SUMO cannot move the ego: "
@@ -226,7 +225,7 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
             if world.waits:
                 world.wake(now)
             world.keep_commands()
-            if world.see(sampling=sampling, as_read=as_read):
+            if world.see(sampling=sampling, as_read=stage.as_read):
                 _end_rows(world, driver, stage)
     except LeftTheRoadError:
         world.egos["reason"][0] = REASONS.index("off_road")

@@ -22,7 +22,7 @@ from sumo_eval.cosim.sumo.insides import simulation_step, vehicles
 from sumo_eval.cosim.sumo.session import bend_tolerance, check_start
 from sumo_eval.cosim.sumo.shared_files import edge_name, vehicle_names
 from sumo_eval.cosim.world import World
-from sumo_eval.errors import SimulationError
+from sumo_eval.errors import ControllerError, SimulationError
 from sumo_eval.trajectory import Alone, FloatArray, IntArray
 
 # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
@@ -42,18 +42,6 @@ _KEEPS_ROUTE_OFF_ROAD = 3
 def joined(egos: Any, others: Any, name: str) -> FloatArray:
     """One field of the vehicles of rows, (n, 1 + m), the egos first."""
     return np.column_stack([egos[name], others[name]])
-
-
-def _shown(calls: Any, names: list[str]) -> tuple[list[Any], list[float], FloatArray]:
-    """Places of the front bumpers of vehicles, m, and speeds, m/s, and both with angles, deg, as
-    in `World.shown`.
-    """
-    fronts, speeds = list(map(calls.getPosition, names)), list(map(calls.getSpeed, names))
-    shown = np.empty((len(names), 4))
-    # an array of pairs takes twice as long
-    shown[:, :2] = np.fromiter(chain.from_iterable(fronts), float).reshape(-1, 2)
-    shown[:, 2], shown[:, 3] = list(map(calls.getAngle, names)), speeds
-    return fronts, speeds, shown
 
 
 class Stage:
@@ -216,9 +204,13 @@ class Stage:
         """Read the vehicles of many rows; the rows whose egos do not just go straight on, and are
         not read yet, as actors in `_unread`. None: nothing is read.
         """
-        names = self._names or self._look_for_names(world)
+        names, calls = self._names or self._look_for_names(world), self.calls
+        shown = np.empty((len(names), 4))  # as in `World.shown`
         try:
-            fronts, speeds, shown = _shown(self.calls, names)
+            fronts, speeds = list(map(calls.getPosition, names)), list(map(calls.getSpeed, names))
+            # an array of pairs takes twice as long
+            shown[:, :2] = np.fromiter(chain.from_iterable(fronts), float).reshape(-1, 2)
+            shown[:, 2], shown[:, 3] = list(map(calls.getAngle, names)), speeds
         except self.traci.TraCIException:
             self._unread = self._places_of(self._numbers)
             self.speeds.clear()
@@ -227,7 +219,7 @@ class Stage:
         self._unread = self._places_of(odd)
         # places of actors that are still to be compared stay as they were
         actors = [self._flat[row * self._width + j] for row, j in self._unread if j > 0]
-        last = [(name, self.fronts[name]) for name in actors]
+        last = {name: self.fronts[name] for name in actors}
         self.fronts |= zip(names, fronts, strict=True)
         self.fronts |= last
         self.speeds |= zip(names, speeds, strict=True)
@@ -274,10 +266,9 @@ class Stage:
                     fronts[name], speeds[name] = front, speed
                     shown = x, y, angle, speed
                 except self.traci.TraCIException:
-                    now = world.time + self._step
                     present[row, j], self._names = 0, []
                     speeds.pop(name, None)
-                    world.note(int(world.rows[row]), "actor_left_the_network", now, now)
+                    self._note_leaving(world, row, j)
                 except SimulationError:
                     if self._alone:
                         raise
@@ -286,10 +277,23 @@ class Stage:
             cells[at], cells[at + 1] = shown[:2]
             cells[at + 2], cells[at + 3] = shown[2:]
 
+    def _note_leaving(self, world: World, row: int, other: int) -> None:
+        """Record an actor that left the network; raise ControllerError if the ADS removed it."""
+        case, now = int(world.rows[row]), world.time + self._step
+        actor = world.cases[case].actors[other]
+        itself = actor.model or self._is_past_the_road(world, row, other)
+        if not itself and world.each[case].conditions.interference == "refuse":
+            raise ControllerError(
+                f"The ADS removed vehicle `{actor.name}` before {now:.2f} s; only its own vehicle "
+                'is its own (`interference = "record"` lets it, and counts).'
+            )
+        world.note(case, "actor_left_the_network", now, now)
+
     def _is_past_the_road(self, world: World, row: int, other: int) -> bool:
         """Whether a script has its vehicle's front bumper beyond the last lane."""
-        body, road = world.others[row, other], self._road
-        return bool(body["x"] + 0.5 * body["length"] > road.length + road.run_out - LOSS_MARGIN)
+        body = world.others[row, other]
+        end = self._road.length + self._road.run_out - LOSS_MARGIN
+        return bool(body["x"] + 0.5 * body["length"] > end)
 
     def compare(self, world: World) -> None:
         """Fail the cases in which SUMO shows a vehicle at another place."""

@@ -134,7 +134,11 @@ class World:
         self.errors: dict[int, str] = {}
         self.logs: dict[int, str] = {}
         self.places: dict[int, str] = {}  # where in the user's code an exception came from
-        self.notes: dict[int, Any] = defaultdict(_new_notes)
+        self.notes: dict[int, Any] = defaultdict(
+            lambda: defaultdict(
+                lambda: SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0)
+            )
+        )
         self.left: dict[int, Alone] = {}
         self.released: set[int] = set()  # cases whose driver has been released
         self.latencies = Latencies(n)
@@ -446,10 +450,6 @@ class World:
         clips = [Clip(WHATS[what], *self.clips[row, what].tolist()) for what in counted]
         clips += [Clip(what, *vars(note).values()) for what, note in self.notes[case].items()]
         return tuple(sorted(clips, key=lambda clip: clip.what))
-
-
-def _new_notes() -> Any:
-    return defaultdict(lambda: SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0))
 
 
 def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: int) -> Records:

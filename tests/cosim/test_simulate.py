@@ -454,16 +454,6 @@ def test_taking_over_in_reset_is_named_before_a_step(call, sentence):
     assert simulate(case(), Eager()).error == "The ADS " + sentence
 
 
-def test_an_actor_that_leaves_the_simulation_is_recorded():
-    found = simulate(
-        case(lead(gap=50.0)),
-        at(0.3, lambda traci, ego: libsumo.vehicle.remove("lead")),
-        HALF_SECOND,
-    )
-    assert "actor_left_the_network" in clips_of(found)
-    assert found.actors["lead"].time[-1] == pytest.approx(0.3)
-
-
 # --- an ADS that drives through TraCI stays physical ----------------------------------------------
 
 

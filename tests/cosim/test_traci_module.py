@@ -210,6 +210,12 @@ def test_bypassing_the_door_is_noticed_at_the_other_vehicle():
         HALF_SECOND,
     )
     assert "actor_off_its_script" in counts(found)
+    remove, one = once(lambda traci: libsumo.vehicle.remove("lead")), case(lead(50.0))
+    removed = "The ADS removed vehicle `lead` before 0.35 s"
+    assert removed in simulate(one, remove, HALF_SECOND).error
+    found = simulate(one, remove, RECORD)
+    assert "actor_left_the_network" in counts(found)
+    assert found.actors["lead"].time[-1] == pytest.approx(0.3)
 
 
 def test_the_clock_of_sumo_is_a_step_ahead_of_what_is_seen():

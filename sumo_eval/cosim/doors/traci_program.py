@@ -140,12 +140,7 @@ class ServedSimulation:
     def simulationStep(self) -> None:  # noqa: N802 - TraCI's name
         """Ask for a step, which SUMO takes when the program has asked for one too."""
         self._wait(self._connection.simulationStep, self._step_timeout)
-        self._check_settings()
-
-    def _check_settings(self) -> None:
-        """The program writes past the harness, which sees what has become of the ego's
-        settings.
-        """
+        # the program writes past the harness, which sees what has become of the ego's settings
         shown = self.vehicle.getSubscriptionResults(EGO)  # has come with the answer to the step
         for name, variable in _SETTINGS.items():
             if not math.isfinite(shown.get(variable, 0.0)):
@@ -204,7 +199,9 @@ def served(
     with tempfile.TemporaryDirectory(prefix="sumo_eval_") as name:
         folder = Path(name)
         log, console = folder / "sumo.log", folder / "console.txt"
-        port = _free_port()
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))  # a free port
+            port = probe.getsockname()[1]
         command = command_line(
             concrete, settings, folder, log, own_vehicle_type(ads, concrete.road)
         )
@@ -253,13 +250,6 @@ def _hang_up(program: ChildProgram, connection: Any) -> None:
     program.process.wait()
     with suppress(OSError, AttributeError):  # the case was over first
         connection._socket.shutdown(socket.SHUT_RDWR)
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port
 
 
 def _connect(server: PrivateServer, logs: tuple[Path, ...]) -> Any:
