@@ -14,7 +14,7 @@ from sumo_eval.report.words import (
     parts_of_total,
     span,
 )
-from sumo_eval.results import Evaluation, RankedAds
+from sumo_eval.results import Evaluation, RankedAds, Ranking
 from sumo_eval.scoring.behaviour import Behaviour, behaviour_of, harm_beside, ranked
 
 SELDOM = 2.0 / 3.0
@@ -39,12 +39,13 @@ def headline(evaluation: Evaluation) -> Headline:
     """Three answers, and an alarm for each ADS that needs one."""
     order = ranked(evaluation)
     known = [behaviour_of(evaluation, one.ads) for one in order]
-    many = len(order) > 1
-    answers = (
-        ("Safest" if many else "Safety", _safest(evaluation, known)),
-        ("Most human" if many else "Human-likeness", _most_human(known)),
-        ("Best by S+" if many else "S+", _best(evaluation, order)),
-    )
+    questions = ("Safety", "Human-likeness", "S+")
+    if len(order) > 1:
+        questions = ("Safest", "Most human", "Best by S+")
+    said = 3 * ("not known: the ADSs drove different points.",)  # which `run.only` may name
+    if evaluation.ranking is not None:
+        said = _safest(evaluation, known), _most_human(known), _best(evaluation.ranking, order)
+    answers = tuple(zip(questions, said, strict=True))
     alarmed = tuple((one.ads, words) for one in known if (words := "; ".join(alarms(one))))
     return Headline(tuple(zip(order, known, strict=True)), answers, alarmed)
 
@@ -114,13 +115,10 @@ def _most_human(every: Sequence[Behaviour]) -> str:
     return f"{known[0][1]} with H {number(-known[0][0], 2)} of 1{beside}."
 
 
-def _best(evaluation: Evaluation, order: Sequence[RankedAds]) -> str:
-    best, ranking = order[0], evaluation.ranking
-    parts = "" if ranking is None else parts_of_total(ranking)
+def _best(ranking: Ranking, order: Sequence[RankedAds]) -> str:
+    best, parts = order[0], parts_of_total(ranking)
     if best.s_plus is None:
         return f"none: {REASON_WITHOUT_T}{parts}. Read A' instead."
-    if ranking is None:  # `run.only` names other points of each
-        return "not known: the ADSs drove different points."
     interval = f" ({span(best.interval, 1)})" if best.interval else ""
     points = f"{best.ads} with {number(best.s_plus, 1)} of 100 points{interval}{parts}."
     if len(order) == 1 or order[1].s_plus is None:

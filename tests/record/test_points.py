@@ -97,7 +97,9 @@ def test_only_drives_and_scores_the_named_cases_alone(tmp_path):
     assert sorted(done.cases.case) == sorted(asked)
     assert [(one.ads, one.cases) for one in done.scores] == [("idm", 1), ("calm", 1), ("late", 1)]
     assert done.ranking is None  # what was driven at different points has no order
-    assert headline(done).answers[2][1] == "not known: the ADSs drove different points."
+    assert {it for _, it in headline(done).answers} == {
+        "not known: the ADSs drove different points."
+    }
     with refusal(f"Did you mean `{asked[0]}`"):
         resolve(
             replace(settings, run=RunSettings(only=(asked[0].replace("-0", "-00"),))),

@@ -14,6 +14,7 @@ from sumo_eval.scoring.findings import findings
 from sumo_eval.scoring.ledger import ledger_plus
 
 NAME = builders.SCENARIOS[1]
+UNRANKED = Ranking({}, 0.95, (), ())
 
 
 def of_one_scenario(evaluation, cases):
@@ -132,10 +133,10 @@ def test_sign_test_tells_the_safest_apart(evaluation, hits, words):
     both = of_one_scenario(evaluation, [*calm, *hostile])
     assert harm_beside(both, builders.CALM, builders.HOSTILE) == (hits, 0, 8)
     worse = tuple(
-        replace(one, avoidance_grade=1.0 if one.ads == builders.CALM else 0.5)
+        replace(one, avoidance_grade=1.0 if one.ads == builders.CALM else 0.5, s_plus=None)
         for one in both.scores
     )
-    answer = dict(headline(replace(both, scores=worse)).answers)["Safest"]
+    answer = dict(headline(replace(both, scores=worse, ranking=UNRANKED)).answers)["Safest"]
     assert answer.startswith(
         f"{builders.CALM} with no avoidable collision in 8 cases. {words} from"
     )
@@ -159,7 +160,9 @@ def test_the_best_is_distinguished_or_not(evaluation):
 
 def test_without_a_task_a_prime_stands_in_for_s_plus(evaluation):
     scores = tuple(replace(score, task_share=None, s_plus=None) for score in evaluation.scores)
-    answer = dict(headline(replace(evaluation, scores=scores)).answers)["Best by S+"]
+    answer = dict(headline(replace(evaluation, scores=scores, ranking=UNRANKED)).answers)[
+        "Best by S+"
+    ]
     assert answer.startswith("none: no safe case could be compared with a reference")
     assert "A'" in answer
 
