@@ -43,12 +43,16 @@ def code_of(settings: EvaluationSettings, source: Path, *, driving: bool = True)
     named += [("severity", settings.method.collision.severity), ("people", settings.drivers.source)]
     named = [(what, name) for what, name in named if ":" in name and name not in CHOICES]
     if driving:
-        named += [("ADS", ads.controller) for ads in settings.ads if ":" in ads.controller]
+        named += [
+            ("ADS", ads.controller)
+            for ads in settings.ads
+            if ":" in ads.controller and not ads.controller.startswith("sumo:")
+        ]
         if settings.simulation.plant is not None:
             named.append(("vehicle", settings.simulation.plant.file))
         if settings.run.engine == "dask":
             named.append(("scheduler", settings.run.scheduler))
-    return {_code(what, name, source) for what, name in named if not name.startswith("sumo:")}
+    return {_code(what, name, source) for what, name in named}
 
 
 def give(settings: EvaluationSettings, source: Path) -> None:

@@ -133,7 +133,7 @@ def test_no_function_runs_code_of_others(foreign, tmp_path, door):
 
 EVIL = {
     "severity": ('severity = "injury:cyclist"', 'severity = "{evil}"'),
-    "severity as a module": ('severity = "injury:cyclist"', 'severity = "evil:severity"'),
+    "module": ('severity = "injury:cyclist"', 'severity = "sumo:severity"'),
     "scenario": ('use = "front_vehicle_low_speed"', 'use = "{evil}"'),
     "scenario with options": ('use = "front_vehicle_low_speed"', 'use = "{evil}?a=1"'),
     "sampler": ("[scenario.sampling]\n", '[scenario.sampling]\nmethod = "{evil}"\n'),
@@ -144,7 +144,7 @@ EVIL = {
 @pytest.mark.parametrize(
     "kind",
     [
-        it if it in ("severity", "scenario") else pytest.param(it, marks=pytest.mark.campaign)
+        pytest.param(it, marks=[pytest.mark.campaign] * (it not in ("module", "scenario")))
         for it in EVIL
     ],
 )
@@ -172,28 +172,21 @@ def test_own_run_needs_no_option(own, another_process):
         assert status == 0, words
 
 
-def test_own_run_that_names_other_code_now_is_refused(own, tmp_path, another_process):
-    before = (own / "run" / "evaluation.toml").read_text()
+@pytest.mark.parametrize("name", ["evaluation.toml", "manifest.json"])
+def test_own_run_that_names_other_code_now_is_refused(own, tmp_path, name, another_process):
+    file = own / "run" / name
+    before = file.read_text()
+    other = before.replace("code.py:severity", "code.py:other")
+    if name == "manifest.json":
+        content = {**json.loads(before), "source_folder": str(tmp_path)}
+        del content[SEAL]
+        other = sealed(content)
     try:
-        (own / "run" / "evaluation.toml").write_text(
-            before.replace("code.py:severity", "code.py:other")
-        )
+        file.write_text(other)
         with refusal("--trust"):
             sumo_eval.score(own / "run")
     finally:
-        (own / "run" / "evaluation.toml").write_text(before)
-
-
-def test_own_run_with_paths_from_elsewhere_is_refused(own, tmp_path, another_process):
-    manifest = own / "run" / "manifest.json"
-    before = manifest.read_text()
-    content = {name: value for name, value in json.loads(before).items() if name != SEAL}
-    try:
-        manifest.write_text(sealed({**content, "source_folder": str(tmp_path)}))
-        with refusal("--trust"):
-            sumo_eval.score(own / "run")
-    finally:
-        manifest.write_text(before)
+        file.write_text(before)
 
 
 def test_trust_is_asked_once(foreign, monkeypatch):
