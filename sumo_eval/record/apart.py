@@ -22,10 +22,7 @@ _LONGEST = 100_000  # characters of one
 
 
 def check_apart(
-    locator: str,
-    cases: Sequence[ConcreteScenario],
-    folder: Path,
-    run: RunSettings,
+    locator: str, cases: Sequence[ConcreteScenario], folder: Path, run: RunSettings
 ) -> tuple[list[Finding], str]:
     """Every point of the contract, and what the ADS printed.
 

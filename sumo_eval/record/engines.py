@@ -106,8 +106,8 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
             kind, locator = ended.item
             if ended.how != "done":
                 happened = what_happened(ended, setup.run, "It", "loaded it")
-                lines = [line.strip() for line in ended.log.splitlines() if line.strip()]
-                last = f" Its last words: {clean(lines[-1])}" if lines else ""
+                log = ended.log.strip()
+                last = f" Its last words: {clean(log.splitlines()[-1].strip())}" if log else ""
                 raise InputError(f"{kind} `{locator}` cannot be loaded: {happened}{last}")
             identities[locator] = ended.result
     return identities

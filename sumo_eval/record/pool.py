@@ -20,7 +20,7 @@ import struct
 import sys
 import tempfile
 import time as clock
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -158,13 +158,14 @@ class Pool:
         self._children.clear()
         shutil.rmtree(self._scratch, ignore_errors=True)
 
-    def each(self, work: Work[Item], items: Iterable[Item]) -> Iterator[Ended[Item]]:
-        """Outcomes of the items, in the order in which they end.
+    def each(self, work: Work[Item], items: Sequence[Item]) -> Iterator[Ended[Item]]:
+        """Outcomes of the items, in their order, once all have ended.
 
-        Raises InputError for one that is refused.
+        Raises InputError for the first that is refused.
         """
         waiting = iter(items)
-        for ended in self.run(work, lambda: next(waiting, None), lambda ended: ended):
+        ends = self.run(work, lambda: next(waiting, None), lambda ended: ended)
+        for ended in sorted(ends, key=lambda ended: items.index(ended.item)):
             if ended.how == "refused":
                 raise InputError(ended.why)
             yield ended

@@ -198,6 +198,13 @@ def test_the_serial_engine_refuses_a_second_ads_of_the_users_and_takes_one(tmp_p
     assert len(identify([("ADS", "a/my.py:drive"), ("ADS", "idm")], setup)) == 2
 
 
+def test_of_ads_that_do_not_load_the_first_is_named(tmp_path):
+    (tmp_path / "slow.py").write_text("import time\ntime.sleep(0.5)\n")
+    setup = Setup(SimulationSettings(), RunSettings(workers=2), tmp_path)
+    with refusal("ADS `slow.py:a`"):
+        identify([("ADS", "slow.py:a"), ("ADS", "none.py:a")], setup)
+
+
 # --- frames ---------------------------------------------------------------------------------------
 
 
