@@ -340,7 +340,11 @@ def refuse_to_lose_cases(
     drivers = {ads.name for ads in settings.ads}
     for scenario in sorted({row[0] for row in store.counts()}):
         for case, point, driver in store.names("ads", scenario):
-            if driver not in drivers or point not in numbers.get(scenario, ()):
+            if (
+                driver not in drivers
+                or point not in numbers.get(scenario, ())
+                or case not in (settings.run.only or [case])
+            ):
                 raise InputError(
                     f"Run {run} holds cases that this evaluation does not choose, e.g. {case}: "
                     "a run keeps its cases. Give the changed evaluation a folder of its own."

@@ -86,14 +86,13 @@ def _evaluation(
     """The run's settings with this scenario, this point and this ADS alone; paths of its files made
     absolute.
     """
-    sampling = SamplingSettings(method="file", file=points)  # its column has the exposure
-    entry = replace(entry, sampling=sampling, exposure=ExposureSettings())
     ads = next(item for item in settings.ads if item.name == fact.driver)
     alone = absolute(replace(settings, scenario=(entry,), ads=(ads,)), source)
     (there,) = alone.scenario
+    sampling = SamplingSettings(method="file", file=points)  # its column has the exposure
     return replace(
         alone,
-        scenario=(replace(there, sampling=sampling),),
+        scenario=(replace(there, sampling=sampling, exposure=ExposureSettings()),),
         run=replace(settings.run, qualification=""),  # it is about the run that this case is of
     )
 

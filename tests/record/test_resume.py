@@ -162,9 +162,13 @@ def test_resuming_with_fewer_cases_is_refused_and_loses_none(whole):
     before, written = digest(whole), whole / "evaluation.toml"
     run, text = Resolved.of(read_evaluation(written), whole.parent), written.read_text()
     settings = run.settings
-    every = [f"{settings.scenario[0].use}-0000-{ads.name}" for ads in settings.ads]
-    narrow = replace(settings, run=replace(settings.run, only=tuple(every)))
-    for fewer in (replace(settings, ads=settings.ads[:1]), narrow):
+    with open_store(whole / "facts.sqlite") as store:
+        every = tuple(case for case, *_ in store.names("ads"))
+    fewer_points = tuple(case for case in every if "-0000-" in case)
+    narrow = [
+        replace(settings, run=replace(settings.run, only=it)) for it in (fewer_points, every[1:])
+    ]
+    for fewer in (replace(settings, ads=settings.ads[:1]), *narrow):
         with refusal("a run keeps its cases"):
             record_facts(replace(run, settings=fewer), whole, resume=True)
         with refusal("cannot continue as shard 1/2"):
