@@ -149,7 +149,7 @@ def score(
     """
     folder = Path(run)
     for change in changes:
-        if not change.strip().startswith(_NOT_DRIVEN_BY):
+        if "=" in change and not change.strip().startswith(_NOT_DRIVEN_BY):
             raise InputError(
                 f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts "
                 "depend on it. Only `method`, `report`, `run.workers` and `run.incomplete` can; "

@@ -160,6 +160,8 @@ def test_scoring_with_another_a_moves_points_between_the_terms(done):
 def test_scoring_refuses_changes_that_the_facts_depend_on(done, change):
     with refusal(f"`{change.partition('=')[0]}` cannot be changed by scoring"):
         sumo_eval.score(done.folder, [change])
+    with refusal("must have the form KEY=VALUE"):
+        sumo_eval.score(done.folder, [change.partition("=")[0]])
 
 
 @pytest.mark.parametrize("gone", ["scenario = 'front_vehicle_cut_out'", "point = 1"])

@@ -57,14 +57,13 @@ def whatif(
         if left_out:
             words = f"{count(len(left_out), 'collision')} left out. The first: {left_out[0]}"
             tell(words, err=True)
+        found = [one for one in found if not one.why_not]
         lines = _table_of_all(found)
     else:
         found = [search.answers(known_case(run, case), lever)]
         lines = _table(found[0])
     if as_json:
-        plain = {
-            one.fact.case: [_plain(it) for it in one.answers] for one in found if not one.why_not
-        }
+        plain = {one.fact.case: [_plain(it) for it in one.answers] for one in found}
         tell(json.dumps(plain, indent=1))
     else:
         show(lines)
@@ -94,7 +93,7 @@ def _table_of_all(found: Sequence[CaseLevers]) -> Iterator[str]:
     if not found:
         yield "The run has no collision."
     groups: dict[tuple[str, str], list[CaseLevers]] = {}
-    for one in (one for one in found if not one.why_not):
+    for one in found:
         groups.setdefault((one.fact.driver, one.fact.scenario), []).append(one)
     for (ads, scenario), cases in groups.items():
         yield f"{ads} in {scenario}: {count(len(cases), 'collision')}"

@@ -155,7 +155,7 @@ def write_exposures(folder: Path, exposures: Mapping[str, Any]) -> None:
 def read_exposures(folder: Path) -> dict[str, Any]:
     """Exposures that `write_exposures` kept; nothing where a run has none."""
     path = folder / EXPOSURES
-    return read_sealed(path) if path.is_file() else {}
+    return read_sealed(path) if path.exists() else {}
 
 
 def _write(path: Path, text: str) -> None:

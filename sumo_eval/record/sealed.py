@@ -42,7 +42,7 @@ def read_sealed(path: Path, version: int | None = None) -> dict[str, Any]:
         raise InputError(
             f"{path} cannot be read, it was changed or damaged: {error}. {FIX}"
         ) from error
-    whole = isinstance(content, dict) and bool(content)
+    whole = isinstance(content, dict) and content
     if whole and version is not None and content.get("format_version") != version:
         raise InputError(
             f"Run {path.parent} has format version {shown(content.get('format_version'))}; this "

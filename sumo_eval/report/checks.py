@@ -67,8 +67,7 @@ def check_lines(evaluation: Evaluation) -> Iterator[str]:
     for one in shown:
         why = f": {'; '.join(one.missed)}" if one.missed else ""
         case = one.case
-        at = point_words(case.values)
-        yield f"  {one.verdict}  {case.ads} in {case.scenario}, {at}{why}"
+        yield f"  {one.verdict}  {case.ads} in {case.scenario}, {point_words(case.values)}{why}"
     if number > MOST_LINES:
         yield f"  and {number - MOST_LINES} more, all in checks.csv."
 

@@ -134,6 +134,10 @@ def test_a_scenario_may_be_called_as_the_seal(tmp_path):
     for exposures in ({"seal": {"known": True}}, {"cut_in": {}}):
         write_exposures(tmp_path, exposures)
         assert read_exposures(tmp_path) == exposures
+    (tmp_path / "exposure.json").unlink()
+    (tmp_path / "exposure.json").mkdir()
+    with refusal("cannot be read: it is a folder"):
+        read_exposures(tmp_path)
 
 
 def test_a_run_that_is_none_unscored_or_newer_is_refused(run, tmp_path):
