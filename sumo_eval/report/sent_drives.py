@@ -145,14 +145,14 @@ def worth_embedding(
 
     runs: dict[Role, Counter[Point]] = {"ads": Counter(), "human": Counter()}
     tells: dict[Point, float] = {}
-    for name, cases in cases_of.items():
-        points = points_of[name]
-        there = set(points.values())
+    for name in cases_of:
+        there = set(points_of[name].values())
         for role, counts in runs.items():
             counts.update((name, at) for _, at, _ in store.names(role, name) if at in there)
-        for case, tell in zip(cases, telling(CaseTable.of(cases)).tolist(), strict=True):
-            at = name, points[case.case]
-            tells[at] = max(tells.get(at, 0.0), tell)
+    every = [case for cases in cases_of.values() for case in cases]
+    for case, tell in zip(every, telling(CaseTable.of(every)).tolist(), strict=True):
+        at = case.scenario, points_of[case.scenario][case.case]
+        tells[at] = max(tells.get(at, 0.0), tell)
     own, humans = runs.values()
     order = sorted(tells, key=lambda known: (-tells[known], known))
     chosen: set[Point] = set()

@@ -427,6 +427,21 @@ def test_a_large_evaluation_reports_that_it_embeds_some_points(
     )
 
 
+def test_drives_to_embed_are_the_hardest_of_all_scenarios(evaluation):
+    hit = next(case for case in evaluation.cases if case.collided)
+    points = {"a": {"x": 0, "y": 1}, "b": {"z": 0}}
+    severities = {"x": 9.0, "y": 5.0, "z": 1.0}
+    cases = {
+        name: [replace(hit, scenario=name, case=case, severity=severities[case]) for case in its]
+        for name, its in points.items()
+    }
+    store = SimpleNamespace(
+        names=lambda role, name: [("", at, "") for at in points[name].values() if role == "ads"]
+    )
+    chosen = sent_drives.worth_embedding(cases, points, store, 2)
+    assert chosen.points == {("a", 0), ("a", 1)}
+
+
 def test_the_reading_of_u_names_what_replaces_it(evaluation):
     method = evaluation.settings.method
     own = replace(method, collision=replace(method.collision, severity="injury:car_driver"))
