@@ -485,14 +485,17 @@ class Policies(EgoControl):
     ) -> None:
         """Fail the rows for which a call raised an error.
 
-        A policy in a batch that called TraCI is not failed: its cases are driven alone, later.
+        A policy in a batch that called TraCI, or found no more memory beside others, is not failed:
+        its cases are driven alone, later.
 
         when: `in reset` or `at 1.50 s`, for the message.
         target: the user's code, for the place of the error.
         """
-        if isinstance(error, RefusedCallError | self._traci.TraCIException) and not self._alone:
+        short = isinstance(error, MemoryError)
+        asks = isinstance(error, RefusedCallError | self._traci.TraCIException)
+        if (short or asks) and not self._alone:
             for row in rows:
-                world.leave(row, ASKS_SUMO)
+                world.leave(row, Alone("together_failed", said(error)) if short else ASKS_SUMO)
             return
         if len(rows) > 1:
             when = f"{when}, in one call for {len(rows)} cases, which fails them all"

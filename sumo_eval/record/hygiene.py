@@ -175,13 +175,14 @@ def _held(limit: float) -> float:
     each page divided among its processes (Pss), which is slower.
     """
     below = family()
-    held = sum(map(resident, below))
+    held = sum(map(memory, below))
     return sum(map(_proportional, below)) if held > limit and len(below) > 1 else held
 
 
-def resident(pid: int, *, shared: bool = False) -> float:
-    """Resident set of a process, bytes, or the part of it that belongs to files or is shared."""
-    column = 2 if shared else 1  # of statm
+def memory(pid: int, column: int = 1) -> float:
+    """Memory of a process, bytes, by the column of statm: 1: resident set; 2: the part of it that
+    belongs to files or is shared; 5: its own data, as RLIMIT_DATA counts it.
+    """
     with suppress(OSError, IndexError), open(f"/proc/{pid}/statm") as file:
         return float(int(file.read().split()[column]) * _PAGE)
     return 0.0
@@ -192,7 +193,7 @@ def _proportional(pid: int) -> float:
         for line in file:
             if line.startswith("Pss:"):
                 return 1024.0 * int(line.split()[1])
-    return resident(pid)  # another user's process, or a kernel without this file
+    return memory(pid)  # another user's process, or a kernel without this file
 
 
 def _prctl(option: int, value: int) -> None:

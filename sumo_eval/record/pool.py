@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from multiprocessing.connection import Connection
+from multiprocessing.connection import wait as ready
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
 
@@ -36,9 +37,9 @@ from sumo_eval.record.hygiene import (
     MEGABYTE,
     Report,
     keep_open,
+    memory,
     processor_time,
     read_report,
-    resident,
     scratch_folder,
     supervise,
 )
@@ -63,6 +64,7 @@ _LONGEST_REFUSAL = 20_000  # characters of an InputError's text
 _WARNING_SHARE = 0.9  # share of the deadline after which the child prints where it hangs
 _LENGTH = struct.Struct("<Q")
 _CLOSED = "closed its connection"
+_FULL = 0.8  # of the memory limit: what an ADS keeps would end a later case
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,10 +296,7 @@ class _Child:
         """Whether a child without an item is alive and has sent nothing."""
         if self._results.closed:
             return False
-        poll = select.poll()
-        for pipe in (self._results, self._report):
-            poll.register(pipe.fileno(), select.POLLIN)
-        return not poll.poll(0)
+        return not ready((self._results, self._report), 0)
 
     def give(self, work: Work[Any], item: Any, number: int, deadline: float) -> None:
         """Begin to send an item; what the pipe cannot take now, `attend` sends later.
@@ -433,22 +432,27 @@ def _begin(pipes: Sequence[Connection], memory_limit: float, scratch: str) -> No
 
 
 def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
-    """Work on items until no more come, or until one leaves a process or a thread behind, which
-    must not disturb further items.
+    """Work on items until no more come, or until one leaves a process, a thread or a full memory
+    behind, which must not disturb further items.
 
     ends: of the pipes for orders, results and output.
     """
+    import resource
+
     orders, results, output = ends
     os.dup2(output, 1)
     os.dup2(output, 2)
     text = partial(open, mode="w", buffering=1, encoding="utf-8", errors="replace", closefd=False)
     sys.stdout, sys.stderr = text(1), text(2)
     keep_open(orders, results)
-    _limit_memory(memory_limit)
+    # own memory, without what is shared with others: an allocation fails before the supervisor has
+    # to end the process
+    own = os.getpid()
+    limit = max(int(memory_limit * MEGABYTE - memory(own, 2)), 1)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
     tempfile.tempdir = scratch
     faulthandler.enable(file=2)
     c_library = ctypes.CDLL(None)
-    own = os.getpid()
     forks: list[bool] = []
     os.register_at_fork(after_in_parent=lambda: forks.append(True))
     threads = len(sys._current_frames())
@@ -470,7 +474,7 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
                 stream.flush()
         c_library.fflush(None)
         left, twice = _left_processes(patience=_COPY_TIME if forks else 0.0)
-        is_last = left or len(sys._current_frames()) > threads
+        is_last = left or memory(own, 5) > _FULL * limit or len(sys._current_frames()) > threads
         data = memoryview(frame([is_last, twice, refusal, answer], number))
         while data:
             data = data[os.write(results, data) :]
@@ -487,16 +491,6 @@ def _read(descriptor: int, size: int) -> bytes:
             return b""
         data += more
     return bytes(data)
-
-
-def _limit_memory(megabytes: float) -> None:
-    """Limit this process's own memory, without what it shares with others: an allocation fails
-    before the supervisor has to end the process.
-    """
-    import resource
-
-    limit = max(int(megabytes * MEGABYTE - resident(os.getpid(), shared=True)), 1)
-    resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
 
 
 def _left_processes(patience: float) -> tuple[bool, bool]:

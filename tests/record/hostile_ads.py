@@ -223,3 +223,8 @@ def frees_what_is_not_its_own(traci, ego, now):
     ctypes.memset(id(traci), 255, 64)
     ctypes.memset(id(Command), 255, 256)
     return Command(0.0)
+
+
+def hoards(seen, kept=[]):  # noqa: B006
+    kept.append(bytearray(1 << 18))
+    return 0.0

@@ -59,6 +59,10 @@ FAULTS = {
 INNOCENT = ("coast", "idm")
 
 
+def limited(folder=HERE, **limits):
+    return Setup(SimulationSettings(), RunSettings(**limits), folder)
+
+
 @pytest.fixture(scope="module")
 def outcomes():
     names = [name for fault in FAULTS for name in (fault, *INNOCENT)]
@@ -66,7 +70,7 @@ def outcomes():
         Case(number, CONCRETE, "ads", name, name if name == "idm" else f"faulty_ads.py:{name}")
         for number, name in enumerate(names)
     ]
-    setup = Setup(SimulationSettings(), RunSettings(workers=2, **LIMITS), HERE)
+    setup = limited(workers=2, **LIMITS)
     found = list(run_cases(cases, setup))
     assert sorted(outcome.case.key for outcome in found) == sorted(case.key for case in cases), (
         "each exactly once"
@@ -125,7 +129,7 @@ def waits(traci, ego, now):
 )
 def test_late_case_is_driven_once_more_alone(tmp_path, name, status, drives):
     (tmp_path / "late.py").write_text(LATE_ADS)
-    setup = Setup(SimulationSettings(), RunSettings(workers=1, **LIMITS), tmp_path)
+    setup = limited(tmp_path, workers=1, **LIMITS)
     cases = [Case(n, CONCRETE, "ads", ads, ads) for n, ads in enumerate((f"late.py:{name}", "idm"))]
     found = {outcome.case.driver: outcome for outcome in run_cases(cases, setup)}
     late = found.pop(f"late.py:{name}")
@@ -153,9 +157,7 @@ def test_only_lateness_without_a_processor_is_chance(outcomes, status, simulated
     recording = None if simulated is None else kept._replace(simulated_time=simulated)
     outcome = replace(outcomes["raises"], status=status, recording=recording)
     ended = Ended((outcome.case,), "done", None, "", idle=idle)
-    assert (
-        is_late_by_chance(outcome, ended, Setup(SimulationSettings(), RunSettings(), HERE)) is again
-    )
+    assert is_late_by_chance(outcome, ended, limited()) is again
 
 
 @pytest.mark.parametrize(
@@ -181,7 +183,7 @@ def test_what_a_case_prints_is_its_own_log_bounded_and_never_on_our_stdout(outco
     assert all(
         not outcome.log for key, outcome in outcomes.items() if key.startswith("front_vehicle")
     )
-    setup = Setup(SimulationSettings(), RunSettings(workers=1), HERE)
+    setup = limited(workers=1)
     (outcome,) = run_cases([Case(0, CONCRETE, "ads", "loud", "faulty_ads.py:chatters")], setup)
     assert outcome.status == "collision"
     assert capfd.readouterr() == ("", "")
@@ -199,7 +201,7 @@ def test_what_a_case_has_started_ends_with_it(outcomes):
 
 
 def test_no_child_is_left_and_no_zombie():
-    setup = Setup(SimulationSettings(), RunSettings(workers=2), HERE)
+    setup = limited(workers=2)
     cases = [Case(n, CONCRETE, "ads", "idm", "idm") for n in range(6)]
     outcomes = run_cases(cases, setup)
     next(outcomes)
@@ -239,7 +241,7 @@ def drives(workers, numbers, controller="synthetic"):
         )
         for number in numbers
     ]
-    setup = Setup(SimulationSettings(), RunSettings(workers=workers), HERE)
+    setup = limited(workers=workers)
     return {
         o.case.key: packed(o.recording.ego)
         for o in run_cases(cases, setup)
@@ -258,13 +260,13 @@ def test_neither_the_number_of_workers_nor_the_order_changes_a_byte(controller, 
 def test_the_least_memory_that_is_accepted_is_enough():
     with refusal("must be at least 512"):
         RunSettings(memory_limit=511.0)
-    setup = Setup(SimulationSettings(), RunSettings(memory_limit=512.0), HERE)
+    setup = limited(memory_limit=512.0)
     (outcome,) = run_cases([Case(0, CONCRETE, "ads", "idm", "idm")], setup)
     assert outcome.status == "ok"
 
 
 def test_a_child_is_replaced_after_its_share_of_cases():
-    setup = Setup(SimulationSettings(), RunSettings(workers=1, cases_per_child=2), HERE)
+    setup = limited(workers=1, cases_per_child=2)
     cases = [Case(n, CONCRETE, "ads", "pid", "faulty_ads.py:PrintsPid") for n in range(5)]
     pids = [outcome.log for outcome in run_cases(cases, setup)]
     assert [pids.count(pid) for pid in dict.fromkeys(pids)] == [2, 2, 1]
@@ -274,7 +276,7 @@ def test_a_child_is_replaced_after_its_share_of_cases():
 @pytest.mark.parametrize("ads", ["interrupts", "InterruptsWhenMade"])
 @pytest.mark.parametrize("number", [1, 2])
 def test_ctrl_c_ends_the_serial_engine(ads, number):
-    setup = Setup(SimulationSettings(), RunSettings(engine="serial"), HERE)
+    setup = limited(engine="serial")
     cases = [Case(it, CONCRETE, "ads", ads, f"faulty_ads.py:{ads}") for it in range(number)]
     with pytest.raises(KeyboardInterrupt):
         list(run_cases(cases, setup))
@@ -283,13 +285,13 @@ def test_ctrl_c_ends_the_serial_engine(ads, number):
 
 def test_the_serial_engine_gives_the_same_without_children():
     case = Case(0, CONCRETE, "ads", "idm", "idm")
-    (here,) = run_cases([case], Setup(SimulationSettings(), RunSettings(engine="serial"), HERE))
-    (there,) = run_cases([case], Setup(SimulationSettings(), RunSettings(), HERE))
+    (here,) = run_cases([case], limited(engine="serial"))
+    (there,) = run_cases([case], limited())
     assert packed(here.recording.ego) == packed(there.recording.ego)
 
 
 def test_stopping_lets_running_cases_end_and_begins_no_more():
-    setup = Setup(SimulationSettings(), RunSettings(workers=2, cases_per_pack=1), HERE)
+    setup = limited(workers=2, cases_per_pack=1)
     asked: list[bool] = []
 
     def stopping():

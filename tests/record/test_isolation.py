@@ -61,6 +61,10 @@ def facts(outcome):
     )
 
 
+def limited(folder=HERE, **limits):
+    return Setup(SimulationSettings(), RunSettings(**limits), folder)
+
+
 def driven(accidents, workers):
     """Outcomes of accidents with innocent ADSs between them."""
     numbers = count()
@@ -69,9 +73,7 @@ def driven(accidents, workers):
         for accident in accidents
         for locator in (INNOCENT[0], f"hostile_ads.py:{accident}", *INNOCENT[1:])
     ]
-    found = list(
-        run_cases(cases, Setup(SimulationSettings(), RunSettings(workers=workers, **LIMITS), HERE))
-    )
+    found = list(run_cases(cases, limited(workers=workers, **LIMITS)))
     assert sorted(outcome.case.key for outcome in found) == sorted(case.key for case in cases), (
         "each exactly once"
     )
@@ -82,7 +84,7 @@ def untouched(found):
     """Check that every innocent row is what it is alone."""
     for locator in INNOCENT:
         case = Case(0, CONCRETE, "ads", locator.partition(":")[2] or locator, locator)
-        (alone,) = run_cases([case], Setup(SimulationSettings(), RunSettings(workers=1), HERE))
+        (alone,) = run_cases([case], limited(workers=1))
         rows = [facts(outcome) for outcome in found if outcome.case.controller == locator]
         assert rows
         assert all(row == facts(alone) for row in rows), locator
@@ -126,6 +128,12 @@ def test_memory_that_is_shared_or_anothers_counts_and_the_row_says_how_much(outc
     assert "more than the 600 MB of `run.memory_limit`" in (outcome.error or "")
 
 
+def test_an_ads_that_keeps_memory_loses_no_case():
+    cases = [Case(k, CONCRETE, "ads", str(k), "hostile_ads.py:hoards") for k in range(20)]
+    found = run_cases(cases, limited(workers=1, **LIMITS))
+    assert [outcome.status for outcome in found] == ["collision"] * 20
+
+
 # --- one process, one locator ---------------------------------------------------------------------
 
 PLANNER = (
@@ -156,7 +164,7 @@ def two_planners(folder):
 
 
 def bytes_of(cases, folder, workers):
-    found = run_cases(cases, Setup(SimulationSettings(), RunSettings(workers=workers), folder))
+    found = run_cases(cases, limited(folder, workers=workers))
     return {outcome.case.key: facts(outcome) for outcome in found}
 
 
@@ -171,8 +179,7 @@ def test_two_adss_that_import_a_helper_of_one_name_drive_with_their_own(tmp_path
 def test_a_child_does_not_get_the_helper_of_an_earlier_ads(tmp_path):
     (tmp_path / "first").mkdir()
     earlier, *_ = two_planners(tmp_path / "first")
-    alone = RunSettings(engine="serial")
-    list(run_cases([earlier], Setup(SimulationSettings(), alone, tmp_path / "first")))
+    list(run_cases([earlier], limited(tmp_path / "first", engine="serial")))
     rows = bytes_of(two_planners(tmp_path / "second"), tmp_path / "second", 1)
     assert len({repr(row) for row in rows.values()}) == len(rows), "four different drives"
 
@@ -180,7 +187,7 @@ def test_a_child_does_not_get_the_helper_of_an_earlier_ads(tmp_path):
 def test_a_process_serves_one_locator_in_its_life(tmp_path):
     cases = two_planners(tmp_path)
     served: dict[str, set[str]] = {}
-    setup = Setup(SimulationSettings(), RunSettings(workers=2), tmp_path)
+    setup = limited(tmp_path, workers=2)
     for outcome in run_cases(cases * 2, setup):
         for pid in outcome.log.split():
             served.setdefault(pid, set()).add(outcome.case.controller)
@@ -190,7 +197,7 @@ def test_a_process_serves_one_locator_in_its_life(tmp_path):
 
 def test_the_serial_engine_refuses_a_second_ads_of_the_users_and_takes_one(tmp_path):
     cases = two_planners(tmp_path)
-    setup = Setup(SimulationSettings(), RunSettings(engine="serial"), tmp_path)
+    setup = limited(tmp_path, engine="serial")
     with refusal(r"one ADS of yours, got ADS `a/my.py:drive` and ADS `b/my.py:drive`"):
         list(run_cases(cases, setup))
     with refusal("one ADS of yours"):
@@ -268,9 +275,7 @@ def test_no_process_of_the_pool_holds_a_descriptor_of_the_owner(tmp_path):
     with (tmp_path / "facts.sqlite").open("w") as store:
         os.set_inheritable(store.fileno(), True)
         case = Case(0, CONCRETE, "ads", "x", "ads.py:drive")
-        (outcome,) = run_cases(
-            [case], Setup(SimulationSettings(), RunSettings(workers=1), tmp_path)
-        )
+        (outcome,) = run_cases([case], limited(tmp_path, workers=1))
     child, supervisor, server = json.loads(outcome.log.splitlines()[0])
     assert child
     assert supervisor
