@@ -418,8 +418,9 @@ class FmuController(Adapter):
     observes = True
 
     def __post_init__(self) -> None:
-        kinds = ("speed", "throttle", *PLAN)  # outputs that say what the ADS answers with
-        kind = next((name for name in kinds if self._gives(name)), "acceleration")
+        # the first of these outputs that is mapped says what the ADS answers with
+        kinds = ("acceleration", "speed", "throttle", *PLAN)
+        kind = next((name for name in kinds if name in self.wiring.outputs), kinds[0])
         self._plans = kind in PLAN
         outputs: tuple[Sequence[str], ...] = (kind,), ("steering",)
         if self._plans:
@@ -482,10 +483,6 @@ class FmuController(Adapter):
                 f"that it has, got {count:g}"
             )
         return Plan(*(lists[name][: round(count)] if name in lists else None for name in PLAN))
-
-    def _gives(self, name: str) -> bool:
-        """Whether the mapping names this output and not `acceleration`, which comes first."""
-        return name in self.wiring.outputs and "acceleration" not in self.wiring.outputs
 
     def close(self) -> None:
         """Free the instance."""

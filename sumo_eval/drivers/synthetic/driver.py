@@ -226,7 +226,8 @@ class SyntheticDriver(Compiled):
 
     def __init__(self, driver: Driver, concrete: ConcreteScenario, seed: int) -> None:
         self.driver = driver
-        stream = random_stream(seed, "driving", driver.index, concrete.scenario, *_point(concrete))
+        point = (f"{name}={float(value)!r}" for name, value in sorted(concrete.values.items()))
+        stream = random_stream(seed, "driving", driver.index, concrete.scenario, *point)
         self.wander = SmoothNoise(stream, WANDER_DEVIATION, WANDER_CORRELATION_TIME)
         self.pedal = SmoothNoise(stream, PEDAL_DEVIATION, PEDAL_CORRELATION_TIME)
 
@@ -290,7 +291,3 @@ def human_controller(
             "`index`", f"a population of {count} drivers", f"within 0..{count - 1}", index
         )
     return SyntheticDriver(draw_driver(index, seed, population), concrete, seed)
-
-
-def _point(concrete: ConcreteScenario) -> list[str]:
-    return [f"{name}={float(concrete.values[name])!r}" for name in sorted(concrete.values)]
