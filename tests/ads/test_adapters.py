@@ -60,20 +60,18 @@ def test_carlas_steer_is_to_the_right():
     assert found.ego.y[-1] < -0.05
 
 
-def test_smartss_lane_action_is_to_the_left():
-    agent = "foreign_agents:LaneChanger&options.action=LaneWithContinuousSpeed"
-    found = drive(
-        f"smarts_agent.py:SmartsAgent?options.agent={agent}", SimulationSettings(time_limit=6.0)
-    )
-    assert found.ego.y[-1] == pytest.approx(3.5, abs=0.1)
-
-
-def test_smartss_trajectory_is_a_path_with_speeds():
-    agent = "foreign_agents:Tracker&options.action=Trajectory"
-    found = drive(
-        f"smarts_agent.py:SmartsAgent?options.agent={agent}", SimulationSettings(time_limit=4.0)
-    )
-    assert found.ego.speed[-1] == pytest.approx(12.0, abs=0.1)
+@pytest.mark.parametrize(
+    ("agent", "action", "until", "quantity", "last"),
+    [
+        ("LaneChanger", "LaneWithContinuousSpeed", 6.0, "y", 3.5),
+        ("Tracker", "Trajectory", 4.0, "speed", 12.0),
+    ],
+    ids=["a lane action is to the left", "a trajectory is a path with speeds"],
+)
+def test_smartss_actions(agent, action, until, quantity, last):
+    options = f"options.agent=foreign_agents:{agent}&options.action={action}"
+    found = drive(f"smarts_agent.py:SmartsAgent?{options}", SimulationSettings(time_limit=until))
+    assert getattr(found.ego, quantity)[-1] == pytest.approx(last, abs=0.1)
 
 
 _IDM = (

@@ -26,7 +26,7 @@ def test_bench_prints_every_group_with_ratios_and_writes_json(tmp_path):
     assert "x bare libsumo" in result.said
 
 
-def test_one_part_can_be_measured_alone(tmp_path):
+def test_one_part_can_be_measured_alone():
     result = sumo_eval("bench", "--small", "--only", "zones")
     assert "training points" in result.said
     assert "co-simulation" not in result.said

@@ -11,7 +11,6 @@ from cli.nights import evaluation
 LEVELS = "{ ego_speed = 10, lead_speed = 9 }"
 CASES = 70  # at least
 FAULT = "30, 0"
-LIKE_BASE = "20, 0"
 
 
 @pytest.fixture(scope="module")

@@ -89,7 +89,7 @@ def test_the_protocol_line_by_line(tmp_path):
                              "left_edge", "right_edge", "curvature"}  # fmt: skip
 
 
-def test_the_scenario_is_named_when_it_is_revealed(tmp_path):
+def test_the_scenario_is_named_when_it_is_revealed():
     told = replace(HALF_SECOND, conditions=ConditionSettings(reveal_scenario=True))
     found = shell('read brief; echo "$brief" >&2; echo no', settings=told)
     assert '"scenario":"test","values":{}' in found.log

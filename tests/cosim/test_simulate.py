@@ -78,9 +78,18 @@ def test_it_ends_at_a_standstill_of_two_seconds():
     assert found.collision is None
 
 
-def test_it_ends_at_the_end_of_the_road():
-    found = simulate(case(x=590.0), nothing)
-    assert (found.end_reason, found.simulated_time) == ("road_end", pytest.approx(0.5))
+@pytest.mark.parametrize(
+    ("concrete", "limit", "reason", "time"),
+    [
+        (case(x=590.0), 150.0, "road_end", 0.5),
+        (case(), 1.23, "time_limit", 1.25),
+        (replace(case(), time_limit=1.0), 150.0, "time_limit", 1.0),
+    ],
+    ids=["end of the road", "time limit of the settings", "time limit of the scenario"],
+)
+def test_it_ends_at(concrete, limit, reason, time):
+    found = simulate(concrete, nothing, SimulationSettings(time_limit=limit))
+    assert (found.end_reason, found.simulated_time) == (reason, pytest.approx(time))
 
 
 @pytest.mark.parametrize("beyond", [-0.9, -0.4, -0.01, 0.01, 0.1, 0.4, 0.9])
@@ -100,11 +109,6 @@ def test_it_ends_off_the_road_when_the_centre_leaves_it(steering, edge):
     assert found.end_reason == "off_road"
     assert abs(found.ego.y[-1]) > abs(edge)
     assert abs(found.ego.y[-2]) <= abs(edge)
-
-
-def test_it_ends_at_the_time_limit():
-    found = simulate(case(), nothing, SimulationSettings(time_limit=1.23))
-    assert (found.end_reason, found.simulated_time) == ("time_limit", pytest.approx(1.25))
 
 
 def test_it_ends_in_an_ads_error():
@@ -794,11 +798,6 @@ def test_a_scenarios_ego_body_is_the_one_that_drives_touches_and_is_recorded():
     assert found.collision.time == pytest.approx(0.5)
     assert (found.ego.length, found.ego.width) == (4.3, 1.9)
     assert set(sizes) == {(4.3, 1.9)}
-
-
-def test_a_scenarios_time_limit_ends_the_case():
-    found = simulate(replace(case(), time_limit=1.0), nothing)
-    assert (found.end_reason, found.simulated_time) == ("time_limit", pytest.approx(1.0))
 
 
 @pytest.mark.parametrize("overlap", [-0.5, 0.5])

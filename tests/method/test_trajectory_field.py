@@ -216,26 +216,22 @@ def test_a_coarse_trajectory_is_interpolated_linearly():
     assert trajectory_field([(6.0, 0.0)], coarse) == pytest.approx([expected], rel=1e-12)
 
 
-def test_uneven_times_are_interpolated_even_where_their_number_fits():
-    uneven = Trajectory(
-        [0.0, 0.15, 0.2], [0.0, 3.0, 4.0], [0.0] * 3, speed=[20.0] * 3, heading=[0.0] * 3
+@pytest.mark.parametrize(
+    ("times", "grid"),
+    [([0.0, 0.15, 0.2], [0.0, 0.1, 0.2]), ([0.0, 0.1, 0.15], [0.0, 0.1])],
+    ids=["uneven, though their number fits", "a remainder shorter than the interval"],
+)
+def test_law_the_sum_is_over_the_samples_of_the_grid(times, grid):
+    found, expected = (
+        trajectory_field(
+            [(6.0, 1.0), (9.0, 1.0)],
+            Trajectory(
+                t, [20.0 * each for each in t], [0.0] * len(t), [0.0] * len(t), [20.0] * len(t)
+            ),
+        )
+        for t in (times, grid)
     )
-    even = Trajectory(
-        [0.0, 0.1, 0.2], [0.0, 2.0, 4.0], [0.0] * 3, speed=[20.0] * 3, heading=[0.0] * 3
-    )
-    assert trajectory_field([(6.0, 1.0)], uneven) == pytest.approx(
-        trajectory_field([(6.0, 1.0)], even), rel=1e-12
-    )
-
-
-def test_a_remainder_shorter_than_the_interval_is_left_out():
-    drive = Trajectory(
-        [0.0, 0.1, 0.15], [0.0, 2.0, 3.0], [0.0, 0.0, 0.0], speed=[20.0] * 3, heading=[0.0] * 3
-    )
-    whole = Trajectory([0.0, 0.1], [0.0, 2.0], [0.0, 0.0], speed=[20.0] * 2, heading=[0.0] * 2)
-    assert trajectory_field([(9.0, 1.0)], drive) == pytest.approx(
-        trajectory_field([(9.0, 1.0)], whole), rel=1e-14
-    )
+    assert found == pytest.approx(expected, rel=1e-14)
 
 
 def test_the_heading_between_samples_takes_the_short_way_round():

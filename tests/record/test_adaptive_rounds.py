@@ -130,7 +130,7 @@ def test_rounds_that_look_for_the_boundary_of_collisions_go_where_some_collide_a
 
 
 @pytest.mark.campaign
-def test_a_larger_budget_adds_rounds_and_a_width_that_is_reached_none(run, tmp_path):
+def test_a_larger_budget_adds_rounds_and_a_width_that_is_reached_none(run):
     entry = read_settings(run.folder).scenario[0]
     reached = replace(entry, sampling=replace(entry.sampling, count=72, until=100.0))
     settings = replace(read_settings(run.folder), scenario=(reached,))

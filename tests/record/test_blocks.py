@@ -129,14 +129,14 @@ def driven(name, wanted, **run):
     return sorted(outcomes, key=lambda outcome: outcome.case.point)
 
 
-def test_some_cases_of_a_block_are_what_they_are_when_all_are_wanted(tmp_path):
+def test_some_cases_of_a_block_are_what_they_are_when_all_are_wanted():
     every = driven("OfTheMean", [0, 1, 2, 3])
     for wanted in ([2], [0, 3]):
         for outcome in driven("OfTheMean", wanted, engine="serial"):
             assert outcome.recording.drives == every[outcome.case.point].recording.drives
 
 
-def test_an_exception_in_a_call_belongs_to_all_cases_of_the_block(tmp_path):
+def test_an_exception_in_a_call_belongs_to_all_cases_of_the_block():
     for outcome in driven("Raises", [0, 1, 2, 3]):
         assert outcome.status == "ads_error"
         assert outcome.error == (
@@ -147,7 +147,7 @@ def test_an_exception_in_a_call_belongs_to_all_cases_of_the_block(tmp_path):
         assert not outcome.log.startswith(ALONE)
 
 
-def test_a_lost_block_is_driven_case_by_case_and_logged(tmp_path):
+def test_a_lost_block_is_driven_case_by_case_and_logged():
     for outcome in driven("Exits", [0, 1, 2, 3]):
         assert outcome.status == "collision"
         assert outcome.log.startswith(
@@ -156,7 +156,7 @@ def test_a_lost_block_is_driven_case_by_case_and_logged(tmp_path):
         assert "died with exit code 7" in outcome.log
 
 
-def test_a_policy_says_by_batch_that_it_takes_arrays_as_a_class_and_as_an_object(tmp_path):
+def test_a_policy_says_by_batch_that_it_takes_arrays_as_a_class_and_as_an_object():
     locators = [f"batch_policies.py:{name}" for name in ("OfTheMean", "the_object", "ByCase")]
     found = identify(
         [("ADS", locator) for locator in locators], Setup(SIMULATION, RunSettings(), HERE)

@@ -229,7 +229,7 @@ def recorded(folder):
         return 0
 
 
-def test_without_a_scheduler_there_is_a_message(tmp_path):
+def test_without_a_scheduler_there_is_a_message():
     setup = Setup(SimulationSettings(), RunSettings(engine="dask"), HERE)
     with refusal("needs the address of a scheduler"):
         next(run_cases([], setup))

@@ -250,7 +250,7 @@ def drives(workers, numbers, controller="synthetic"):
 
 
 @pytest.mark.parametrize("controller", ["synthetic", "faulty_ads.py:random_driver"])
-def test_neither_the_number_of_workers_nor_the_order_changes_a_byte(controller, monkeypatch):
+def test_neither_the_number_of_workers_nor_the_order_changes_a_byte(controller):
     two = drives(2, [0, 1, 2], controller)
     assert len(set(two.values())) == 3, "three different drives"
     assert drives(1, [2, 1, 0], controller) == two

@@ -127,7 +127,7 @@ def test_the_scores_headings_have_tooltips(tags):
     } <= told
 
 
-def test_an_interval_stands_below_its_score(evaluation, partitions, tmp_path):
+def test_an_interval_stands_below_its_score(evaluation, partitions):
     page = write_report(
         replace(
             evaluation,

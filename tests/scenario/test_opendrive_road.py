@@ -264,7 +264,7 @@ def test_law_a_road_whose_right_lane_opens_or_ends_comes_back_from_its_own_expor
         )
 
 
-def test_an_export_has_the_left_edge_where_the_road_has_it(tmp_path):
+def test_an_export_has_the_left_edge_where_the_road_has_it():
     from lxml import etree
 
     road = Road(

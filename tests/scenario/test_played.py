@@ -114,19 +114,20 @@ def test_law_a_condition_on_the_time_begins_at_that_time_whatever_the_step(step)
     assert x[-1] == pytest.approx(150.0 + 20.0 * 2.237 + 20.0**2 / 10.0, abs=1e-9)
 
 
-@pytest.mark.parametrize("step", [0.1, 0.05, 0.02])
-def test_law_the_instant_of_a_linear_condition_is_exact(step):
-    # the ego closes at 10 m/s on a gap of 100 - 4.5 m: 40 m are left after 5.55 s
-    logical = scene({"do": "brake", "when": "gap(ego, lead) < 40", "deceleration": 5.0})
-    found = tracks([logical.concrete(v=30.0)], [(4.5, 1.8)], step, 8.0)
-    assert found.begins[0, 0] == pytest.approx(5.55, abs=1e-9)
-
-
-def test_law_a_number_turned_infinite_counts_at_the_end():
-    # the ego's front is at the lead's rear after 9.55 s, between two looks
-    logical = scene({"do": "brake", "when": "thw(ego, lead) > 9", "deceleration": 5.0})
-    found = tracks([logical.concrete(v=30.0)], [(4.5, 1.8)], 0.02, 9.8)
-    assert found.begins[0, 0] == pytest.approx(9.56, abs=1e-9)
+@pytest.mark.parametrize(
+    ("when", "step", "until", "begins"),
+    [
+        # the ego closes at 10 m/s on a gap of 100 - 4.5 m: 40 m are left after 5.55 s
+        *[("gap(ego, lead) < 40", step, 8.0, 5.55) for step in (0.1, 0.05, 0.02)],
+        # the ego's front is at the lead's rear after 9.55 s, between two looks: a number turned
+        # infinite counts at the end
+        ("thw(ego, lead) > 9", 0.02, 9.8, 9.56),
+    ],
+)
+def test_law_the_instant_of_a_linear_condition_is_exact(when, step, until, begins):
+    logical = scene({"do": "brake", "when": when, "deceleration": 5.0})
+    found = tracks([logical.concrete(v=30.0)], [(4.5, 1.8)], step, until)
+    assert found.begins[0, 0] == pytest.approx(begins, abs=1e-9)
 
 
 @pytest.mark.parametrize(
