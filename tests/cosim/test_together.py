@@ -39,6 +39,14 @@ def everything(recording):
     return outcome, channels, [(it.length, it.width) for it in vehicles.values()]
 
 
+def recorded(cases, ads, settings, alone):
+    """What cases driven together record, bit for bit as each of them alone; none is left `alone`."""
+    together = [everything(recording) for recording in simulate_many(cases, ads, settings)]
+    assert not alone
+    assert together == [everything(simulate(concrete, ads, settings)) for concrete in cases]
+    return together
+
+
 def points(name, every):
     logical = catalogue.load(name)
     return list(logical.concretes(sample(logical).points[::every]))
@@ -76,9 +84,7 @@ def alone(monkeypatch):
 @pytest.mark.parametrize("ads", ["careful_driver_aeb", "lane_changer", "fsm", "no_reaction"])
 def test_packed_recordings_are_the_unpacked_ones_bit_for_bit(ads, scenario, every, settings, alone):
     cases = points(scenario, every)
-    together = [everything(recording) for recording in simulate_many(cases, ads, settings)]
-    assert not alone
-    assert together == [everything(simulate(concrete, ads, settings)) for concrete in cases]
+    recorded(cases, ads, settings, alone)
 
 
 class EasyBraking:
@@ -126,9 +132,7 @@ def test_packed_cases_with_own_changes_are_as_alone(ads, scenarios, share, alone
         request = Request(count=72 // share, seed=1)
         drawn = logical.concretes(sample(logical, "latin_hypercube", request=request).points)
         cases = list(changed(drawn, rng))
-        together = [everything(recording) for recording in simulate_many(cases, ads, DECIDED)]
-        assert not alone
-        assert together == [everything(simulate(concrete, ads, DECIDED)) for concrete in cases]
+        together = recorded(cases, ads, DECIDED, alone)
         usual = simulate_many([replace(it, changes=()) for it in cases], ads, DECIDED)
         different += sum(map(lambda one, two: one != everything(two), together, usual))
         driven += len(cases)
@@ -164,9 +168,7 @@ def test_changes_of_the_world_hold_for_references_too():
 )
 def test_the_references_are_the_same_bit_for_bit_together_and_alone(scenario, ads, alone):
     cases = points(scenario, 211)
-    together = [everything(recording) for recording in simulate_many(cases, ads, DECIDED)]
-    assert not alone
-    assert together == [everything(simulate(concrete, ads, DECIDED)) for concrete in cases]
+    recorded(cases, ads, DECIDED, alone)
 
 
 def test_the_outcome_of_a_decided_case_is_the_one_of_the_whole_case():
