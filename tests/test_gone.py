@@ -23,8 +23,7 @@ from sumo_eval.gone import refuse_command
     ],
 )
 def test_removed_name_says_where_it_went(arguments, replacement):
-    result = sumo_eval(*arguments.split(), status=2)
-    assert replacement in " ".join(result.said.split())
+    assert replacement in " ".join(sumo_eval(*arguments.split(), status=2).said.split())
 
 
 def test_folder_of_a_removed_name_is_an_argument():

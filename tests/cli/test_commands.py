@@ -83,8 +83,7 @@ def test_a_run_ends_with_a_table_a_report_and_status_0(finished):
 def test_score_prints_the_same_table_again(finished):
     done, out = finished
     before = (out / "scores.json").read_text()
-    again = sumo_eval("score", str(out))
-    assert without_path(again.stdout) == without_path(done.stdout)
+    assert without_path(sumo_eval("score", str(out)).stdout) == without_path(done.stdout)
     assert (out / "scores.json").read_text() == before
 
 
@@ -126,8 +125,7 @@ def test_partition_says_where_the_danger_is_greatest():
     ],
 )
 def test_bad_input_gets_a_sentence_and_status_2(arguments, sentence, tmp_path):
-    done = sumo_eval(*arguments, cwd=tmp_path, status=2)
-    assert sentence in done.stderr
+    assert sentence in sumo_eval(*arguments, cwd=tmp_path, status=2).stderr
     assert not (tmp_path / "x").exists()
 
 

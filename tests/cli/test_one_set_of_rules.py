@@ -157,5 +157,4 @@ def test_axes_of_an_unknown_scenario_are_refused_alike(tmp_path):
 
 def refused_alike(evaluation, words):
     for command in (["run", str(evaluation), "--dry-run"], ["check", str(evaluation)]):
-        done = sumo_eval(*command, status=2)
-        assert words in said(done)
+        assert words in said(sumo_eval(*command, status=2))

@@ -70,13 +70,11 @@ def test_sample_refuses(tmp_path, arguments, sentence):
 
 @pytest.mark.parametrize(("what", "key"), [("scenario", "parameter"), ("evaluation", "ads")])
 def test_schema_prints_a_json_schema(what, key):
-    done = sumo_eval("schema", what)
-    assert key in json.loads(done.said)["properties"]
+    assert key in json.loads(sumo_eval("schema", what).said)["properties"]
 
 
 def test_check_says_what_is_in_a_scenario_file_and_what_is_wrong(truck):
-    done = sumo_eval("check", truck)
-    assert "12 possible points; constraints refuse 3 more." in done.said
+    assert "12 possible points; constraints refuse 3 more." in sumo_eval("check", truck).said
     truck.write_text(EXAMPLE.replace('"truck_speed < ego_speed"', '"truck_sped < ego_speed"'))
     wrong = sumo_eval("check", truck, status=2)
     assert "Did you mean `truck_speed`?" in wrong.stderr

@@ -197,8 +197,7 @@ class Counting:
 
 def test_an_object_is_reset_stepped_and_closed_in_this_order():
     ads = Counting()
-    found = simulate(case(), ads, SimulationSettings(time_limit=0.1))
-    assert found.error is None
+    assert simulate(case(), ads, SimulationSettings(time_limit=0.1)).error is None
     assert ads.calls == [
         ("reset", "", replace(ROAD, name="road"), 0.05, "ego", True),
         ("step", "ego", 0.0), ("step", "ego", 0.05), ("close",),
@@ -884,8 +883,7 @@ def test_the_lead_never_touches_the_obstacle_in_sumo_either():
             gaps.append(widest_gap(*bodies)[0])
             return Command(-9.0)
 
-        found = simulate(concrete, watch, SimulationSettings(time_limit=4.0))
-        assert found.error is None
+        assert simulate(concrete, watch, SimulationSettings(time_limit=4.0)).error is None
         assert min(gaps) > 0.0, concrete.label
 
 

@@ -81,16 +81,14 @@ def test_drives_begin_at_the_egos_start_and_lateral_moves_are_stretched_to_the_s
 
 def test_only_events_within_the_tolerance_count_nearest_first(tmp_path):
     path = write_people(tmp_path / "people.csv", [25.0, 23.0, 26.0, 30.0])
-    found = found_in(settings_for(path), tmp_path)
-    assert found.names == ("r0/ego", "r2/ego", "r1/ego")
+    assert found_in(settings_for(path), tmp_path).names == ("r0/ego", "r2/ego", "r1/ego")
     narrow = settings_for(path, tolerance={"ego_speed": 0.5})
     assert found_in(narrow, tmp_path).names == ("r0/ego",)
 
 
 def test_a_driver_counts_once_and_a_recording_that_ends_too_early_does_not(tmp_path):
     path = write_people(tmp_path / "people.csv", [25.0, 24.5, 25.5], same_driver=(0, 1))
-    found = found_in(settings_for(path), tmp_path)
-    assert len(found.drives) == 2
+    assert len(found_in(settings_for(path), tmp_path).drives) == 2
     early = write_people(tmp_path / "early.csv", [25.0], seconds=20.0)  # 10 s of 550 m at 25 m/s
     assert not found_in(settings_for(early), tmp_path).drives
 

@@ -71,8 +71,7 @@ def test_the_rate_of_the_recording_does_not_matter():
 def test_noise_of_a_tracker_does_not_make_a_calm_drive_extreme():
     rng = np.random.default_rng(5)
     noisy = drive(25.0 + 0.05 * rng.standard_normal(200), 0.05 * rng.standard_normal(200))
-    found = extremes_of(noisy, {})
-    assert plausibility(found, MOTORWAY_PEOPLE) == 1.0
+    assert plausibility(extremes_of(noisy, {}), MOTORWAY_PEOPLE) == 1.0
     assert np.abs(np.gradient(np.gradient(noisy.y, 0.1), 0.1)).max() > 4.0, (
         "plain differences see a violent swerve"
     )

@@ -50,8 +50,7 @@ def test_a_dict_is_an_evaluation_and_a_class_of_a_cell_an_ads(tmp_path, engine):
     assert {case.status for case in found.cases} <= {"ok", "collision"}, [
         case.error for case in found.cases
     ]
-    again = sumo_eval.evaluate(None, tmp_path / "run", resume=True)
-    assert again.scores == found.scores
+    assert sumo_eval.evaluate(None, tmp_path / "run", resume=True).scores == found.scores
     html = found._repr_html_()
     assert html.count("<tr>") == 1 + len(found.scores)
     assert "<td>cell</td>" in html

@@ -317,8 +317,7 @@ def test_two_versions_in_one_run_stop_it(tmp_path):
     with refusal(r"`mine` was changed while the run went on: .* two versions of lazy/planner"):
         sumo_eval.evaluate(path, tmp_path / "run")
     assert "1 recorded case of ADS `mine` cannot be reused: lazy/planner.py" in stale(tmp_path)[0]
-    done = sumo_eval.evaluate(path, tmp_path / "run", resume=True)
-    assert done.scores[0].cases == 3
+    assert sumo_eval.evaluate(path, tmp_path / "run", resume=True).scores[0].cases == 3
     assert stale(tmp_path) == ()
 
 

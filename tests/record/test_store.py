@@ -260,8 +260,7 @@ def test_an_edited_row_is_reported_with_its_case(tmp_path, change):
     filled(tmp_path / "facts.sqlite", [1, 2, 3])
     assert reads(tmp_path / "facts.sqlite") == ""
     edit(tmp_path / "facts.sqlite", change)
-    said = reads(tmp_path / "facts.sqlite")
-    assert "front_vehicle_cut_out-0002-idm" in said
+    assert "front_vehicle_cut_out-0002-idm" in reads(tmp_path / "facts.sqlite")
     with refusal("0002"), open_store(tmp_path / "facts.sqlite", create=True):
         pass
 

@@ -318,8 +318,7 @@ def test_a_map_with_slices_opens_where_most_collisions_are(evaluation):
 def test_law_the_least_room_of_constraints_is_what_is_possible(name):
     logical = catalogue.load(name)
     rows = logical.from_unit(np.random.default_rng(1).random((500, len(logical.parameters))))
-    told = rooms_of(logical, rows)
-    assert ((np.min(told, axis=0) >= 0) == logical.feasible(rows)).all()
+    assert ((np.min(rooms_of(logical, rows), axis=0) >= 0) == logical.feasible(rows)).all()
     said = replace(
         logical, constraints=tuple(replace(one, room=None) for one in logical.constraints)
     )

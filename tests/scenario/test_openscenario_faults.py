@@ -44,8 +44,7 @@ def said(path):
     ],
 )
 def test_options_that_import_would_ignore_are_refused(words, sentence):
-    result = sumo_eval("import", *words.split(), status=2)
-    assert sentence in " ".join(result.stderr.split())
+    assert sentence in " ".join(sumo_eval("import", *words.split(), status=2).stderr.split())
 
 
 def change(path, old, new):

@@ -127,8 +127,7 @@ def test_stopped_scoring_continues_where_it_was(done, copy, monkeypatch):
         sumo_eval.score(copy, progress=stopping)
     before = sum(computed)
     monkeypatch.setattr(likeness, "collision_weight", never)
-    again = sumo_eval.score(copy)
-    assert same(again, done)
+    assert same(sumo_eval.score(copy), done)
     # no point twice
     assert 0 < before < sum(computed) <= max(score.safe_cases for score in done.scores)
 

@@ -20,8 +20,7 @@ from commands import sumo_eval
     ],
 )
 def test_what_it_cannot_use_gets_a_sentence(arguments, words):
-    done = sumo_eval("drive", *arguments, "--no-browser", "--port", "0", status=2)
-    assert words in done.said
+    assert words in sumo_eval("drive", *arguments, "--no-browser", "--port", "0", status=2).said
 
 
 def test_without_websockets_a_sentence_names_the_extra(monkeypatch, tmp_path):

@@ -253,8 +253,7 @@ def test_quitting_and_a_broken_message_end_the_drive(tmp_path):
         assert recording.error == (None if name == "quit" else WRONG_INPUT)  # which the page shows
         assert len(read_tape(path).rows) == 12
         assert again(path).same is True
-        said = read_tape(path).end["error"]
-        assert said == ("quit" if name == "quit" else WRONG_INPUT)
+        assert read_tape(path).end["error"] == ("quit" if name == "quit" else WRONG_INPUT)
 
 
 @run

@@ -265,8 +265,7 @@ def test_s_of_an_evaluation_without_a_d_reaches_to_what_it_would_be_without_the_
 
 
 def test_fewer_points_than_three_prove_nothing():
-    found = intervals(judged(hazardous=np.arange(60) < 2))
-    assert found.limits["c"][0] == pytest.approx(0.0)
+    assert intervals(judged(hazardous=np.arange(60) < 2)).limits["c"][0] == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize("hits", [1, 2, 5, 12])
