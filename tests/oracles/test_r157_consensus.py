@@ -24,5 +24,4 @@ def test_the_careful_driver_agrees_on_a_sample(kind, count):
 @pytest.mark.campaign
 @pytest.mark.parametrize("kind", ["cut_in", "cut_out", "decel"])
 def test_the_careful_driver_agrees_on_all_rows(kind):
-    rows = table(f"consensus_cc_{kind}.csv")
-    assert not disagreements(kind, rows)
+    assert not disagreements(kind, table(f"consensus_cc_{kind}.csv"))

@@ -39,8 +39,7 @@ def test_an_opened_run_gives_tables_and_trajectories(run):
     with open_store(run / "facts.sqlite") as store:
         expected = store.trajectory(case)
     assert np.array_equal(opened.trajectories(case)["ego"].x, expected.x)
-    table = opened.trajectory_table(case)
-    assert set(table["vehicle"]) == {"ego", "lead"}
+    assert set(opened.trajectory_table(case)["vehicle"]) == {"ego", "lead"}
     with refusal("no trajectory of case `nobody`"):
         opened.trajectories("nobody")
 

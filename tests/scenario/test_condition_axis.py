@@ -90,8 +90,7 @@ grid_points = 1000
 """
     (tmp_path / "night.toml").write_text(evaluation)
     done = sumo_eval.evaluate(tmp_path / "night.toml", tmp_path / "run")
-    cases = done.cases_of("keeps", "cut_in_perceived")
-    assert not cases.missing.any()
+    assert not done.cases_of("keeps", "cut_in_perceived").missing.any()
     points = np.array([[delay, 120.0, 30.0, 15.0, 40.0, 0.9] for delay in (0.0, 1.0)])
     approach = logical.approach(logical.columns(points))
     assert np.ptp(approach.gap) == 0.0

@@ -17,8 +17,7 @@ def test_one_check_of_each_kind_passes_and_a_planted_wrong_expectation_fails(tmp
     planted = FIRST[0]._replace(name="planted", expected=float(FIRST[0].expected) + 0.2)
     monkeypatch.setattr(table, "all_checks", lambda: chain(FIRST, [planted]))
     done = sumo_eval("qualify", "--out", tmp_path / "q", status=1)
-    printed = done.stdout.partition("FAIL  planted")[0]
-    assert max(map(len, printed.splitlines())) <= 80
+    assert max(map(len, done.stdout.partition("FAIL  planted")[0].splitlines())) <= 80
     assert "8 of 9 checks passed: this installation is NOT qualified." in done.said
     told = json.loads((tmp_path / "q" / "qualification.json").read_text())
     assert [item["name"] for item in told["checks"] if not item["passed"]] == ["planted"]
@@ -31,8 +30,7 @@ def test_one_check_of_each_kind_passes_and_a_planted_wrong_expectation_fails(tmp
         "kind", "name", "source", "expected", "found", "bound", "unit", "passed", "error",
     }  # fmt: skip
     assert {"sumo_eval", "libsumo"} <= told["versions"].keys()
-    page = (tmp_path / "q" / "qualification.html").read_text()
-    assert "1 of 9 checks failed" in page
+    assert "1 of 9 checks failed" in (tmp_path / "q" / "qualification.html").read_text()
 
 
 def test_the_command_exits_with_0_when_all_pass(tmp_path, monkeypatch):

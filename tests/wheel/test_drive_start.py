@@ -29,8 +29,7 @@ def test_ctrl_c_while_a_drive_compiles_stops_it_at_once(tmp_path, monkeypatch):
 
 def test_a_parameter_with_listed_values_begins_at_one_of_them():
     """`side` is -1 or 1; between them there is no scene to drive."""
-    values = concrete_of(catalogue.load("exit_cut"), {}).values
-    assert values["side"] == 1.0
+    assert concrete_of(catalogue.load("exit_cut"), {}).values["side"] == 1.0
 
 
 @pytest.mark.parametrize("name", ["ncap_ccrs", "ncap_ccrb", "ncap_ccrm"])
