@@ -7,7 +7,7 @@ import numpy as np
 from sumo_eval.cases import CaseResult
 from sumo_eval.method.anthropomorphic import IndexNote
 from sumo_eval.method.score import plus_of
-from sumo_eval.record.cases import Case, Outcome, Status
+from sumo_eval.record.cases import Case, Outcome
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.results import BeyondRange, Evaluation, NotComputed, ScenarioResult, ZoneResult
@@ -121,7 +121,7 @@ def _case(store, number, concrete, ads, zone):
     hits = (zone == "hazardous" and number % 2 == 0) or (
         ads == HOSTILE and cut_out and zone == "safe" and number % 5 == 0
     )
-    status: Status = "collision" if hits else "ok"
+    status = "collision" if hits else "ok"
     if not cut_out and number == 1:
         status = "crashed" if ads == CALM else "ads_error"
     elif not cut_out and number == 2 and ads == HOSTILE:

@@ -44,9 +44,9 @@ def words_of(command):
 
 def blocks(page):
     """Every fenced block of a page."""
-    found: list[Block] = []
-    begun: tuple[int, str, int] | None = None
-    held: list[str] = []
+    found = []
+    begun = None
+    held = []
     for number, line in enumerate((ROOT / page).read_text().splitlines(), start=1):
         fence = re.match(r"( *)```(\w*)", line)
         if fence and begun is None:

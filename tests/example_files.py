@@ -5,7 +5,6 @@ import functools
 import re
 import shutil
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 import pandas as pd
@@ -172,7 +171,7 @@ def write_policy(name):
     return write
 
 
-NEEDS: dict[str, Callable[[Path], None]] = {
+NEEDS = {
     "data/highd": lambda folder: write_highd(folder / "data" / "highd"),
     "recordings": lambda folder: write_highd(folder / "recordings"),
     "people.csv.gz": write_people,

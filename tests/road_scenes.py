@@ -3,7 +3,6 @@
 import itertools
 import math
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ BRIEFING = Briefing("test", ROAD, VehicleSettings(), 0.05)
 
 def advance(state, command, limits, step):
     """The state one `step` (s) later and every limit that the command ran into; see `move`."""
-    clips: Any = [SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0) for _ in LIMITED]
+    clips = [SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0) for _ in LIMITED]
     x, y, heading, speed, acceleration, wheel = state
     ego = SimpleNamespace(
         x=x, y=y, heading=heading, speed=speed, acceleration=acceleration, steering=wheel, time=0.0

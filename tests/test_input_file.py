@@ -4,7 +4,6 @@ import os
 import random
 import re
 import socket
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -48,7 +47,7 @@ def _points(path):
     return from_csv(find("cut_in", None), Request("file", file=str(path), folder=path.parent))
 
 
-READERS: dict[str, Callable[[Path], object]] = {
+READERS = {
     "settings": lambda path: read_toml(path, "evaluation file"),
     "scenario": lambda path: find(f"{path}.toml", path.parent),
     "network": lambda path: read_road(path, ["a"], 100.0),

@@ -45,8 +45,8 @@ class Build:
             special,
             at,
         )
-        self.first: float | None = None
-        self.waiting: deque[tuple[float, float]] = deque()
+        self.first = None
+        self.waiting = deque()
         self.chance = random.Random()
         self.work = int(work)
 

@@ -3,11 +3,10 @@ binary."""
 
 import copy
 import random
-from typing import Any
 
 import tomli_w
 
-BASE: dict[str, Any] = {
+BASE = {
     "name": "mutant",
     "seed": 3,
     "scenario": [{"use": "front_vehicle_low_speed", "sampling": {"method": "grid", "levels": 2}}],
@@ -29,7 +28,7 @@ BASE: dict[str, Any] = {
     "report": {"reference": "careful_driver"},
 }  # fmt: skip
 
-SCENARIO: dict[str, Any] = {
+SCENARIO = {
     "name": "own",
     "parameter": [{"name": "v", "unit": "m/s", "low": 8.0, "high": 14.0, "step": 6.0}],
     "road": {"network": "own.net.xml", "edges": ["m"]},
@@ -66,7 +65,7 @@ LOCATORS = (
 )  # fmt: skip
 NAMES = ("a", "a b", "a:b", "é", "中", "a?b", "'", '"', "", "a&b=c", "~", "/x/y", "..", "%41", "-x")
 
-WRONG: tuple[Any, ...] = (
+WRONG = (
     "x", "", "🚗", -1, 0, 1, 10**12, 10**30, -0.5, 0.0, 1e-300, 1e300, 0.5, float("nan"),
     float("inf"),
     float("-inf"), True, False, [], [1, "x"], {}, {"x": 1}, "nan", "../../etc/passwd", "a:b",

@@ -13,7 +13,6 @@ import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from campaign.mutants import mutant, own_inputs
@@ -48,7 +47,7 @@ EXPECTED = {
 
 # Faults that cost a limit each, by which they are ended. Eight hang at once: a thousand take five
 # minutes, not twenty.
-TIGHT: dict[str, dict[str, Any]] = {
+TIGHT = {
     "hangs": {"step_timeout": 0.1},
     "hangs_in_c": {"case_timeout": 2.5, "workers": 8},
 }
@@ -194,7 +193,7 @@ def test_a_few_own_inputs_are_taken_or_refused(tmp_path, monkeypatch):
 
 @pytest.mark.campaign
 def test_broken_evaluation_files_never_show_a_traceback(tmp_path, capsys):
-    ends: Counter[str] = Counter()
+    ends = Counter()
     faults = []
     for number in range(size(2000)):
         try:

@@ -35,7 +35,7 @@ NAMES = (
 
 @pytest.mark.campaign
 def test_95_per_cent_intervals_hold_the_mean_over_seeds(tmp_path):
-    found: dict[tuple[str, str, str], list[tuple[float, float, float]]] = defaultdict(list)
+    found = defaultdict(list)
     for seed in range(1, max(3, round(SHARE * SEEDS)) + 1):
         settings = EvaluationSettings(
             name="coverage",

@@ -38,7 +38,7 @@ SIZES = tuple(int(text) for text in os.environ.get("SUMO_EVAL_NIGHT_CASES", "18 
 SETTINGS = GateSettings(resamples=100)
 BASE = "base"
 WORK = 12_000.0  # rounds of a loop in each step: some 0.2 ms
-PLANTED: Mapping[str, Mapping[str, float]] = {
+PLANTED = {
     "brakes 7": {"brakes": 7.0}, "brakes 6": {"brakes": 6.0}, "brakes 4": {"brakes": 4.0},
     "delay 0.2": {"delay": 0.2}, "delay 0.4": {"delay": 0.4}, "delay 0.8": {"delay": 0.8},
     "range 80": {"seen": 80.0}, "range 60": {"seen": 60.0}, "range 40": {"seen": 40.0},

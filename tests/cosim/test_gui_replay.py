@@ -26,8 +26,8 @@ def test_vehicles_stand_where_they_were_recorded_and_are_what_they_were(scenario
         "ego": builders.drive(50.0, 0.0, 30.0, 3.0),
         "lead": builders.drive(80.0, 0.0, 25.0, 6.0, offset=3.5, braking=1.0),
     }
-    seen: list[dict[str, tuple[tuple[float, float], float]]] = []
-    shapes: dict[str, str] = {}
+    seen = []
+    shapes = {}
     step = traci.simulationStep
 
     def watched():

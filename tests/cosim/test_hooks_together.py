@@ -249,7 +249,7 @@ def test_libsumo_bound_in_a_module_that_a_hook_imports_keeps_it_alone(tmp_path, 
     assert {reason.why for reason in why} == {"on_traci"}
 
 
-CACHE: dict[str, float] = {}
+CACHE = {}
 GENERATOR = random.Random(3)
 CALLS = 0
 

@@ -66,7 +66,7 @@ def test_an_ego_that_stays_in_a_lane_that_ends_leaves_the_road_where_its_centre_
 
 def test_law_arrays_of_policies_have_the_edges_of_others():
     wanted = Interface((Feature("left_edge"), Feature("right_edge")), (Action("acceleration"),))
-    shown: list[list[float]] = [[], []]
+    shown = [[], []]
 
     class Arrays:
         batch = True

@@ -60,7 +60,7 @@ def behind(*speeds):
 @pytest.fixture
 def alone(monkeypatch):
     """Counts the cases that left the packs."""
-    seen: list[object] = []
+    seen = []
 
     def counted(concrete, *args, **kwargs):
         seen.append(concrete)
@@ -389,7 +389,7 @@ def test_a_fault_in_a_call_over_arrays_belongs_to_all_its_cases_and_a_bad_number
 
 
 def test_what_cannot_be_driven_together_is_driven_alone_and_counted(alone):
-    why: Counter[Alone] = Counter()
+    why = Counter()
     cut_ins = points("cut_in", 997)
     assert list(simulate_many(cut_ins, "sumo:IDM", SHORT, alone=why))
     nobody = [case(speed=20.0)]
@@ -531,7 +531,7 @@ SCRIPTS = {
 def test_other_vehicles_move_the_same_in_a_batch(name):
     settings = SimulationSettings(time_limit=9.0)
     cases = [SCRIPTS[name]] * len(SWAYS)
-    why: Counter[Alone] = Counter()
+    why = Counter()
     for driver, recording in zip(
         SWAYS, simulate_many(cases, SWAYS, settings, alone=why), strict=True
     ):

@@ -1,6 +1,5 @@
 """Vehicles that react: SUMO drives them and sees the ego, alone and in packs to the same bits."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -230,6 +229,6 @@ def test_law_packed_scripts_with_conditions_have_the_bits_of_single_ones():
         ],
     }  # fmt: skip
     logical = scenario_from(content, "t", Path())
-    cases: Sequence[ConcreteScenario] = [logical.concrete(v=float(v)) for v in (10, 14, 20, 25, 30)]
+    cases = [logical.concrete(v=float(v)) for v in (10, 14, 20, 25, 30)]
     for who in ("idm", "lane_changer", "ideal_braking"):
         assert all(map(same, [simulate(case, who) for case in cases], simulate_many(cases, who)))

@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import tomllib
 from collections import Counter
-from typing import Any
 
 import click
 import pytest
@@ -148,7 +147,7 @@ def test_every_command_within_a_text_exists_with_its_options(page):
         if words[0].startswith("-"):
             continue
         assert words[0] in commands(), words
-        command: Any = main.get_command(click.Context(main), words[0])
+        command = main.get_command(click.Context(main), words[0])
         if isinstance(command, click.Group) and len(words) > 1:
             command = command.get_command(click.Context(command), words[1])
             assert command is not None, words
@@ -164,7 +163,7 @@ def why_not_run(words):
 
 def commands_to_run():
     """Words of every command of a shell block or a pipeline, by the command as it is typed."""
-    found: dict[str, list[str]] = {}
+    found = {}
     for block in BLOCKS:
         for words in block.commands():
             if not why_not_run(words):
@@ -177,7 +176,7 @@ TO_RUN = commands_to_run()
 
 def first_of_each_command():
     """What is typed: each command once in the suite, all of it in the campaign."""
-    seen: set[str] = set()
+    seen = set()
     found = []
     for typed, words in TO_RUN.items():
         rare = words[0] in seen
@@ -391,7 +390,7 @@ def test_every_block_of_python_runs(block, desk):
             text = text.replace(old, new)
     if "open_run(" in text:
         shutil.copytree(desk.run, desk.folder / "results" / "night")
-    space: dict[str, Any] = {}
+    space = {}
     exec(compile(text, block.place, "exec"), space)
     if "env" in space:
         space["env"].close()

@@ -111,7 +111,7 @@ def test_a_setting_named_beside_a_symbol_exists():
     }
     assert len(named) >= 8
     for name in named:
-        found: object = entry if name.startswith("scenario.") else run
+        found = entry if name.startswith("scenario.") else run
         for part in name.removeprefix("scenario.").split("."):
             assert hasattr(found, part), name
             found = getattr(found, part)

@@ -4,7 +4,6 @@ docs/trust.md repeats."""
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 from loaded import load
@@ -16,8 +15,7 @@ FILES = sorted((DOCS / "measurements").glob("*.json"))
 def tables(name):
     """Tables of a data file."""
     content = json.loads((DOCS / "measurements" / f"{name}.json").read_text())
-    found: list[dict[str, Any]] = content["tables"]
-    return found
+    return content["tables"]
 
 
 def table(name, title):

@@ -21,7 +21,6 @@ import sys
 import tempfile
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -112,7 +111,7 @@ def measured(scenario):
     done, _ = _done(next(part for part, scenarios in enumerate(PARTS) if scenario in scenarios))
     with open_store(done.folder / FACTS) as store:
         drives = {fact.case: _drive(fact, store) for fact in store.facts("ads", scenario)}
-        people: dict[str, Any] = {}
+        people = {}
         for fact in store.facts("human", scenario):
             people.setdefault(fact.driver, hashlib.sha256()).update(
                 _hash(store, fact.case).encode()
@@ -137,8 +136,7 @@ def made_with():
 
 def kept(scenario):
     """The golden file of a scenario."""
-    content: dict[str, Any] = json.loads((FOLDER / f"{scenario}.json").read_text())
-    return content
+    return json.loads((FOLDER / f"{scenario}.json").read_text())
 
 
 def check(scenario):

@@ -2,7 +2,6 @@
 evaluation."""
 
 from dataclasses import replace
-from typing import Any
 
 import gymnasium
 import numpy as np
@@ -26,7 +25,7 @@ RAW = Interface((Feature("ego.x"), Feature("ego.y"), Feature("ego.speed"), Featu
                 (Action("acceleration"),))  # fmt: skip
 
 
-_OPEN: list[Any] = []
+_OPEN = []
 
 
 def make(*arguments, **options):
@@ -124,7 +123,7 @@ def test_an_episode_does_not_depend_on_its_company_nor_on_those_before_it():
     seen, _ = vector.reset(seed=7)
     single = gymnasium.make("sumo_eval/cut_in-v0", settings=settings)
     drawn = np.random.default_rng(3)
-    episodes: list[dict[str, list]] = [{"seen": [seen[row]], "actions": []} for row in range(5)]
+    episodes = [{"seen": [seen[row]], "actions": []} for row in range(5)]
     finished = []
     points = [dict(it.values) for it in vector.unwrapped.episodes.pack.world.cases]
     for _ in range(200):
@@ -176,7 +175,7 @@ def test_several_environments_and_a_simulation_live_in_one_process():
         envs = [gymnasium.make("sumo_eval/cut_in-v0") for _ in range(turns)]
         for number, env in enumerate(envs):
             env.reset(seed=number)
-        told: list[list[np.ndarray]] = [[] for _ in envs]
+        told = [[] for _ in envs]
         for k in range(40):
             for number, env in enumerate(envs):
                 told[number].append(env.step(np.array([0.1 * number], dtype=np.float32))[0])

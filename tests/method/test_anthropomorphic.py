@@ -500,7 +500,7 @@ def signal(*parts):
 
 def recorded(**channels):
     n = len(next(iter(channels.values())))
-    quiet: dict[str, object] = {"acceleration": np.zeros(n), "steering_wheel_angle": np.zeros(n)}
+    quiet = {"acceleration": np.zeros(n), "steering_wheel_angle": np.zeros(n)}
     return Trajectory(0.1 * np.arange(n), 2.0 * np.arange(n), np.zeros(n), **(quiet | channels))
 
 

@@ -393,7 +393,7 @@ def test_compiled_loops_are_ordinary_python_too():
     ],
 )
 def test_a_field_refuses(change, words):
-    arguments: dict[str, object] = {"points": [(1.0, 2.0)], "trajectory": one_sample(20.0)}
+    arguments = {"points": [(1.0, 2.0)], "trajectory": one_sample(20.0)}
     trajectory_field(**arguments)
     with refusal(words):
         trajectory_field(**(arguments | change))

@@ -3,7 +3,7 @@ normal parameters."""
 
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 from scipy.special import ndtri
@@ -17,9 +17,9 @@ Known = Literal["given", "counted", "fitted"]
 the events."""
 
 # how often each is met, 1/km, and P of a collision in it
-SCENARIOS: Final = ((0.05, 3e-2), (0.2, 5e-3), (0.3, 2e-3))
-EVENTS: Final = 100  # of the first scenario, on average; the vehicle-km follow
-REACH: Final = 8.0  # the box of both parameters, in deviations
+SCENARIOS = ((0.05, 3e-2), (0.2, 5e-3), (0.3, 2e-3))
+EVENTS = 100  # of the first scenario, on average; the vehicle-km follow
+REACH = 8.0  # the box of both parameters, in deviations
 
 
 def normal_density(points, middle=0.0):
@@ -55,7 +55,7 @@ def rate_of(known, drives, seed):
     for number, (per_km, probability) in enumerate(SCENARIOS):
         edge = -float(ndtri(probability))
         events = None if known == "given" else int(stream.poisson(per_km * kilometres))
-        met: Normal | Met = Normal()
+        met = Normal()
         if known == "fitted":
             rows = tuple(map(tuple, stream.standard_normal((events or 0, 2)).tolist()))
             joint = Joint("kde", ("a", "b"), rows, (-REACH,) * 2, (REACH,) * 2)

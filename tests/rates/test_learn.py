@@ -95,7 +95,7 @@ def test_what_was_planted_is_found_again_and_the_files_can_be_driven(tmp_path):
 def test_what_was_planted_lies_in_the_intervals_in_93_of_100_repetitions(tmp_path):
     """Each of 21 quantities does, all ends at once, all correlations at once, and everything at
     once."""
-    held: dict[str, int] = {}
+    held = {}
     for seed in range(100):
         for name, inside in recovered(tmp_path / str(seed), 80, 48.0, seed).items():
             held[name] = held.get(name, 0) + int(inside)
@@ -312,7 +312,7 @@ def braking_leader(across):
 def test_what_is_kept_of_a_recording_is_a_small_part_of_it():
     one = braking_leader(0.0)
     size = int(one.table.memory_usage(deep=False).sum())  # some 140 kB
-    kept: list[int] = []
+    kept = []
 
     def note(_name, _done):
         gc.collect()

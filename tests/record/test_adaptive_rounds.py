@@ -34,7 +34,7 @@ def sampling_of(run):
     return read_settings(run).scenario[0].sampling
 
 
-scorings: list[int] = []
+scorings = []
 """How many points a run had at each scoring of the fixture's run."""
 
 

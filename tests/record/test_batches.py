@@ -3,7 +3,6 @@ costs its own case."""
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -33,7 +32,7 @@ SPACE = catalogue.load("front_vehicle_low_speed")
 CUT_IN = catalogue.load("cut_in")
 SIMULATION = SimulationSettings(step=0.1, end_when_decided=True)
 FAULTY = 5  # number of the case in which the ego starts at 20 m/s
-LIMITS: dict[str, Any] = {"case_timeout": 3.0, "step_timeout": 0.2, "memory_limit": 700.0}
+LIMITS = {"case_timeout": 3.0, "step_timeout": 0.2, "memory_limit": 700.0}
 
 
 def setup(**run):
@@ -126,7 +125,7 @@ def test_an_ads_that_cannot_be_loaded_is_rejected_case_by_case():
 
 def kinds():
     """ADSs, the ideal vehicle; two scenarios; mixed."""
-    found: list[Case] = []
+    found = []
     for number, (gap, speed) in enumerate(
         [(20.0, 8.0), (40.0, 12.5), (60.0, 16.0), (30.0, 6.0), (50.0, 10.0)]
     ):
@@ -254,7 +253,7 @@ def test_all_roles_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_eac
         drivers=DriverSettings(count=2),
         run=RunSettings(engine="serial"),
     )
-    shown: dict[str, tuple[int, int]] = {}
+    shown = {}
 
     def progress(stage, done, total, failed=0):
         assert done >= shown.get(stage, (0, 0))[0]

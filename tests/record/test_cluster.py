@@ -30,7 +30,7 @@ class Cluster:
 
     def __init__(self, folder, *options, env=None):
         self.folder, self.env = folder, env
-        self.processes: list[subprocess.Popen[bytes]] = []
+        self.processes = []
         self.file = folder / "scheduler.json"
         self._start(
             "dask_scheduler", "--port", "0", "--no-dashboard", "--host", "127.0.0.1", *options

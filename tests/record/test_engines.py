@@ -292,7 +292,7 @@ def test_the_serial_engine_gives_the_same_without_children():
 
 def test_stopping_lets_running_cases_end_and_begins_no_more():
     setup = limited(workers=2, cases_per_pack=1)
-    asked: list[bool] = []
+    asked = []
 
     def stopping():
         asked.append(True)

@@ -186,7 +186,7 @@ def test_a_child_does_not_get_the_helper_of_an_earlier_ads(tmp_path):
 
 def test_a_process_serves_one_locator_in_its_life(tmp_path):
     cases = two_planners(tmp_path)
-    served: dict[str, set[str]] = {}
+    served = {}
     setup = limited(tmp_path, workers=2)
     for outcome in run_cases(cases * 2, setup):
         for pid in outcome.log.split():

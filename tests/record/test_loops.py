@@ -27,7 +27,7 @@ CONCRETE = ConcreteScenario(
 def test_what_failed_to_compile_is_not_marked_as_done(tmp_path, monkeypatch):
     monkeypatch.setattr(loops, "cache_folder", lambda: tmp_path)
     monkeypatch.setattr(loops, "warm", lambda scripts: loops._mark("idm").touch())
-    told: list[tuple[int, int, int]] = []
+    told = []
 
     def progress(stage, done, total, failed=0):
         told.append((done, total, failed))

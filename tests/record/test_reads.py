@@ -5,7 +5,6 @@ import py_compile
 import shutil
 import sqlite3
 import zipfile
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -100,7 +99,7 @@ def copy_of(whole, tmp_path):
     return Path(shutil.copytree(whole, tmp_path / "copy", symlinks=True))
 
 
-CHANGES: dict[str, tuple[str, Callable[[Path], object]]] = {
+CHANGES = {
     "imported in the constructor": (
         "lazy/planner.py",
         lambda it: (it / "lazy/planner.py").write_text(ROLLS),

@@ -390,7 +390,7 @@ def test_the_hash_seed_of_the_interpreter_changes_nothing(whole, tmp_path):
 
 def test_a_caller_can_stop_a_run_and_continue(whole, tmp_path):
     path = write_evaluation(tmp_path)
-    seen: list[int] = []
+    seen = []
 
     def count(stage, done, total, failed=0):
         seen.append(done)

@@ -7,7 +7,6 @@ import select
 import shutil
 import subprocess
 import time
-from typing import Any
 
 import pytest
 
@@ -63,8 +62,8 @@ class Page:
         os.close(from_browser)
         self._buffer = b""
         self._number = 0
-        self.problems: list[str] = []
-        self.requests: list[str] = []
+        self.problems = []
+        self.requests = []
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)[
             "sessionId"
@@ -89,7 +88,7 @@ class Page:
     def call(self, method, **params):
         """One command of the debugging protocol, and its result."""
         self._number += 1
-        message: dict[str, Any] = {"id": self._number, "method": method, "params": params}
+        message = {"id": self._number, "method": method, "params": params}
         if hasattr(self, "_session"):
             message["sessionId"] = self._session
         os.write(self._write, json.dumps(message).encode() + b"\0")
@@ -138,7 +137,7 @@ class Page:
                 raise RuntimeError("the browser is gone")
             self._buffer += part
         text, _, self._buffer = self._buffer.partition(b"\0")
-        message: dict[str, Any] = json.loads(text)
+        message = json.loads(text)
         self._note(message)
         return message
 

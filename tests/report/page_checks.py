@@ -121,5 +121,5 @@ def saved_table(page, chart):
         "button')[2].click()"
     )
     page.wait("window.savedText")
-    text: str = page.run("window.savedText")
+    text = page.run("window.savedText")
     return text.splitlines()

@@ -1,7 +1,6 @@
 """Two runs side by side: what changed is found whatever the order, and nothing else is compared in
 silence."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import builders
@@ -9,7 +8,6 @@ import pytest
 from refusals import refusal
 from report_cases import hit, pick, with_case
 
-from sumo_eval.cases import CaseResult
 from sumo_eval.errors import InputError
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.report.terminal import comparison_notes, moved_words
@@ -57,7 +55,7 @@ def test_every_kind_of_change_is_found_and_named(evaluation):
     likened = next(
         case for case in evaluation.cases if case.ads == builders.CALM and case.index is not None
     )
-    expected: list[tuple[str, str, CaseResult, Callable[[CaseResult], CaseResult]]] = [
+    expected = [
         ("new collision", "collision gone", safe, hit),
         ("harsher", "softer", struck, lambda case: replace(case, severity=12.0)),
         (

@@ -7,7 +7,6 @@ from dataclasses import replace
 import builders
 import pytest
 
-from sumo_eval.cases import CaseResult
 from sumo_eval.report.tables import scores_json
 from sumo_eval.report.words import LOOKS, reference_sentence
 from sumo_eval.scoring.preventability import Preventability, preventability, reference_ads, verdicts
@@ -28,7 +27,7 @@ def made(evaluation, outcomes, ideal=None):
     -: avoided, X: collided, R: off road, G: given up, E: error of the harness.
     """
     like = evaluation.cases[0]
-    cases: list[CaseResult] = []
+    cases = []
     for ads, kinds in outcomes.items():
         for number, kind in enumerate(kinds):
             status = {

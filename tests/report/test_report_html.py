@@ -39,7 +39,7 @@ class Tags(HTMLParser):
 
     def __init__(self):
         super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.tags = []
 
     def handle_starttag(self, tag, attrs):
         self.tags.append((tag, dict(attrs)))

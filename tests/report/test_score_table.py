@@ -7,7 +7,6 @@ import click
 import pytest
 
 from sumo_eval.report.score_table import FIRST, KEPT_LONGEST, MORE, cells_of, score_lines
-from sumo_eval.results import ScenarioResult
 
 LONG = ("acc", "front_assist_planner_of_the_year_2026_a", "front_assist_planner_of_the_year_2026_b")
 INTERVALS = {
@@ -21,7 +20,7 @@ def with_ads(evaluation, number):
     first = evaluation.scores[0].ads
     own = [score for score in evaluation.scores if score.ads == first]
     names = [f"{LONG[place % 3]}{place or ''}" for place in range(number)]
-    scores: list[ScenarioResult] = [
+    scores = [
         replace(score, ads=name, s_plus_interval=(12.3, 100.0), **INTERVALS)
         for score in own
         for name in names

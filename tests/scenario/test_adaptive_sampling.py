@@ -31,7 +31,7 @@ def corner(points):
 def drawn_in_rounds(function, size, rounds, seed, logical=BOX):
     """All rounds, each spread by what the earlier ones found, and the function's values at their
     points."""
-    counts: list[tuple[int, ...]] = []
+    counts = []
     while True:
         request = Request(count=size * rounds, round=size, rounds=tuple(counts), seed=seed)
         chosen = sample(logical, "adaptive", request=request)

@@ -3,7 +3,6 @@
 import math
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from sumo_eval.method.zone_partition import partition
 from sumo_eval.scenario.file import check_points, scenario_from
 from sumo_eval.scenario.undisturbed import tracks
 
-BASE: dict[str, Any] = {
+BASE = {
     "name": "t",
     "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
     "ego": {"speed": "v"}, "end": {"x": 600.0, "time": 20.0}, "zone": "none",

@@ -5,7 +5,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ from sumo_eval.settings import VehicleSettings
 
 SHAPED = [name for name in catalogue.SCENARIOS if catalogue.load(name).road.shaped]
 RAMP = {"lane": 0, "end": 300.0, "taper": 50.0, "ramp_until": 120.0}
-BASE: dict[str, Any] = {
+BASE = {
     "name": "t",
     "parameter": [{"name": "v", "low": 10.0, "high": 30.0, "step": 10.0, "unit": "m/s"}],
     "ego": {"speed": "v"},

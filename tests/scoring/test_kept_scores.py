@@ -111,7 +111,7 @@ def test_scores_do_not_depend_on_how_many_points_are_in_memory(done, copy, point
 def test_stopped_scoring_continues_where_it_was(done, copy, monkeypatch):
     (copy / KEPT).unlink()
     monkeypatch.setattr(steps, "POINTS_AT_ONCE", 2)
-    computed: list[int] = []
+    computed = []
     compute = human_reference._compute_part
 
     def counting(part):

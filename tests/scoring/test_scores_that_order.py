@@ -14,7 +14,7 @@ import sumo_eval
 from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.record.store import open_store
 from sumo_eval.report.tables import write_tables
-from sumo_eval.results import Counted, NotComputed, ScenarioResult
+from sumo_eval.results import Counted, NotComputed
 from sumo_eval.scoring.gate_settings import TIMED
 
 CUT_OUT = "front_vehicle_cut_out"
@@ -188,6 +188,6 @@ def test_the_zone_of_every_case_is_the_criterions_own(both):
 
 
 def test_nothing_evaluated_gives_no_score():
-    nothing: ScenarioResult = combined(LOST, LOST_SAFE)
+    nothing = combined(LOST, LOST_SAFE)
     assert (nothing.c, nothing.d, nothing.s) == (None, None, None)
     assert (nothing.avoided_share, nothing.human_likeness, nothing.s_plus) == (None, None, None)

@@ -6,7 +6,6 @@ import itertools
 import math
 import operator
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,7 +17,7 @@ RULES = {
     "greaterThan": operator.gt, "lessThan": operator.lt, "greaterOrEqual": operator.ge,
     "lessOrEqual": operator.le, "equalTo": operator.eq, "notEqualTo": operator.ne,
 }  # fmt: skip
-SHAPES: dict[str, Callable[[float], float]] = {
+SHAPES = {
     "linear": lambda u: u,
     "step": lambda u: 1.0,
     "cubic": lambda u: u * u * (3.0 - 2.0 * u),
@@ -35,7 +34,7 @@ class Road:
         self.geometries = list(element.iterfind("planView/geometry"))
         self.length = sum(float(it.get("length")) for it in self.geometries)
         shift = element.find("lanes/laneOffset")
-        self.lanes: dict[int, tuple[float, float, str]] = {}
+        self.lanes = {}
         for side, sign in (("left", 1), ("right", -1)):
             edge = 0.0
             lanes = element.find("lanes/laneSection").findall(f"{side}/lane")
@@ -176,7 +175,7 @@ class Reader:
         self.root = etree.parse(path, PLAIN).getroot()
         self.carla = self.root.find("FileHeader").get("description").startswith("CARLA:")
         self.time = 0.0
-        self.values: dict[str, str] = {}
+        self.values = {}
         self._declare(self.root, given or {})
         self.entries = {}
         for folder in self.root.iterfind("CatalogLocations/*/Directory"):
@@ -193,9 +192,9 @@ class Reader:
         }
         self.bodies = {it.get("name"): self._body(it) for it in self.root.iter("ScenarioObject")}
         self._start()
-        self.states: dict[Any, str] = {}
-        self.before: dict[Any, list[bool]] = {}
-        self.actions: dict[Any, Callable[[], bool]] = {}
+        self.states = {}
+        self.before = {}
+        self.actions = {}
 
     # values
 

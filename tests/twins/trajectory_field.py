@@ -22,7 +22,7 @@ def samples(trajectory, interval=0.1):
     for angle in trajectory.heading[1:].tolist():
         heading.append(heading[-1] + math.remainder(angle - heading[-1], 2.0 * math.pi))
     channels = (trajectory.x.tolist(), trajectory.y.tolist(), heading, trajectory.speed.tolist())
-    found: list[Sample] = []
+    found = []
     step = 0
     while time[0] + step * interval <= time[-1] + 1e-6:
         wanted = min(time[0] + step * interval, time[-1])

@@ -67,7 +67,7 @@ def driven(path, at_the_browser, *, paced, size=(500, 400)):
 
     at_the_browser: what is done there.
     """
-    window: list[Window] = []
+    window = []
     ready = threading.Event()
 
     async def body():

@@ -83,7 +83,7 @@ def test_a_driver_with_two_keys_changes_lanes_and_keeps_them(speed):
     """Preview 1.2 s, deadband 0.35 m, reaction 0.26 s: over 3.5 m within 4 s, less than 1 m beyond,
     and kept."""
     hands, state = Hands(CAR, STEP), EgoState(0.0, 0.0, 0.0, speed)
-    seen: list[tuple[float, float]] = []
+    seen = []
     ys = []
     for _ in range(round(12.0 / STEP)):
         seen.append((state.y, state.heading))

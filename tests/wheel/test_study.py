@@ -69,7 +69,7 @@ async def participant(window, code, *, leaves_at=None, quits="", stops_at=""):
     quits: title of a drive that is ended.
     stops_at: title of a sheet where they stop.
     """
-    titles: list[str] = []
+    titles = []
     number, view = 0, {}
     async with await known(window) as peer:
         with suppress(ConnectionClosed):
