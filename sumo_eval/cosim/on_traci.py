@@ -505,10 +505,12 @@ class _Hook:
         lane_speed = self._state[_LANE_SPEED]
         gained = (speed - lane_speed) / step
         if not lowest - LIMIT_TOLERANCE <= gained <= highest + LIMIT_TOLERANCE:
+            ends = self.road.shaped and speed == 0.0
+            why = ": SUMO stops a vehicle at once where its lane ends" if ends else ""
             self._unphysical(
                 "unphysical_acceleration", gained, min(max(gained, lowest), highest),
                 f"The ADS must drive its vehicle within {lowest:g}..{highest:g} m/s2, "
-                f"got {gained:.1f} m/s2 at {now:.2f} s.",
+                f"got {gained:.1f} m/s2 at {now:.2f} s{why}.",
             )  # fmt: skip
         elif not lowest + LIMIT_TOLERANCE <= gained <= highest - LIMIT_TOLERANCE:
             self._world.note(self._case, "vtype_limit", gained, gained)
