@@ -479,7 +479,7 @@ def test_set_speed_is_kept_to_the_vehicles_limits(speed_at, acceleration, clips)
 
 def test_an_ego_that_its_lanes_end_stops_is_told_why():
     logical = catalogue.load("lane_drop")
-    drop = next(logical.concretes(sample(logical).points))
+    drop, *_ = logical.concretes(sample(logical).points)
     found = simulate(drop, lambda traci, ego, time: traci.vehicle.setSpeed(ego, 25.0))
     assert found.error.endswith("s: SUMO stops a vehicle at once where its lane ends.")
 
