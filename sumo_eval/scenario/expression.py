@@ -221,7 +221,12 @@ def parsed(text: str, what: str) -> ast.expr:
     # level by level: whatever reads or writes the tree later may call itself at each
     level: list[ast.AST] = [tree]
     for _ in range(DEEPEST + 1):
-        level = [part for node in level for part in ast.iter_child_nodes(node)]
+        level = [
+            part
+            for node in level
+            for part in ast.iter_child_nodes(node)
+            if not isinstance(part, ast.expr_context)  # which a name has below it
+        ]
     if level:
         raise InputError(f"{what} must not be nested more than {DEEPEST} deep.")
     return tree

@@ -69,7 +69,8 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
         raise InputError(
             f"The {what} {path} must have every column once, got {shown(double[0])} twice."
         )
-    names = [*units, *({further} & set(header) - set(units))]
+    # an index has a column without a name, which is not the `further` that nobody asked for
+    names = [*units, *({further} & set(header) - {*units, ""})]
     table = []
     for number, line in lines:
         if len(line) > len(header):

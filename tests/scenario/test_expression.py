@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from refusals import refusal
 
 from sumo_eval.errors import InputError
-from sumo_eval.scenario.expression import Expression, checked_names, condition, number
+from sumo_eval.scenario.expression import DEEPEST, Expression, checked_names, condition, number
 
 real = st.floats(-50, 50).map(lambda value: round(value, 3))
 
@@ -111,6 +111,12 @@ def test_a_number_is_not_a_condition_nor_the_reverse():
 
 def test_what_is_not_defined_is_not_finite_and_gives_no_warning():
     assert not np.isfinite(Expression("1 / a").value({"a": 0.0}))
+
+
+def test_names_may_be_nested_as_deep_as_numbers():
+    assert Expression(DEEPEST * "-" + "a").at({"a": 2.0}) == 2.0
+    with refusal("nested more than 50 deep"):
+        Expression(DEEPEST * "-" + "-a")
 
 
 @pytest.mark.parametrize("text", ["abs(abs)", "min", "x + min", "where(x < 1, min, 2)", "x < abs"])

@@ -350,6 +350,8 @@ def test_events_are_read_as_points_are_with_units_and_lines(tmp_path):
     path, units = tmp_path / "e.csv", {"gap": "m", "v": "m/s"}
     path.write_text("gap (cm),v,note\n250,1,x\n")
     assert read_numbers(path, "events", units).rows.tolist() == [[2.5, 1.0]]
+    path.write_text(",gap,v\n0,250,1\n")  # a table with an index, which has no name
+    assert read_numbers(path, "events", units).rows.tolist() == [[250.0, 1.0]]
     path.write_text("gap,v\n1,nan\n")
     with refusal("`v` in line 2 of the events"):
         read_numbers(path, "events", units)
