@@ -212,4 +212,5 @@ def test_names_of_a_reference_must_be_numbers_and_parameters(tmp_path):
 def test_the_motorway_variants_can_be_placed_and_name_their_event(file):
     assert "possible points" in check_file(file)[1]
     logical = read_scenario(file)
-    assert set(dict(logical.recorded.columns)) == set(dict(logical.recorded.tolerance))
+    columns, tolerance = map(dict, (logical.recorded.columns, logical.recorded.tolerance))
+    assert set(columns) == set(logical.names) == set(tolerance)

@@ -166,7 +166,8 @@ def test_the_command_draws_and_says_what_it_wrote(done, tmp_path):
         "plot", done.folder, "intervals", "--out", tmp_path / "x.gif", status=2
     )
     # at once: no run is scored for it
-    assert wrong.stderr.startswith("sumo-eval: The figure's file must end in one of .svg, .png, .p")
+    words = "The figure's file must end in one of .svg, .png, .pdf, got 'x.gif'."
+    assert wrong.stderr == f"sumo-eval: {words}\n"
 
 
 def test_the_list_of_figures_is_the_documented_one():

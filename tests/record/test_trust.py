@@ -131,6 +131,7 @@ def test_no_function_runs_code_of_others(foreign, tmp_path, door):
 
 EVIL = {
     "severity": ('severity = "injury:cyclist"', 'severity = "{evil}"'),
+    "severity as a module": ('severity = "injury:cyclist"', 'severity = "evil:severity"'),
     "module": ('severity = "injury:cyclist"', 'severity = "sumo:severity"'),
     "scenario": ('use = "front_vehicle_low_speed"', 'use = "{evil}"'),
     "scenario with options": ('use = "front_vehicle_low_speed"', 'use = "{evil}?a=1"'),
