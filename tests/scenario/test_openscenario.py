@@ -42,7 +42,7 @@ needs_catalogues = pytest.mark.skipif(
     not NCAP.is_dir(), reason="the catalogues of OpenSCENARIO are not here"
 )
 
-ROAD = """<OpenDRIVE><header><geoReference>+proj=tmerc +lat_0=4.8e1 +lon_0=11</geoReference>
+ROAD = """<OpenDRIVE><header><geoReference>+proj=tmerc+lat_0=4.8e1N +lon_0=11</geoReference>
 </header><road id="0" length="1000" junction="-1"><planView>
 <geometry s="0" x="5" y="7" hdg="0.5" length="1000"><line/></geometry></planView><lanes><laneSection s="0">
 <left><lane id="1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></left>

@@ -10,7 +10,7 @@ from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.extras.openscenario.values import number_of
 
 _RADIUS, _FLATTENING = 6_378_137.0, 1.0 / 298.257223563  # WGS 84
-_PART = re.compile(r"\+(\w+)=(\S+)")
+_PART = re.compile(r"\+(\w+)=([^\s+]+)")
 _N = _FLATTENING / (2.0 - _FLATTENING)
 _E = 2.0 * math.sqrt(_N) / (1.0 + _N)
 _SERIES = (
@@ -53,7 +53,7 @@ def _projection(position: Node, reference: Node | None) -> dict[str, float]:
     text = "" if reference is None else str(reference.element.text)
     given = dict(_PART.findall(text))
     it = {"x_0": 0.0, "y_0": 0.0, "lat_0": 0.0, "lon_0": 0.0, "k": 1.0, "k_0": 1.0, "zone": 0.0}
-    written = {name: number_of(given[name]) for name in it if name in given}
+    written = {name: number_of(given[name].removesuffix("N")) for name in it if name in given}
     numbers = {name: value for name, value in written.items() if value is not None}
     kind = given.get("proj"), given.get("units", "m")
     known = kind == ("tmerc", "m") or (kind == ("utm", "m") and "zone" in given)
