@@ -251,9 +251,7 @@ def partition(
     return replace(zones, notes=tuple(notes) if judged else ())
 
 
-def refuse_impossible_zones(
-    logical: LogicalScenario, settings: ZoneSettings = DEFAULT_SETTINGS
-) -> None:
+def refuse_impossible_zones(logical: LogicalScenario, settings: ZoneSettings) -> None:
     """Raise the InputErrors of `partition` without learning anything.
 
     Of a dense grid whose points are searches of their own (`asks_some`), one in eight is tried.

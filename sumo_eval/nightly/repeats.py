@@ -16,7 +16,7 @@ from sumo_eval.evaluation import score
 from sumo_eval.nightly.history import ShakyCase
 from sumo_eval.record.cases import Case
 from sumo_eval.record.facts import drive_again, record_facts, space_of
-from sumo_eval.record.progress import Progress, quiet
+from sumo_eval.record.progress import Progress
 from sumo_eval.record.recording import Planner, planner
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
@@ -40,7 +40,7 @@ AGAIN = "again"  # folder beside the nights in which cases are driven once more;
 
 
 def repeats_of(
-    done: Evaluation, settings: GateSettings, place: Path, progress: Progress = quiet
+    done: Evaluation, settings: GateSettings, place: Path, progress: Progress
 ) -> dict[str, Repeats]:
     """Drive a sample of each ADS's cases once more: which ADSs repeat, and the floors of those that
     do not.

@@ -194,7 +194,7 @@ class Batches:
         self._alone.append(replace(case, block=None))
         self._remarks[case.key] = why, printed
 
-    def run_undisturbed(self, case: Case, why: Alone, printed: str = "") -> None:
+    def run_undisturbed(self, case: Case, why: Alone, printed: str) -> None:
         """Let a case run once all others have ended, with no other case at that time."""
         self._undisturbed.append(case)
         self._remarks[case.key] = why, printed

@@ -520,14 +520,12 @@ class Store:
         for point, driver, status, hit in self._read(query, (role, scenario)):
             yield point, driver, status, bool(hit)
 
-    def drivers_at_points(self, scenario: str, recorded: str) -> Iterator[tuple[int, int, int]]:
-        """Point, how many human drives ended well there, and how many of these have the controller
-        `recorded`.
-        """
+    def drivers_at_points(self, scenario: str) -> Iterator[tuple[int, int, int]]:
+        """Point, how many human drives ended well there, and how many of these were recorded."""
         return self._read(
             "SELECT point, count(*), sum(controller = ?) FROM facts WHERE scenario = ? AND role = "
             "'human' AND status = 'ok' GROUP BY point ORDER BY point",
-            (recorded, scenario),
+            (RECORDED, scenario),
         )
 
     def names(self, role: Role, scenario: str | None = None) -> Iterator[tuple[str, int, str]]:

@@ -19,7 +19,7 @@ import numpy as np
 
 from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.record.cases import Role
-from sumo_eval.record.store import EGO, RECORDED, Fact, Store, open_store
+from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.report.packing import LEVEL, packed_bytes
 from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
@@ -102,9 +102,7 @@ def _drives(scenario: str, store: Store, embedded: Embedded, points: Mapping[str
     trajectories: list[Trajectory] = []
     rows: list[dict[str, Any]] = []
     there = set(points.values())
-    numbers = {
-        at: drives for at, drives, _ in store.drivers_at_points(scenario, RECORDED) if at in there
-    }
+    numbers = {at: drives for at, drives, _ in store.drivers_at_points(scenario) if at in there}
     for case, number in points.items():
         here = (scenario, number) in embedded.points
         recorded = store.trajectories(case) if here else {}

@@ -175,7 +175,7 @@ def missing_bounds(
     values: Mapping[str, float | None],
     method: MethodSettings,
     *,
-    people: bool = True,
+    people: bool,
 ) -> dict[str, Ends]:
     """Worst and best of the scores with every missing case counted in; empty where none of them
     moves.

@@ -170,7 +170,7 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
     hazardous, weights = zone_and_weight[0] > 0.0, zone_and_weight[1]
     if space.points.stands_for is not None:
         weights = weights * space.points.stands_for[:points]
-    for point, drivers, recorded in store.drivers_at_points(space.name, RECORDED):
+    for point, drivers, recorded in store.drivers_at_points(space.name):
         usable[point], compared = _usable(drivers, recorded, settings.drivers)[1], True
     driven: dict[str, array[int]] = {ads.name: array("q") for ads in settings.ads}
     with_index: dict[str, array[int]] = {ads.name: array("q") for ads in settings.ads}

@@ -21,7 +21,7 @@ from sumo_eval.settings import SimulationSettings
 _NEVER = 1e6  # s until SUMO's driver models would decide something; beyond every time limit
 
 
-def edge_name(case: int, count: int, *, asked: bool = False) -> str:
+def edge_name(case: int, count: int, *, asked: bool) -> str:
     """The road of case number `case` of `count`.
 
     asked: ADSs ask SUMO, by names.
@@ -44,7 +44,7 @@ def name_in_sumo(name: str, suffix: str) -> str:
     return f"{name}{suffix}"
 
 
-def vehicle_names(cases: Sequence[ConcreteScenario], *, asked: bool = False) -> list[list[str]]:
+def vehicle_names(cases: Sequence[ConcreteScenario], *, asked: bool) -> list[list[str]]:
     """The vehicles' names in SUMO: of each case the ego's, then those of its actors in their
     order.
 

@@ -106,8 +106,8 @@ def outcomes_at(
     controller: str,
     setup: Setup,
     *,
-    first: int = 0,
-    ended: Callable[[int], None] = lambda done: None,
+    first: int,
+    ended: Callable[[int], None],
 ) -> list[Outcome]:
     """The outcomes at points (n, k), in their order.
 
