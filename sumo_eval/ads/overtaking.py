@@ -74,7 +74,7 @@ class OvertakingHabits:
     worth: float = 2.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.inclined, bool):
+        if self.inclined not in (True, False):  # numpy draws a bool of its own
             raise must_be("`inclined`", "`OvertakingHabits`", "true or false", self.inclined)
         for name in ("onset_headway", "onset_ttc", "duration", "worth"):
             value = getattr(self, name)

@@ -3,6 +3,7 @@
 import math
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from refusals import refusal
 from road_scenes import BRIEFING, fresh, mover
@@ -12,7 +13,7 @@ from sumo_eval.ads.lane_change import path_y, share_of_duration, smooth_step
 from sumo_eval.ads.overtaking import CLEARANCE, OVERTAKING, WATCHED, OvertakingHabits, overtake
 from sumo_eval.scenario import Road
 
-WILLING = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, duration=8.0)
+WILLING = OvertakingHabits(inclined=np.True_, onset_headway=2.5, onset_ttc=10.0, duration=8.0)
 UNWILLING = OvertakingHabits(inclined=False, onset_headway=2.5, onset_ttc=10.0, duration=8.0)
 IDM = IdmParameters()
 STAYS = SimpleNamespace(asked=0)  # the way of an ego that need not change lanes
