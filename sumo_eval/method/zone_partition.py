@@ -98,6 +98,10 @@ class ZonePartition:
         shape = _checked_unit(self.logical, points).shape[:-1]
         return exactly_hazardous(self.logical, _rows(points), self.settings).reshape(shape)
 
+    def largest_inverse_ttc(self, point: FloatArray) -> float:
+        """Eqs. 5-6: largest inverse TTC under ideal braking at one point (k,), 1/s."""
+        return float(criticality(self.logical, point[None], self.settings).inverse[0])
+
     def nearest_zone(self, points: ArrayLike) -> IntArray:
         """Number of the zone nearest in the unit box, -1 if there is none, by the dense grid of
         the zones.
