@@ -18,6 +18,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 
 from sumo_eval.cosim.simulation import simulate  # noqa: E402
 from sumo_eval.extras.wheel.hands import RELEASED, Given, Hands  # noqa: E402
+from sumo_eval.extras.wheel.messages import MOST_A_SECOND  # noqa: E402
 from sumo_eval.extras.wheel.page import drive_view, page  # noqa: E402
 from sumo_eval.extras.wheel.quality import Quality, QualitySettings  # noqa: E402
 from sumo_eval.extras.wheel.tape import LeftTheWheelError, again, digest, read_tape, with_quit  # noqa: E402
@@ -206,6 +207,8 @@ async def steps(
             if seen >= stop_at:
                 break
             await peer.send(json.dumps({"input": [seen + 1, seen, *answer_of(message["state"])]}))
+            # on a fast machine it would send more than a window may
+            await asyncio.sleep(1.0 / MOST_A_SECOND)
     if closes:
         await peer.close()
     return seen
