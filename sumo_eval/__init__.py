@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from sumo_eval.first_use import first_use
+
 if TYPE_CHECKING:
     from sumo_eval.cosim.plans import Plan
     from sumo_eval.cosim.vehicle_model import Command
@@ -23,6 +25,7 @@ _HOMES = {
     "open_run": "sumo_eval.record.exchange",
     "score": "sumo_eval.evaluation",
 }
+_imported = first_use("sumo_eval", _HOMES)
 
 
 def __getattr__(name: str) -> Any:
@@ -31,8 +34,4 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("sumo_eval")
-    if name in _HOMES:
-        import importlib
-
-        return getattr(importlib.import_module(_HOMES[name]), name)
-    raise AttributeError(f"module `sumo_eval` has no attribute `{name}`")
+    return _imported(name)

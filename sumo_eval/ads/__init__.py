@@ -3,20 +3,14 @@
 Nothing here imports a simulator: a rule sees records of vehicles.
 """
 
-from importlib import import_module
-from typing import Any
+from sumo_eval.first_use import first_use
 
 _HOMES = {
-    "IdealBraking": "known_answers",
-    "Idm": "car_following",
-    "IdmParameters": "car_following",
-    "LaneChanger": "lane_changer",
-    "no_reaction": "known_answers",
+    "IdealBraking": "sumo_eval.ads.known_answers",
+    "Idm": "sumo_eval.ads.car_following",
+    "IdmParameters": "sumo_eval.ads.car_following",
+    "LaneChanger": "sumo_eval.ads.lane_changer",
+    "no_reaction": "sumo_eval.ads.known_answers",
 }
 
-
-def __getattr__(name: str) -> Any:
-    """Import on first use: who asks for one rule loads no other."""
-    if name in _HOMES:
-        return getattr(import_module(f"sumo_eval.ads.{_HOMES[name]}"), name)
-    raise AttributeError(f"module `sumo_eval.ads` has no attribute `{name}`")
+__getattr__ = first_use("sumo_eval.ads", _HOMES)

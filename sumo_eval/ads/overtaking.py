@@ -63,7 +63,7 @@ class OvertakingHabits:
 
     inclined: whether it overtakes at all when not in danger.
     onset_headway, onset_ttc: s, the change begins at the first of the two.
-    duration: s, of the whole smooth step without hurry.
+    duration: s, of the whole smooth step if it is not in a hurry.
     worth: m/s by which the lead must be slower than the ego was at the start.
     """
 

@@ -7,7 +7,9 @@ recording, or writes one for another simulator, does not wait for SUMO to load.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from sumo_eval.first_use import first_use
 
 if TYPE_CHECKING:
     from sumo_eval.cosim.doors.controller import Briefing, Controller
@@ -24,11 +26,4 @@ _HOMES = {
     "simulate_many": "sumo_eval.cosim.simulation",
 }
 
-
-def __getattr__(name: str) -> Any:
-    """Import on first use."""
-    if name in _HOMES:
-        import importlib
-
-        return getattr(importlib.import_module(_HOMES[name]), name)
-    raise AttributeError(f"module `sumo_eval.cosim` has no attribute `{name}`")
+__getattr__ = first_use("sumo_eval.cosim", _HOMES)

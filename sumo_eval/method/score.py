@@ -100,7 +100,7 @@ def population_scale(
     share: 0.5 by the paper, within (0, 1].
     centre: which ADS stands for the population.
 
-    Raises InputError without values, or if their centre is 0 (no scale can lift it).
+    Raises InputError if `values` is empty, or if their centre is 0 (no scale can lift it).
     """
     if len(values) == 0:
         raise must_be("`values`", "`population_scale`", "at least one index", values)

@@ -141,10 +141,10 @@ class ZonePartition:
         """Distance to the zone boundary y = 0 in the unit box: positive in the safe zone, negative
         in a hazardous one.
 
-        inf without a hazardous zone, -inf without a safe one. Edges of the space do
-        not count as boundary. The sign is exact; the distance is exact to 1e-6 where the nearest
-        boundary point is off the edges of the space; otherwise it is too long, by less than the
-        diagonal of a cell of the dense grid (0.05 for three parameters).
+        inf without a hazardous zone, -inf without a safe one. Edges of the space do not count as
+        boundary. The sign is exact; the distance is exact to 1e-6 where the nearest boundary point
+        is off the edges of the space; otherwise it is too long, by less than the diagonal of a cell
+        of the dense grid (0.05 for three parameters).
         """
         unit = _checked_unit(self.logical, points)
         rows = _rows(unit)

@@ -337,13 +337,13 @@ def refuse_to_lose_cases(
     cases.
     """
     numbers = {space.logical.name: space.numbers for space in spaces}
-    drivers = {ads.name for ads in settings.ads}
+    drivers, only = {ads.name for ads in settings.ads}, settings.run.only
     for scenario in sorted({row[0] for row in store.counts()}):
         for case, point, driver in store.names("ads", scenario):
             if (
                 driver not in drivers
                 or point not in numbers.get(scenario, ())
-                or case not in (settings.run.only or [case])
+                or (only and case not in only)
             ):
                 raise InputError(
                     f"Run {run} holds cases that this evaluation does not choose, e.g. {case}: "

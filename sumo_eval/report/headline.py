@@ -42,7 +42,8 @@ def headline(evaluation: Evaluation) -> Headline:
     questions = ("Safety", "Human-likeness", "S+")
     if len(order) > 1:
         questions = ("Safest", "Most human", "Best by S+")
-    said = 3 * ("not known: the ADSs drove different points.",)  # which `run.only` may name
+    # without a ranking: `run.only` names different points for the ADSs
+    said = 3 * ("not known: the ADSs drove different points.",)
     if evaluation.ranking is not None:
         said = _safest(evaluation, known), _most_human(known), _best(evaluation.ranking, order)
     answers = tuple(zip(questions, said, strict=True))

@@ -33,7 +33,7 @@ MORE = (
 BAD = frozenset((AVOIDABLE, *FAULTS))
 """Headings of counts that are red unless they are 0."""
 WIDTH = 100
-"""Characters of a line without a terminal."""
+"""Characters of a line where the output goes to no terminal."""
 LONGEST_NAME = 24
 """Characters to which a longer name of an ADS is shortened before a column is left out."""
 SHORTEST_NAME = 8

@@ -202,8 +202,6 @@ def _of_kind(text: str, owner: str, wanted: str, *, condition: bool) -> Expressi
 
 @lru_cache(maxsize=512)
 def _tree(text: str) -> ast.expr:
-    if not isinstance(text, str) or not text.strip():
-        raise InputError(f"An expression must be a text such as `3.5 * ego_speed`, got {text!r}.")
     if len(text) > LONGEST:
         raise InputError(f"An expression must have at most {LONGEST} characters, got {len(text)}.")
     tree = parsed(text, f"Expression `{clean(text)}`")

@@ -69,7 +69,7 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
         raise InputError(
             f"The {what} {path} must have every column once, got {shown(double[0])} twice."
         )
-    # an index has a column without a name, which is not the `further` that nobody asked for
+    # `further` is "" by default, which is also the name of a pandas index: it is not read
     names = [*units, *({further} & set(header) - {*units, ""})]
     table = []
     for number, line in lines:
@@ -83,8 +83,7 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
         )
         for name, value in zip(names, table[-1], strict=True):
             if math.isnan(value):
-                what = f"`{name}` in line {number}"
-                raise must_be(what, owner, "a number", row.get(name))
+                raise must_be(f"`{name}` in line {number}", owner, "a number", row.get(name))
     converted = [
         title for title, name in zip(titles, header, strict=True) if factors.get(name, 1.0) != 1.0
     ]

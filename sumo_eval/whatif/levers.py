@@ -33,7 +33,7 @@ class Lever:
     """A quantity that is moved alone.
 
     step: to which a change of outcome is located.
-    recorded: value in the recorded case; the highest without a limit.
+    recorded: value in the recorded case; if it has no limit, the highest.
     unlimited: whether there is none.
     listed: the only values that it has; none: all.
     """

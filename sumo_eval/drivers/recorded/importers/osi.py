@@ -221,6 +221,6 @@ def _omega_prime(path: Path) -> pd.DataFrame:
     rows["t"], rows["speed"] = known["total_nanos"] * 1e-9, np.hypot(known["vel_x"], known["vel_y"])
     rows = rows.fillna({"type": 0, "subtype": 0})
     # an id of 64 bits is a whole number already, and too large for a check of doubles
-    kinds = [name for name in ("vehicle", *_COLUMNS[8:]) if rows[name].dtype.kind not in "iu"]
+    kinds = [name for name in ("vehicle", "type", "subtype") if rows[name].dtype.kind not in "iu"]
     checked_numbers(rows, kinds, path, rows=range(1, len(rows) + 1))
     return rows.astype(dict.fromkeys(kinds, int))[list(_COLUMNS)]

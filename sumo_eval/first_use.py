@@ -1,0 +1,21 @@
+"""Names that a package hands out and imports at first use: who asks for one loads no other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+
+
+def first_use(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
+    """The `__getattr__` of a package.
+
+    homes: the module of each name.
+    """
+
+    def attribute(name: str) -> Any:
+        if name not in homes:
+            raise AttributeError(f"module `{package}` has no attribute `{name}`")
+        return getattr(import_module(homes[name]), name)
+
+    return attribute
