@@ -188,7 +188,8 @@ class Guard:
         """An ADS writes to something that is not the ego's."""
         self.meddles(
             f"touched_{domain}", f"The ADS called traci.{domain}.{call} for `{name}`",
-            'only its own vehicle is its own (`interference = "record"` lets it, and counts)',
+            "it may change only its own vehicle "
+            '(`interference = "record"` permits more, and counts it)',
         )  # fmt: skip
 
     def asks(self, call: str) -> None:
