@@ -1,15 +1,15 @@
 """Creation of child processes: warm ones with the simulator loaded, which cannot outlive the
 process that started them.
 
-A child never runs the user's script again. One that only computes leads a process group of its own
-(a Ctrl-C at the terminal is not its business) and is killed by the kernel when its owner's end of
-the lifeline closes, whatever it is doing: a thread that watched could not run while C code holds
-the interpreter's lock. One that runs users' code has a supervisor, see `hygiene`.
+On Linux the fork server makes the children: a process of multiprocessing that has loaded the
+simulator. A child never runs the user's script again. A child that only computes leads a process
+group of its own, so that a Ctrl-C at the terminal does not reach it. The kernel kills it when its
+owner's end of the lifeline closes (a watching thread could not run while C code holds the
+interpreter's lock). A child that runs users' code has a supervisor, see `hygiene`.
 
-Insides of multiprocessing that this file borrows, tried with Python 3.11 (SUMO_EVAL_PLAIN=1 leaves
-them out): the daemon flag of the own process (without it no worker of Dask starts children), and
-the process id of the one that makes the children (without it a refused command leaves that loading
-for 2 s).
+This file borrows two insides of multiprocessing, tried with Python 3.11; SUMO_EVAL_PLAIN=1 leaves
+them out. A worker of Dask can start children only without the daemon flag of its own process. A
+refused command ends the fork server by its process id; else that would load for another 2 s.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from sumo_eval.errors import InputError, said
 from sumo_eval.kernels import PLAIN
 from sumo_eval.settings.locators import FOLDERS
 
-# never forked from this one: it has threads and state
+# never forked from this process, which has threads and state
 _KIND = "forkserver" if sys.platform == "linux" else "spawn"
 _ordinary: Any = multiprocessing.get_context(_KIND)
 
@@ -46,8 +46,9 @@ _ENVIRONMENT = {
     "MKL_NUM_THREADS": "1",
 }
 
-# of the process that makes the children, which takes it away again
-_APART = {"PYTHONSAFEPATH": "sumo_eval"}
+# Any value keeps the working folder off the fork server's path. `loaded_loops` deletes the variable
+# where it has this one.
+_SAFE_PATH = {"PYTHONSAFEPATH": "sumo_eval"}
 
 
 class Child(_ordinary.Process):  # type: ignore[misc]
@@ -58,7 +59,7 @@ class Child(_ordinary.Process):  # type: ignore[misc]
     script, so it is kept out of sight.
     """
 
-    asked_for = False  # whether this process has asked for any
+    asked_for = False  # whether this process has started one
 
     @staticmethod
     def _Popen(process_obj: Any) -> Any:  # noqa: N802 - the name that multiprocessing looks for
@@ -95,7 +96,7 @@ def child_context() -> BaseContext:
 def started(target: Callable[..., object], arguments: tuple[object, ...]) -> Any:
     """A child process that has begun `target`.
 
-    Raises InputError when the system gives none.
+    Raises InputError when the system refuses it.
     """
     context: Any = child_context()
     process = context.Process(target=target, args=arguments, name="sumo_eval child")
@@ -107,21 +108,19 @@ def started(target: Callable[..., object], arguments: tuple[object, ...]) -> Any
 
 
 def warm_up() -> None:
-    """Let the process that makes the children begin to load the simulator, while this one loads
-    what it needs itself.
+    """Let the fork server begin to load the simulator, while this process loads what it needs
+    itself.
 
-    Nothing waits for it, and where children are spawned there is no such process.
+    Nothing waits for it, and where children are spawned there is no fork server.
     """
-    child_context()
+    child_context()  # names what the fork server loads
     with _users_code_out_of_sight(), _children_environment():
-        pass  # to begin there is part of entering
+        pass  # entering the second has started it
 
 
 def cool_down() -> None:
-    """End the process that makes the children where none was ever asked for: it would load for
-    seconds.
-    """
-    # shown nowhere else
+    """End the fork server if it has made no child: it would load for seconds."""
+    # no public name gives the process id
     pid = multiprocessing.forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
     if pid is not None and not Child.asked_for and not PLAIN:
         with suppress(OSError):
@@ -141,7 +140,8 @@ def tie_to_owner(lifeline: Connection) -> None:
         return
     import fcntl
 
-    # A description of its own: owner and signal of the shared one would be the last child's.
+    # Opened again: all children share the pipe's open file, whose owner and signal would be those
+    # of the last child.
     own = os.open(f"/proc/self/fd/{lifeline.fileno()}", os.O_RDONLY | os.O_NONBLOCK)
     fcntl.fcntl(own, fcntl.F_SETOWN, -os.getpgrp())
     fcntl.fcntl(own, fcntl.F_SETSIG, signal.SIGKILL)
@@ -170,10 +170,10 @@ def _users_code_out_of_sight() -> Iterator[None]:
 
 
 def _begin_forkserver() -> None:
-    """Let it begin, deaf to a Ctrl-C at the terminal while it loads; a Ctrl-C that comes here
-    meanwhile is not lost.
+    """Start the fork server, deaf to a Ctrl-C at the terminal while it loads; a Ctrl-C that comes
+    to this process meanwhile is not lost.
     """
-    # would come to its end with Ctrl-C let through again
+    # first, because it lets Ctrl-C through when it is done
     multiprocessing.resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -183,9 +183,7 @@ def _begin_forkserver() -> None:
 
 
 def _starts_beside_the_package() -> bool:
-    """Whether the working folder is the one that holds this package; one that is gone holds
-    nothing.
-    """
+    """Whether the working folder is the one that holds this package; False if it is gone."""
     try:
         return Path.cwd() == Path(__file__).parents[2]
     except OSError:
@@ -194,15 +192,15 @@ def _starts_beside_the_package() -> bool:
 
 @contextmanager
 def _children_environment() -> Iterator[None]:
-    """The environment in which the process that makes the children starts; what the user has set
-    stays, except the hash seed.
+    """The environment in which children, or the fork server, start; what the user has set stays,
+    except the hash seed.
 
-    That process imports nothing from the working folder but this package: the folder may hold
-    another copy of it, or a user's files that are called as modules are.
+    The fork server imports nothing from the working folder, which may hold another copy of this
+    package, or a user's files with the names of modules; except where this package lies in it.
     """
-    wanted = (
-        _ENVIRONMENT if _KIND == "spawn" or _starts_beside_the_package() else _ENVIRONMENT | _APART
-    )
+    wanted = dict(_ENVIRONMENT)
+    if _KIND == "forkserver" and not _starts_beside_the_package():
+        wanted |= _SAFE_PATH
     before = {name: os.environ.get(name) for name in wanted}
     for name, value in wanted.items():
         if before[name] is None or name == "PYTHONHASHSEED":
