@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Never
 
 from sumo_eval.errors import InputError
 
@@ -43,15 +42,11 @@ def refuse_command(words: Sequence[str]) -> None:
             raise InputError(f"`sumo-eval {name}` was removed: {instead}.")
 
 
-def is_use_case(name: str) -> bool:
-    """Whether `name` is a use case written as Gherkin, or the catalogue of them."""
-    return name.endswith((".feature.md", ".feature")) or name == "autoware"
-
-
-def refuse_use_case(name: str) -> Never:
-    """Raise InputError: use cases became scenario files."""
-    raise InputError(
-        f"Use cases as Gherkin tables are not supported any more, got {name}: write the rows as "
-        "`[[sample]]` points and the `Then` lines as `[[require]]` of a scenario file "
-        "(docs/reference/scenario_file.md)."
-    )
+def refuse_use_case(name: str) -> None:
+    """Raise InputError where `name` is a use case written as Gherkin, or the catalogue of them."""
+    if name.endswith((".feature.md", ".feature")) or name == "autoware":
+        raise InputError(
+            f"Use cases as Gherkin tables are not supported any more, got {name}: write the rows "
+            "as `[[sample]]` points and the `Then` lines as `[[require]]` of a scenario file "
+            "(docs/reference/scenario_file.md)."
+        )

@@ -49,14 +49,13 @@ def check(what: str, step_timeout: float | None, case_timeout: float | None, see
     Exit status: 0 all is well, 1 the ADS breaks the contract or a run would lose cases of it to the
     clock, 2 it cannot be loaded or the file is wrong.
     """
-    from sumo_eval.gone import is_use_case, refuse_use_case
+    from sumo_eval.gone import refuse_use_case
     from sumo_eval.scenario.shipped_files import scenario_files
 
     file = what.partition("?")[0]
     if file in scenario_files():
         _check_scenario(f"{scenario_files()[file]}{what.removeprefix(file)}")
-    if is_use_case(file):
-        refuse_use_case(file)
+    refuse_use_case(file)
     _refuse_a_folder(file)
     refuse_a_bare_file(file)
     if file.endswith(".toml") and not _has_scheme(file):

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.gone import is_use_case, refuse_use_case
+from sumo_eval.gone import refuse_use_case
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.formats import GROUP, format_of
 from sumo_eval.scenario.logical import LogicalScenario
@@ -34,8 +34,7 @@ def find(use: str, folder: Path | None = None) -> LogicalScenario:
     plain, given = options_of(use)
     if reader := _reader_of(plain):
         return reader((Path.cwd() if folder is None else folder) / plain, given)
-    if is_use_case(plain):
-        refuse_use_case(plain)
+    refuse_use_case(plain)
     if ":" not in plain:
         return load(use)
     logical = load_object(use, folder, "Logical scenario")

@@ -1,8 +1,7 @@
-"""Scenario files of other formats than TOML: each format is an entry point of the group
-`sumo_eval.scenarios`.
+"""Scenario files of other formats than TOML, for `catalogue.find` and the reader of an evaluation.
 
-Its name is the ending, `xosc`; its object a `Format`, or a function `(path, options) ->
-LogicalScenario`.
+Each format is an entry point of the group `sumo_eval.scenarios`. Its name is the ending of the
+files, e.g. `xosc`. Its object is a `Format`, or a function `(path, options) -> LogicalScenario`.
 """
 
 from __future__ import annotations
@@ -15,24 +14,26 @@ from pathlib import Path
 from typing import Any, Final
 
 from sumo_eval.errors import InputError, said
-from sumo_eval.gone import is_use_case, refuse_use_case
+from sumo_eval.gone import refuse_use_case
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.settings import ScenarioSettings
 
 GROUP: Final = "sumo_eval.scenarios"
 Entries = tuple[ScenarioSettings, ...]
+"""The tables `[[scenario]]` of an evaluation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Format:
     """A reader of the scenario files of one ending.
 
-    read: the scenario of a file, by its path and the options behind its name.
-    expand: the entries in place of one, for files and catalogues that hold several scenarios.
-    catalogues: what `use` may say instead of a file.
-    samplings: ways to choose points: name -> function of a space and a `Request`, and the keys that
-        it takes.
+    read: makes the scenario of a path and of the options after the `?` of `use`.
+    expand: makes an entry of each scenario that an entry's file or catalogue holds, of the entry
+        and the folder where paths start; None: a file holds one.
+    catalogues: names that `use` may have instead of a file.
+    samplings: ways to choose points, by name: a function of a space and a `Request`, and the keys
+        of `sampling` that it takes.
     """
 
     read: Callable[[Path, Mapping[str, str]], LogicalScenario]
@@ -44,62 +45,62 @@ class Format:
 def format_of(path: str) -> Format | None:
     """The format of a file by its ending; None where no installed package reads it."""
     _, dot, ending = path.rpartition(".")
-    # a shipped name looks at no other package
-    return _loaded(ending) if dot and ending in _points() else None
+    # without a dot it is a name: no need to look for installed packages
+    return _loaded(ending) if dot and ending in _readers() else None
 
 
 def formats() -> Iterator[Format]:
-    """Every installed format."""
-    return map(_loaded, _points())
+    """Every installed format; imports its package."""
+    return map(_loaded, _readers())
 
 
 def expanded(entries: Entries, folder: Path) -> Entries:
-    """One entry for each scenario: of catalogues, and of files that hold several.
+    """Entries of one scenario each: those of catalogues and of files with several are expanded.
 
-    folder: where paths start.
+    folder: where relative paths start.
     """
-    found: list[ScenarioSettings] = []
+    single: list[ScenarioSettings] = []
     for entry in entries:
-        if is_use_case(entry.use):
-            refuse_use_case(entry.use)
+        refuse_use_case(entry.use)
         form = _form_of(entry.use)
         if entry.folder is not None and (form is None or entry.use not in form.catalogues):
             names = ", ".join(name for other in formats() for name in other.catalogues)
             raise InputError(f"`folder` of scenario `{entry.use}` is for catalogues: {names}.")
-        found += [entry] if form is None or form.expand is None else form.expand(entry, folder)
-    return tuple(found)
+        single += [entry] if form is None or form.expand is None else form.expand(entry, folder)
+    return tuple(single)
 
 
 def _form_of(use: str) -> Format | None:
     """The format of an entry's file or catalogue; None for a shipped name, TOML and Python."""
-    plain = use.partition("?")[0]
+    plain = use.partition("?")[0]  # without its options
+    # what cannot be a catalogue's name imports no package of another format
     if "." in plain or ":" in plain or plain in scenario_files():
         return format_of(plain)
     return next((form for form in formats() if plain in form.catalogues), None)
 
 
 @cache
-def _points() -> Mapping[str, EntryPoint]:
-    """By ending. Raises InputError where two packages read one."""
-    found: dict[str, EntryPoint] = {}
-    for point in entry_points(group=GROUP):
-        ending = point.name.lstrip(".")
-        other = found.setdefault(ending, point)
-        if other.value != point.value:
+def _readers() -> Mapping[str, EntryPoint]:
+    """Entry points by ending. Raises InputError where two packages read one ending."""
+    readers: dict[str, EntryPoint] = {}
+    for reader in entry_points(group=GROUP):
+        ending = reader.name.lstrip(".")
+        other = readers.setdefault(ending, reader)
+        if other.value != reader.value:
             raise InputError(
-                f"Files `.{ending}` must have one reader, got `{other.value}` and `{point.value}` "
+                f"Files `.{ending}` must have one reader, got `{other.value}` and `{reader.value}` "
                 f"(entry points `{GROUP}`): uninstall one of their packages."
             )
-    return found
+    return readers
 
 
 @cache
 def _loaded(ending: str) -> Format:
-    point = _points()[ending]
+    reader = _readers()[ending]
     try:
-        form = point.load()
-    except Exception as error:  # of a package that is not ours
+        form = reader.load()
+    except Exception as error:  # the package may be a user's: any error is possible
         raise InputError(
-            f"The reader of `.{ending}` files, `{point.value}`, cannot be loaded: {said(error)}."
+            f"The reader of `.{ending}` files, `{reader.value}`, cannot be loaded: {said(error)}."
         ) from error
-    return form if isinstance(form, Format) else Format(form)
+    return form if isinstance(form, Format) else Format(read=form)

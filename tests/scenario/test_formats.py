@@ -30,11 +30,11 @@ def site(tmp_path, monkeypatch):
     """A folder of installed packages, where a test may install its own."""
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.chdir(tmp_path)
-    for known in (formats._points, formats._loaded):
+    for known in (formats._readers, formats._loaded):
         known.cache_clear()
     yield tmp_path
     sys.modules.pop("lead_format", None)
-    for known in (formats._points, formats._loaded):
+    for known in (formats._readers, formats._loaded):
         known.cache_clear()
 
 
@@ -72,6 +72,6 @@ def test_an_ending_that_nothing_reads_is_refused(tmp_path):
 
 
 def test_own_format_without_entry_point_names_the_mend(tmp_path, monkeypatch):
-    monkeypatch.setattr(formats, "_points", dict)
+    monkeypatch.setattr(formats, "_readers", dict)
     with refusal(r"no installed package reads `\.xosc` files.*`pip install -e \.` once more"):
         catalogue.find("any.xosc", tmp_path)

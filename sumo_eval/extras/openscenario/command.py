@@ -49,7 +49,7 @@ def import_(
     from sumo_eval.extras.openscenario.describe import described, listed
     from sumo_eval.extras.openscenario.logical import read_file
     from sumo_eval.extras.openscenario.written import scenario_content, write_scenario
-    from sumo_eval.gone import is_use_case, refuse_use_case
+    from sumo_eval.gone import refuse_use_case
     from sumo_eval.scenario.catalogue import options_of
 
     if conformity:
@@ -67,8 +67,7 @@ def import_(
             raise InputError(f"{what} for one file, got the catalogue {name}.")
         say(listed(name, COLLECTIONS[name].files(Path(folder or "."))))
         return
-    if is_use_case(name):
-        refuse_use_case(name)
+    refuse_use_case(name)
     if not name.endswith(".xosc"):
         raise InputError(
             f"`import` reads OpenSCENARIO files (.xosc) and catalogues, got {name}."
