@@ -1,5 +1,5 @@
-"""Settings of the simulation: the ego as a machine, what stands between it and the ADS, how SUMO
-steps a case.
+"""Table `[simulation]` of evaluation.toml: the ego's vehicle, limits of what an ADS perceives and
+commands, steps and end of a case. Used by `cosim/`; the texts of `About` stand in the reference.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from sumo_eval.settings.checked import About, Checked, NotNegativeFloat, Positiv
 class VehicleSettings(Checked):
     """The ego as a machine: a single-track model with limited steering, tyres, brakes and drive.
 
-    Mass, inertia, centre of gravity and stiffness of the dynamic model are those of a BMW 320i in
-    commonroad-vehicle-models (its vehicle 2), the centre of gravity as a share of the wheelbase.
-    All other numbers are round values of a mid-size car.
+    Mass, inertia, stiffness and centre of gravity (here a share of the wheelbase) of the dynamic
+    model are those of a BMW 320i, vehicle 2 of commonroad-vehicle-models. All other numbers are
+    round values of a mid-size car.
     """
 
     length: Annotated[PositiveFloat, About("body length", "m")] = 4.5
@@ -47,19 +47,19 @@ class VehicleSettings(Checked):
     model: Annotated[
         Literal["kinematic", "dynamic"],
         About(
-            "kinematic: the rear axle rolls where it points, valid up to about 0.4 g of lateral "
-            "acceleration (a clip records where a case exceeds it); dynamic: side slip and yaw by "
-            "tyre forces with their limit, same drive and brakes"
+            "kinematic: tyres do not slip, valid up to about 0.4 g of lateral acceleration (a clip "
+            "records where a case exceeds it); dynamic: side slip and yaw by tyre forces with "
+            "their limit, same drive and brakes"
         ),
     ] = "kinematic"
     mass: Annotated[PositiveFloat, About("of the dynamic model: mass", "kg")] = 1093.3
     yaw_inertia: Annotated[
-        PositiveFloat, About("of the dynamic model: about the vertical axis", "kg m2")
+        PositiveFloat, About("of the dynamic model: inertia about the vertical axis", "kg m2")
     ] = 1791.6
     front_share: Annotated[
         PositiveFloat,
         Lt(1.0),
-        About("of the dynamic model: of the wheelbase, from front axle to centre of gravity"),
+        About("of the dynamic model: (front axle to centre of gravity) / wheelbase"),
     ] = 0.448
     centre_height: Annotated[
         NotNegativeFloat, About("of the dynamic model: centre of gravity above the road", "m")
@@ -71,7 +71,7 @@ class VehicleSettings(Checked):
 
     @property
     def dynamic(self) -> float:
-        """1 for the dynamic model, else 0: a number, like all values of a vehicle in kernels."""
+        """1 for the dynamic model, else 0: a vehicle's record in kernels holds floats only."""
         return 1.0 if self.model == "dynamic" else 0.0
 
     @property
@@ -86,9 +86,8 @@ class ConditionSettings(Checked):
 
     By default there are none: the ADS sees everything, and the ego obeys at once.
 
-    Those from `perception_delay` to `occlusion` hold for controllers that receive an `Observation`
-    (`act(obs)`, `exec:`, `fmu:`): TraCI shows everything. Neither the ideal vehicle nor the human
-    drivers are under these conditions.
+    Conditions from `perception_delay` to `occlusion` limit an `Observation` (`act(obs)`, `exec:`,
+    `fmu:`). TraCI shows everything. No condition limits the ideal vehicle or the drivers.
     """
 
     perception_delay: Annotated[
@@ -144,21 +143,18 @@ class ConditionSettings(Checked):
 
 @dataclass(frozen=True, slots=True)
 class FmuSettings(Checked):
-    """Mapping of an FMU's variables; names that are not mapped are looked for as they are."""
+    """Mapping of an FMU's variables; one that is not mapped is connected by its name."""
 
     inputs: Annotated[
         dict[str, str | float],
-        About(
-            "input of the FMU = signal that it is given, a number, or `start`: it keeps its start "
-            "value"
-        ),
+        About("input of the FMU = its signal, a number, or `start`: it keeps its start value"),
     ] = field(default_factory=dict)
-    outputs: Annotated[dict[str, str], About("what is read = output of the FMU")] = field(
+    outputs: Annotated[dict[str, str], About("quantity that is read = output of the FMU")] = field(
         default_factory=dict
     )
     parameters: Annotated[
         dict[str, float | int | bool | str],
-        About("parameter of the FMU = its value, or a signal at the start"),
+        About("parameter of the FMU = its value, or the signal whose value at the start it takes"),
     ] = field(default_factory=dict)
 
 
@@ -166,6 +162,7 @@ class FmuSettings(Checked):
 class PlantSettings(FmuSettings):
     """An FMU as the ego's vehicle model, in place of the single-track model."""
 
+    # a field after others with defaults needs one: `MinLen` refuses it, so a file must be given
     file: Annotated[str, MinLen(1), About("the FMU, relative to the evaluation file")] = ""
 
 
@@ -175,9 +172,7 @@ class TrackerSettings(Checked):
 
     speed_time: Annotated[
         PositiveFloat,
-        About(
-            "time constant with which a wanted speed is taken up: dv/dt = (wanted - v) / it", "s"
-        ),
+        About("time constant T of reaching a wanted speed: dv/dt = (wanted - v) / T", "s"),
     ] = 0.5
     position_gain: Annotated[
         NotNegativeFloat,
@@ -194,8 +189,7 @@ class TrackerSettings(Checked):
     softening_speed: Annotated[
         PositiveFloat,
         About(
-            "wheel angle towards the path: atan(steering_gain * distance / (speed + this)) "
-            "(Stanley)",
+            "v0 in the wheel angle towards the path: atan(steering_gain * distance / (speed + v0))",
             "m/s",
         ),
     ] = 1.0
@@ -223,8 +217,8 @@ class SimulationSettings(Checked):
         NotNegativeFloat,
         Le(2.0),
         About(
-            "how far a body must reach into the lane of vehicles that react before they see it; 0: "
-            "at the first touch; at the latest once the middle of its front is in their lane",
+            "how far a body must reach into a lane until reacting vehicles in it see it; 0: it "
+            "touches the line; they see it at the latest once its front's centre is in their lane",
             "m",
         ),
     ] = 0.0
@@ -236,18 +230,20 @@ class SimulationSettings(Checked):
         ),
     ] = False
     vehicle: VehicleSettings = field(default_factory=VehicleSettings)
+    # the ideal vehicle: its U is Ug, which the paper uses in Eq. 17
     ideal_deceleration: Annotated[
         PositiveFloat,
         About("braking of the ideal vehicle", unit="m/s2", symbol="Ug", equation="17"),
     ] = 9.0
     ideal_build_up: Annotated[
-        PositiveFloat, About("its pressure build-up time", unit="s", symbol="Ug", equation="17")
+        PositiveFloat,
+        About("pressure build-up time of its brakes", unit="s", symbol="Ug", equation="17"),
     ] = 0.15
     ideal_visible_share: Annotated[
         NotNegativeFloat,
         Le(1.0),
         About(
-            "share of a hidden vehicle's width that must show for it to see it; 0: it sees through",
+            "share of a vehicle's width that must show for the ideal vehicle to see it; 0: none",
             symbol="Ug",
             equation="17",
         ),
@@ -255,7 +251,8 @@ class SimulationSettings(Checked):
     ideal_steers: Annotated[
         bool,
         About(
-            "whether it changes to a free lane where a hidden vehicle shows too late to brake",
+            "the ideal vehicle changes to a free lane where a hidden vehicle shows too late to "
+            "brake",
             symbol="Ug",
             equation="17",
         ),

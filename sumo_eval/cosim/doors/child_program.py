@@ -1,5 +1,5 @@
-"""A user's program as a child process: started for a case, its output kept, its process group
-killed after the case.
+"""A user's program as a child process, for ADSs of `exec:` and `traci:`: started for a case, its
+output kept, its process group killed after the case.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from typing import IO
 
 from sumo_eval.errors import InputError, must_be
 
-_PATIENCE = 0.5  # s of wall time that a program has to end by itself once its case is over
-_KEPT = 20_000  # bytes of a program's output that are kept, the last ones
+_PATIENCE = 0.5  # s of wall time in which a program may end by itself before it is killed
+_KEPT = 20_000  # the last bytes of a program's output, which are kept
 _PR_SET_PDEATHSIG = 1  # of Linux's prctl.h: the signal at the death of the parent
 
 
@@ -54,8 +54,8 @@ def checked_command(command: str, folder: Path | None, scheme: str) -> tuple[str
 
 
 def search_path() -> str:
-    """PATH; before it the folder of this Python's virtual environment, unless a user has activated
-    one.
+    """PATH, after the folder of this Python's virtual environment unless the user has activated an
+    environment.
     """
     usual = os.environ.get("PATH", os.defpath)
     if (
@@ -71,7 +71,8 @@ class ChildProgram:
     """A running program.
 
     command, folder: from `checked_command`.
-    talks: its stdin and stdout are pipes; else its stdout is kept together with its stderr.
+    talks: its stdin and stdout are pipes for messages; else it has no input, and its stdout is kept
+        together with its stderr.
     variables: of its environment, in addition to those of this process.
     """
 
@@ -83,26 +84,23 @@ class ChildProgram:
         talks: bool,
         variables: Mapping[str, str] | None = None,
     ) -> None:
-        # with that variable a TraCI program would load libsumo instead of connecting
-        environment = {
-            name: value for name, value in os.environ.items() if name != "LIBSUMO_AS_TRACI"
-        }
-        environment["PATH"] = search_path()
+        environment = {**os.environ, "PATH": search_path(), **(variables or {})}
+        # a TraCI program would load libsumo instead of connecting
+        environment.pop("LIBSUMO_AS_TRACI", None)
         self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `stop`
-        pipe = subprocess.PIPE if talks else subprocess.DEVNULL
         self.process = subprocess.Popen(
             list(command),
-            stdin=pipe,
+            stdin=subprocess.PIPE if talks else subprocess.DEVNULL,
             stdout=subprocess.PIPE if talks else self._output,
             stderr=self._output,
             cwd=folder,
-            env=environment | dict(variables or {}),
+            env=environment,
             start_new_session=True,
             preexec_fn=_die_with_parent if sys.platform == "linux" else None,
         )
 
     def stop(self) -> str:
-        """End the program and everything that it started; the text that it wrote."""
+        """End the program and everything that it started; return the output that was kept."""
         process = self.process
         if process.stdin is not None:
             with contextlib.suppress(OSError):  # it may have closed its end already
@@ -120,8 +118,8 @@ class ChildProgram:
         return f"[the first {left_out} bytes are left out]\n{text}" if left_out else text
 
     def how_it_ended(self) -> str:
-        """`with status 1`, after a short wait; `closing its output` of a program that still
-        runs.
+        """Last words of "the program ended ...": `with status 1`, or, where it still runs after a
+        short wait, `closing its output`.
         """
         try:
             return f"with status {self.process.wait(_PATIENCE)}"
@@ -130,7 +128,7 @@ class ChildProgram:
 
     def kill(self) -> None:
         """End the program and everything that it started, now."""
-        # the errors are those of a group in which no process is left
+        # no process is left in the group: Linux reports the first error, macOS the second
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self.process.pid, signal.SIGKILL)
 
