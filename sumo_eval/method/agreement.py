@@ -1,5 +1,5 @@
-"""Agreement of people with the scores, and with each other: rank correlation and Kendall's
-coefficient of concordance.
+"""Agreement of people's opinions with the scores, and with each other: rank correlation and
+Kendall's coefficient of concordance. For studies and the fits of `rates`.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from scipy import stats
 from sumo_eval.errors import must_be
 
 EXACT = 8
-"""Pairs up to which all orders are counted: 8! = 40,320.
+"""Number of pairs up to which p is counted over all orders, at most 8! = 40,320.
 
-The t distribution gives p = 0 for four that agree.
+For few pairs Student's t is wrong: four pairs in the same order would have p = 0.
 """
 
 
@@ -35,14 +35,12 @@ class Agreement(NamedTuple):
 
 
 def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
-    """Spearman's rho of n scores and n opinions, -1..1; nan where either is constant.
+    """Spearman's rho of n scores and n opinions, -1..1, and its p.
 
-    scores, opinions: (n,), n at least 3; one with a nan has no rho and no p.
+    Both are nan where either list is constant or contains a nan. p of up to 8 pairs is the share of
+    all n! orders with at least this |rho|, p of more pairs is by Student's t.
 
-    p: of up to 8 pairs the share of all n! orders with as large a |rho|, ties included; of more by
-        Student's t.
-
-    Raises InputError under 3 pairs.
+    scores, opinions: (n,), n at least 3; fewer raise InputError.
     """
     first, second = np.asarray(scores, dtype=float), np.asarray(opinions, dtype=float)
     if first.shape != second.shape or first.ndim != 1 or first.size < 3:
@@ -53,16 +51,17 @@ def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
             f"{first.shape} and {second.shape}",
         )
     if not (np.ptp(first) > 0.0 and np.ptp(second) > 0.0):
-        return Agreement(float("nan"), float("nan"), first.size)
-    found = stats.spearmanr(first, second)
-    p_value = float(found.pvalue)
+        return Agreement(math.nan, math.nan, first.size)
+    rho = stats.spearmanr(first, second)
+    p_value = float(rho.pvalue)
     if first.size <= EXACT:
-        middle = 0.5 * (first.size + 1)
-        ranks, others = stats.rankdata(first) - middle, stats.rankdata(second) - middle
-        # the first order is that of the opinions themselves
-        sums = np.abs(np.array(list(itertools.permutations(others))) @ ranks)
-        p_value = float(np.mean(sums >= sums[0] - 1e-9))
-    return Agreement(float(found.statistic), p_value, first.size)
+        mean_rank = 0.5 * (first.size + 1)
+        ranks = stats.rankdata(first) - mean_rank
+        orders = list(itertools.permutations(stats.rankdata(second) - mean_rank))
+        # proportional to |rho| of each order; the first is the order of the opinions themselves
+        sums = np.abs(np.array(orders) @ ranks)
+        p_value = float(np.mean(sums >= sums[0] - 1e-9))  # equal but for rounding counts
+    return Agreement(float(rho.statistic), p_value, first.size)
 
 
 def rank_interval(rho: float, n: int, level: float = 0.95) -> tuple[float, float] | None:
@@ -70,9 +69,9 @@ def rank_interval(rho: float, n: int, level: float = 0.95) -> tuple[float, float
 
     rho: -1..1 or nan.
     n: pairs.
-    level: share that the interval covers.
+    level: probability with which the interval covers rho.
 
-    None under 4 pairs, for |rho| = 1, and where rho is nan: nothing is known of its spread then.
+    None under 4 pairs, for |rho| = 1 and for nan: its spread is not known.
 
     Source: Bonett and Wright, Psychometrika 65, 23 (2000).
     """
@@ -90,11 +89,12 @@ def concordance(ratings: ArrayLike) -> Agreement:
         W = 12 S / (m^2 (n^3 - n) - m sum(t^3 - t)), S = sum((R_i - mean R)^2), chi^2 = m (n - 1) W
 
     ratings: (m, n).
+    R_i: sum of an item's ranks; t: sizes of the groups of equal ranks of each rater.
 
-    nan where every rater gave one score to all. Source: Kendall, Babington Smith, Ann. Math. Stat.
-    10, 275 (1939).
+    W is nan where every rater gave one score to all. Raises InputError for fewer than 2 raters or
+    items, or a missing rating.
 
-    Raises InputError for fewer than 2 raters or items, or a rating that is missing.
+    Source: Kendall, Babington Smith, Ann. Math. Stat. 10, 275 (1939).
     """
     table = np.asarray(ratings, dtype=float)
     if table.ndim != 2 or min(table.shape) < 2 or not np.all(np.isfinite(table)):
@@ -104,13 +104,12 @@ def concordance(ratings: ArrayLike) -> Agreement:
     m, n = table.shape
     ranks = stats.rankdata(table, axis=1)
     totals = ranks.sum(axis=0)
-    ties = sum(
-        float(np.sum(counts**3 - counts))
-        for row in ranks
-        for counts in (np.unique(row, return_counts=True)[1],)
-    )
-    spread = m**2 * (n**3 - n) - m * ties
-    if spread == 0.0:
-        return Agreement(float("nan"), float("nan"), m)
-    w = 12.0 * float(np.sum((totals - totals.mean()) ** 2)) / spread
+    ties = 0.0
+    for row in ranks:
+        t = np.unique(row, return_counts=True)[1]
+        ties += float(np.sum(t**3 - t))
+    divisor = m**2 * (n**3 - n) - m * ties
+    if divisor == 0.0:
+        return Agreement(math.nan, math.nan, m)
+    w = 12.0 * float(np.sum((totals - totals.mean()) ** 2)) / divisor
     return Agreement(w, float(stats.chi2.sf(m * (n - 1) * w, n - 1)), m)

@@ -1,7 +1,7 @@
-"""JUnit XML for continuous integration: a failure is the ADS doing badly, an error is a harness
-that could not tell.
+"""JUnit XML for continuous integration, of a run, a comparison or a night.
 
-Written by lxml in the shape that Jenkins, GitLab and the usual GitHub actions read.
+A failure: the ADS did badly. An error: the case could not be evaluated. Written by lxml in the
+shape that Jenkins, GitLab and the usual GitHub actions read.
 """
 
 from __future__ import annotations
@@ -66,7 +66,8 @@ class Test:
 Suites = Mapping[tuple[str, str], Iterable[Test]]
 """Tests by (name of the suite, class name)."""
 Properties = Mapping[tuple[str, str], Mapping[str, str]]
-"""Properties by suite, in the order of a file."""
+"""Properties by the key of their suite in `Suites`: name -> value."""
+_HELD = 1 << 18  # bytes of a suite that wait in memory, more in a file
 
 
 def run_suites(evaluation: Evaluation) -> Suites:
@@ -86,16 +87,19 @@ def run_suites(evaluation: Evaluation) -> Suites:
 
 
 def _suite_of(score: ScenarioResult) -> tuple[str, str]:
+    """Key in `Suites` of an ADS in a scenario."""
     return f"{score.ads} in {score.scenario}", f"{score.scenario}.{score.ads}"
 
 
 def score_parts(evaluation: Evaluation) -> Properties:
-    """The scores of each ADS in each scenario, with how S+ is made of its parts."""
+    """Properties of the suites of `run_suites`: the scores, and the formula of S+ with its
+    values.
+    """
     return {
         _suite_of(one.score): {
             **{
-                name: number(getattr(one.score, SCORES[name][0]), 4)
-                for name in ("T", "A'", "H", "S+", "S")
+                letter: number(getattr(one.score, SCORES[letter][0]), 4)
+                for letter in ("T", "A'", "H", "S+", "S")
             },
             "S+ of its parts": explain_s_plus(one),
         }
@@ -104,7 +108,7 @@ def score_parts(evaluation: Evaluation) -> Properties:
 
 
 def write_results(evaluation: Evaluation) -> None:
-    """Write what other programs read of a scored run into its folder: scores.json, cases.csv,
+    """Write the files for other programs into the folder of a scored run: scores.json, cases.csv,
     checks.csv, junit.xml.
     """
     write_tables(evaluation)
@@ -134,19 +138,19 @@ def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]
 
 
 def _change_tests(one: AdsComparison) -> Iterator[Test]:
-    """A test for each pair, in the order of the new run."""
-    places = {pair: place for place, pair in enumerate(one.changed.which.tolist())}
-    for pair, case in enumerate(one.changed.paired.new):
-        yield _change_test(
-            case, one.changed[places[pair]] if pair in places else None, one.units[1]
-        )
+    """A test for each pair of cases, in the order of the new run."""
+    changed = one.changed
+    change_of_pair = {pair: i for i, pair in enumerate(changed.which.tolist())}
+    for pair, case in enumerate(changed.paired.new):
+        change = changed[change_of_pair[pair]] if pair in change_of_pair else None
+        yield _change_test(case, change, one.units[1])
 
 
 def write_junit(suites: Suites, path: Path, properties: Properties | None = None) -> Path:
     """Write the suites with their properties to a file and return its path.
 
-    No more than one test of a case is in memory at a time. How many tests there are stands before
-    them, so each suite waits in a temporary file: to make its tests twice costs more.
+    One test of a case is in memory at a time. The file needs the number of tests before them, so
+    each suite is written to a temporary file first: making its tests twice would take longer.
     """
     try:
         with ExitStack() as bodies, path.open("wb") as out:
@@ -159,9 +163,9 @@ def write_junit(suites: Suites, path: Path, properties: Properties | None = None
                 file.write_declaration()
                 with file.element("testsuites", name="sumo_eval", **_counted(totals)):
                     for key, (body, counts, seconds) in written.items():
-                        named = {"name": _clean(key[0])} | _counted(counts)
+                        attributes = {"name": _clean(key[0])} | _counted(counts)
                         file.write("\n  ")
-                        with file.element("testsuite", **named, time=f"{seconds:z.3f}"):
+                        with file.element("testsuite", **attributes, time=f"{seconds:z.3f}"):
                             if properties and key in properties:
                                 file.write("\n    ", _properties(properties[key]))
                             file.flush()
@@ -175,10 +179,8 @@ def write_junit(suites: Suites, path: Path, properties: Properties | None = None
     return path
 
 
-_HELD = 1 << 18  # bytes of a suite that wait in memory
-
-
 def _counted(counts: Counter[str]) -> dict[str, str]:
+    """Numbers of tests as JUnit's attributes."""
     names = {"tests": "tests", "failures": "failure", "errors": "error", "skipped": "skipped"}
     return {name: str(counts[verdict]) for name, verdict in names.items()}
 
@@ -186,7 +188,7 @@ def _counted(counts: Counter[str]) -> dict[str, str]:
 def _written(
     tests: Iterable[Test], classname: str, body: IO[bytes]
 ) -> tuple[IO[bytes], Counter[str], float]:
-    """A file with a suite's tests, how many there are by verdict, and how long they took, s."""
+    """`body` with a suite's tests, their number by verdict, and the sum of their times, s."""
     counts, seconds = Counter[str](), array("d")
     for test in tests:
         counts.update(("tests", test.verdict))
@@ -220,12 +222,12 @@ def _element(test: Test, classname: str) -> etree._Element:
 def _case_test(case: CaseResult, missing: bool, report: ReportSettings, unit: str) -> Test:
     reason = placed(why_missing(case), case) if missing else ""
     result = partial(Test, point_words(case.values), seconds=case.wall_time or 0.0)
-    if not case.evaluated:
-        text = "\n".join(filter(None, (reason, *_task_and_harm(case, unit))))
-        return result("error", case.status, _first_line(reason or case.status), text)
+    if not case.evaluated:  # so it is missing, and there is a reason
+        text = "\n".join([reason, *_task_and_harm(case, unit)])
+        return result("error", case.status, _first_line(reason), text)
     if case.status == "off_road" or case.departed:
         return result("failure", "off_road", f"{case.ads} left the road", _facts(case, unit))
-    # Where the ideal vehicle's case is not known, the collision cannot count as unavoidable.
+    # without an outcome of the ideal vehicle a collision does not count as unavoidable
     if case.collided and (report.junit_failures == "any" or not case.unavoidable):
         which = "collision" if case.kind == "not known" else f"{case.kind} collision"
         speed = number(case.impact_speed, 1)
@@ -252,7 +254,9 @@ def _facts(case: CaseResult, unit: str) -> str:
 
 
 def _task_and_harm(case: CaseResult, unit: str) -> Iterator[str]:
-    """Parts of the case in T, A' and H, as far as it has any."""
+    """Lines on how the case changes T, A' and H: its departure, giving up, and its t and h; none
+    where it has none of them.
+    """
     if case.departed:
         harm = severity_words(case.departure_severity, unit, 2)
         yield (
@@ -269,52 +273,57 @@ def _task_and_harm(case: CaseResult, unit: str) -> Iterator[str]:
 
 
 def _change_test(case: CaseResult, change: ChangedCase | None, unit: str) -> Test:
+    """The test of a case of the new run.
+
+    change: from the base; None: there is none.
+    """
     result = partial(Test, point_words(case.values))
     if change is None or not change.worse:
         return result("passed")
-    name = change.change
-    if name == "not evaluated any more":
+    kind = change.change
+    if kind == "not evaluated any more":
         why = _first_line(placed(case.error or case.status, case))
-        return result("error", case.status, f"{name}: {why}", case.case)
-    than = (
+        return result("error", case.status, f"{kind}: {why}", case.case)
+    ending = (
         ", not so in the base"
         if change.by is None
         else f" than in the base by {abs(change.by):z.3g}"
     )
-    return result("failure", name.replace(" ", "_"), name + than, _facts(case, unit))
+    return result("failure", kind.replace(" ", "_"), kind + ending, _facts(case, unit))
 
 
 def _by_cell(cases: CaseTable, tests: Iterable[Test], cells: int) -> Iterator[Test]:
-    """One test a cell of the sampled box: a failure when a case in it failed, an error when only
-    errors are in it.
+    """One test for each cell of the sampled box that holds cases.
+
+    It is a failure if any case in it is one, else an error if any case in it is one.
     """
     if not len(cases):
         return
     names = list(cases[0].values)
     box = cells_of(cases.parameters(names), cells)
-    # of the tests that passed, only how long they took: there may be a million
+    # tests that passed are not kept, only their times: there may be a million
     seconds: defaultdict[tuple[int, ...], array[float]] = defaultdict(lambda: array("d"))
     bad: defaultdict[tuple[int, ...], list[Test]] = defaultdict(list)
-    for place, test in zip(map(tuple, box.places.tolist()), tests, strict=True):
-        seconds[place].append(test.seconds)
+    for cell, test in zip(map(tuple, box.places.tolist()), tests, strict=True):
+        seconds[cell].append(test.seconds)
         if test.verdict in ("failure", "error"):
-            bad[place].append(test)
+            bad[cell].append(test)
 
-    for place in sorted(seconds):
+    for cell in sorted(seconds):
         edges = ", ".join(
             f"{name} {left:g}..{right:g}"
-            for name, left, right in zip(names, *box.edges(place), strict=True)
+            for name, left, right in zip(names, *box.edges(cell), strict=True)
         )
-        result = partial(Test, edges, seconds=math.fsum(seconds[place]))
-        failures = [test for test in bad[place] if test.verdict == "failure"]
-        alike = failures or bad[place]
-        if not alike:
+        result = partial(Test, edges, seconds=math.fsum(seconds[cell]))
+        failures = [test for test in bad[cell] if test.verdict == "failure"]
+        reported = failures or bad[cell]
+        if not reported:
             yield result("passed")
             continue
         words = "failed" if failures else "could not be evaluated"
-        message = f"{len(alike)} of {count(len(seconds[place]), 'case')} {words}"
-        text = "\n".join(f"{test.name}: {test.message}" for test in alike)
-        yield result(alike[0].verdict, alike[0].kind, message, text)
+        message = f"{len(reported)} of {count(len(seconds[cell]), 'case')} {words}"
+        text = "\n".join(f"{test.name}: {test.message}" for test in reported)
+        yield result(reported[0].verdict, reported[0].kind, message, text)
 
 
 def _first_line(text: str) -> str:
@@ -325,5 +334,5 @@ _FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff
 
 
 def _clean(text: str) -> str:
-    """Without what XML cannot hold; a controller's error may contain anything."""
+    """Replace characters that XML cannot hold; a controller's error may contain any."""
     return _FORBIDDEN.sub("\ufffd", text)

@@ -1,5 +1,5 @@
 """The rule that decides whether a build got worse than its base, in three parts: outcome, near
-miss, shift.
+miss, shift. `nightly/` makes limits of it; the numbers below are the defaults of a gate file.
 
 d is the amount by which a quantity of a case got worse. A case is worse if d is above its
 tolerance, better if -d is.
@@ -52,8 +52,8 @@ class Noise:
     """Random variation of the ADSs in a night.
 
     repeats: of each ADS that was driven twice, by its name.
-    bad: number of bad drives tonight, the first drive included, by case.
-    shaky: cases of which, in earlier nights, some drives of one build were bad and some not.
+    bad: number of tonight's bad drives, the first included, of each newly bad case of a noisy ADS.
+    shaky: cases that in an earlier night were bad in some drives and not in others.
     """
 
     repeats: Mapping[str, Repeats] = field(default_factory=dict)
@@ -77,24 +77,33 @@ def worsening(base: FloatArray, new: FloatArray, measure: MeasureSettings) -> Fl
 
 
 def tolerance(base: FloatArray, measure: MeasureSettings, floor: float = 0.0) -> FloatArray:
-    """max(absolute, share |base|, floor), (n,)."""
+    """max(absolute, share |base|, floor), (n,).
+
+    floor: from the random variation of an ADS that does not repeat itself.
+    """
     return np.maximum(np.maximum(measure.absolute, measure.share * np.abs(base)), floor)
 
 
 def floor_of(differences: FloatArray, settings: NoiseSettings) -> float:
-    """1.5 q95(|d|) of differences between two drives of one build, (n,); 0 where there are none."""
+    """Floor of a tolerance: 1.5 q95(|d|); 0 without any difference.
+
+    differences: between two drives of each case with one build, (n,); nan where not known.
+    """
     known = np.abs(differences[np.isfinite(differences)])
     return float(settings.factor * np.quantile(known, settings.quantile)) if len(known) else 0.0
 
 
 def sign_test(worse: int, better: int) -> float:
     """P(Bin(W + B, 1/2) >= W): chance of W or more worse cases if nothing changed."""
+    # bdtr(B, ...) is P(Bin <= B), the same by symmetry
     return float(bdtr(better, worse + better, 0.5))
 
 
 def kept_margin(base: FloatArray, new: FloatArray, measure: MeasureSettings) -> FloatArray:
-    """Share of its distance to an accident that a case kept, (n,): new / base, of a quantity that
-    rises with danger, such as DRAC, base / new; 1 where the divisor is 0.
+    """Share of its distance to an accident that each case kept, (n,).
+
+    It is new / base, or base / new of a quantity that rises with danger, such as DRAC. It is 1
+    where the divisor is 0.
     """
     kept, whole = (new, base) if measure.higher_is_better else (base, new)
     return np.divide(kept, whole, out=np.ones_like(kept), where=whole > 0.0)
@@ -104,10 +113,11 @@ def holm(chances: Sequence[tuple[float, float]], level: float) -> list[bool]:
     """Holm's method: whether each test is rejected, so that the probability of any false alarm is
     at most `level`.
 
-    Tests that no result could have rejected do not count (Tarone).
+    Tests whose least P is too large for a rejection are left out first, as Tarone does.
 
     chances: (P, least P that was possible) of each test.
     """
+    # indices of the tests that stay: with m of them each least P is at most level / m
     possible = list(range(len(chances)))
     while any(chances[i][1] > level / len(possible) for i in possible):
         possible.remove(max(possible, key=lambda i: chances[i][1]))
@@ -128,7 +138,7 @@ class Ends:
     """Ends of cases: arrays (n,).
 
     missed: a requirement of the scenario was missed.
-    severity: U of the contact or of the departure, 0 without one, m/s.
+    severity: U of the contact or of the departure, in the run's unit of U; 0 without one.
     """
 
     collided: BoolArray
@@ -162,6 +172,7 @@ ENDS = {
     "collided": "collided", "departed": "left the road", "gave_up": "gave up",
     "not_evaluated": "not evaluated", "missed": "missed a requirement",
 }  # fmt: skip
+"""Words for each bad end. A case with several counts for the first one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,10 +203,10 @@ class Worse:
 
 
 def worse_ends(base: Ends, new: Ends, severity_by: float) -> dict[str, BoolArray]:
-    """Part one: flags (n,) of the cases with a bad end that they did not have in the base, by end,
-    and of those with a higher U.
+    """Part one: flags (n,) of the cases that ended worse, by the name of the end in `ENDS`, and as
+    `severity` of a higher U.
 
-    A case with several new bad ends is flagged under the first of them only.
+    An end counts if the case did not have it in the base. A case is flagged once.
 
     severity_by: rise of U that counts, in its unit.
     """
@@ -209,17 +220,17 @@ def worse_ends(base: Ends, new: Ends, severity_by: float) -> dict[str, BoolArray
 
 
 def severity_floor(once: Ends, twice: Ends, settings: NoiseSettings) -> float:
-    """Floor of U from two drives of one build, m/s.
+    """Floor of U from two drives of one build, in its unit.
 
-    Only cases with a U count: the zeros of all others would hide how much it varies.
+    Only cases with a U in either drive count: zeros of all others would hide how much it varies.
     """
     harmed = (once.severity > 0.0) | (twice.severity > 0.0)
     return floor_of((twice.severity - once.severity)[harmed], settings)
 
 
 def severity_limit(settings: GateSettings, repeats: Repeats, units: tuple[str, str]) -> float:
-    """Rise of U that counts: max(0.5 m/s, 2 floors of U); of a U without unit max(0.01, 2 floors);
-    of a U in two units none.
+    """Rise of U that counts: max(0.5 m/s, 2 floors of U); max(0.01, 2 floors) if U is a loss
+    without unit; inf, so none, if the runs have U in different units.
 
     units: of U in the base and in the new run.
     """
@@ -231,11 +242,13 @@ def severity_limit(settings: GateSettings, repeats: Repeats, units: tuple[str, s
 
 
 def newly_bad(one: AdsComparison, settings: GateSettings, repeats: Repeats) -> dict[str, Worse]:
-    """The pairs of part one, by quantity."""
+    """Part one: the pairs that ended worse, by the names of `worse_ends`, with their U."""
     base, new = (Ends.of(cases) for cases in (one.changed.paired.base, one.changed.paired.new))
     ends = worse_ends(base, new, severity_limit(settings, repeats, one.units))
-    harm = base.severity, new.severity
-    return {name: Worse.of(one, flags, harm[1] - harm[0], harm) for name, flags in ends.items()}
+    before, after = base.severity, new.severity
+    return {
+        name: Worse.of(one, flags, after - before, (before, after)) for name, flags in ends.items()
+    }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -246,7 +259,7 @@ class Tally:
     worse: of each scenario.
     better: number of better cases.
     cases: number of all cases that have the measure.
-    least_kept: least share of its margin that a worse case kept, 1 without one.
+    least_kept: least `kept_margin` of a worse case; 1 if no case is worse.
     """
 
     ads: str
@@ -280,8 +293,8 @@ def tally(
 
     compared: of the ADS, of each scenario.
     floor: least tolerance.
-    near: for part two: a missing value counts as one at the limit of the measure's `zone`, and
-        only cases with a value within the zone count.
+    near: True for part two. A missing value then counts as one at the limit of the measure's
+        `zone`, and only cases with a value inside the zone in a run count.
     """
     worse, kept = [], 1.0
     better = cases = 0
@@ -290,7 +303,7 @@ def tally(
         by = worsening(before, after, measure)
         limit = tolerance(before, measure, floor) * (1.0 + LAST_DIGIT)
         if near and measure.zone is not None:
-            sign = 1.0 if measure.higher_is_better else -1.0
+            sign = 1.0 if measure.higher_is_better else -1.0  # below the limit is inside then
             there &= np.fmin(sign * before, sign * after) < sign * measure.zone
         flags = there & (by > limit)
         kept = float(kept_margin(before, after, measure)[flags].min(initial=kept))
@@ -303,8 +316,9 @@ def tally(
 def values_of(
     one: AdsComparison, measure: MeasureSettings, *, fill: bool
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """A quantity of all pairs in the base and in the new run, and whether a pair has it in both and
-    has the status `ok` in both, (n,) each.
+    """A quantity of all pairs, (n,) each: in the base, in the new run, and whether it counts.
+
+    It counts where it is finite and the status is `ok`, in both runs.
 
     fill: a missing value becomes the limit of the measure's `zone`.
     """
@@ -319,11 +333,11 @@ def values_of(
 
 
 def got_worse(found: Tally, settings: GateSettings) -> bool:
-    """Whether a tally of an ADS that repeats itself fails.
+    """Whether a tally of an ADS that repeats itself fails, with W worse and B better cases.
 
-    W worse and B better cases. Part two: W > B, and P < 0.1, or B = 0, or a case kept at most 60 %
-    of its margin. Part three: W >= max(3, 5 % of all cases) and P < 0.02, or B = 0 and
-    W >= max(3, 15 % of all cases).
+    Part two: W > B, and one of: P < 0.1; B = 0; a worse case kept at most 60 % of its margin.
+    Part three: W >= max(3, 5 % of all cases) and P < 0.02; or W >= max(3, 15 % of all cases) and
+    B = 0.
     """
     if found.near:
         rule = settings.near_miss
@@ -335,12 +349,15 @@ def got_worse(found: Tally, settings: GateSettings) -> bool:
 
 
 def many(found: Tally, settings: GateSettings, share: float) -> bool:
-    """Whether at least 3 cases, and at least this share of all, are worse."""
+    """Whether at least 3 cases, and at least `share` of all cases, are worse."""
     return found.number >= max(settings.shift.cases, share * found.cases)
 
 
 def can_fail(found: Tally, settings: GateSettings, *, noisy: bool) -> bool:
-    """Whether a part could fail at all if all of its cases were worse."""
+    """Whether a tally could fail if all of its cases were worse.
+
+    noisy: the ADS does not repeat itself; it is tested by P alone.
+    """
     least = 1 if found.near else settings.shift.cases
     return found.cases >= least and (not noisy or 0.5**found.cases <= settings.noise.chance)
 
@@ -361,18 +378,18 @@ def only_improved(comparison: Comparison, settings: GateSettings) -> bool:
     one is better beyond its tolerance.
     """
     watched = (*settings.near_miss.measure, *settings.shift.measure)
-    measures = [one for one in watched if one.quantity not in TIMED]
+    measures = [measure for measure in watched if measure.quantity not in TIMED]
     better = False
     for one in comparison.ads:
         base, new = (Ends.of(cases) for cases in (one.changed.paired.base, one.changed.paired.new))
-        least = 0.0 if one.one_unit else math.inf
+        least = 0.0 if one.one_unit else math.inf  # U in two units cannot be compared
         if any(flags.any() for flags in worse_ends(base, new, least).values()):
             return False
         better |= bool((base.bad & ~new.bad).any())
         for measure in measures:
             before, after, there = values_of(one, measure, fill=True)
             by = worsening(before, after, measure)[there]
-            if (by > LAST_DIGIT * np.abs(before[there])).any():
+            if (by > LAST_DIGIT * np.abs(before[there])).any():  # by more than rounding
                 return False
             better |= bool((-by > tolerance(before[there], measure)).any())
     return better
