@@ -1,4 +1,4 @@
-"""Parameters of a space that a map shows, and where it cuts through all further ones."""
+"""The map of a space: its x and y, its panels along a third parameter, its slice through others."""
 
 from __future__ import annotations
 
@@ -12,23 +12,22 @@ from sumo_eval.cases import CaseResult, CaseTable, IntArray
 from sumo_eval.scenario.logical import LogicalScenario, Parameter
 from sumo_eval.trajectory import FloatArray
 
-# more values than this of the first parameter are gathered in GATHERED_PANELS panels
+# panels, one for each value of the first parameter; with more values there are GATHERED_PANELS
 MOST_PANELS = 12
 GATHERED_PANELS = 6
-# share of the cases; a slice with fewer shows all cases projected onto it
-SLICE_WORTH_SHOWING = 0.1
+SLICE_WORTH_SHOWING = 0.1  # share of the cases; a slice with fewer shows all cases, projected
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """View of a space in a map: columns of x and y (None: a strip), panels along a third, the
-    others held fixed.
+    """Parameters that a map of a space shows, each as its column in `names`.
 
-    panels: values of the `panel` parameter, one panel each; a single None where there is no such
-        parameter.
-    fixed: column -> value of the slice.
+    y: None for a space of one parameter, whose map is a strip.
+    panel: the parameter that has a panel for each value; None: a single panel.
+    panels: values of the `panel` parameter, one panel each; (None,) where it is None.
+    fixed: the slice, column -> value of each parameter that is not shown.
     projected: cases off the slice are drawn on it too.
-    gathered: each case lies in the panel nearest to it.
+    gathered: panels stand at even distances, and a case lies in the nearest.
     """
 
     names: tuple[str, ...]
@@ -56,76 +55,83 @@ class View:
 def choose_view(
     logical: LogicalScenario, cases: CaseTable, axes: tuple[str, str] | None = None
 ) -> View:
-    """One map for two parameters, a panel for each value of the first for three, a slice through
-    more.
+    """The map of a space, chosen by the number of its parameters.
 
-    axes: the parameters of x and y, where the settings name them; a map of more than two
-        parameters then is a slice through all others.
+    One or two: a single panel. Three: a panel for each value of the first. More, or three with
+    `axes`: x and y are the two with most values, and a slice holds each other one fixed at its most
+    common value.
+
+    axes: names of x and y from the settings, instead of the choice above.
     """
-    columns = range(len(logical.parameters))
+    names, columns = logical.names, range(len(logical.parameters))
     if len(columns) < 3:
-        own = [*map(logical.column, axes or logical.names)]
-        y = own[1] if own[1:] else None
-        return View(logical.names, own[0], y, None, (None,), {}, True)
+        x, *more = map(logical.column, axes or names)
+        return View(names, x, more[0] if more else None, None, (None,), {}, True)
     if len(columns) == 3 and axes is None:
-        distinct = np.unique(cases.parameters(logical.names[:1])).tolist()
-        if gathered := len(distinct) > MOST_PANELS:
+        panels = np.unique(cases.parameters(names[:1])).tolist()
+        if gathered := len(panels) > MOST_PANELS:
             first = logical.parameters[0]
-            distinct = np.linspace(first.low, first.high, GATHERED_PANELS).tolist()
-        return View(logical.names, 1, 2, 0, tuple(distinct), {}, True, gathered)
-    points = cases.parameters(logical.names)
-    number, common = zip(*(_variety(points[:, column]) for column in columns), strict=True)
+            panels = np.linspace(first.low, first.high, GATHERED_PANELS).tolist()
+        return View(names, 1, 2, 0, tuple(panels), {}, True, gathered)
+    points = cases.parameters(names)
+    number, common = zip(*map(_variety, points.T), strict=True)
     by_variety = sorted(columns, key=lambda column: -number[column])
     x, y = sorted(by_variety[:2]) if axes is None else map(logical.column, axes)
     fixed = {column: common[column] for column in columns if column not in (x, y)}
-    on_slice = int(np.count_nonzero(np.all(points[:, list(fixed)] == list(fixed.values()), axis=1)))
-    projected = on_slice < SLICE_WORTH_SHOWING * len(cases)
-    return View(logical.names, x, y, None, (None,), fixed, projected)
+    on_slice = np.all(points[:, list(fixed)] == list(fixed.values()), axis=1)
+    projected = int(np.count_nonzero(on_slice)) < SLICE_WORTH_SHOWING * len(cases)
+    return View(names, x, y, None, (None,), fixed, projected)
 
 
 def _variety(column: FloatArray) -> tuple[int, float]:
-    """Number of values of a parameter, and the most common one, of equals the least; where each
-    occurs once, the middle one.
+    """Number of different values of a parameter, and its most common value.
+
+    The least of several that are as common; the middle one where each occurs once.
     """
-    values, often = np.unique(column, return_counts=True)
-    return len(values), float(values[len(values) // 2 if often.max() == 1 else np.argmax(often)])
+    values, counts = np.unique(column, return_counts=True)
+    chosen = len(values) // 2 if counts.max() == 1 else np.argmax(counts)
+    return len(values), float(values[chosen])
 
 
 def telling_slice(view: View, cases: CaseTable) -> dict[int, float]:
-    """The slice that a map with a choice of slices opens at, column -> value: the one with most
-    collisions.
+    """The slice with most collisions, at which a map opens, column -> value.
 
-    Of equals the first in order of the values. Empty where a view has no slices.
+    The first in order of the values where several have as many. Empty where the view fixes no
+    parameter or draws all cases on one slice.
     """
     if view.projected or not view.fixed:
         return {}
     points = cases.parameters([view.names[column] for column in view.fixed])
-    slices, which = np.unique(points, axis=0, return_inverse=True)  # in the order of their values
-    collisions = np.bincount(which.ravel(), cases.collided, len(slices))
+    # sorted slices, and each case's number among them
+    slices, slice_of = np.unique(points, axis=0, return_inverse=True)
+    collisions = np.bincount(slice_of.ravel(), cases.collided, len(slices))
     return dict(zip(view.fixed, slices[int(np.argmax(collisions))].tolist(), strict=True))
 
 
 def tile_counts(
     axes: Sequence[Parameter], cases: CaseTable, tiles: int
 ) -> tuple[IntArray, FloatArray]:
-    """Number of cases in each tile of the plane of two parameters, x and y, and the share of them
-    that collided, (tiles * tiles,), y slowest.
+    """Number of cases in each tile of a plane, and the share of them that collided.
 
-    tiles: along each axis.
+    axes: the parameters of x and y.
+    tiles: number along each axis; results are (tiles * tiles,), x fastest.
     """
     points = cases.parameters([item.name for item in axes])
-    low, high = (np.array([getattr(item, end) for item in axes]) for end in ("low", "high"))
+    low, high = np.array([(item.low, item.high) for item in axes]).T
     shares = (points - low) / (high - low)
     x, y = np.clip((shares * tiles).astype(np.intp), 0, tiles - 1).T
-    number = np.bincount(y * tiles + x, minlength=tiles * tiles)
-    hits = np.bincount(y * tiles + x, cases.collided, tiles * tiles)
-    return number, np.divide(hits, number, out=np.zeros(len(hits)), where=number > 0)
+    tile = y * tiles + x
+    number = np.bincount(tile, minlength=tiles * tiles)
+    hits = np.bincount(tile, cases.collided, tiles * tiles)
+    return number, hits / np.maximum(number, 1)
 
 
 class Cells(NamedTuple):
-    """The box of cases in equal cells.
+    """Equal cells of the box that points fill.
 
-    places: of the cell of each case, (n, k).
+    low: least value of each parameter, (k,).
+    step: width of a cell along each parameter, (k,).
+    places: number of each point's cell along each parameter, (n, k).
     """
 
     low: FloatArray
@@ -134,13 +140,14 @@ class Cells(NamedTuple):
 
     def edges(self, place: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         """Least and largest values of a cell, (k,) each."""
-        return self.low + self.step * np.array(place), self.low + self.step * (np.array(place) + 1)
+        lower = np.array(place)
+        return self.low + self.step * lower, self.low + self.step * (lower + 1)
 
 
 def cells_of(points: FloatArray, cells: int) -> Cells:
     """The cells of points (n, k).
 
-    cells: along each axis.
+    cells: number along each parameter; all points are in cell 0 of one that does not vary.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     spans = np.where(high > low, high - low, 1.0)
@@ -151,7 +158,11 @@ def cells_of(points: FloatArray, cells: int) -> Cells:
 def slice_points(
     logical: LogicalScenario, view: View, panel: int, x: FloatArray, y: FloatArray
 ) -> FloatArray:
-    """Points (len(y), len(x), k) of a panel; x and y in the unit box."""
+    """Points of a panel, (len(y), len(x), k).
+
+    panel: its number in `view.panels`.
+    x, y: shares of the parameters' ranges, 0 to 1.
+    """
     unit = np.zeros((len(y), len(x), len(logical.parameters)))
     unit[..., view.x] = x
     if view.y is not None:

@@ -1,4 +1,4 @@
-"""Settings of the people that D compares with, synthetic and recorded."""
+"""Settings of the drivers that D compares with, synthetic and recorded."""
 
 from __future__ import annotations
 
@@ -12,23 +12,28 @@ from sumo_eval.settings.checked import About, Checked, NotNegativeFloat, Positiv
 
 @dataclass(frozen=True, slots=True)
 class PopulationSettings(Checked):
-    """Differences of the synthetic drivers from the recorded ones that they were fitted to."""
+    """How synthetic drivers differ from those drawn of the fitted distributions.
+
+    The defaults are fitted to recorded drivers (docs/explanation/drivers.md).
+    """
 
     overtake_share: Annotated[
         NotNegativeFloat, Le(1.0), About("share who overtake a slower lead vehicle")
     ] = 0.771
     headway_scale: Annotated[
-        PositiveFloat, About("factor on everybody's desired time headway (IDM)", symbol="T")
+        PositiveFloat, About("factor on the desired time headway of all drivers (IDM)", symbol="T")
     ] = 1.0
-    reaction_scale: Annotated[PositiveFloat, About("factor on everybody's reaction time")] = 1.0
+    reaction_scale: Annotated[
+        PositiveFloat, About("factor on the reaction time of all drivers")
+    ] = 1.0
     lane_change_scale: Annotated[
-        PositiveFloat, About("factor on the duration of everybody's lane changes")
+        PositiveFloat, About("factor on the duration of all lane changes")
     ] = 1.1
     onset: Annotated[
         Literal["recorded", "limits"],
         About(
-            "headway and TTC at which they pass: people's own, or the limits by which they begin "
-            "where people do"
+            "headway and TTC that drivers pass at: `recorded`, as measured, or `limits`, fitted so "
+            "that their drives begin to pass where recorded ones do"
         ),
     ] = "recorded"
 
@@ -58,8 +63,8 @@ class DriverSettings(Checked):
     tolerance: Annotated[
         dict[str, PositiveFloat] | None,
         About(
-            "how far an event's parameter may be from the concrete scenario's, by parameter; "
-            "others keep their own"
+            "how far an event's parameter may be from the concrete scenario's, by parameter; a "
+            "parameter without an entry keeps the tolerance of its scenario"
         ),
     ] = None
     least: Annotated[int, Ge(2), About("recorded drivers below which a reference is too thin")] = 10

@@ -1,10 +1,10 @@
 """A recorded scene as a scenario file: an ADS replaces one of the recorded vehicles, the rest drive
 as recorded.
 
-The actors drive along their recorded path at their recorded speed. Where a model is named, SUMO
-drives each of them by it from when the ADS is further from the recorded ego than a distance, once
-the actor is within a lane: an unfinished lane change ends first. The file's only parameter,
-`react_beyond`, is that distance; at `NEVER` no actor reacts.
+The actors drive along their recorded path at their recorded speed. The file's only parameter is
+`react_beyond`, a distance. Where a model is named, SUMO takes over the actors when the ego is
+further than that from where the recorded ego was at the same time. An actor that is changing lane
+ends the change first. At `NEVER` no actor reacts.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import pandas as pd
 import tomli_w
 
 from sumo_eval.drivers.recorded.recordings import INTERVAL, STANDARD_LANE, Recordings
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.scenario.file import check_file, read_scenario
 from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.trajectory import FloatArray
@@ -28,19 +28,26 @@ from sumo_eval.trajectory import FloatArray
 NEVER = 100_000.0  # m; no ADS departs that far
 REACH = 300.0  # m along the road; vehicles that are always further from the ego are left out
 LONGEST = 120.0  # s of a scene
-KNOTS = 0.5  # s between two knots of a recorded speed
-PATH_TOLERANCE = 0.03  # m, that a path may be off the recorded one
-WITHIN_LANE = 0.6  # m off a lane's middle, from where on a vehicle can be handed over
-# m of road behind the last vehicle at the start, and ahead of the first one at the end
-BEFORE, BEHIND = 100.0, 500.0
-BODIES = {"van": "van", "truck": "truck", "bus": "truck", "truck_bus": "truck",
+KNOTS = 0.5  # s between two knots, at which the file has a speed
+PATH_TOLERANCE = 0.03  # m that a written path may be off the recorded one
+WITHIN_LANE = 0.6  # m from a lane's middle; nearer than that SUMO can take over an actor
+ROAD_BEHIND = 100.0  # m behind the last vehicle at the start
+ROAD_AHEAD = 500.0  # m ahead of the first vehicle at the end
+BODIES = {
+    "van": "van",
+    "truck": "truck",
+    "bus": "truck",
+    "truck_bus": "truck",
     "motorcycle": "motorcycle",
-                 "bicycle": "bicycle", "pedestrian": "pedestrian"}  # fmt: skip
+    "bicycle": "bicycle",
+    "pedestrian": "pedestrian",
+}
 """Bodies of scenario files by recorded class; all others are cars."""
 ROAD_AS_WRITTEN = (
     "The lanes are straight and there throughout; curves, ramps and lanes that end are not written."
 )
 NO_REACTION = "no actor reacts"
+# why a vehicle is left out
 FAR, IN_ANOTHER, SHORT = (
     f"never within {REACH:g} m of the ego",
     "would stand in another vehicle where its track is continued to the start",
@@ -53,7 +60,7 @@ class WrittenScene(NamedTuple):
 
     path: of the file.
     others: number of actors.
-    left_out: why vehicles are not in it.
+    left_out: reason -> number of vehicles.
     continued: number of actors that were not recorded throughout, and are assumed to keep their
         speed and lane before and after.
     error: root mean square and largest distance, m, of the actors in the file from their recorded
@@ -69,8 +76,11 @@ class WrittenScene(NamedTuple):
 
 
 class _Track(NamedTuple):
-    """Positions since the start of the scene, across the road from the middle of its right-most
-    lane.
+    """Recorded positions of a vehicle.
+
+    time: s since the start of the scene.
+    x: along the road, m, as recorded.
+    y: to the left of the middle of the right-most lane, m.
     """
 
     name: str
@@ -98,7 +108,7 @@ def write_scene(
     recording: its name; None: the only one that the ego is in.
     span: start and end of the scene, s of the recording; default: the first 30 s of the ego.
     model: SUMO's, by which the actors react; None: they do not.
-    beyond: m.
+    beyond: the first value of `react_beyond`, m; the second is `NEVER`.
     """
     if path.suffix != ".toml":
         raise must_be("The file", "a scene", "one that ends with .toml", str(path))
@@ -107,53 +117,28 @@ def write_scene(
         bounds = f"above 0 m and below {NEVER:g} m"
         raise must_be("The distance from which on actors react", "a scene", bounds, beyond)
     own = table[table["vehicle"] == ego]
-    start, stop = own["t"].iloc[[0, -1]]
-    first = start if span[0] is None else span[0]
-    last = min(first + 30.0, stop) if span[1] is None else span[1]
-    if not (start - 1e-6 <= first < last <= stop + 1e-6 and last - first <= LONGEST):
-        raise must_be(
-            "Begin and end", f"the scene of vehicle `{ego}`",
-            f"within its recording, {start:g} to {stop:g} s, at most {LONGEST:g} s apart",
-            f"{first:g} to {last:g} s",
-        )  # fmt: skip
+    first, last = _span_of(own, span)
     begins = table.groupby("vehicle", sort=False)["t"].min()
     table = table[table["t"].between(first, last)]
     lowest, width, lanes = _lanes(table)
-    clock = np.arange(round((last - first) / INTERVAL) + 1) * INTERVAL
+    clock = np.arange(round((last - first) / INTERVAL) + 1, dtype=np.float64) * INTERVAL
     seconds = float(clock[-1])
-    mine = _track(own, first, lowest, "ego")
+    mine = _track(own, first, lowest)
     speed = _speed(mine, 0.0)
-    # before and after the scene it is not there
     x, y = (np.interp(clock, mine.time, values) for values in (mine.x, mine.y))
-    mine = mine._replace(time=clock, x=x, y=y)
-    left_out: Counter[str] = Counter()
-    actors: list[_Track] = []
-    continued = 0
-    names = set(table["vehicle"]) - {ego}
-    for name in sorted(names, key=lambda name: (begins[name], name)):
-        rows = table[table["vehicle"] == name]
-        written = "v" + re.sub(r"\W", "_", name)
-        while written in (it.name for it in actors):
-            written += "_"
-        track = _track(rows, first, lowest, written)
-        whole = _continued(track)
-        if len(rows) < round(1.0 / INTERVAL):
-            left_out[SHORT] += 1
-        elif np.abs(track.x - np.interp(track.time, clock, x)).min() > REACH:
-            left_out[FAR] += 1
-        elif any(_overlap(whole, other) for other in (mine, *actors)):
-            left_out[IN_ANOTHER] += 1
-        else:
-            continued += track.time[0] >= INTERVAL or track.time[-1] <= clock[-1] - INTERVAL
-            actors.append(whole)
+    mine = mine._replace(time=clock, x=x, y=y)  # of the scene alone
+    names = sorted(set(table["vehicle"]) - {ego}, key=lambda name: (begins[name], name))
+    rows = (table[table["vehicle"] == name] for name in names)
+    actors, continued, left_out = _actors_of([_track(it, first, lowest) for it in rows], mine)
     if not actors:
         raise InputError(
             f"Around vehicle `{ego}` there must be a vehicle from {first:g} to {last:g} s, got "
             "none."
         )
-    shift = BEFORE - min(float(track.x[0]) for track in (mine, *actors))
-    road = max(float(track.x.max()) for track in (mine, *actors)) + shift + BEHIND
+    shift = ROAD_BEHIND - min(float(track.x[0]) for track in (mine, *actors))
+    road = max(float(track.x.max()) for track in (mine, *actors)) + shift + ROAD_AHEAD
     reaction = f"from a departure on actors react as SUMO's {model}" if model else NO_REACTION
+    # without a model `beyond` is refused, so that one point is left
     never = {"require": f"react_beyond >= {NEVER:g}", "about": f"one where {NO_REACTION}"}
     content = {
         "name": re.sub(r"\W", "_", path.stem),
@@ -166,7 +151,7 @@ def write_scene(
             "about": "distance of the ego from the recorded one beyond which actors react"}],
         "constraint": [] if model else [never],
         "road": {"lanes": lanes, "lane_width": width, "length": round(road, 1)},
-        "end": {"x": round(road - BEHIND / 2.0, 1), "time": round(seconds, 1)},
+        "end": {"x": round(road - ROAD_AHEAD / 2.0, 1), "time": round(seconds, 1)},
         "ego": {"speed": round(speed, 3), "x": round(x[0] + shift, 3),
             "y": round(y[0], 3), "length": mine.length, "width": mine.width,
             "recorded": np.column_stack([x + shift, y]).round(3).tolist()},
@@ -184,13 +169,11 @@ def write_scene(
 def _of_recording(table: pd.DataFrame, recording: str | None, ego: str) -> pd.DataFrame:
     """The rows of the recording that is named, or else of the only one that the ego is in."""
     table = table.astype({"recording": str, "vehicle": str})
-    known = table["recording"].unique().tolist()
-    if recording is not None and recording not in known:
-        raise unknown("recording", recording, known)
-    searched = table if recording is None else table[table["recording"] == recording]
-    names = searched.loc[searched["vehicle"] == ego, "recording"].unique().tolist()
-    if not names:
-        raise unknown("vehicle of the recording", ego, searched["vehicle"].unique().tolist())
+    if recording is not None:
+        check_known("recording", table["recording"].unique().tolist(), recording)
+        table = table[table["recording"] == recording]
+    check_known("vehicle of the recording", table["vehicle"].unique().tolist(), ego)
+    names = table.loc[table["vehicle"] == ego, "recording"].unique().tolist()
     if len(names) > 1:
         raise InputError(
             f"`recording` must name one recording: vehicle `{ego}` is in {len(names)}, "
@@ -200,35 +183,82 @@ def _of_recording(table: pd.DataFrame, recording: str | None, ego: str) -> pd.Da
     return rows
 
 
-def _lanes(rows: pd.DataFrame) -> tuple[float, float, int]:
-    """Middle of the right-most lane with a vehicle, m, width of the lanes and how many
-    there are.
+def _span_of(own: pd.DataFrame, span: tuple[float | None, float | None]) -> tuple[float, float]:
+    """Start and end of the scene, s of the recording.
+
+    own: the ego's rows.
     """
+    start, stop = own["t"].iloc[[0, -1]]
+    first = start if span[0] is None else span[0]
+    last = min(first + 30.0, stop) if span[1] is None else span[1]
+    if not (start - 1e-6 <= first < last <= stop + 1e-6 and last - first <= LONGEST):
+        raise must_be(
+            "Begin and end", f"the scene of vehicle `{own['vehicle'].iloc[0]}`",
+            f"within its recording, {start:g} to {stop:g} s, at most {LONGEST:g} s apart",
+            f"{first:g} to {last:g} s",
+        )  # fmt: skip
+    return first, last
+
+
+def _actors_of(tracks: list[_Track], ego: _Track) -> tuple[list[_Track], int, Counter[str]]:
+    """Actors of the file, each from the start of the scene on; how many of them were not recorded
+    throughout; reason -> number of vehicles left out.
+
+    tracks: of two in the same place at the start the later in the list is left out.
+    """
+    left_out: Counter[str] = Counter()
+    actors: list[_Track] = []
+    continued = 0
+    for track in tracks:
+        name = "v" + re.sub(r"\W", "_", track.name)
+        while name in (it.name for it in actors):
+            name += "_"
+        actor = _from_start(track)._replace(name=name)
+        if len(track.time) < round(1.0 / INTERVAL):
+            left_out[SHORT] += 1
+        elif np.abs(track.x - np.interp(track.time, ego.time, ego.x)).min() > REACH:
+            left_out[FAR] += 1
+        elif any(_overlap(actor, other) for other in (ego, *actors)):
+            left_out[IN_ANOTHER] += 1
+        else:
+            continued += track.time[0] >= INTERVAL or track.time[-1] <= ego.time[-1] - INTERVAL
+            actors.append(actor)
+    return actors, continued, left_out
+
+
+def _lanes(rows: pd.DataFrame) -> tuple[float, float, int]:
+    """y of the right-most lane with a vehicle, width of the lanes, m, and number of lanes."""
     middles = np.sort(rows.groupby("lane")["y"].median().to_numpy())
     gaps = np.diff(middles)
-    gaps = gaps[(gaps > 2.5) & (gaps < 4.5)]
+    gaps = gaps[(gaps > 2.5) & (gaps < 4.5)]  # of neighbours
     width = round(float(np.median(gaps)), 2) if len(gaps) else STANDARD_LANE
-    return float(middles[0]), width, max(round(float(middles[-1] - middles[0]) / width) + 1, 1)
+    return float(middles[0]), width, round(float(middles[-1] - middles[0]) / width) + 1
 
 
-def _track(rows: pd.DataFrame, first: float, lowest: float, name: str) -> _Track:
+def _track(rows: pd.DataFrame, first: float, lowest: float) -> _Track:
+    """The track of a vehicle's rows.
+
+    first: start of the scene, s of the recording.
+    lowest: y of the right-most lane, m.
+    """
     time, x, y = (rows[key].to_numpy(dtype=np.float64) for key in ("t", "x", "y"))
-    kind, length, width = (rows[key].iloc[0] for key in ("class", "length", "width"))
+    name, kind, length, width = rows[["vehicle", "class", "length", "width"]].iloc[0]
     body = BODIES.get(str(kind), "car")
     return _Track(name, body, float(length), float(width), time - first, x, y - lowest)
 
 
 def _speed(track: _Track, time: float) -> float:
-    """Speed along the road at a time, m/s, over half a second."""
+    """Speed along the road at a time, m/s, over the half second around it that is recorded."""
     begin = min(max(time - 0.25, track.time[0]), track.time[-1] - 0.5)
     x = np.interp([begin, begin + 0.5], track.time, track.x)
     return float(max(x[1] - x[0], 0.0) / 0.5)
 
 
-def _continued(track: _Track) -> _Track:
-    """From the start of the scene on: before its first position it is assumed to have had its speed
-    and lane.
+def _from_start(track: _Track) -> _Track:
+    """The track from the start of the scene on, at its first speed and in its lane up to its first
+    position.
     """
+    # half an interval: rounding must not repeat the first position
     before = np.arange(0.0, track.time[0] - INTERVAL / 2.0, INTERVAL)
     x = track.x[0] - _speed(track, float(track.time[0])) * (track.time[0] - before)
     return track._replace(
@@ -245,55 +275,61 @@ def _overlap(one: _Track, other: _Track) -> bool:
 
 
 def _vehicle(track: _Track, shift: float, width: float, lanes: int, model: str) -> dict[str, Any]:
-    """A vehicle of the file: along its path, at its speed, until it is handed over."""
+    """A vehicle of the file: along its path, at its speed, until SUMO takes it over."""
     x, y = track.x + shift, track.y
-    way = np.append(0.0, np.hypot(np.diff(x), np.diff(y)).cumsum())
-    knots, speeds = fit_speeds(track.time, way)
+    driven = np.append(0.0, np.hypot(np.diff(x), np.diff(y)).cumsum())  # m since the start
+    knots, speeds = fit_speeds(track.time, driven)
     within = " or ".join(
         f"abs(y({track.name}) - {width * lane:g}) < {WITHIN_LANE}" for lane in range(lanes)
     )
-    places = np.column_stack([x, y]).round(3)
-    times, pace = knots.round(3).tolist(), speeds.round(3).tolist()
-    path = {"do": "path", "points": places[thinned(x, y, PATH_TOLERANCE)[1:]].tolist()}
-    profile = {"do": "speed_profile", "times": times[1:], "speeds": pace[1:]}
+    positions = np.column_stack([x, y]).round(3)
+    begin, *points = positions[thinned(x, y, PATH_TOLERANCE)].tolist()
+    speed, *later_speeds = speeds.round(3).tolist()
+    path = {"do": "path", "points": points}
+    profile = {"do": "speed_profile", "times": knots.round(3).tolist()[1:], "speeds": later_speeds}
     follow = {
         "do": "follow",
         "model": model,
         "speed": round(max(float(speeds.max()), 1.0), 2),
         "when": f"departed > react_beyond and ({within})",
     }
+    stands = driven[-1] <= 1.0
     return {
-        "name": track.name, "speed": pace[0], "x": float(places[0, 0]), "y": float(places[0, 1]),
+        "name": track.name, "speed": speed, "x": begin[0], "y": begin[1],
         "body": track.body, "length": track.length, "width": track.width,
-        "manoeuvre": [path, profile, follow] if way[-1] > 1.0 else [follow],
+        "manoeuvre": [follow] if stands else [path, profile, follow],
     }  # fmt: skip
 
 
 def fit_speeds(time: FloatArray, way: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Knots, s, and speeds there, m/s, none below 0: straight between them, so that the distance is
-    nearest to `way` (n,) m at times (n,) s in the least squares sense. The first knot is at
-    time[0].
+    """Times of knots, s, the first at time[0], and speeds there, m/s, none below 0.
+
+    Speed is linear between knots. The distance driven is the least squares fit to `way`.
+
+    time: (n,), s.
+    way: distance driven at these times, (n,), m.
     """
     from scipy.interpolate import make_interp_spline
     from scipy.optimize import lsq_linear
 
-    count = max(round(float(time[-1] - time[0]) / KNOTS), 1) + 1
-    knots = np.linspace(float(time[0]), float(time[-1]), count)
-    hats = make_interp_spline(
-        knots, np.eye(count), k=1
-    )  # a speed of 1 m/s at one knot, 0 at others
+    begin, end = float(time[0]), float(time[-1])
+    count = max(round((end - begin) / KNOTS), 1) + 1
+    knots = np.linspace(begin, end, count)
+    # column k: a speed of 1 m/s at knot k, 0 at the others, and the distance driven at that speed
+    hats = make_interp_spline(knots, np.eye(count), k=1)
+    distances = hats.antiderivative()(time)
     solve: Any = lsq_linear
-    driven = hats.antiderivative()(time)
-    return knots, np.asarray(solve(driven, way - way[0], bounds=(0.0, np.inf)).x)
+    return knots, np.asarray(solve(distances, way - way[0], bounds=(0.0, np.inf)).x)
 
 
 def thinned(x: FloatArray, y: FloatArray, tolerance: float) -> list[int]:
-    """Numbers of the points that keep a line (n,) within `tolerance` m of its former course, by
+    """Indices of the points that keep a line (n,) within `tolerance` m of its former course, by
     Douglas and Peucker.
     """
-    kept, open_ = {0, len(x) - 1}, [(0, len(x) - 1)]
-    while open_:
-        a, b = open_.pop()
+    whole = (0, len(x) - 1)
+    kept, parts = {*whole}, [whole]  # parts: first and last point of each still to be examined
+    while parts:
+        a, b = parts.pop()
         dx, dy = x[b] - x[a], y[b] - y[a]
         length = math.hypot(dx, dy)
         px, py = x[a + 1 : b] - x[a], y[a + 1 : b] - y[a]
@@ -301,7 +337,7 @@ def thinned(x: FloatArray, y: FloatArray, tolerance: float) -> list[int]:
         if off.size and off.max() > tolerance:
             middle = a + 1 + int(off.argmax())
             kept.add(middle)
-            open_ += [(a, middle), (middle, b)]
+            parts += [(a, middle), (middle, b)]
     return sorted(kept)
 
 
