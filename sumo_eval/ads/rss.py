@@ -3,7 +3,7 @@ Regulation No. 157.
 
 A vehicle that is too close both along the road and across it is unsafe. Source: Shalev-Shwartz,
 Shammah, Shashua, arXiv:1708.06374; constants as in the JRC's implementation. docs/baselines.md
-lists the readings.
+lists the choices that the source leaves open.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from sumo_eval.kernels import kernel
 RESPONSE = 0.75  # rho, s
 ACCELERATION = 3.0  # a, m/s2, of the ego within the response time
 BRAKING = 6.0  # b, m/s2, of the ego
-OTHER_BRAKING = 6.0  # bl, m/s2, of the vehicle ahead
+OTHER_BRAKING = 6.0  # bl, m/s2, of the actor ahead
 LATERAL_ACCELERATION = 1.0  # ay, m/s2
 LATERAL_MARGIN = 0.3  # mu, m
 
@@ -42,7 +42,8 @@ def longitudinal_safe_distance(speed: float, other_speed: float) -> float:
 
     speed: v, other_speed: w, m/s.
     """
-    faster = speed + RESPONSE * ACCELERATION  # squared as products, whose bits compiled code keeps
+    # squares are products: compiled code computes them to the same bits as Python
+    faster = speed + RESPONSE * ACCELERATION
     driven = speed * RESPONSE + 0.5 * ACCELERATION * RESPONSE * RESPONSE
     return (
         driven
@@ -64,28 +65,30 @@ def lateral_safe_distance(lateral_speed: float) -> float:
 
 @kernel
 def rss_demand(scene: Any, after: float) -> float:
-    """Deceleration demanded `after` s from now, if all vehicles continue as now, m/s2.
+    """Deceleration demanded `after` s from now, if all vehicles continue as now, m/s2: that of full
+    braking, or 0. An actor that a nearer one hides does not count.
 
-    scene: ego, memory and prediction of each actor, scenario: as `braking_loop` makes it.
+    scene: the baseline's memory, what it knows of each actor, room for the foreseen actors, and the
+        cycle, as `braking_loop` makes them.
     """
-    own, known, others = scene[:3]
-    foresee_all(own, known, others, after, scene[3].step)
+    own, known, others, cycle = scene
+    foresee_all(own, known, others, after, cycle.step)
     me = own.then
     for j in range(len(others)):
         other = others[j]
-        if not is_in_sight(me, others, j, SHOWING):
+        if not is_in_sight(me, others, j, SHOWING) or other.x <= me.x:
             continue
-        if other.x <= me.x or bumper_gap(me, other) >= longitudinal_safe_distance(
-            me.along, other.along
-        ):
-            continue
-        if lateral_gap(me, other) < lateral_safe_distance(abs(closing_across(me, other))):
+        along = longitudinal_safe_distance(me.along, other.along)
+        across = lateral_safe_distance(abs(closing_across(me, other)))
+        if bumper_gap(me, other) < along and lateral_gap(me, other) < across:
             return HUMAN_BRAKING
     return 0.0
 
 
 class ResponsibilitySensitiveSafety(Compiled):
-    """ADS `rss`: full braking while an actor ahead violates both distances."""
+    """ADS `rss`: full braking while an actor ahead violates both distances; it decides at every
+    step.
+    """
 
     loop = staticmethod(braking_loop(rss_demand, clocks=1))
     memory, known, numbers = SAFETY_MEMORY, SIGHTED, [BRAKES]

@@ -1,4 +1,6 @@
-"""The report's section on the drivers: their own scores beside D, thin references, exposure."""
+"""The report's section on the drivers: their own D compared with that of each ADS, thin references,
+exposure, and the study that they took part in.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ from sumo_eval.text import capitalised
 
 MOST_WORST = 10  # cases
 STUDY: Final = "study.json"
-"""Beside the drives of a study: who took part, what was left out and why."""
+"""File beside the drives of a study, written by `extras/wheel/outcome.py`: number of participants,
+drives left out and why.
+"""
 
 
 def people_context(evaluation: Evaluation, _: Beside) -> dict[str, Any]:
@@ -27,20 +31,20 @@ def people_context(evaluation: Evaluation, _: Beside) -> dict[str, Any]:
         "worst": below_drivers(evaluation, MOST_WORST),
         "study": study_sentences(evaluation),
         "exposures": [
-            (name, f"{capitalised(str(found.get('about', 'not recorded')))}.")
-            for name, found in evaluation.exposures.items()
+            (name, f"{capitalised(str(exposure.get('about', 'not recorded')))}.")
+            for name, exposure in evaluation.exposures.items()
         ],
     }
 
 
 def drawn_words(drawn: Mapping[str, int]) -> str:
-    """In which ways the road was drawn for people who drove, each with its number of drives."""
+    """How the road was drawn for the participants: each way with its number of drives."""
     return ", ".join(f"{words} ({count(drives, 'drive')})" for words, drives in drawn.items())
 
 
 def study_sentences(evaluation: Evaluation) -> list[str]:
-    """Participants of the study that the drivers come from, and the drives it left out with their
-    reasons; none without a study.
+    """Sentences on the study that the drivers come from: participants, how the road was drawn, each
+    drive left out with its reason. None without a study.
 
     Raises InputError where the study's file cannot be read.
     """
@@ -52,24 +56,18 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
         return []
     text = read_input_text(path, "study")
     try:
-        told = json.loads(text)
-        left = [f"{it['participant']}, {it['case']}: {it['why']}." for it in told["left_out"]]
-        drawn = told.get("drawn", {})
-        everybody = (
-            f"{count(told['people'], 'person', 'people')} took part in the study {told['study']}"
-        )
-        return [
-            f"{everybody}; {count(told['drives'], 'drive')} by {told['with_drives']} of them "
-            f"count, {len(left)} {'is' if len(left) == 1 else 'are'} left out by the study's rules "
-            "of quality.",
-            *(
-                [f"The road was drawn for them in these ways: {drawn_words(drawn)}."]
-                if drawn
-                else []
-            ),
-            *left,
+        study = json.loads(text)
+        left_out = [f"{it['participant']}, {it['case']}: {it['why']}." for it in study["left_out"]]
+        sentences = [
+            f"{count(study['people'], 'person', 'people')} took part in the study "
+            f"{study['study']}; {count(study['drives'], 'drive')} by {study['with_drives']} of "
+            f"them count, {len(left_out)} {'is' if len(left_out) == 1 else 'are'} left out by the "
+            "study's rules of quality."
         ]
-    except (ValueError, KeyError, TypeError) as error:
+        if drawn := study.get("drawn"):
+            sentences.append(f"The road was drawn for them in these ways: {drawn_words(drawn)}.")
+        return sentences + left_out
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(
             f"{path} cannot be read ({said(error)}); `sumo-eval drive STUDY.toml --collect` "
             "writes it again."
@@ -81,6 +79,7 @@ def people_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     return [
         {
             "of": band,
+            # fewest and most drivers of a case; one number where they are the same
             "drivers": f"{'–'.join(dict.fromkeys(map(str, band.drivers))) or 'no'} a case, "
             f"{percent(band.recorded)} recorded",
             "warnings": _warnings(band),
@@ -90,11 +89,11 @@ def people_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
 
 
 def _warnings(band: DriverBand) -> list[str]:
-    """Limitations of the numbers."""
-    said = (
+    """A sentence for each limitation of a band that some of its cases have."""
+    limitations = (
         ("Reference too thin in {}.", band.thin),
         ("{} outside the support of the recorded exposure.", band.outside),
-        (f"In {{}} {TWO_GROUPS}", band.bimodal),
+        ("In {} " + TWO_GROUPS, band.bimodal),
         ("In {} no driver made the ADS's manoeuvre.", band.unlike),
     )
-    return [words.format(count(number, "case")) for words, number in said if number]
+    return [words.format(count(cases, "case")) for words, cases in limitations if cases]

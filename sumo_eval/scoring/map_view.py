@@ -127,7 +127,7 @@ def tile_counts(
 
 
 class Cells(NamedTuple):
-    """Equal cells of the box that points fill.
+    """Equal cells of the box that points fill, for one JUnit test a cell.
 
     low: least value of each parameter, (k,).
     step: width of a cell along each parameter, (k,).
@@ -158,7 +158,7 @@ def cells_of(points: FloatArray, cells: int) -> Cells:
 def slice_points(
     logical: LogicalScenario, view: View, panel: int, x: FloatArray, y: FloatArray
 ) -> FloatArray:
-    """Points of a panel, (len(y), len(x), k).
+    """Points of a panel, (len(y), len(x), k), at which a map shows the zones.
 
     panel: its number in `view.panels`.
     x, y: shares of the parameters' ranges, 0 to 1.

@@ -207,6 +207,10 @@ def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan, tm
         in sentences[0]
     )
     assert sentences[1:] == [f"{it.participant}, {it.case}: {it.why}." for it in found.left]
+    study = plan.folder / "drives" / "study.json"
+    study.write_text(json.dumps(json.loads(study.read_text()) | {"drawn": ["from above"]}))
+    with refusal("study.json cannot be read"):
+        study_sentences(evaluation)
 
 
 def test_an_evaluation_with_people_finds_the_files_of_its_run(plan, tmp_path, monkeypatch):

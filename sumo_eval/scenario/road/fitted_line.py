@@ -1,4 +1,6 @@
-"""The line of a road along a polyline: its curvature is linear from knot to knot."""
+"""The reference line of a road along the polyline of a SUMO network: its curvature is linear from
+knot to knot.
+"""
 
 from __future__ import annotations
 
@@ -13,63 +15,70 @@ from sumo_eval.scenario.road.reference_line import Piece, map_places
 from sumo_eval.trajectory import FloatArray
 
 WITHIN = 0.25  # m that the line may be off the polyline
-_KNOTS = (10.0, 5.0, 2.5, 1.25)  # m between knots: the first that is near enough
-_SAMPLES = 2.0  # m between places of the polyline that the line is held against, at most
-_STEP = 1.25  # m of an integration step, at most; at least two between two knots
-_ROUNDS = 12  # of Gauss and Newton's, at most
-# m by which a round moves the beginning, and as little of a curvature over the length: the last one
+_KNOTS = (10.0, 5.0, 2.5, 1.25)  # m between knots, tried in order until the line is near enough
+_SAMPLES = 2.0  # m, at most, between places of the polyline that the line is fitted to
+_STEP = 1.25  # m, at most, of an integration step; two steps or more from knot to knot
+_ROUNDS = 12  # Gauss-Newton rounds, at most
+# the rounds end when one shifts the beginning by less, m, and changes each curvature times the
+# length by less, rad
 _SETTLED = 1e-3
-# by which, times the square of the knots' distance, the curvature's second difference counts as off
+# a second difference of curvatures, times this and the square of the knots' distance, counts in the
+# least squares like a place so far off the line, m
 _SMOOTH = 0.05
-_DIGITS = 8  # of a curvature, 1/m: the last digit of a machine's arithmetic decides nothing
+_DIGITS = 8  # of a curvature, 1/m; rounded, it is the same on all machines
+
+Fit = tuple[tuple[Piece, ...], Pose, float]
+"""Pieces of a line, its beginning, and the largest distance of the polyline's places from it, m."""
 
 
-def fitted_line(polyline: FloatArray) -> tuple[tuple[Piece, ...], Pose, float]:
-    """The line along a polyline (n, 2): its pieces, where it begins (x, y, heading), and how far
-    off it is at most, m.
+def fitted_line(polyline: FloatArray) -> Fit:
+    """The line along a polyline (n, 2).
 
     Least squares over the curvatures at knots and the pose at the beginning, with as few knots as
-    keep it within `WITHIN`; the result may be further off, where the polyline has corners.
+    keep it within `WITHIN`; the nearest line where none does, as at corners. Without pieces and
+    infinitely far off where no fit succeeded.
     """
     places = _resampled(polyline)
-    best: tuple[tuple[Piece, ...], Pose, float] | None = None
+    best: Fit = ((), Pose(0.0, 0.0, 0.0), math.inf)
     for apart in _KNOTS:
         try:
-            found = _fitted(places, apart)
-        except np.linalg.LinAlgError:  # it went astray between corners
+            best = min(best, _fitted(places, apart), key=lambda fit: fit[2])
+        except np.linalg.LinAlgError:  # the rounds diverged, as they may between corners
             continue
-        if best is None or found[2] < best[2]:
-            best = found
         if best[2] <= WITHIN:
             break
-    return best or ((), Pose(0.0, 0.0, 0.0), math.inf)
+    return best
 
 
 def onto_the_line(points: FloatArray, begins: Pose) -> FloatArray:
-    """Places (n, 2) seen from where a line begins, its beginning at the origin and heading along
-    x.
+    """Places (n, 2) of the map in the frame of a line's beginning: it is the origin, its heading
+    the x axis.
     """
     x, y, heading = begins
     east, north = points[:, 0] - x, points[:, 1] - y
-    c, s = np.cos(heading), np.sin(heading)
-    return np.column_stack([east * c + north * s, north * c - east * s])
+    cos, sin = np.cos(heading), np.sin(heading)
+    return np.column_stack([east * cos + north * sin, north * cos - east * sin])
 
 
 def _resampled(polyline: FloatArray) -> FloatArray:
-    """Its vertices, and places between them that are `_SAMPLES` apart at most."""
-    found = [polyline[:1]]
+    """Vertices of a polyline, and evenly spaced places between them, at most `_SAMPLES` apart."""
+    parts = [polyline[:1]]
     for begin, end in itertools.pairwise(polyline):
         count = max(int(np.ceil(np.hypot(*(end - begin)) / _SAMPLES)), 1)
-        found.append(begin + (end - begin) * (np.arange(1, count + 1) / count)[:, None])
-    return np.concatenate(found)
+        parts.append(begin + (end - begin) * (np.arange(1, count + 1) / count)[:, None])
+    return np.concatenate(parts)
 
 
 class _Grid(NamedTuple):
-    """Steps along a line of `length` m, by which curvatures at knots become a line.
+    """Integration steps along a line, by which curvatures at knots become a line.
 
-    s: (count + 1,), ends of the steps; middle: (count,); step: their length, m.
-    knots: s of the knots, (k,). turned: heading at the middles for a curvature of 1 at each knot,
-    (count, k). smooth: rows that keep the second difference of the curvatures small, (k - 2, k).
+    length: of the line, m.
+    step: length of a step, m.
+    s: ends of the steps, (count + 1,).
+    middle: s of their middles, (count,).
+    knots: s of the knots, (k,).
+    turned: heading at the middles, less the first, is turned @ curvatures; (count, k), m.
+    smooth: smooth @ curvatures are their second differences times weights, (k - 2, k), m.
     """
 
     length: float
@@ -82,7 +91,9 @@ class _Grid(NamedTuple):
 
 
 class _Line(NamedTuple):
-    """A line on a grid: heading at the middles, what each step goes east and north, x and y."""
+    """A line on a grid: heading at the middles of steps, how far each step goes east and north, and
+    x and y at the ends of steps.
+    """
 
     heading: FloatArray
     east: FloatArray
@@ -95,58 +106,82 @@ class _Line(NamedTuple):
         return np.column_stack([np.interp(s, grid.s, self.x), np.interp(s, grid.s, self.y)])
 
 
-def _fitted(places: FloatArray, apart: float) -> tuple[tuple[Piece, ...], Pose, float]:
-    """The line with knots `apart` m apart, by Gauss and Newton's rounds, and how far off it is."""
+def _fitted(places: FloatArray, apart: float) -> Fit:
+    """The line with knots `apart` m apart, by Gauss-Newton rounds.
+
+    A round's unknowns are a shift of the beginning, a turn of its heading, and a change of each
+    curvature.
+    """
     segments = np.diff(places, axis=0).T
     s = np.concatenate([[0.0], np.cumsum(np.hypot(*segments))])
     headings = np.unwrap(np.arctan2(*segments[::-1]))
     grid = _grid(float(s[-1]), apart)
-    first, curvature = np.array([*places[0], headings[0]]), _curvatures(grid, s, headings)
+    first = np.array([*places[0], headings[0]])
+    curvature = _curvatures(grid, s, headings)
     for _ in range(_ROUNDS):
         line = _integrated(grid, first, curvature)
         s, left, off = _feet(grid, line, places, s)
-        # it begins beside the first place, not along from it
-        aside = np.array([-np.sin(first[2]), np.cos(first[2])])
-        rows = np.hstack([left @ aside[:, None], *_derivatives(grid, line, s, left)])
+        # the beginning is shifted across the line alone, so that it stays beside the first place
+        across = np.array([-np.sin(first[2]), np.cos(first[2])])
+        rows = np.hstack([left @ across[:, None], *_derivatives(grid, line, s, left)])
         rows = np.vstack([rows, np.hstack([np.zeros((len(grid.smooth), 2)), grid.smooth])])
         wanted = np.concatenate([np.einsum("ij,ij->i", off, left), -grid.smooth @ curvature])
+        # least squares by the R of QR: its last column is the side of `wanted`
         triangle = np.asarray(np.linalg.qr(np.column_stack([rows, wanted]), mode="r"))
-        change = np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1])
-        first = first + np.array([*(change[0] * aside), change[1]])
-        curvature = curvature + change[2:]
-        if abs(change[0]) < _SETTLED and np.abs(change[2:]).max() < _SETTLED / grid.length:
+        shift, turn, *bend = np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1])
+        first = first + np.array([*(shift * across), turn])
+        curvature = curvature + bend
+        if abs(shift) < _SETTLED and np.abs(bend).max() < _SETTLED / grid.length:
             break
+    return _rounded(grid.length, first, curvature, places, s)
 
-    ends = (np.round(curvature, _DIGITS) + 0.0).tolist()
-    width = grid.length / (len(ends) - 1)
-    pieces = tuple(Piece(width, begin, end) for begin, end in itertools.pairwise(ends))
+
+def _rounded(
+    length: float, first: FloatArray, curvature: FloatArray, places: FloatArray, near: FloatArray
+) -> Fit:
+    """The line with rounded curvatures, and how far off it is.
+
+    near: s of the places' feet, about.
+    """
+    ends = (np.round(curvature, _DIGITS) + 0.0).tolist()  # + 0.0 makes -0.0 positive
+    piece = length / (len(ends) - 1)
+    pieces = tuple(Piece(piece, begin, end) for begin, end in itertools.pairwise(ends))
     begins = Pose(*map(float, first))
-    return pieces, begins, _off(pieces, onto_the_line(places, begins), s)
+    x, y, heading = map_places(pieces, near, 0.0)
+    off_x, off_y = onto_the_line(places, begins).T - (x, y)
+    across = off_y * np.cos(heading) - off_x * np.sin(heading)
+    return pieces, begins, float(np.abs(across).max())
 
 
 def _grid(length: float, apart: float) -> _Grid:
     """The grid of a line, with knots about `apart` m apart."""
-    knots = max(round(length / apart), 1)
-    count = knots * max(math.ceil(apart / _STEP), 2)
-    step, s = length / count, np.linspace(0.0, length, count + 1)
-    middle, at = 0.5 * (s[:-1] + s[1:]), np.linspace(0.0, length, knots + 1)
-    each = np.eye(knots + 1)
-    hat = np.array([np.interp(middle, at, one) for one in each]).T
-    turned = np.concatenate([np.zeros((1, knots + 1)), np.cumsum(hat, axis=0) * step])
-    smooth = np.zeros((0, knots + 1))
-    if knots > 1:
-        smooth = _SMOOTH * apart**2 * np.diff(each, 2, axis=0)
-    return _Grid(length, step, s, middle, at, 0.5 * (turned[:-1] + turned[1:]), smooth)
+    pieces = max(round(length / apart), 1)
+    count = pieces * max(math.ceil(apart / _STEP), 2)
+    step = length / count
+    s = np.linspace(0.0, length, count + 1)
+    middle = 0.5 * (s[:-1] + s[1:])
+    knots = np.linspace(0.0, length, pieces + 1)
+    unit = np.eye(pieces + 1)  # row k: curvature 1 at knot k, 0 at the others
+    hat = np.array([np.interp(middle, knots, curvatures) for curvatures in unit]).T
+    turned = np.concatenate([np.zeros((1, pieces + 1)), np.cumsum(hat, axis=0) * step])
+    smooth = np.zeros((0, pieces + 1))
+    if pieces > 1:
+        smooth = _SMOOTH * apart**2 * np.diff(unit, 2, axis=0)
+    return _Grid(length, step, s, middle, knots, 0.5 * (turned[:-1] + turned[1:]), smooth)
 
 
 def _curvatures(grid: _Grid, along: FloatArray, headings: FloatArray) -> FloatArray:
-    """Curvatures at the knots by the headings of a polyline, whose corners are at `along`."""
-    count, middles = len(grid.knots) - 1, 0.5 * (along[:-1] + along[1:])
-    before, behind = (
-        np.interp(grid.knots + 0.5 * side * grid.length / count, middles, headings)
-        for side in (-1, 1)
-    )
-    return (behind - before) * count / grid.length
+    """Curvatures at the knots by the headings of a polyline, from half a piece before each knot to
+    half a piece after it.
+
+    along: s of the polyline's vertices.
+    """
+    count = len(grid.knots) - 1
+    middles = 0.5 * (along[:-1] + along[1:])
+    half = 0.5 * grid.length / count
+    before = np.interp(grid.knots - half, middles, headings)
+    after = np.interp(grid.knots + half, middles, headings)
+    return (after - before) * count / grid.length
 
 
 def _integrated(grid: _Grid, first: FloatArray, curvature: FloatArray) -> _Line:
@@ -160,12 +195,16 @@ def _integrated(grid: _Grid, first: FloatArray, curvature: FloatArray) -> _Line:
 def _feet(
     grid: _Grid, line: _Line, places: FloatArray, s: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """s of the feet of places, a step nearer; the line's left there, and how far off it is."""
-    toward = np.interp(s, grid.middle, line.heading)
-    c, n = np.cos(toward), np.sin(toward)
+    """Feet of places on a line, from approximate ones: their s, (n,), the unit vectors to the left
+    there and those from the feet to the places, (n, 2) each.
+
+    s: of the approximate feet.
+    """
+    heading = np.interp(s, grid.middle, line.heading)
+    cos, sin = np.cos(heading), np.sin(heading)
     off = places - line.at(grid, s)
-    s = np.clip(s + off[:, 0] * c + off[:, 1] * n, 0.0, grid.length)
-    return s, np.column_stack([-n, c]), places - line.at(grid, s)
+    s = np.clip(s + off[:, 0] * cos + off[:, 1] * sin, 0.0, grid.length)
+    return s, np.column_stack([-sin, cos]), places - line.at(grid, s)
 
 
 def _derivatives(
@@ -173,22 +212,23 @@ def _derivatives(
 ) -> tuple[FloatArray, FloatArray]:
     """Derivatives of the positions at s, to the left: by the first heading, (n, 1), and by the
     curvatures, (n, k).
+
+    left: unit vectors to the left at s, (n, 2).
     """
     below = np.clip(np.searchsorted(grid.s, s, side="right") - 1, 0, len(grid.middle) - 1)
     share = ((s - grid.s[below]) / grid.step)[:, None]
 
     def moved(steps: FloatArray) -> FloatArray:
+        """Derivatives by the curvatures of one coordinate at s, where each step turned by 1 rad
+        moves it by `steps`.
+        """
         swept = np.cumsum(steps[:, None] * grid.turned, axis=0)
         sums = np.concatenate([np.zeros((1, len(grid.knots))), swept])
         return np.asarray(sums[below] + share * (sums[below + 1] - sums[below]))
 
-    by_curvature = left[:, :1] * moved(-line.north) + left[:, 1:] * moved(line.east)
+    to_left_x, to_left_y = left[:, :1], left[:, 1:]
+    by_curvature = to_left_x * moved(-line.north) + to_left_y * moved(line.east)
+    # a turn of the first heading turns the whole line about its beginning
     arm = line.at(grid, s) - np.array([line.x[0], line.y[0]])
-    return left[:, :1] * -arm[:, 1:] + left[:, 1:] * arm[:, :1], by_curvature
-
-
-def _off(pieces: tuple[Piece, ...], places: FloatArray, near: FloatArray) -> float:
-    """The largest distance of places (n, 2) from a line, m."""
-    x, y, heading = map_places(pieces, near, 0.0)
-    across = (places[:, 1] - y) * np.cos(heading) - (places[:, 0] - x) * np.sin(heading)
-    return float(np.abs(across).max())
+    by_heading = to_left_x * -arm[:, 1:] + to_left_y * arm[:, :1]
+    return by_heading, by_curvature
