@@ -36,18 +36,16 @@ from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.text import cell
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-FOLDS = 5  # in which vehicles are held out
-# bandwidths of a KDE that are tried, over the data's spread
-FACTORS = (0.15, 0.2, 0.27, 0.36, 0.48, 0.64, 0.85)
-# events of a distribution: its cost grows with them, and the tails are the same
-MOST_FITTED = 2000
-LEAST_EVENTS = 5  # a parameter: with fewer there is no distribution
-# Kolmogorov distance to held-out vehicles; models nearer in every parameter differ by likelihood
+FOLDS = 5  # groups of vehicles, each held out once
+FACTORS = (0.15, 0.2, 0.27, 0.36, 0.48, 0.64, 0.85)  # bandwidths tried, beside Scott's
+MOST_FITTED = 2000  # events that a distribution is fitted to; more only cost time
+LEAST_EVENTS = 5  # for each parameter; with fewer there is no distribution
+# Kolmogorov distance to held-out vehicles; among models nearer in every parameter the likeliest wins
 NEAR = 0.1
-SAME = 1e-3  # in the parameter's unit: a deviation below makes a parameter a constant
+SAME = 1e-3  # in the parameter's unit; one with a smaller deviation is a constant
 PREFIX = "learnt_"
 STEP = 0.1  # s, at which scripted and recorded motion are compared
-DATE = "2022-01-01T00:00:00"  # the header of OpenSCENARIO needs one; the file depends on the events
+DATE = "2022-01-01T00:00:00"  # always the same, so that the same events give the same file
 
 
 class Fit(NamedTuple):
@@ -68,10 +66,8 @@ class Learnt(NamedTuple):
     measured: from its events.
     logical: the scenario of its file; None: too few events.
     models: held out, the best first.
-    replay: root mean square distance, m, of the actor's scripted motion to its recorded one, along
-        and across the road and together, (n, 3).
-    thinned: events that the distribution leaves out, evenly, where there are more than
-        `MOST_FITTED`.
+    replay: of `replay_errors`.
+    thinned: number of events beyond `MOST_FITTED`, which the distribution leaves out evenly.
     """
 
     encounters: Encounters
@@ -100,7 +96,7 @@ def learn(
     """Learn from recordings and write the scenario files, their events and OpenSCENARIO
     distributions into `folder`.
 
-    recordings: taken in order, so that only one has to be held.
+    recordings: read one after another, so that memory holds only one.
     source: their name in sentences.
     watch: receives the work under way, and how much is done.
     """
@@ -126,16 +122,17 @@ def learn(
 class Measured(NamedTuple):
     """Figures of a class's events before a fit.
 
-    rate: 1/km, and its 95 % limits by themselves.
-    needed: events for a distribution.
-    constants: parameters that do not vary.
+    rate: 1/km, and its 95 % limits.
+    needed: least number of events for a distribution.
+    constants: parameters that do not vary, and their values.
+    logical: the scenario of the file; None: too few events.
     content: of the scenario file, which is written without a distribution.
-    kept: which of the encounters' rows the distribution is fitted to, (n,) True or False;
-    rows: their parameters (n, k).
+    kept: whether each of the encounters' rows is within the ranges and constraints, (n,).
+    rows: parameters of those that are, (n, k).
     ends: parameter -> intervals of the range's lower and upper end.
-    correlations: pairs -> Spearman's rank correlation and its interval.
-    rate_together: limits of the rate that, with all `ends` and `correlations`, hold at once with 95
-        %.
+    correlations: pair -> Spearman's rank correlation and its limits.
+    rate_together: limits of the rate. With 95 % these, all `ends` and all `correlations` hold at
+        once, so each is wider than one that holds alone.
     """
 
     rate: tuple[float, float, float]
@@ -157,18 +154,20 @@ def measure(encounters: Encounters, survey: Survey, folder: Path, source: str) -
     quantities = {item.name: item for item in SCENES[encounters.name].quantities}
     counts = encounters.events, survey.kilometres
     rate = (encounters.events / survey.kilometres, *rate_interval(*counts))
-    values = [[row[name] for name in quantities] for row in encounters.rows]
-    columns = dict(zip(quantities, np.reshape(values, (-1, len(quantities))).T, strict=True))
+    columns = {
+        name: np.array([row[name] for row in encounters.rows], dtype=np.float64)
+        for name in quantities
+    }
     constants = {
         name: float(np.median(column))
         for name, column in columns.items()
         if len(column) > 1 and column.std() < SAME
     }
     free = [name for name in quantities if name not in constants]
-    # nothing can be fitted to events that are all alike
     needed = LEAST_EVENTS * len(free or quantities)
     few = Measured(rate, needed, constants)
-    if len(values) < needed or not free:
+    # no distribution is fitted to events that are all alike
+    if len(encounters.rows) < needed or not free:
         return few
     rows = np.column_stack([columns[name] for name in free])
     ranges = {name: _range(columns[name], quantities[name]) for name in free}
@@ -178,7 +177,7 @@ def measure(encounters: Encounters, survey: Survey, folder: Path, source: str) -
     kilometres = round(survey.kilometres, 3)
     content["met"] = {"events": encounters.events, "vehicle_km": kilometres, "where": source}
     path = folder / f"{encounters.name}.toml"
-    # without the joint distribution: its constraints rule out some events
+    # read back, the file says which events its constraints rule out
     _write(path, content)
     logical = read_scenario(path)
     kept = logical.in_box(rows) & logical.feasible(rows)
@@ -187,39 +186,48 @@ def measure(encounters: Encounters, survey: Survey, folder: Path, source: str) -
         path.unlink()
         return few._replace(kept=kept)
     pairs = list(itertools.combinations(range(len(free)), 2))
-    each = of_each(2 * len(free) + len(pairs) + 1)
+    # level of a single one of all these intervals
+    level = of_each(2 * len(free) + len(pairs) + 1)
     ends = {
         name: (
-            end_interval(column, upper=False, level=each),
-            end_interval(column, upper=True, level=each),
+            end_interval(column, upper=False, level=level),
+            end_interval(column, upper=True, level=level),
         )
         for name, column in zip(free, rows.T, strict=True)
     }
     correlations = {
-        (free[i], free[j]): rank_correlation(rows[:, i], rows[:, j], each) for i, j in pairs
+        (free[i], free[j]): rank_correlation(rows[:, i], rows[:, j], level) for i, j in pairs
     }
-    together = rate_interval(*counts, each)
+    together = rate_interval(*counts, level)
     return Measured(
         rate, needed, constants, logical, content, kept, rows, ends, correlations, together
     )
 
 
 def _learnt(encounters: Encounters, measured: Measured, path: Path) -> Learnt:
-    """Fit a class and write its files, `path` with an ending."""
+    """Fit a class and write its files.
+
+    path: of the files, without their ending.
+    """
     if measured.logical is None:
         return Learnt(encounters, measured)
     free = measured.logical.names
-    low, high = (tuple(end.tolist()) for end in (measured.logical.low, measured.logical.high))
-    rows, places = measured.rows, np.flatnonzero(measured.kept)
-    if len(places) > MOST_FITTED:
-        even = np.linspace(0, len(places) - 1, MOST_FITTED).round().astype(np.intp)
-        places, rows = places[even], rows[even]
-    sources = [encounters.sources[place] for place in places]
+    low, high = _tuples(np.array([measured.logical.low, measured.logical.high]))
+    rows = measured.rows
+    events_of = np.flatnonzero(measured.kept)  # index of each row among the encounters
+    if len(rows) > MOST_FITTED:
+        even = np.linspace(0, len(rows) - 1, MOST_FITTED).round().astype(np.intp)
+        rows = rows[even]
+        events_of = events_of[even]
+    sources = [encounters.sources[event] for event in events_of]
     models = choose_model(rows, free, (low, high), fold_of(sources))
     kind, factor = _named(models[0].model)
-    table, file = path.with_suffix(".events.csv"), path.with_suffix(".toml")
-    cells = [[cell(str(value)) for value in source.values()] for source in sources]
-    events = np.column_stack([rows.astype(object), cells]).tolist()
+    table = path.with_suffix(".events.csv")
+    file = path.with_suffix(".toml")
+    events = (
+        [*row, *(cell(str(value)) for value in source.values())]
+        for row, source in zip(rows.tolist(), sources, strict=True)
+    )
     write_csv(table, [*free, *sources[0]], events)
     distribution: dict[str, Any] = {"events": table.name, "kind": kind}
     if factor is not None:
@@ -227,16 +235,17 @@ def _learnt(encounters: Encounters, measured: Measured, path: Path) -> Learnt:
     _write(file, {**measured.content, "joint": distribution})
     value_sets(measured, rows, file)
     logical = read_scenario(file)
-    joint = Joint(kind, tuple(free), _tuples(rows), low, high, factor, table.name)
-    motions = [encounters.motions[place] for place in places]
+    joint = Joint(kind, free, _tuples(rows), low, high, factor, table.name)
+    motions = [encounters.motions[event] for event in events_of]
     replay = replay_errors(logical, encounters.name, rows, motions)
     thinned = len(measured.rows) - len(rows)
     return Learnt(encounters, measured, logical, joint, models, replay, thinned)
 
 
 def value_sets(measured: Measured, rows: FloatArray, file: Path) -> None:
-    """Write events (n, k) of a scenario file as an OpenSCENARIO ParameterValueDistribution: as
-    value sets, the only distribution of the standard that keeps how parameters go together.
+    """Write events (n, k) of a scenario file as an OpenSCENARIO ParameterValueDistribution.
+
+    It holds value sets: no other distribution of the standard keeps which values occur together.
     """
     root = etree.Element("OpenSCENARIO")
     value, low, high = measured.rate
@@ -269,10 +278,13 @@ def _tuples(rows: FloatArray) -> tuple[tuple[float, ...], ...]:
 
 
 def _range(values: FloatArray, quantity: Quantity) -> tuple[float, float]:
-    """A range that holds the values and one kernel deviation beyond, rounded outwards; there is
-    nothing above the quantity's ceiling, and below its floor only recorded values.
+    """A range that holds the values and one kernel deviation beyond, rounded outwards.
+
+    It ends at the quantity's ceiling at the latest. It begins below the floor only as far as values
+    are recorded there.
     """
     width = float(values.std(ddof=1)) * len(values) ** -0.2
+    # unit of the third digit of the values' spread
     scale = 10.0 ** (math.floor(math.log10(max(float(np.ptp(values)), 1e-6))) - 2)
     low = math.floor((values.min() - width) / scale) * scale
     high = math.ceil((values.max() + width) / scale) * scale
@@ -287,8 +299,9 @@ def _range(values: FloatArray, quantity: Quantity) -> tuple[float, float]:
 
 
 def fold_of(sources: Sequence[Mapping[str, Any]]) -> np.ndarray:
-    """The fold of each event, by the ego that had it: no vehicle is in two; by its number where
-    the egos are all in one.
+    """The fold of each event, by a hash of its ego, so that no vehicle is in two folds.
+
+    By the event's number where all egos fall into one fold.
     """
     egos = (f"{source['recording']}/{source['ego']}" for source in sources)
     folds = np.array([zlib.crc32(ego.encode()) % FOLDS for ego in egos])
@@ -296,7 +309,7 @@ def fold_of(sources: Sequence[Mapping[str, Any]]) -> np.ndarray:
 
 
 def _named(model: str) -> tuple[JointKind, float | None]:
-    """Kind and bandwidth of a model by its name, `copula 0.27` or `kde`; None: Scott's."""
+    """Kind and bandwidth of a model by its name, `copula 0.27`; `kde` alone has Scott's, None."""
     kind, _, factor = model.partition(" ")
     return ("kde" if kind == "kde" else "copula"), float(factor) if factor else None
 
@@ -304,40 +317,56 @@ def _named(model: str) -> tuple[JointKind, float | None]:
 def choose_model(
     rows: FloatArray,
     names: Sequence[str],
-    box: tuple[Sequence[float], Sequence[float]],
+    box: Sequence[tuple[float, ...]],
     folds: np.ndarray,
 ) -> tuple[Fit, ...]:
     """Every model on vehicles that it was not fitted to, the best first, the even density last.
 
     Best is the likeliest of those that are within `NEAR` of the held-out vehicles in every
     parameter; where none is, the nearest.
+
+    box: lower and upper ends of the ranges.
     """
     fits = []
-    low, high = map(tuple, box)
     for factor in ("", *(f" {factor:g}" for factor in FACTORS)):
         for kind in ("kde", "copula"):
-            model = kind + factor
-            logs, shares = [], []
-            for fold in range(FOLDS):
-                train, test = rows[folds != fold], rows[folds == fold]
-                if not len(test) or len(train) < len(names) + 2:
-                    continue
-                given, bandwidth = _named(model)
-                joint = Joint(given, tuple(names), _tuples(train), low, high, bandwidth)
-                density = joint.density(test) / joint.mass()
-                logs.append(np.log(np.maximum(density, 1e-300)))
-                shares.append(marginal_shares(joint, test))
-            if logs:
-                columns = zip(names, np.concatenate(shares).T, strict=True)
-                distances = {name: kolmogorov(column) for name, column in columns}
-                fits.append(Fit(model, float(np.concatenate(logs).mean()), distances))
+            fits += _fits(kind + factor, rows, names, box, folds)
+    # within `NEAR` all count as equally near
     fits.sort(key=lambda item: (max(*item.kolmogorov.values(), NEAR), -item.log_likelihood))
-    whole = float(np.prod(np.array(high) - np.array(low)))
+    whole = float(np.prod(np.subtract(box[1], box[0])))
     return (*fits, Fit("even", -math.log(whole), {}))
 
 
+def _fits(
+    model: str,
+    rows: FloatArray,
+    names: Sequence[str],
+    box: Sequence[tuple[float, ...]],
+    folds: np.ndarray,
+) -> list[Fit]:
+    """The fit of a model to the folds that are held out in turn; none where too few events are left
+    to fit it to.
+    """
+    kind, bandwidth = _named(model)
+    logs, shares = [], []
+    for fold in range(FOLDS):
+        train, test = rows[folds != fold], rows[folds == fold]
+        if len(test) and len(train) >= len(names) + 2:
+            joint = Joint(kind, tuple(names), _tuples(train), box[0], box[1], bandwidth)
+            density = joint.density(test) / joint.mass()
+            logs.append(np.log(np.maximum(density, 1e-300)))
+            shares.append(marginal_shares(joint, test))
+    if not logs:
+        return []
+    columns = zip(names, np.concatenate(shares).T, strict=True)
+    distances = {name: kolmogorov(column) for name, column in columns}
+    return [Fit(model, float(np.concatenate(logs).mean()), distances)]
+
+
 def marginal_shares(joint: Joint, points: FloatArray) -> FloatArray:
-    """The distribution function of each parameter by itself at points (n, k), within the box."""
+    """The distribution function of each parameter alone at points (n, k), from draws within the
+    box.
+    """
     drawn = np.sort(joint.draw(8192, random_stream(0, "marginals", len(joint.events))), axis=0)
     columns = zip(drawn.T, points.T, strict=True)
     return np.column_stack([np.searchsorted(own, at) / len(drawn) for own, at in columns])
@@ -352,17 +381,21 @@ def replay_errors(
     """Root mean square distance, m, between the actor's motion of the file and its recorded one:
     along the road, across it and together, (n, 3).
 
+    Along the road the gap to the ego counts, as vehicles of the file all have the same length.
+
     rows: the events' parameters (n, k).
     """
     scene = SCENES[class_]
     number = [actor.name for actor in scene.actors].index(scene.replayed)
-    side = -1.0 if scene.behind else 1.0
+    side = -1.0 if scene.behind else 1.0  # of the actor: behind the ego or ahead of it
     squares = []
     for row, motion in zip(rows.tolist(), motions, strict=True):
         concrete = logical.placed(dict(zip(logical.names, row, strict=True)))
         until = max(float(motion.time[-1]), STEP)
-        driven = tracks([concrete], [(CAR_LENGTH, 1.8)], STEP, until).others[0, number]
-        clock, lane = np.arange(len(driven)) * STEP, concrete.road.lane_width
+        body = CAR_LENGTH, 1.8  # of the ego, m
+        driven = tracks([concrete], [body], STEP, until).others[0, number]
+        clock = np.arange(len(driven)) * STEP
+        lane = concrete.road.lane_width
         x = driven[:, 0] - concrete.ego.x - side * CAR_LENGTH
         y = driven[:, 1] - (1.0 if scene.behind else float(scene.level)) * lane
         along = np.interp(motion.time, clock, x) - (motion.x - side * motion.bodies)
