@@ -71,7 +71,8 @@ def rss_demand(scene: Any, after: float) -> float:
     scene: the baseline's memory, what it knows of each actor, room for the foreseen actors, and the
         cycle, as `braking_loop` makes them.
     """
-    own, known, others, cycle = scene
+    own, known, others = scene[:3]
+    cycle = scene[3]
     foresee_all(own, known, others, after, cycle.step)
     me = own.then
     for j in range(len(others)):

@@ -1,4 +1,4 @@
-"""`sumo-eval whatif`: what would have had to be different in a case."""
+"""`sumo-eval whatif`: the least change of each lever that changes the outcome of a case."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from sumo_eval.errors import InputError
 if TYPE_CHECKING:
     from sumo_eval.whatif.search import Answer, CaseLevers
 
-_BAR = 20  # characters of a whole range
+_BAR = 20  # characters for a change over the whole range
 
 
 @click.command(epilog="Example: sumo-eval whatif results/first cut_in-0007-idm --lever gap")
@@ -49,15 +49,16 @@ def whatif(
             facts = [fact for fact in store.facts("ads") if fact.collision is not None]
         with Progress() as progress:
             for number, fact in enumerate(facts, start=1):
+                # to count, the values of the first round are enough
                 found.append(search.answers_or_why_not(fact, lever, fine=False))
                 progress("collisions", number, len(facts))
         left_out = [one.why_not for one in found if one.why_not]
-        if left_out and len(left_out) == len(found):
+        found = [one for one in found if not one.why_not]
+        if left_out and not found:
             raise InputError(left_out[0])
         if left_out:
             words = f"{count(len(left_out), 'collision')} left out. The first: {left_out[0]}"
             tell(words, err=True)
-        found = [one for one in found if not one.why_not]
         lines = _table_of_all(found)
     else:
         found = [search.answers(known_case(run, case), lever)]
@@ -70,6 +71,7 @@ def whatif(
 
 
 def _plain(answer: Answer) -> dict[str, object]:
+    """An answer for JSON, which has no inf."""
     return {**asdict(answer), "share": answer.share if answer.flips else None}
 
 
@@ -81,8 +83,10 @@ def _table(found: CaseLevers) -> Iterator[str]:
     yield f"{found.fact.case}: {ends_words(hit)}"
     for it in found.answers:
         line = f"  {it.lever.name:<28} {effect_words(it, hit)}"
-        bar = "█" * max(round(it.share * _BAR), 1) if it.flips else ""
-        yield f"{line}  {bar} {100.0 * it.share:z.1f} % of its range" if bar else line
+        if it.flips:
+            bar = "█" * max(round(it.share * _BAR), 1)
+            line += f"  {bar} {100.0 * it.share:z.1f} % of its range"
+        yield line
     yield f"{found.drives} drives; a delay acts in whole steps of the simulation."
 
 
@@ -97,12 +101,15 @@ def _table_of_all(found: Sequence[CaseLevers]) -> Iterator[str]:
         groups.setdefault((one.fact.driver, one.fact.scenario), []).append(one)
     for (ads, scenario), cases in groups.items():
         yield f"{ads} in {scenario}: {count(len(cases), 'collision')}"
-        shares: dict[str, list[float]] = {}
+        # of each lever, the change of each collision that it avoids
+        avoided: dict[str, list[float]] = {}
         for it in chain.from_iterable(one.answers for one in cases):
-            shares.setdefault(it.lever.name, []).extend([it.share] * bool(it.flips))
-        for name, all_of in sorted(shares.items(), key=lambda pair: -len(pair[1])):
-            yield f"  {name:<28} avoids {len(all_of)}" + (
-                f", half of them by at most {100.0 * median(all_of):z.0f} % of its range"
-                if all_of
-                else ""
-            )
+            changes = avoided.setdefault(it.lever.name, [])
+            if it.flips:
+                changes.append(it.share)
+        for name, changes in sorted(avoided.items(), key=lambda pair: -len(pair[1])):
+            line = f"  {name:<28} avoids {len(changes)}"
+            if changes:
+                half = 100.0 * median(changes)
+                line += f", half of them by at most {half:z.0f} % of its range"
+            yield line

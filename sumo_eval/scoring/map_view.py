@@ -43,7 +43,7 @@ class View:
         """The panel nearest to a point of the space."""
         if self.panel is None:
             return 0
-        return int(np.argmin(np.abs(row[self.panel] - np.array(self.panels, dtype=np.float64))))
+        return int(np.argmin(np.abs(row[self.panel] - np.array(self.panels))))
 
     def shows(self, case: CaseResult) -> bool:
         """Whether a case is drawn."""

@@ -1,4 +1,5 @@
-"""evaluation.toml to frozen settings and back.
+"""Settings files (evaluation, suite, gate, campaign, study, features, scenario) to frozen settings;
+an evaluation's also back to TOML.
 
 Every mistake is named, with its path and the nearest known key.
 """
@@ -40,8 +41,7 @@ def read_evaluation(path: Path, *, own_ads: bool = True) -> EvaluationSettings:
 
     Raises InputError naming every mistake in it.
 
-    own_ads: whether its `[[ads]]` drive; without it the caller names others, and the file may have
-        none.
+    own_ads: whether the file must have `[[ads]]`; False where the caller names ADSs instead.
     """
     if path.suffix == ".xosc":
         return replace(
@@ -61,12 +61,10 @@ def with_suites(content: Mapping[str, Any], where: str) -> dict[str, Any]:
     Raises InputError for a suite that does not exist, and for what would change one.
     """
     plain = dict(content)
-    entries = plain.get("scenario", ())
-    uses = (
-        [str(one.get("use", "")) for one in entries if isinstance(one, Mapping)]
-        if isinstance(entries, list | tuple)
-        else []
-    )
+    entries = plain.get("scenario")
+    if not isinstance(entries, list | tuple):  # a mistake that `validated` reports
+        return plain
+    uses = [str(one.get("use", "")) for one in entries if isinstance(one, Mapping)]
     names = [use.removeprefix(_SUITE) for use in uses if use.startswith(_SUITE)]
     if not names:
         return plain
@@ -87,7 +85,7 @@ def with_suites(content: Mapping[str, Any], where: str) -> dict[str, Any]:
 
 
 def suite_of(settings: EvaluationSettings) -> str:
-    """The suite that an evaluation is, to the last of its settings; "" of any other."""
+    """The suite whose scenarios and fixed settings an evaluation has; "" if it has no suite's."""
     for path in sorted(SUITES.glob("*.toml")):
         content = {"name": settings.name, "scenario": [{"use": f"{_SUITE}{path.stem}"}]}
         suite = settings_from(content, path.stem, own_ads=False)
@@ -97,17 +95,20 @@ def suite_of(settings: EvaluationSettings) -> str:
 
 
 def read_checked(path: Path, kind: type[Settings], what: str) -> Settings:
-    """The settings in a file of another kind, which `what` names in sentences: `gate file`."""
+    """The settings in a file of another kind.
+
+    what: names the kind in errors, e.g. `gate file`.
+    """
     return validated(read_toml(path, what), kind, str(path), path)
 
 
 def settings_from(
     content: Mapping[str, Any], where: str, *, own_ads: bool = True, file: Path | None = None
 ) -> EvaluationSettings:
-    """Settings from a plain mapping; `where` names it in error sentences.
+    """Settings of an evaluation from a plain mapping.
 
+    where, file: as in `validated`.
     own_ads: as in `read_evaluation`.
-    file: as in `validated`.
     """
     settings = validated(with_suites(content, where), EvaluationSettings, where, file)
     check_evaluation(settings, where, own_ads=own_ads)
@@ -122,7 +123,7 @@ def validated(
     where: names the content in errors.
     file: source of the line numbers of mistakes.
     """
-    # every class can be hashed
+    # mypy does not know that a class can be hashed
     adapter: TypeAdapter[Settings] = _adapter(kind)  # type: ignore[arg-type]
     try:
         return adapter.validate_json(json.dumps(content, default=str), strict=True)
@@ -136,10 +137,9 @@ def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
 
 
 def check_evaluation(settings: EvaluationSettings, where: str, *, own_ads: bool = True) -> None:
-    """Refuse an evaluation of nothing, and names that could not be told apart.
+    """Refuse an evaluation without scenarios or ADSs, and names that could not be told apart.
 
-    where: names it in sentences.
-
+    where: names the evaluation in errors.
     own_ads: as in `read_evaluation`.
     """
     if not settings.scenario:
@@ -178,13 +178,13 @@ def with_changes(settings: EvaluationSettings, changes: Sequence[str]) -> Evalua
         *parents, last = path.strip().split(".")
         place: Any = content
         for index, name in enumerate(parents):
-            if not isinstance(place, dict) or name not in place:
-                known = place if isinstance(place, dict) else ()
+            known = place if isinstance(place, dict) else {}
+            if name not in known:
                 raise InputError(
                     f"Unknown setting `{'.'.join(parents[: index + 1])}`."
                     f"{did_you_mean(name, known)}"
                 )
-            place = place[name]
+            place = known[name]
         if not isinstance(place, dict):
             raise InputError(f"Unknown setting `{path.strip()}`.")
         place[last] = value
@@ -209,11 +209,11 @@ def _without_none(value: Any) -> Any:
     return value
 
 
-def mistakes(error: ValidationError, where: str, root: type, file: Path | None = None) -> str:
+def mistakes(error: ValidationError, where: str, root: type, file: Path | None) -> str:
     """All mistakes that pydantic found, one sentence a line.
 
-    Findings on one value that may be of several kinds make one mistake. A finding inside a value
-    replaces those on the value itself.
+    Of a value that may be of several kinds pydantic has a finding for each kind: they are one
+    mistake. Findings inside a table or list replace those on all of it.
 
     where: name of the content.
     root: settings class that was read.
@@ -226,20 +226,24 @@ def mistakes(error: ValidationError, where: str, root: type, file: Path | None =
     return "\n".join(
         _sentence(items, where, root, line_of(text, place))
         for place, items in found.items()
-        if not any(other[: len(place)] == place != other for other in found)
+        # unless another finding is inside this place
+        if not any(other != place and other[: len(place)] == place for other in found)
     )
 
 
+_BRANCH = re.compile(r"(constrained-)?int|float|str|dict\[.*\]|literal\[.*|[A-Z].*Table", re.DOTALL)
+"""Parts that pydantic adds to the place of a finding, to say which of several kinds it tried."""
+
+
 def _place(item: Any) -> tuple[Any, ...]:
-    """Where a finding is, without pydantic's names for one of several kinds: a class's, or that of
-    listed texts.
-    """
+    """Keys and indices that lead to the value of a finding."""
     return tuple(part for part in item["loc"] if not _BRANCH.fullmatch(str(part)))
 
 
 def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) -> str:
     """Error message for pydantic's findings at one place."""
-    item, location = items[0], list(_place(items[0]))
+    item = items[0]
+    location = _place(item)
     if line is not None:
         where = f"{where} (line {line})"
     path = "".join(
@@ -262,6 +266,7 @@ def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) ->
             f"`{table}` in {where} must be a list of tables: write [[{table}]], with two "
             f"brackets, not [{table}]."
         )
+    # an entry of a list of tables, `ads[0]`, has no brackets to be corrected
     if item["type"] == "dataclass_type" and isinstance(wrong, list) and not path.endswith("]"):
         return (
             f"`{table}` in {where} must be one table: write [{table}], with one bracket, not "
@@ -303,11 +308,9 @@ _DEMANDS = {
 }
 """Pydantic's demands in the words of `Checked`; other demands keep pydantic's words."""
 
-_BRANCH = re.compile(r"(constrained-)?int|float|str|dict\[.*\]|literal\[.*|[A-Z].*Table", re.DOTALL)
-
 
 def _keys_beside(location: Sequence[Any], root: type) -> list[str]:
-    """Names of the keys known at the place of the last part of a path."""
+    """Keys of the table that the last part of a path is in."""
     owner: Any = root
     for part in location[:-1]:
         if isinstance(part, str) and owner is not None:
@@ -321,7 +324,4 @@ def _settings_class_in(annotation: Any) -> Any:
     """
     if isinstance(annotation, type) and issubclass(annotation, Checked):
         return annotation
-    return next(
-        (found for part in get_args(annotation) if (found := _settings_class_in(part)) is not None),
-        None,
-    )
+    return next(filter(None, map(_settings_class_in, get_args(annotation))), None)

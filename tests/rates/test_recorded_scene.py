@@ -79,7 +79,7 @@ def test_ego_stands_in_its_place_at_the_begin_of_the_scene(tmp_path):
 
 def test_without_a_model_no_vehicle_reacts_and_one_point_is_left(tmp_path):
     path = tmp_path / "scene.toml"
-    write_scene(recorded(), path, "ego", span=(None, 120.0))
+    write_scene(recorded(), path, "ego")
     logical = read_scenario(path)
     with refusal("one where no actor reacts"):
         logical.concrete(react_beyond=2.0)
@@ -212,15 +212,15 @@ def twice(*, with_ego):
 
 def test_of_several_recordings_the_only_one_with_the_ego_is_taken(tmp_path):
     path = tmp_path / "scene.toml"
-    write_scene(twice(with_ego=False), path, "ego", span=(None, 120.0))
+    write_scene(twice(with_ego=False), path, "ego")
     alone = tmp_path / "alone" / "scene.toml"
-    write_scene(recorded(), alone, "ego", span=(None, 120.0))
+    write_scene(recorded(), alone, "ego")
     assert path.read_text() == alone.read_text()
     with refusal(r"`recording` must name one recording: vehicle `ego` is in 2, r, s\."):
-        write_scene(twice(with_ego=True), path, "ego", span=(None, 120.0))
+        write_scene(twice(with_ego=True), path, "ego")
     with refusal(r"Unknown vehicle `eg` of the recording\. Did you mean `ego`"):
-        write_scene(twice(with_ego=True), path, "eg", span=(None, 120.0))
-    write_scene(twice(with_ego=True), path, "ego", span=(None, 120.0), recording="s")
+        write_scene(twice(with_ego=True), path, "eg")
+    write_scene(twice(with_ego=True), path, "ego", recording="s")
     assert "s, recorded" in read_scenario(path).source
 
 

@@ -24,11 +24,9 @@ from sumo_eval.drivers.recorded.recordings import Recordings, canonical, read_cs
 from sumo_eval.drivers.recorded.straighten import straighten
 from sumo_eval.errors import InputError, unknown
 
-_LEVELX = levelx.read, ("*_tracks.csv",)
-
 READERS: dict[str, tuple[Callable[[Path], Samples], Sequence[str]]] = {
     "highd": (highd.read, ("*_tracks.csv",)),
-    **dict.fromkeys(("ind", "exid", "round", "unid"), _LEVELX),
+    **dict.fromkeys(("ind", "exid", "round", "unid"), (levelx.read, ("*_tracks.csv",))),
     "ngsim": (ngsim.read, ("*.csv", "*.txt")),
     "commonroad": (commonroad.read, ("*.xml",)),
     "sumo_fcd": (sumo_fcd.read, ("*.xml", "*.csv")),
@@ -53,7 +51,7 @@ def import_recordings(form: str, paths: Sequence[Path]) -> Recordings:
     names = [name for part in parts for name in part.table["recording"].unique()]
     double = {name for name in names if names.count(name) > 1}
     if double:
-        raise InputError(f"Recordings must have different names, got {sorted(double)[0]!r} twice.")
+        raise InputError(f"Recordings must have different names, got {min(double)!r} twice.")
     table = pd.concat([part.table for part in parts], ignore_index=True)
     notes = tuple(dict.fromkeys(note for part in parts for note in part.notes))
     return Recordings(table, notes)
@@ -63,8 +61,9 @@ def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
     """The recordings in files or folders of one format, one file at a time, so that memory holds
     only one.
 
-    Raises InputError at the call for a mistake in the arguments, and for one in a file when it is
-    read.
+    Raises InputError at the call for an unknown format, for no path, and for a folder of canonical
+    tables. A path that is missing or has no such files, and a mistake in a file, are found when it
+    is the next to be read.
     """
     if form not in FORMATS:
         raise unknown("format of recordings", form, FORMATS)

@@ -40,7 +40,7 @@ FOLDS = 5  # groups of vehicles, each held out once
 FACTORS = (0.15, 0.2, 0.27, 0.36, 0.48, 0.64, 0.85)  # bandwidths tried, beside Scott's
 MOST_FITTED = 2000  # events that a distribution is fitted to; more only cost time
 LEAST_EVENTS = 5  # for each parameter; with fewer there is no distribution
-# Kolmogorov distance to held-out vehicles; among models nearer in every parameter the likeliest wins
+# Kolmogorov distance to held-out vehicles; of models nearer in all parameters the likeliest is best
 NEAR = 0.1
 SAME = 1e-3  # in the parameter's unit; one with a smaller deviation is a constant
 PREFIX = "learnt_"

@@ -242,9 +242,10 @@ def _track(rows: pd.DataFrame, first: float, lowest: float) -> _Track:
     lowest: y of the right-most lane, m.
     """
     time, x, y = (rows[key].to_numpy(dtype=np.float64) for key in ("t", "x", "y"))
-    name, kind, length, width = rows[["vehicle", "class", "length", "width"]].iloc[0]
-    body = BODIES.get(str(kind), "car")
-    return _Track(name, body, float(length), float(width), time - first, x, y - lowest)
+    of = rows.iloc[0]
+    body = BODIES.get(str(of["class"]), "car")
+    length, width = float(of["length"]), float(of["width"])
+    return _Track(of["vehicle"], body, length, width, time - first, x, y - lowest)
 
 
 def _speed(track: _Track, time: float) -> float:
