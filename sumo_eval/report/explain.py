@@ -1,4 +1,6 @@
-"""The whole arithmetic of one case in words, each step with its equation's number."""
+"""The whole arithmetic of one case in words, each step with its equation's number, for
+`sumo-eval explain`.
+"""
 
 from __future__ import annotations
 
@@ -38,19 +40,20 @@ from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, Findings
 from sumo_eval.scoring.zones import star_distance
 from sumo_eval.text import point_words
 
-ROUNDING = 1e-9
+ROUNDING = 1e-9  # of a D_i that is computed again
 
 
 def known_case(run: Path, key: str) -> Fact:
-    """A drive of an ADS by its case's key.
+    """The drive of an ADS in a case.
 
-    Raises InputError with the nearest known one.
+    key: of the case, as in cases.csv.
+    Raises InputError, with the nearest known key, where no ADS drove such a case.
     """
     with open_store(run / FACTS) as store:
-        found = store.fact(key)
-        if found is None or found.role != "ads":
+        fact = store.fact(key)
+        if fact is None or fact.role != "ads":
             raise unknown("case", key, [case for case, _, _ in store.names("ads")])
-    return found
+    return fact
 
 
 def explain_case(
@@ -60,7 +63,7 @@ def explain_case(
     case = evaluation.case(fact.case)
     assert case is not None, "every drive of an ADS is a case"
     zones = partitions[case.scenario]
-    found = Findings.of(evaluation, evaluation.score(case.ads, case.scenario))
+    findings = Findings.of(evaluation, evaluation.score(case.ads, case.scenario))
     with open_store(evaluation.folder / FACTS) as store:
         return [
             f"{case.case}: {case.ads} in {case.scenario} at {point_words(case.values)}",
@@ -73,13 +76,13 @@ def explain_case(
                 f"  {line}"
                 for line in chain(
                     _zone(case, zones),
-                    _collision(case, fact, found, zones),
-                    _likeness(case, fact, found, evaluation, zones, store),
-                    _task(case, found),
-                    _avoided(case, found),
-                    _human(case, found),
+                    _collision(case, fact, findings, zones),
+                    _likeness(case, fact, findings, evaluation, zones, store),
+                    _task(case, findings),
+                    _avoided(case, findings),
+                    _human(case, findings),
                     _measures(case),
-                    (explain_s_plus(found), f"Eq. 18: {explain_s(found)}"),
+                    (explain_s_plus(findings), f"Eq. 18: {explain_s(findings)}"),
                 )
             ),
         ]
@@ -100,7 +103,7 @@ def _zone(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
 
 
 def _collision(
-    case: CaseResult, fact: Fact, found: Findings, zones: ZonePartition
+    case: CaseResult, fact: Fact, findings: Findings, zones: ZonePartition
 ) -> Iterator[str]:
     hit = fact.collision
     if hit is None:
@@ -110,17 +113,17 @@ def _collision(
         yield f"Eqs. 14-17: {STRUCK}, so this case has no part in C"
         return
     own, other = hit.ego_velocity, hit.other_velocity
-    used, floor = hit.overlap, ""
-    if used < SMALLEST_OVERLAP:
-        used = SMALLEST_OVERLAP
-        floor = f" (recorded {hit.overlap:z.3f}, at least {used:g})"
+    overlap = max(hit.overlap, SMALLEST_OVERLAP)
+    raised = f" (recorded {hit.overlap:z.3f}, at least {overlap:g})"
+    remark = raised if overlap > hit.overlap else ""
     yield (
         f"Eq. 15: U = |({own[0]:z.3f}, {own[1]:z.3f}) - ({other[0]:z.3f}, {other[1]:z.3f})| / w = "
-        f"{hit.relative_speed:z.3f} / {used:z.3f}{floor} = {hit.relative_speed / used:z.3f} m/s, "
+        f"{hit.relative_speed:z.3f} / {overlap:z.3f}{remark} = "
+        f"{hit.relative_speed / overlap:z.3f} m/s, "
         f"with `{hit.other}` at t = {hit.time:z.2f} s"
     )
-    chosen = found.settings.method.collision
-    if not chosen.unit:
+    chosen = findings.settings.method.collision
+    if not chosen.unit:  # a loss in 0..1
         yield f"`{chosen.severity}` replaces U: {number(case.severity, 4)}"
     yield f"Eq. 14: L = {number(case.loss, 1)}"
     if case.ideal_severity is None:
@@ -130,17 +133,19 @@ def _collision(
             f"part in C.{why}"
         )
         return
-    counted = found.cases.collided & np.isfinite(found.cases.ideal_severity)
-    part = found.part(case, counted, found.cases.weight, found.ratios)
-    what, ideal = "Ug/U" if chosen.loss == "severity" else "Lg/L", case.ideal_severity
+    counted = findings.cases.collided & np.isfinite(findings.cases.ideal_severity)
+    part = findings.part(case, counted, findings.cases.weight, findings.ratios)
+    what = "Ug/U" if chosen.loss == "severity" else "Lg/L"
+    ideal = case.ideal_severity
     best = f"hits with Ug = {ideal:z.3f}{chosen.unit}" if ideal else "avoids, Ug = 0"
     capped = ", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else ""
     yield f"Eq. 17: the ideal vehicle {best}: {what} = {part.value:z.4f}{capped}"
     yield from _weight(case, zones)
-    whole = worth(found.settings.method.score)
+    whole = worth(findings.settings.method.score)
     yield (
-        f"Eq. 17: of 1 - C = {1.0 - (found.score.c or 0.0):z.4f} this case took r (1 - {what}) / "
-        f"sum r = {number(case.weight, 4)} x {1.0 - part.value:z.4f} / {part.total:z.4f} = "
+        f"Eq. 17: of 1 - C = {1.0 - (findings.score.c or 0.0):z.4f} this case took "
+        f"r (1 - {what}) / sum r = "
+        f"{number(case.weight, 4)} x {1.0 - part.value:z.4f} / {part.total:z.4f} = "
         f"{part.takes:z.4f} ({part.cases} collisions), {whole.c * part.takes:z.2f} points of S"
     )
 
@@ -151,17 +156,17 @@ def _weight(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
         return
     weight = case.weight or 0.0
     star, away, boundary = star_distance(zones, zones.logical.row(case.values), weight)
-    exit_at = "" if boundary is None else f", zone's boundary at {boundary:z.4f}"
+    edge = "" if boundary is None else f", zone's boundary at {boundary:z.4f}"
     yield (
         f"Eq. 16: r = |x - x*| / |b - x*| = {weight:z.4f}: {away:z.4f} unit-box lengths from x* "
-        f"({point_words(star)}){exit_at}"
+        f"({point_words(star)}){edge}"
     )
 
 
 def _likeness(
     case: CaseResult,
     fact: Fact,
-    found: Findings,
+    findings: Findings,
     evaluation: Evaluation,
     zones: ZonePartition,
     store: Store,
@@ -170,7 +175,8 @@ def _likeness(
         yield "Eqs. 11-13: the hazardous zone has no D_i"
         return
     if case.index is None:
-        why = not_computed(reason_without("D", found.score)) or _without_likeness(case)
+        # the scenario has no D, or this case alone has no D_i
+        why = not_computed(reason_without("D", findings.score)) or _without_likeness(case)
         yield f"Eqs. 11-13: no D_i: {why}"
         return
     if store.is_discarded(case.case):
@@ -185,12 +191,12 @@ def _likeness(
     yield from _factors(index)
     if abs(index.value - case.index) > ROUNDING:
         yield f"WARNING: the score has D_i = {case.index:z.6f}, which this arithmetic does not give"
-    part = found.part(case, found.indexed, found.cases.exposure, found.cases.index)
+    part = findings.part(case, findings.indexed, findings.cases.exposure, findings.cases.index)
     of = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
-    whole = worth(found.settings.method.score)
+    whole = worth(findings.settings.method.score)
     yield (
         f"Eq. 13: share of {of} p / sum p = {case.exposure:z.6g} / {part.total:z.6g} = "
-        f"{part.share:z.5f} ({part.cases} cases); of D = {number(found.score.d, 4)} this case "
+        f"{part.share:z.5f} ({part.cases} cases); of D = {number(findings.score.d, 4)} this case "
         f"gives {part.gives:z.5f} and took {part.takes:z.5f}, {whole.d * part.takes:z.2f} points "
         "of S"
     )
@@ -208,23 +214,24 @@ def _without_likeness(case: CaseResult) -> str:
 
 
 def _factors(index: AnthropomorphicIndex) -> Iterator[str]:
-    made = index.ingredients
+    parts = index.ingredients
     yield (
-        f"Eq. 12: f_L = min(1, L / mean L of {made.drivers} drivers) = min(1, "
-        f"{made.ads_length:z.2f} / {made.mean_length:z.2f}) = {index.length_factor:z.4f}"
+        f"Eq. 12: f_L = min(1, L / mean L of {parts.drivers} drivers) = min(1, "
+        f"{parts.ads_length:z.2f} / {parts.mean_length:z.2f}) = {index.length_factor:z.4f}"
     )
     ratio = (
-        f"{made.mean_operations:z.2f} / {made.ads_operations}"
-        if made.ads_operations
+        f"{parts.mean_operations:z.2f} / {parts.ads_operations}"
+        if parts.ads_operations
         else "no operation by the ADS: 1"
     )
     yield (
         f"Eq. 12: f_n = min(1, mean n of the drivers / n) = {ratio} = {index.operation_factor:z.4f}"
     )
     yield (
-        f"Eq. 11: mean of min(1, pt/pt_2s) min(1, pv/pv_2s) over {made.slices} slices = "
-        f"{index.similarity:z.4f} (path alone {made.centre_similarity:z.4f}, field alone "
-        f"{made.field_similarity:z.4f}; lowest {made.lowest:z.4f} at x = {made.lowest_at:z.1f} m)"
+        f"Eq. 11: mean of min(1, pt/pt_2s) min(1, pv/pv_2s) over {parts.slices} slices = "
+        f"{index.similarity:z.4f} (path alone {parts.centre_similarity:z.4f}, field alone "
+        f"{parts.field_similarity:z.4f}; "
+        f"lowest {parts.lowest:z.4f} at x = {parts.lowest_at:z.1f} m)"
     )
     product = (
         f"{index.length_factor:z.4f} x {index.operation_factor:z.4f} x {index.similarity:z.4f}"
@@ -232,21 +239,23 @@ def _factors(index: AnthropomorphicIndex) -> Iterator[str]:
     yield f"Eq. 12: D_i = {product} = {index.value:z.4f}"
 
 
-def _avoided(case: CaseResult, found: Findings) -> Iterator[str]:
+def _avoided(case: CaseResult, findings: Findings) -> Iterator[str]:
     """Loss of the case in A = 1 - sum(w max(0, U - Ug)) / sum(w max(0, U0 - Ug))."""
-    known = {
+    evaluated = {
         "the case": case.evaluated or case.gave_up,
         "the ideal vehicle's": case.ideal_severity is not None,
         "that of `no_reaction`": case.no_reaction_severity is not None,
     }
-    unknown, score = [words for words, it in known.items() if not it], found.score
-    if unknown or score.avoided_share is None:
+    missing = [drive for drive, it_is in evaluated.items() if not it_is]
+    score = findings.score
+    if missing or score.avoided_share is None:
         yield (
-            f"A: this case has no part in it; {' and '.join(unknown) or 'it'} could not be "
+            f"A: this case has no part in it; {' and '.join(missing) or 'it'} could not be "
             "evaluated"
         )
         return
-    unit, harm = found.settings.method.collision.regret_unit, found.harm(case)
+    unit = findings.settings.method.collision.regret_unit
+    harm = findings.harm(case)
     if case.departed:
         yield (
             f"A: left the road at t = {case.departure_time:z.2f} s with "
@@ -254,11 +263,11 @@ def _avoided(case: CaseResult, found: Findings) -> Iterator[str]:
         )
     if case.gave_up:
         yield "A: the ADS gave the case up, which counts as doing nothing, U0, at least"
-    kind = {"caused": "caused by the ADS"}.get(case.kind, case.kind)
-    which = "" if kind == "not known" else f": the collision is {kind}"
+    kind = "caused by the ADS" if case.caused else case.kind
+    collision = f": the collision is {kind}" if case.collided else ""
     yield (
         f"A: U = {harm.u:z.3f}{unit}, ideal vehicle Ug = {harm.ideal:z.3f}{unit}, doing nothing "
-        f"U0 = {harm.nothing:z.3f}{unit}{which}"
+        f"U0 = {harm.nothing:z.3f}{unit}{collision}"
     )
     yield (
         f"A: w = r = {number(case.weight, 4)}; w max(0, U - Ug) = {harm.lost:z.4f}, "
@@ -268,7 +277,7 @@ def _avoided(case: CaseResult, found: Findings) -> Iterator[str]:
     )
 
 
-def _task(case: CaseResult, found: Findings) -> Iterator[str]:
+def _task(case: CaseResult, findings: Findings) -> Iterator[str]:
     """Part of the case in T, the mean of t_i over the safe cases."""
     if case.zone != "safe":
         yield "T: the hazardous zone has no part in it"
@@ -276,10 +285,10 @@ def _task(case: CaseResult, found: Findings) -> Iterator[str]:
     if case.task_share is None:
         yield "T: this case has no part in it: no reference is there without an incident"
         return
-    score = found.score
+    score = findings.score
     beside = f"`{score.task_reference}` and the drivers" if score.task_reference else "the drivers"
     why = " for its incident" if case.incident or case.struck_from_behind else ""
-    part = found.part(case, found.tasked, found.cases.exposure, found.cases.task_share)
+    part = findings.part(case, findings.tasked, findings.cases.exposure, findings.cases.task_share)
     yield (
         f"T: t_i = {case.task_share:z.4f}{why}, mean over the way of min(1, time of the slowest of "
         f"{beside} / own time); of 1 - T = {1.0 - (score.task_share or 0.0):z.4f} this case took "
@@ -287,7 +296,7 @@ def _task(case: CaseResult, found: Findings) -> Iterator[str]:
     )
 
 
-def _human(case: CaseResult, found: Findings) -> Iterator[str]:
+def _human(case: CaseResult, findings: Findings) -> Iterator[str]:
     """Part of the case in H, the mean of f_L f_n+ similarity plausibility over the safe cases."""
     if case.zone != "safe":
         yield "H: the hazardous zone has no part in it"
@@ -304,17 +313,22 @@ def _human(case: CaseResult, found: Findings) -> Iterator[str]:
             f"{' x '.join(number(value, 4) for value in factors)} = {case.human_likeness:z.4f}; "
             "plausibility: 1 where at least 5 % of recorded people go to such extremes"
         )
-    part = found.part(case, found.likened, found.cases.exposure, found.cases.human_likeness)
+    part = findings.part(
+        case, findings.likened, findings.cases.exposure, findings.cases.human_likeness
+    )
     if part.total > 0.0:
         yield (
             f"H: share of the mean {part.share:z.5f} ({part.cases} cases); of H = "
-            f"{number(found.score.human_likeness, 4)} this case gives {part.gives:z.5f} "
+            f"{number(findings.score.human_likeness, 4)} this case gives {part.gives:z.5f} "
             f"and took {part.takes:z.5f}"
         )
 
 
 def _measures(case: CaseResult) -> Iterator[str]:
-    values = [(getattr(case, name), words, unit) for name, words, unit in MEASURES]
-    known = [f"{words} {it:z.3g} {unit}" for it, words, unit in values if it is not None]
-    if known:
-        yield "measures: " + "; ".join(known)
+    measures = [
+        f"{words} {value:z.3g} {unit}"
+        for name, words, unit in MEASURES
+        if (value := getattr(case, name)) is not None
+    ]
+    if measures:
+        yield "measures: " + "; ".join(measures)

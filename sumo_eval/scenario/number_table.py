@@ -1,4 +1,7 @@
-"""Tables of numbers that users write: a CSV file with a column for each parameter."""
+"""Tables of numbers that users write: a CSV file with a column for each parameter.
+
+`joint.events` of a scenario file and `sampling.file` read theirs here.
+"""
 
 from __future__ import annotations
 
@@ -18,46 +21,48 @@ from sumo_eval.scenario.units import factor_to, in_own_unit
 from sumo_eval.text import from_cell, number_in, shown
 from sumo_eval.trajectory import FloatArray
 
-# as tables are headed: `ego_speed (km/h)`
+# a column's name and unit: `ego_speed (km/h)`
 _WITH_UNIT = re.compile(r"(\w+)\s*[(\[]([^()\[\]]*)[)\]]")
 
 
 class NumberTable(NamedTuple):
     """Numbers of a file.
 
-    names: of its columns.
-    rows: (n, k), in the units asked for.
-    ignored, converted: headings of columns that were not read, and of those in other units.
+    rows: (n, k), a column for each name asked for, in the units asked for.
+    ignored: names of the columns that were not read.
+    converted: titles of the columns that were read from another unit.
     """
 
-    names: list[str]
     rows: FloatArray
     ignored: list[str]
     converted: list[str]
 
 
 def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str = "") -> NumberTable:
-    """The columns of a CSV file that have these names, at least one row.
+    """Read some columns of a CSV file, which must have a row at least.
 
-    what: the rows are, in errors.
-    units: of the columns by name.
-    further: a column without a unit that may be missing.
+    what: noun for the rows in errors, as `points`.
+    units: unit of each column that the file must have, by name.
+    further: name of a column that is read too where the file has it; it has no unit.
     """
     owner = f"the {what} {path}"
     try:
         with input_file(path, f"file of {what}").open(newline="", encoding="utf-8-sig") as file:
-            rows = csv.reader(file)
-            (_, head), *lines = [(rows.line_num, line) for line in rows if line] or [(0, [])]
+            reader = csv.reader(file)
+            # an empty file has a head without titles
+            (_, head), *lines = [(reader.line_num, row) for row in reader if row] or [(0, [])]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"The {what} {path} cannot be read: {error}.") from error
     titles = [from_cell(title.strip()) for title in head]
     header, factors = [], {}
     for title in titles:
+        name, factor = title, 1.0
         found = _WITH_UNIT.fullmatch(title)
-        name = found[1] if found and found[1] in units else title
+        if found and found[1] in units:
+            name = found[1]
+            factor = factor_to(units[name], found[2], f"column {shown(title)} of {owner}")
         header.append(name)
-        if found and name in units:
-            factors[name] = factor_to(units[name], found[2], f"column {shown(title)} of {owner}")
+        factors[name] = factor
     if missing := [name for name in units if name not in header]:
         column = "a column" if len(missing) == 1 else "the columns"
         listed = ", ".join(f"`{name}`" for name in missing)
@@ -69,8 +74,10 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
         raise InputError(
             f"The {what} {path} must have every column once, got {shown(double[0])} twice."
         )
-    # `further` is "" by default, which is also the name of a pandas index: it is not read
-    names = [*units, *({further} & set(header) - {*units, ""})]
+    names = list(units)
+    # not "": it is the title of a pandas index
+    if further and further in header and further not in units:
+        names.append(further)
     table = []
     for number, line in lines:
         if len(line) > len(header):
@@ -78,13 +85,13 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
                 f"Line {number} of the {what} {path} must have {len(header)} values, got more."
             )
         row = dict(zip(header, line, strict=False))
-        table.append(
-            [in_own_unit(number_in(row.get(name)), factors.get(name, 1.0)) for name in names]
-        )
-        for name, value in zip(names, table[-1], strict=True):
+        values = []
+        for name in names:
+            value = number_in(row.get(name))
             if math.isnan(value):
                 raise must_be(f"`{name}` in line {number}", owner, "a number", row.get(name))
-    converted = [
-        title for title, name in zip(titles, header, strict=True) if factors.get(name, 1.0) != 1.0
-    ]
-    return NumberTable(names, np.array(table), [it for it in header if it not in names], converted)
+            values.append(in_own_unit(value, factors[name]))
+        table.append(values)
+    ignored = [name for name in header if name not in names]
+    converted = [title for title, name in zip(titles, header, strict=True) if factors[name] != 1.0]
+    return NumberTable(np.array(table), ignored, converted)

@@ -1,4 +1,4 @@
-"""Requirements of a scenario that a drive does not meet."""
+"""Requirements of a scenario that a drive does not meet, for the rows of cases.csv and the scores."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def series_of(
     gap, closing = vehicle_ahead(ego, actors, collision)
     along = ego.speed * np.cos(ego.heading)
     step = np.diff(ego.time)
-    # none at the first sample, nor between two of one time, as at a contact
+    # 0 at the first sample, and between two samples of one time, as at a contact
     jerk = np.concatenate([[0.0], np.diff(ego.acceleration) / np.where(step > 0.0, step, np.inf)])
     to_lead = {"gap": gap, "thw": time_headway(gap, along), "ttc": time_to_collision(gap, closing)}
     return {
@@ -50,20 +50,24 @@ def series_of_others(
     """Values of other actors for requirements at each sample of the ego, by placeholder; outside
     an actor's own time its first or last value.
     """
-    component = {"speed": np.cos, "lateral_speed": np.sin}  # along and across the road
-    series: dict[str, FloatArray] = {}
-    for placeholder, quantity, name in {ask for one in asked for ask in one.asks}:
-        actor = actors[name]
-        values = getattr(actor, "speed" if quantity in component else quantity)
-        if quantity in component:
-            values = values * component[quantity](actor.heading)
-        series[placeholder] = np.interp(ego.time, actor.time, values)
+    series = {}
+    for requirement in asked:
+        for placeholder, quantity, name in requirement.asks:
+            actor = actors[name]
+            values = {
+                "x": actor.x,
+                "y": actor.y,
+                "speed": actor.speed * np.cos(actor.heading),
+                "lateral_speed": actor.speed * np.sin(actor.heading),
+            }
+            series[placeholder] = np.interp(ego.time, actor.time, values[quantity])
     return series
 
 
 def requirements_missed(fact: Fact, space: ScenarioRun) -> str | None:
-    """Names of the requirements that a drive misses as one text, "" where it meets all; None where
-    nothing is required or nothing was evaluated.
+    """Names of the requirements that a drive misses, as one text.
+
+    "": it meets all. None: the scenario requires nothing, or the drive was not evaluated.
     """
     required = space.logical.requirements
     if required is None or fact.status not in EVALUATED:
@@ -74,24 +78,27 @@ def requirements_missed(fact: Fact, space: ScenarioRun) -> str | None:
     ego = actors.pop(EGO)
     known = required.known(fact.values) | {
         "collided": float(fact.collision is not None),
-        # a drive ends when its centre is there
+        # x is the ego's centre, whose arrival at the end of the road ends the drive
         "reached_end": float(ego.x[-1] >= space.logical.road.length),
     }
     series = series_of(ego, actors, fact.collision) | series_of_others(required.all, ego, actors)
-    return SEPARATOR.join(one.name for one in required.all if not one.holds(series, known))
+    return SEPARATOR.join(each.name for each in required.all if not each.holds(series, known))
 
 
 def with_counts(score: ScenarioResult, rows: CaseTable, logical: LogicalScenario) -> ScenarioResult:
-    """The score with how many cases miss a requirement, and a note for each requirement that some
-    miss.
+    """The score with the number of cases that miss a requirement, and a note for each requirement
+    that is missed.
     """
     if logical.requirements is None:
         return score
     texts = [row.requirements_missed for row in rows]
-    missed = [text.split(SEPARATOR) if text else [] for text in texts if text is not None]
+    evaluated = [text for text in texts if text is not None]
+    missed = [text.split(SEPARATOR) for text in evaluated if text]  # an item for each such case
     notes = list(score.notes)
-    for one in logical.requirements.all:
-        number = sum(one.name in names for names in missed)
+    for requirement in logical.requirements.all:
+        number = sum(requirement.name in names for names in missed)
         if number:
-            notes.append(RequirementMissed(one.name, one.text, number, len(missed)))
-    return replace(score, requirements_missed=sum(map(bool, missed)), notes=tuple(notes))
+            notes.append(
+                RequirementMissed(requirement.name, requirement.text, number, len(evaluated))
+            )
+    return replace(score, requirements_missed=len(missed), notes=tuple(notes))
