@@ -202,7 +202,6 @@ def _judge_cases(
         two_units = name in OF_U and not compared.one_unit
     worse = before - after if limit.quantity in HIGHER_COLUMNS else after - before
     share = worse - np.abs(before) * (limit.worse_by_percent or 0.0) / 100.0
-    scale = np.maximum(1.0, np.abs(np.where(np.isfinite(before), before, after)))
 
     for bound, beyond, words in (
         (limit.at_least, (limit.at_least or 0.0) - after, "below {:g}"),
@@ -218,7 +217,8 @@ def _judge_cases(
             why = " has another unit in the base" if apart else ": no case has a value to compare"
             yield result(None, f"{limit.quantity}{why}", own=own)
             continue
-        bad = np.flatnonzero(beyond > limit.tolerance * scale)
+        slack = limit.tolerance * np.maximum(1.0, np.abs(bound if own else before))
+        bad = np.flatnonzero(beyond > slack)
         worst = bad[np.argsort(-beyond[bad], kind="stable")].tolist()
         where = f"{words.format(bound)} in {len(bad)} of {count(known, 'case')}"
         changes = [

@@ -1,5 +1,6 @@
-"""The gate file: which changes between two runs, or which values of the new one, are not let
-through.
+"""The gate file: which changes between two runs, and which values of the new one, fail it.
+
+`nightly/` and `scoring/` take their bounds and tolerances from here.
 """
 
 from __future__ import annotations
@@ -20,58 +21,61 @@ INDEXES: Final = {name: field for name, (field, _) in SCORES.items() if name != 
 """Scores of which more is better: name -> field of ScenarioResult."""
 HIGHER_IS_BETTER: Final = tuple(INDEXES)
 WITH_INTERVAL: Final = (*HIGHER_IS_BETTER, "regret", "collision_probability")
+"""Quantities whose difference between two runs has an interval."""
 OF_THE_COMPARISON: Final = (
     "new_collisions", "harsher", "less_human", "newly_off_road", "newly_not_evaluated",
 )  # fmt: skip
+"""Quantities that are changes between two runs: numbers of cases."""
 
 QUANTITIES: Final = (
-    *WITH_INTERVAL, "collisions", "avoidable_collisions", "unavoidable_collisions",
-    "caused_collisions",
+    *WITH_INTERVAL,
+    "collisions", "avoidable_collisions", "unavoidable_collisions", "caused_collisions",
     "safe_collisions", "off_road", "departures", "gave_up", "not_evaluated", "requirements_missed",
     *OF_THE_COMPARISON,
 )  # fmt: skip
 """Numbers of an ADS in a logical scenario that a limit may be about."""
 
 COLUMNS: Final = (*NUMBERS, "d_i", "departed", "incident_severity")
-"""Columns of cases.csv that a limit may be about, case by case, beside `QUANTITIES`."""
+"""Columns of cases.csv that a limit may be about; it holds for each case by itself."""
 HIGHER_COLUMNS: Final = frozenset((
     "min_ttc", "min_thw", "min_gap", "pet", "conflict_pet", "undisturbed_pet", "time_to_conflict",
-    "index", "d_i",
-    "length_factor", "operation_factor", "similarity", "operation_tolerance", "mixture_similarity",
-    "plausibility",
-    "human_likeness", "manoeuvre_share", "task_share", "beats_ideal", "human_low", "human_mean",
-    "human_high",
+    "index", "d_i", "length_factor", "operation_factor", "similarity",
+    "operation_tolerance", "mixture_similarity", "plausibility", "human_likeness",
+    "manoeuvre_share", "task_share", "beats_ideal", "human_low", "human_mean", "human_high",
 ))  # fmt: skip
-"""Columns of which a rise is an improvement; of all other columns it is not."""
+"""Columns of which more is better; in all other columns less is better."""
 
 OF_U: Final = frozenset((
     "severity", "ideal_severity", "no_reaction_severity", "departure_severity", "incident_severity",
 ))  # fmt: skip
-"""Columns in the unit of U, which two runs may have in different units."""
+"""Columns in the unit of U; they are compared only where both runs have U in one unit."""
 
 TIMED: Final = (
     "wall_time", "latency_mean", "latency_max", "latency_median", "latency_p99",
-    "latency_reference",
-    "latency_relative",
+    "latency_reference", "latency_relative",
 )  # fmt: skip
-"""Columns that no two drives have alike."""
+"""Columns of measured times, which differ between any two drives of one case."""
 
 LAST_DIGIT = 1e-9
-"""Share of a tolerance, or of a base's value, that rounding may change: no limit fails on it."""
+"""What rounding may change, as a share of a tolerance or of a value: nothing fails by so little."""
 
-
-SEVERITY_BY, HARSHER_BY = 0.5, 0.1  # m/s
-"""Changes of U that count by default: in the rule, and among the changed cases."""
-LEAST_LOSS = 0.01
-"""The same where a loss in 0..1 replaces U, as of other shares."""
-_OF_A_LOSS = f"of a loss in 0..1 {LEAST_LOSS:g}"
+# defaults for the change of U that counts
+SEVERITY_BY = 0.5  # m/s, a rise, from which the rule fails a case
+HARSHER_BY = 0.1  # m/s, from which a comparison lists a collision as harsher or softer
+LOSS_BY = 0.01  # for both where a loss in 0..1 replaces U
+_OF_A_LOSS = f"of a loss in 0..1 {LOSS_BY:g}"
 
 
 def change_of_u(setting: float | None, default: float, unit: str) -> float:
-    """Change of U that counts: the setting, or the default, m/s; without a unit that of a loss."""
+    """Change of U that counts, in the unit of U.
+
+    setting: None: the default.
+    default: where U is in m/s; for a loss it is `LOSS_BY`.
+    unit: of U, empty for a loss.
+    """
     if setting is not None:
         return setting
-    return default if unit else LEAST_LOSS
+    return default if unit else LOSS_BY
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +99,8 @@ class LimitSettings(Checked):
         float,
         NotNegative,
         About(
-            "what rounding may change beyond a bound, times the larger of 1 and the base's value"
+            "what rounding may change beyond a bound, times the larger of 1 and the bound, or of "
+            "1 and the base's value for `worse_by` and `worse_by_percent`"
         ),
     ] = LAST_DIGIT
     only_if_certain: Annotated[
@@ -109,7 +114,7 @@ class LimitSettings(Checked):
 
 @dataclass(frozen=True, slots=True)
 class MeasureSettings(Checked):
-    """A quantity of a case, and from which change on it counts as worse or better."""
+    """A quantity of a case, and the least change that counts as worse or better."""
 
     quantity: Annotated[str, About("a column of cases.csv")]
     absolute: Annotated[
@@ -119,7 +124,8 @@ class MeasureSettings(Checked):
         float, NotNegative, About("least change that counts, as a share of the base's value")
     ] = 0.0
     zone: Annotated[
-        float | None, About("only cases are looked at that are on this limit's bad side in a run")
+        float | None,
+        About("near misses only: a case counts if its value is worse than this in one of the runs"),
     ] = None
     higher_is_better: Annotated[bool, About("whether a rise is an improvement")] = True
 
@@ -128,7 +134,7 @@ class MeasureSettings(Checked):
 class OutcomeSettings(Checked):
     """Part one of the rule: single cases that ended worse.
 
-    repeats and bad_of: of an ADS that does not repeat.
+    floors, repeats and bad_of: for an ADS that does not repeat bit for bit.
     """
 
     on: Annotated[bool, About("whether this part is evaluated")] = True
@@ -142,9 +148,9 @@ class OutcomeSettings(Checked):
             "15",
         ),
     ] = None
-    floors: Annotated[float, NotNegative, About("rise of U that chance makes, in floors of U")] = (
-        2.0
-    )
+    floors: Annotated[
+        float, NotNegative, About("least rise of U that counts, in floors of U (`noise.factor`)")
+    ] = 2.0
     repeats: Annotated[int, Ge(0), About("further drives of such a case")] = 4
     bad_of: Annotated[int, Ge(1), About("drives, the first among them, that must be bad")] = 3
 
@@ -169,10 +175,7 @@ class NearMissSettings(Checked):
 
 @dataclass(frozen=True, slots=True)
 class ShiftSettings(Checked):
-    """Part three of the rule: whether many cases became a little worse.
-
-    share_alone: where no case is better.
-    """
+    """Part three of the rule: whether many cases became a little worse."""
 
     on: Annotated[bool, About("whether this part is evaluated")] = True
     chance: Annotated[float, Gt(0.0), Lt(1.0), About("P of the sign test below which it fails")] = (
@@ -203,7 +206,7 @@ class NoiseSettings(Checked):
         0.95
     )
     factor: Annotated[
-        float, NotNegative, About("times that quantile is the floor of a tolerance")
+        float, NotNegative, About("a floor, the least tolerance, is this times that quantile")
     ] = 1.5
     chance: Annotated[
         float, Gt(0.0), Lt(1.0), About("P of all sign tests of a night together (Holm)")
@@ -273,20 +276,19 @@ def read_gate(path: Path | None) -> GateSettings:
 def _check(limit: LimitSettings, where: str) -> None:
     if limit.quantity not in (*QUANTITIES, *COLUMNS):
         raise unknown(f"quantity of {where}", limit.quantity, (*QUANTITIES, *COLUMNS))
-    bounds = (limit.at_least, limit.at_most, limit.worse_by, limit.worse_by_percent)
-    if all(bound is None for bound in bounds):
+    changes = [by for by in (limit.worse_by, limit.worse_by_percent) if by is not None]
+    if not changes and limit.at_least is None and limit.at_most is None:
         raise InputError(
             f"{where} must have at_least, at_most, worse_by or worse_by_percent, got none of them."
         )
-    if any(bound is not None and bound < 0.0 for bound in (limit.worse_by, limit.worse_by_percent)):
+    if any(by < 0.0 for by in changes):
         raise InputError(f"worse_by and worse_by_percent of {where} must be at least 0.")
-    relative = limit.worse_by is not None or limit.worse_by_percent is not None
-    if relative and limit.quantity in OF_THE_COMPARISON:
+    if changes and limit.quantity in OF_THE_COMPARISON:
         raise InputError(
             f"{where} must have at_most for `{limit.quantity}`, which is a change already; it "
             "cannot be worse by something."
         )
-    if limit.only_if_certain and not (relative and limit.quantity in WITH_INTERVAL):
+    if limit.only_if_certain and not (changes and limit.quantity in WITH_INTERVAL):
         raise InputError(
             f"`only_if_certain` of {where} must stand beside worse_by or worse_by_percent of "
             f"{', '.join(WITH_INTERVAL)}; only they have an interval."
