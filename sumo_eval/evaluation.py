@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sumo_eval.errors import InputError
-from sumo_eval.method.severity import chosen_severity
+from sumo_eval.method.severity import severity_of
 from sumo_eval.record import run_folder
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.points import choose_points, refuse_unknown_axes
@@ -162,7 +162,7 @@ def score(
         refuse_unknown_axes(resolved.scenarios, settings.report)
     resolved = replace(resolved, settings=settings)
     exposures = run_folder.read_exposures(folder)
-    severity = chosen_severity(settings.method.collision, resolved.source)
+    severity = severity_of(settings.method.collision, resolved.source)
     made_with = {
         "name": settings.method.collision.severity,
         "unit": severity.unit,

@@ -213,7 +213,7 @@ def _check_evaluation(path: Path) -> None:
     the first.
     """
     from sumo_eval.errors import InputError
-    from sumo_eval.method.severity import chosen_severity
+    from sumo_eval.method.severity import severity_of
     from sumo_eval.method.zone_partition import refuse_impossible_zones
     from sumo_eval.record.facts import settings_of, space_of
     from sumo_eval.record.only import narrowed
@@ -268,7 +268,7 @@ def _check_evaluation(path: Path) -> None:
         return ", ".join(f"{name} weighs {weight:g}" for name, weight in weights.items())
 
     def severity() -> str:
-        chosen_severity(settings.method.collision, source)
+        severity_of(settings.method.collision, source)
         return settings.method.collision.severity
 
     def qualification() -> str:

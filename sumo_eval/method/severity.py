@@ -1,18 +1,20 @@
 """Severity of a contact: the number V that replaces U in Eqs. 15-17, and in the avoided share A.
 
-`method.collision.severity` chooses it:
+`scoring/` computes V of each contact. `method.collision.severity` chooses it:
 
 - `severity`: U of Eq. 15, m/s, as the paper prints it;
-- `eq14`: its class L of Eq. 14; without a contact L is 0.1, the equation's "otherwise";
+- `eq14`: U as well; the scores are then computed from its class L of Eq. 14;
 - `injury:car_driver`, `injury:pedestrian`, `injury:cyclist`: the probability of a serious or fatal
   injury (MAIS3+ or death) of the person, or of the driver of the car, that the front of a car hits,
   by closing speed and age (Lubbe, Wu, Jeppsson 2022);
 - `package.module:function` or `file.py:function`: a function of one `Contact` that returns a loss
   within 0..1.
 
-V replaces U in every equation: Ug_i, the ideal vehicle's, and U0_i, that of `no_reaction`, are V of
-their own contacts. Without a contact V is 0, or 0.1 of Eq. 14. So C = sum(r
-V_g/V)/sum(r), and A = 1 - sum w max(0, V - V_g) / sum w max(0, V_0 - V_g).
+V replaces U in every equation: also Ug_i of the ideal vehicle's contact and U0_i of the contact of
+`no_reaction`. Without a contact V is 0, and L of Eq. 14 is 0.1. So
+
+    C = sum(r V_g / V) / sum(r)
+    A = 1 - sum(w max(0, V - V_g)) / sum(w max(0, V_0 - V_g))
 """
 
 from __future__ import annotations
@@ -21,7 +23,6 @@ import hashlib
 import math
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -31,7 +32,7 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be, said, unknown
 from sumo_eval.method.checks import not_negative
-from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
+from sumo_eval.method.collision_avoidance import impact_severity
 from sumo_eval.settings import CollisionSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.trajectory import Collision, FloatArray, Side
@@ -41,8 +42,8 @@ KMH = 3.6
 
 
 class Contact(NamedTuple):
-    """A first contact as a severity sees it; vectors are in the ego's own frame, x ahead and y to
-    its left.
+    """First contact of a case, which a user's severity function receives; vectors are in the ego's
+    frame, x ahead and y to its left.
 
     ego_velocity, other_velocity: m/s.
     ego_mass, other_mass: kg (`method.collision`).
@@ -72,13 +73,13 @@ def contact_of(collision: Collision, settings: CollisionSettings) -> Contact:
     heading = collision.ego_pose[2]
     cosine, sine = math.cos(heading), math.sin(heading)
 
-    def seen(velocity: tuple[float, float]) -> tuple[float, float]:
+    def in_ego_frame(velocity: tuple[float, float]) -> tuple[float, float]:
         vx, vy = velocity
         return cosine * vx + sine * vy, cosine * vy - sine * vx
 
     return Contact(
-        ego_velocity=seen(collision.ego_velocity),
-        other_velocity=seen(collision.other_velocity),
+        ego_velocity=in_ego_frame(collision.ego_velocity),
+        other_velocity=in_ego_frame(collision.other_velocity),
         ego_mass=settings.ego_mass,
         other_mass=settings.other_mass,
         overlap=collision.overlap,
@@ -89,11 +90,12 @@ def contact_of(collision: Collision, settings: CollisionSettings) -> Contact:
 
 
 class InjuryCurve(NamedTuple):
-    """logit P = intercept + speed * v + age * years, v the closing speed in km/h.
+    """logit P = intercept + speed * closing speed in km/h + age * age in years.
 
-    usual_age: years at which the curve passes through the published 10 %; taken where
-        `method.collision.age` is not set.
-    fastest: km/h up to which it is used without a remark.
+    intercept, speed, age: coefficients of a person that is hit.
+    usual_age: years, where `method.collision.age` is not set; with it the risk is 10 % at the speed
+        for which the source publishes 10 %.
+    fastest: km/h above which a score has a note that the curve may not hold.
     """
 
     intercept: float
@@ -114,7 +116,7 @@ car as a function of closing speed and age", Traffic Safety Research 2, 000006 (
 in-depth accident data (GIDAS).
 """
 INJURY_AGES: Final = (15.0, 95.0)
-"""Years within which the curves are used without a remark.
+"""Years outside which a score has that note, too.
 
 This and `fastest` are bounds of this project: the source's abstract states none.
 """
@@ -145,12 +147,12 @@ class Severity(NamedTuple):
 
     name: as in the settings.
     unit: of V.
-    of: V of a collision, the first contact of a case, whose name an error message has. Raises
-        InputError where a user's function fails, returns anything but a finite number within 0..1,
-        or returns two different numbers for one contact.
-    beyond: why a collision is outside the range that V is known for, in words; empty inside.
-    sha256: of the file that holds a user's function, so that scores identify it; empty for those
-        that ship.
+    of: takes a collision and the name of its case for errors, returns V. Raises InputError where a
+        user's function fails, returns anything but a finite number within 0..1, or returns two
+        different numbers for one contact.
+    beyond: takes a collision, returns why it is outside the range of which V is known, or "".
+    sha256: of the file that holds a user's function, so that scores identify it; empty for any
+        other severity.
     """
 
     name: str
@@ -158,16 +160,6 @@ class Severity(NamedTuple):
     of: Callable[[Collision, str], float]
     beyond: Callable[[Collision], str] = lambda hit: ""
     sha256: str = ""
-
-
-def chosen_severity(settings: CollisionSettings, source: Path) -> Severity:
-    """The number that replaces U in every row.
-
-    The classes of Eq. 14 are taken of U with the scores.
-    """
-    return severity_of(
-        replace(settings, severity="severity") if settings.severity == "eq14" else settings, source
-    )
 
 
 def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Severity:
@@ -182,11 +174,13 @@ def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Seve
     that answers wrongly.
     """
     chosen = settings.severity
-    if chosen == "severity":
-        return Severity(chosen, "m/s", lambda hit, case: _impact_severity(hit))
-    if chosen == "eq14":
+    if chosen in ("severity", "eq14"):
         return Severity(
-            chosen, "loss", lambda hit, case: float(collision_loss(_impact_severity(hit)))
+            chosen,
+            "m/s",
+            lambda hit, case: float(
+                impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap)
+            ),
         )
     if chosen.startswith(_INJURY):
         return _injury(chosen, settings)
@@ -205,7 +199,7 @@ def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Seve
 
 
 def _answer_of(function: Callable[[Contact], Any], contact: Contact, name: str, case: str) -> float:
-    """The answer of a user's function, which is asked twice."""
+    """The number that a user's function returns; a second call must return the same."""
     answers = []
     for _ in range(2):
         try:
@@ -235,7 +229,7 @@ EXAMPLE: Final = Collision(
 
 
 def _hash_of(function: object) -> str:
-    while isinstance(function, partial):  # itself of functools
+    while isinstance(function, partial):  # its own module is functools
         function = function.func
     module = sys.modules.get(getattr(function, "__module__", ""))
     file = getattr(module, "__file__", None)
@@ -244,10 +238,11 @@ def _hash_of(function: object) -> str:
 
 def _injury(chosen: str, settings: CollisionSettings) -> Severity:
     who, age = chosen.removeprefix(_INJURY), settings.age
-    injury_risk(who, 0.0, age)  # refuses an unknown curve
+    injury_risk(who, 0.0, age)  # raises InputError for an unknown curve or age
 
     def beyond(hit: Collision) -> str:
-        curve, years = INJURY_CURVES[who], INJURY_CURVES[who].usual_age if age is None else age
+        curve = INJURY_CURVES[who]
+        years = curve.usual_age if age is None else age
         speed = KMH * hit.relative_speed
         reasons = [
             f"closing speed over {curve.fastest:g} km/h" if speed > curve.fastest else "",
@@ -264,7 +259,3 @@ def _injury(chosen: str, settings: CollisionSettings) -> Severity:
         lambda hit, case: float(injury_risk(who, hit.relative_speed, age)),
         beyond,
     )
-
-
-def _impact_severity(hit: Collision) -> float:
-    return float(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))

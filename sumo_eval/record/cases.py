@@ -1,4 +1,6 @@
-"""A case: one concrete scenario driven once, and its outcome."""
+"""A case: one concrete scenario driven once, and its outcome. `record/` plans, runs and stores
+these.
+"""
 
 from __future__ import annotations
 
@@ -28,20 +30,23 @@ Status = Literal[
 ]
 
 ALONE = "Simulated alone: "
+"""Beginning of the log of a case that was meant for a batch and was driven alone; why follows."""
 BATCHED = ("batched", "compared")
-"""How the log of a case begins that was to be simulated together with others, for who reads it."""
+"""What `Outcome.batched` may be for a case that was driven in a batch."""
 
 IN_BLOCK = "in_block"
-"""The clip of a case that a policy over arrays drove in a block of n cases."""
+"""Name of the clip of a case that was driven in a block; the block's size is its `requested`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """The cases that a policy over arrays drives together, whichever of them are wanted: its
-    numbers may depend on it.
+    """The cases that a policy over arrays drives together.
+
+    All of them are driven even if the run wants only some: what the policy does in one case may
+    depend on the others.
 
     first: number of their first point.
-    name: stands for what they are.
+    name: hash of their concrete scenarios.
     """
 
     first: int
@@ -56,13 +61,16 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One run to do. `driver` is the ADS's name, the human's name, or that of the role;
-    `controller` its locator.
+    """One drive to do.
 
-    `fingerprint` stands for everything that the outcome depends on; two cases with the same one
-    have the same facts.
-
-    block: which cases its ADS drives it with in one call; None where company changes nothing.
+    point: its number in the sample.
+    driver: name of the ADS or of the human driver; of a reference its role.
+    controller: locator of the ADS or baseline; of a human driver the source of the drivers.
+    driver_index, driver_count: number of a synthetic driver, and of all at this point.
+    seed: of everything random in the drive.
+    population: the one that a synthetic driver is drawn from.
+    fingerprint: hash of all that the outcome depends on; equal ones mean equal facts.
+    block: cases that an ADS over arrays drives together with this one; None for any other.
     """
 
     point: int
@@ -81,15 +89,14 @@ class Case:
     def key(self) -> str:
         """`front_vehicle_cut_out-0042-idm`: scenario, number of the point, driver.
 
-        The references and the drivers carry a `~` before their name, so that no ADS can be called
-        like one of them.
+        References and human drivers have a `~` before their name, which no ADS's name has.
         """
         mark = "" if self.role == "ads" else "~"
         return f"{self.concrete.scenario}-{self.point:04d}-{mark}{self.driver}"
 
 
 def on_its_own(cases: Sequence[Case]) -> bool:
-    """Whether there is one case, which is driven without company."""
+    """Whether a batch is a single case outside any block."""
     return len(cases) == 1 and cases[0].block is None
 
 
@@ -101,8 +108,8 @@ class Outcome:
     error: message of what failed; None: nothing.
     log: the traceback of an exception, and beginning and end of the case's output.
     error_place: file, line and function of the user's code that an exception came from.
-    batched: as in `Recording`.
-    alone: why a case that was meant for a batch was driven alone; None: it was not.
+    batched: one of `BATCHED`, as in `Recording`; empty if the case was not driven in a batch.
+    alone: why a case that was meant for a batch was driven alone; None for any other.
     reads: path and hash of files that the process of a user's ADS has newly read.
     """
 
@@ -129,8 +136,8 @@ class Setup:
     """Values that all cases of a run share.
 
     folder: where relative paths in locators start.
-    files: that ADSs depend on, by locator.
-    no_return: whether the point of no return of ADSs' contacts is sought, by some drives each.
+    files: paths that ADSs depend on, by locator.
+    no_return: whether some more drives search the point of no return of each contact of an ADS.
     """
 
     simulation: SimulationSettings
