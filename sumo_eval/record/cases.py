@@ -32,7 +32,7 @@ Status = Literal[
 ALONE = "Simulated alone: "
 """Beginning of the log of a case that was meant for a batch and was driven alone; why follows."""
 BATCHED = ("batched", "compared")
-"""What `Outcome.batched` may be for a case that was driven in a batch."""
+"""Values of `Outcome.batched` for a case that was driven in a batch."""
 
 IN_BLOCK = "in_block"
 """Name of the clip of a case that was driven in a block; the block's size is its `requested`."""
@@ -43,7 +43,7 @@ class Block:
     """The cases that a policy over arrays drives together.
 
     All of them are driven even if the run wants only some: what the policy does in one case may
-    depend on the others.
+    depend on the rest of its block.
 
     first: number of their first point.
     name: hash of their concrete scenarios.

@@ -57,7 +57,7 @@ TIMED: Final = (
 """Columns of measured times, which differ between any two drives of one case."""
 
 LAST_DIGIT = 1e-9
-"""What rounding may change, as a share of a tolerance or of a value: nothing fails by so little."""
+"""Effect of rounding, as a share of a tolerance or of a value: nothing fails by so little."""
 
 # defaults for the change of U that counts
 SEVERITY_BY = 0.5  # m/s, a rise, from which the rule fails a case

@@ -1,4 +1,4 @@
-"""Requirements of a scenario that a drive does not meet, for the rows of cases.csv and the scores."""
+"""Requirements of a scenario that a drive does not meet, for cases.csv and the scores."""
 
 from __future__ import annotations
 
