@@ -18,7 +18,7 @@ from sumo_eval.cli.sentences import show, tell
 from sumo_eval.errors import InputError
 
 if TYPE_CHECKING:
-    from sumo_eval.whatif.search import Answer, CaseLevers
+    from sumo_eval.whatif.search import Answer, CaseLevers, WhatIf
 
 _BAR = 20  # characters for a change over the whole range
 
@@ -34,8 +34,6 @@ def whatif(
     run: Path, case: str | None, lever: str | None, all_collisions: bool, as_json: bool
 ) -> None:
     """Find the least change of each lever that removes the collision of CASE, or brings one."""
-    from sumo_eval.record.run_folder import FACTS
-    from sumo_eval.record.store import open_store
     from sumo_eval.report.explain import known_case
     from sumo_eval.report.words import count
     from sumo_eval.whatif.search import WhatIf
@@ -44,14 +42,7 @@ def whatif(
         raise InputError("`whatif` needs either a CASE or --all-collisions.")
     search = WhatIf(run)
     if case is None:
-        found = []
-        with open_store(run / FACTS) as store:
-            facts = [fact for fact in store.facts("ads") if fact.collision is not None]
-        with Progress() as progress:
-            for number, fact in enumerate(facts, start=1):
-                # to count, the values of the first round are enough
-                found.append(search.answers_or_why_not(fact, lever, fine=False))
-                progress("collisions", number, len(facts))
+        found = _of_all_collisions(search, run, lever)
         left_out = [one.why_not for one in found if one.why_not]
         found = [one for one in found if not one.why_not]
         if left_out and not found:
@@ -68,6 +59,22 @@ def whatif(
         tell(json.dumps(plain, indent=1))
     else:
         show(lines)
+
+
+def _of_all_collisions(search: WhatIf, run: Path, lever: str | None) -> list[CaseLevers]:
+    """Answers for every collision of a run, or why there are none."""
+    from sumo_eval.record.run_folder import FACTS
+    from sumo_eval.record.store import open_store
+
+    with open_store(run / FACTS) as store:
+        facts = [fact for fact in store.facts("ads") if fact.collision is not None]
+    found = []
+    with Progress() as progress:
+        for number, fact in enumerate(facts, start=1):
+            # to count, the values of the first round are enough
+            found.append(search.answers_or_why_not(fact, lever, fine=False))
+            progress("collisions", number, len(facts))
+    return found
 
 
 def _plain(answer: Answer) -> dict[str, object]:

@@ -1,4 +1,6 @@
-"""Import of recordings: files of any known format become one canonical table."""
+"""Import of recordings, for `sumo-eval humans import` and `learn`: files of any known format become
+one canonical table.
+"""
 
 from __future__ import annotations
 

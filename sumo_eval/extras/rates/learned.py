@@ -333,7 +333,7 @@ def choose_model(
             fits += _fits(kind + factor, rows, names, box, folds)
     # within `NEAR` all count as equally near
     fits.sort(key=lambda item: (max(*item.kolmogorov.values(), NEAR), -item.log_likelihood))
-    whole = float(np.prod(np.subtract(box[1], box[0])))
+    whole = np.prod(np.subtract(box[1], box[0]))
     return (*fits, Fit("even", -math.log(whole), {}))
 
 

@@ -173,7 +173,7 @@ def _of_recording(table: pd.DataFrame, recording: str | None, ego: str) -> pd.Da
         check_known("recording", table["recording"].unique().tolist(), recording)
         table = table[table["recording"] == recording]
     check_known("vehicle of the recording", table["vehicle"].unique().tolist(), ego)
-    names = table.loc[table["vehicle"] == ego, "recording"].unique().tolist()
+    names = table.loc[table["vehicle"] == ego, "recording"].unique()
     if len(names) > 1:
         raise InputError(
             f"`recording` must name one recording: vehicle `{ego}` is in {len(names)}, "
@@ -221,6 +221,7 @@ def _actors_of(tracks: list[_Track], ego: _Track) -> tuple[list[_Track], int, Co
         elif any(_overlap(actor, other) for other in (ego, *actors)):
             left_out[IN_ANOTHER] += 1
         else:
+            # behind its last position an actor keeps speed and lane, as after every script
             continued += track.time[0] >= INTERVAL or track.time[-1] <= ego.time[-1] - INTERVAL
             actors.append(actor)
     return actors, continued, left_out

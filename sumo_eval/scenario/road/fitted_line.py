@@ -32,7 +32,7 @@ Fit = tuple[tuple[Piece, ...], Pose, float]
 
 
 def fitted_line(polyline: FloatArray) -> Fit:
-    """The line along a polyline (n, 2).
+    """The line along a polyline (n, 2) whose vertices all differ from the one before.
 
     Least squares over the curvatures at knots and the pose at the beginning, with as few knots as
     keep it within `WITHIN`; the nearest line where none does, as at corners. Without pieces and
@@ -64,7 +64,7 @@ def _resampled(polyline: FloatArray) -> FloatArray:
     """Vertices of a polyline, and evenly spaced places between them, at most `_SAMPLES` apart."""
     parts = [polyline[:1]]
     for begin, end in itertools.pairwise(polyline):
-        count = max(int(np.ceil(np.hypot(*(end - begin)) / _SAMPLES)), 1)
+        count = math.ceil(np.hypot(*(end - begin)) / _SAMPLES)
         parts.append(begin + (end - begin) * (np.arange(1, count + 1) / count)[:, None])
     return np.concatenate(parts)
 
@@ -133,20 +133,19 @@ def _fitted(places: FloatArray, apart: float) -> Fit:
         curvature = curvature + bend
         if abs(shift) < _SETTLED and np.abs(bend).max() < _SETTLED / grid.length:
             break
-    return _rounded(grid.length, first, curvature, places, s)
+    curvature = np.round(curvature, _DIGITS) + 0.0  # + 0.0 makes -0.0 positive
+    return _line_of(grid.length, curvature.tolist(), Pose(*map(float, first)), places, s)
 
 
-def _rounded(
-    length: float, first: FloatArray, curvature: FloatArray, places: FloatArray, near: FloatArray
+def _line_of(
+    length: float, ends: list[float], begins: Pose, places: FloatArray, near: FloatArray
 ) -> Fit:
-    """The line with rounded curvatures, and how far off it is.
+    """The line of these curvatures at evenly spaced ends of pieces, and how far off it is.
 
     near: s of the places' feet, about.
     """
-    ends = (np.round(curvature, _DIGITS) + 0.0).tolist()  # + 0.0 makes -0.0 positive
     piece = length / (len(ends) - 1)
     pieces = tuple(Piece(piece, begin, end) for begin, end in itertools.pairwise(ends))
-    begins = Pose(*map(float, first))
     x, y, heading = map_places(pieces, near, 0.0)
     off_x, off_y = onto_the_line(places, begins).T - (x, y)
     across = off_y * np.cos(heading) - off_x * np.sin(heading)
@@ -164,9 +163,7 @@ def _grid(length: float, apart: float) -> _Grid:
     unit = np.eye(pieces + 1)  # row k: curvature 1 at knot k, 0 at the others
     hat = np.array([np.interp(middle, knots, curvatures) for curvatures in unit]).T
     turned = np.concatenate([np.zeros((1, pieces + 1)), np.cumsum(hat, axis=0) * step])
-    smooth = np.zeros((0, pieces + 1))
-    if pieces > 1:
-        smooth = _SMOOTH * apart**2 * np.diff(unit, 2, axis=0)
+    smooth = _SMOOTH * apart**2 * np.diff(unit, 2, axis=0)
     return _Grid(length, step, s, middle, knots, 0.5 * (turned[:-1] + turned[1:]), smooth)
 
 
