@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from dataclasses import fields as fields_of
 from typing import Any, ClassVar
 
-from sumo_eval.ads.asked_change import change_if_free, is_waiting, lead_beside, road_left
+from sumo_eval.ads.asked_change import change_if_free, lead_beside
 from sumo_eval.ads.lane_change import (
     PATH,
     curvature_kept,
@@ -24,6 +24,7 @@ from sumo_eval.cosim.compiled import Compiled, decides, each_row
 from sumo_eval.cosim.records import fields, flags
 from sumo_eval.errors import must_be
 from sumo_eval.kernels import kernel
+from sumo_eval.scenario.concrete import LEAST_CHANGE
 
 EXPONENT = 4.0  # delta of the free-road term (Treiber, Hennecke, Helbing 2000)
 COOLNESS = 0.99  # c (Kesting, Treiber, Helbing 2010)
@@ -260,8 +261,9 @@ def change_as_asked(
         )
         if not changing:
             most = max(most, -idm.deceleration)
-    left = road_left(path, way, me)
-    if is_waiting(path, way) and not math.isinf(left):
+    if way.ends and not changing:
+        # from its front to a shortest change before the end of its lane, m
+        left = way.by - LEAST_CHANGE - me.x - me.half_length
         most = min(most, idm_acceleration(me.speed, desired_speed, left, 0.0, idm))
     return most
 
