@@ -3,8 +3,8 @@
 
 It perceives an event and evaluates it for 0.4 s. Its brakes begin to act 0.75 s after braking
 became necessary: 0 to 0.774 g in 0.6 s. Between events it keeps its speed and its wheel straight.
-It sees the positions and speeds of the other vehicles up to now, nothing else. The instant at which
-a threshold is crossed is interpolated linearly between two steps.
+It knows no more than the present and past positions and speeds of the other vehicles. The instant
+at which a threshold is crossed is interpolated linearly between two steps.
 
 Source: UN R157, Annex 4, Appendix 3 (original series), Annex 3 (amended); AEB stage as in esmini's
 R157 controllers. docs/baselines.md lists the readings.
@@ -60,9 +60,12 @@ def needed_deceleration(
     """Constant deceleration that avoids the lead vehicle if it begins `delay` s from now, m/s2; inf
     if none does.
 
-    The larger of (v - w)^2 / (2 (d - (v - w) delay)), for a lead vehicle that keeps its speed w,
-    and, if it brakes with b, v^2 / (2 (d + w^2 / (2 b) - v delay)), for stopping before the point
-    where it stops. d: bumper gap, m.
+    As if the lead vehicle keeps its speed w, and, if it brakes with b, at least enough to stop
+    before the point where it stops:
+
+        (v - w)^2 / (2 (d - (v - w) delay)),  v^2 / (2 (d + w^2 / (2 b) - v delay))
+
+    gap: d, bumper to bumper, m. speed: v. lead_speed: w, m/s. lead_braking: b, m/s2; 0: none.
     """
     closing = speed - lead_speed
     needed = 0.0
@@ -81,10 +84,13 @@ def ramped(
 ) -> Braked:
     """Speed lost by a brake ramp in a step, m/s, and the deceleration at the step's end, m/s2.
 
+    Braking from before the step is released meanwhile, as fast as possible. The stronger of both
+    counts.
+
     level: deceleration at the end of the ramp, m/s2.
-    path: of the braking so far; its `level` is released as fast as possible.
-    begins, ends: of braking by the ramp, s from the beginning of the step. After its end the brakes
-        are released as fast as possible.
+    path: its `level` is the braking at the step's start.
+    begins, ends: of the ramp, s from the step's start; `begins` may be before it. At its end the
+        brakes are released as fast as possible.
     """
     ends = min(ends, step)
     lost = brake_ramp_lost(ends - begins, level, BUILD_UP) - brake_ramp_lost(
@@ -101,42 +107,44 @@ _WATCHED = fields(
     "lane_y", "offset", "time", "speed", "strayed_at", "braking", "braked_at", "evaluated_at",
     "necessary_at",
 )  # fmt: skip
-"""The driver's memory of one vehicle; nan: nothing yet.
+"""The driver's memory of one vehicle; nan: nothing yet. Kernels call the memories of all vehicles
+`watched`, and the one of the vehicle in question `known`.
 
 lane_y: y of the centre of the lane where it was first seen; of a vehicle that stood then, its own
     y, m.
 offset, time, speed: distance from `lane_y`, m, time, s, and speed along the road, m/s, when it was
     last seen.
 strayed_at: instant from which it is further off `lane_y` than wandering explains, s.
-braking: its mean deceleration since the step in which it was last seen, m/s2.
+braking: its mean deceleration over the time since it was last seen, m/s2; negative: it got faster.
 braked_at: instant at which `braking` exceeded the driver's threshold, s.
-evaluated_at: instant at which the evaluation of an event of it ends, s.
+evaluated_at: instant at which the driver has evaluated an event of this vehicle, s.
 necessary_at: instant at which braking for it became necessary, s.
 """
 
 
 @kernel
 def careful_driver(
-    ego: Any, others: Any, own: Any, known: Any, others_then: Any, scenario: Any
+    ego: Any, others: Any, own: Any, watched: Any, others_then: Any, scenario: Any
 ) -> None:
-    """Braking for the vehicle that made it necessary first, else the speed is kept.
+    """Brake for the vehicle that made it necessary first, else keep the speed.
 
     own: `CarefulDriver.memory`.
-    known: `CarefulDriver.known`, of each other vehicle.
-    others_then: working space: the other vehicles at another instant, as `own.then` is the ego.
+    watched: `CarefulDriver.known`, of each other vehicle.
+    others_then: room for the other vehicles at another instant, as `own.then` is for the ego.
+    scenario: the first of the two is used: the driver decides at every step.
     """
     me, path, time = own.me, own.path, ego.time
     vehicle, step = scenario[0].vehicle, scenario[0].step
     take(me, ego.seen)
     me.braking = path.level
-    necessary_at = _braking_necessary(own, others, known, others_then, scenario[0], time)
+    necessary_at = _braking_necessary(own, others, watched, others_then, scenario[0], time)
     begins_at = necessary_at + own.p.reaction
     own.looked = 1
-    ends = _end_events_within(me, others, known, step)
+    ends = _end_events_within(me, others, watched, step)
     braked = ramped(HUMAN_BRAKING, path, begins_at - time, ends, vehicle, step)
     lost, level = braked.lost, braked.level
     if own.p.aeb:
-        _watch_over(others, own, known, others_then, step, time)
+        _watch_over(others, own, watched, others_then, step, time)
         if own.aeb_brakes:
             braked = ramped(AEB_BRAKING, path, own.aeb_began - time, step, vehicle, step)
             if braked.lost > lost or (braked.lost == lost and braked.level > level):
@@ -145,9 +153,10 @@ def careful_driver(
     releases = (math.isinf(begins_at) or ends < step) and own.aeb_brakes == 0
     ego.command.acceleration = -path_command(path, lost, releases, own.p.brakes, vehicle, step)
     ego.command.steering = lane_kept(ego, scenario[0])
+    # settled: it does nothing as long as no vehicle comes nearer
     ego.settled = 1 - own.aeb_brakes
     for j in range(len(others)):
-        if not math.isnan(known[j].necessary_at):
+        if not math.isnan(watched[j].necessary_at):
             ego.settled = 0
 
 
@@ -155,7 +164,7 @@ def careful_driver(
 def _braking_necessary(
     own: Any, others: Any, watched: Any, others_then: Any, scenario: Any, time: float
 ) -> float:
-    """Instant at which braking first became necessary for a vehicle in front, s; inf: it is not."""
+    """Earliest instant at which braking became necessary for a vehicle in front, s; inf: none."""
     me, p = own.me, own.p
     for j in range(len(others)):
         if not math.isnan(others[j].x):
@@ -169,7 +178,7 @@ def _braking_necessary(
     first = math.inf
     for j in range(len(others)):
         necessary_at = watched[j].necessary_at
-        if others[j].x > me.x and necessary_at < first:  # false of nan
+        if others[j].x > me.x and necessary_at < first:  # false for nan
             first = necessary_at
     return first
 
@@ -180,27 +189,30 @@ def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None
     braking = 0.0
     if math.isnan(known.lane_y):
         centre = scenario.road.lane_width * round(other.y / scenario.road.lane_width)
-        # a parked vehicle has its own y: it has not strayed
+        # a vehicle parked off the centre has not strayed
         known.lane_y = centre if other.speed > 0.0 else other.y
         known.offset, known.time = other.y - known.lane_y, time
     else:
-        # over the steps since it was last in sight
+        # it may have been hidden for some steps
         steps = max(round((time - known.time) / scenario.step), 1)
         braking = (known.speed - other.along) / (steps * scenario.step)
     offset = other.y - known.lane_y
     if math.isnan(known.strayed_at) and abs(offset) > p.wander and abs(offset) > abs(known.offset):
+        # of the time since it was last seen, until it crossed `wander`
         share = max((p.wander - abs(known.offset)) / (abs(offset) - abs(known.offset)), 0.0)
         known.strayed_at = known.time + share * (time - known.time)
     if math.isnan(known.braked_at) and braking > p.lead_braking:
-        known.braked_at = time - scenario.step  # the earliest instant for braking that jumps
+        known.braked_at = time - scenario.step  # the earliest instant: braking may jump
     known.offset, known.time = offset, time
     known.braking, known.speed = braking, other.along
 
 
 @kernel
 def _is_over(me: Any, other: Any, known: Any, scenario: Any) -> bool:
-    """Whether the event needs no braking any more: the vehicle is passed, neither in the path nor
-    on its way there, or neither closing nor braking.
+    """Whether the event needs no braking any more.
+
+    That is so if the vehicle is passed, if it is neither in the path nor on its way there, or if it
+    neither comes nearer nor brakes.
     """
     if not other.x > me.x:
         return True
@@ -220,7 +232,7 @@ def _comes_towards(me: Any, known: Any, scenario: Any) -> bool:
     """Whether the vehicle has left its own lane towards the ego's."""
     if math.isnan(known.strayed_at) or _is_from_own_lane(me, known, scenario):
         return False
-    return bool(known.offset * (me.y - known.lane_y) > 0.0)
+    return bool(known.offset * (me.y - known.lane_y) > 0.0)  # to the same side
 
 
 @kernel
@@ -232,15 +244,15 @@ def _judge_cut_ins(me: Any, others: Any, watched: Any, p: Any, scenario: Any, ti
             not other.x > me.x
             or not math.isnan(known.necessary_at)
             or not _comes_towards(me, known, scenario)
+            or not is_in_sight(me, others, j, SHOWING)
         ):
-            continue
-        if not is_in_sight(me, others, j, SHOWING):
             continue
         ttc = time_to_collision(me, other)
         evaluated_at = known.strayed_at + p.evaluation
+        # the step nearest to the end of the evaluation is the first that decides
         if 0.0 < ttc < CUT_IN_TTC and time >= evaluated_at - 0.5 * scenario.step:
-            # TTC falls by about 1 s a second: it was at the threshold that long ago, but within
-            # this step, and not before the evaluation ended
+            # TTC falls by about 1 s a second, so it crossed the threshold CUT_IN_TTC - ttc ago: a
+            # step ago at the earliest, and not before the evaluation ended
             known.necessary_at = max(evaluated_at, time - min(CUT_IN_TTC - ttc, scenario.step))
 
 
@@ -248,10 +260,10 @@ def _judge_cut_ins(me: Any, others: Any, watched: Any, p: Any, scenario: Any, ti
 def _judge_path(
     own: Any, others: Any, watched: Any, others_then: Any, scenario: Any, time: float
 ) -> None:
-    """Find vehicles in the ego's lane for which braking has become necessary: revealed by one that
-    leaves it, braking within 2 s of headway, or approached too fast.
+    """Find vehicles in the ego's path for which braking has become necessary.
 
-    Nearest first, until the first vehicle that hides what is beyond it.
+    Such a vehicle is revealed by one that leaves the lane, brakes within 2 s of headway, or is
+    approached too fast. The search ends at the nearest vehicle that hides what is beyond it.
     """
     me, leaves = own.me, -1
     j = next_ahead(me, others, -1)
@@ -266,7 +278,8 @@ def _judge_path(
                         own, others[j], known, others_then[j], scenario.step, time
                     )
                 known.evaluated_at = perceived_at + own.p.evaluation
-            if time >= known.evaluated_at - 0.5 * scenario.step:  # false of nan
+            # the nearest step decides, as for a cut-in; false for nan
+            if time >= known.evaluated_at - 0.5 * scenario.step:
                 known.necessary_at = known.evaluated_at
         if not math.isnan(known.strayed_at) and _is_from_own_lane(me, known, scenario):
             leaves = j if leaves < 0 else leaves
@@ -300,13 +313,13 @@ def _approached(
     """Instant at which the driver perceived that approaching a vehicle needs braking, s; nan while
     it does not.
 
-    other_then: working space: the vehicle a step ago.
+    other_then: room for the vehicle a step ago.
     """
     me, p = own.me, own.p
     needed = _needed(me, other, known, p)
     if not needed > p.in_path_limit:
         return math.nan
-    if own.looked == 0:
+    if own.looked == 0:  # there is no step before this one
         return float(time)
     take(own.then, me)
     carry_on(own.then, -step)
@@ -314,21 +327,23 @@ def _approached(
     other_then.braking = known.braking
     carry_on(other_then, -step)
     earlier = _needed(own.then, other_then, known, p)
+    # of the step, until the need crossed the limit
     share = (p.in_path_limit - earlier) / (needed - earlier) if earlier < p.in_path_limit else 0.0
     return float(time - (1.0 - share) * step)
 
 
 @kernel
 def _needed(me: Any, other: Any, known: Any, p: Any) -> float:
-    """`needed_deceleration` after the evaluation and the reaction, m/s2."""
+    """`needed_deceleration` if braking begins after the evaluation and the reaction, m/s2."""
     delay = p.evaluation + p.reaction
     return needed_deceleration(bumper_gap(me, other), me.along, other.along, known.braking, delay)
 
 
 @kernel
 def _end_events_within(me: Any, others: Any, watched: Any, step: float) -> float:
-    """End the events of all vehicles for which the ego brakes, if it becomes as slow as they are in
-    the coming step; the time until then, s, inf: not in this step.
+    """Time until the ego is as slow as all vehicles for which it brakes, s; inf: not in this step.
+
+    If it is in this step, these events end.
     """
     ends, events = 0.0, 0
     for j in range(len(others)):
@@ -361,10 +376,12 @@ def _aeb_ttc(me: Any, other: Any) -> float:
 @kernel
 def _aeb_demand(scene: Any, after: float) -> float:
     """1 where the AEB stage demands braking `after` s from now, if all vehicles continue as now,
-    else 0.
+    else 0: a demand for `first_instant`.
+
+    scene: (own, watched, room for the other vehicles at that instant, step).
     """
-    own, known, others = scene[:3]
-    foresee_all(own, known, others, after, scene[3])
+    own, watched, others = scene[:3]
+    foresee_all(own, watched, others, after, scene[3])
     for j in range(len(others)):
         if 0.0 <= _aeb_ttc(own.then, others[j]) < AEB_TTC and is_visible(
             own.then, others, j, SHOWING
@@ -375,15 +392,15 @@ def _aeb_demand(scene: Any, after: float) -> float:
 
 @kernel
 def _watch_over(
-    others: Any, own: Any, known: Any, others_then: Any, step: float, time: float
+    others: Any, own: Any, watched: Any, others_then: Any, step: float, time: float
 ) -> None:
-    """The AEB stage: it brakes for a vehicle in sight and fully in the path from TTC < 1.5 s until
-    the ego no longer closes in.
+    """Decide whether the AEB stage brakes: for a vehicle in sight and fully in the path, from
+    TTC < 1.5 s until the ego no longer closes in.
     """
     for j in range(len(others)):
-        sight(known[j].sighting, others[j], step)
+        sight(watched[j].sighting, others[j], step)
     if own.aeb_brakes == 0:
-        scene = (own, known, others_then, step)
+        scene = (own, watched, others_then, step)
         if _aeb_demand(scene, step) > 0.0:
             begins = (
                 0.0
@@ -393,7 +410,7 @@ def _watch_over(
             own.aeb_brakes, own.aeb_began = 1, time + begins
         return
     for j in range(len(others)):
-        if _aeb_ttc(own.me, others[j]) < math.inf:
+        if _aeb_ttc(own.me, others[j]) < math.inf:  # still closing in
             return
     own.aeb_brakes = 0
 
@@ -406,8 +423,8 @@ class CarefulDriver(Compiled):
     evaluation: time from perceiving an event to the end of its evaluation, s.
     reaction: time from the instant at which braking became necessary to its start, s.
     lead_braking: deceleration above which a lead vehicle is perceived as braking, m/s2.
-    in_path_limit: needed deceleration from which approaching a vehicle in the path is an event,
-        m/s2; the regulation has no such case.
+    in_path_limit: needed deceleration above which approaching a vehicle in the path is an event,
+        m/s2; not in the regulation.
     """
 
     loop = staticmethod(each_row(careful_driver))
