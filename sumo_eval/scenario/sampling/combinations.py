@@ -19,6 +19,8 @@ from sumo_eval.scenario.sampling.request import Drawn, Request, owner_of
 
 Levels = NDArray[np.intp]
 """Points of a grid (n, k), as the number of the value on each axis."""
+Numbers = NDArray[np.intp]
+"""Numbers (n,): of points in a grid, the first axis slowest, or of combinations of values."""
 
 
 def pairwise(logical: LogicalScenario, request: Request) -> Drawn:
@@ -27,8 +29,11 @@ def pairwise(logical: LogicalScenario, request: Request) -> Drawn:
 
 
 def combinations(logical: LogicalScenario, request: Request) -> Drawn:
-    """Every possible combination of values of `strength` parameters, in few points."""
-    most, strength = len(logical.parameters), 2 if request.strength is None else request.strength
+    """Every possible combination of values of `strength` parameters (2 unless given), in few
+    points.
+    """
+    most = len(logical.parameters)
+    strength = min(2, most) if request.strength is None else request.strength
     if not 1 <= strength <= most:
         raise must_be(
             "`strength`", owner_of(logical), f"within 1..{most}, its parameters", strength
@@ -36,9 +41,9 @@ def combinations(logical: LogicalScenario, request: Request) -> Drawn:
     return _covering(logical, request, strength)
 
 
-def tuples_of(levels: Levels, sizes: Sequence[int], strength: int) -> list[NDArray[np.intp]]:
-    """The combinations that points hold: one array of codes (n,) for each choice of `strength`
-    axes.
+def tuples_of(levels: Levels, sizes: Sequence[int], strength: int) -> list[Numbers]:
+    """The combinations that points hold: for each choice of `strength` axes the number of each
+    point's combination of values there, (n,).
     """
     return [
         np.ravel_multi_index(
@@ -49,42 +54,43 @@ def tuples_of(levels: Levels, sizes: Sequence[int], strength: int) -> list[NDArr
 
 
 def _covering(logical: LogicalScenario, request: Request, strength: int) -> Drawn:
-    """A covering array, without the points that constraints exclude, and with points for what these
-    alone held.
+    """A covering array, and further points for combinations that only its excluded points hold.
+
+    `sample` takes out the points that a constraint excludes.
     """
     axes, notes = grid_axes(logical, request)
     sizes = [len(axis) for axis in axes]
-    everything, every = mesh(axes), np.indices(sizes).reshape(len(sizes), -1).T
-    feasible = logical.feasible(everything)
+    grid, levels = mesh(axes), np.indices(sizes).reshape(len(sizes), -1).T
+    feasible = logical.feasible(grid)
     strength = min(strength, len(sizes))
-    if strength == 1 or len(sizes) == 1:
+    if strength == 1:  # as many points as the longest axis has values
         rows = [[number % size for size in sizes] for number in range(max(sizes))]
     else:
         values = [list(range(size)) for size in sizes]
         rows = list(covertable.make(values, strength=strength, salt=str(request.seed)))
     chosen = np.ravel_multi_index(tuple(np.array(rows, dtype=np.intp).T), tuple(sizes))
-    codes = tuples_of(every, sizes, strength)
+    codes = tuples_of(levels, sizes, strength)
     added = _complete(chosen[feasible[chosen]], np.flatnonzero(feasible), codes)
     numbers = np.unique(np.concatenate([chosen, added]))
     total = sum(map(math.prod, itertools.combinations(sizes, strength)))
     held = sum(len(np.unique(code[feasible])) for code in codes)
     if held < total:
-        what = {2: "pairs"}.get(strength, f"combinations of {strength}")
+        what = "pairs" if strength == 2 else f"combinations of {strength}"
         notes += (
             f"{total - held} of {total} {what} of values exist in no possible point; the other "
             f"{held} are held.",
         )
-    return Drawn(everything[numbers], notes=notes)
+    return Drawn(grid[numbers], notes=notes)
 
 
-def _complete(have: Levels, candidates: Levels, codes: Sequence[Levels]) -> Levels:
-    """Numbers of further possible points, so that no combination is missing that a possible point
-    could hold.
+def _complete(have: Numbers, candidates: Numbers, codes: Sequence[Numbers]) -> Numbers:
+    """Numbers of further points, so that every combination of a possible point is held.
 
-    have: numbers of the points that there are. candidates: of the possible ones. codes: as of
-    `tuples_of`, of the full grid.
+    have: numbers of the possible points that are chosen already.
+    candidates: numbers of all possible points.
+    codes: `tuples_of` the full grid.
 
-    Greedy: the point that holds most of what is missing, the first of equals, again and again.
+    Greedy: each time the point that holds most missing combinations, the first of equals.
     """
     codes = [code[candidates] for code in codes]
     missing = []
@@ -95,7 +101,7 @@ def _complete(have: Levels, candidates: Levels, codes: Sequence[Levels]) -> Leve
         missing.append(wanted)
     added: list[int] = []
     while any(wanted.any() for wanted in missing):
-        gain = sum(wanted[code] * 1 for code, wanted in zip(codes, missing, strict=True))
+        gain = sum(wanted[code] for code, wanted in zip(codes, missing, strict=True))
         best = int(np.argmax(gain))
         added.append(int(candidates[best]))
         for code, wanted in zip(codes, missing, strict=True):
