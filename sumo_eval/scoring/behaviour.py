@@ -14,7 +14,7 @@ from sumo_eval.scoring.findings import findings, mean_of
 from sumo_eval.scoring.rule import sign_test
 
 CONTACT = 50.0 / 3.6
-"""Impact speed that excess impact speed is counted in, m/s."""
+"""Impact speed of one contact, m/s, where excess impact speed is counted in contacts."""
 BY_CHANCE = 0.05
 """Probability of a sign test below which two ADSs count as different."""
 
@@ -50,8 +50,8 @@ class Behaviour:
 
 
 def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
-    """The ADSs in their order; without a ranking by their only score, or as they stand in the
-    evaluation.
+    """The ADSs by their place in the ranking; without one by the mean S+ of their scenarios, a
+    missing one last, equals as they stand in the evaluation.
     """
     if evaluation.ranking is not None and evaluation.ranking.ads:
         return evaluation.ranking.ads
@@ -60,7 +60,7 @@ def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
         scores = [score for score in evaluation.scores if score.ads == ads]
         interval = scores[0].s_plus_interval if len(scores) == 1 else None
         order.append(RankedAds(ads, None, _mean((it.s_plus, 1.0) for it in scores), interval))
-    return tuple(sorted(order, key=lambda one: -1.0 if one.s_plus is None else -one.s_plus))
+    return tuple(sorted(order, key=lambda one: 1.0 if one.s_plus is None else -one.s_plus))
 
 
 def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
@@ -74,9 +74,9 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
     def total(field: str) -> int:
         return sum(getattr(score, field) for score in scores)
 
-    def mean(values: Iterable[float | None], *, known: bool = False) -> float | None:
+    def mean(values: Iterable[float | None], *, skip_missing: bool = False) -> float | None:
         pairs = zip(values, weights, strict=True)
-        return _mean(pair for pair in pairs if not known or pair[0] is not None)
+        return _mean(pair for pair in pairs if not skip_missing or pair[0] is not None)
 
     return Behaviour(
         ads,
@@ -93,7 +93,7 @@ def behaviour_of(evaluation: Evaluation, ads: str) -> Behaviour:
         ),
         excess=mean(mean_of(one.beyond, one.cases.exposure) for one in parts) or 0.0,
         grade=mean(score.avoidance_grade for score in scores),
-        human=mean((score.human_likeness for score in scores), known=True),
+        human=mean((score.human_likeness for score in scores), skip_missing=True),
     )
 
 
@@ -108,7 +108,7 @@ def _mean(values: Iterable[tuple[float | None, float]]) -> float | None:
 
 class HarmBeside(NamedTuple):
     """Numbers of cases in which an ADS does less and more avoidable harm than a second ADS, and of
-    all that both have.
+    all cases that both have.
     """
 
     less: int
@@ -117,7 +117,7 @@ class HarmBeside(NamedTuple):
 
     @property
     def chance(self) -> float:
-        """P of the two-sided sign test."""
+        """P of the two-sided sign test: twice that of the one-sided test of the larger number."""
         return min(1.0, 2.0 * sign_test(max(self[:2]), min(self[:2])))
 
     @property
@@ -128,21 +128,23 @@ class HarmBeside(NamedTuple):
 
 def harm_beside(evaluation: Evaluation, first: str, second: str) -> HarmBeside:
     """Compare the avoidable harm of two ADSs case by case."""
-    beside = {one.score.scenario: one for one in findings(evaluation, second)}
+    of_second = {one.score.scenario: one for one in findings(evaluation, second)}
     differences = [np.empty(0)]
     for own in findings(evaluation, first):
-        if (other := beside.get(own.score.scenario)) is not None:
-            ours, theirs = point_numbers([own.cases, other.cases])
-            here, there = np.intersect1d(ours, theirs, return_indices=True)[1:]
-            differences.append(own.beyond[here] - other.beyond[there])
-    all_cases = np.concatenate(differences)
-    less, more = (all_cases < 0.0).sum(), (all_cases > 0.0).sum()
-    return HarmBeside(int(less), int(more), len(all_cases))
+        if (other := of_second.get(own.score.scenario)) is not None:
+            points, other_points = point_numbers([own.cases, other.cases])
+            # rows of the points that both have
+            rows, other_rows = np.intersect1d(points, other_points, return_indices=True)[1:]
+            differences.append(own.beyond[rows] - other.beyond[other_rows])
+    harm = np.concatenate(differences)
+    return HarmBeside(int((harm < 0.0).sum()), int((harm > 0.0).sum()), len(harm))
 
 
 def worst_case(evaluation: Evaluation, order: Sequence[str]) -> CaseResult | None:
-    """The case that takes most from A, of the first ADS that loses any: a collision, a departure or
-    a case given up; else the least human-like one of the first.
+    """The case to look at first.
+
+    It is the case (a collision, a departure or a case given up) that lowers A most, of the first
+    ADS in `order` that has one; else the least human-like case of the first ADS.
     """
     for ads in order:
         worst: list[tuple[float, str, CaseResult]] = []
