@@ -17,8 +17,8 @@ from sumo_eval.kernels import kernel
 from sumo_eval.scenario.motion import quintic, quintic_bend, quintic_rate
 
 PEAK_BEND = 10.0 / math.sqrt(3.0)  # largest second derivative of the smooth step
-RATE = 1.0  # w of the steering, 1/s
-SLOW = 8.0  # m/s, below which the steering's rate is one per metre
+RATE = 1.0  # w of `steering`, 1/s: how fast an error decays
+SLOW = 8.0  # m/s; below it an error decays by distance, RATE / SLOW per metre
 
 PATH = fields("start", "offset", "begin", "length")
 """A lane's centre line, and from `begin` on, over `length` m of road, the smooth step by `offset` m
@@ -75,9 +75,10 @@ def keep_lane(path: Any, me: Any, road: Any) -> None:
 
 @kernel
 def curvature_kept(path: Any, me: Any) -> float:
-    """The curvature, 1/m, that the rear axle has on a path beside the road's line at an even
-    distance: how the wheel stands where a drive begins. A wheel assumed to be straight there
-    would steer again, by more the longer a step is.
+    """Curvature, 1/m, of the parallel to the road's line on which a path begins.
+
+    A drive begins with the steering wheel turned by it. A straight wheel would have to be turned
+    first, by more the longer a step is.
     """
     line = line_curvature(me)
     return float(line / (1.0 - line * path.start))
@@ -85,9 +86,7 @@ def curvature_kept(path: Any, me: Any) -> float:
 
 @kernel
 def line_curvature(me: Any) -> float:
-    """Curvature, 1/m, of the road's line itself, from that of the parallel line at a vehicle's
-    offset.
-    """
+    """Curvature, 1/m, of the road's line, from that of its parallel through a vehicle."""
     return float(me.curvature / (1.0 + me.curvature * me.y))
 
 
@@ -99,7 +98,7 @@ def lane_of(y: float, road: Any) -> int:
 
 @kernel
 def rear_axle_next(me: Any, scenario: Any) -> float:
-    """x of the rear axle at the end of the coming step, m: where the path is asked for."""
+    """x of the rear axle at the end of the coming step, m: where `steering` needs the path."""
     return float(me.x - 0.5 * scenario.vehicle.wheelbase + me.along * scenario.step)
 
 
@@ -107,20 +106,20 @@ def rear_axle_next(me: Any, scenario: Any) -> float:
 def steering(
     memory: Any, me: Any, path_y: float, slope: float, bend: float, scenario: Any
 ) -> float:
-    """Steering wheel angle, rad, that keeps a kinematic single-track vehicle on a path, given at
-    `rear_axle_next`.
+    """Steering wheel angle, rad, that keeps a kinematic single-track vehicle on a path.
 
     The rear axle is led along y(x) (the centre then runs on it as well, up to wheelbase^2/8 times
     the curvature):
 
     kappa = kappa_path + (w/v)^2 e_y + 2 (w/v) e_psi,   steering = ratio * atan(wheelbase * kappa)
 
-    kappa_path = y'' / (1 + y'^2)^(3/2); e_y = y_path - y, e_psi = atan(y') - heading, both at the
-    rear axle at the end of the coming step, predicted with the curvature now steered. The feedback
-    is critically damped with the rate w, per second; below `SLOW` it becomes one per metre, so that
-    a stopping vehicle does not turn its wheel without end.
+    kappa_path = y'' / (1 + y'^2)^(3/2); e_y = path_y - y, e_psi = atan(y') - heading, both at the
+    rear axle at the end of the coming step, predicted with the present curvature. The feedback is
+    critically damped with the rate w = `RATE`, per second. Below `SLOW` the rate w/v, per metre, no
+    longer grows, so that a stopping vehicle does not turn its wheel without end.
 
-    memory: holds the `curvature`, 1/m.
+    memory: holds the present `curvature`, 1/m; receives the new one.
+    path_y and the two after it: the values of `path_at` at `rear_axle_next`.
 
     Single-track model: Rajamani, Vehicle Dynamics and Control (2012), ch. 2. On a curved road the
     path is y(x) in the road's frame, and the curvature of the line beside the road on which the
@@ -134,35 +133,36 @@ def steering(
 
 @kernel
 def steered(now: float, me: Any, path_y: float, slope: float, bend: float, scenario: Any) -> float:
-    """The curvature, 1/m, that `steering` asks for.
+    """The curvature, 1/m, that `steering` steers next.
 
-    now: the one that is steered.
+    now: the present curvature, 1/m.
     """
-    vehicle, step, speed = scenario.vehicle, scenario.step, me.speed
-    per_metre = RATE / max(speed, SLOW)
-    if me.curvature == 0.0:
-        turned = me.heading + 0.5 * speed * step * now
-        y = me.y - 0.5 * vehicle.wheelbase * math.sin(me.heading) + speed * step * math.sin(turned)
-        heading = me.heading + speed * step * now
+    speed, half = me.speed, 0.5 * scenario.vehicle.wheelbase  # from the centre to the rear axle, m
+    per_metre, ahead = RATE / max(speed, SLOW), speed * scenario.step  # w/v; m in the coming step
+    if me.curvature == 0.0:  # a straight road
+        mean_heading = me.heading + 0.5 * ahead * now
+        y = me.y - half * math.sin(me.heading) + ahead * math.sin(mean_heading)
+        heading = me.heading + ahead * now
         wanted, beside = math.atan(slope), 0.0
     else:
-        half, ahead = 0.5 * vehicle.wheelbase, speed * step
         line = line_curvature(me)
+        # from the centre back to the rear axle
         left, turn = beside_an_arc(
             me.curvature, -half * math.cos(me.heading), -half * math.sin(me.heading)
         )
         y, heading = me.y + left, me.heading - turn
-        turned = heading + 0.5 * ahead * now
+        # the rear axle's motion in the coming step
+        mean_heading = heading + 0.5 * ahead * now
         left, turn = beside_an_arc(
-            line / (1.0 - line * y), ahead * math.cos(turned), ahead * math.sin(turned)
+            line / (1.0 - line * y), ahead * math.cos(mean_heading), ahead * math.sin(mean_heading)
         )
         y, heading = y + left, heading + ahead * now - turn
         stretched = 1.0 / (1.0 - line * path_y)  # metres of the line for each metre of the path
         wanted, beside = math.atan(slope * stretched), line * stretched
         bend = bend * stretched * stretched
-    c = math.cos(wanted)
+    cosine = math.cos(wanted)  # 1 / sqrt(1 + y'^2)
     return float(
-        bend * (c * c * c)
+        bend * (cosine * cosine * cosine)
         + per_metre * per_metre * (path_y - y)
         + 2.0 * per_metre * (wanted - heading)
         + beside
@@ -171,8 +171,8 @@ def steered(now: float, me: Any, path_y: float, slope: float, bend: float, scena
 
 @kernel
 def beside_an_arc(curvature: float, ahead: float, left: float) -> tuple[float, float]:
-    """A move by (ahead, left) m in the axes of an arc, seen from the arc: how far to its left, m,
-    and by which angle the arc has turned, rad.
+    """End of a move by (ahead, left) m from a point of an arc, in the arc's axes there: m that it
+    lies left of the arc, and rad by which the arc has turned up to there.
 
     (2 l - k (a^2 + l^2)) / (1 + sqrt(1 + k^2 (a^2 + l^2) - 2 k l)), atan2(k a, 1 - k l).
     """
@@ -185,9 +185,10 @@ def beside_an_arc(curvature: float, ahead: float, left: float) -> tuple[float, f
 
 @kernel
 def lane_kept(ego: Any, scenario: Any) -> float:
-    """Steering wheel angle, rad, of rules for the pedals: on a curved road they keep to the line
-    on which they began; one that has to change lanes does so at the fixed place of the way; else
-    they leave the wheel alone.
+    """Steering wheel angle, rad, for rules that decide on the pedals alone.
+
+    The ego follows `ego.way` (see `cosim.records`): the parallel to the road's line on which it
+    began, and the lane change that it has to make. On a straight road without one it is 0.
     """
     if scenario.road.bent == 0 and ego.way.asked == 0:
         return 0.0
@@ -200,8 +201,8 @@ def lane_kept(ego: Any, scenario: Any) -> float:
 
 @functools.cache  # every driver of a population asks the same
 def share_of_duration(done: float) -> float:
-    """The share of a lane change's duration at which the share `done` of its offset is covered
-    (0..1 -> 0..1).
+    """The share of a lane change's duration, 0..1, after which the share `done` of its offset,
+    0..1, is covered.
     """
     if not 0.0 <= done <= 1.0:
         raise must_be("`done`", "a lane change", "within 0..1", done)
@@ -210,7 +211,7 @@ def share_of_duration(done: float) -> float:
 
 @kernel
 def share_when_done(done: float) -> float:
-    """`share_of_duration` of what is known to be within 0..1."""
+    """`share_of_duration` without the check, by bisection."""
     low, high = 0.0, 1.0
     for _ in range(40):
         middle = 0.5 * (low + high)
@@ -223,9 +224,9 @@ def share_when_done(done: float) -> float:
 
 @kernel
 def shortest_duration(offset: float, lateral_acceleration: float) -> float:
-    """Duration of a smooth step by `offset` (m) that peaks at `lateral_acceleration` (m/s2), s, at
-    constant speed.
-
+    """Duration of a smooth step, s, that peaks at `lateral_acceleration`, m/s2, at constant speed:
     sqrt(PEAK_BEND |offset| / lateral_acceleration).
+
+    offset: m.
     """
     return math.sqrt(PEAK_BEND * abs(offset) / lateral_acceleration)
