@@ -18,12 +18,13 @@ from sumo_eval.scenario.xml_file import read_xml
 WIDEST = 6.0  # m: a wider lane is an area without marks
 MARKED = 3.5  # m: the lane that the ego is given in such an area
 _ON = 1e-6  # m
-_ROUNDS = 20  # until a length along a lane is one along its road
+_ROUNDS = 20  # of the fixed point in `ahead_in_lane`, which then changes no more
 
 
 class Lane(NamedTuple):
     """A lane.
 
+    kind: the file's `type`, `driving` or `shoulder`.
     centre: left of the road's reference line, m.
     """
 
@@ -34,18 +35,21 @@ class Lane(NamedTuple):
 
 
 def in_frame(pose: Pose, begin: Pose, line: tuple[Piece, ...]) -> Pose:
-    """A place on the map along and across a line from `begin`; one of no pieces is straight."""
+    """A place on the map as one along and across a line that starts at `begin`.
+
+    line: empty: the straight line in the direction of `begin`.
+    """
     at = pose.seen_from(begin)
     if not line:
         return at
-    return Pose(*(float(it) for it in frame_places(line, at.x, at.y, at.heading)))
+    return Pose(*(float(it) for it in frame_places(line, *at)))
 
 
 @dataclass(frozen=True, slots=True)
 class MapRoad:
     """A road of an OpenDRIVE file: where it begins, its reference line and its lanes by number.
 
-    left_out: kinds of what the file says of it and nothing here follows.
+    left_out: properties in the file that are ignored: `elevation`, `left-hand traffic`.
     """
 
     name: str
@@ -73,17 +77,20 @@ class MapRoad:
         return in_frame(pose, self.begin, self.line if self.bent else ())
 
     def backward(self) -> tuple[Pose, tuple[Piece, ...]]:
-        """Where the reference line begins from its end, and the line in that direction."""
-        back = tuple(Piece(it.length, -it.end, -it.begin) for it in reversed(self.line))
-        return self.pose(self.length, 0.0).moved(0.0, 0.0, math.pi), back
+        """The start of the reference line driven from its end, and that line."""
+        line = tuple(Piece(it.length, -it.end, -it.begin) for it in reversed(self.line))
+        return self.pose(self.length, 0.0).moved(0.0, 0.0, math.pi), line
 
     def ahead_in_lane(self, lane: Lane, s: float, length: float) -> float:
-        """How far along the road a length along the middle of a lane from s leads, m."""
-        turned = 0.0
-        for _ in range(_ROUNDS if length and self.bent else 0):
-            begin, end = (self.pose(it, 0.0).heading for it in (s, s + length + turned))
-            turned = lane.centre * (end - begin)  # a loop turns by more than half a circle
-        return length + turned
+        """Length along the reference line, m, of a length along the middle of a lane from s.
+
+        Left of the line a lane is shorter by its distance times the angle by which the line turns.
+        """
+        longer = 0.0
+        for _ in range(_ROUNDS if self.bent else 0):
+            begin, end = (self.pose(it, 0.0).heading for it in (s, s + length + longer))
+            longer = lane.centre * (end - begin)  # not wrapped: a loop turns by a whole circle
+        return length + longer
 
     def lane_at(self, t: float) -> Lane | None:
         """The lane t m left of the reference line, if there is one."""
@@ -97,7 +104,7 @@ class Network:
     """The roads of a file by id.
 
     root: of the file.
-    unread: why a road cannot be read; it matters only to entities on that road.
+    unread: why a road cannot be read, by id; raised only for an entity on that road.
     """
 
     path: Path
@@ -113,10 +120,8 @@ class Network:
         if name in self.unread:
             raise self.unread[name]
         if name not in self.roads:
-            known = [*self.roads, *self.unread]
-            raise element.fault(
-                f"road `{name}` is not in {self.path.name}.{did_you_mean(name, known)}"
-            )
+            hint = did_you_mean(name, [*self.roads, *self.unread])
+            raise element.fault(f"road `{name}` is not in {self.path.name}.{hint}")
         return self.roads[name]
 
     def driving(self, pose: Pose) -> tuple[MapRoad, Lane, Pose] | None:
@@ -154,6 +159,7 @@ def read_network(path: Path) -> Network:
 
 @lru_cache(maxsize=32)
 def _read(path: Path, changed: int) -> Network:
+    """`read_network`, once for each time at which the file was changed."""
     root = Node(read_xml(path, "OpenDRIVE file"))
     if root.tag != "OpenDRIVE":
         raise root.fault("the root of an OpenDRIVE file must be <OpenDRIVE>")
@@ -178,11 +184,21 @@ def _road(element: Node, name: str) -> MapRoad:
     sections = element.all("lanes/laneSection")
     if len(sections) != 1:
         raise element.fault(f"it must have one <laneSection>, got {len(sections)}")
-    shift = lane_offset(element.element, owner, flat=True)
+    lanes = _lanes(sections[0], lane_offset(element.element, owner, flat=True))
+    # left-hand traffic: vehicles are in the lanes of the file, but an ADS overtakes on the left
+    kinds = {"elevation": _sloped(element), "left-hand traffic": element.get("rule") == "LHT"}
+    return MapRoad(name, begin, line, lanes, tuple(kind for kind, has in kinds.items() if has))
+
+
+def _lanes(section: Node, shift: float) -> dict[float, Lane]:
+    """The lanes of a section by number.
+
+    shift: of all lanes to the left, m.
+    """
     lanes: dict[float, Lane] = {}
     for side, sign, must in (("left", 1.0, "above"), ("right", -1.0, "below")):
-        offset = 0.0
-        numbered = [(lane.whole("id"), lane) for lane in sections[0].all(f"{side}/lane")]
+        edge = 0.0  # m from lane 0 to the inner edge of the next lane
+        numbered = [(lane.whole("id"), lane) for lane in section.all(f"{side}/lane")]
         for number, lane in sorted(numbered, key=lambda it: abs(it[0])):
             if number * sign <= 0.0:
                 raise lane.fault(f"its `id` must be {must} 0, got {number}")
@@ -192,17 +208,15 @@ def _road(element: Node, name: str) -> MapRoad:
             if len(widths) != 1 or any(widths[0].number(key, 0.0) for key in "bcd"):
                 raise lane.fault("its width must be one constant")
             width = widths[0].number("a")
-            centre = shift + sign * (offset + 0.5 * width)
+            centre = shift + sign * (edge + 0.5 * width)
             lanes[number] = Lane(number, str(lane.get("type")), centre, width)
-            offset += width
-    # vehicles stay in their lanes, but an ADS overtakes on the left there, too
-    kinds = {"elevation": _sloped(element), "left-hand traffic": element.get("rule") == "LHT"}
-    return MapRoad(name, begin, line, lanes, tuple(kind for kind, so in kinds.items() if so))
+            edge += width
+    return lanes
 
 
 def _sloped(road: Node) -> bool:
     """Whether a road is not level: its height changes, or it has a superelevation."""
-    heights, tilts = (
+    heights, tilts = (  # polynomials of both profiles, by their coefficients
         {tuple(it.number(key, 0.0) for key in "abcd") for it in road.all(name)} for name in PROFILES
     )
     level = len(heights) < 2 and not any(any(slopes) for _, *slopes in heights)

@@ -63,21 +63,21 @@ def write_lesson(lesson: Lesson, folder: Path) -> tuple[Path, ...]:
 
     Without a learnt scenario there is no campaign, and an earlier one is deleted.
     """
-    paths = folder / PAGE, folder / JSON, folder / CAMPAIGN
+    page, data, campaign = (folder / name for name in (PAGE, JSON, CAMPAIGN))
     content = plain(lesson)
     text = json.dumps(content, indent=2, allow_nan=False) + "\n"
-    write_page(paths[1], text, "The lesson")
-    paths[2].unlink(missing_ok=True)
+    write_page(data, text, "The lesson")
+    campaign.unlink(missing_ok=True)
     names = [name for name, learnt in lesson.learnt.items() if learnt.logical is not None]
     if names:
-        write_page(paths[2], campaign_text(names), "The campaign")
+        write_page(campaign, campaign_text(names), "The campaign")
     lanes = f"Lanes are {lesson.survey.lane_width:.2f} m apart."
     pieces = [*(Text(note, "note") for note in lesson.survey.notes), *parts(lesson, content)]
     write_parts(
-        paths[0], kicker=f"Learnt from {lesson.source}", title="Scenarios learnt from recordings",
+        page, kicker=f"Learnt from {lesson.source}", title="Scenarios learnt from recordings",
         sentences=[sentences(lesson)[0], lanes], parts=pieces,
     )  # fmt: skip
-    return paths if names else paths[:2]
+    return (page, data, campaign) if names else (page, data)
 
 
 def campaign_text(names: list[str]) -> str:
@@ -113,9 +113,10 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
         "per_vehicle_km_interval": measured.rate[1:],
         "ghosts": encounters.ghosts,
         "without_parameters": dict(sorted(encounters.left_out.items())),
-        "against_a_constraint": int((~measured.kept).sum()),  # kept: fulfils them all
+        # of the events with all parameters
+        "against_a_constraint": int((~measured.kept).sum()),
         "constants": measured.constants,
-        # number of events, where there are more than the distribution can hold
+        # number of events; 0 unless there are more than the distribution can hold
         "left_out_of_the_distribution_evenly": learnt.thinned,
     }
     if learnt.logical is None or joint is None:
@@ -125,7 +126,7 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
     best, fitted = learnt.models[0], len(learnt.replay)  # each fitted event is replayed once
     return content | {
         "file": f"{encounters.name}.toml",
-        # simultaneous with the intervals of the ends and correlations
+        # this, the intervals of all ends and those of all correlations hold at once
         "per_vehicle_km_interval_with_all_below": measured.rate_together,
         "fitted": fitted,
         "model": best.model,
@@ -202,65 +203,69 @@ def parts(lesson: Lesson, content: dict[str, Any]) -> list[Piece]:
 
 def _class_parts(learnt: Learnt, content: dict[str, Any]) -> list[Text | Table | Chart]:
     """The results of a class."""
-    name = learnt.encounters.name
-    pieces: list[Text | Table | Chart] = []
-    if learnt.joint is not None:
-        pieces.append(Chart(f"{name}: recorded and modelled", _marginals(learnt.joint)))
-    rows = len(learnt.encounters.rows)
-    pieces.append(
+    encounters, left_out = learnt.encounters, content["without_parameters"].items()
+    pieces: list[Text | Table | Chart] = [
         Text(
-            f"{content['events']} events ({content['ghosts']} ghosts dropped); {rows} with all "
-            f"parameters, {content['against_a_constraint']} of them against a constraint of the "
-            "scenario."
-        )
-    )
-    why = content["without_parameters"].items()
-    if why:
-        pieces.append(
-            table({"without parameters because": key, "events": count} for key, count in why)
-        )
-    if learnt.logical is None:
+            f"{content['events']} events ({content['ghosts']} ghosts dropped); "
+            f"{len(encounters.rows)} with all parameters, {content['against_a_constraint']} of "
+            "them against a constraint of the scenario."
+        ),
+        table({"without parameters because": why, "events": events} for why, events in left_out),
+    ]
+    if learnt.joint is None:
         needed = (
             f"{content['events_needed']} events with all parameters are needed: no scenario file."
         )
-        return [*pieces, Text(needed, "note")]
+        pieces.append(Text(needed, "note"))
+    else:
+        chart = Chart(f"{encounters.name}: recorded and modelled", _marginals(learnt.joint))
+        pieces = [chart, *pieces, *_fit_parts(learnt, content)]
+    return [piece for piece in pieces if not isinstance(piece, Table) or piece.rows]
+
+
+def _fit_parts(learnt: Learnt, content: dict[str, Any]) -> list[Text | Table]:
+    """Results of a class that has a distribution."""
     together = interval(*learnt.measured.rate_together)
-    constants = content["constants"].items()
+    thinned = learnt.thinned
     texts = [
         f"The intervals of all these ends and correlations and of the rate ({together} per "
         "vehicle-km) hold simultaneously with 95 %, if events do not grow rare towards the ends. "
         "The interval of the rate alone, above, is narrower.",
-        *(f"{key} does not vary: {value:g} in the file." for key, value in constants),
+        *([f"{thinned} events are left out of the distribution, evenly."] if thinned else ()),
+        *(
+            f"{key} does not vary: {value:g} in the file."
+            for key, value in content["constants"].items()
+        ),
     ]
-    if learnt.thinned:
-        texts.insert(1, f"{learnt.thinned} events are left out of the distribution, evenly.")
     models = (
         {"model": item.model, "held-out log-likelihood, nats an event": item.log_likelihood,
          "Kolmogorov distance": item.kolmogorov}
         for item in learnt.models
     )  # fmt: skip
-    errors = content["replay_error"].items()
-    pieces += [
+    return [
         table({"parameter": key, **values} for key, values in content["parameters"].items()),
         *(Text(text) for text in texts),
         table(content["rank_correlations"]),
         table(models),
-        table({"replay error, m": key, **values} for key, values in errors),
+        table(
+            {"replay error, m": key, **values} for key, values in content["replay_error"].items()
+        ),
     ]
-    return [piece for piece in pieces if not isinstance(piece, Table) or piece.rows]
 
 
 def _marginals(joint: Joint) -> Any:
     """Each parameter as recorded, and as the model has it."""
-    points = joint.draw(CURVE_POINTS, random_stream(0, "drawn", len(joint.names)))
+    drawn = joint.draw(CURVE_POINTS, random_stream(0, "drawn", len(joint.names)))
     panels = []
-    columns = np.transpose(joint.events), points.T
-    for name, low, high, *values in zip(joint.names, joint.low, joint.high, *columns, strict=True):
+    columns = zip(  # of each parameter
+        joint.names, joint.low, joint.high, np.transpose(joint.events), drawn.T, strict=True
+    )
+    for name, low, high, *values in columns:
         edges = np.linspace(low, high, BINS + 1)
         data, model = (np.histogram(column, edges, density=True)[0] for column in values)
         middle = (edges[1:] + edges[:-1]) / 2.0
         bars = Marks("data", middle, data, COLOURS[0], bars=True)
         panels.append(Panel((bars, Marks("model", middle, model, COLOURS[1], "-")), title=name))
     across = min(len(panels), 4)
-    rows = -(-len(panels) // across)
+    rows = -(-len(panels) // across)  # rounded up
     return on_page(panels, across, 240 * rows + 60)  # px: rows and the legend
