@@ -5,7 +5,7 @@ On Linux the fork server makes the children: a process of multiprocessing that h
 simulator. A child never runs the user's script again. A child that only computes leads a process
 group of its own, so that a Ctrl-C at the terminal does not reach it. The kernel kills it when its
 owner's end of the lifeline closes (a watching thread could not run while C code holds the
-interpreter's lock). A child that runs users' code has a supervisor, see `hygiene`.
+interpreter's lock). The pool gives a child that runs users' code a supervisor instead.
 
 This file borrows two insides of multiprocessing, tried with Python 3.11; SUMO_EVAL_PLAIN=1 leaves
 them out. A worker of Dask can start children only without the daemon flag of its own process. A

@@ -25,14 +25,14 @@ from sumo_eval.text import clean
 from sumo_eval.trajectory import Alone, AloneReason
 
 LATE: AloneReason = "late"
-# of a case's wall time; beyond, another drive of a case that was too late may come in time
+# share of a late case's wall time without a processor, above which another drive may be in time
 IDLE = 0.2
-# a text, because its workers build on this module
+# a locator, because that module imports this one
 _CLUSTER = "sumo_eval.record.cluster:run_on_cluster"
 
 Outcomes = Generator[list[Outcome], None, None]
-"""Lists of outcomes, each of cases that ended together. A hook's case that ended in a batch comes
-once more, driven alone, if the hook turns out to keep state."""
+"""Lists of outcomes, each of cases that ended together. A case of TraCI code that ended in a batch
+comes again, driven alone, if that code turns out to keep state between cases."""
 
 
 def run_cases(cases: Iterable[Case], setup: Setup) -> Generator[Outcome, None, None]:
@@ -65,7 +65,7 @@ def run_batches(cases: Iterable[Case], setup: Setup, stopping: Stopping = never)
 
 
 def refuse_engine(run: RunSettings) -> None:
-    """Refuse processes of our own on a system that cannot copy one: Windows."""
+    """Refuse the engine `processes` on a system that cannot fork: Windows."""
     if run.engine == "processes" and not hasattr(os, "fork"):
         raise InputError(
             "The engine `processes` needs a system whose processes can fork, such as Linux; this "
@@ -78,7 +78,8 @@ def run_in_children(
     cases: Iterable[Case], setup: Setup, stopping: Stopping = never, workers: int = 1
 ) -> Outcomes:
     """Every batch in one of `workers` child processes; the cases of a lost one run alone."""
-    # of a lazy plan, the caller has compiled the loops; a case's time is for driving
+    # Compiled before the first case, whose time limit it would use up. The caller has done it where
+    # `cases` is an iterator.
     loops.ready(loops.of_cases(cases if isinstance(cases, Sequence) else ()))
     batches = Batches(cases, workers, min(largest_batch(setup), setup.run.cases_per_child))
     work: Work[Batch] = Work(answer, setup, lambda batch: affinity(batch[0], setup), driven)
@@ -90,16 +91,18 @@ def run_in_children(
 
 
 def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
-    """The identity of every ADS or other thing that a user named, as (kind, locator), by locator.
+    """The identity of each ADS or other object that a user named, by its locator.
+
+    named: pairs of kind and locator.
 
     Raises InputError for one that cannot be loaded.
-    Loading runs a user's file, so it happens in a child, a fresh one each: what one has imported is
-    not another's. Without children the engine `serial` loads it here, where it drives it.
+    Loading runs a user's file, so each is loaded in a fresh child, which holds no imports of other
+    files. On a system that cannot fork, `serial` loads it in this process.
     """
     if setup.run.engine == "serial":
         refuse_to_share(affinity_of_ads(locator, setup) for kind, locator in named if kind == "ADS")
         if not hasattr(os, "fork"):
-            return {pair[1]: locator_identity(pair, setup.folder) for pair in named}
+            return {it[1]: locator_identity(it, setup.folder) for it in named}
     identities: dict[str, str] = {}
     with Pool(setup.run.workers, setup.run) as pool:
         for ended in pool.each(Work(locator_identity, setup.folder), named):
@@ -114,10 +117,7 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
 
 
 def refuse_to_share(affinities: Iterable[str]) -> None:
-    """The rule of the engine `serial`: one process, so at most one user's locator.
-
-    Raises InputError for a second.
-    """
+    """Raise InputError for a second user's ADS: the engine `serial` has one process only."""
     users = sorted(set(affinities) - {NO_USER_CODE})
     if len(users) > 1:
         raise InputError(
@@ -142,22 +142,19 @@ def _run_here(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Outcom
 
 
 def _settled(ended: Ended[Batch], batches: Batches, setup: Setup) -> list[Outcome]:
-    """Outcomes of a batch; its other cases return to the batches, to be run alone."""
+    """Outcomes of a batch that has ended; its cases without one return to `batches`, to be run
+    alone.
+    """
     batch = ended.item
     batches.ended()
     if on_its_own(batch):
-        alone, printed = batches.remark(batch[0])
-        outcome = _outcome(ended, alone, printed, setup)
-        if is_late_by_chance(outcome, ended, setup) and (alone is None or alone.why != LATE):
-            batches.run_undisturbed(batch[0], Alone(LATE, outcome.error or ""), outcome.log)
-            return []
-        return [outcome]
+        return _settled_alone(ended, batches, setup)
     printed = f"Printed by its batch of {len(batch)} cases:\n{ended.log}" if ended.log else ""
-    if ended.how != "done":
+    if ended.how != "done":  # its process was lost
         happened = what_happened(ended, setup.run, "It", "ran it")
         why = Alone("pack_lost" if batch[0].block is None else "block_lost", clean(happened))
-        reasons, too_slow = [why] * len(batch), ended.how == "overdue"
-        batches.record_failure(batch, reasons, printed, too_slow=too_slow)
+        too_slow = ended.how == "overdue"
+        batches.record_failure(batch, [why] * len(batch), printed, too_slow=too_slow)
         return []
     results = results_of(ended.result, batch)
     if results is None:
@@ -175,32 +172,36 @@ def _settled(ended: Ended[Batch], batches: Batches, setup: Setup) -> list[Outcom
         elif case.block is None and is_late_by_chance(result, ended, setup):
             batches.run_undisturbed(case, Alone(LATE, result.error or ""), result.log)
         elif not result.batched or batches.note_batched(case):
+            # the batch's output goes to the log of the first outcome
             outcomes.append(result if outcomes else replace(result, log=result.log + printed))
     return outcomes
 
 
-def is_late_by_chance(outcome: Outcome, ended: Ended[Batch], setup: Setup) -> bool:
-    """Whether another drive may come in time: late in the first step, or while no processor worked
-    on it.
-    """
-    recording = outcome.recording
-    first = recording is not None and recording.simulated_time <= setup.simulation.step
-    return outcome.status in ("timeout", "ads_timeout") and (first or ended.idle > IDLE)
-
-
-def _outcome(ended: Ended[Batch], alone: Alone | None, printed: str, setup: Setup) -> Outcome:
-    """Outcome of a case that ran alone.
-
-    printed: by its batch, where it was in one before.
-    """
-    remark = printed if alone is None else f"{ALONE}{alone}\n{printed}"
+def _settled_alone(ended: Ended[Batch], batches: Batches, setup: Setup) -> list[Outcome]:
+    """The outcome of a case that ran alone; none if it was late by chance, and runs once more."""
+    (case,) = ended.item
+    why, printed = batches.remark(case)  # printed: by its batch, if it was in one before
+    remark = printed if why is None else f"{ALONE}{why}\n{printed}"
     if ended.how == "done":
         (outcome,) = results_of(ended.result, ended.item) or (None,)
         assert isinstance(outcome, Outcome), "a case alone is always driven"
     else:
         status: Status = "timeout" if ended.how == "overdue" else "crashed"
-        outcome = Outcome(ended.item[0], status, None, what_happened(ended, setup.run))
-    return replace(outcome, log=remark + outcome.log + ended.log, alone=alone)
+        outcome = Outcome(case, status, None, what_happened(ended, setup.run))
+    outcome = replace(outcome, log=remark + outcome.log + ended.log, alone=why)
+    if is_late_by_chance(outcome, ended, setup) and (why is None or why.why != LATE):
+        batches.run_undisturbed(case, Alone(LATE, outcome.error or ""), outcome.log)
+        return []
+    return [outcome]
+
+
+def is_late_by_chance(outcome: Outcome, ended: Ended[Batch], setup: Setup) -> bool:
+    """Whether a drive was too late, and another may be in time: it ended in the first step, or too
+    long no processor worked on it.
+    """
+    recording = outcome.recording
+    first = recording is not None and recording.simulated_time <= setup.simulation.step
+    return outcome.status in ("timeout", "ads_timeout") and (first or ended.idle > IDLE)
 
 
 def what_happened(

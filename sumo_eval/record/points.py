@@ -20,7 +20,7 @@ from sumo_eval.settings import (
 )
 from sumo_eval.trajectory import FloatArray
 
-# looking up scenarios needs neither zones nor samples: half a second of imports
+# at run time imported where needed: they take half a second
 if TYPE_CHECKING:
     from sumo_eval.method.zone_partition import ZonePartition
     from sumo_eval.scenario.sampling.samples import Sample
@@ -29,15 +29,16 @@ Exposure = Callable[[Values], FloatArray]
 
 ZONES: dict[bytes, ZonePartition] = {}
 """Partitions that this process has read or computed, by the hash of all that they depend on."""
-# more than ship: with fewer places than scenarios, taken in turn, none would be found again
+# more than scenarios ship: with fewer, a second round over all of them would find none, as the
+# oldest goes first
 _MOST_ZONES = 64
 
 
 def kept_zones(
     logical: LogicalScenario, settings: ZoneSettings, kept: KeptResults, key: bytes
 ) -> ZonePartition:
-    """The partition of a scenario: from an earlier evaluation of this process, from what the run
-    keeps, or computed.
+    """The partition of a scenario: from an earlier evaluation of this process, from the run's
+    cache, or computed; the cache holds it afterwards.
 
     key: hash of all that the partition depends on.
     """
@@ -68,6 +69,7 @@ def choose_points(
 ) -> Sample:
     """The points of a scenario's space that are simulated.
 
+    source: folder where relative paths start.
     exposure: instead of the scenario's own.
     """
     from sumo_eval.method.point_criticality import danger
@@ -98,7 +100,7 @@ def choose_points(
 
 
 def refuse_unknown_axes(scenarios: Collection[str], settings: ReportSettings) -> None:
-    """Refuse axes of maps for a scenario that the evaluation does not have."""
+    """Raise InputError if `report.axes` names a scenario that the evaluation does not have."""
     check_known("scenario in `report.axes`", scenarios, *settings.axes)
 
 
