@@ -1,8 +1,8 @@
 """SUMO's side of the cases that are driven: what it receives before a step, what it shows after it,
 whether both agree.
 
-SUMO steps the ego and every actor of every case. Where no ADS asks it, it receives all of them at
-every tenth step, and must then show each at its place.
+SUMO steps the ego and every actor of every case. Where no ADS asks it, it receives all of them in
+the first step and in every tenth, and must then show each at its place.
 
 A vehicle's number is its index row by row, the ego first.
 """
@@ -94,9 +94,8 @@ class Stage:
         self._flat = [name for case in world.rows.tolist() for name in self.names[case]]
         self._edge = [self._edges[case] for case in world.rows.tolist()]
         # the memory of both arrays: a single number of it is read ten times as fast
-        if self.as_read:
-            self._cells: Any = world.shown.reshape(-1).data
-            self._present: Any = world.others["present"].data
+        self._cells: Any = world.shown.reshape(-1).data
+        self._present: Any = world.others["present"].data
         self.without(world)
 
     def without(self, world: World) -> None:
@@ -115,11 +114,11 @@ class Stage:
             except SimulationError as error:
                 world.fail(case, "sim_error", str(error))
                 continue
-            starts = [concrete.ego, *(actor.start for actor in concrete.actors)]
-            models = [False, *(actor.follows_at_once for actor in concrete.actors)]
-            for name, start, is_model in zip(self.names[case], starts, models, strict=True):
+            starts: list[tuple[Any, bool]] = [(concrete.ego, False)]
+            starts += [(actor.start, actor.follows_at_once) for actor in concrete.actors]
+            for name, (start, follows) in zip(self.names[case], starts, strict=True):
                 calls.setLaneChangeMode(name, 0)
-                if is_model:  # it drives by itself
+                if follows:  # SUMO's model drives it
                     continue
                 calls.setSpeedMode(name, EXACT_SPEED_MODE)
                 calls.setSpeed(name, start.speed)
@@ -130,7 +129,9 @@ class Stage:
         return self.asked or self.compares(steps)
 
     def compares(self, steps: int) -> bool:
-        """Whether SUMO and the world are compared in the step after n."""
+        """Whether SUMO and the world are compared in the step after n: in the first and every tenth
+        step.
+        """
         return not self.as_read and (steps == 0 or (steps + 1) % CHECKED_EVERY == 0)
 
     def _move(self, number: int, x: float, y: float, angle: float, speed: float) -> None:
@@ -142,8 +143,6 @@ class Stage:
 
     def tell(self, world: World, count: int) -> None:
         """Hand the motion of this step to SUMO: `count` rows of `world.tell`."""
-        if not count:
-            return
         if self._on_lanes:
             self._tell_lanes(world, count)
             return
@@ -239,7 +238,8 @@ class Stage:
             world.others["present"][self._live] == 1, ((0, 0), (1, 0)), constant_values=True
         )
         numbers = self._live[:, None] * self._width + np.arange(self._width)
-        self._numbers, self._odd = numbers[there], np.zeros(there.sum(), dtype=np.int64)
+        self._numbers = numbers[there]
+        self._odd = np.zeros_like(self._numbers)
         self._names = [self._flat[number] for number in self._numbers.tolist()]
         return self._names
 
@@ -306,7 +306,7 @@ class Stage:
         return bool(body["x"] + 0.5 * body["length"] > end)
 
     def compare(self, world: World) -> None:
-        """Fail the cases in which SUMO shows a vehicle at another place."""
+        """Fail the cases in which SUMO shows a vehicle elsewhere than it received it."""
         egos, others = world.egos[self._live], world.others[self._live]
         y, front_x, front_y = (joined(egos, others, name) for name in ("y", "front_x", "front_y"))
         received = np.nonzero(self._received(egos, others, front_y))
