@@ -85,12 +85,14 @@ def test_floor_of_u_is_that_of_cases_with_a_contact():
     """19 of 20 cases end without contact; the other has U = 4, then 3 m/s: |d| = 1, the floor 1.5
     m/s, not 0."""
     never = np.zeros(20, dtype=bool)
-    once, twice = (
+    once, twice, free = (
         Ends(never, never, never, never, never, np.where(np.arange(20) == 0, u, 0.0))
-        for u in (4.0, 3.0)
+        for u in (4.0, 3.0, 0.0)
     )
     assert severity_floor(once, twice, NoiseSettings()) == pytest.approx(1.5)
     assert severity_floor(once, once, NoiseSettings()) == 0.0
+    for pair in ((once, free), (free, once)):
+        assert severity_floor(*pair, NoiseSettings()) == pytest.approx(6.0)
 
 
 def test_holm_rejects_in_steps_and_leaves_out_what_cannot_fail():
@@ -105,6 +107,18 @@ def test_holm_rejects_in_steps_and_leaves_out_what_cannot_fail():
     assert holm([*two, (0.9, 0.0)], 0.02) == [False, False, False]
     assert holm([*two, (0.9, 0.25)], 0.02) == [True, True, False]
     assert holm([], 0.02) == []
+    assert holm([*two, (0.9, 0.03)], 0.02) == [True, True, False]
+    # a P of the level itself rejects, and a least P of 0.02 / 2 itself counts
+    assert holm([(0.02, 0.0)], 0.02) == [True]
+    assert holm([(0.015, 0.0), (0.9, 0.01)], 0.02) == [False, False]
+    # the least P comes first, whatever was possible
+    assert holm([(0.015, 0.0), (0.008, 0.005)], 0.02) == [True, True]
+
+
+def test_each_bad_end_alone_is_bad():
+    for flags in np.eye(5, dtype=bool)[..., None]:
+        assert Ends(*flags, np.zeros(1)).bad
+    assert not Ends(*np.zeros((5, 1), dtype=bool), np.ones(1)).bad
 
 
 def calm(evaluation, **values):
@@ -147,6 +161,49 @@ def test_one_case_that_lost_most_of_its_gap_fails(evaluation):
 def test_a_change_within_the_tolerance_or_far_away_passes(evaluation, gap, after):
     base = calm(evaluation, min_gap=gap, min_ttc=9.0)
     assert not judged(base, some(base, 1, lambda case: replace(case, min_gap=after)))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "fails"), [(1.0, 3.3, 0), (1.0, 3.5, 1), (3.5, 1.0, 0)]
+)
+def test_drac_counts_above_its_zone(evaluation, before, after, fails):
+    base = calm(evaluation, max_drac=before, min_ttc=9.0, min_gap=9.0)
+    gates = judged(base, some(base, 1, lambda case: replace(case, max_drac=after)))
+    assert [gate.quantity for gate in gates] == ["max_drac"] * fails
+
+
+@pytest.mark.parametrize(
+    ("quantity", "words", "ends"),
+    [
+        ("departed", "left the road", {"status": "off_road"}),
+        ("missed", "missed a requirement", {"requirements_missed": "gap"}),
+        ("gave_up", "gave up", {"status": "ads_error"}),
+    ],
+)
+def test_one_new_bad_end_fails_under_its_name(evaluation, quantity, words, ends):
+    free = calm(evaluation, requirements_missed="")
+    key = pick(free, collided=False).case
+    gates = judged(free, with_case(free, key, lambda case: replace(case, **ends)))
+    (gate,) = [gate for gate in gates if gate.quantity == quantity]
+    assert gate.sentence == f"1 case {words}, not so in the base"
+    assert gate.cases == (key,)
+
+
+def test_u_counts_beyond_the_last_digit_worst_first(evaluation):
+    """0.5 m/s and its rounding pass; of rises by 1 and 3 m/s the larger comes first."""
+    base = some(evaluation, 2, hit)
+    keys = [case.case for case in base.cases if case.ads == builders.CALM and case.severity == 5.0]
+    first, second = keys[:2]
+
+    def harder(**rises):
+        new = base
+        for key, rise in zip(keys, rises.values(), strict=False):
+            new = with_case(new, key, lambda it, rise=rise: replace(it, severity=5.0 + rise))
+        return judged(base, new)
+
+    assert not harder(one=0.5 + 1e-10)
+    (gate,) = harder(one=1.0, two=3.0)
+    assert (gate.quantity, gate.cases) == ("severity", (second, first))
 
 
 def test_as_many_farther_as_nearer_passes(evaluation):
