@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import builders
 import numpy as np
@@ -28,7 +30,9 @@ from sumo_eval.scoring.rule import (
     Ends,
     Noise,
     Repeats,
+    Tally,
     floor_of,
+    got_worse,
     holm,
     kept_margin,
     only_improved,
@@ -113,6 +117,30 @@ def test_holm_rejects_in_steps_and_leaves_out_what_cannot_fail():
     assert holm([(0.015, 0.0), (0.9, 0.01)], 0.02) == [False, False]
     # the least P comes first, whatever was possible
     assert holm([(0.015, 0.0), (0.008, 0.005)], 0.02) == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("near", "worse", "better", "cases", "kept", "fails"),
+    [
+        (True, 1, 0, 9, 1.0, True),  # none better
+        (True, 1, 1, 9, 0.1, False),  # no more worse than better
+        (True, 5, 1, 9, 1.0, False),  # P = (6 + 1) / 64 = 0.109
+        (True, 6, 1, 9, 1.0, True),  # P = (7 + 1) / 128 = 0.0625
+        (True, 2, 1, 9, 0.61, False),
+        (True, 2, 1, 9, 0.6, True),
+        (False, 2, 0, 3, 1.0, False),  # fewer than 3
+        (False, 3, 0, 20, 1.0, True),  # 15 % of 20, none better
+        (False, 3, 0, 21, 1.0, False),  # less, and P = 1 / 8
+        (False, 6, 0, 100, 1.0, True),  # 5 % and more, P = 1 / 64
+        (False, 12, 3, 240, 1.0, True),  # 5 % of 240, P = (455 + 105 + 15 + 1) / 2^15 = 0.018
+        (False, 12, 3, 241, 1.0, False),
+        (False, 11, 3, 100, 1.0, False),  # P = (364 + 91 + 14 + 1) / 2^14 = 0.029
+    ],
+)
+def test_got_worse_by_counts(near, worse, better, cases, kept, fails):
+    part: Any = SimpleNamespace(which=range(worse))
+    found = Tally("ads", GAP, near, (part,), better, cases, kept)
+    assert got_worse(found, SETTINGS) is fails
 
 
 def test_each_bad_end_alone_is_bad():
