@@ -1,5 +1,8 @@
 """ADSs whose result is known in closed form: one that does nothing, and the ideal vehicle of Eq.
-17.
+17. `record/` drives both in every concrete scenario, for U0 and Ug.
+
+The kernels take what `cosim.compiled.each_row` hands to a rule. Of a `MOVER`, x and `along` are the
+place and the speed along the road.
 """
 
 from __future__ import annotations
@@ -33,7 +36,7 @@ from sumo_eval.settings import SimulationSettings
 def _no_reaction(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) -> None:
     """No acceleration and no steering but the road's own."""
     ego.command.steering = lane_kept(ego, scenario[0])
-    ego.settled = 1
+    ego.settled = 1  # the drive may end once its outcome is decided
 
 
 class NoReaction(Compiled):
@@ -47,18 +50,18 @@ class NoReaction(Compiled):
 no_reaction = NoReaction()
 """ADS `no_reaction`, ready-made: it holds nothing of a case."""
 
-# m by which somebody who turns into the lane comes to reach further along it than he does now
+# m by which a vehicle that turns into the lane may yet reach further along the road than now
 _TURNED = 0.2
 _KNOWN = fields("noticed", "meets", "speed", "hidden")
-"""A `Foresight`."""
+"""Fields of a `Foresight`, as numbers."""
 
 
 @kernel
 def is_too_close_to_see(
     me: Any, others: Any, known: Any, p: Any, scenario: Any, time: float
 ) -> bool:
-    """Whether the lead vehicle hides a vehicle that the ego would touch, and is nearer than is
-    safe.
+    """Whether a vehicle that the ego would touch is still hidden, and the gap to the lead vehicle is
+    not safe.
     """
     lead = lead_in_path(me, others)
     if lead < 0:
@@ -73,26 +76,28 @@ def is_too_close_to_see(
 
 @kernel
 def full_braking(me: Any, others: Any, known: Any, p: Any, scenario: Any, time: float) -> float:
-    """Full braking for any vehicle that calls for it, from within the step in which it first does,
-    as an acceleration, m/s2.
+    """Acceleration, m/s2: full braking from the instant within the step at which an actor first
+    calls for it.
 
-    Before that, too close behind the vehicle that hides it, it brakes as hard.
+    Before that the ego brakes as hard where it is too close to a vehicle that hides another.
 
     known: a `Foresight` of each actor.
     """
     level = p.deceleration if is_too_close_to_see(me, others, known, p, scenario, time) else 0.0
-    began = begins = math.inf
+    first_noticed = math.inf  # of the vehicles that the ego would touch
     for j in range(len(others)):
         if known[j].meets > 0.0:
-            began = min(began, known[j].noticed)
+            first_noticed = min(first_noticed, known[j].noticed)
+    begins = math.inf
     for j in range(len(others)):
         other = others[j]
         closes = other.x > me.x and me.along > other.along and lateral_overlap(me, other) > 0.0
-        called = closes and time > began
+        calls = closes and time > first_noticed
         if known[j].meets > 0.0:
-            beside = abs(other.x - me.x) < me.half_length + other.half_length + _TURNED
-            called = called or me.along > known[j].speed or beside
-        if called:
+            is_faster = me.along > known[j].speed  # than it will ever be again
+            alongside = abs(other.x - me.x) < me.half_length + other.half_length + _TURNED
+            calls = calls or is_faster or alongside
+        if calls:
             begins = min(begins, known[j].noticed)
     return -float(
         switched(level, p.deceleration, begins - time, scenario.vehicle.brake_jerk, scenario.step)
@@ -101,9 +106,9 @@ def full_braking(me: Any, others: Any, known: Any, p: Any, scenario: Any, time: 
 
 @kernel
 def ideal_braking(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) -> None:
-    """`full_braking`, or the lane change of one that steers at the speed it has.
+    """`full_braking`, or at a constant speed the lane change that `evasion` found.
 
-    It has always settled: while nothing comes nearer it does nothing.
+    It counts as settled in every step, as it never accelerates again.
     """
     me, command, time = ego.seen, ego.command, ego.time
     if own.path.offset == 0.0:
@@ -112,8 +117,8 @@ def ideal_braking(ego: Any, others: Any, own: Any, known: Any, later: Any, scena
     else:
         if time == 0.0:
             own.curvature = curvature_kept(own.path, me)
-        y, slope, bend = path_at(own.path, rear_axle_next(me, scenario[0]))
-        command.steering = steering(own, me, y, slope, bend, scenario[0])
+        y, slope, curvature = path_at(own.path, rear_axle_next(me, scenario[0]))
+        command.steering = steering(own, me, y, slope, curvature, scenario[0])
     ego.settled = 1
 
 
@@ -121,21 +126,23 @@ class IdealBraking(Compiled):
     """ADS `ideal_braking`, the reference Ug of Eq. 17: perfect perception, immediate braking at the
     road's limit.
 
-    It knows what the actors will do (`foresight`). From the first change of state that it can see
-    of a vehicle that it would touch if it kept its speed, it brakes as hard as the road allows,
-    until it is neither faster than that vehicle will ever be again nor alongside; it never drives
-    faster again. Where keeping its speed touches no vehicle, it keeps it: braking may only then
-    cause a contact. Once slower it also brakes while it closes on any vehicle in its path: one that
-    keeps its speed leaves earlier, and later acts are not foreseen.
+    It knows what the actors will do (`foresight`). It keeps its speed where that touches no vehicle:
+    only braking could then cause a contact.
 
-    It does not know what a lead vehicle hides, and therefore keeps a safe distance to that vehicle
-    (`safe_gap`, with its own brakes and the time that they need): as long as it is nearer it brakes
-    as hard. Without that, an ADS that opens such a gap at once, as `idm` does, would be slower when
-    what was hidden shows.
+    Where it would touch a vehicle, it brakes as hard as the road allows, from the first change of
+    that vehicle's state that it can see. It stops braking once it is not alongside, and not faster
+    than that vehicle will ever be again. It never drives faster again. From then on it also brakes
+    while it closes on any vehicle in its path: at its old speed it would have been gone, and later
+    acts are not foreseen.
 
-    Where what was hidden shows so late that no braking stops short of it, it steers round it
-    instead, if the lane on the left is free for sure (`evasion`): `lane_changer` would, and no ADS
-    may be gentler.
+    It does not know what a lead vehicle hides. So it keeps a safe distance to that vehicle
+    (`safe_gap`, with its own brakes and the time that they need): while it is nearer it brakes as
+    hard. Otherwise an ADS that opens such a gap at once, as `idm` does, would be slower when the
+    hidden vehicle shows.
+
+    Where the hidden vehicle shows so late that no braking stops short of it, it steers round it, if
+    the lane on the left is certainly free (`evasion`): `lane_changer` would, and no ADS may be
+    gentler.
 
     The pressure build-up is the vehicle model's (`VehicleSettings.brake_build_up`, 0.15 s), as far
     as `deceleration` is the strongest that the vehicle has. So its impact speed behind a vehicle
@@ -144,8 +151,9 @@ class IdealBraking(Compiled):
     """
 
     loop = staticmethod(each_row(ideal_braking))
-    memory, known, numbers = [("path", PATH), *fields("curvature")], _KNOWN, fields("deceleration")
+    memory, known = [("path", PATH), *fields("curvature")], _KNOWN
     """path: to the lane on the left, if it steers. curvature: that is steered now, 1/m."""
+    numbers = fields("deceleration")
 
     def __init__(self, deceleration: float = 9.0) -> None:
         if not (math.isfinite(deceleration) and deceleration > 0.0):
@@ -159,8 +167,8 @@ class IdealBraking(Compiled):
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Nothing can be made without the scripts: only the loop tells them, and only to this very
-        class.
+        """Always an error: this rule needs `foreseeing`, which the loop calls for this very class
+        alone.
         """
         raise ControllerError(
             "The ideal vehicle must know the scripts of the actors; only `ideal_braking` does"
@@ -173,11 +181,12 @@ class IdealBraking(Compiled):
         cases: Sequence[ConcreteScenario],
         settings: Sequence[SimulationSettings],
     ) -> tuple[Records, ...]:
-        """`arrays`, with the evasion of each case and what is known of its others."""
-        known, own = list(map(foresee, cases, settings)), cls.own_records(together)
-        of_each = zip(together, cases, settings, known, strict=True)
-        for i, (ads, concrete, its, others) in enumerate(of_each):
-            own[i]["path"] = evasion(concrete, its, others, ads.deceleration)
-        told = np.array([[tuple(other) for other in others] for others in known], dtype=_KNOWN)
-        told = told.reshape(len(cases), len(cases[0].actors))
-        return own, told, np.zeros(told.shape, MOVER)
+        """`arrays` of a rule that knows the scripts: with the evasion of each case and a `Foresight`
+        of each actor.
+        """
+        own, foresights = cls.own_records(together), list(map(foresee, cases, settings))
+        of_each = zip(together, cases, settings, foresights, strict=True)
+        for i, (ads, concrete, case_settings, foreseen) in enumerate(of_each):
+            own[i]["path"] = evasion(concrete, case_settings, foreseen, ads.deceleration)
+        known = np.array(list(map(list, foresights)), dtype=_KNOWN)
+        return own, known, np.zeros(known.shape, MOVER)

@@ -1,8 +1,7 @@
 """The paper's six steps over the recorded facts of a run: zones, drives, D_i, losses and weights,
 scores, ranking.
 
-A caller that finds the scores of a run kept needs none of this: `sumo_eval.evaluation.score`
-imports it where it computes.
+`sumo_eval.evaluation.score` imports this only where the run's folder does not keep its scores.
 """
 
 from __future__ import annotations
@@ -60,10 +59,11 @@ POINTS_AT_ONCE = 512
 
 @dataclass(frozen=True, slots=True)
 class Scoring:
-    """One reading of a run's facts.
+    """A run to be scored: its facts, its settings, and the means to compute.
 
-    spread: where D_i are computed.
-    kept: what was computed before.
+    exposures: what the recording of each scenario noted on its exposure, by scenario.
+    kept: cache of earlier results.
+    spread: `map`, or one that shares the work among processes.
     """
 
     run: Resolved
@@ -75,54 +75,58 @@ class Scoring:
     progress: Progress
 
     def scores(self, rows: RowWriter) -> Scores:
-        """The paper's six steps in every scenario, and the ADSs in their order."""
+        """The paper's six steps in every scenario, then the ranking of the ADSs."""
         # One thread: these matrices gain little from more, several wait for each other where the
         # machine is busy (five times the processor time at a load of six), and sums may differ by a
         # bit with their number.
         with threadpool_limits(1):
-            found = [score_scenario(self._space(*named), rows) for named in self.run.entries]
-        spreads = {(one.ads, one.scenario): spread for _, scored in found for one, spread in scored}
-        scores = [one for _, scored in found for one, _ in scored]
+            done = [score_scenario(self._space(*named), rows) for named in self.run.entries]
+        zones = tuple(zones for zones, _ in done)
+        scored = [pair for _, pairs in done for pair in pairs]
+        scores = tuple(score for score, _ in scored)
+        intervals = {(score.ads, score.scenario): ends for score, ends in scored}
         settings = self.run.settings.method.ranking
-        ranking = rank(scores, spreads, settings) if self._same_points() else None
-        return Scores(
-            tuple(zones for zones, _ in found), tuple(scores), ranking, rows.chunks(list(spreads))
-        )
+        ranking = rank(scores, intervals, settings) if self._same_points() else None
+        return Scores(zones, scores, ranking, rows.chunks(list(intervals)))
 
     def _same_points(self) -> bool:
-        """Whether all ADSs drove the same points: `run.only` may name others of each."""
+        """Whether all ADSs drove the same points, which they need not do under `run.only`."""
         if not self.run.settings.run.only:
             return True
         points = defaultdict[str, set[str]](set)
         for case, _, ads in self.store.names("ads"):
-            points[ads].add(case.removesuffix(ads))
+            points[ads].add(case.removesuffix(ads))  # scenario and number of the point
         return len(set(map(frozenset, points.values()))) == 1
 
     def _space(self, entry: ScenarioSettings, logical: LogicalScenario) -> ScenarioRun:
-        settings, source = self._settings_in(logical.name), self.run.source
+        settings = self._settings_in(logical.name)
         reference = settings.method.task.task_reference
         return ScenarioRun(
-            entry, logical, self._points(entry, logical), settings, source,
-            self.severity,
-            self.store, self.kept, self.spread, self.progress,
-            reference if recorded_with(self.store, reference) else "",
-            frozenset(self.exposures.get(logical.name, {}).get("outside_support", ())),
+            entry, logical, self._points(entry, logical), settings, self.run.source,
+            self.severity, self.store, self.kept, self.spread, self.progress,
+            car=reference if recorded_with(self.store, reference) else "",
+            outside=frozenset(self.exposures.get(logical.name, {}).get("outside_support", ())),
         )  # fmt: skip
 
     def _settings_in(self, scenario: str) -> EvaluationSettings:
-        """The settings, with the ADSs of which `run.only` names a case in a scenario."""
+        """The settings; under `run.only` with those ADSs alone that have a case in a scenario."""
         settings = self.run.settings
         if not settings.run.only:
             return settings
-        driven = {row[2] for row in self.store.counts() if row[:2] == (scenario, "ads")}
+        counts = self.store.counts()
+        driven = {ads for where, role, ads, *_ in counts if (where, role) == (scenario, "ads")}
         return replace(settings, ads=tuple(ads for ads in settings.ads if ads.name in driven))
 
     def _points(self, entry: ScenarioSettings, logical: LogicalScenario) -> Sample:
         """The points that the settings choose now; none, with a note, where a file that they need
-        is gone or has a mistake. Recordings need not be there, and what they choose is not known.
+        is gone or has a mistake.
+
+        Recordings are not read, as they need not be there: where the choice needs their density,
+        there are no points either, without a note.
         """
         settings, source = self.run.settings, self.run.source
-        density, recorded = None, entry.exposure.kind == "recorded"
+        recorded = entry.exposure.kind == "recorded"
+        density = None
         try:
             if not recorded:
                 density = exposure_of(logical, entry.exposure, settings.drivers, source).density
@@ -136,57 +140,65 @@ class Scoring:
 
 
 Scored = list[tuple[ScenarioResult, ScoreIntervals | None]]
-"""The result of each ADS in a scenario, and what a ranking needs of it."""
+"""The result of each ADS in a scenario, with the intervals that a ranking needs."""
 
 
 def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Scored]:
-    """The six steps in one scenario, steps 3 to 5 some points at a time."""
-    method, key = space.method, zones_key(space.entry, space.settings, space.source)
+    """The six steps in one scenario, steps 3 to 5 for `POINTS_AT_ONCE` points at a time."""
+    method = space.method
     # 1  safe and hazardous zones, Eqs. 1-8
+    key = zones_key(space.entry, space.settings, space.source)
     zones = kept_zones(space.logical, method.zones, space.kept, key)
     known = survey(space, zones, key)  # 2  the ADSs in every concrete scenario
-    people = plausible_people(space.logical, space.store, method.plausibility)
+    plausible = plausible_people(space.logical, space.store, method.plausibility)
     remarks = {ads.name: Remarks() for ads in space.settings.ads}
     left_out: dict[str, LeftOut] = {}
     present: dict[str, Sequence[str]] = {}
     for first in range(0, len(known.weights), POINTS_AT_ONCE):
         some = range(first, min(first + POINTS_AT_ONCE, len(known.weights)))
-        compared = score_points(space, known, some, people.people, remarks, rows)  # 3 to 5
+        compared = score_points(space, known, some, plausible.people, remarks, rows)  # 3 to 5
         left_out |= compared.left_out
         present |= compared.present
     tables = [rows.rows(ads.name, space.name) for ads in space.settings.ads]
     deviations = [
-        driver_deviations(one, left_out, present, space.settings.drivers, space.settings.seed)
-        for one in tables
+        driver_deviations(table, left_out, present, space.settings.drivers, space.settings.seed)
+        for table in tables
     ]
     scores = []  # 6  Eqs. 13, 17, 18; T, A', H, S+
     for (name, remark), table in zip(remarks.items(), tables, strict=True):
-        said = list(remark.notes(name, space, people.notes, table))
+        score_notes = list(remark.notes(name, space, plausible.notes, table))
         score = combine(
-            name, space.name, table, method, said, people=known.people, task_reference=space.car
+            name,
+            space.name,
+            table,
+            method,
+            score_notes,
+            people=known.people,
+            task_reference=space.car,
         )
         scores.append(with_counts(score, table, space.logical))
-    places = [known.driven[name] for name in remarks]
+    places = [known.driven[name] for name in remarks]  # of each ADS the points of its cases
     points = as_driven(space.points, known.points, whole=not space.settings.run.only)
     unit = space.logical.to_unit(points.points)
+    # points that a resample may exchange for each other
     groups = (
         strata(unit, points.method) if points.stratum is None else of_one_number(points.stratum)
     )
-    scores, spreads = with_intervals(
+    scores, intervals = with_intervals(
         scores, tables, places, deviations, groups, space.settings, space.progress
     )
     described = describe_zones(space.logical, zones, points)
     notes = list(described.notes)
     if space.settings.run.only:
-        few = len(np.unique(np.concatenate(places)))
+        driven = len(np.unique(np.concatenate(places)))
         notes.append(
-            f"`run.only` asks for {few} of {len(points.points)} points: every number is of these "
+            f"`run.only` asks for {driven} of {len(points.points)} points: every number is of these "
             "alone."
         )
     if space.entry.sampling.method == ADAPTIVE:
         stands = standing(space.entry.sampling, points, scores, tables, places, method, space.name)
         notes.append(stands.sentence)
-    return replace(described, notes=tuple(notes)), list(zip(scores, spreads, strict=True))
+    return replace(described, notes=tuple(notes)), list(zip(scores, intervals, strict=True))
 
 
 def score_points(
@@ -197,33 +209,35 @@ def score_points(
     remarks: Mapping[str, Remarks],
     rows: RowWriter,
 ) -> DriverComparison:
-    """Steps 3 to 5 at some points: the rows of every ADS's cases there.
+    """Steps 3 to 5 at some points: add every ADS's cases there to `rows`, and what is to be noted
+    on them to `remarks`.
 
-    people: of the plausibility.
+    people: those whose driving makes a case plausible.
     """
     drives: dict[str, list[Fact]] = {ads.name: [] for ads in space.settings.ads}
     for fact in space.facts_at(points, "ads"):
         if fact.driver in drives:
             drives[fact.driver].append(fact)
-    drivers, idle = space.facts_at(points, "human"), space.facts_at(points, "no_reaction")
+    drivers = space.facts_at(points, "human")
+    unreacting = space.facts_at(points, "no_reaction")
     cars = space.facts_at(points, "task_reference") if space.car else []
-    judged = {  # 3  collisions have no D_i
+    unhit = {  # 3  the cases that may have a D_i: safe, without a collision
         name: [fact for fact in facts if not known.hazardous[fact.point] and fact.collision is None]
         for name, facts in drives.items()
     }
-    beside = references(drivers, space.settings.drivers)
-    compared = compare_with_people(space, known, points, beside, judged)  # 4  D_i, Eqs. 9-12
-    everyone = [*idle, *(fact for facts in drives.values() for fact in facts)]
-    # beside the paper: departures and t_i
-    tasks = tasks_of_drives(everyone, [*drivers, *cars], space)
-    harm = harm_at(space, known, points, idle, tasks)  # 5  U, L, Ug, r, Eqs. 14-16
-    files = (
+    by_point = references(drivers, space.settings.drivers)
+    compared = compare_with_people(space, known, points, by_point, unhit)  # 4  D_i, Eqs. 9-12
+    egos = [*unreacting, *(fact for facts in drives.values() for fact in facts)]
+    # not in the paper: departures and t_i
+    tasks = tasks_of_drives(egos, [*drivers, *cars], space)
+    harm = harm_at(space, known, points, unreacting, tasks)  # 5  U, L, Ug, r, Eqs. 14-16
+    files = (  # stands for all that a scenario's measures depend on
         f"{space.entry.use} {space_key(space.entry, space.source)} "
         f"{sources('scenario', 'settings')}"
     )
     safe = [fact for fact in (*drivers, *cars) if not known.hazardous[fact.point]]
     for name, facts in drives.items():
-        # beside the paper: TTC, PET, plausibility ...
+        # not in the paper: TTC, PET, plausibility ...
         measured = drive_measures(facts, space, people, files)
         rows.add(list(tabulate(facts, space, known, compared, harm, tasks, measured)))
         remarks[name].add(facts, safe, space.severity)
