@@ -1,4 +1,6 @@
-"""The report's section on the levers of the night's worst case, and a lever's effect in words."""
+"""The report's section on the levers of the night's worst case, and a lever's effect in words, also
+for `sumo-eval whatif`.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,7 @@ MOST_CHANGES = 4  # further changes of a lever that are named; JSON has all
 
 
 def levers_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
-    """Content of templates/sections/levers.html.j2."""
+    """Content of templates/sections/levers.html.j2; None where no levers were searched."""
     found = beside.levers
     if found is None:
         return None
@@ -45,7 +47,7 @@ def ends_words(hit: Collision | None) -> str:
 
 
 def effect_words(answer: Answer, hit: Collision | None) -> str:
-    """`40 -> 46.4 m avoids it, 46.3 does not`.
+    """Effect of a lever: `40 -> 46.4 m avoids it, 46.3 does not`.
 
     hit: contact of the recorded case.
     """
@@ -53,29 +55,33 @@ def effect_words(answer: Answer, hit: Collision | None) -> str:
     unit = unit_of(lever)
     verb = "brings a collision" if hit is None else "avoids it"
     start = "no limit" if lever.unlimited else f"{lever.recorded:z.5g}"
-    ending = "" if lever.unlimited else unit
+    recorded = start if lever.unlimited else start + unit
     if not answer.felt:
-        return f"{start}{ending}: not felt, the ADS sees the world as it is"
+        return f"{recorded}: not felt, the ADS sees the world as it is"
     if not answer.flips:
-        return f"{start}{ending}: none of {answer.tried} values {verb}"
+        return f"{recorded}: none of {answer.tried} values {verb}"
     flip, *rest = answer.flips
     more = f" and {len(rest) - MOST_CHANGES} more values" if len(rest) > MOST_CHANGES else ""
     values = ", ".join(f"{it.after:z.4g}" for it in rest[:MOST_CHANGES])
-    others = f"; also changes at {values}{more}" if rest else ""
-    return f"{start} -> {flip.after:z.5g}{unit} {verb}, {flip.before:z.5g} does not{others}"
+    further = f"; also changes at {values}{more}" if rest else ""
+    return f"{start} -> {flip.after:z.5g}{unit} {verb}, {flip.before:z.5g} does not{further}"
 
 
 def unit_of(lever: Lever) -> str:
-    """` m`, or nothing of a share."""
+    """Unit behind a number, as ` m`; empty for a share."""
     return "" if lever.unit == "1" else f" {lever.unit}"
 
 
 def _bar(answer: Answer, hit: Collision | None) -> dict[str, Any]:
-    """A lever on a rail of 100 units: recorded value, least change, parts with a collision."""
+    """A lever on a rail of 100 units, its range from left to right.
+
+    at: recorded value; to: value of the least change, `at` without one.
+    low, width: of the part between both.
+    parts: those with a collision.
+    """
     lever, flips = answer.lever, answer.flips
     at = 100.0 * lever.place(lever.recorded)
     to = 100.0 * lever.place(flips[0].after) if flips else at
-    low, high = sorted((at, to))
     return {
         "name": lever.name,
         "words": effect_words(answer, hit).replace("->", "→"),
@@ -83,8 +89,8 @@ def _bar(answer: Answer, hit: Collision | None) -> dict[str, Any]:
         "range": f"{lever.low:g} to {lever.high:g}{unit_of(lever)}",
         "at": f"{at:z.1f}",
         "to": f"{to:z.1f}",
-        "low": f"{low:z.1f}",
-        "width": f"{high - low:z.1f}",
+        "low": f"{min(at, to):z.1f}",
+        "width": f"{abs(to - at):z.1f}",
         "parts": list(_collides(answer, hit)) if answer.felt else [],
     }
 
@@ -92,10 +98,11 @@ def _bar(answer: Answer, hit: Collision | None) -> dict[str, Any]:
 def _collides(answer: Answer, hit: Collision | None) -> Iterator[tuple[str, str]]:
     """Begin and width of each part of the rail whose values collide."""
     lever = answer.lever
-    turns = sorted(100.0 * lever.place(it.after) for it in answer.flips)
-    below = sum(it.after < lever.recorded for it in answer.flips)
+    changes = sorted(100.0 * lever.place(flip.after) for flip in answer.flips)
+    # at the left end, from the recorded outcome: each change below the recorded value reverses it
+    below = sum(flip.after < lever.recorded for flip in answer.flips)
     collides = (hit is not None) != (below % 2 == 1)
-    for begin, end in pairwise([0.0, *turns, 100.0]):
+    for begin, end in pairwise([0.0, *changes, 100.0]):
         if collides:
             yield f"{begin:z.1f}", f"{end - begin:z.1f}"
         collides = not collides
