@@ -60,8 +60,8 @@ _KNOWN = fields("noticed", "meets", "speed", "hidden")
 def is_too_close_to_see(
     me: Any, others: Any, known: Any, p: Any, scenario: Any, time: float
 ) -> bool:
-    """Whether a vehicle that the ego would touch is still hidden, and the gap to the lead vehicle is
-    not safe.
+    """Whether a vehicle that the ego would touch is still hidden, and the gap to the lead vehicle
+    is not safe.
     """
     lead = lead_in_path(me, others)
     if lead < 0:
@@ -126,8 +126,8 @@ class IdealBraking(Compiled):
     """ADS `ideal_braking`, the reference Ug of Eq. 17: perfect perception, immediate braking at the
     road's limit.
 
-    It knows what the actors will do (`foresight`). It keeps its speed where that touches no vehicle:
-    only braking could then cause a contact.
+    It knows what the actors will do (`foresight`). It keeps its speed where that touches no
+    vehicle: only braking could then cause a contact.
 
     Where it would touch a vehicle, it brakes as hard as the road allows, from the first change of
     that vehicle's state that it can see. It stops braking once it is not alongside, and not faster
@@ -181,8 +181,8 @@ class IdealBraking(Compiled):
         cases: Sequence[ConcreteScenario],
         settings: Sequence[SimulationSettings],
     ) -> tuple[Records, ...]:
-        """`arrays` of a rule that knows the scripts: with the evasion of each case and a `Foresight`
-        of each actor.
+        """`arrays` of a rule that knows the scripts: with the evasion of each case and a
+        `Foresight` of each actor.
         """
         own, foresights = cls.own_records(together), list(map(foresee, cases, settings))
         of_each = zip(together, cases, settings, foresights, strict=True)

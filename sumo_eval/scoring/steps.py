@@ -192,8 +192,8 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
     if space.settings.run.only:
         driven = len(np.unique(np.concatenate(places)))
         notes.append(
-            f"`run.only` asks for {driven} of {len(points.points)} points: every number is of these "
-            "alone."
+            f"`run.only` asks for {driven} of {len(points.points)} points: every number is of "
+            "these alone."
         )
     if space.entry.sampling.method == ADAPTIVE:
         stands = standing(space.entry.sampling, points, scores, tables, places, method, space.name)
