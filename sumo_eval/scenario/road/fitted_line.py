@@ -120,12 +120,12 @@ def _fitted(places: FloatArray, apart: float) -> Fit:
     curvature = _curvatures(grid, s, headings)
     for _ in range(_ROUNDS):
         line = _integrated(grid, first, curvature)
-        s, left, off = _feet(grid, line, places, s)
+        s, to_left, off = _feet(grid, line, places, s)
         # the beginning is shifted across the line alone, so that it stays beside the first place
         across = np.array([-np.sin(first[2]), np.cos(first[2])])
-        rows = np.hstack([left @ across[:, None], *_derivatives(grid, line, s, left)])
+        rows = np.hstack([to_left @ across[:, None], *_derivatives(grid, line, s, to_left)])
         rows = np.vstack([rows, np.hstack([np.zeros((len(grid.smooth), 2)), grid.smooth])])
-        wanted = np.concatenate([np.einsum("ij,ij->i", off, left), -grid.smooth @ curvature])
+        wanted = np.concatenate([np.einsum("ij,ij->i", off, to_left), -grid.smooth @ curvature])
         # least squares by the R of QR: its last column is the side of `wanted`
         triangle = np.asarray(np.linalg.qr(np.column_stack([rows, wanted]), mode="r"))
         shift, turn, *bend = np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1])
@@ -205,12 +205,12 @@ def _feet(
 
 
 def _derivatives(
-    grid: _Grid, line: _Line, s: FloatArray, left: FloatArray
+    grid: _Grid, line: _Line, s: FloatArray, to_left: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Derivatives of the positions at s, to the left: by the first heading, (n, 1), and by the
     curvatures, (n, k).
 
-    left: unit vectors to the left at s, (n, 2).
+    to_left: unit vectors to the left at s, (n, 2).
     """
     below = np.clip(np.searchsorted(grid.s, s, side="right") - 1, 0, len(grid.middle) - 1)
     share = ((s - grid.s[below]) / grid.step)[:, None]
@@ -223,7 +223,7 @@ def _derivatives(
         sums = np.concatenate([np.zeros((1, len(grid.knots))), swept])
         return np.asarray(sums[below] + share * (sums[below + 1] - sums[below]))
 
-    to_left_x, to_left_y = left[:, :1], left[:, 1:]
+    to_left_x, to_left_y = to_left[:, :1], to_left[:, 1:]
     by_curvature = to_left_x * moved(-line.north) + to_left_y * moved(line.east)
     # a turn of the first heading turns the whole line about its beginning
     arm = line.at(grid, s) - np.array([line.x[0], line.y[0]])
