@@ -137,8 +137,9 @@ def steered(now: float, me: Any, path_y: float, slope: float, bend: float, scena
 
     now: the present curvature, 1/m.
     """
-    speed, half = me.speed, 0.5 * scenario.vehicle.wheelbase  # from the centre to the rear axle, m
-    per_metre, ahead = RATE / max(speed, SLOW), speed * scenario.step  # w/v; m in the coming step
+    half = 0.5 * scenario.vehicle.wheelbase  # m from the centre to the rear axle
+    ahead = me.speed * scenario.step  # m in the coming step
+    per_metre = RATE / max(me.speed, SLOW)  # w/v
     if me.curvature == 0.0:  # a straight road
         mean_heading = me.heading + 0.5 * ahead * now
         y = me.y - half * math.sin(me.heading) + ahead * math.sin(mean_heading)

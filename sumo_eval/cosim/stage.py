@@ -227,7 +227,7 @@ class Stage:
         return rows
 
     def _keep_unread(self, numbers: IntArray) -> list[int]:
-        """Of vehicles, leave the actors to `read`; the rows of the egos."""
+        """Leave the actors among these vehicles to `read`; return the rows of the egos."""
         places = [divmod(number, self._width) for number in numbers.tolist()]
         self._unread = [(row, column - 1) for row, column in places if column]
         return [row for row, column in places if not column]
@@ -244,7 +244,7 @@ class Stage:
         return self._names
 
     def _actor(self, row: int, actor: int) -> str:
-        """Name of an actor in SUMO."""
+        """Name in SUMO of an actor of a row."""
         return self._flat[row * self._width + 1 + actor]
 
     def read(self, world: World) -> None:
