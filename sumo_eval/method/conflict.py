@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario import ConcreteScenario, LogicalScenario
 from sumo_eval.scenario.motion import quintic
-from sumo_eval.scenario.undisturbed import Tracks, meetings, tracks
+from sumo_eval.scenario.undisturbed import meetings, tracks
 from sumo_eval.settings import VehicleSettings, ZoneSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, half_extents
 
@@ -206,36 +206,37 @@ def conflict_criticality(
     until = _begins(placed, other) + np.array(delays) + speeds / strength + HORIZON
     until = np.minimum(until, _LONGEST)
     found = tracks(placed, [size] * len(placed), STEP, float(until.max()))
+    others, looks = found.others, np.arange(found.others.shape[2])
     # A case ends at its own time: nothing may depend on the cases searched with it. From then on
     # its actors are out of reach, at x = inf.
-    late = np.arange(found.others.shape[2]) > np.ceil(until / STEP - 1e-9)[:, None]
-    np.copyto(found.others[..., 0], np.inf, where=late[:, None])
+    late = looks > np.ceil(until / STEP - 1e-9)[:, None]
+    np.copyto(others[..., 0], np.inf, where=late[:, None])
     # at a constant speed: only whether the bodies touch counts, so nothing is looked for ahead
-    unbraked = _braked(placed, found, np.full(len(placed), np.inf), strength)
-    searched = _most_critical(placed, found, size, unbraked, 0)
+    unbraked = _braked(placed, looks, np.full(len(placed), np.inf), strength)
+    searched = _most_critical(placed, others, size, unbraked, 0)
     at = np.flatnonzero(np.isinf(searched[0]))
     searched[:2] = 0.0
     if at.size:
-        hit = Tracks(found.egos[at], found.others[at], found.begins[at])
         some = [placed[i] for i in at.tolist()]
         # an obstacle that makes no move by then is one from the start
         first = found.begins[:, other]
         brakes = np.where(first > until, 0.0, first) + np.array(delays)
-        egos = _braked(some, hit, brakes[at], strength)
-        searched[:, at] = _most_critical(some, hit, size, egos, round(HORIZON / STEP))
+        egos = _braked(some, looks, brakes[at], strength)
+        searched[:, at] = _most_critical(some, others[at], size, egos, round(HORIZON / STEP))
     return searched
 
 
 def _braked(
-    placed: Sequence[ConcreteScenario], found: Tracks, begins: FloatArray, strength: float
+    placed: Sequence[ConcreteScenario], looks: NDArray[Any], begins: FloatArray, strength: float
 ) -> FloatArray:
     """x and speed of the egos, (n, T, 2), which brake to a standstill.
 
+    looks: their numbers, (T,).
     begins: when each begins to brake, s; inf: never.
     strength: deceleration, m/s2.
     """
     x, v = np.array([[concrete.ego.x, concrete.ego.speed] for concrete in placed]).T[:, :, None]
-    time, wait = np.arange(found.others.shape[2]) * STEP, begins[:, None]
+    time, wait = looks * STEP, begins[:, None]
     braked = np.clip(time - wait, 0.0, v / strength)  # s
     speed = v - strength * braked
     return np.stack([x + v * np.minimum(time, wait) + braked * (v + speed) / 2.0, speed], axis=2)
@@ -243,7 +244,7 @@ def _braked(
 
 def _most_critical(
     placed: Sequence[ConcreteScenario],
-    found: Tracks,
+    others: FloatArray,
     size: tuple[float, float],
     egos: FloatArray,
     horizon: int,
@@ -251,13 +252,14 @@ def _most_critical(
     """Max ITTC, impact speed and smallest distance of the bodies, (3, n): of each the most critical
     value of all actors.
 
+    others: motion of the actors, (n, m, T, 5), as in `Tracks`.
     egos: x and speed, (n, T, 2).
     horizon: number of looks ahead in which a collision counts.
     """
     each = np.array(
         [
-            _with_actor(placed, found.others[:, number], number, size, egos, horizon)
-            for number in range(found.others.shape[1])
+            _with_actor(placed, others[:, number], number, size, egos, horizon)
+            for number in range(others.shape[1])
         ]
     ).transpose(1, 0, 2)
     each[:, _react_from_behind(placed)] = np.array([[0.0], [0.0], [np.inf]])
