@@ -31,6 +31,7 @@ from sumo_eval.scoring.rule import (
     Noise,
     Repeats,
     Tally,
+    can_fail,
     floor_of,
     got_worse,
     holm,
@@ -141,6 +142,16 @@ def test_got_worse_by_counts(near, worse, better, cases, kept, fails):
     part: Any = SimpleNamespace(which=range(worse))
     found = Tally("ads", GAP, near, (part,), better, cases, kept)
     assert got_worse(found, SETTINGS) is fails
+
+
+def test_can_fail_by_counts():
+    """One case of a near miss, three of a shift; of a noisy ADS 6: 1 / 64 <= 0.02 < 1 / 32."""
+
+    def least(near, noisy):
+        found = (Tally("ads", GAP, near, (), 0, cases, 1.0) for cases in range(9))
+        return [can_fail(one, SETTINGS, noisy=noisy) for one in found].index(True)
+
+    assert [least(True, False), least(False, False), least(True, True)] == [1, 3, 6]
 
 
 def test_each_bad_end_alone_is_bad():
