@@ -235,7 +235,7 @@ def _slopes(values: FloatArray, samples: int = SLOPE_SAMPLES) -> FloatArray:
 
 
 def vehicle_ahead(
-    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None
+    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None
 ) -> tuple[FloatArray, FloatArray]:
     """Gap d, m, and closing speed, m/s, to the nearest lead vehicle in the ego's path: (n,) each,
     nan without one.
@@ -245,15 +245,19 @@ def vehicle_ahead(
     collision: the ego's first contact if any; a frontal one is a gap of 0 at its time, because
         bodies at an angle touch a little before the gap closes.
 
-    d = x_other - x_ego - (l_ego + l_other)/2, bumper to bumper, at least 0. Closing speed = v_ego -
-    v_other along the road.
+    d = x_other - x_ego - (l_ego + l_other)/2, bumper to bumper, at least 0; l_other and w_other of
+    a turned body are its extents along and across the road. The ego counts as parallel to the road,
+    as it did for the table of recorded drivers. Closing speed = v_ego - v_other along the road.
     """
     gap, closing = np.full(len(ego), np.inf), np.full(len(ego), np.nan)
     own_speed = ego.speed * np.cos(ego.heading)
     for name, actor in actors.items():
-        x, y, speed = _at(ego.time, actor)
-        distance = x - ego.x - (ego.length + actor.length) / 2.0
-        beside = np.abs(y - ego.y) >= (ego.width + actor.width) / 2.0
+        speed_along = actor.speed * np.cos(actor.heading)
+        x, y, speed = _at(ego.time, actor, actor.x, actor.y, speed_along)
+        extents = half_extents(actor.heading, actor.length, actor.width)
+        along, across = _at(ego.time, actor, *extents)
+        distance = x - ego.x - ego.length / 2.0 - along
+        beside = np.abs(y - ego.y) > ego.width / 2.0 + across - TOUCH
         distance = np.where((x <= ego.x) | beside | np.isnan(x), np.inf, np.maximum(distance, 0.0))
         if collision is not None and (collision.other, collision.side) == (name, "front"):
             distance[(ego.time >= collision.time) & ~np.isnan(x)] = 0.0
@@ -412,17 +416,9 @@ def velocity_change(collision: Collision) -> float:
     return float(np.dot(relative, ahead)) / 2.0
 
 
-def _at(time: FloatArray, actor: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """x, y and the speed along the road of another vehicle at given times, nan outside its
-    recording.
-    """
-    channels = (actor.x, actor.y, actor.speed * np.cos(actor.heading))
-    if np.array_equal(time, actor.time):
-        return channels
-    x, y, speed = (
-        np.interp(time, actor.time, channel, left=np.nan, right=np.nan) for channel in channels
-    )
-    return x, y, speed
+def _at(time: FloatArray, actor: Trajectory, *channels: FloatArray) -> list[FloatArray]:
+    """Channels of another vehicle at given times, nan outside its recording."""
+    return [np.interp(time, actor.time, channel, left=np.nan, right=np.nan) for channel in channels]
 
 
 def least(values: FloatArray) -> float:

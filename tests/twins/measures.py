@@ -22,11 +22,19 @@ def plain_measures(ego, actors, collision):
                 [s * math.cos(h) for s, h in zip(actor.speed, actor.heading, strict=True)],
                 t,
             )
+            long, wide = (
+                at(
+                    actor.time,
+                    [abs(a * math.cos(h)) + abs(b * math.sin(h)) for h in actor.heading],
+                    t,
+                )
+                for a, b in ((actor.length, actor.width), (actor.width, actor.length))
+            )
             struck = collision is not None and collision.other == name and collision.side == "front"
             if struck and t >= collision.time:
                 gap = 0.0
-            elif x > ego.x[i] and abs(y - ego.y[i]) < (ego.width + actor.width) / 2:
-                gap = max(0.0, (x - actor.length / 2) - (ego.x[i] + ego.length / 2))
+            elif x > ego.x[i] and abs(y - ego.y[i]) <= (ego.width + wide) / 2 - TOUCH:
+                gap = max(0.0, (x - long / 2) - (ego.x[i] + ego.length / 2))
             else:
                 continue
             if nearest is None or gap < nearest[0]:
