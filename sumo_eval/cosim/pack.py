@@ -1,10 +1,11 @@
-"""A batch of cases of which each can end and begin again by itself, for learning.
+"""A batch of cases of which each can end and begin again by itself, for learning (`extras/gym`).
 
 The vehicle model moves the ego, scripts and SUMO move the actors, and the functions of every
 evaluation (`cosim.step_rules`) find contact and ends. libsumo holds one simulation in a process, so
-one batch is in it at a time. A batch without SUMO has the actors where their scripts have them,
-which is where SUMO has to show them in an evaluation: a drive is the same to rounding, and a
-process may hold any number of such batches.
+a process holds one batch with SUMO, but any number without.
+
+Without SUMO the actors are where their scripts have them. An evaluation fails a case in which SUMO
+shows them elsewhere, so a drive is the same to rounding.
 """
 
 from __future__ import annotations
@@ -28,7 +29,11 @@ from sumo_eval.trajectory import FloatArray, IntArray
 
 
 class Pack:
-    """Rows of cases of one logical scenario, stepped together."""
+    """Rows of cases of one logical scenario, stepped together.
+
+    settings: of the simulation; the cases must not change them.
+    sumo: whether SUMO steps the vehicles too.
+    """
 
     def __init__(
         self, cases: Sequence[ConcreteScenario], settings: SimulationSettings, *, sumo: bool = True
@@ -68,11 +73,11 @@ class Pack:
 
     @property
     def step_length(self) -> float:
-        """s."""
+        """Simulated time of a step, s."""
         return self._settings.step
 
     def restart(self, row: int, concrete: ConcreteScenario) -> None:
-        """A row has this case from now on, at its start."""
+        """Replace the case of a row by this one, at its start."""
         self._check(concrete)
         world, fresh = self.world, World([concrete], self._settings)
         world.cases = [*world.cases[:row], concrete, *world.cases[row + 1 :]]
@@ -80,25 +85,27 @@ class Pack:
             getattr(world, name)[row] = getattr(fresh, name)[0]
         world.players = world.players.with_row(row, fresh.players)
         world.gather()
-        world.egos["begun"][row], world.none_leaves_before = world.steps, 0.0
+        world.egos["begun"][row] = world.steps
+        world.none_leaves_before = 0.0  # the new vehicles may be near the end of their lanes
 
     def step(self, commands: FloatArray) -> IntArray:
-        """One step of all rows that have not ended; the rows that end with it.
+        """Step all rows that have not ended; return the rows that end with this step.
 
         commands: (n, 2), acceleration, m/s2, and steering wheel angle, rad.
         """
         world = self.world
         world.egos["command"]["acceleration"] = commands[:, 0]
         world.egos["command"]["steering"] = commands[:, 1]
-        stage, begun = self._stage, world.steps
-        told, gone = world.move(closely=stage is not None and stage.closely(begun))
+        stage, steps = self._stage, world.steps
+        told, gone = world.move(closely=stage is not None and stage.closely(steps))
         if stage is not None:
             stage.put_aside(gone)
             stage.tell(world, told)
-            for row in np.flatnonzero(world.egos["begun"] == begun).tolist() if begun else ():
+            # rows restarted since the last step; at step 0 SUMO has all vehicles at their start
+            for row in np.flatnonzero(world.egos["begun"] == steps).tolist() if steps else ():
                 stage.begin_again(world, row)
             stage.step()
-            if stage.compares(begun):
+            if stage.compares(steps):
                 stage.compare(world)
         if not world.see():
             return np.empty(0, np.intp)
@@ -111,7 +118,7 @@ class Pack:
         return REASONS[int(self.world.egos["reason"][row])] or ""
 
     def observations(self) -> Observations:
-        """The view of all rows."""
+        """Observations of the egos of all rows."""
         world = self.world
         return Observations(
             world.time,
@@ -124,6 +131,7 @@ class Pack:
         )
 
     def _check(self, concrete: ConcreteScenario) -> None:
+        """Raise InputError for a case that cannot be a row of this batch."""
         if concrete.changes:
             raise InputError(
                 "Learning needs cases that change no setting (`conditions`, `vehicle`)."
@@ -135,6 +143,9 @@ class Pack:
                 "heading, or comes in a stream."
             )
         if kind_of(concrete) != self._kind:
-            raise must_be("The cases", "one batch", "of one road, one ego's body and as many other "
-                                                   "vehicles",
-                          f"{concrete.scenario} ({concrete.label})")  # fmt: skip
+            raise must_be(
+                "The cases",
+                "one batch",
+                "of one road, one ego's body and as many other vehicles",
+                f"{concrete.scenario} ({concrete.label})",
+            )

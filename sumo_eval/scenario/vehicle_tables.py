@@ -1,4 +1,6 @@
-"""Vehicles of a scenario file: their tables, and what they are and do at a point of the space."""
+"""Vehicles of a scenario file, for `scenario.file_tables`: their tables (ego, actors, manoeuvres),
+these tables read and checked, and the vehicles at a point of the space.
+"""
 
 from __future__ import annotations
 
@@ -58,14 +60,15 @@ _MANOEUVRES: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Act
     "follow": (
         ("model",),
         ("speed", "acceleration", "deceleration", "headway", "min_gap"),
-        partial(Act, played.FOLLOW),
+        Act,  # not called: `Vehicle.actor` makes its act
     ),
 }
-"""Keys that a manoeuvre must have, those it may have, other than `begin`, and what makes its act of
-its numbers.
+"""By `do`: keys that a manoeuvre must have, keys that it may have (any may have `name`, `begin` and
+`when`), and the function that makes its act of its numbers.
 """
 _ENDLESS = Limits(above=0.0, endless=True)
-_AHEAD = 0.1  # rad from the road's direction within which a way is as long as the road beside it
+# rad off the road's direction, up to which `places` along the road are distances driven
+_AHEAD = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,11 +78,11 @@ class EgoTable(Checked):
     speed: Annotated[Formula, NOT_BELOW_0, About("speed at the start", "m/s")]
     x: Annotated[Formula, About("centre along the road at the start", "m")] = 50.0
     y: Annotated[
-        Formula, About("centre across the road, left of the right lane's centre line", "m")
+        Formula, About("its centre's distance to the left of the right lane's centre line", "m")
     ] = 0.0
     lateral_speed: Annotated[
         Formula,
-        About("speed to the left with which it starts, below `speed`; it heads that way", "m/s"),
+        About("speed to the left at the start, below `speed`; it heads where it moves", "m/s"),
     ] = 0.0
     length: Annotated[
         float | None, Positive, About("body; default: as in the vehicle settings", "m")
@@ -88,16 +91,18 @@ class EgoTable(Checked):
         float | None, Positive, About("body; default: as in the vehicle settings", "m")
     ] = None
     goal_lane: Annotated[
-        int | None, Ge(0), About("lane beside its first one that it has to change to; 0: right")
+        int | None, Ge(0), About("number of the neighbouring lane that it must change to; 0: right")
     ] = None
     change_from: Annotated[
-        float | None, Positive, About("with `goal_lane`: its centre's x from which on it may", "m")
+        float | None, Positive, About("with `goal_lane`: x of its centre where it may begin", "m")
     ] = None
     change_by: Annotated[
         float | None,
         Positive,
         About(
-            "by which it must; default: where its lane ends or the ramp of the other begins", "m"
+            "x of its centre by which it must have changed; default: where its lane or the other "
+            "one ends, or where the other becomes an exit ramp",
+            "m",
         ),
     ] = None
     recorded: Annotated[
@@ -110,7 +115,7 @@ class EgoTable(Checked):
     ] = ()
 
     def check(self, where: str, road: Road) -> None:
-        """Refuse what no ego can be.
+        """Refuse impossible combinations of keys.
 
         where: how errors call the file.
         """
@@ -130,7 +135,7 @@ class EgoTable(Checked):
 
     @property
     def body(self) -> EgoBody | None:
-        """Its body, where the file has one."""
+        """Its body; None: the file has none."""
         return (
             None if self.length is None or self.width is None else EgoBody(self.length, self.width)
         )
@@ -138,7 +143,7 @@ class EgoTable(Checked):
     def start(self, numbers: Mapping[str, Any], road: Road, owner: str) -> Start:
         """Start of the ego.
 
-        numbers: of the table, by key.
+        numbers: values of the table's formulas at a point, by key.
         """
         ego = Start(**numbers, recorded=self.recorded)
         if ego.lateral_speed and not abs(ego.lateral_speed) < ego.speed:
@@ -148,12 +153,12 @@ class EgoTable(Checked):
                 f"below the ego's speed {ego.speed:g} m/s",
                 ego.lateral_speed,
             )
-        if self.goal_lane is None or self.change_from is None:
+        if self.goal_lane is None or self.change_from is None:  # `check`: neither or both
             return ego
         return replace(ego, way=self._way(self.goal_lane, self.change_from, ego.y, road, owner))
 
     def _way(self, goal: int, begin: float, y: float, road: Road, owner: str) -> Way:
-        """The lane change of an ego that starts at y.
+        """The lane change, from x = `begin` m on, of an ego that starts at y.
 
         Raises InputError for an impossible one.
         """
@@ -171,6 +176,7 @@ class EgoTable(Checked):
                 f"The ego of {owner} must have a `change_by`: neither its lane nor the other one "
                 "ends."
             )
+        # parted: a ramp, not yet or no longer beside the other lanes
         first = max(own.parted_until, other.parted_until, own.begin, other.begin, 0.0)
         last = min(own.end, other.end, own.parted_from, other.parted_from, road.length)
         if not first <= begin <= by - LEAST_CHANGE or by > last:
@@ -200,13 +206,11 @@ class ManoeuvreTable(Checked):
         ],
         About(
             "keep_speed; brake to a standstill; change_lane smoothly in `duration`; "
-            "change_lane_cosine along half a "
-            "cosine, OpenSCENARIO's sinusoidal; move_sideways at `speed`; "
-            "accelerate to `speed`; speed_profile through `speeds` at `times` or `places`; sinus, "
-            "a swing to both "
-            "sides; path through `points` or `lanes` at `places`; follow, as a model of SUMO's "
-            "that reacts, from the "
-            "start on or, as the last of several, from `when` on"
+            "change_lane_cosine along half a cosine, OpenSCENARIO's sinusoidal; move_sideways at "
+            "`speed`; accelerate to `speed`; speed_profile through `speeds` at `times` or "
+            "`places`; sinus, a swing to both sides; path through `points`, or through `lanes` at "
+            "`places`; follow by a model of SUMO that reacts, from the start on or, as the last "
+            "manoeuvre, from `when` on"
         ),
     ]
     name: Annotated[str, About("name, for `ended(vehicle, name)` in a condition")] = ""
@@ -235,18 +239,15 @@ class ManoeuvreTable(Checked):
         Formula | None,
         NOT_BELOW_0,
         About(
-            "of `move_sideways`; `accelerate`: the one it leads to; `follow`: the one that it "
-            "wants",
-            "m/s",
+            "of `move_sideways`: across; of `accelerate`: at its end; of `follow`: desired", "m/s"
         ),
     ] = None
     acceleration: Annotated[
         Formula | None,
         ABOVE_0,
         About(
-            "of `move_sideways`: how fast its speed builds up, default at once; of `accelerate`, "
-            "either sign of the "
-            "change; of `sinus`, the largest; of `follow`, the largest",
+            "of `move_sideways`: how fast its speed builds up, default at once; of `accelerate`: "
+            "how fast its speed rises or falls; of `sinus`, `follow`: the largest",
             "m/s2",
         ),
     ] = None
@@ -269,10 +270,7 @@ class ManoeuvreTable(Checked):
     ] = ()
     lanes: Annotated[
         tuple[int, ...],
-        About(
-            "of `path`, instead of points: in the middle of which lane it is at its places; 0: "
-            "right"
-        ),
+        About("of `path`, instead of points: lane in whose middle it is at each place; 0: right"),
     ] = ()
     model: Annotated[
         Literal["Krauss", "IDM", "EIDM"] | None,
@@ -287,49 +285,52 @@ class ManoeuvreTable(Checked):
 
     @property
     def lively(self) -> bool:
-        """Whether only a played vehicle, or SUMO, can do it."""
+        """Whether only a played vehicle or SUMO can do it: it waits for a condition, or its motion
+        has no closed form.
+        """
         at_a_time = ("keep_speed", "brake", "change_lane", "change_lane_cosine", "move_sideways")
         return self.when is not None or self.do not in at_a_time
 
     def read(self, vehicle: str, names: Names, road: Road) -> Move:
-        """It, checked.
+        """Check this table and read its formulas and its condition.
 
-        vehicle: what does it, for sentences.
+        vehicle: what does it, for messages.
         """
         what = f"`{self.do}` of {vehicle}"
-        place = f"{what} in {names.where}"
+        owner = f"{what} in {names.where}"
         needed, allowed, _ = _MANOEUVRES[self.do]
-        for item in fields(self)[4:]:
+        for item in fields(self)[4:]:  # all but do, name, begin and when
             key, absent = item.name, getattr(self, item.name) in (None, ())
             if absent and key in needed:
-                raise InputError(f"{place} must have `{key}`.")
+                raise InputError(f"{owner} must have `{key}`.")
             if not absent and key not in (*needed, *allowed):
-                raise InputError(f"{place} has no `{key}`.{did_you_mean(key, (*needed, *allowed))}")
+                raise InputError(f"{owner} has no `{key}`.{did_you_mean(key, (*needed, *allowed))}")
         limits = {
             "follow": {"speed": ABOVE_0},
+            # inf is its default; `constant_lateral` refuses 0 and less
             "move_sideways": {"acceleration": Limits(endless=True)},
         }.get(self.do, {})
         numbers = names.quantities(self, what, **limits)
         follows = self.do == "follow"
         if follows and self.when is None and self.begin != 0.0:
             raise InputError(
-                f"{place} has no `begin` without a `when`: a vehicle follows from the start."
+                f"{owner} has no `begin` without a `when`: a vehicle follows from the start."
             )
         when: list[Step] = []
         if self.when is not None:
-            when = trigger(self.when, place, names, departs=names.departs and follows)
-        return Move(self, numbers, tuple(self._pairs(what, place, names, road)), tuple(when))
+            when = trigger(self.when, owner, names, departs=names.departs and follows)
+        return Move(self, numbers, tuple(self._pairs(what, owner, names, road)), tuple(when))
 
     def _pairs(
-        self, what: str, place: str, names: Names, road: Road
+        self, what: str, owner: str, names: Names, road: Road
     ) -> Iterator[tuple[LimitedFormula, LimitedFormula]]:
-        """The knots of a profile, or the points of a path."""
+        """The knots of a profile (time or place, speed), or the points of a path (x, y)."""
         if self.do == "speed_profile":
             knots = self.places or self.times
             if bool(self.places) == bool(self.times) or len(knots) != len(self.speeds):
                 wanted = "as many `times` (or `places`) as `speeds`"
                 raise InputError(
-                    f"{place} must have {wanted}, got {len(knots)} and {len(self.speeds)}."
+                    f"{owner} must have {wanted}, got {len(knots)} and {len(self.speeds)}."
                 )
             for at, speed in zip(knots, self.speeds, strict=True):
                 yield (names.quantity(at, f"times or places of {what}"),
@@ -337,22 +338,22 @@ class ManoeuvreTable(Checked):
         elif self.do == "path":
             if bool(self.points) == bool(self.lanes) or len(self.lanes) != len(self.places):
                 raise InputError(
-                    f"{place} must have either `points`, or as many `lanes` as `places`."
+                    f"{owner} must have either `points`, or as many `lanes` as `places`."
                 )
             for lane in self.lanes:
                 if not 0 <= lane < road.lanes:
-                    raise must_be("Each of `lanes`", place, f"within 0..{road.lanes - 1}", lane)
-            beside = zip(self.places, (road.lane_width * lane for lane in self.lanes), strict=True)
-            for point in self.points or beside:
-                x, y = (names.quantity(one, f"path of {what}") for one in point)
-                yield x, y
+                    raise must_be("Each of `lanes`", owner, f"within 0..{road.lanes - 1}", lane)
+            middles = (road.lane_width * lane for lane in self.lanes)
+            for x, y in self.points or zip(self.places, middles, strict=True):
+                yield names.quantity(x, f"path of {what}"), names.quantity(y, f"path of {what}")
 
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """A manoeuvre that was read.
+    """A manoeuvre as read from its table.
 
-    pairs: of a path or a profile.
+    numbers: its formulas by key.
+    pairs: as in `ManoeuvreTable._pairs`.
     when: its condition; empty: it begins at a time.
     """
 
@@ -362,13 +363,14 @@ class Move:
     when: tuple[Step, ...]
 
     def act(self, known: Mapping[str, float], vehicle: str) -> Act:
-        """Its act where these names have these values; a `follow` has none but where it waits."""
+        """Its act where these names have these values, unless it is a `follow`."""
         table, numbers = self.table, self.numbers.at(known)
         pairs = tuple((one.at(known), two.at(known)) for one, two in self.pairs)
         act = _MANOEUVRES[table.do][2](**numbers)
         if table.do == "sinus" and act.offset:
-            turns = 2.0 * math.pi * (table.cycles or 1.0)
-            act = act._replace(duration=turns / math.sqrt(2.0 * act.acceleration / abs(act.offset)))
+            phase = 2.0 * math.pi * (table.cycles or 1.0)  # rad, in all
+            # A w^2 / 2 is the largest acceleration of a swing by A (1 - cos wt) / 2
+            act = act._replace(duration=phase / math.sqrt(2.0 * act.acceleration / abs(act.offset)))
         if table.do == "speed_profile":
             knots = [knot[0] for knot in pairs]
             what = "The places" if table.places else "The times"
@@ -379,7 +381,7 @@ class Move:
         return act._replace(table=pairs, program=self.program(known), name=table.name)
 
     def program(self, known: Mapping[str, float]) -> tuple[tuple[int, int, int, float], ...]:
-        """Its condition at a point."""
+        """Its condition where these names have these values, as in `Act.program`."""
         return tuple(
             (op, one, two, 0.0 if value is None else float(value.at(known)))
             for op, one, two, value in self.when
@@ -401,11 +403,11 @@ class VehicleTable(Checked):
     ] = None
     x: Annotated[Formula | None, About("instead of gap: its centre along the road", "m")] = None
     y: Annotated[
-        Formula, About("centre across the road, left of the right lane's centre line", "m")
+        Formula, About("its centre's distance to the left of the right lane's centre line", "m")
     ] = 0.0
     heading: Annotated[
         Formula | None,
-        About("where it points and drives, to the left of the road; default 0", "deg"),
+        About("direction in which it points and drives, left of the road's; default 0", "deg"),
     ] = None
     lateral_speed: Annotated[
         Formula | None,
@@ -415,7 +417,7 @@ class VehicleTable(Checked):
     ] = None
     body: Annotated[
         Literal["car", "van", "truck", "motorcycle", "bicycle", "pedestrian", "child"],
-        About("what it is: its size, its class in SUMO, how it is drawn"),
+        About("kind of road user: its size, its class in SUMO, its shape"),
     ] = "car"
     length: Annotated[
         float | None, Positive, About("body; default: as the body has it, 4.5 of a car", "m")
@@ -433,31 +435,32 @@ class VehicleTable(Checked):
             "drives straight there"
         ),
     ] = False
-    manoeuvre: Annotated[tuple[ManoeuvreTable, ...], About("what it does")] = ()
+    manoeuvre: Annotated[tuple[ManoeuvreTable, ...], About("its manoeuvres")] = ()
 
     @property
     def lively(self) -> bool:
-        """Whether its motion depends on more than time."""
+        """Whether only a played vehicle or SUMO can drive like it, as in `Actor.lively`."""
         turned = self.heading is not None or self.lateral_speed is not None
         brakes = any(it.do == "brake" for it in self.manoeuvre)
+        # a condition may ask whether a named `keep_speed` has ended, and one may end a braking
         keeps = any(it.do == "keep_speed" and (it.name or brakes) for it in self.manoeuvre)
         return turned or self.on_map or keeps or any(it.lively for it in self.manoeuvre)
 
     @property
     def scripted(self) -> list[ManoeuvreTable]:
-        """Its manoeuvres without a `keep_speed` that changes nothing."""
+        """Its manoeuvres that become acts: without `keep_speed` where that changes nothing."""
         return [it for it in self.manoeuvre if self.lively or it.do != "keep_speed"]
 
     @property
     def endings(self) -> dict[str, int]:
-        """Index of the act of each manoeuvre with a name; one that follows from the start has no
-        act, and never ends.
+        """Index of the act of each manoeuvre with a name. A `follow` from the start has no act: it
+        never ends.
         """
         acts = enumerate(self.scripted)
         return {it.name: index for index, it in acts if it.name and (it.when or it.do != "follow")}
 
     def read(self, names: Names, road: Road) -> Vehicle:
-        """It, checked."""
+        """Check this table and read its formulas and manoeuvres."""
         check_vehicle_name(f"a vehicle of {names.where}", self.name)
         what = f"vehicle `{self.name}`"
         owner = capitalised(f"{what} of {names.where}")
@@ -466,7 +469,7 @@ class VehicleTable(Checked):
         names.distinct((move.name for move in self.manoeuvre if move.name), "manoeuvre", owner)
         moves = [move.read(what, names, road) for move in self.manoeuvre]
         scripted = tuple(move for move in moves if move.table in self.scripted)
-        vehicle = Vehicle(self, names.quantities(self, what), scripted)
+        numbers = names.quantities(self, what)
         follows = [move.do == "follow" for move in self.manoeuvre]
         if sum(move.do == "brake" for move in self.manoeuvre) > 1 and not self.lively:
             raise InputError(f"{owner} must brake at most once.")
@@ -482,9 +485,10 @@ class VehicleTable(Checked):
             raise InputError(f"{owner} must have either heading or lateral_speed.")
         if self.on_map:
             self._check_on_map(owner, road)
-        return vehicle
+        return Vehicle(self, numbers, scripted)
 
     def _check_on_map(self, owner: str, road: Road) -> None:
+        """Refuse `on_map` on a straight road, and beside keys that are along the road."""
         if not road.bent:
             raise InputError(
                 f"{owner} must not have `on_map`: on a straight road the map is the road."
@@ -499,7 +503,11 @@ class VehicleTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """An actor that was read."""
+    """An actor as read from its table.
+
+    numbers: its formulas by key.
+    moves: its manoeuvres, as in `VehicleTable.scripted`.
+    """
 
     table: VehicleTable
     numbers: LimitedFormulas
@@ -508,9 +516,13 @@ class Vehicle:
     def actor(
         self, ego: Start, ego_table: EgoTable, road: Road, known: Mapping[str, float]
     ) -> Actor:
-        """It at a point, where these names have these values."""
+        """The actor at a point, where these names have these values.
+
+        ego: its start there.
+        """
         table, numbers, body = self.table, self.numbers.at(known), BODIES[self.table.body]
         length, width = table.length or body.length, table.width or body.width
+        # from centre to centre, m, of two vehicles that touch bumper to bumper
         apart = ((ego_table.length or STANDARD_EGO.length) + length) / 2
         speed, heading = numbers["speed"], math.radians(numbers.get("heading", 0.0))
         if "lateral_speed" in numbers:
@@ -521,20 +533,22 @@ class Vehicle:
         else:
             x = numbers["x"] if "x" in numbers else ego.x - numbers["gap_behind"] - apart
         start, on_map = Start(x, numbers["y"], speed), None
-        if table.on_map:
+        if table.on_map:  # its numbers are on the map: start and heading along the road follow
             on_map = start.x, start.y, heading
             s, d, heading = (float(it) for it in frame_places(road.line, *on_map))
             start = Start(s, d, speed)
+
         acts = [move.act(known, table.name) for move in self.moves if move.table.do != "follow"]
         if abs(heading) > _AHEAD and any(act.kind == played.BY_PLACE for act in acts):
             owner = f"vehicle `{table.name}` with `places` of a `speed_profile`"
             must = f"within {math.degrees(_AHEAD):.1f} deg of the road (use `times` otherwise)"
             raise must_be("`heading`", owner, must, round(math.degrees(heading), 6))
+
         model = None
         if self.moves and (name := self.moves[-1].table.model) is not None:
             given, program = self.moves[-1].numbers.at(known), self.moves[-1].program(known)
             model = sumo_model(name, given.get("speed", speed), given)
-            if program:
+            if program:  # it has `when`: SUMO takes over by an act; else SUMO drives from the start
                 places = ego_table.recorded
                 acts.append(
                     Act(
@@ -559,7 +573,11 @@ class Vehicle:
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Values of one point -> the ego's start and the other vehicles."""
+    """Function of a point's values that gives the ego's start and the actors.
+
+    owner: how errors call the scenario.
+    numbers: the ego's formulas by key.
+    """
 
     definitions: Definitions
     owner: str
@@ -571,7 +589,7 @@ class Placement:
 
     @property
     def lively(self) -> bool:
-        """Whether the motion of any vehicle depends on more than time."""
+        """Whether any vehicle is `lively`, or there are streams."""
         return bool(self.streams) or any(vehicle.table.lively for vehicle in self.vehicles)
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
