@@ -139,8 +139,9 @@ class Pack:
         if concrete.lively:
             raise InputError(
                 f"Scenario `{concrete.scenario}` must have scripts that depend on time alone to be "
-                "learned in: in it a vehicle follows, waits for a condition, has a path or a "
-                "heading, or comes in a stream."
+                "learned in, and lanes that neither open nor end: in it a lane does, the ego must "
+                "change lanes, or a vehicle waits for a condition, has a heading, comes in a "
+                "stream, or does more than brake once and move sideways."
             )
         if kind_of(concrete) != self._kind:
             raise must_be(
