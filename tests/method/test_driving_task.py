@@ -1,5 +1,7 @@
 """Departure, excuse and t_i: worked numbers, and the laws of the driving task."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -56,6 +58,27 @@ def test_a_departure_is_the_first_corner_beyond_the_edge_and_the_margin():
 def test_a_road_that_crosses_is_drivable():
     crossing = Road("road", 400.0, 2, 3.5, 0.0, crossings=(Crossing(50.0, 200.0, 100.0),))
     assert first_departure(drive(20.0, 5.0, sideways=-1.0), crossing, 0.5) is None
+
+
+@pytest.mark.parametrize("heading", [-1.0, 1.0])
+def test_a_turned_body_departs_with_its_corner(heading):
+    """By 3:4:5 it reaches 2.25 * 0.6 + 0.9 * 0.8 = 2.07 m aside: out from y = -0.18 or 3.68 on."""
+    for sideways, time in ((-1.0, 0.2), (1.0, 3.7)):
+        straight = drive(20.0, 5.0, sideways=sideways)
+        ego = replace(straight, heading=np.full(51, heading * np.arcsin(0.6)))
+        assert first_departure(ego, ROAD, 0.5).time == pytest.approx(time)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "off"),
+    [(45.5, -10, False), (45.3, -10, True), (54.5, -10, False), (54.7, -10, True),
+     (50.0, -18.2, False), (50.0, -18.3, True), (50.0, 18.2, False), (50.0, 18.3, True)],
+)  # fmt: skip
+def test_across_a_crossing_road_its_corners_count(x, y, off):
+    """Drivable within 5.5 m of x = 50 and 20.5 m of y = 0; the body is 1.8 x 4.5 m there."""
+    road = replace(ROAD, crossings=(Crossing(50.0, 10.0, 20.0),))
+    ego = Trajectory([0.0, 1.0], [x, x], [y, y], heading=np.full(2, np.pi / 2), speed=np.ones(2))
+    assert (first_departure(ego, road, 0.5) is not None) is off
 
 
 def test_a_departure_weighs_as_a_full_width_contact_with_a_standing_car():
