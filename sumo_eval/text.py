@@ -34,7 +34,8 @@ _UNFIT: Final = re.compile(
     # line ends of Unicode's own, no characters, halves of characters
     "\u2028\u2029\ufeff\ufffe\uffff\ud800-\udfff]"
 )
-_ADDRESS: Final = re.compile(r"( at 0x[0-9A-Fa-f]+)+(?=>)")  # another in each process
+# another in each process; the `>` is optional, so that each text is read once
+_ADDRESS: Final = re.compile(r"(?: at 0x[0-9A-Fa-f]+)+(>?)")
 _NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
 _FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\n")
 
@@ -48,16 +49,14 @@ def clean(text: str, most: int = SENTENCE, *, lines: bool = False) -> str:
     differ between processes. Cleaning what is clean changes nothing.
     """
     whole = str.__len__(text)
-    begin, end = (most, most) if lines else (most, 0)
-    if whole <= begin + end:
+    end = most if lines else 0  # characters of the end that are kept
+    if whole <= most + end:
         fit, left_out = _replaced(text, lines=lines), 0
     else:  # what is cut anyway is not looked through
-        head = str.__getitem__(text, slice(0, begin))
+        head = str.__getitem__(text, slice(0, most))
         tail = str.__getitem__(text, slice(whole - end, whole))
-        fit, left_out = (
-            _replaced(head, lines=lines) + _replaced(tail, lines=lines),
-            whole - begin - end,
-        )
+        fit = _replaced(head, lines=lines) + _replaced(tail, lines=lines)
+        left_out = whole - most - end
     if len(fit) <= most and not left_out:
         return fit
     room = max(most - _MARK_ROOM, 0)
@@ -88,7 +87,8 @@ def last_lines(log: str, most: int) -> str:
 def _replaced(text: str, *, lines: bool) -> str:
     plain = str.replace(text, "\r\n", "\n")
     plain = plain.replace("\r", "\n") if lines else " ".join(plain.split("\n"))
-    return _UNFIT.sub(lambda found: ascii(found.group())[1:-1], _ADDRESS.sub("", plain))
+    plain = _ADDRESS.sub(lambda found: found[1] or found[0], plain)
+    return _UNFIT.sub(lambda found: ascii(found.group())[1:-1], plain)
 
 
 def words_of(value: object, most: int = WORDS) -> str:
@@ -117,10 +117,10 @@ def capitalised(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def shown(value: object) -> str:
+def shown(value: object, most: int = WORDS) -> str:
     """`repr` of anything, cleaned and cut; whatever its `__repr__` does."""
     try:
-        return clean(repr(value), WORDS)
+        return clean(repr(value), most)
     # `__repr__` is the user's code; an int may have too many digits
     except BaseException as error:  # noqa: BLE001
         return f"({kind_of(value)} that cannot be shown: {kind_of(error)})"

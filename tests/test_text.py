@@ -42,6 +42,12 @@ def test_what_harms_is_replaced_by_its_number(name):
     assert clean_log(text) == expected
 
 
+def test_addresses_without_an_end_are_read_once():
+    """Looked for again at each of them it takes a minute."""
+    text = " at 0x1" * 50_000
+    assert clean(text, len(text)) == text
+
+
 def test_ordinary_text_of_any_language_is_left_alone():
     for text in (
         "no path found",
