@@ -24,3 +24,8 @@ def shifted(concrete, dx):
     move = lambda start: replace(start, x=start.x + dx)  # noqa: E731
     actors = tuple(replace(actor, start=move(actor.start)) for actor in concrete.actors)
     return replace(concrete, ego=move(concrete.ego), actors=actors)
+
+
+def once(action):
+    """An ADS that does something at 0.3 s, and otherwise nothing."""
+    return lambda traci, ego, time: action(traci) if abs(time - 0.3) < 1e-9 else None

@@ -9,7 +9,7 @@ from fractions import Fraction
 import libsumo
 import numpy as np
 import pytest
-from cosim_cases import HALF_SECOND, ROAD, case, lead
+from cosim_cases import HALF_SECOND, ROAD, case, lead, once
 from traci._vehicle import VehicleDomain
 from traci._vehicletype import VehicleTypeDomain
 
@@ -48,11 +48,6 @@ def writes(domain):
     guarded, own = getattr(TRACI, domain), DOMAINS[domain][0]
     calls = (call for call in dir(own) if not call.startswith("_") and callable(getattr(own, call)))
     return {call for call in calls if getattr(guarded, call) is not getattr(own, call)}
-
-
-def once(action):
-    """An ADS that does something at 0.3 s, and otherwise nothing."""
-    return lambda traci, ego, time: action(traci) if abs(time - 0.3) < 1e-9 else None
 
 
 def harmless(domain, call):

@@ -42,8 +42,7 @@ _HARMLESS = ("gui", "poi", "polygon", "route")  # domains in which writing chang
 _CLOCK = ("simulationStep", "step", "executeMove")
 _SHARED = MOTION - {"openGap"} | {
     "setSpeedMode", "setLaneChangeMode", "setColor", "setSignals", "setParameter", "setMaxSpeed",
-    "setAccel", "setDecel", "setEmergencyDecel", "setHeight", "setLength", "setMass",
-    "setMaxSpeedLat", "setWidth",
+    "setAccel", "setDecel", "setEmergencyDecel", "setHeight", "setMass", "setMaxSpeedLat",
 }  # fmt: skip
 """Calls that write to the ego and concern no other case of the simulation."""
 # keepRoute of moveToXY: the nearest road of a case that is alone is that of its route
@@ -293,11 +292,12 @@ def _world_writer(
     return guarded
 
 
-def _clock_call(guard: Guard, call: str) -> Callable[..., Any]:
+def _clock_call(guard: Guard) -> Callable[..., Any]:
     def guarded(*args: Any, **kwargs: Any) -> Any:
-        now = libsumo.simulation.getTime()
         until = next((value for value in (*args, *kwargs.values()) if value), None)
-        ahead = guard.step if until is None else float(until) - now
+        ahead = guard.step
+        if until is not None:
+            ahead = float(until) - libsumo.simulation.getTime()
         guard.meddles(
             "stepped_the_clock", f"The ADS moved SUMO's clock by {ahead:+.2f} s",
             "stepping is the harness's (a program with a loop of its own runs as `traci:COMMAND`)",
@@ -319,15 +319,16 @@ def _running_call(guard: Guard, call: str) -> Callable[..., Any]:
     return guarded
 
 
-def _guarded_domain(guard: Guard, name: str, domain: type) -> type:
+def _guarded_domain(guard: Guard, domain: type) -> type:
     """The domain with its writing calls wrapped; reading ones are inherited as they are."""
     wrapped: dict[str, Any] = {}
+    name = domain.__name__
     for call in () if name in _HARMLESS else dir(domain):
         write = getattr(domain, call)
         if call.startswith(_READS) or isinstance(write, type) or not callable(write):
             continue
         if name == "simulation" and call in _CLOCK:
-            guarded = _clock_call(guard, call)
+            guarded = _clock_call(guard)
         elif name == "simulation" and call in _RUNNING:
             guarded = _running_call(guard, call)
         elif name == "vehicle":
@@ -337,7 +338,7 @@ def _guarded_domain(guard: Guard, name: str, domain: type) -> type:
         else:
             guarded = _world_writer(guard, name, call, write)
         wrapped[call] = guarded  # found sooner than a staticmethod
-    return type(domain.__name__, (domain,), wrapped)
+    return type(name, (domain,), wrapped)
 
 
 def _build() -> tuple[ModuleType, Guard]:
@@ -347,12 +348,10 @@ def _build() -> tuple[ModuleType, Guard]:
         {name: value for name, value in vars(libsumo).items() if not name.startswith("__")}
     )
     module.__path__, module.__spec__ = list(real.__path__), real.__spec__
-    for domain in libsumo.DOMAINS:
-        setattr(module, domain.__name__, _guarded_domain(guard, domain.__name__, domain))
-    domains = [getattr(module, domain.__name__) for domain in libsumo.DOMAINS]
-    module.DOMAINS = domains  # type: ignore[attr-defined]
+    domains = [_guarded_domain(guard, domain) for domain in libsumo.DOMAINS]
+    module.__dict__.update({domain.__name__: domain for domain in domains}, DOMAINS=domains)
     for call in ("simulationStep", "executeMove"):
-        setattr(module, call, _clock_call(guard, call))
+        setattr(module, call, _clock_call(guard))
     for call in ("close", "start", "load", "init"):
         setattr(module, call, _running_call(guard, call))
 

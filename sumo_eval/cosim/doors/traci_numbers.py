@@ -12,16 +12,19 @@ import math
 import numbers
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
+from sumo_eval import text
 from sumo_eval.cosim.sumo.insides import libsumo
 
+shown = partial(text.shown, most=80)
+"""A value as a sentence of an ADS's mistake shows it."""
 LONGEST = 2.0**31
 """s, the longest duration that an ADS can mean: as far as a signed count of 32 bits goes, and
 TraCI's old default."""
 # TraCI's INVALID_DOUBLE and INVALID_INT: an optional argument that was left out
 _UNSAID = -1073741824
-_SHOWN = 80  # characters of a value in a sentence
 _NO_NUMBER = re.compile(r"[+-]?(nan(\(\w*\))?|inf(inity)?)", re.IGNORECASE)  # as C++ reads them
 _WORDS = re.compile(r"[\s,;]+")
 
@@ -92,13 +95,13 @@ of `network`.
 IGNORED = {
     call: by
     for by, calls in (
-        ("nothing", "changeSublane setLateralAlignment setMinGapLat setSpeedDeviation"),
+        ("nothing", "changeSublane setLateralAlignment setMinGapLat setSpeedDeviation setWidth"),
         (
             "model",
             "openGap deactivateGapControl setActionStepLength setImperfection setTau setMinGap "
             "setStop insertStop",
         ),
-        ("traffic", "setApparentDecel"),
+        ("traffic", "setApparentDecel setLength"),
         (
             "network",
             "setImpatience setSpeedFactor setRoutingMode rerouteTraveltime rerouteEffort setVia",
@@ -233,15 +236,3 @@ def finite_number(value: Any, *, truth: bool = False) -> float | None:
     except Exception:  # noqa: BLE001 - 10**400, and whatever a type of the user's own may raise
         return None
     return number if math.isfinite(number) else None
-
-
-def shown(value: object) -> str:
-    """A value as a sentence shows it: cut, and by its type's name where it cannot be written
-    out.
-    """
-    try:
-        text = repr(value)
-    # 10**5000 has too many digits for Python, a user's own type may raise anything
-    except Exception:  # noqa: BLE001
-        text = f"<{type(value).__name__}>"
-    return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
