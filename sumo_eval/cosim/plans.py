@@ -114,7 +114,10 @@ class Executor:
         assert held is not None
         acceleration, steering, speed = _read(held)
         if speed is not None:  # first order: dv/dt = (v_wanted - v) / T
-            acceleration = (_finite("speed", speed, "Command") - ego[3]) / self._gains.speed_time
+            wanted = _finite("speed", speed, "Command")
+            if wanted < 0.0:  # it brakes to a standstill: no vehicle here drives backwards
+                self._note("negative_speed", wanted, 0.0)
+            acceleration = (wanted - ego[3]) / self._gains.speed_time
         # The usual case, fast. An object of the ADS's own class is copied instead: its attributes
         # may have other values when they are read again.
         if (

@@ -7,6 +7,7 @@ import time as clock
 
 import pytest
 from cosim_cases import HALF_SECOND, case
+from refusals import refusal
 
 from sumo_eval.cosim.doors.contract import check_controller
 from sumo_eval.cosim.doors.controller import SHIPPED
@@ -28,6 +29,11 @@ def failures(controller, **kwargs):
 @pytest.mark.parametrize("locator", [*SHIPPED, "sumo:Krauss", "sumo:IDM?tau=1.2"])
 def test_every_controller_that_ships_keeps_the_contract(locator):
     assert failures(locator) == []
+
+
+def test_a_check_needs_a_case():
+    with refusal("`cases` of `check_controller` must be at least one"):
+        check_controller("idm", [])
 
 
 def test_what_is_remembered_from_case_to_case_is_found():

@@ -17,6 +17,7 @@ import numpy as np
 
 from sumo_eval.cosim.doors.controller import ControllerLike, load_controller
 from sumo_eval.cosim.simulation import simulate
+from sumo_eval.errors import must_be
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import RunSettings, SimulationSettings
 from sumo_eval.text import last_lines, without_numbers
@@ -26,6 +27,7 @@ _WORDS = {
     "acceleration": "asks for {requested:.3g} m/s2, the vehicle gives {applied:.3g}",
     "steering_angle": "asks for a steering wheel angle of {requested:.3g} rad, the vehicle gives "
     "{applied:.3g}",
+    "negative_speed": "asks for a speed of {requested:.3g} m/s, the vehicle stops",
     "speed_mode": "sets SUMO's speed mode to {requested:.0f}; the harness sets it back to "
     "{applied:.0f}",
     "touched_vehicle": "writes to other vehicles",
@@ -83,11 +85,13 @@ def check_controller(
 ) -> list[Finding]:
     """Every point of the contract for an ADS, from two drives of each case.
 
-    InputError if it cannot be loaded.
+    InputError if it cannot be loaded, or without a case.
 
     step_timeout, case_timeout: wall time that a step and a case may take in the run that is to be,
         s; what a run would lose to them is worked out from the time that the drives took here.
     """
+    if not cases:
+        raise must_be("`cases`", "`check_controller`", "at least one concrete scenario", cases)
     asked = settings or SimulationSettings()
     settings = replace(asked, record_interval=asked.step)
     load_controller(controller, folder)
@@ -138,11 +142,10 @@ def _projected(
     """Losses of a run to its two limits on wall time, by the time that the drives took here."""
     count = len(recordings)
     late = sum(recording.end_reason == "ads_timeout" for recording in recordings)
+    mend = "answer sooner, or allow more: [run] step_timeout"
     if late:
-        text = (
-            f"`run` would lose {late} of these {count} cases to step_timeout = {step_timeout:g} s"
-        )
-        return [Finding("FAIL", text, "answer sooner, or allow more: [run] step_timeout")]
+        loses = f"`run` would lose {late} of these {count} cases to step_timeout = "
+        return [Finding("FAIL", f"{loses}{step_timeout:g} s", mend)]
     if any(recording.end_reason == "ads_error" for recording in recordings):
         return []  # what a drive that broke off took says nothing of a whole one
     worst = max(recording.controller_latency[1] for recording in recordings)
@@ -152,7 +155,7 @@ def _projected(
             f"a step took {_time(worst)} of the step_timeout = {step_timeout:g} s: a busier "
             "machine may lose cases"
         )
-        found.append(Finding("note", text, "answer sooner, or allow more: [run] step_timeout"))
+        found.append(Finding("note", text, mend))
     longest = max(recording.wall_time for recording in recordings)
     lost = [
         case for case, one in zip(cases, recordings, strict=True) if one.wall_time > case_timeout
@@ -166,17 +169,16 @@ def _projected(
     )
     mend = "answer sooner, ask the ADS less often, or allow more: [run] case_timeout"
     if lost:
-        where = f"{lost[0].scenario} ({lost[0].label})"
         text = (
             f"`run` would lose {len(lost)} of these {count} cases to case_timeout = "
-            f"{case_timeout:g} s, e.g. {where}"
+            f"{case_timeout:g} s, e.g. {lost[0].scenario} ({lost[0].label}); {reach}"
         )
-        found.append(Finding("FAIL", f"{text}; {reach}", mend))
+        found.append(Finding("FAIL", text, mend))
     elif longest > _MARGIN * case_timeout or at_limit > case_timeout:
         text = (
             f"`run` would lose a case that lasts until the time limit of {settings.time_limit:g} s"
+            f": {at_limit:.0f} s of wall time, and case_timeout is {case_timeout:g} s"
         )
-        text += f": {at_limit:.0f} s of wall time, and case_timeout is {case_timeout:g} s"
         near = (
             f"the slowest case here took {longest:.0f} s of the case_timeout = {case_timeout:g} s"
         )
@@ -300,8 +302,8 @@ def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:
         and clips[0] == clips[1]
     ):
         return Finding("ok", f"drives {where} the same a second time, with another case in between")
-    when = float(one.ego.time[differ[0]]) if differ.size else one.simulated_time
-    i = int(differ[0]) if differ.size else n - 1
+    i = differ[0] if differ.size else n - 1
+    when = one.ego.time[i] if differ.size else one.simulated_time
     return Finding(
         "FAIL",
         f"{where}: the second drive differs from {when:.2f} s on: {one.ego.speed[i]:.4f} m/s, "
