@@ -294,9 +294,7 @@ class _Child:
 
     def is_quiet(self) -> bool:
         """Whether a child without an item is alive and has sent nothing."""
-        if self._results.closed:
-            return False
-        return not ready((self._results, self._report), 0)
+        return not (self._results.closed or ready((self._results, self._report), 0))
 
     def give(self, work: Work[Any], item: Any, number: int, deadline: float) -> None:
         """Begin to send an item; what the pipe cannot take now, `attend` sends later.
@@ -344,8 +342,7 @@ class _Child:
 
     def outcome(self) -> Ended[Any] | None:
         """Outcome of the child's item; None while it runs."""
-        end = self._how_it_ended()
-        if end is None:
+        if (end := self._how_it_ended()) is None:
             return None
         how, why = end
         # share of the wall time since its item was given in which no processor worked on it
@@ -405,8 +402,7 @@ class _Child:
 
     def release(self) -> None:
         """Ask the supervisor to end the child and all that it has started; do not wait for it."""
-        if not self._leash.closed:
-            self._leash.close()
+        self._leash.close()
 
     def end(self) -> None:
         """End the child; leave no zombie and no file."""
@@ -432,8 +428,8 @@ def _begin(pipes: Sequence[Connection], memory_limit: float, scratch: str) -> No
 
 
 def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
-    """Work on items until no more come, or until one leaves a process, a thread or a full memory
-    behind, which must not disturb further items.
+    """Work on items until no more come, or until one leaves a process, a thread, a full memory or
+    another resource limit behind, which must not disturb further items.
 
     ends: of the pipes for orders, results and output.
     """
@@ -450,6 +446,8 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
     own = os.getpid()
     limit = max(int(memory_limit * MEGABYTE - memory(own, 2)), 1)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+    limited = resource.RLIMIT_AS, resource.RLIMIT_DATA, resource.RLIMIT_NOFILE
+    limits = list(map(resource.getrlimit, limited))
     tempfile.tempdir = scratch
     faulthandler.enable(file=2)
     c_library = ctypes.CDLL(None)
@@ -474,7 +472,12 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
                 stream.flush()
         c_library.fflush(None)
         left, twice = _left_processes(patience=_COPY_TIME if forks else 0.0)
-        is_last = left or memory(own, 5) > _FULL * limit or len(sys._current_frames()) > threads
+        is_last = (
+            left
+            or memory(own, 5) > _FULL * limit
+            or len(sys._current_frames()) > threads
+            or list(map(resource.getrlimit, limited)) != limits
+        )
         data = memoryview(frame([is_last, twice, refusal, answer], number))
         while data:
             data = data[os.write(results, data) :]

@@ -1,11 +1,19 @@
 """Small evaluations on disk, and commands on them."""
 
 import sys
+from pathlib import Path
 
 from commands import sumo_eval as sumo_eval_cli  # noqa: F401 - as those who write runs call it
 
 import sumo_eval
+from sumo_eval.record.cases import Case, Setup
+from sumo_eval.record.engines import run_cases
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import RunSettings, SimulationSettings
 
+HERE = Path(__file__).parent
+SPACE = catalogue.load("front_vehicle_low_speed")
+CONCRETE = SPACE.concrete(ego_speed=20, lead_speed=10)
 EVALUATION = """
 name = "batch"
 seed = 5
@@ -50,3 +58,18 @@ def command(*arguments):
 
 def digest(folder):
     return sumo_eval.open_run(folder).digest()
+
+
+def limited(folder=HERE, **limits):
+    return Setup(SimulationSettings(), RunSettings(**limits), folder)
+
+
+def cases_of(ads, number=1):
+    return [Case(point, CONCRETE, "ads", ads, ads) for point in range(number)]
+
+
+def each_once(cases, **limits):
+    """The outcomes of cases, each exactly once."""
+    found = list(run_cases(cases, limited(**limits)))
+    assert sorted(outcome.case.key for outcome in found) == sorted(case.key for case in cases)
+    return found

@@ -11,21 +11,18 @@ from pathlib import Path
 
 import pytest
 from commands import python
+from record.runs import CONCRETE, SPACE, cases_of, each_once, limited
 from refusals import refusal
 
 from sumo_eval.cli.stopping import heard
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.record.cases import Case, Setup
+from sumo_eval.record.cases import Case
 from sumo_eval.record.engines import LATE, is_late_by_chance, run_batches, run_cases
 from sumo_eval.record.kept import KeptRecording, packed
 from sumo_eval.record.pool import Ended
-from sumo_eval.scenario import catalogue
-from sumo_eval.settings import RunSettings, SimulationSettings
+from sumo_eval.settings import RunSettings
 
-HERE = Path(__file__).parent
-SPACE = catalogue.load("front_vehicle_low_speed")
-CONCRETE = SPACE.concrete(ego_speed=20, lead_speed=10)
 LIMITS = {"case_timeout": 2.0, "step_timeout": 0.2, "memory_limit": 700.0}
 
 FAULTS = {
@@ -59,10 +56,6 @@ FAULTS = {
 INNOCENT = ("coast", "idm")
 
 
-def limited(folder=HERE, **limits):
-    return Setup(SimulationSettings(), RunSettings(**limits), folder)
-
-
 @pytest.fixture(scope="module")
 def outcomes():
     names = [name for fault in FAULTS for name in (fault, *INNOCENT)]
@@ -70,11 +63,7 @@ def outcomes():
         Case(number, CONCRETE, "ads", name, name if name == "idm" else f"faulty_ads.py:{name}")
         for number, name in enumerate(names)
     ]
-    setup = limited(workers=2, **LIMITS)
-    found = list(run_cases(cases, setup))
-    assert sorted(outcome.case.key for outcome in found) == sorted(case.key for case in cases), (
-        "each exactly once"
-    )
+    found = each_once(cases, workers=2, **LIMITS)
     by_name = {
         outcome.case.driver: outcome for outcome in found if outcome.case.driver not in INNOCENT
     }
@@ -184,7 +173,7 @@ def test_what_a_case_prints_is_its_own_log_bounded_and_never_on_our_stdout(outco
         not outcome.log for key, outcome in outcomes.items() if key.startswith("front_vehicle")
     )
     setup = limited(workers=1)
-    (outcome,) = run_cases([Case(0, CONCRETE, "ads", "loud", "faulty_ads.py:chatters")], setup)
+    (outcome,) = run_cases(cases_of("faulty_ads.py:chatters"), setup)
     assert outcome.status == "collision"
     assert capfd.readouterr() == ("", "")
 
@@ -202,8 +191,7 @@ def test_what_a_case_has_started_ends_with_it(outcomes):
 
 def test_no_child_is_left_and_no_zombie():
     setup = limited(workers=2)
-    cases = [Case(n, CONCRETE, "ads", "idm", "idm") for n in range(6)]
-    outcomes = run_cases(cases, setup)
+    outcomes = run_cases(cases_of("idm", 6), setup)
     next(outcomes)
     assert _pool_children()
     outcomes.close()
@@ -261,14 +249,13 @@ def test_the_least_memory_that_is_accepted_is_enough():
     with refusal("must be at least 512"):
         RunSettings(memory_limit=511.0)
     setup = limited(memory_limit=512.0)
-    (outcome,) = run_cases([Case(0, CONCRETE, "ads", "idm", "idm")], setup)
+    (outcome,) = run_cases(cases_of("idm"), setup)
     assert outcome.status == "ok"
 
 
 def test_a_child_is_replaced_after_its_share_of_cases():
     setup = limited(workers=1, cases_per_child=2)
-    cases = [Case(n, CONCRETE, "ads", "pid", "faulty_ads.py:PrintsPid") for n in range(5)]
-    pids = [outcome.log for outcome in run_cases(cases, setup)]
+    pids = [outcome.log for outcome in run_cases(cases_of("faulty_ads.py:PrintsPid", 5), setup)]
     assert [pids.count(pid) for pid in dict.fromkeys(pids)] == [2, 2, 1]
     assert str(os.getpid()) not in pids
 
@@ -277,16 +264,14 @@ def test_a_child_is_replaced_after_its_share_of_cases():
 @pytest.mark.parametrize("number", [1, 2])
 def test_ctrl_c_ends_the_serial_engine(ads, number):
     setup = limited(engine="serial")
-    cases = [Case(it, CONCRETE, "ads", ads, f"faulty_ads.py:{ads}") for it in range(number)]
     with pytest.raises(KeyboardInterrupt):
-        list(run_cases(cases, setup))
+        list(run_cases(cases_of(f"faulty_ads.py:{ads}", number), setup))
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 
 def test_the_serial_engine_gives_the_same_without_children():
-    case = Case(0, CONCRETE, "ads", "idm", "idm")
-    (here,) = run_cases([case], limited(engine="serial"))
-    (there,) = run_cases([case], limited())
+    (here,) = run_cases(cases_of("idm"), limited(engine="serial"))
+    (there,) = run_cases(cases_of("idm"), limited())
     assert packed(here.recording.ego) == packed(there.recording.ego)
 
 
@@ -298,8 +283,7 @@ def test_stopping_lets_running_cases_end_and_begins_no_more():
         asked.append(True)
         return len(asked) > 5
 
-    cases = [Case(n, CONCRETE, "ads", "idm", "idm") for n in range(50)]
-    assert sum(map(len, run_batches(cases, setup, stopping))) == 5
+    assert sum(map(len, run_batches(cases_of("idm", 50), setup, stopping))) == 5
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere children are spawned")

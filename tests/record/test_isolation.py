@@ -14,21 +14,16 @@ from pathlib import Path
 import pytest
 from commands import python
 from record import hostile_ads
-from record.runs import command, write_evaluation
+from record.runs import CONCRETE, SPACE, cases_of, command, each_once, limited, write_evaluation
 from refusals import refusal
 
 from sumo_eval.record import hygiene
-from sumo_eval.record.cases import Case, Setup
+from sumo_eval.record.cases import Case
 from sumo_eval.record.engines import identify, run_cases
 from sumo_eval.record.frames import FrameError, FrameReader, frame
 from sumo_eval.record.kept import keep
-from sumo_eval.scenario import catalogue
-from sumo_eval.settings import RunSettings, SimulationSettings
 from sumo_eval.trajectory import Recording
 
-HERE = Path(__file__).parent
-SPACE = catalogue.load("front_vehicle_low_speed")
-CONCRETE = SPACE.concrete(ego_speed=20, lead_speed=10)
 LIMITS = {"case_timeout": 4.0, "step_timeout": 0.5, "memory_limit": 600.0}
 INNOCENT = ("faulty_ads.py:coast", "idm", "faulty_ads.py:random_driver")
 OF_EACH_KIND = [
@@ -61,10 +56,6 @@ def facts(outcome):
     )
 
 
-def limited(folder=HERE, **limits):
-    return Setup(SimulationSettings(), RunSettings(**limits), folder)
-
-
 def driven(accidents, workers):
     """Outcomes of accidents with innocent ADSs between them."""
     numbers = count()
@@ -73,11 +64,7 @@ def driven(accidents, workers):
         for accident in accidents
         for locator in (INNOCENT[0], f"hostile_ads.py:{accident}", *INNOCENT[1:])
     ]
-    found = list(run_cases(cases, limited(workers=workers, **LIMITS)))
-    assert sorted(outcome.case.key for outcome in found) == sorted(case.key for case in cases), (
-        "each exactly once"
-    )
-    return found
+    return each_once(cases, workers=workers, **LIMITS)
 
 
 def untouched(found):
@@ -128,9 +115,9 @@ def test_memory_that_is_shared_or_anothers_counts_and_the_row_says_how_much(outc
     assert "more than the 600 MB of `run.memory_limit`" in (outcome.error or "")
 
 
-def test_an_ads_that_keeps_memory_loses_no_case():
-    cases = [Case(k, CONCRETE, "ads", str(k), "hostile_ads.py:hoards") for k in range(20)]
-    found = run_cases(cases, limited(workers=1, **LIMITS))
+@pytest.mark.parametrize("ads", ["hoards", "limits_memory"])
+def test_an_ads_that_keeps_or_limits_memory_loses_no_case(ads):
+    found = run_cases(cases_of(f"hostile_ads.py:{ads}", 20), limited(workers=1, **LIMITS))
     assert [outcome.status for outcome in found] == ["collision"] * 20
 
 
@@ -207,7 +194,7 @@ def test_the_serial_engine_refuses_a_second_ads_of_the_users_and_takes_one(tmp_p
 
 def test_of_ads_that_do_not_load_the_first_is_named(tmp_path):
     (tmp_path / "slow.py").write_text("import time\ntime.sleep(0.5)\n")
-    setup = Setup(SimulationSettings(), RunSettings(workers=2), tmp_path)
+    setup = limited(tmp_path, workers=2)
     with refusal("ADS `slow.py:a`"):
         identify([("ADS", "slow.py:a"), ("ADS", "none.py:a")], setup)
 
