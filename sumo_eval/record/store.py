@@ -75,7 +75,10 @@ _checked: set[tuple[str, int, int]] = set()
 
 _HALVES = """
 SELECT * FROM (SELECT "case" FROM facts EXCEPT SELECT "case" FROM circumstances)
-UNION SELECT * FROM (SELECT "case" FROM circumstances EXCEPT SELECT "case" FROM facts) ORDER BY 1
+UNION SELECT * FROM (SELECT "case" FROM circumstances EXCEPT SELECT "case" FROM facts)
+UNION SELECT "case" FROM latencies WHERE typeof(latency_median) NOT IN ('real', 'null')
+OR typeof(latency_p99) NOT IN ('real', 'null')
+OR typeof(latency_reference) NOT IN ('real', 'null') ORDER BY 1
 """
 Row = Sequence[Any]
 _ALL_FACTS = 'SELECT * FROM facts ORDER BY "case"'
@@ -243,7 +246,9 @@ class Store:
             )
 
     def _lacking(self, case: str) -> InputError:
-        return InputError(f"{self.path} is damaged: a part of case `{case}` is missing. {FIX}")
+        return InputError(
+            f"{self.path} is damaged: a part of case `{case}` is missing or is not a number. {FIX}"
+        )
 
     def _compare(self) -> None:
         # first: an index that lost a row would leave a case out silently

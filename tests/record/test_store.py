@@ -249,6 +249,7 @@ def reads(path):
         "UPDATE circumstances SET hash = x'00' WHERE \"case\" LIKE '%-0002-%'",
         "DELETE FROM circumstances WHERE \"case\" LIKE '%-0002-%'",
         "DELETE FROM facts WHERE point = 2",
+        "UPDATE latencies SET latency_median = 'x' WHERE \"case\" LIKE '%-0002-%'",
         "DELETE FROM trajectories WHERE \"case\" LIKE '%-0002-%' AND vehicle = 'ego'",
         "UPDATE trajectories SET vehicle = 'lead' WHERE \"case\" LIKE '%-0002-%'",
         'UPDATE trajectories SET data = (SELECT data FROM trajectories WHERE "case" LIKE '
