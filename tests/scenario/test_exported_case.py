@@ -16,6 +16,11 @@ from sumo_eval.scenario.concrete import Actor, Model, Start
 from sumo_eval.settings import SimulationSettings
 
 
+def middle(name):
+    logical = load(name)
+    return logical.concretes([0.5 * (logical.low + logical.high)])[0]
+
+
 def exported(folder, case):
     """The files of a case."""
     drive = simulate(case, "idm")
@@ -40,14 +45,18 @@ def test_exported_case_drives_to_the_same_digest(tmp_path, name):
         assert digest(simulate(again, controller)) == digest(simulate(case, controller))
 
 
+def test_a_written_curve_has_its_name_once(tmp_path):
+    read = read_file(exported(tmp_path, middle("curve_braking")))
+    assert scenario_content(read, {})["road"]["name"] == "two_lanes_1400m"
+
+
 @pytest.mark.parametrize(("changes", "what"), [
     ({"changes": (("conditions.perception_delay", 0.2),)}, "the conditions"),
     ({"ego": Start(50.0, 0.0, 10.0, 0.1)}, "the start of the ego"),
     ({"actors": (Actor("a", Start(90.0, 0.0, 9.0), model=Model("IDM", 9.0)),)}, "actors that SUMO"),
 ])  # fmt: skip
 def test_no_scenario_file_leaves_out_what_an_exported_case_has(tmp_path, changes, what):
-    logical = load("front_vehicle_braking")
-    (case,) = logical.concretes([0.5 * (logical.low + logical.high)])
+    case = middle("front_vehicle_braking")
     read = read_file(exported(tmp_path, replace(case, **changes)))
     with refusal(f"no words for {what}"):
         scenario_content(read, {})
@@ -57,9 +66,7 @@ def test_no_scenario_file_leaves_out_what_an_exported_case_has(tmp_path, changes
     ("old", "new"), [('trackWidth="', 'trackWidth="1'), (f'"{CASE}" value="', f'"{CASE}" other="')]
 )
 def test_changed_exported_file_is_refused_until_its_case_is_gone(tmp_path, old, new):
-    logical = load("front_vehicle_braking")
-    (case,) = logical.concretes([0.5 * (logical.low + logical.high)])
-    path = exported(tmp_path, case)
+    path = exported(tmp_path, middle("front_vehicle_braking"))
     text = path.read_text()
     path.write_text(text.replace(old, new, 1))
     with refusal(r"<FileHeader>: an exported file and its road must be"):

@@ -307,8 +307,8 @@ def test_a_distribution_that_does_not_exist_is_refused(files, tag, numbers):
 
 
 def test_weights_of_one_value_add_up_and_are_not_negative(files):
-    values = '<Element value="10" weight="1"/><Element value="20" weight="1"/>'
-    for weight, weights in ((2, (3.0, 1.0)), (-2, None)):
+    for one, weight, weights in ((1, 2, (3.0, 1.0)), (1, -2, None), (0, 0, None)):
+        values = f'<Element value="10" weight="{one}"/><Element value="20" weight="{one}"/>'
         again = f'<Element value="10" weight="{weight}"/>'
         given = f"<ProbabilityDistributionSet>{values}{again}</ProbabilityDistributionSet>"
         path = files / f"weights{weight}.xosc"

@@ -209,7 +209,8 @@ class Moves:
         if not is_step(dynamics):
             if dynamics.text("dynamicsShape") != "linear" or kind == "distance":
                 raise dynamics.fault(f"the speed of `{entity.name}` when this begins is unknown")
-            lasts = abs(dynamics.number("value"))
+            read = dynamics.number if kind == "rate" else dynamics.above_zero
+            lasts = abs(read("value"))
         if lasts == 0.0:  # it never gets there
             return Span(begin, NEVER)
         act = Act(played.BY_TIME, table=((lasts, speed),))

@@ -250,8 +250,9 @@ def _drawn(element: Node) -> Axis:
         for part in kind.all("Element"):
             value = plain(part.attribute("value"))
             weight_of[value] = weight_of.get(value, 0.0) + part.number("weight")
-        if min(weight_of.values(), default=0.0) < 0.0:
-            raise kind.fault("its weights must be at least 0")
+        weights = weight_of.values() or [1.0]
+        if min(weights) < 0.0 or max(weights) == 0.0:
+            raise kind.fault("its weights must be at least 0, one of them above 0")
         axis = _values(kind, name, list(weight_of))
         return replace(axis, weights=tuple(weight_of[row[0][1]] for _, row in axis.choices))
     if kind.tag not in ("UniformDistribution", "NormalDistribution"):

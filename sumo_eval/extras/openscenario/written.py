@@ -108,8 +108,9 @@ def _names(actors: Sequence[Actor]) -> list[str]:
 
 
 def _road(road: Road) -> dict[str, Any]:
-    # which a scenario file's road has of its own
-    name = road.name.removesuffix(bend_name(road.line, named=False))
+    name = road.name
+    for named in (False, True):  # a scenario file's road has its curves in its name by itself
+        name = name.removesuffix(bend_name(road.line, named=named))
     return {
         "name": name, "lanes": road.lanes, "lane_width": road.lane_width,
         "length": road.length + road.run_out, "line": [_piece(piece) for piece in road.line],
