@@ -70,7 +70,11 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
 @path_option("--out",
               help="Folder for campaign.html and campaign.json (default: "
                    "results/CAMPAIGN-TIME).")  # fmt: skip
-@click.option("--budget", type=int, help="Drives of an ADS in a scenario, instead of the file's.")
+@click.option(
+    "--budget",
+    type=click.IntRange(40, 1_000_000),
+    help="Drives of an ADS in a scenario, instead of the file's.",
+)
 @count_option("--workers", help="Processes that simulate, instead of the file's.")
 def campaign(file: Path, out: Path | None, budget: int | None, workers: int | None) -> None:
     """Estimate collisions per million km of the ADSs of CAMPAIGN.toml, with intervals.
