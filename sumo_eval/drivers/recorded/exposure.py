@@ -139,7 +139,8 @@ def exposure_of(
         model.density,
         f"a Gaussian KDE over {len(model.points)} recorded events (bandwidth {model.factor:.3f} of "
         f"the data's deviation); held-out log-likelihood in nats an event: {words}; "
-        f"{100 * share:.0f} % of the space lies outside its support",
+        f"{'an unknown share' if share is None else f'{share:.0%}'} of the space lies outside its "
+        "support",
         model,
         share,
     )
@@ -180,11 +181,14 @@ def fit_exposure(
     return RecordedExposure(tuple(names), events, factor, held_out)
 
 
-def unsupported_share(model: RecordedExposure, logical: LogicalScenario) -> float:
-    """Share of the possible points of a space that lie outside the data's support."""
+def unsupported_share(model: RecordedExposure, logical: LogicalScenario) -> float | None:
+    """Share of the possible points of a space that lie outside the data's support; None where no
+    point that is tried is possible.
+    """
     unit = _stats().qmc.Sobol(len(logical.parameters), seed=0).random(SPACE_POINTS)
     points = logical.from_unit(unit)
-    return float(np.mean(~model.supported(points[logical.feasible(points)])))
+    possible = points[logical.feasible(points)]
+    return float(np.mean(~model.supported(possible))) if len(possible) else None
 
 
 def _folds(events: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
