@@ -538,7 +538,7 @@ class ScenarioFile(Checked):
             has_drivers=self.people == "drivers",
             options=tuple(Option(option.name, option.unit, option.about) for option in self.option),
             requirements=Requirements(requirements, definitions) if requirements else None,
-            **self._exposure(parameters, names, definitions, folder),
+            **self._exposure(parameters, names, definitions, folder, constraints),
             **zones,
         )
 
@@ -611,6 +611,7 @@ class ScenarioFile(Checked):
         names: Names,
         definitions: Definitions,
         folder: Path,
+        constraints: tuple[Constraint, ...],
     ) -> dict[str, Any]:
         """`exposure` of the logical scenario and what it is in words; nothing where all points
         count the same.
@@ -624,5 +625,5 @@ class ScenarioFile(Checked):
         ]
         about += [] if joint is None else [str(joint)]
         about += [] if density is None else [f"times `{density.text}`"]
-        exposure = ExposureDensity(parameters, density, definitions, joint)
+        exposure = ExposureDensity(parameters, density, definitions, joint, constraints)
         return {"exposure": exposure, "exposure_about": ", ".join(about)} if about else {}

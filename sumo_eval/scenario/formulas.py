@@ -18,7 +18,7 @@ import numpy as np
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.scenario.expression import Definitions, Expression, checked_names, number
 from sumo_eval.scenario.joint import Joint, of_values
-from sumo_eval.scenario.logical import Parameter, Values
+from sumo_eval.scenario.logical import Constraint, Parameter, Values
 from sumo_eval.scenario.units import refuse_unit
 from sumo_eval.settings.checked import hints_of
 from sumo_eval.text import point_words
@@ -96,12 +96,15 @@ class Condition:
 class ExposureDensity:
     """Density: the product of the parameters' distributions in their ranges, or a joint one, times
     an expression.
+
+    constraints: where one of them does not hold, the expression may be undefined, which counts 0.
     """
 
     parameters: tuple[Parameter, ...]
     expression: Expression | None
     definitions: Definitions
     joint: Joint | None = None
+    constraints: tuple[Constraint, ...] = ()
 
     def __call__(self, values: Values) -> FloatArray:
         """The density, up to a factor."""
@@ -116,11 +119,14 @@ class ExposureDensity:
                 )
         if self.expression is not None:
             factor = self.expression.value(self.definitions.extend(values))
-            if not np.all(np.isfinite(factor) & (factor >= 0.0)):
+            wrong = undefined = ~(np.isfinite(factor) & (factor >= 0.0))
+            for constraint in self.constraints:
+                wrong = wrong & constraint.holds(values)
+            if wrong.any():
                 raise must_be(
                     f"`{self.expression.text}`", "the exposure", "finite and at least 0", factor
                 )
-            density = density * factor
+            density = density * np.where(undefined, 0.0, factor)
         return density
 
 

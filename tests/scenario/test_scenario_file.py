@@ -286,6 +286,12 @@ def test_a_sample_is_rows_in_other_units_at_each_value_with_the_rest_worked_out(
     assert np.array(own.points) == pytest.approx(np.array([[25, 10], [30, 15]]), rel=1e-15)
 
 
+def test_an_exposure_may_be_undefined_at_impossible_points(file):
+    file.write_text('exposure = "sqrt(ego_speed - truck_speed)"\n' + file.read_text())
+    drawn = sample(read_scenario(file), "exposure", request=Request(count=9))
+    assert len(drawn.points) + len(drawn.refused) == 9
+
+
 def test_a_file_that_declares_no_exposure_has_none(file):
     from sumo_eval.drivers.recorded.exposure import exposure_of
     from sumo_eval.settings import DriverSettings, ExposureSettings
