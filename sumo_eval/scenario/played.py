@@ -137,11 +137,12 @@ class Act(NamedTuple):
 
     @property
     def timed(self) -> bool:
-        """Whether it has a closed form (`motion.lateral_motion`, `motion.braked`) and a `begin`
-        that is known before the drive.
+        """Whether it has a closed form (`motion.lateral_motion`, `motion.braked`) and a finite
+        `begin` that is known before the drive.
         """
         stops = self.kind == SPEED and self.speed == 0.0
-        return not self.program and (stops or self.kind in (SMOOTH, CONSTANT, COSINE))
+        known = self.begin < math.inf and not self.program
+        return known and (stops or self.kind in (SMOOTH, CONSTANT, COSINE))
 
 
 class Players(NamedTuple):
