@@ -178,7 +178,8 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
         )
         scores.append(with_counts(score, table, space.logical))
     places = [known.driven[name] for name in remarks]  # of each ADS the points of its cases
-    points = as_driven(space.points, known.points, whole=not space.settings.run.only)
+    chosen = space.points
+    points = as_driven(chosen, known.points, whole=not space.settings.run.only)
     unit = space.logical.to_unit(points.points)
     # points that a resample may exchange for each other
     groups = (
@@ -189,6 +190,9 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
     )
     described = describe_zones(space.logical, zones, points)
     notes = list(described.notes)
+    # what recordings would choose is not known
+    if points is not chosen and len(chosen.points) and space.entry.exposure.kind != "recorded":
+        notes.append("The settings choose other points now, so those that were driven count.")
     if space.settings.run.only:
         driven = len(np.unique(np.concatenate(places)))
         notes.append(

@@ -321,6 +321,7 @@ def test_points_are_scored_as_they_were_driven(sampling, exposure, tmp_path):
     done = score(tmp_path / "run")
     (zones,), (idm,) = done.zones, done.scores
     assert zones.sampled == idm.cases == len(list(done.cases))
+    assert any("other points now" in note for note in zones.notes) == (sampling.file is not None)
     (tmp_path / "points.csv").write_text("ego_speed,lead_speed\n20,x\n")
     told = [note for note in score(tmp_path / "run").zones[0].notes if "in line 2" in note]
     assert len(told) == (sampling.file is not None), "a file with a mistake is told"
