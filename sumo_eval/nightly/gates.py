@@ -63,8 +63,9 @@ def judge(
     for limit in settings.limit:
         if (limit.ads, limit.scenario) not in there:
             where = limit.ads or "every ADS", limit.scenario or EVERYWHERE
-            none = f"{limit.quantity}: the run has no case of {where[0]} in {where[1]}"
-            results.append(GateResult(limit.quantity, *where, None, none))
+            none = f"the run has no case of {where[0]} in {where[1]}"
+            words = f"{limit.quantity}: {none}"
+            results.append(GateResult(limit.quantity, *where, None, words, reason=none))
     return tuple(results)
 
 
@@ -77,10 +78,11 @@ def _judge(
     """Every bound of a limit on a number of an ADS in a scenario."""
     quantity = limit.quantity
     result = partial(GateResult, quantity, score.ads, score.scenario)
-    baseless = f"{quantity}: there is no base to compare with"
+    none = "there is no base to compare with"
+    baseless = partial(result, None, f"{quantity}: {none}", reason=none)
     own = quantity not in OF_THE_COMPARISON
     if not own and compared is None:
-        yield result(None, baseless, None, limit.at_most)
+        yield baseless(threshold=limit.at_most)
         return
     if own:
         value = getattr(score, SCORES[quantity][0] if quantity in SCORES else quantity)
@@ -101,7 +103,7 @@ def _judge(
         yield result(ok, sentence, value, bound, keys[:MOST_KEYS], worst, own=own)
     for bound, unit in ((limit.worse_by, ""), (limit.worse_by_percent, " %")):
         if bound is not None and compared is None:
-            yield result(None, baseless, value, None)
+            yield baseless(value=value)
         elif bound is not None and compared is not None:
             yield _judge_change(limit, score, compared, (bound, unit), confidence)
 
@@ -213,9 +215,11 @@ def _judge_cases(
         if bound is None:
             continue
         if not known:
-            apart = two_units and not own
-            why = " has another unit in the base" if apart else ": no case has a value to compare"
-            yield result(None, f"{limit.quantity}{why}", own=own)
+            why = "no case has a value to compare"
+            gate = result(None, f"{limit.quantity}: {why}", own=own, reason=why)
+            if two_units and not own:
+                gate = result(None, f"{limit.quantity} has another unit in the base")
+            yield gate
             continue
         slack = limit.tolerance * np.maximum(1.0, np.abs(bound if own else before))
         bad = np.flatnonzero(beyond > slack)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 
 from sumo_eval.cases import CaseResult
-from sumo_eval.report.gate_result import CANNOT_SEE, MOST_KEYS, MOST_NAMED, CaseChange, GateResult
+from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, GateResult
 from sumo_eval.report.words import cause_words, count, severity_words
 from sumo_eval.scoring.comparison import Comparison
 from sumo_eval.scoring.gate_settings import GateSettings
@@ -179,10 +179,12 @@ def _result(
     hit = [one.one.scenario for one in found.worse if one.which] if bad else where
     where = hit if len(hit) == 1 else where
     result = partial(GateResult, quantity, found.ads, where[0] if len(where) == 1 else EVERYWHERE)
-    of = count(found.cases, "case")
-    of += f" inside {zone:g} {unit}" if found.near and zone is not None else ""
+    of = zones = count(found.cases, "case")
+    if found.near and zone is not None:
+        of, zones = f"{of} inside {zone:g} {unit}", f"{of} inside the zone of interest"
     if not can_fail(found, settings, noisy=noise.of(found.ads).noisy):
-        return result(None, f"{words}: {CANNOT_SEE} with {of}")
+        none = "cannot see a change with"
+        return result(None, f"{words}: {none} {of}", reason=f"{none} {zones}", blind=words)
 
     sentence = f"{words}: {found.number} worse, {found.better} better of {of}"
     if not bad:

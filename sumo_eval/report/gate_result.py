@@ -9,7 +9,6 @@ from sumo_eval.cases import CaseResult
 from sumo_eval.text import point_words
 
 MOST_NAMED = 5  # cases of a failed limit that are shown with their values
-CANNOT_SEE = "cannot see a change"
 MOST_KEYS = 1_000  # cases that a failed limit names by key
 
 
@@ -46,6 +45,8 @@ class GateResult:
 
     passed None: the limit could not be evaluated, and the sentence says why.
 
+    reason: why it could not be evaluated, without the limit's own values; "": as in the sentence.
+    blind: name of the quantity, of a limit that cannot see a change of this ADS.
     threshold: the value of the new run at which it would fail, for drawing.
     cases: keys of the cases that a failed limit is about, at most `MOST_KEYS`.
     worst: the worst of them.
@@ -64,6 +65,8 @@ class GateResult:
     worst: tuple[CaseChange, ...] = ()
     against: str = ""
     own: bool = False
+    reason: str = ""
+    blind: str = ""
 
     @property
     def name(self) -> tuple[str, str, str]:

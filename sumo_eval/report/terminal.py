@@ -9,7 +9,7 @@ from itertools import chain, islice
 from pathlib import Path
 
 from sumo_eval.report.checks import check_lines
-from sumo_eval.report.gate_result import CANNOT_SEE, GateResult, failed
+from sumo_eval.report.gate_result import GateResult, failed
 from sumo_eval.report.page import REPORT, case_key
 from sumo_eval.report.qualification import qualification_sentence
 from sumo_eval.report.verdict import verdict
@@ -296,19 +296,12 @@ def _unjudged_lines(gates: Sequence[GateResult]) -> Iterator[str]:
     unjudged: defaultdict[tuple[str, str], list[GateResult]] = defaultdict(list)
     for gate in gates:
         if gate.passed is None:
-            reason = gate.sentence.partition(": ")[2] or gate.sentence
-            blind = reason.startswith(CANNOT_SEE)
-            unjudged[(gate.ads, reason.partition(" inside ")[0]) if blind else ("", reason)].append(
-                gate
-            )
+            unjudged[gate.ads if gate.blind else "", gate.reason or gate.sentence].append(gate)
 
     for (ads, reason), alike in unjudged.items():
         first = alike[0]
         if ads:
-            names = ", ".join(gate.sentence.partition(": ")[0] for gate in alike)
-            inside = " inside the zone of interest" if " inside " in first.sentence else ""
-            words = reason.replace(CANNOT_SEE, f"{CANNOT_SEE} in {names}", 1)
-            yield f"{one_line(ads)}: {words}{inside}"
+            yield f"{one_line(ads)}: {', '.join(gate.blind for gate in alike)}: {reason}"
         elif len(alike) > 1:
             yield f"{count(len(alike), 'gate')} not evaluated: {reason}"
         else:

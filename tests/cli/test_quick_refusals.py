@@ -77,7 +77,7 @@ def test_a_folder_that_is_taken_is_refused_before_the_evaluation_is_looked_at(tm
 def test_gates_not_evaluated_for_one_reason_are_one_line():
     reason = "there is no base to compare with"
     gates = [
-        GateResult(quantity, ads, "s", None, f"{quantity}: {reason}", None, None)
+        GateResult(quantity, ads, "s", None, f"{quantity}: {reason}", reason=reason)
         for ads in ("a", "b")
         for quantity in ("A", "H", "S+")
     ]
