@@ -7,7 +7,8 @@ from pathlib import Path
 import plotly.graph_objects as go
 import pytest
 
-from sumo_eval.extras.rates.page import Chart, Fold, Text, amount, interval, table, write_parts
+from sumo_eval.extras.rates.page import amount, interval, table
+from sumo_eval.report.study_page import Chart, Fold, Text, write_parts
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
 from browser import Page, needs_chromium

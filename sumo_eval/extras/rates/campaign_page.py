@@ -14,17 +14,9 @@ from sumo_eval.extras.rates.campaign import (
     recorded_drivers,
 )
 from sumo_eval.extras.rates.importance import DEFENSIVE, Limits
-from sumo_eval.extras.rates.page import (
-    Fold,
-    Piece,
-    Table,
-    Text,
-    amount,
-    interval,
-    table,
-    write_parts,
-)
+from sumo_eval.extras.rates.page import amount, interval, table
 from sumo_eval.report.page import write_page
+from sumo_eval.report.study_page import Fold, Piece, Table, Text, write_parts
 
 PAGE, PLAIN = "campaign.html", "campaign.json"
 OUTSIDE = (
@@ -45,8 +37,9 @@ BASIS = (
 def write_campaign(campaign: Campaign, folder: Path) -> tuple[Path, ...]:
     """Write `campaign.html` and `campaign.json` into a folder; return their paths."""
     content = plain(campaign)
-    text = json.dumps(content, indent=2, allow_nan=False) + "\n"
-    write_page(folder / PLAIN, text, "The campaign")
+    write_page(
+        folder / PLAIN, json.dumps(content, indent=2, allow_nan=False) + "\n", "The campaign"
+    )
     title = f"{campaign.settings.name}: collisions per million km"
     pieces = parts(campaign, content)
     write_parts(folder / PAGE, kicker="Crash rates", title=title, sentences=[], parts=pieces)
@@ -188,4 +181,4 @@ def _of_ads(rate: AdsRate, content: dict[str, Any]) -> Fold:
             f"it rests on the {DEFENSIVE:.0%} of the drives that are drawn by exposure."
         )
         pieces.append(Text(limit))
-    return Fold(rate.ads, "the rate by scenario, and the drives behind it", tuple(pieces))
+    return Fold(rate.ads, "the rate by scenario, and the drives behind it", pieces)

@@ -103,7 +103,8 @@ def write_departures(run: Path, path: Path) -> list[SceneDrive]:
         "Distance of each ADS, at each time, from the vehicle that was recorded in its place.",
         "Dotted: from then on actors react. Before, and without reactions, they drive as recorded.",
     )
-    figures = {title: on_page([panel], 1, 520)}
-    rows = [HEAD, *(it.cells() for it in drives)]
-    write_study(path, kicker=run.name, title=title, sentences=sentences, figures=figures, rows=rows)
+    write_study(
+        path, kicker=run.name, title=title, sentences=sentences,
+        figures={title: on_page([panel], 1, 520)}, rows=[HEAD, *(it.cells() for it in drives)],
+    )  # fmt: skip
     return drives

@@ -11,18 +11,10 @@ import numpy as np
 from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.rates.intervals import kolmogorov_by_chance
 from sumo_eval.extras.rates.learned import Learnt, Lesson
-from sumo_eval.extras.rates.page import (
-    Chart,
-    Fold,
-    Piece,
-    Table,
-    Text,
-    interval,
-    table,
-    write_parts,
-)
+from sumo_eval.extras.rates.page import interval, table
 from sumo_eval.extras.rates.scenes import SCENES
 from sumo_eval.report.page import write_page
+from sumo_eval.report.study_page import Chart, Fold, Piece, Table, Text, write_parts
 from sumo_eval.report.words import count
 from sumo_eval.scenario.joint import Joint
 from sumo_eval.settings.random_streams import random_stream
