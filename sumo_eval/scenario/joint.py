@@ -246,6 +246,12 @@ def _spread(values: FloatArray) -> float:
     return min(deviation, float(high - low) / 1.34) or deviation
 
 
+def bells(points: FloatArray, centres: FloatArray) -> FloatArray:
+    """exp(-d^2/2) by the distance d of points (n, k) from centres (m, k): (n, m)."""
+    squared = (points**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * points @ centres.T
+    return np.asarray(np.exp(-0.5 * np.maximum(squared, 0.0)))
+
+
 def _kde_density(prepared: _Prepared, points: FloatArray) -> FloatArray:
     k = points.shape[1]
     whiten = np.linalg.inv(prepared.root)
@@ -254,10 +260,7 @@ def _kde_density(prepared: _Prepared, points: FloatArray) -> FloatArray:
     found = np.zeros(len(points))
     for first in range(0, len(points), 4096):
         white = points[first : first + 4096] @ whiten.T
-        squared = (
-            (white**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * white @ centres.T
-        )
-        found[first : first + 4096] = np.exp(-0.5 * np.maximum(squared, 0.0)) @ prepared.shares
+        found[first : first + 4096] = bells(white, centres) @ prepared.shares
     return np.asarray(found * norm)
 
 

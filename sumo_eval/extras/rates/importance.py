@@ -24,7 +24,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.extras.studies.straddle import BoundarySearch
 from sumo_eval.method.point_criticality import danger
 from sumo_eval.scenario.formulas import ExposureDensity
-from sumo_eval.scenario.joint import Joint
+from sumo_eval.scenario.joint import Joint, bells
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings import ZoneSettings
@@ -133,11 +133,8 @@ class Mixture(NamedTuple):
         """Density (n,) there."""
         whiten = np.linalg.inv(self.root)
         centres, white = self.centres @ whiten.T, unit @ whiten.T
-        squared = (
-            (white**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * white @ centres.T
-        )
         norm = abs(float(np.linalg.det(whiten))) / (2.0 * math.pi) ** (unit.shape[1] / 2.0)
-        return np.asarray(np.exp(-0.5 * np.maximum(squared, 0.0)).mean(axis=1) * norm)
+        return np.asarray(bells(white, centres).mean(axis=1) * norm)
 
 
 class Draw(NamedTuple):
