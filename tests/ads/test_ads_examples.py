@@ -5,15 +5,14 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
+from ads_cases import CUT_OUT, EXAMPLES, SLOWER
 
 import sumo_eval
 from sumo_eval.cosim.doors.traci_program import sumo_binary
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
-from sumo_eval.scenario import catalogue
 from sumo_eval.settings import (
     AdsSettings,
     ConditionSettings,
@@ -22,12 +21,6 @@ from sumo_eval.settings import (
     SamplingSettings,
     ScenarioSettings,
     SimulationSettings,
-)
-
-EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
-SLOWER = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=5.0)
-CUT_OUT = catalogue.load("front_vehicle_cut_out").concrete(
-    ego_speed=20.0, obstacle_speed=10.0, gap=60.0
 )
 
 

@@ -8,24 +8,18 @@ import math
 import os
 import sys
 from importlib.util import find_spec
-from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
+from ads_cases import CUT_OUT, EXAMPLES, SLOWER
 
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.simulation import simulate
-from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import SimulationSettings
 
-EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
-SLOWER = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=5.0)
-CUT_OUT = catalogue.load("front_vehicle_cut_out").concrete(
-    ego_speed=20.0, obstacle_speed=10.0, gap=60.0
-)
 ROAD = Road("road", 1000.0, 2, 3.5, 60.0)
 
 

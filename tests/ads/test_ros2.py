@@ -6,14 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ads_cases import EXAMPLES, SLOWER
 
 from sumo_eval.cosim.simulation import simulate
-from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings
 
-EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 STAND_IN = Path(__file__).parent / "ros_stand_in"
-SLOWER = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=5.0)
 
 
 def drive(seconds, *variables, option=""):

@@ -46,10 +46,14 @@ def test_axis_beyond_the_bounds_of_its_setting_is_refused(tmp_path):
         check_file(tmp_path / EXAMPLE.name)
 
 
-def test_delay_and_range_are_axes_that_only_the_ads_feels(tmp_path):
+@pytest.fixture
+def logical(tmp_path):
     (tmp_path / EXAMPLE.name).write_text(EXAMPLE.read_text())
     (tmp_path / "keeps.py").write_text(POLICY)
-    logical = catalogue.find(EXAMPLE.name, tmp_path)
+    return catalogue.find(EXAMPLE.name, tmp_path)
+
+
+def test_delay_and_range_are_axes_that_only_the_ads_feels(logical, tmp_path):
     here = {"ego_speed": 30.0, "cut_in_speed": 15.0, "gap": 40.0, "lateral_speed": 0.9}
     worst = {"conditions.perception_delay": 1.0, "conditions.sensor_range": 20.0}
     late = logical.concrete(**here, **worst)
@@ -64,10 +68,7 @@ def test_delay_and_range_are_axes_that_only_the_ads_feels(tmp_path):
 
 
 @pytest.mark.campaign
-def test_scores_and_maps_work_on_axes_of_conditions(tmp_path):
-    (tmp_path / EXAMPLE.name).write_text(EXAMPLE.read_text())
-    (tmp_path / "keeps.py").write_text(POLICY)
-    logical = catalogue.find(EXAMPLE.name, tmp_path)
+def test_scores_and_maps_work_on_axes_of_conditions(logical, tmp_path):
     evaluation = """
 name = "seen"
 seed = 3
