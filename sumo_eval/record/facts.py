@@ -1,5 +1,7 @@
 """Recording half of an evaluation: plan its cases, simulate them into a run folder, resume, merge,
 verify.
+
+For `sumo_eval.evaluation`, the estimate of `run --dry-run`, the command line and nightly runs.
 """
 
 from __future__ import annotations
@@ -80,6 +82,8 @@ def resolve(
     """An evaluation with its scenarios, of which `run.only` keeps those that it names.
 
     ads, changes: as of `settings_of`.
+
+    Raises InputError if `report.axes` names a scenario that the evaluation does not have.
     """
     run = Resolved.of(*settings_of(evaluation, folder, resume, ads, **changes))
     refuse_unknown_axes(run.scenarios, run.settings.report)
@@ -89,11 +93,11 @@ def resolve(
 def settings_of(
     evaluation: Evaluable, folder: Path, resume: bool, ads: Sequence[Any] = (), **changes: object
 ) -> tuple[EvaluationSettings, Path]:
-    """Settings with those `changes` of `run` that are not None, and the folder where their paths
-    start.
+    """Settings of an evaluation, and the folder where their relative paths start.
 
     ads: locators, classes, functions or objects instead of the evaluation's ADSs; relative paths of
         locators start in the current folder.
+    changes: values of `[run]` by name, instead of the evaluation's; None changes nothing.
     """
     if isinstance(evaluation, EvaluationSettings):
         settings, source = evaluation, Path.cwd()
@@ -101,8 +105,8 @@ def settings_of(
         content = _with_locators(evaluation, folder, resume)
         settings, source = settings_from(content, "the evaluation", own_ads=not ads), Path.cwd()
     else:
-        own = folder if resume and run_folder.is_run(folder) else PAPER_EVALUATION
-        path = own if evaluation is None else Path(evaluation)
+        default = folder if resume and run_folder.is_run(folder) else PAPER_EVALUATION
+        path = default if evaluation is None else Path(evaluation)
         if run_folder.is_run(path):
             settings = read_evaluation(path / run_folder.EVALUATION)
             source = run_folder.source_of(path)
@@ -110,7 +114,8 @@ def settings_of(
         else:
             settings, source = read_evaluation(path, own_ads=not ads), path.parent.resolve()
     for locator in ads:
-        # `env -C` exists, whatever it runs
+        # Refuses a program that does not exist. `made_absolute` puts `env -C` in front of it, and
+        # `env` always exists.
         if isinstance(locator, str) and locator.startswith(("exec:", "traci:")):
             find_controller(locator, Path.cwd())
     if ads:
@@ -122,16 +127,18 @@ def settings_of(
         )
         settings = replace(settings, ads=tuple(entries))
     check_evaluation(settings, "`ads`" if ads else "the evaluation")
-    given = {name: value for name, value in changes.items() if value is not None}
+    changed = {name: value for name, value in changes.items() if value is not None}
     return replace(
         settings,
         scenario=expanded(settings.scenario, source),
-        run=replace(settings.run, **given),  # type: ignore[arg-type]
+        run=replace(settings.run, **changed),  # type: ignore[arg-type]
     ), source
 
 
 def _with_locators(evaluation: Mapping[str, Any], folder: Path, resume: bool) -> dict[str, Any]:
-    """An evaluation as a dict, with locators instead of controllers that are given as they are."""
+    """An evaluation as a dict, in which a locator replaces each class, function or object that is a
+    controller. A missing controller stays missing: `settings_from` reports it.
+    """
     content = dict(evaluation)
     if isinstance(content.get("ads"), list | tuple):
         content["ads"] = [
@@ -153,15 +160,17 @@ def record_facts(
     another_round: bool = False,
     meanwhile: Callable[[], object] | None = None,
 ) -> Recorded:
-    """Simulate an evaluation, or its share, into a run folder, or what is missing there.
+    """Simulate an evaluation, or its shard, into a run folder; only what is missing there.
 
-    another_round: whether this adds points to what the caller has recorded there just now.
-    meanwhile: work of another process while cases are driven; driving ends where it fails, with the
-        error that it then raises in this one.
+    another_round: whether this process began or resumed the run, and adds a round of points.
+    meanwhile: work that another process does while cases are driven. If it fails, driving stops,
+        and this process repeats it to raise its error.
+
     Raises StoppedError after `stopping` returned true, or after Ctrl-C; recorded cases are kept,
     and `resume` continues.
     """
     settings, source = run.settings, run.source
+    # checks that need no simulation come first
     for entry in settings.scenario if run.shard != WHOLE else ():
         if entry.sampling.method == "adaptive":
             raise InputError(
@@ -177,10 +186,10 @@ def record_facts(
     compile_loops(settings, spaces, progress)
     with (
         run_folder.only_writer(folder, resume=resume),
-        _begun(folder, run, spaces, another_round=another_round) as store,
+        _filled_folder(folder, run, spaces, another_round=another_round) as store,
     ):
         remember(folder, settings, source)
-        notes = find_stale(store, source)
+        notes = find_stale(store, source)  # ADSs whose files have changed
         store.remove_stale()
         store.unseal()
         try:
@@ -199,9 +208,9 @@ def planned(
 ) -> tuple[Planner, list[Space]]:
     """The cases of an evaluation, and the points of every scenario with their zones.
 
-    A mistake is reported before anything is compiled or driven.
-
     looked_at: as of `space_of`.
+
+    Raises InputError for a mistake, before anything is compiled or driven.
     """
     for name, logical in run.scenarios.items():
         road = logical.road
@@ -215,18 +224,21 @@ def planned(
 def compile_loops(
     settings: EvaluationSettings, spaces: Sequence[Space], progress: Progress = quiet
 ) -> None:
-    """Compile the loops that an evaluation needs and this machine has not compiled yet."""
+    """Compile the loops that an evaluation needs and this machine has not compiled yet.
+
+    One point of a scenario shows whether its actors react (`lively`).
+    """
     lively = {loops.PLAYED for space in spaces if _middle(space).lively}
     loops.ready(loops.of_evaluation(settings) | lively, progress)
 
 
 @contextmanager
-def _begun(
+def _filled_folder(
     folder: Path, run: Resolved, spaces: Sequence[Space], *, another_round: bool = False
 ) -> Iterator[Store]:
-    """The store of a run folder that is filled with its other files; it notes the run's shard.
+    """Write the files of a run folder except its facts, note its shard, and give its store.
 
-    Raises InputError for a run that cannot continue as this one, before a file of it changes.
+    Raises InputError if the run in the folder cannot continue as this one, before a file changes.
     """
     shard = "{}/{}".format(*run.shard)
     if run_folder.is_run(folder):
@@ -253,51 +265,53 @@ def _record_alongside(
     progress: Progress,
     stopping: Stopping,
 ) -> None:
-    """Record while a process of its own does something else.
+    """Record while another process does `meanwhile`, whose failure must not lose recorded drives.
 
-    Its failure must not lose recorded drives. The engine `serial` has no other process: there it is
-    done first.
+    The engine `serial` has no other process: it does `meanwhile` first.
     """
-    if meanwhile is None or plan.run.settings.run.engine == "serial":
-        if meanwhile is not None:
-            meanwhile()
-        record(spaces, plan, store, progress, stopping)
-        return
-    with alongside(meanwhile) as failed:
-        try:
-            record(spaces, plan, store, progress, lambda: stopping() or failed())
-        except StoppedError:
-            if stopping() or not failed():
-                raise
-    if failed():
+    if meanwhile is not None:
+        if plan.run.settings.run.engine != "serial":
+            with alongside(meanwhile) as failed:
+                try:
+                    record(spaces, plan, store, progress, lambda: stopping() or failed())
+                except StoppedError:
+                    if stopping() or not failed():
+                        raise
+            if not failed():
+                return
+        # After a failure this raises its error here. If it raises none, only the process was lost,
+        # and recording continues.
         meanwhile()
-        # only the process was lost
-        record(spaces, plan, store, progress, stopping)
+    record(spaces, plan, store, progress, stopping)
 
 
 def in_rounds(run: Resolved, folder: Path | None) -> Resolved:
-    """An evaluation with the number of points a round of each adaptive sample, and the rounds that
-    a run to resume has chosen already by the same rules.
+    """An evaluation whose adaptive samples have a number of points per round, and the rounds that
+    the run in the folder has chosen already.
+
+    Its rounds are kept only if nothing but the end of the sample (`count`, `until`) has changed.
+
+    folder: of a run to resume; None: a new run.
     """
     before = {}
     if folder is not None and run_folder.is_run(folder):
         recorded = read_evaluation(folder / run_folder.EVALUATION).scenario
         before = {entry.use: entry.sampling for entry in recorded}
 
-    def filled(entry: ScenarioSettings) -> ScenarioSettings:
+    def with_rounds(entry: ScenarioSettings) -> ScenarioSettings:
         sampling, earlier = entry.sampling, before.get(entry.use)
         if sampling.method != "adaptive" or sampling.count is None:
             return entry
         if earlier is not None and not sampling.rounds:
             continued = replace(sampling, round=earlier.round, rounds=earlier.rounds)
-            rules = replace(earlier, count=sampling.count, until=sampling.until)
-            if sampling.round in (None, earlier.round) and rules == continued:
+            with_new_end = replace(earlier, count=sampling.count, until=sampling.until)
+            if sampling.round in (None, earlier.round) and with_new_end == continued:
                 return replace(entry, sampling=continued)
         owner = f"the sampling of scenario `{entry.use}`"
         size = size_of_round(sampling.count, sampling.round, owner)
         return replace(entry, sampling=replace(sampling, round=size))
 
-    entries = tuple(filled(entry) for entry in run.settings.scenario)
+    entries = tuple(with_rounds(entry) for entry in run.settings.scenario)
     return replace(run, settings=replace(run.settings, scenario=entries))
 
 
@@ -320,7 +334,8 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
         if n != count:
             raise InputError(f"{folder} is shard {i}/{n}, among shards of {count}.")
     run = Resolved.of(settings, Path(manifest["source_folder"]))
-    with run_folder.only_writer(out, resume=False), _begun(out, run, _spaces(run)) as store:
+    with run_folder.only_writer(out, resume=False), _filled_folder(out, run, _spaces(run)) as store:
+        # a run whose shards this user all recorded or trusts is trusted, too
         if run_folder.give_what_is_own(*shards):
             remember(out, settings, run.source)
         for shard in sorted(folders):
@@ -336,7 +351,7 @@ def _shard_of(
     versions as the first.
     """
     other, versions = run_folder.read_settings(folder), run_folder.read_manifest(folder)["versions"]
-    # of `[run]`, which cases are driven counts
+    # of `[run]`, `only` alone is compared: it chooses the cases
     if replace(other, run=replace(settings.run, only=other.run.only)) != settings:
         raise InputError(
             f"{folder} is of another evaluation than {first}; only shards of one can be merged."
@@ -364,11 +379,12 @@ def verify(
     same to the bit.
     """
     run = resolve(None, folder, resume=True, workers=workers, engine="processes")
+    # refuses a folder that is not a run: for that `resolve` takes the paper's evaluation
     run_folder.read_settings(folder)
     plan = planner(run)
     with open_store(folder / run_folder.FACTS) as store:
         shard = parse_shard(store.noted(run_folder.SHARD) or "1/1")
-        find_stale(store, run.source)
+        find_stale(store, run.source)  # `store.holds` is False for a stale ADS
         stream = random_stream(run.settings.seed, "verify")
         chosen: list[Case] = []
         for space in _spaces(replace(run, shard=shard)):
@@ -398,6 +414,7 @@ def drive_again(cases: Sequence[Case], setup: Setup, store: Store) -> Iterator[t
     with open_store(Path(":memory:"), create=True) as again:
         for outcome in run_cases(cases, setup):
             key = outcome.case.key
+            # trajectories are compared unless they were deleted
             whole = not store.is_discarded(key)
             again.add(outcome)
             same = again.drive(key, whole=whole) == store.drive(key, whole=whole)
@@ -419,7 +436,8 @@ def space_of(run: Resolved, number: int, looked_at: int | None = None) -> Space:
     """The points of one scenario of an evaluation, with their zones; a shard does every n-th.
 
     number: of the scenario in the evaluation.
-    looked_at: how many of the points, at most, are checked; each stands for those after it.
+    looked_at: number of points, at most, that are checked and classified as safe or hazardous; each
+        stands for the points up to the next one. None: all points.
 
     Raises InputError for a scenario that is impossible to run at any of its points.
     """
@@ -427,11 +445,12 @@ def space_of(run: Resolved, number: int, looked_at: int | None = None) -> Space:
     exposure = exposure_of(logical, entry.exposure, settings.drivers, run.source)
     points = choose_points(logical, entry, run.source, settings, exposure.density)
     total = len(points.points)
-    every = 1 if looked_at is None else -(-total // looked_at)
+    every = 1 if looked_at is None else math.ceil(total / looked_at)
     check_points(logical, points.points[::every])
     hazardous = exactly_hazardous(logical, points.points[::every], settings.method.zones)
     index, count = run.shard
-    # the scenario's number, so that shards share the points of all evenly
+    # Each scenario deals its points from another shard on: scenarios with few points would
+    # otherwise all fill the first shards.
     share = range((index - 1 - number) % count, total, count)
     return Space(
         logical,
@@ -451,6 +470,9 @@ def _middle(space: Space) -> ConcreteScenario:
 
 
 def _counted(store: Store) -> Recorded:
-    counts = store.counts()
-    failed = (row for row in counts if row[1] == "ads" and row[3] not in EVALUATED)
-    return Recorded(sum(row[4] for row in counts), sum(row[4] for row in failed))
+    drives = not_evaluated = 0
+    for _, role, _, status, number, _ in store.counts():
+        drives += number
+        if role == "ads" and status not in EVALUATED:
+            not_evaluated += number
+    return Recorded(drives, not_evaluated)
