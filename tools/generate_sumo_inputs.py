@@ -32,8 +32,9 @@ def sumo_inputs() -> dict[str, str]:
         network, routes = f"{logical.road.name}.net.xml", f"{logical.name}.rou.xml"
         view = f"{logical.road.name}.view.xml"
         configuration = configuration_xml(
-            f"../networks/{network}", routes, settings.step, view=f"../networks/{view}"
-        )
+            f"../networks/{network}", routes, settings.step,
+            lane_change_duration=settings.lane_change_duration, view=f"../networks/{view}",
+        )  # fmt: skip
         files[f"networks/{view}"] = view_xml(logical.road)
         files[f"networks/{network}"] = network_xml(logical.road)
         files[f"routes/{routes}"] = routes_xml(concrete, settings.vehicle, origin=ORIGIN)

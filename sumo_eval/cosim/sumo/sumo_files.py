@@ -1,7 +1,7 @@
 """SUMO networks, routes and configurations as text, written from a road and a concrete scenario.
 
-One writer serves the checked-in files, the run folder and the simulation itself: what opens in
-sumo-gui is what ran.
+One writer serves the files of the shipped scenarios (`tools/generate_sumo_inputs.py`), the run
+folder and the simulation itself: what opens in sumo-gui is what ran.
 """
 
 from __future__ import annotations
@@ -23,19 +23,18 @@ from sumo_eval.scenario.bodies import BODIES, CAR
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
 from sumo_eval.scenario.road.reference_line import drawn_points, map_places, tightest
 from sumo_eval.scenario.sumo_network import laid_along_x
-from sumo_eval.settings import SimulationSettings, VehicleSettings
+from sumo_eval.settings import VehicleSettings
 from sumo_eval.trajectory import FloatArray
 
 EGO = "ego"
-SEGMENT = 1.0  # m between the vertices of a lane on a bend
-# m: below this radius they are closer, so that a chord is as near to its arc as here
-_TIGHT = 100.0
-_EDGE = "road"
-_USUAL = SimulationSettings()
+SEGMENT = 1.0  # m between the vertices of a lane in a curve, see `_segment`
+_TIGHT = 100.0  # m, radius below which vertices are closer
+_EDGE = "road"  # id of the edge of a road; with its number if the road has several
+VIEW_LENGTH = 250.0  # m of road that sumo-gui shows at first
 
 
 def road_edges(road: Road) -> tuple[str, ...]:
-    """Ids of the edges that are driven along."""
+    """Ids of the edges along a road, without its ramps and crossings."""
     if road.network is not None:
         return road.network.edges
     return tuple(section.edge for section in sections(road))
@@ -44,8 +43,9 @@ def road_edges(road: Road) -> tuple[str, ...]:
 class Section(NamedTuple):
     """A stretch of a road with the same lanes throughout, an edge of its own.
 
-    lanes: those on it; SUMO counts from its right-hand one.
-    ramp: the lane that a line parts from it, -1: none; an edge of its own, `ramp_edge`.
+    begin, end: m along the road.
+    lanes: the road's lanes on its edge. SUMO counts from 0, the right-hand one of these.
+    ramp: the road's lane that is a ramp here, with an edge of its own, `ramp_edge`; -1: none.
     """
 
     edge: str
@@ -58,16 +58,17 @@ class Section(NamedTuple):
 
 @functools.lru_cache(maxsize=64)
 def sections(road: Road) -> tuple[Section, ...]:
-    """The sections of a road: one, or as many as its lanes change.
+    """The sections of a road: a new one wherever a lane begins, ends, or starts or stops being a
+    ramp.
 
-    SUMO knows no tapers: lanes end square.
+    SUMO does not support tapers: the lanes of a section have their full width throughout.
     """
     last = road.length + road.run_out
     if not road.spans:
         return (Section(_EDGE, 0.0, last, tuple(range(road.lanes)), -1, ""),)
-    ends = [(it.begin, it.end, it.parted_until, it.parted_from) for it in road.spans]
-    inside = sorted({place for place in itertools.chain(*ends) if 0.0 < place < last})
-    found = []
+    changes = {x for it in road.spans for x in (it.begin, it.end, it.parted_until, it.parted_from)}
+    inside = sorted(x for x in changes if 0.0 < x < last)
+    parts = []
     for number, (begin, end) in enumerate(itertools.pairwise([0.0, *inside, last])):
         lanes, ramp = [], -1
         for lane in road.lanes_at(0.5 * (begin + end)):
@@ -77,21 +78,24 @@ def sections(road: Road) -> tuple[Section, ...]:
             else:
                 lanes.append(lane)
         name = f"ramp{number}" if ramp >= 0 else ""
-        found.append(Section(f"{_EDGE}{number}", begin, end, tuple(lanes), ramp, name))
-    return tuple(found)
+        parts.append(Section(f"{_EDGE}{number}", begin, end, tuple(lanes), ramp, name))
+    return tuple(parts)
 
 
 def vehicle_edges(road: Road, y: float, goal: float | None = None) -> tuple[str, ...]:
-    """The edges of a route that begins in the lane at y, m, and ends in the lane at `goal`; None:
-    in the first one.
+    """The edges of a vehicle's route: in the first section for the lane at y, m, in all others for
+    the lane at `goal`, m.
+
+    goal: None: y.
     """
     if road.network is not None:
         return road_edges(road)
-    first, last = (lane_at(road, place) for place in (y, y if goal is None else goal))
-    return tuple(
-        it.ramp_edge if it.ramp == (last if it.begin else first) else it.edge
-        for it in sections(road)
-    )
+    lane, edges = lane_at(road, y), []
+    for section in sections(road):
+        edges.append(section.ramp_edge if section.ramp == lane else section.edge)
+        if goal is not None:
+            lane = lane_at(road, goal)
+    return tuple(edges)
 
 
 def document(root: Any) -> str:
@@ -106,22 +110,23 @@ def _number(value: float) -> str:
 
 
 def _texts(**values: Any) -> dict[str, str]:
-    """Attributes of an element."""
+    """Attributes of an element: texts as they are, numbers with all their digits."""
     return {
         name: value if isinstance(value, str) else _number(value) for name, value in values.items()
     }
 
 
 def _desired(speed: float) -> float:
-    """A vehicle that SUMO's own models drive wants to keep its initial speed, not the road's limit;
-    0 is refused.
+    """Desired speed of a vehicle, m/s, so that SUMO's own models keep it, not the road's limit.
+
+    SUMO refuses 0: 1 mm/s stands for it.
     """
     return max(speed, 0.001)
 
 
 def _metres(value: float) -> str:
-    """Two decimals as netconvert writes them, and all of them where two would move a lane or a road
-    end.
+    """A length in m with two decimals, as netconvert writes it; with all its decimals if two would
+    move a lane or a road's end.
     """
     text = f"{value:.2f}"
     return text if float(text) == value else _number(value)
@@ -136,22 +141,26 @@ E: Any = ElementMaker(
 def network_xml(road: Road) -> str:
     """A one-way road as a final SUMO network (no netconvert needed): lane 0's centre line is y = 0.
 
-    It has an edge for each of its sections, with its ramps and the roads that cross it.
-    On a curved road all lanes are offsets of that line, with a vertex at every metre of curve,
-    and have its length, as SUMO wants of neighbours: it stretches a shape to the length evenly, so
-    places on lane 0 alone are exact. A road in a network of the user's is that network, laid along
-    the x axis.
+    It has an edge for each section, each ramp and each road that crosses it.
+
+    All lanes of a curved road are offsets of lane 0's centre line. SUMO needs one length for all
+    lanes of an edge, here that of lane 0. It stretches each shape to this length, so a position
+    along the road is exact on lane 0 alone.
+
+    A road in a network of the user's is that network, laid along the x axis.
     """
     if road.network is not None:
         return laid_along_x(road.network)
     last, parts = road.length + road.run_out, sections(road)
-    inner = [f"node{number}" for number in range(1, len(parts))]
+    nodes = ["begin", *(f"node{number}" for number in range(1, len(parts))), "end"]
     middle = 0.5 * (road.left_edge + road.right_edge)
-    where = dict.fromkeys(["begin", *inner, "end"], (last, middle))
-    where |= {name: (part.begin, middle) for name, part in zip(where, parts, strict=False)}
+    ends = [*(part.begin for part in parts), last]
+    # x and y of every node, and the lanes that lead there
+    where = {node: (x, middle) for node, x in zip(nodes, ends, strict=True)}
     edges, into = [], dict[str, list[str]]()
 
     def add(edge: str, begin: str, end: str, lanes: Sequence[float]) -> None:
+        """Add an edge between two nodes, with lanes at these y, m."""
         first, until = where[begin][0], where[end][0]
         into.setdefault(end, []).extend(f"{edge}_{index}" for index in range(len(lanes)))
         edges.append(_edge(edge, begin, end, [
@@ -160,7 +169,7 @@ def network_xml(road: Road) -> str:
             for index, y in enumerate(lanes)
         ]))  # fmt: skip
 
-    for part, begin, end in zip(parts, ["begin", *inner], [*inner, "end"], strict=True):
+    for part, (begin, end) in zip(parts, itertools.pairwise(nodes), strict=True):
         add(part.edge, begin, end, [road.lane_centre(lane) for lane in part.lanes])
         if part.ramp >= 0:
             y, ramp = road.lane_centre(part.ramp), part.ramp_edge
@@ -179,7 +188,7 @@ def network_xml(road: Road) -> str:
         shape = " ".join(_place(road, *where[name]) for name in (begin, end))
         drawn = _lane(road, lane, 0, 2.0 * crossing.reach, crossing.width, shape)
         edges.append(_edge(edge, begin, end, [drawn]))
-    pairs = zip(inner, itertools.pairwise(parts), strict=True)
+    pairs = zip(nodes[1:-1], itertools.pairwise(parts), strict=True)
     joints = {node: _joints(*pair) for node, pair in pairs}
     junctions = [
         _junction(road, name, place, into.get(name, ()), len(joints.get(name, ())))
@@ -213,33 +222,37 @@ def _lane(road: Road, name: str, index: int, length: float, width: float, shape:
 def _junction(
     road: Road, name: str, place: tuple[float, float], lanes: Sequence[str], links: int
 ) -> Any:
-    """The end of edges, at x and y, m.
+    """A node of the network: a line across the road where edges end.
 
-    lanes: that lead there.
-    links: lanes that continue.
+    place: x and y, m.
+    lanes: ids of the lanes that lead there.
+    links: number of lanes that continue; none gives way to another.
     """
-    at, none, edges = (
-        _place(road, *place).split(","),
-        "0" * links,
-        [road.right_edge, road.left_edge],
-    )
+    x, y = _place(road, *place).split(",")
+    none = "0" * links
+    borders = [road.right_edge, road.left_edge]
+    if name == "begin":  # the shape goes from left to right there
+        borders.reverse()
     return E.junction(
         *(E.request(index=index, response=none, foes=none, cont=0) for index in range(links)),
-        id=name, type="priority" if links else "dead_end", x=at[0], y=at[1],
+        id=name, type="priority" if links else "dead_end", x=x, y=y,
         incLanes=" ".join(lanes), intLanes="",
-        shape=" ".join(_place(road, place[0], y) for y in edges[:: -1 if name == "begin" else 1]),
+        shape=" ".join(_place(road, place[0], border) for border in borders),
     )  # fmt: skip
 
 
 def _segment(road: Road) -> float:
-    """m between the vertices of a road's lanes where it is curved: a chord's height goes with its
-    square by the radius.
+    """Distance of the vertices of a curved road's lanes, m.
+
+    A chord of length c is up to c^2 / 8 r from its arc of radius r. Below `_TIGHT`, c falls with
+    the root of r, which keeps this distance.
     """
     return SEGMENT * math.sqrt(min(tightest(road.line) / _TIGHT, 1.0))
 
 
 def _joints(one: Section, other: Section) -> list[tuple[tuple[str, int], tuple[str, int]]]:
     """Lanes that continue from one section to the next: (edge, index) in both."""
+    # of each lane of the road; a section without a ramp has the lane -1, which does not continue
     before, after = (
         {lane: (part.edge, index) for index, lane in enumerate(part.lanes)}
         | {part.ramp: (part.ramp_edge, 0)}
@@ -249,14 +262,14 @@ def _joints(one: Section, other: Section) -> list[tuple[tuple[str, int], tuple[s
 
 
 def _along(road: Road, first: float, until: float, y: float) -> str:
-    """The shape of a lane from one place along the road to another, y beside its line."""
+    """The shape of a lane between two positions along the road, m; y: of its centre line, m."""
     if not road.bent:
         return f"{_metres(first)},{_metres(y)} {_metres(until)},{_metres(y)}"
     return _polyline(road, drawn_points(road.line, first, until, _segment(road)), y)
 
 
 def _place(road: Road, x: float, y: float) -> str:
-    """A place along and across the road as SUMO has one on the map."""
+    """A position in road coordinates, m, as text in SUMO's map coordinates."""
     return _polyline(road, np.array([x]), y) if road.bent else f"{_metres(x)},{_metres(y)}"
 
 
@@ -276,7 +289,7 @@ def _bounds(road: Road, end: float) -> str:
 
 
 def _polyline(road: Road, s: FloatArray, d: float) -> str:
-    """A line beside the road's as SUMO has a shape."""
+    """Positions s along a curved road at an offset d, m, as a shape in SUMO's map coordinates."""
     x, y, _ = map_places(road.line, s, d)
     return " ".join(
         f"{east:.4f},{north:.4f}" for east, north in zip(x.tolist(), y.tolist(), strict=True)
@@ -293,13 +306,14 @@ def routes_xml(
     """Vehicle types and departures of a concrete scenario, with a comment that says which one it
     is.
 
-    `ego_type` adds to or replaces the ego's vType attributes; `origin`: a sentence on where the
-    file comes from.
+    ego_type: vType attributes of the ego, added to the usual ones or instead of them.
+    origin: a sentence on where the file comes from.
     """
     vehicle = concrete.ego_vehicle(vehicle)
     routes = E.routes(*map(E.vType, vehicle_types(concrete, vehicle, ego_type)))
     routes.addprevious(etree.Comment(_remarks(concrete, origin)))
     way, y = concrete.ego.way, concrete.ego.y
+    # y at the start and after all lane changes, the ego's first
     goals = [(y, None if way is None else y + way.offset)] + [
         (it.start.y, it.y(math.inf) if it.lateral_moves else None) for it in concrete.actors
     ]
@@ -314,8 +328,9 @@ def routes_xml(
 def vehicle_types(
     concrete: ConcreteScenario, vehicle: VehicleSettings, ego_type: Mapping[str, str] | None = None
 ) -> list[dict[str, str]]:
-    """Attributes of the vTypes of a case, the ego's first; `vehicle` has the body that the scenario
-    prescribes.
+    """Attributes of the vTypes of a case, the ego's first.
+
+    vehicle: `concrete.ego_vehicle` of the settings', which has the scenario's body.
     """
     strongest = vehicle.max_deceleration
     ego = _texts(
@@ -328,31 +343,33 @@ def vehicle_types(
             id=actor.name, length=actor.length, width=actor.width, accel="10", decel="10",
             emergencyDecel="10", maxSpeed=concrete.road.speed_limit,
             desiredMaxSpeed=_desired(actor.start.speed), **_EXACT, color="0.8,0.2,0.1",
-        ) | _as_it_is(actor)
+        ) | _own_attributes(actor)
         for actor in concrete.actors
     ]  # fmt: skip
     return [ego | dict(ego_type or {}), *others]
 
 
 _EXACT = {"minGap": "0", "sigma": "0", "speedDev": "0"}
+"""No standstill gap is kept, and nothing is random."""
 
 
-def _as_it_is(actor: Actor) -> dict[str, str]:
+def _own_attributes(actor: Actor) -> dict[str, str]:
     """Attributes of a vType that differ from those of a car that the harness moves."""
     if actor.body == CAR and actor.model is None:
         return {}
     body = BODIES[actor.body]
-    found = {"vClass": body.sumo_class, "guiShape": body.shape}
+    attributes = {"vClass": body.sumo_class, "guiShape": body.shape}
     if actor.model is not None:
-        found |= _texts(
+        attributes |= _texts(
             carFollowModel=actor.model.name, desiredMaxSpeed=_desired(actor.model.desired),
             accel="2.6", decel="4.5", emergencyDecel="9", minGap="2.5", tau="1",
             # else a slower vehicle that drives further to the left is never passed
             lcOvertakeRight="1",
         ) | _texts(**dict(actor.model.numbers))  # fmt: skip
-        if actor.model.name == "EIDM":  # whose noise is drawn from a stream that all vehicles share
-            found |= {"sigmaleader": "0", "sigmagap": "0", "sigmaerror": "0"}
-    return found
+        # no noise of the EIDM: it comes from a random stream that all vehicles share
+        if actor.model.name == "EIDM":
+            attributes |= {"sigmaleader": "0", "sigmagap": "0", "sigmaerror": "0"}
+    return attributes
 
 
 def departures(
@@ -360,20 +377,22 @@ def departures(
 ) -> list[dict[str, str]]:
     """Attributes of the vehicles of a case, the ego first.
 
-    one_lane: there is the right-hand lane alone.
+    one_lane: the network has only lane 0 (`shared_files.fits_one_lane`).
     """
-    found, road = [], concrete.road
+    vehicles, road = [], concrete.road
     end = road.length + road.run_out
     starts = [(EGO, concrete.ego, ego_length)]
     for actor in concrete.actors:
         start, length = actor.start, actor.length
-        # SUMO has no lane there, and gets a place on the map before the first step
+        # An actor that crosses may start beside or beyond the road. SUMO inserts it on the road,
+        # and moves it to its position on the map before the first step.
         if actor.on_map is not None:
             start = replace(start, x=min(max(start.x, length / 2), end - length))
         starts.append((actor.name, start, length))
     for name, start, length in starts:
         front = start.x + length / 2  # SUMO's position is the front bumper
-        # in a curve SUMO's place is exact along the line alone
+        # In a curve a position along the road is exact on lane 0 alone (`network_xml`). Beside
+        # SUMO's own drivers a vehicle needs its real lane.
         single = one_lane or (road.bent and not concrete.reacts)
         lane = 0 if single else lane_at(road, start.y)
         attributes = _texts(
@@ -383,50 +402,58 @@ def departures(
             insertionChecks="none",
         )  # fmt: skip
         if road.network is not None:
-            # SUMO counts from the right-hand lane of the edge
-            missing = bool(road.spans) and 0 not in road.lanes_at(front)
-            attributes["departLane"] = str(lane - missing + road.network.first_lane)
+            # SUMO counts from the edge's right-hand lane: lane 1 where lane 0 does not exist
+            number = lane + road.network.first_lane
+            if road.spans and 0 not in road.lanes_at(front):
+                number -= 1
+            attributes["departLane"] = str(number)
         elif road.spans and not one_lane:
             attributes |= _departure(road, name, lane, front)
         if start.y != road.lane_centre(lane):
             attributes["departPosLat"] = _number(start.y - road.lane_centre(lane))
-        found.append(attributes)
-    return found
+        vehicles.append(attributes)
+    return vehicles
 
 
 def _departure(road: Road, name: str, lane: int, front: float) -> dict[str, str]:
-    """Attributes of a vehicle that departs from one of several sections."""
-    index, section = next(
-        ((index, it) for index, it in enumerate(sections(road)) if front <= it.end), (0, None)
-    )
-    if section is None:
-        return {}
-    here = (section.ramp,) if lane == section.ramp else section.lanes
-    return _texts(
-        route=f"along_{name}", departEdge=str(index),
-        departLane=str(here.index(min(max(lane, here[0]), here[-1]))),
-        departPos=front - section.begin,
-    )  # fmt: skip
+    """Attributes of a vehicle that departs from one of several sections, in the section's lane
+    nearest to `lane`; none beyond the road's end.
+
+    front: position of its front bumper, m.
+    """
+    for index, section in enumerate(sections(road)):
+        if front <= section.end:
+            lanes = (section.ramp,) if lane == section.ramp else section.lanes
+            nearest = min(max(lane, lanes[0]), lanes[-1])
+            return _texts(
+                route=f"along_{name}", departEdge=str(index),
+                departLane=str(lanes.index(nearest)), departPos=front - section.begin,
+            )  # fmt: skip
+    return {}
 
 
 def _remarks(concrete: ConcreteScenario, origin: str) -> str:
-    lines = [f"{concrete.scenario}: {concrete.label}.", *([origin] if origin else [])]
+    """Comment of a route file: the concrete scenario, and the motions that such a file lacks."""
+    lines = [f"{concrete.scenario}: {concrete.label}."]
+    if origin:
+        lines.append(origin)
     for actor in concrete.actors:
-        who = f"Not in this file: `{actor.name}`"
+        missing = f"Not in this file: `{actor.name}`"
         if actor.lively and not actor.follows_at_once:
             lines.append(
                 f"Not in this file: what `{actor.name}` does. The harness moves it step by step, "
                 "and here it keeps its speed."
             )
         lines += [
-            f"{who} moves {abs(move.offset):g} m to the {'left' if move.offset > 0 else 'right'} "
-            f"from {move.begin:g} s to {move.begin + move.duration:g} s. A route file cannot say "
-            "that: the harness moves the vehicle step by step, and here it stays in its lane."
+            f"{missing} moves {abs(move.offset):g} m to the "
+            f"{'left' if move.offset > 0 else 'right'} from {move.begin:g} s to "
+            f"{move.begin + move.duration:g} s. A route file cannot say that: the harness moves "
+            "the vehicle step by step, and here it stays in its lane."
             for move in actor.lateral_moves
         ]
         if actor.braking is not None:
             lines.append(
-                f"{who} brakes to a standstill with {actor.braking.acceleration:g} m/s2 from "
+                f"{missing} brakes to a standstill with {actor.braking.acceleration:g} m/s2 from "
                 f"{actor.braking.begin:g} s on. The harness moves it step by step, and here it "
                 "keeps its speed."
             )
@@ -437,7 +464,7 @@ def _remarks(concrete: ConcreteScenario, origin: str) -> str:
 @functools.lru_cache(maxsize=64)
 def view_xml(road: Road) -> str:
     """View of sumo-gui at the start of a case: the beginning of the road, slowed down."""
-    # per cent of a view of the whole network
+    # in per cent: at 100 sumo-gui shows the whole network
     zoom = 100 * (road.length + road.run_out) / VIEW_LENGTH
     middle = (road.left_edge + road.right_edge) / 2
     viewport = E.viewport(zoom=f"{zoom:g}", x=f"{VIEW_LENGTH / 2:g}", y=f"{middle:g}")
@@ -449,14 +476,13 @@ def configuration_xml(
     routes: str,
     step: float,
     *,
-    lane_change_duration: float = _USUAL.lane_change_duration,
+    lane_change_duration: float,
     view: str | None = None,
 ) -> str:
     """A .sumocfg that opens the case in sumo-gui with the options that the harness uses.
 
     step: s.
-    lane_change_duration: s, of a lane change that SUMO itself performs; the settings' default if
-        not given.
+    lane_change_duration: s, of a lane change that SUMO itself performs.
     network, routes, view: the files, relative to this one; without a view sumo-gui shows the whole
         network.
     """
@@ -469,9 +495,6 @@ def configuration_xml(
     ))  # fmt: skip
 
 
-VIEW_LENGTH = 250.0  # m of road that sumo-gui shows at first
-
-
 SIMULATION_OPTIONS = {
     "step-method.ballistic": "true",
     "collision.action": "warn",  # "none" reports nothing at all, and the default teleports
@@ -479,4 +502,4 @@ SIMULATION_OPTIONS = {
     "time-to-teleport": "-1",
     "default.speeddev": "0",
 }
-"""SUMO options in force in every simulation, beside the files and the step."""
+"""Options of SUMO in every simulation, in addition to the files and the step."""
