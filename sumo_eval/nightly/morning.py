@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -47,7 +48,8 @@ def write_night(
     """Write `night.json` and `summary.md` into a night's folder, and `chat.json` beside the
     history.
     """
-    comparison, bases, folder = judged.bases.comparison, judged.bases, history / line.folder
+    bases, folder = judged.bases, history / line.folder
+    comparison = bases.comparison
     record = {
         "night": line.night,
         "evaluation": line.evaluation,
@@ -108,9 +110,9 @@ def markdown_lines(line: Night, judged: JudgedNight, folder: Path) -> Iterator[s
         since = judged.since[gate.name].words
         yield f"- **{_escaped(gate.ads)}** in {gate.scenario} ({since}): {_escaped(gate.sentence)}"
         for case in gate.worst:
-            yield f"  - `{case.case}`: {_escaped(case.point)}: {_escaped(case.words)}"
+            yield f"  - {_code(case.case)}: {_escaped(case.point)}: {_escaped(case.words)}"
         for way in ways_to(folder, gate.worst[0].case).values() if gate.worst else ():
-            yield f"  - `{way}`"
+            yield f"  - {_code(way)}"
     yield from (f"- {_escaped(words)}" for words in _context(judged))
 
 
@@ -131,10 +133,10 @@ def chat_text(line: Night, judged: JudgedNight) -> str:
 def _context(judged: JudgedNight) -> list[str]:
     """Builds, and differences in anything but the ADS."""
     comparison = judged.bases.comparison
-    differing = [one.words for one in comparison.differences] if comparison else []
+    differences = comparison.differences if comparison else ()
     return [
         *builds_besides(judged.builds, comparison),
-        *(f"differs: {words}" for words in differing),
+        *(f"differs: {one.words}" for one in differences),
     ]
 
 
@@ -166,7 +168,7 @@ def morning_lines(result: NightResult) -> list[str]:
 
 def tell_github(result: NightResult) -> list[str]:
     """Append the summary to `$GITHUB_STEP_SUMMARY`; annotations, where GitHub runs the night."""
-    summary, lines = os.environ.get("GITHUB_STEP_SUMMARY", ""), list[str]()
+    summary, lines = os.environ.get("GITHUB_STEP_SUMMARY"), list[str]()
     if summary:
         text = (result.report.parent / SUMMARY).read_text(encoding="utf-8")
         try:
@@ -181,9 +183,15 @@ def tell_github(result: NightResult) -> list[str]:
 
 def _escaped(text: str) -> str:
     """Text in which Markdown and HTML see no mark of their own."""
-    for mark in ("\\", "`", "*", "_", "<", "|", "[", "]"):
-        text = text.replace(mark, f"\\{mark}")
-    return " ".join(text.split())
+    return " ".join(re.sub(r"[\\`*_<|\[\]&]", r"\\\g<0>", text).split())
+
+
+def _code(text: str) -> str:
+    """Text as code of Markdown, behind more backticks than it has in a row."""
+    fence = "`"
+    while fence in text:
+        fence += "`"
+    return f"{fence}{text}{fence}" if fence == "`" else f"{fence} {text} {fence}"
 
 
 def _command(text: str, also: str = "") -> str:

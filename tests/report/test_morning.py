@@ -17,7 +17,7 @@ from sumo_eval.nightly.bases import Bases, accept, pin_of
 from sumo_eval.nightly.gates import judge
 from sumo_eval.nightly.history import Accepted, Night, open_history
 from sumo_eval.nightly.judged import JudgedNight, Since, new_first, new_pin
-from sumo_eval.nightly.morning import github_annotations, tell_github, write_night
+from sumo_eval.nightly.morning import _code, github_annotations, tell_github, write_night
 from sumo_eval.nightly.night import _refuse_without_history
 from sumo_eval.nightly.rule_limits import judge_rule
 from sumo_eval.nightly.trend import write_trend
@@ -91,18 +91,20 @@ def folder(judged, tmp_path):
 def test_summary_and_chat_say_what_failed_and_since_when(judged, folder):
     (gate,) = failed(judged.gates)
     case = gate.worst[0].case
-    summary, chat = (
-        (folder / "summary.md").read_text(),
-        json.loads((folder.parents[1] / "chat.json").read_text()),
-    )
+    summary = (folder / "summary.md").read_text()
+    chat = json.loads((folder.parents[1] / "chat.json").read_text())["text"]
     assert summary.startswith("## WORSE than \\*yesterday\\*\n")
     assert f"- **{builders.CALM}** in {gate.scenario} (new): smallest gap: 1 worse" in summary
     assert f"`{case}`: " in summary
     assert f"--only {case}`" in summary
     assert f"build of {builders.CALM}: abc in the base, def in the new run" in summary
-    assert "smallest gap: 1 worse, 0 better" in chat["text"]
-    assert f"{case}: 0.92 -> 0.32" in chat["text"]
-    assert f"differs: build of {builders.CALM}: abc in the base, def in the new run" in chat["text"]
+    assert "smallest gap: 1 worse, 0 better" in chat
+    assert f"{case}: 0.92 -> 0.32" in chat
+    assert f"differs: build of {builders.CALM}: abc in the base, def in the new run" in chat
+
+
+def test_a_name_with_backticks_is_code_of_the_summary():
+    assert _code("a`b``") == "``` a`b`` ```"
 
 
 def test_night_json_names_case_and_ways_to_it(judged, folder):
