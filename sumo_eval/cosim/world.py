@@ -49,7 +49,7 @@ from sumo_eval.cosim.step_rules import (
     see_rows,
 )
 from sumo_eval.cosim.vehicle_model import count_clip
-from sumo_eval.errors import ControllerTimeoutError
+from sumo_eval.errors import ControllerError
 from sumo_eval.kernels import bound
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Way, departures
 from sumo_eval.scenario.played import (
@@ -291,10 +291,10 @@ class World:
     def keep_fault(self, case: int, error: BaseException, driver: Any, folder: Path | None) -> None:
         """Keep the traceback of an exception for the log, and its place in the user's code.
 
-        A late answer that no line of the user's led to has none worth keeping.
+        A refused or late answer that no line of the user's led to has none worth keeping.
         """
         place = fault_place(error, driver, folder)
-        if place or not isinstance(error, ControllerTimeoutError):
+        if place or not isinstance(error, ControllerError):
             self.logs[case] = self.logs.get(case, "") + traceback_of(error)
         self.places[case] = self.places.get(case) or place
 

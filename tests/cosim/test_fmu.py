@@ -8,6 +8,7 @@ import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 from cosim_cases import HALF_SECOND, case, lead
@@ -38,15 +39,28 @@ def fmus(tmp_path_factory):
     return folder
 
 
-def test_an_fmu_drives_as_the_same_formula_in_python_does(fmus):
-    def acc(seen):
-        gap, speed = (seen.lead.gap, seen.lead.speed) if seen.lead else (1000.0, seen.ego.speed)
-        wanted = 3.0 + 1.5 * seen.ego.speed
-        acceleration = 0.15 * (gap - wanted) + 0.9 * (speed - seen.ego.speed)
-        return min(max(acceleration, -6.0), 0.0 if gap > wanted else 2.0)
+@pytest.mark.parametrize("unit", [1.0, 0.8])
+def test_an_fmu_drives_as_the_same_formula_in_python_does(fmus, tmp_path, unit):
+    """unit: of all its variables, in SI units."""
 
+    def acc(seen):
+        values = (seen.lead.gap, seen.lead.speed) if seen.lead else (1000.0, seen.ego.speed)
+        gap, speed, own = (value / unit for value in (*values, seen.ego.speed))
+        wanted = 3.0 + 1.5 * own
+        acceleration = 0.15 * (gap - wanted) + 0.9 * (speed - own)
+        return unit * min(max(acceleration, -6.0), 0.0 if gap > wanted else 2.0)
+
+    with ZipFile(fmus / "Acc.fmu") as old, ZipFile(tmp_path / "Acc.fmu", "w") as new:
+        for name in old.namelist():
+            text = old.read(name)
+            if name == "modelDescription.xml":
+                one = f'<Unit name="one"><BaseUnit factor="{unit}"/></Unit>'.encode()
+                units = b"<UnitDefinitions>" + one + b"</UnitDefinitions><LogCategories>"
+                text = text.replace(b"<LogCategories>", units)
+                text = text.replace(b"<Real", b'<Real unit="one"')
+            new.writestr(name, text)
     settings = SimulationSettings(time_limit=10.0)
-    fmu = simulate(case(lead(40.0, speed=10.0)), MAPPED, settings, folder=fmus)
+    fmu = simulate(case(lead(40.0, speed=10.0)), MAPPED, settings, folder=tmp_path)
     python = simulate(case(lead(40.0, speed=10.0)), acc, settings)
     assert (fmu.error, fmu.clips) == (None, python.clips)
     assert fmu.ego.speed == pytest.approx(python.ego.speed, abs=1e-9)
@@ -144,6 +158,7 @@ def test_that_sumo_moves_an_ego_that_has_a_vehicle_model_of_its_own_is_on_record
             "no output `acceleration`; `outputs` must map it",
         ),
         (f"{MAPPED}&parameters.tau=1", "`tau`"),
+        (f"{MAPPED}&parameters.headway=ego_sped", "`ego_sped`. Did you mean `ego_speed`?"),
         (f"{MAPPED}&input.v=x", "must be inputs.NAME, outputs.NAME or parameters.NAME"),
     ],
 )

@@ -244,31 +244,35 @@ def test_a_whole_number_that_its_type_cannot_hold_ends_the_case(fmus):
     assert "is of type UInt64, which cannot hold -3" in (recording.error or "")
 
 
-def test_fmi_1_is_refused_by_its_version(tmp_path):
-    text = (
-        '<fmiModelDescription fmiVersion="1.0" modelName="old" modelIdentifier="old" guid="{1}"'
-        ' numberOfContinuousStates="0" '
-        'numberOfEventIndicators="0"><ModelVariables><ScalarVariable name="u"'
-        ' valueReference="0" causality="input"><Real start="0"/></ScalarVariable></ModelVariables>'
-        "<Implementation><CoSimulation_StandAlone><Capabilities/></CoSimulation_StandAlone></Implementation>"
-        "</fmiModelDescription>"
-    )
-    with zipfile.ZipFile(tmp_path / "old.fmu", "w") as archive:
+FMI_1 = (
+    '<fmiModelDescription fmiVersion="1.0" modelName="old" modelIdentifier="old" guid="{1}"'
+    ' numberOfContinuousStates="0" '
+    'numberOfEventIndicators="0"><ModelVariables><ScalarVariable name="u"'
+    ' valueReference="0" causality="input"><Real start="0"/></ScalarVariable></ModelVariables>'
+    "<Implementation><CoSimulation_StandAlone><Capabilities/></CoSimulation_StandAlone></Implementation>"
+    "</fmiModelDescription>"
+)
+FMI_3 = (
+    '<fmiModelDescription fmiVersion="3.0" modelName="m" instantiationToken="m">{}'
+    '<ModelVariables><Float64 name="t" valueReference="0" causality="independent"/>'
+    "</ModelVariables><ModelStructure/></fmiModelDescription>"
+)
+EMPTY = FMI_3.format('<CoSimulation modelIdentifier="m"/>')
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (FMI_1, r"The FMI version of FMU `m\.fmu` must be 2\.0 or 3\.0, got"),
+        (FMI_3.format(""), "must be one for co-simulation, got one for nothing"),
+        (EMPTY, "The library of FMU `m.fmu` for this platform must be binaries/.*, got 'none'"),
+    ],
+)
+def test_an_fmu_that_cannot_run_here_is_refused(tmp_path, text, sentence):
+    with zipfile.ZipFile(tmp_path / "m.fmu", "w") as archive:
         archive.writestr("modelDescription.xml", text)
-    with refusal(r"The FMI version of FMU `old\.fmu` must be 2\.0 or 3\.0, got"):
-        load_controller("fmu:old.fmu", tmp_path)
-
-
-def test_an_fmu_of_no_kind_is_refused_as_such(tmp_path):
-    with zipfile.ZipFile(tmp_path / "none.fmu", "w") as archive:
-        archive.writestr(
-            "modelDescription.xml",
-            '<fmiModelDescription fmiVersion="3.0" modelName="m" instantiationToken="m">'
-            '<ModelVariables><Float64 name="t" valueReference="0" causality="independent"/>'
-            "</ModelVariables><ModelStructure/></fmiModelDescription>",
-        )
-    with refusal("must be one for co-simulation, got one for nothing"):
-        load_controller("fmu:none.fmu", tmp_path)
+    with refusal(sentence):
+        load_controller("fmu:m.fmu", tmp_path)
 
 
 def test_a_constant_in_the_evaluation_file_is_a_number():

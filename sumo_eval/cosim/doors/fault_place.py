@@ -12,6 +12,7 @@ from traceback import walk_tb
 from types import CodeType, FunctionType
 from typing import Any
 
+from sumo_eval.errors import ControllerError
 from sumo_eval.text import clean
 
 _OURS = f"{Path(__file__).resolve().parents[2]}/"
@@ -31,6 +32,7 @@ def fault_place(error: BaseException | None, driver: Any, folder: Path | None) -
     because what the user's code returned is refused, it is where that function is.
     """
     seen: set[int] = set()
+    worded = type(error) is ControllerError  # by a door, whatever a library of its own raised
     while error is not None and id(error) not in seen:
         seen.add(id(error))
         frames = [(frame.f_code, line) for frame, line in walk_tb(error.__traceback__)]
@@ -38,6 +40,8 @@ def fault_place(error: BaseException | None, driver: Any, folder: Path | None) -
         installed = *_INSTALLED, "<frozen "
         users = [it for it in outside if not it[0].co_filename.startswith(installed)]
         own = _file_of(driver)
+        if worded:
+            outside = []
         for found in ([it for it in frames if it[0].co_filename == own], users, outside):
             if found:
                 return _place(*found[-1], folder)

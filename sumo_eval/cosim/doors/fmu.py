@@ -42,11 +42,12 @@ from sumo_eval.errors import (
     ControllerError,
     InputError,
     SimulationError,
+    SumoEvalError,
+    check_known,
     did_you_mean,
     must_be,
     needs_extra,
     said,
-    unknown,
 )
 from sumo_eval.input_file import input_file
 from sumo_eval.settings import FmuSettings
@@ -60,12 +61,10 @@ _MADE: Mapping[str, Callable[[Any], Any]] = {
     "Binary": lambda value: str(value).encode(),
 }  # fmt: skip
 """Values of types other than whole numbers."""
-_WHOLE = {
-    "Integer": 32, "Int8": 8, "Int16": 16, "Int32": 32, "Int64": 64, "UInt8": -8, "UInt16": -16,
-    "UInt32": -32,
-    "UInt64": -64, "Enumeration": 32,
-}  # fmt: skip
-"""Types of whole numbers and their bits, negative without a sign."""
+_WHOLE = {"Integer": 32, "Enumeration": 32} | {
+    f"{sign}Int{bits}": bits for sign in ("", "U") for bits in (8, 16, 32, 64)
+}
+"""Types of whole numbers and their bits."""
 _TEXTS = ("String", "Binary")
 _TYPES = (*_MADE, *_WHOLE)
 _FATAL = 4  # fmi2Fatal, fmi3Fatal
@@ -112,7 +111,7 @@ class _Fmu:
             self._folder, self.description = _unpacked(path, path.stat().st_mtime_ns)
         except Exception as error:
             raise InputError(f"FMU {path} cannot be read: {said(error)}.") from error
-        if self.description.fmiVersion not in _SLAVES:
+        if self.description.fmiVersion not in ("2.0", "3.0"):
             raise must_be(
                 "The FMI version", f"FMU `{path.name}`", "2.0 or 3.0", self.description.fmiVersion
             )
@@ -126,6 +125,13 @@ class _Fmu:
                 f"FMU `{path.name}` must be one for co-simulation, got one for "
                 f"{other or 'nothing'}."
             )
+        self._check_library()
+        # of a variable's unit: what one of it is in SI units
+        self._factors: dict[Any, float] = {
+            unit.name: unit.baseUnit.factor
+            for unit in self.description.unitDefinitions
+            if unit.baseUnit is not None
+        }
         self._variables = {variable.name: variable for variable in self.description.modelVariables}
         self._inputs = self._wire_inputs(wiring, signals)
         self._outputs = self._wire_outputs(wiring, needed, optional, lists)
@@ -133,14 +139,24 @@ class _Fmu:
         self._parameters = [
             (self._variable(name, "parameters"), value) for name, value in wiring.parameters.items()
         ]
+        named = [str(value) for it, value in self._parameters if _is_signal(it, value)]
+        check_known(f"signal for FMU `{path.name}`", signals, *named)
         self._instance: Any = None
-        self._initialized = False
+        self.initialized = False
+
+    def _check_library(self) -> None:
+        """Refuse an FMU without a library for this platform."""
+        name = self.description.coSimulation.modelIdentifier + self._library.sharedLibraryExtension
+        kind = "platform" if self.description.fmiVersion == "2.0" else "platform_tuple"
+        library = f"binaries/{getattr(self._library, kind)}/{name}"
+        folder = Path(self._folder)
+        held = sorted(it.relative_to(folder).as_posix() for it in folder.glob("binaries/*/*"))
+        if library not in held:
+            owner = f"FMU `{self.path.name}` for this platform"
+            raise must_be("The library", owner, library, ", ".join(held) or "none")
 
     def _variable(self, name: str, key: str) -> Any:
-        if name not in self._variables:
-            raise unknown(
-                f"variable of FMU `{self.path.name}` in `{key}`", name, list(self._variables)
-            )
+        check_known(f"variable of FMU `{self.path.name}` in `{key}`", self._variables, name)
         variable = self._variables[name]
         if variable.type not in _TYPES:
             raise must_be(
@@ -149,25 +165,22 @@ class _Fmu:
         return variable
 
     def _wire_inputs(self, wiring: FmuSettings, signals: Sequence[str]) -> list[Wired]:
-        wired = []
         rest = wiring.inputs.get("*")
         if rest not in (None, AS_IT_STARTS):
             raise must_be("`inputs.*`", f"FMU `{self.path.name}`", f"`{AS_IT_STARTS}`", rest)
-        for name, given in wiring.inputs.items():
-            if name != "*" and (found := self._wired(name, given, signals)) is not None:
-                wired.append(found)
-        for name, variable in self._variables.items():
-            if variable.causality == "input" and name not in wiring.inputs:
-                if name in signals:
-                    wired.append((self._variable(name, "inputs"), name))
-                elif rest is None:
-                    raise InputError(
-                        f"Input `{name}` of FMU `{self.path.name}` is not a signal; `inputs` must "
-                        f"map it. A number is a constant, `{AS_IT_STARTS}` its start value "
-                        f"(`inputs.*={AS_IT_STARTS}`: of all that are "
-                        f"left).{did_you_mean(name, signals)}"
-                    )
-        return wired
+        inputs = [name for name, it in self._variables.items() if it.causality == "input"]
+        given = {**{name: name for name in inputs if name in signals}, **wiring.inputs}
+        given.pop("*", None)
+        for name in inputs:
+            if name not in given and rest is None:
+                raise InputError(
+                    f"Input `{name}` of FMU `{self.path.name}` is not a signal; `inputs` must "
+                    f"map it. A number is a constant, `{AS_IT_STARTS}` its start value "
+                    f"(`inputs.*={AS_IT_STARTS}`: of all that are "
+                    f"left).{did_you_mean(name, signals)}"
+                )
+        wired = [self._wired(name, signal, signals) for name, signal in given.items()]
+        return [it for it in wired if it is not None]
 
     def _wired(self, name: str, given: str | float, signals: Sequence[str]) -> Wired | None:
         """An input and its signal or constant; None where it is left as it starts."""
@@ -188,8 +201,7 @@ class _Fmu:
             raise must_be(
                 f"`{name}`", owner, f"given one of {', '.join(OBJECTS)}, as it is an array", signal
             )
-        if signal not in (*signals, *OBJECTS):
-            raise unknown(f"signal for {owner}", signal, signals)
+        check_known(f"signal for {owner}", signals, signal)
         return variable, signal
 
     def _wire_outputs(
@@ -200,11 +212,8 @@ class _Fmu:
         lists: Sequence[str],
     ) -> dict[str, tuple[Any, int]]:
         known = (*needed, *optional)
-        for what in wiring.outputs:
-            if what not in (*known, *lists):
-                raise unknown(
-                    f"output in the mapping of FMU `{self.path.name}`", what, (*known, *lists)
-                )
+        owner = f"output in the mapping of FMU `{self.path.name}`"
+        check_known(owner, (*known, *lists), *wiring.outputs)
         wired = {}
         for what in known:
             found = self._variables.get(what)
@@ -226,7 +235,7 @@ class _Fmu:
             places = sorted(
                 (int(place), variable)
                 for full, variable in self._variables.items()
-                if full.startswith(f"{name}[") and (place := full[len(name) + 1 : -1]).isdigit()
+                if full.startswith(f"{name}[") and (place := full[len(name) + 1 : -1]).isdecimal()
             )
             if name in self._variables:
                 wired[what] = [self._variable(name, "outputs")]
@@ -261,7 +270,7 @@ class _Fmu:
                 )
             return variable, 0
         size = _count(variable) or 1
-        if not place.isdigit() or int(place) >= size:
+        if not place.isdecimal() or int(place) >= size:
             raise must_be(
                 f"The output `{name}`",
                 f"FMU `{self.path.name}`",
@@ -270,53 +279,41 @@ class _Fmu:
             )
         return variable, int(place)
 
+    def load(self) -> None:
+        """Load the library and make an instance."""
+        make = self._library.instantiate_fmu
+        with self._in_words():
+            self._instance = make(self._folder, self.description, "CoSimulation")
+
     def begin(self, signals: Signals) -> None:
-        """Instantiate, set parameters and inputs, initialize at time 0."""
-        description = self.description
-        module, name = _SLAVES[description.fmiVersion]
-        self._instance = fmu = getattr(getattr(self._library, module), name)(
-            guid=description.guid,
-            unzipDirectory=self._folder,
-            modelIdentifier=description.coSimulation.modelIdentifier,
-            instanceName="sumo_eval",
-        )
-        with self._unless_fatal():
-            fmu.instantiate()
-            if description.fmiVersion == "2.0":
-                fmu.setupExperiment(startTime=0.0)
-            for variable, value in self._parameters:
-                if isinstance(value, str) and variable.type not in _TEXTS:  # a signal's name
-                    if value not in signals:
-                        raise unknown(f"signal for FMU `{self.path.name}`", value, list(signals))
-                    self._set(variable, signals[value])
-                else:
-                    self._set(variable, value)
-            if description.fmiVersion == "2.0":
-                fmu.enterInitializationMode()
-            else:
-                fmu.enterInitializationMode(startTime=0.0)
-            self._give(signals)
-            fmu.exitInitializationMode()
-        self._initialized = True
+        """Set parameters and inputs, initialize at time 0."""
+        with self._in_words():
+            if self.description.fmiVersion == "2.0":
+                self._instance.setupExperiment()
+            self._give(self._parameters, signals)
+            self._instance.enterInitializationMode()
+            self._give(self._inputs, signals)
+            self._instance.exitInitializationMode()
+        self.initialized = True
 
     def step(self, signals: Signals, time: float, step: float) -> dict[str, float]:
         """Give the inputs, step from `time` to `time + step`, read the outputs."""
-        with self._unless_fatal():
-            self._give(signals)
+        with self._in_words():
+            self._give(self._inputs, signals)
             self._instance.doStep(currentCommunicationPoint=time, communicationStepSize=step)
         return self.read()
 
     def read(self) -> dict[str, float]:
         """The outputs as they are."""
         return {
-            what: float(self._values([variable])[place])
+            what: float(self._values([variable])[place]) * self._factor(variable)
             for what, (variable, place) in self._outputs.items()
         }
 
     def read_lists(self) -> dict[str, list[float]]:
         """The outputs that are many numbers."""
         return {
-            what: [float(value) for value in self._values(variables)]
+            what: [float(value) * self._factor(variables[0]) for value in self._values(variables)]
             for what, variables in self._lists.items()
         }
 
@@ -325,22 +322,27 @@ class _Fmu:
         first = variables[0]
         get, count = getattr(self._instance, f"get{self._kind(first)}"), _count(first)
         references = [variable.valueReference for variable in variables]
-        with self._unless_fatal():
+        with self._in_words():
             return list(get(references) if count is None else get(references, count))
 
     @property
     def sees_objects(self) -> bool:
         """Whether an input is given a value of each vehicle."""
-        return any(signal in OBJECTS for _, signal in self._inputs)
+        return any(signal in OBJECTS for _, signal in (*self._inputs, *self._parameters))
 
     def end(self) -> None:
         """Terminate and free the instance."""
         if self._instance is not None:
             instance, self._instance = self._instance, None
-            if self._initialized:  # an FMU may crash that is told to terminate before it has begun
-                self._initialized = False
+            if self.initialized:  # an FMU may crash that is told to terminate before it has begun
+                self.initialized = False
                 instance.terminate()
             instance.freeInstance()
+
+    def _factor(self, variable: Any) -> float:
+        """Factor from the unit of a variable, or of its type, to the SI unit."""
+        unit = variable.unit or getattr(variable.declaredType, "unit", None)
+        return self._factors.get(unit, 1.0)
 
     def _kind(self, variable: Any) -> str:
         """The type by which the FMU is asked."""
@@ -348,46 +350,58 @@ class _Fmu:
             return "Integer" if self.description.fmiVersion == "2.0" else "Int64"
         return str(variable.type)
 
-    def _give(self, signals: Signals) -> None:
-        for variable, signal in self._inputs:
-            is_name = isinstance(signal, str) and variable.type not in _TEXTS
-            self._set(variable, signals[signal] if is_name else signal)  # type: ignore[index]
+    def _give(self, wired: Sequence[Wired], signals: Signals) -> None:
+        for variable, signal in wired:
+            if _is_signal(variable, signal):
+                self._set(variable, signals[str(signal)], self._factor(variable))
+            else:
+                self._set(variable, signal)
 
-    def _set(self, variable: Any, value: float | int | bool | str | Sequence[float]) -> None:
+    def _set(self, variable: Any, value: Any, factor: float = 1.0) -> None:
+        """Set a value, or one of each vehicle; `factor`: from the variable's unit to its own."""
         count = _count(variable)
+        values: list[Any]
         if isinstance(value, str | bytes) or not isinstance(value, Sequence):
             values = [value] * (1 if count is None else count)
         else:  # of each vehicle: as many as the FMU holds, the rest of its places empty
             padding = value[-1]  # of an empty place, see `_objects`
             values = [*value[:count], *([padding] * ((count or 1) - len(value)))]
-        plain = [self._plain(variable, one) for one in values]
+        plain = [self._plain(variable, it if factor == 1.0 else it / factor) for it in values]
         getattr(self._instance, f"set{self._kind(variable)}")([variable.valueReference], plain)
 
     @contextmanager
-    def _unless_fatal(self) -> Iterator[None]:
-        """Calls of the instance; it may not be called again after it answers with `fatal`, not even
-        to end it.
+    def _in_words(self) -> Iterator[None]:
+        """Calls of the instance, whose errors are put in words. After an error it may only be
+        freed, after `fatal` not even that.
         """
         try:
             yield
-        except Exception as error:
-            if getattr(error, "status", None) == _FATAL:
-                self._instance, self._initialized = None, False
+        except SumoEvalError:
             raise
+        except Exception as error:
+            self.initialized = False
+            if getattr(error, "status", None) == _FATAL:
+                self._instance = None
+            words = said(error).replace(f"{self._folder}/", "")  # another folder in each process
+            raise ControllerError(f"FMU `{self.path.name}` failed: {words}") from error
 
     def _plain(self, variable: Any, value: Any) -> Any:
         kind = variable.type
         if kind in _MADE:
             return _MADE[kind](value)
-        whole, bits = round(value), _WHOLE[kind]
-        span = 1 << abs(bits)
-        low = -span // 2 if bits > 0 else 0
+        whole, span = round(value), 1 << _WHOLE[kind]
+        low = 0 if kind.startswith("U") else -span // 2
         if not low <= whole < low + span:
             raise ControllerError(
                 f"`{variable.name}` of FMU `{self.path.name}` is of type {kind}, which cannot "
                 f"hold {whole}"
             )
         return whole
+
+
+def _is_signal(variable: Any, given: Any) -> bool:
+    """Whether a variable is given a signal, by its name, and not a constant."""
+    return isinstance(given, str) and variable.type not in _TEXTS
 
 
 def _count(variable: Any) -> int | None:
@@ -412,7 +426,6 @@ class FmuController(Adapter):
     wiring: FmuSettings
     _fmu: _Fmu = field(init=False)
     _step: float = 0.0
-    _begun: bool = False
     _plans: bool = False
     _plan: float | None = None  # the number of the one in force
     observes = True
@@ -427,7 +440,7 @@ class FmuController(Adapter):
             outputs = (), _OF_A_PLAN, PLAN
         elif kind == "throttle":
             outputs = ("throttle", "brake"), ("steer",)
-        self._fmu = _Fmu(self.path, self.wiring, SIGNALS, *outputs)
+        self._fmu = _Fmu(self.path, self.wiring, (*SIGNALS, *OBJECTS), *outputs)
 
     @classmethod
     def from_locator(cls, text: str, folder: Path | None) -> FmuController:
@@ -449,16 +462,16 @@ class FmuController(Adapter):
         return cls((folder or Path.cwd()) / file, FmuSettings(**wiring))
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """A fresh instance of the FMU is made at the first step, which knows the signals."""
-        self._step, self._begun, self._plan = scenario.period, False, None
+        """Make a fresh instance, which the first step initializes: it knows the signals."""
+        self._step, self._plan = scenario.period, None
+        self._fmu.load()
 
     def act(self, seen: Observation) -> Any:
         """One step of the FMU: what is seen goes in, the command comes out."""
         signals: dict[str, Any] = dict(seen.signals())
         if self._fmu.sees_objects:
             signals |= _objects(seen)
-        if not self._begun:
-            self._begun = True
+        if not self._fmu.initialized:
             self._fmu.begin(signals)
         answer = self._fmu.step(signals, seen.time, self._step)
         if self._plans:
@@ -512,6 +525,7 @@ class FmuPlant:
         }  # fmt: skip
         try:
             if self._offset is None:
+                self._fmu.load()
                 self._fmu.begin(signals)
                 first = self._fmu.read()
                 if abs(first["speed"] - state.speed) > _SPEED_TOLERANCE:
@@ -522,12 +536,8 @@ class FmuPlant:
                 turn = state.heading - first["heading"]
                 self._offset = complex(state.x, state.y) - _turned(first, turn), turn
             found = self._fmu.step(signals, self._time, step)
-        except SimulationError:
-            raise
-        except Exception as error:
-            raise SimulationError(
-                f"The vehicle model {self._fmu.path.name} failed: {said(error)}."
-            ) from error
+        except ControllerError as error:
+            raise SimulationError(f"The vehicle model: {error}.") from error
         self._time += step
         if not all(math.isfinite(value) for value in found.values()):
             raise SimulationError(
@@ -567,14 +577,11 @@ def _number(text: str) -> float | str:
 def _fmpy() -> Any:
     try:
         import fmpy
-        import fmpy.fmi2
-        import fmpy.fmi3
     except ImportError as error:
         raise needs_extra("An FMU", "fmu") from error
     return fmpy
 
 
-_SLAVES = {"2.0": ("fmi2", "FMU2Slave"), "3.0": ("fmi3", "FMU3Slave")}
 _unpack_folders: list[tempfile.TemporaryDirectory[str]] = []
 
 
