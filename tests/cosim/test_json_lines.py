@@ -115,6 +115,16 @@ def test_a_program_that_reads_nothing_is_ended(monkeypatch):
     ads = AdsSettings("a", "exec:sleep 60", options={"map": "x" * 200_000})
     found = simulate(case(lead(100.0)), ads.locator, HALF_SECOND, step_timeout=0.3)
     assert found.end_reason == "ads_timeout"
+    found = shell("printf '{}'; sleep 60", step_timeout=0.3)
+    assert "within 0.3 s, got b'{}' without an end of line" in found.error
+
+
+def test_a_script_that_the_system_cannot_start_gets_a_sentence(tmp_path):
+    (tmp_path / "ads.sh").write_bytes(b"#!/bin/sh\r\n")
+    (tmp_path / "ads.sh").chmod(0o755)
+    found = simulate(case(), "exec:./ads.sh", HALF_SECOND, folder=tmp_path)
+    assert "ends without a carriage return" in found.error
+    assert (found.log, found.error_place) == ("", "")
 
 
 def test_a_program_that_works_on_after_its_case_is_killed_too(tmp_path):

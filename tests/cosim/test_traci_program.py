@@ -63,13 +63,25 @@ def test_a_client_and_the_same_script_in_process_make_the_same_recording(tmp_pat
     assert there.controller_latency[0] > 0.0
 
 
-def test_a_client_that_breaks_ends_its_case_and_what_it_said_is_kept(tmp_path):
-    found = run(tmp_path, "import sys\nprint('on stdout')\nsys.exit('no map')\n")
+TWICE = "traci.start([], label='a')\ntraci.start([], label='b')\n"
+CLOSED = "traci.start([])\ntraci.simulationStep()\ntraci.close()\nprint('left')\ntime.sleep(60)\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "how", "said"),
+    [
+        ("print('on stdout')\nsys.exit('no map')\n", "with status 1", "on stdout\nno map"),
+        (TWICE, "with status 1", "a case takes one connection, got a second one"),
+        (CLOSED, "closing its connection", "left"),
+    ],
+)
+def test_a_client_that_breaks_ends_its_case_and_what_it_said_is_kept(tmp_path, text, how, said):
+    found = run(tmp_path, f"import sys, time, traci\n{text}")
     assert (found.end_reason, found.error) == (
-        "ads_error", "The ADS's program ended before its case did, with status 1.",
+        "ads_error", f"The ADS's program ended before its case did, {how}.",
     )  # fmt: skip
-    assert "no map" in found.log
-    assert "on stdout" in found.log
+    for line in said.splitlines():
+        assert line in found.log
 
 
 def test_an_entry_names_the_type_of_the_vehicle_that_a_client_drives(tmp_path):

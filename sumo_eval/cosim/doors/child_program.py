@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO
 
-from sumo_eval.errors import InputError, must_be
+from sumo_eval.errors import ControllerError, InputError, must_be, said
 
 _PATIENCE = 0.5  # s of wall time in which a program may end by itself before it is killed
 _KEPT = 20_000  # the last bytes of a program's output, which are kept
@@ -43,12 +43,8 @@ def checked_command(command: str, folder: Path | None, scheme: str) -> tuple[str
     if not hasattr(os, "killpg"):
         raise InputError(f"{owner} needs a system with process groups (Linux, macOS).")
     program = words[0]
-    found = (
-        (folder or Path.cwd()) / program
-        if os.sep in program
-        else shutil.which(program, path=search_path())
-    )
-    if found is None or not os.access(found, os.X_OK) or Path(found).is_dir():
+    place = str((folder or Path.cwd()) / program) if os.sep in program else program
+    if shutil.which(place, path=search_path()) is None:
         raise InputError(f"{owner}: there is no program `{program}` that can be run.")
     return words
 
@@ -88,16 +84,23 @@ class ChildProgram:
         # a TraCI program would load libsumo instead of connecting
         environment.pop("LIBSUMO_AS_TRACI", None)
         self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `stop`
-        self.process = subprocess.Popen(
-            list(command),
-            stdin=subprocess.PIPE if talks else subprocess.DEVNULL,
-            stdout=subprocess.PIPE if talks else self._output,
-            stderr=self._output,
-            cwd=folder,
-            env=environment,
-            start_new_session=True,
-            preexec_fn=_die_with_parent if sys.platform == "linux" else None,
-        )
+        try:
+            self.process = subprocess.Popen(
+                list(command),
+                stdin=subprocess.PIPE if talks else subprocess.DEVNULL,
+                stdout=subprocess.PIPE if talks else self._output,
+                stderr=self._output,
+                cwd=folder,
+                env=environment,
+                start_new_session=True,
+                preexec_fn=_die_with_parent if sys.platform == "linux" else None,
+            )
+        except OSError as error:
+            self._output.close()
+            raise ControllerError(
+                "The ADS's program must be one that the system can start (a script's first line, "
+                f"`#!/bin/sh`, ends without a carriage return), got {said(error)}"
+            ) from error
 
     def stop(self) -> str:
         """End the program and everything that it started; return the output that was kept."""
@@ -117,14 +120,15 @@ class ChildProgram:
         self._output.close()
         return f"[the first {left_out} bytes are left out]\n{text}" if left_out else text
 
-    def how_it_ended(self) -> str:
-        """Last words of "the program ended ...": `with status 1`, or, where it still runs after a
-        short wait, `closing its output`.
+    def ended(self, closed: str) -> ControllerError:
+        """The error of a program that ended, or still runs and has closed its output or
+        connection.
         """
         try:
-            return f"with status {self.process.wait(_PATIENCE)}"
+            how = f"with status {self.process.wait(_PATIENCE)}"
         except subprocess.TimeoutExpired:
-            return "closing its output"
+            how = f"closing its {closed}"
+        return ControllerError(f"The ADS's program ended before its case did, {how}")
 
     def kill(self) -> None:
         """End the program and everything that it started, now."""

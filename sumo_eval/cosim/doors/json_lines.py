@@ -50,9 +50,12 @@ class JsonLinesProgram(Adapter):
     folder: Path | None
     log: str = ""
     options: dict[str, Any] = field(default_factory=dict)
-    _program: ChildProgram | None = None
+    _program: Any = None  # a ChildProgram
+    _stdin: int = -1
+    _stdout: int = -1
     _unread: bytes = b""
-    _deadline: float = START_TIMEOUT
+    _deadline: float = START_TIMEOUT  # s of wall time for an answer
+    _until: float = 0.0  # of the monotonic clock, s
     observes = True
 
     @classmethod
@@ -63,10 +66,11 @@ class JsonLinesProgram(Adapter):
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Start the program and brief it."""
         self.log, self._unread = "", b""
-        self._program = program = ChildProgram(self.command, self.folder, talks=True)
-        assert program.process.stdin is not None
+        self._program = ChildProgram(self.command, self.folder, talks=True)
+        process = self._program.process
+        self._stdin, self._stdout = process.stdin.fileno(), process.stdout.fileno()
         # a program that reads nothing leaves the pipe full
-        os.set_blocking(program.process.stdin.fileno(), False)
+        os.set_blocking(self._stdin, False)
         road = scenario.road
         described: dict[str, Any] = {
             "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length,
@@ -84,12 +88,16 @@ class JsonLinesProgram(Adapter):
             briefing["options"] = self.options
         if scenario.values is not None:
             briefing |= {"scenario": scenario.scenario, "values": dict(scenario.values)}
-        self._ask(briefing, max(START_TIMEOUT, scenario.step_timeout))
+        self._deadline = max(START_TIMEOUT, scenario.step_timeout)
+        self._ask(briefing)
         self._deadline = scenario.step_timeout
 
     def act(self, seen: Observation) -> Any:
-        """Send what is seen, read what is asked for."""
-        return _asked(self._ask({"type": "step", **seen.plain()}, self._deadline))
+        """Send what is seen, read what is asked for; nothing may be left of the last answer."""
+        if self._unread or select.select([self._stdout], [], [], 0.0)[0]:
+            more = self._unread or self._read()
+            raise ControllerError(f"The ADS must answer with one line, got more: {more[:200]!r}")
+        return _asked(self._ask({"type": "step", **seen.plain()}))
 
     def close(self) -> None:
         """End of input, then the end of the program."""
@@ -97,16 +105,20 @@ class JsonLinesProgram(Adapter):
             self.log = self._program.stop()
             self._program = None
 
-    def _ask(self, message: dict[str, Any], deadline: float) -> dict[str, Any]:
-        program = self._program
-        assert program is not None
+    def _ask(self, message: dict[str, Any]) -> dict[str, Any]:
         text = json.dumps(message, separators=(",", ":")).encode() + b"\n"
-        until = clock.monotonic() + deadline
+        self._until = clock.monotonic() + self._deadline
         try:
-            self._send(program, text, until, deadline)
+            while text:
+                self._wait([], [self._stdin])
+                text = text[os.write(self._stdin, text) :]
         except BrokenPipeError:
-            raise self._ended() from None
-        line = self._line(program, until, deadline)
+            raise self._program.ended("output") from None
+        while b"\n" not in self._unread:
+            self._wait([self._stdout], [])
+            self._unread += self._read()
+        first, _, self._unread = self._unread.partition(b"\n")
+        line = first.decode("utf-8", errors="replace")
         try:
             answer = json.loads(line)
         except (ValueError, RecursionError):
@@ -115,52 +127,24 @@ class JsonLinesProgram(Adapter):
             raise ControllerError(
                 f"The ADS must answer with a JSON object on one line, got {line[:200]!r}"
             )
-        if self._unread:
-            raise ControllerError(
-                f"The ADS must answer with one line, got more: {self._unread[:200]!r}"
-            )
         return answer
 
-    def _send(self, program: ChildProgram, text: bytes, until: float, deadline: float) -> None:
-        assert program.process.stdin is not None
-        handle = program.process.stdin.fileno()
-        while text:
-            self._wait(program, ([], [handle]), until, deadline)
-            text = text[os.write(handle, text) :]
-
-    def _wait(
-        self,
-        program: ChildProgram,
-        handles: tuple[list[int], list[int]],
-        until: float,
-        deadline: float,
-    ) -> None:
+    def _wait(self, to_read: list[int], to_write: list[int]) -> None:
         """Wait until a handle can be read, or written; end the program at its deadline."""
-        left = until - clock.monotonic()
+        left = self._until - clock.monotonic()
         timeout = None if left == float("inf") else left
-        if left <= 0.0 or not any(select.select(*handles, [], timeout)):
-            program.kill()
+        if left <= 0.0 or not any(select.select(to_read, to_write, [], timeout)):
+            self._program.kill()
+            got = f", got {self._unread[:200]!r} without an end of line" if self._unread else ""
             raise ControllerTimeoutError(
-                f"The ADS's program must answer within {deadline:g} s, and was ended"
+                f"The ADS's program must answer within {self._deadline:g} s{got}, and was ended"
             )
 
-    def _line(self, program: ChildProgram, until: float, deadline: float) -> str:
-        assert program.process.stdout is not None
-        handle = program.process.stdout.fileno()
-        while b"\n" not in self._unread:
-            self._wait(program, ([handle], []), until, deadline)
-            chunk = os.read(handle, 65536)
-            if not chunk:
-                raise self._ended()
-            self._unread += chunk
-        line, _, self._unread = self._unread.partition(b"\n")
-        return line.decode("utf-8", errors="replace")
-
-    def _ended(self) -> ControllerError:
-        assert self._program is not None
-        return ControllerError(
-            f"The ADS's program ended before its case did, {self._program.how_it_ended()}"
-        )
+    def _read(self) -> bytes:
+        chunk = os.read(self._stdout, 65536)
+        if not chunk:
+            raise self._program.ended("output")
+        return chunk
 
 
 def _asked(answer: dict[str, Any]) -> Any:

@@ -34,9 +34,9 @@ from sumo_eval.errors import (
     ControllerError,
     ControllerTimeoutError,
     SimulationError,
+    check_known,
     needs_extra,
     said,
-    unknown,
 )
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
@@ -78,9 +78,7 @@ class TraciProgram(Adapter):
     @property
     def vehicle_type(self) -> Any:
         """The ego's vType as the entry names it; None: the vehicle settings' own."""
-        for name in self.options:
-            if name != "vehicle_type":
-                raise unknown("option of an ADS of `traci:`", name, ("vehicle_type",))
+        check_known("option of an ADS of `traci:`", ("vehicle_type",), *self.options)
         return self.options.get("vehicle_type")
 
     @classmethod
@@ -94,12 +92,10 @@ def sumo_binary() -> str:
     """Path of the sumo program. Raises InputError naming the extra to install."""
     found = shutil.which("sumo")
     if found is None:
-        try:
+        with suppress(ImportError, AttributeError):
             import sumo
 
             found = shutil.which("sumo", path=str(Path(sumo.SUMO_HOME) / "bin"))
-        except (ImportError, AttributeError):
-            found = None
     if found is None:
         raise needs_extra("`traci:`, for the program sumo,", "gui")
     return found
@@ -168,7 +164,8 @@ class ServedSimulation:
                     "anything else "
                     "(`setOrder(2)`): it shares the simulation with the harness"
                 ) from error
-            self._check_program()
+            if self._relay.has_left or self._program.process.poll() is not None:
+                raise ControllerError(f"{self._program.ended('connection')}.") from error
             if clock.perf_counter() - asked >= limit:
                 raise ControllerTimeoutError(
                     f"The ADS's program must connect to the port in {_PORT}, set its order to 2 "
@@ -179,13 +176,6 @@ class ServedSimulation:
                 f"SUMO ended while the ADS's program had its turn: {said(error)}."
             ) from error
         self._ads.took = clock.perf_counter() - asked
-        self._check_program()
-
-    def _check_program(self) -> None:
-        if self._program.process.poll() is not None:
-            raise ControllerError(
-                f"The ADS's program ended before its case did, {self._program.how_it_ended()}."
-            )
 
 
 @contextmanager
@@ -223,7 +213,7 @@ def served(
             words = [word.replace("{port}", str(relay.port)) for word in ads.command]
             program = ChildProgram(words, ads.folder, talks=False, variables=_variables(relay.port))
             simulation = ServedSimulation(connection, program, ads, step_timeout, relay)
-            threading.Thread(target=_hang_up, args=(program, connection), daemon=True).start()
+            threading.Thread(target=_hang_up, args=(program, relay), daemon=True).start()
             simulation.begin()
             check_start(simulation, concrete, settings)
             yield simulation
@@ -243,26 +233,22 @@ def _variables(port: int) -> dict[str, str]:
     return {_PORT: str(port), "PYTHONPATH": path}
 
 
-def _hang_up(program: ChildProgram, connection: Any) -> None:
-    """Close the program's connection once it has ended: else SUMO would wait for it for ever, and
-    this process for SUMO.
+def _hang_up(program: ChildProgram, relay: Relay) -> None:
+    """Wait no longer for a program that has ended without connecting: else SUMO would wait for it
+    for ever, and this process for SUMO.
     """
     program.process.wait()
-    with suppress(OSError, AttributeError):  # the case was over first
-        connection._socket.shutdown(socket.SHUT_RDWR)
+    relay.end()
 
 
 def _connect(server: PrivateServer, logs: tuple[Path, ...]) -> Any:
     """The harness's connection, when the server has begun and both of its clients are connected."""
-    import traci.connection
-    import traci.main  # makes the domains that a connection has
-
     sumo = server.process
     until = clock.monotonic() + START_TIMEOUT
     while True:
         try:
             server.connect()
-            return _over(server.sockets[0], traci.connection.Connection)
+            return _over(server.sockets[0])
         except OSError as error:
             if sumo.poll() is not None or clock.monotonic() > until:
                 raise SimulationError(
@@ -272,12 +258,15 @@ def _connect(server: PrivateServer, logs: tuple[Path, ...]) -> Any:
                 sumo.wait(_BETWEEN_TRIES)
 
 
-def _over(connected: socket.socket, kind: Any) -> Any:
+def _over(connected: socket.socket) -> Any:
     """A TraCI connection over a socket that is connected already; its class makes and connects one
     of its own.
     """
+    import traci.connection
+    import traci.main  # makes the domains that a connection has
+
     with socket.create_server((LOOPBACK, 0)) as nobody:
-        connection = kind(*nobody.getsockname(), None, None, False, None)
+        connection = traci.connection.Connection(*nobody.getsockname(), None, None, False, None)
     connection._socket.close()
     connection._socket = connected
     return connection

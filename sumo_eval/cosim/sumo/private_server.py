@@ -33,6 +33,7 @@ _SET_FLAGS, _UP_AND_RUNNING = 0x8914, 0x1 | 0x40  # SIOCSIFFLAGS; IFF_UP, IFF_RU
 _WORD = b"made"
 # of a TraCI message: length, command's length, command
 _COMMAND, _SET_ORDER, _STEP = slice(5, 6), b"\x03", b"\x02"
+_CLOSE, _CLOSED = b"\0\0\0\x06\x02\x7f", b"\0\0\0\x0b\x07\x7f" + bytes(5)  # asked, answered
 
 
 class PrivateServer:
@@ -44,18 +45,17 @@ class PrivateServer:
     def __init__(
         self, command: Sequence[str], port: int, output: IO[bytes], *, isolated: bool = True
     ) -> None:
+        isolated = isolated and sys.platform == "linux"
         ours, theirs = socket.socketpair()
         with ours, theirs:
             self.process = subprocess.Popen(
                 list(command), stdin=subprocess.DEVNULL, stdout=output, stderr=output,
-                preexec_fn=(
-                    _into_own_network(theirs) if isolated and sys.platform == "linux" else None
-                ),
+                preexec_fn=_into_own_network(theirs) if isolated else None,
             )  # fmt: skip
             theirs.close()
             word = b""
             handles: list[int] = []
-            if isolated and sys.platform == "linux":
+            if isolated:
                 word, handles = socket.recv_fds(ours, len(_WORD), CLIENTS)[:2]
         self.isolated = word == _WORD and len(handles) == CLIENTS
         self.sockets = [socket.socket(fileno=handle) for handle in handles] or [
@@ -88,9 +88,11 @@ class Relay:
     each other.
 
     has_asked, has_order: whether the client has asked for a step, and whether it has set its order.
+    has_left: whether it has closed its connection. SUMO is not asked to close it, and so ends at
+        the next step: with one client less it would run by itself.
     """
 
-    has_asked = has_order = False
+    has_asked = has_order = has_left = False
 
     def __init__(self, server: socket.socket) -> None:
         self._listener = socket.create_server((LOOPBACK, 0), backlog=1)
@@ -114,7 +116,10 @@ class Relay:
                 while True:
                     for one in select.select(list(other), [], [])[0]:
                         data = one.recv(65_536)
-                        if not data:
+                        if one is client and data in (b"", _CLOSE):
+                            self.has_left = True
+                            client.sendall(_CLOSED)
+                        if data in (b"", _CLOSE):
                             return
                         if one is client and not self.has_order:
                             self.has_order = data[_COMMAND] == _SET_ORDER

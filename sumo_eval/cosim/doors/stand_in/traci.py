@@ -22,6 +22,7 @@ del sys.modules["traci"]
 real = importlib.import_module("traci")
 main = importlib.import_module("traci.main")
 connection = importlib.import_module("traci.connection")
+_made_before: list[int] = []
 _make, _set_order = connection.Connection.__init__, connection.Connection.setOrder
 
 
@@ -36,9 +37,12 @@ def start(cmd: Any = None, *arguments: Any, label: str = "default", **options: A
 
 
 def _made(self: Any, host: str, port: int, process: Any, *others: Any, **options: Any) -> None:
-    """A connection to the case, whatever port is named."""
+    """A connection to the case, the only one, whatever port is named."""
+    if _made_before:
+        raise main.TraCIException("sumo_eval: a case takes one connection, got a second one")
     _make(self, "127.0.0.1", int(os.environ["SUMO_EVAL_PORT"]), None, *others, **options)
     _set_order(self, ORDER)
+    _made_before.append(port)
 
 
 def _ordered(self: Any, order: int) -> None:
