@@ -30,7 +30,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.errors import InputError, must_be, said, unknown
+from sumo_eval.errors import InputError, check_known, must_be, said, unknown
 from sumo_eval.method.checks import not_negative
 from sumo_eval.method.collision_avoidance import impact_severity
 from sumo_eval.settings import CollisionSettings
@@ -132,8 +132,7 @@ def injury_risk(who: str, closing_speed: ArrayLike, age: float | None = None) ->
     age: years; None: the curve's own.
     Raises InputError for another name, and for speeds and ages that are negative or not finite.
     """
-    if who not in INJURY_CURVES:
-        raise unknown("injury-risk curve", who, INJURY_CURVES)
+    check_known("injury-risk curve", INJURY_CURVES, who)
     curve = INJURY_CURVES[who]
     owner = f"injury-risk curve `{who}`"
     speed = not_negative(owner, "closing_speed", closing_speed)

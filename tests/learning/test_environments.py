@@ -334,7 +334,7 @@ def test_what_the_environment_cannot_do_is_refused():
             "sumo_eval/cut_in-v0",
             settings=SimulationSettings(conditions=ConditionSettings(dropout=0.1)),
         ).reset()
-    with refusal("`period` of the interface must be a multiple of `step`"):
+    with refusal("`period` of the interface must be a multiple of `simulation.step`"):
         make("sumo_eval/cut_in-v0", interface=Interface(RAW.features, RAW.actions, period=0.07))
     with refusal(r"Unknown feature `lead\.gab`\. Did you mean `lead\.gap`"):
         Feature("lead.gab")

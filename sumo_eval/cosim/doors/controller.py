@@ -19,15 +19,21 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol, cast
-from urllib.parse import parse_qsl
 
-from sumo_eval.cosim.doors.entry import PLAIN, Entry, check_options, made, split_entry
+from sumo_eval.cosim.doors.entry import PLAIN, Entry, check_options, made, read_query, split_entry
 from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.doors.traci_module import TRACI, seen_as_traci
 from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
 from sumo_eval.cosim.plans import Plan, Wanted
 from sumo_eval.cosim.vehicle_model import Command, Pedals
-from sumo_eval.errors import ControllerError, InputError, did_you_mean, must_be, unknown
+from sumo_eval.errors import (
+    ControllerError,
+    InputError,
+    check_known,
+    did_you_mean,
+    must_be,
+    unknown,
+)
 from sumo_eval.scenario.concrete import Road, Way
 from sumo_eval.settings import VehicleSettings
 from sumo_eval.settings.locators import load_object
@@ -413,12 +419,7 @@ def _native_model(locator: str, text: str) -> NativeModel:
     by_lower_case = {name.lower(): name for name in SUMO_MODELS}
     if model.lower() not in by_lower_case:
         raise unknown("SUMO car-following model", model, SUMO_MODELS)
-    try:
-        attributes = dict(parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query)))
-    except ValueError:
-        raise must_be(
-            "The parameters", f"ADS `{locator}`", "of the form name=value&name=value", query
-        ) from None
+    attributes = read_query(query, f"ADS `{locator}`", "name=value&name=value")
     _check_attributes(attributes, f"ADS `{locator}`")
     return NativeModel(by_lower_case[model.lower()], attributes)
 
@@ -443,8 +444,7 @@ def _named_type(target: Any) -> NativeModel | None:
         raise must_be("The attributes", owner, "a dict", given)
     attributes = {str(name): str(value) for name, value in given.items()}
     model = attributes.pop("carFollowModel", "Krauss")
-    if model not in SUMO_MODELS:
-        raise unknown(f"SUMO car-following model in {owner}", model, SUMO_MODELS)
+    check_known(f"SUMO car-following model in {owner}", SUMO_MODELS, model)
     for name in attributes:
         if name.startswith(PARAMETER):
             raise InputError(

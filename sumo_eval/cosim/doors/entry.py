@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote_plus
+from urllib.parse import parse_qsl, unquote_plus
 
 from sumo_eval.errors import InputError, check_known, must_be, said
 
@@ -80,6 +80,14 @@ def split_entry(locator: str) -> tuple[str, Entry]:
         else:
             options[unquote_plus(name.removeprefix(_OPTION))] = value
     return f"{head}?{rest}" if rest else head, Entry(period, options, batch)
+
+
+def read_query(query: str, owner: str, form: str) -> dict[str, str]:
+    """The pairs behind the `?` of a locator, of the form `name=value&name=value`."""
+    try:
+        return dict(parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query)))
+    except ValueError:
+        raise must_be("The options", owner, f"of the form {form}", query) from None
 
 
 def made_absolute(locator: str, folder: Path) -> str:

@@ -21,7 +21,7 @@ without such a vehicle: it is limited and scaled as the value would be.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.observation import Observations
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be, unknown
 from sumo_eval.settings.checked import Checked, Positive
 from sumo_eval.settings.config import read_checked, to_toml
 
@@ -101,8 +101,7 @@ class Action(Checked):
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
-        if self.name not in ACTIONS:
-            raise unknown("action", self.name, ACTIONS)
+        check_known("action", ACTIONS, self.name)
         if self.values is not None and (self.low is not None or not self.values):
             wanted = "numbers, without `low` and `high`"
             raise must_be("`values`", f"`{self.name}`", wanted, self.values)
@@ -188,8 +187,7 @@ class Interface(Checked):
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
         """Least and greatest value of every feature as it is shown, float32."""
-        ranged = np.array([feature.low is not None for feature in self.features])
-        high = np.where(ranged, 1.0, np.inf).astype(np.float32)
+        high = largest(self.features)
         return -high, high
 
     def commands(self, answers: Floats) -> Floats:
@@ -272,7 +270,7 @@ def _reader(name: str) -> _Reader:
     if (what == "ego" and rest in _EGO) or (what == "lead" and rest in _LEAD):
         return lambda seen, frame: np.asarray(getattr(getattr(seen, what), rest))
     number, _, value = rest.partition(".")
-    if what == "vehicles" and number.isdigit() and int(number) > 0 and value in _VEHICLE:
+    if what == "vehicles" and number.isdecimal() and int(number) > 0 and value in _VEHICLE:
         place = int(number) - 1
         return lambda seen, frame: _of_vehicle(seen, frame, place, value)
     raise unknown("feature", name, NAMES)
@@ -316,6 +314,11 @@ def _of_vehicle(seen: Observations, frame: str, place: int, what: str) -> Floats
     else:
         value = getattr(seen.vehicles, what)[rows, them]
     return np.asarray(np.where(there, value, np.nan))
+
+
+def largest(scaled: Sequence[Feature | Action]) -> NDArray[np.float32]:
+    """The largest value of each as a network has it: 1 where it has a range."""
+    return np.array([np.inf if it.low is None else 1.0 for it in scaled], np.float32)
 
 
 def _check_range(name: str, low: float | None, high: float | None) -> None:

@@ -15,13 +15,12 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qsl
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.controller import Briefing, PolicyController
-from sumo_eval.cosim.doors.entry import steps_between
+from sumo_eval.cosim.doors.entry import read_query, steps_between
 from sumo_eval.cosim.doors.features import Interface, read_interface
 from sumo_eval.cosim.doors.observation import Observations
 from sumo_eval.errors import ControllerError, InputError, check_known, must_be, needs_extra, said
@@ -47,8 +46,10 @@ class OnnxPolicy:
         self._session = _session(model)
         self._input, self._dtype, self._rows = self._checked_input()
         self._output = self._checked_output(output)
-        self._every = 1  # steps that an answer holds
-        self._held = np.zeros((0, 2))  # by case
+        try:
+            self._answers(np.zeros((1, len(self.interface.features)), np.float32))
+        except ControllerError as error:  # refused before the run
+            raise InputError(f"{error}.") from error
 
     def _checked_input(self) -> tuple[str, Any, int]:
         owner, given = f"model {self._name}", self._session.get_inputs()
@@ -62,7 +63,8 @@ class OnnxPolicy:
         if len(it.shape) != 2 or (isinstance(it.shape[1], int) and it.shape[1] != wanted):
             shape = f"of shape (rows, {wanted}), as its table has {wanted} features"
             raise must_be(f"The input `{it.name}`", owner, shape, tuple(it.shape))
-        return it.name, _DTYPES[it.type], it.shape[0] if isinstance(it.shape[0], int) else BLOCK
+        rows = it.shape[0] or BLOCK
+        return it.name, _DTYPES[it.type], rows if isinstance(rows, int) else BLOCK
 
     def _checked_output(self, output: str | None) -> str:
         owner, given = f"model {self._name}", self._session.get_outputs()
@@ -73,13 +75,13 @@ class OnnxPolicy:
         self._chosen = it.type == "tensor(int64)" and self.interface.choices is not None
         if it.type not in _DTYPES and not self._chosen:
             raise must_be(f"The output `{it.name}`", owner, "of float or double numbers", it.type)
-        return str(it.name)
+        return output
 
     def reset(self, briefing: Briefing) -> None:
         """Begin a batch: for how many of its steps an answer holds."""
         owner = f"the features table of {self._name}"
         self._every = steps_between(self.interface.period or 0.0, briefing.step, owner)
-        self._step, self._held = briefing.step, np.zeros((0, 2))
+        self._step, self._held = briefing.step, np.zeros((0, 2))  # the last answers, by case
 
     def act(self, seen: Observations) -> FloatArray:
         """Accelerations, m/s2, and steering wheel angles, rad, (n, 2)."""
@@ -121,13 +123,8 @@ class OnnxPolicy:
 
 def from_locator(text: str, folder: Path | None) -> PolicyController:
     """`policy.onnx`, or `policy.onnx?features=table.toml&output=action`."""
-    file, asks, query = text.partition("?")
-    try:
-        options = dict(parse_qsl(query, keep_blank_values=True, strict_parsing=bool(asks)))
-    except ValueError:
-        raise must_be(
-            "The options", f"ADS `onnx:{text}`", "of the form features=FILE&output=NAME", query
-        ) from None
+    file, _, query = text.partition("?")
+    options = read_query(query, f"ADS `onnx:{text}`", "features=FILE&output=NAME")
     check_known(f"option of ADS `onnx:{text}`", ("features", "output"), *options)
     model = (folder or Path.cwd()) / file
     # beside the model, unless it is named

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeGuard
 
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError, check_known
 from sumo_eval.extras.figures import of_runs
 from sumo_eval.extras.figures.chosen import Asked
 from sumo_eval.results import Evaluation
@@ -47,8 +47,7 @@ def draw(
     Raises InputError for a name that is none, and for a scenario, an ADS or a case that is not
     there.
     """
-    if figure not in FIGURES:
-        raise unknown("figure", figure, list(FIGURES))
+    check_known("figure", FIGURES, figure)
     edge = is_edge(evaluation, figure)
     if figure in OF_RUNS and not edge:
         if isinstance(evaluation, Path):

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from sumo_eval.errors import InputError, needs_extra, said, unknown
+from sumo_eval.errors import InputError, check_known, needs_extra, said
 from sumo_eval.extras.panels import COLOURS, INK, MUTED, Panel, add_title_and_legend, draw
 
 if TYPE_CHECKING:
@@ -81,8 +81,7 @@ def width_of(width: str) -> float:
 
     Raises InputError for a name that is none.
     """
-    if width not in WIDTHS:
-        raise unknown("width", width, list(WIDTHS))
+    check_known("width", WIDTHS, width)
     return WIDTHS[width]
 
 

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from sumo_eval.cosim.doors.features import Interface
+from sumo_eval.cosim.doors.features import Interface, largest
 from sumo_eval.errors import must_be
 from sumo_eval.extras.gym.episodes import TERMINAL, Episodes
 from sumo_eval.scenario.logical import LogicalScenario
@@ -20,15 +20,11 @@ Floats = NDArray[Any]
 
 def _spaces(interface: Interface) -> tuple[gymnasium.spaces.Box, gymnasium.Space[Any]]:
     """The spaces of the features and of the actions."""
-    low, high = (end.astype(np.float32) for end in interface.bounds)
-    shown = gymnasium.spaces.Box(low, high, dtype=np.float32)
+    shown = gymnasium.spaces.Box(*interface.bounds, dtype=np.float32)
     if interface.choices is not None:
         return shown, gymnasium.spaces.Discrete(interface.width)
-    ranges = [
-        (-1.0, 1.0) if action.low is not None else (-np.inf, np.inf) for action in interface.actions
-    ]
-    least, most = (np.array(ends, dtype=np.float32) for ends in zip(*ranges, strict=True))
-    return shown, gymnasium.spaces.Box(least, most, dtype=np.float32)
+    most = largest(interface.actions)
+    return shown, gymnasium.spaces.Box(-most, most, dtype=np.float32)
 
 
 def _answers(interface: Interface, actions: Any, count: int) -> Floats:
@@ -154,14 +150,12 @@ class ScenarioVectorEnv(_WithEpisodes, VectorEnv[Floats, Floats, Floats]):
     def _seed(self, seed: int | list[int | None] | None) -> None:
         if seed is None and self._generators:
             return
-        if isinstance(seed, list):
-            if len(seed) != self.num_envs:
-                raise must_be("`seed`", "reset", f"one number, or {self.num_envs}", seed)
-            self._generators = [np.random.default_rng(one) for one in seed]
-            return
         if seed is None:
             seed = int(self.np_random.integers(2**31))
-        self._generators = [np.random.default_rng(seed + row) for row in range(self.num_envs)]
+        seeds = seed if isinstance(seed, list) else range(seed, seed + self.num_envs)
+        if len(seeds) != self.num_envs:
+            raise must_be("`seed`", "reset", f"one number, or {self.num_envs}", seed)
+        self._generators = [np.random.default_rng(one) for one in seeds]
 
     def step(
         self, actions: Floats
@@ -180,9 +174,8 @@ class ScenarioVectorEnv(_WithEpisodes, VectorEnv[Floats, Floats, Floats]):
         info: dict[str, Any] = {}
         if over.any():
             info = {"end_reason": reasons, "_end_reason": over.copy()}
-        rows = np.flatnonzero(begun)
-        if len(rows):  # they stood still in this step
-            self.episodes.begin(rows, self._generators, {})
+        # they stood still in this step
+        self.episodes.begin(np.flatnonzero(begun), self._generators, {})
         seen = self.episodes.show()
         if self._mode is AutoresetMode.SAME_STEP and over.any():
             info["final_obs"], info["_final_obs"] = seen.copy(), over.copy()

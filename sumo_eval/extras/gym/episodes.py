@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.contact import Body
+from sumo_eval.cosim.doors.entry import steps_between
 from sumo_eval.cosim.doors.features import Interface, read_interface, usual
 from sumo_eval.cosim.doors.observation import Observations
 from sumo_eval.cosim.pack import Pack
@@ -116,10 +117,8 @@ class Episodes:
         self._pack: Pack | None = None
         self._start_speeds = np.zeros(count)
         self._limit, self._answered = max_episode_steps, np.zeros(count, dtype=np.int64)
-        period, step = self.interface.period or self.settings.step, self.settings.step
-        self._steps = round(period / step)
-        if abs(self._steps * step - period) > 1e-9 or self._steps < 1:
-            raise must_be("`period`", "the interface", f"a multiple of `step` ({step:g} s)", period)
+        period = self.interface.period or 0.0
+        self._steps = steps_between(period, self.settings.step, "the interface")
 
     def begin(
         self,
@@ -171,22 +170,21 @@ class Episodes:
                 ) from error
         values = {name: float(value) for name, value in given.items()}
         free = [item for item in self.logical.parameters if item.name not in values]
-        for _ in range(_TRIES if free else 0):
+        if not free:
+            return values
+        for _ in range(_TRIES):
             for item in free:
-                low_high = (item.low, item.high)
                 values[item.name] = float(
                     item.values[generator.integers(len(item.values))]
                     if item.values
-                    else generator.uniform(*low_high)
+                    else generator.uniform(item.low, item.high)
                 )
             if self.logical.feasible([[values[name] for name in self.logical.names]])[0]:
                 return values
-        if free:
-            raise InputError(
-                f"No point of scenario `{self.logical.name}` with these options satisfies its "
-                "constraints."
-            )
-        return values
+        raise InputError(
+            f"No point of scenario `{self.logical.name}` with these options satisfies its "
+            "constraints."
+        )
 
     @property
     def pack(self) -> Pack:

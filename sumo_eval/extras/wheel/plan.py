@@ -8,7 +8,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from annotated_types import Ge, Le, MinLen
 
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.wheel.quality import QualitySettings
 from sumo_eval.record.run_folder import FACTS, resolved_run
 from sumo_eval.record.store import Fact, open_store
@@ -161,9 +161,7 @@ def read_study(path: Path) -> StudyPlan:
     # evenly over the list: some of every scenario
     keys = settings.cases or [safe[place * len(safe) // count] for place in range(count)]
     for kind, wanted, known in (("ADS", settings.ads, names), ("case", keys, points)):
-        for name in wanted:
-            if name not in known:
-                raise unknown(f"{kind} of the run", name, known)
+        check_known(f"{kind} of the run", known, *wanted)
     if len(set(keys)) < len(keys):
         raise must_be("`cases`", f"study `{settings.name}`", "distinct", ", ".join(keys))
     if not keys:
