@@ -130,8 +130,16 @@ def test_who_stands_behind_a_standing_car_is_excused():
     assert not is_excused(stopped, car(40.0, 0.0)), "behind"
     assert is_excused(stopped, car(60.0, 5.2))
     assert not is_excused(stopped, car(60.0, 5.4)), "3.6 m beside"
+    assert [is_excused(stopped, car(60.0, y)) for y in (-5.2, -5.4)] == [True, False]
+    # at 10 s, when the ego stands, both are at x = 54
+    assert is_excused(stopped, car(45.0, 0.0, speed=0.9))
+    assert not is_excused(stopped, car(43.0, 0.0, speed=1.1))
     assert not is_excused(stopped, car(40.0, 0.0, speed=1.5)), "it drives on"
     assert not is_excused(drive(10.0, 20.0), car(64.0, 0.0)), "an ego that drives needs no excuse"
+    assert is_excused(drive(0.0, 20.0), car(10.0, 0.0)), "it has stood from the start"
+    gone = {"car": Trajectory(time[:99], np.full(99, 60.0), np.zeros(99))}  # at 9.8 s
+    assert not is_excused(stopped, gone)
+    assert is_excused(replace(stopped, speed=np.zeros(n)), gone)
 
 
 def test_an_incident_leaves_nothing_and_no_reference_no_share():
