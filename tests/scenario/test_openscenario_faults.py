@@ -111,6 +111,15 @@ EVENTS = {
     r"<SpeedActionDynamics>: `Other` still changes its speed when this begins, at 2 s": (
         speed_change(1, 0.0, 5.0, 6.0) + speed_change(2, 2.0, 20.0, 3.0)
     ),
+    r"<SpeedActionDynamics>: `value` must be above 0, got -3": (
+        when(BY_GAP.format(one="Ego", condition=GAP.format(other="Other")))
+        + speed_change(2, 8.0, 5.0, -3.0)
+    ),
+    r"<LongitudinalDistanceAction>: `distance` must be at least 0, got -30": timed(
+        '<LongitudinalAction><LongitudinalDistanceAction entityRef="Ego" distance="-30" '
+        'freespace="true" continuous="true"/></LongitudinalAction>',
+        1,
+    ),
     r"<Event>: with its priority `overwrite` it ends while event `e1` runs": (
         speed_change(1, 0.0, 5.0, 6.0) + lane_change(2, 2.0, SELF.format(-1))
     ),

@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -238,7 +239,7 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
 
     chosen = FileOptions(options.get("ego", ""), options.get("map", ""))
     whole = read_space(path, chosen)
-    refused: dict[str, int] = {}
+    refused = Counter[str]()
     tried = list(_tried(whole, refused))
     if not tried:
         raise InputError(
@@ -281,8 +282,7 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
         f"{count} of the points that were tried are not supported: {why}"
         for why, count in refused.items()
     )
-    everything = (*notes, *unsupported, *_about_zones(logical, scenes))
-    logical = replace(logical, notes=everything)
+    logical = replace(logical, notes=(*notes, *unsupported, *_about_zones(logical, scenes)))
     return Read(logical, space, frame, names, number, tuple(notes), refused)
 
 
@@ -320,9 +320,7 @@ def _road_names(frames: Sequence[Frame]) -> tuple[str, ...]:
                  for name, count in zip(names, counts, strict=True))  # fmt: skip
 
 
-def _tried(
-    space: FileSpace, refused: dict[str, int]
-) -> Iterator[tuple[dict[str, float], FileCase]]:
+def _tried(space: FileSpace, refused: Counter[str]) -> Iterator[tuple[dict[str, float], FileCase]]:
     """Scenes at all points of a small grid; of a large one along each axis.
 
     refused: receives why points are not supported, and how many of those that were tried. Raises
@@ -337,7 +335,7 @@ def _tried(
             supported = True
             yield point, case
         elif not case.startswith("= "):
-            refused[case] = refused.get(case, 0) + 1
+            refused[case] += 1
     if refused and not supported:
         raise InputError(next(iter(refused)))
 
@@ -412,7 +410,12 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
             Option(key, {"ego": "name", "map": "file"}.get(key, "1"), about)
             for key, about in _OPTIONS.items()
         ),
-        has_drivers=not any(_comes_across(actor) for _, case in scenes for actor in case.actors),
+        # the synthetic drivers know leads alone, none that moves across
+        has_drivers=not any(
+            _moves(actor) and math.cos(actor.heading) < _ALONG
+            for _, case in scenes
+            for actor in case.actors
+        ),
     )
     whole = scenes[0][1].whole
     if whole is not None:
@@ -472,13 +475,6 @@ def _road(frame: Frame, scenes: Scenes, time_limit: float) -> Road:
 
 def _moves(actor: Actor) -> bool:
     return actor.start.speed > 0.0 or any(act.kind != KEEP for act in actor.acts)
-
-
-def _comes_across(actor: Actor) -> bool:
-    """Whether an actor moves at more than 60 deg to the ego's road: the synthetic drivers know
-    leads alone.
-    """
-    return _moves(actor) and math.cos(actor.heading) < _ALONG
 
 
 def _search(scenes: Scenes, road: Road) -> Search | None:

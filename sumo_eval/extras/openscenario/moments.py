@@ -224,9 +224,7 @@ class Conditions:
 
     def _condition(self, element: Node) -> Moment:
         edge = element.one_of("conditionEdge", ("none", "rising", "falling", "risingOrFalling"))
-        delay = element.number("delay", 0.0)
-        if delay < 0.0:
-            raise element.fault(f"`delay` must be at least 0 s, got {delay:g}")
+        delay = element.not_negative("delay", 0.0, " s")
         kind = element.only()
         if kind.tag == "ByValueCondition":
             moment = self._by_value(kind.only(), edge)

@@ -189,8 +189,8 @@ class Moves:
             if shape == "sinusoidal":
                 shares = 0.5 * (1.0 - np.cos(math.pi * _SHARES))
             speeds = entity.pace + (speed - entity.pace) * shares
-            table = zip((_SHARES * change / rate).tolist(), speeds.tolist(), strict=True)
-            act = Act(played.BY_TIME, table=tuple(table))
+            table = np.column_stack([_SHARES * change / rate, speeds]).tolist()
+            act = Act(played.BY_TIME, table=tuple(map(tuple, table)))
         entity.before, entity.pace = first, speed
         entity.steady = begin.time + lasts if begin.known else 0.0
         return self._add(entity, begin, act, lasts)
@@ -273,7 +273,7 @@ class Moves:
     def place_apart(self, element: Node, entity: Entity) -> None:
         """Put an entity at the distance of a LongitudinalDistanceAction at the start."""
         other, ahead, apart = self._apart(element, entity)
-        gap = element.number("timeGap", 0.0) * (other.speed if ahead else -entity.speed)
+        gap = element.not_negative("timeGap", 0.0) * (other.speed if ahead else -entity.speed)
         x = other.frame.x + (apart + gap / self.frame.ground(other.frame))
         entity.frame = entity.frame._replace(x=x)
 
@@ -287,7 +287,7 @@ class Moves:
         sides = ("any", "leadingReferencedEntity", "trailingReferencedEntity")
         side = element.one_of("displacement", sides, "any")
         ahead = entity.frame.x >= other.frame.x if side == "any" else side == sides[1]
-        apart = 0.0 if element.get("timeGap") is not None else element.number("distance")
+        apart = 0.0 if element.get("timeGap") is not None else element.not_negative("distance")
         free = element.flag("freespace")
         if free:
             apart += 0.5 * (entity.length + other.length)
@@ -306,7 +306,7 @@ class Moves:
         other, ahead, apart = self._apart(element, entity)
         if other is not self.ego:
             entity.pace = other.pace
-        gap = element.number("timeGap", 0.0) * (-1.0 if ahead else 1.0)
+        gap = element.not_negative("timeGap", 0.0) * (-1.0 if ahead else 1.0)
         keeps = (self._number(other), 1.0), (0.0, 1.0 if limits is None else 2.0), (apart, gap)
         if limits is None:
             return self._relative(entity, begin, *keeps)
@@ -366,8 +366,7 @@ class Moves:
             value = abs(offset - entity.moved) / value * _PEAKS[shape]
         elif kind == "distance":
             entity.begins["across"] = begin
-            changes = _changes(entity, begin)
-            if entity.pace <= 0.0 or changes or entity.begins.get("speed") == begin:
+            if entity.pace <= 0.0 or _changes(entity, begin) or entity.begins.get("speed") == begin:
                 raise dynamics.fault(_STEADY)
             value /= entity.pace
         return self._across(element, entity, begin, offset, value, shape)
@@ -548,8 +547,8 @@ class Moves:
             raise kind.unsupported()
         for rest in kind.children():
             if rest.tag == "TargetTimeSteadyState":
-                return final, rest.number("time") * final
-            return final, rest.number("distance")
+                return final, rest.not_negative("time") * final
+            return final, rest.not_negative("distance")
         return final, 0.0
 
 

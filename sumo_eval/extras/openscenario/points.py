@@ -238,10 +238,8 @@ def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
     if kind.tag not in ("NormalDistribution", "LogNormalDistribution", "PoissonDistribution"):
         raise kind.unsupported()
     low, high = (-math.inf, math.inf) if kind.find("Range") is None else range_of(kind)
-    normal, variance = kind.tag == "NormalDistribution", kind.number("variance", 0.0)
+    normal, variance = kind.tag == "NormalDistribution", kind.not_negative("variance", 0.0)
     mean = kind.number("expectedValue") if normal else kind.above_zero("expectedValue")
-    if variance < 0.0:
-        raise kind.fault(f"`variance` must be at least 0, got {variance:g}")
     drawn: list[Value] = []
     # values outside the Range are rejected; it is refused where not even 1 in 1000 lies within it
     for _ in range(1000):

@@ -183,6 +183,13 @@ class Node:
             raise self.fault(f"`{name}` must be above 0{unit}, got {value:g}")
         return value
 
+    def not_negative(self, name: str, default: float | None = None, unit: str = "") -> float:
+        """An attribute as a number of at least 0."""
+        value = self.number(name, default)
+        if value < 0.0:
+            raise self.fault(f"`{name}` must be at least 0{unit}, got {value:g}")
+        return value
+
     def whole(self, name: str) -> int:
         """An attribute as a whole number, worked out."""
         value = self.number(name)
