@@ -11,6 +11,7 @@ from sumo_eval.method.driving_task import (
     asked_way,
     first_departure,
     is_excused,
+    misses,
     roadside_contact,
     task_share,
     times_at,
@@ -88,13 +89,16 @@ def test_a_departure_weighs_as_a_full_width_contact_with_a_standing_car():
 
 
 def test_times_at_places():
-    found = times_at(drive(10.0, 5.0), np.array([10.0, 25.0, 60.0]))
-    np.testing.assert_allclose(found, [1.0, 2.5, np.inf])
+    places, found = np.array([10.0, 25.0, 60.0]), drive(10.0, 5.0)
+    for clock in (0.0, 7.0):
+        since = times_at(replace(found, time=found.time + clock), places)
+        np.testing.assert_allclose(since, [1.0, 2.5, np.inf])
 
 
 def test_place_beyond_a_stop_is_reached_after_it():
     halting = Trajectory([0.0, 5.0, 64.0, 65.0, 66.0], [0.0, 49.9, 49.9, 49.9, 60.0], np.zeros(5))
-    np.testing.assert_allclose(times_at(halting, np.array([49.0, 50.0])), [4.91, 65.01], atol=1e-3)
+    since = times_at(halting, np.array([49.0, 49.9, 50.0]))
+    np.testing.assert_allclose(since, [4.91, 5.0, 65.01], atol=1e-3)
 
 
 def test_a_reference_has_1_and_half_its_speed_has_a_half():
@@ -102,6 +106,8 @@ def test_a_reference_has_1_and_half_its_speed_has_a_half():
     assert share(fast, fast) == 1.0
     assert share(slow, fast) == pytest.approx(0.5)
     assert share(slow, fast, slow) == pytest.approx(1.0), "the slowest reference counts"
+    assert share(fast, slow) == 1.0, "faster is no better"
+    assert share(drive(0.0, 20.0), slow, excused=True) == 1.0, "no place counts"
 
 
 def test_a_stop_is_0_from_there_on_unless_it_is_excused():
@@ -154,6 +160,11 @@ def test_behind_a_missed_lane_change_nothing_counts():
     reference, way = drive(10.0, 20.0), Way(3.5, 20.0, 95.0, ends=False)
     assert share(drive(10.0, 20.0), reference, way=way) == pytest.approx(95.0 / 195.0)
     assert share(drive(10.0, 20.0, sideways=0.3), reference, way=way) == 1.0
+    # after 9.5 s there, y must be within 1.75 m of 3.5 m to the left of the start
+    for sideways, missed in ((0.18, True), (0.19, False), (0.55, False), (0.56, True)):
+        ego = drive(10.0, 20.0, sideways=sideways)
+        assert misses(replace(ego, time=ego.time + 7.0, y=ego.y + 1.0), way) is missed
+    assert not misses(drive(10.0, 5.0), way), "it did not come there"
 
 
 @given(st.floats(2.0, 30.0), st.floats(0.0, 10.0), st.floats(3.0, 20.0))
