@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from twins.contact import overlap
 from twins.measures import plain_measures
 
+from sumo_eval.cosim.contact import Body
 from sumo_eval.method.measures import conflict_pet, lane_keeping, measures, velocity_change
 from sumo_eval.trajectory import Collision, Trajectory
 
@@ -249,17 +251,17 @@ def test_a_contact_from_behind_has_no_gap_ahead():
     assert found.delta_v == 3.0
 
 
-def test_lane_keeping_by_hand():
-    # 0.3 m to the left, back over the middle to 0.1 m on the right, 0.05 m left from 4 s on; 1.8 m
-    # wide in 3.5 m
-    time = np.arange(6.0)
-    y = np.array([0.0, 0.3, 1.0, -0.1, 0.05, 0.0])
+@pytest.mark.parametrize(("last", "settling"), [(0.05, 5.0), (0.2, np.inf)])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_lane_keeping_by_hand(last, settling, side):
+    # 0.2 m to one side, 1.0 and 0.9 m to the other, 1.8 m wide in 3.5 m: over the line from 2 to 5 s
+    time = np.array([0.0, 1.0, 2.0, 4.0, 5.0, 6.0])
+    y = side * np.array([0.0, 0.2, -1.0, -0.9, 0.1, last])
     found = lane_keeping(
         Trajectory(time, 10.0 * time, y, speed=np.full(6, 10.0), length=4.5, width=1.8), 3.5
     )
-    assert (found.largest_offset, found.overshoot) == (1.0, 0.1)
-    assert found.settling_time == 3.0
-    assert found.over_line_time > 0.0
+    assert (found.largest_offset, found.overshoot) == (1.0, 1.0)
+    assert (found.over_line_time, found.settling_time) == (3.0, settling)
     straight = lane_keeping(
         Trajectory(time, 10.0 * time, 0.0 * y + 3.6, speed=np.full(6, 10.0), width=1.8), 3.5
     )
@@ -299,6 +301,25 @@ def test_the_pet_of_conflicting_ways_is_0_with_contact_and_none_apart_and_the_he
     assert math.isnan(conflict_pet(ego, straight(0.0, 5.0, 10.0)))
     # 15 m between the bumpers at 10 m/s: the front is where the rear was 1.5 s before
     assert conflict_pet(ego, straight(19.5, 0.0, 10.0)) == pytest.approx(1.5, abs=0.01)
+
+
+@pytest.mark.parametrize("angle", [20.0, 70.0, 125.0])
+def test_the_pet_of_slanted_ways_beside_a_plain_search(angle):
+    """The least time between instants at which the bodies' polygons overlap, 0.02 s apart."""
+    turn, times = math.radians(angle), np.arange(0.0, 9.0, 0.02)
+
+    def bodies(one):
+        places = zip(*(np.interp(times, one.time, it) for it in (one.x, one.y)), strict=True)
+        return [Body(*it, one.heading[0], one.speed[0], 4.5, 1.8) for it in places]
+
+    ego = straight(0.0, 0.0, 12.0)
+    other = straight(60.0 - 34.0 * math.cos(turn), -34.0 * math.sin(turn), 9.0, turn)
+    mine, its = bodies(ego), bodies(other)
+    near = [(i, j) for i in range(450) for j in range(max(i - 200, 0), min(i + 200, 450), 2)
+        if abs(mine[i].x - its[j].x) < 5.0 and abs(mine[i].y - its[j].y) < 5.0]  # fmt: skip
+    found = min(abs(times[i] - times[j]) for i, j in near if overlap(mine[i], its[j]))
+    assert found > 0.1
+    assert conflict_pet(ego, other) == pytest.approx(found, abs=0.05)
 
 
 @pytest.mark.parametrize("angle", [0.3, 1.0, 2.2, -2.8])
