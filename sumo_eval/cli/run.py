@@ -30,6 +30,7 @@ from sumo_eval.cli.stopping import Stopping, heard
 from sumo_eval.cli.tools import refuse_a_bare_file
 
 ENGINES = ("processes", "serial", "dask")
+_MOST_LISTED = 20  # drives that `verify` lists
 
 
 @click.command(epilog="Example: sumo-eval run evaluation.toml --out results/first --workers 2")
@@ -96,9 +97,10 @@ def run(
     if evaluation is not None and not evaluation.is_dir():
         from sumo_eval.settings.config import read_evaluation
 
-        read_evaluation(evaluation, own_ads=not ads)  # a mistake in it is told at once
+        read_evaluation(evaluation, own_ads=not ads)  # reports a mistake before the slow imports
     with heard():
-        warm_up()  # before the imports below, which take a second
+        # another process loads the simulator during these imports, which take a second
+        warm_up()
         from sumo_eval.evaluation import discard_trajectories, record_rounds
         from sumo_eval.record.estimate import estimate
         from sumo_eval.record.facts import parse_shard, resolve
@@ -114,32 +116,28 @@ def run(
         raise click.UsageError("`--resume` and `--shard` need `--out`, the folder that is meant.")
     name = "paper" if evaluation is None else evaluation.stem
     folder = out or (Path() if dry_run else out_folder.default(name))
-    resolved = resolve(
-        evaluation, folder, resume, ads, **changes | {"only": changes["only"] or None}
-    )
-    resolved = replace(resolved, shard=part)
-    if out is not None and not dry_run:
-        refuse_foreign(folder, resume)  # before anything that takes time
-    if resolved.settings.run.engine == "dask" and not dry_run:
-        from sumo_eval.record.cluster import refuse_without
-
-        refuse_without(resolved.settings.run.scheduler)
+    changes["only"] = changes["only"] or None  # without the option the file's `only` holds
+    resolved = replace(resolve(evaluation, folder, resume, ads, **changes), shard=part)
     if dry_run:
         tell(str(estimate(resolved, out if resume else None)))
         sys.exit(DONE)
+    # refusals before anything that takes time
+    if out is not None:
+        refuse_foreign(folder, resume)
+    if resolved.settings.run.engine == "dask":
+        from sumo_eval.record.cluster import refuse_without
+
+        refuse_without(resolved.settings.run.scheduler)
     with Progress() as progress, Stopping() as stopping:
         recorded = record_rounds(
             resolved, folder, resume=resume, progress=progress, stopping=stopping
         )
     say(recorded.notes)
     if part != WHOLE:
-        failed = (
-            f", {recorded.not_evaluated} of the ADSs' not evaluated"
-            if recorded.not_evaluated
-            else ""
-        )
-        tell(f"Shard {shard}: {recorded.drives} drives are recorded in {folder}{failed}.")
-        sys.exit(NOT_EVALUATED if recorded.not_evaluated else DONE)
+        failed = recorded.not_evaluated
+        note = f", {failed} of the ADSs' not evaluated" if failed else ""
+        tell(f"Shard {shard}: {recorded.drives} drives are recorded in {folder}{note}.")
+        sys.exit(NOT_EVALUATED if failed else DONE)
     result = scored(folder, resolved=resolved)
     discard_trajectories(result)
     finish(result, everything=everything)
@@ -160,7 +158,8 @@ def score(run: Path, changes: tuple[str, ...], everything: bool) -> None:
     """Score RUN again from its recorded facts, without a simulation."""
     from sumo_eval.record.children import warm_up
 
-    warm_up()  # before the imports below, which take a second
+    # another process loads the simulator during the imports of `scored`, which take a second
+    warm_up()
 
     result = scored(run, changes)
     note = (
@@ -189,14 +188,15 @@ def merge(shards: tuple[Path, ...], out: Path, everything: bool) -> None:
     finish(result, everything=everything)
 
 
-_MOST_LISTED = 20
-
-
 @click.command(epilog="Example: sumo-eval verify results/first --share 0.1")
 @RUN
-@click.option("--share", type=click.FloatRange(0.0, 1.0, min_open=True), default=0.1,
+@click.option(
+    "--share",
+    type=click.FloatRange(0.0, 1.0, min_open=True),
+    default=0.1,
     show_default=True,
-              help="Share of the drives that is simulated again.")  # fmt: skip
+    help="Share of the drives that is simulated again.",
+)
 @count_option("--workers", help="Processes that simulate (default: as in the run).")
 @trusting
 def verify(run: Path, share: float, workers: int | None) -> None:

@@ -1,4 +1,7 @@
-"""The report: one HTML file that holds everything it shows and loads nothing from outside."""
+"""The report: one HTML file that holds everything it shows and loads nothing from outside.
+
+For `sumo-eval report`, `compare` and nightly runs.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +56,7 @@ from sumo_eval.scoring.map_view import View, choose_view
 from sumo_eval.scoring.preventability import verdicts
 from sumo_eval.scoring.shown_cases import shown_cases
 
-NOTHING_BESIDE = Beside()
+NOTHING_BESIDE = Beside()  # a report of the evaluation alone
 MOST_LISTED = 500  # rows of a table of collisions, or of cases that could not be evaluated
 
 
@@ -63,7 +66,7 @@ def write_report(
     """Write `report.html` into the evaluation's folder and return its path.
 
     partitions: the zones of every logical scenario of the evaluation, by its name.
-    beside: what else there is to show.
+    beside: content in addition to the evaluation.
     """
     path = evaluation.folder / REPORT
     page = template("report.html.j2").render(_context(evaluation, partitions, beside))
@@ -82,21 +85,23 @@ def _context(
 
     A thread reads and deflates the recorded drives meanwhile.
     """
+    # scenario -> indices of the shown cases among those of each ADS
     in_page = shown_cases(evaluation, [one.case for gate in beside.gates for one in gate.worst])
     told = told_cases(evaluation, in_page)
     cases_of_page = {name: [case for case, _ in cases] for name, cases in told.items()}
     with ThreadPoolExecutor(1) as thread:
         sent = thread.submit(sent_drives, evaluation.folder / FACTS, cases_of_page)
+        # `page_data` waits for the drives only when it needs them
         contents = {section.name: section.content(evaluation, beside) for section in SECTIONS}
         shared = _shared(evaluation, partitions, beside, in_page)
         data = page_data(evaluation, partitions, told, sent.result)
-    points = sum(zone.sampled for zone in evaluation.zones)
     return {
         **shared,
+        # numbers of points: with trajectories, also with those of their drivers, all
         "embedded": {
             "points": data["embedded"],
             "drivers": data["embeddedDrivers"],
-            "of": points,
+            "of": sum(zone.sampled for zone in evaluation.zones),
         },
         "data": packed_json(data),
         "sections": [section for section in SECTIONS if contents[section.name] is not None],
@@ -116,7 +121,7 @@ def _shared(
     missing = unevaluated(evaluation)
     number_missing = sum(map(len, missing))
     avoidable = sum(score.avoidable_collisions for score in evaluation.scores)
-    bad = len(failed(beside.gates))
+    failed_gates = len(failed(beside.gates))
     return {
         "case_page": "",
         "name": evaluation.name,
@@ -152,7 +157,7 @@ def _shared(
         "badges": {
             "missing": count(number_missing, "case") if number_missing else "",
             "collisions": f"{avoidable} avoidable" if avoidable else "",
-            "change": f"{count(bad, 'gate')} failed" if bad else "",
+            "change": f"{count(failed_gates, 'gate')} failed" if failed_gates else "",
         },
         "citation": citation(evaluation),
     }
@@ -165,14 +170,14 @@ def write_comparison(evaluation: Evaluation, beside: Beside, path: Path) -> Path
         base = Path(beside.comparison.base_folder).name
         title = f"{base} and {folder.name}: {evaluation.name}"
         change_title = f"Change from {base} to {folder.name}"
-    report, way = folder / REPORT, ""
+    report, link = folder / REPORT, ""
     if report.is_file():
-        try:  # relative, so that both can be moved together, where one disk holds both
-            way = quote(Path(os.path.relpath(report, path.parent)).as_posix())
-        except ValueError:
-            way = report.resolve().as_uri()
+        try:  # a relative link holds if both pages are moved together
+            link = quote(Path(os.path.relpath(report, path.parent)).as_posix())
+        except ValueError:  # no relative path between two disks
+            link = report.resolve().as_uri()
     page = template("compare.html.j2").render(
-        name=title, content={"change": change_content(evaluation, beside)}, case_page=way,
+        name=title, content={"change": change_content(evaluation, beside)}, case_page=link,
         change_title=change_title,
     )  # fmt: skip
     return write_page(path, page, "The page")
@@ -181,12 +186,17 @@ def write_comparison(evaluation: Evaluation, beside: Beside, path: Path) -> Path
 def _group(
     index: int, evaluation: Evaluation, zones: ZonePartition, shown: IntArray
 ) -> dict[str, Any]:
-    """Everything the page says of one logical scenario, the `index`-th."""
+    """Everything the page says of one logical scenario.
+
+    index: of the scenario in the evaluation.
+    shown: indices of the cases in the page among those of each ADS.
+    """
     logical = zones.logical
     cases = evaluation.cases_in(logical.name)
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     scores = evaluation.scores_in(logical.name)
-    judged = {str(one) for score in scores for one in np.unique(verdicts(evaluation, score))}
+    # the verdicts that occur, e.g. `preventable`
+    given = {str(one) for score in scores for one in np.unique(verdicts(evaluation, score))}
     # Chunk by chunk: words of a million cases would be 50 MB.
     outcomes = {one for chunk in cases.chunks for one in CaseTable([chunk]).outcome.tolist()}
     known = evaluation.exposure_known(logical.name)
@@ -199,7 +209,7 @@ def _group(
         "rows": [_row(Findings.of(evaluation, score)) for score in scores],
         "zone": evaluation.zones[index],
         "map_words": map_words(view),
-        "looks": [verdict for verdict in LOOKS if verdict in judged],
+        "looks": [verdict for verdict in LOOKS if verdict in given],
         "map_note": gathered_words(view),
         "outcomes": [outcome for outcome in OUTCOMES if outcome in outcomes],
         "has_index": bool(np.isfinite(cases.index).any()),
@@ -224,13 +234,16 @@ def _left_out(
         one.ads: evaluation.cases_of(one.ads, one.scenario)
         for one in evaluation.scores_in(logical.name)
     }
+    # an ADS with fewer cases than another lacks the last indices
     there = sum(np.count_nonzero(shown < len(cases)) for cases in tables.values())
     left_out = sum(map(len, tables.values())) - there
     if not left_out:
         return {"left_out": 0}
-    find = " ".join(f"{item.name}={(item.low + item.high) / 2.0:g}" for item in logical.parameters)
     return {
-        "find": find,
+        # arguments of an example of `sumo-eval find`: the middle of the space
+        "find": " ".join(
+            f"{item.name}={(item.low + item.high) / 2.0:g}" for item in logical.parameters
+        ),
         "left_out": left_out,
         "there": there,
         "densities": [
@@ -245,6 +258,7 @@ def _row(found: Findings) -> dict[str, Any]:
     """One ADS in one logical scenario, in the words and digits of the page."""
     score, cases, likened = found.score, found.cases, found.likened
     hits, losses = found.collisions, found.share_lost
+    # widths of the two parts of S+ in a bar of 100 %
     task = min(score.a_points, 100.0)
     means, likeness = found.factor_means, found.likeness_means
     shares = zip(hits.places[:MOST_LISTED], hits.avoided, hits.lost, strict=False)
