@@ -1,12 +1,14 @@
-"""The `traci` that an ADS sees: the running libsumo, with every call that is not the ADS's own
-guarded.
+"""The `traci` that an ADS sees: the running libsumo, with a guard before every call that writes.
 
 `import traci` or `import libsumo` in an ADS's code gives this module while the code is loaded and
-while it drives (`seen_as_traci`). Reading is libsumo's own function, untouched. A call that writes
-goes through a thin wrapper: the ego may be written to; other vehicles, the road and SUMO's clock
-are the harness's. What happens then is `ConditionSettings.interference`: the call is refused and
-the case ends, or it is put on record (and stepping, starting and closing are left out). A
-meaningless number (see `traci_numbers`) is refused in either case.
+while it drives (`seen_as_traci`). A call that reads is libsumo's own function. A call that writes
+goes through a wrapper: the ADS may write to the ego, while other vehicles, the road and SUMO's
+clock belong to the harness. For a call that writes to these, `ConditionSettings.interference`
+decides: `refuse` ends the case; `record` counts the call and makes it, except that nothing steps,
+starts or closes SUMO. A meaningless number (see `traci_numbers`) ends the case either way.
+
+`cosim/loop.py` and `cosim/on_traci.py` begin and end each case at the guard; `traci_view.py` shows
+each ADS of a batch its own case alone.
 """
 
 from __future__ import annotations
@@ -33,20 +35,23 @@ from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.errors import ControllerError
 from sumo_eval.scenario.concrete import ConcreteScenario
 
+# first letters of calls that need no guard: they read, or change nothing that drives
 _READS = (
     "_", "get", "is", "subscribe", "unsubscribe", "addSubscriptionFilter", "could", "wants",
     "find", "convert", "has",
     "DOMAIN", "domain", "this", "updateBestLanes", "highlight", "saveState", "writeMessage",
 )  # fmt: skip
-_HARMLESS = ("gui", "poi", "polygon", "route")  # domains in which writing changes nobody's driving
+_HARMLESS = ("gui", "poi", "polygon", "route")  # domains in which writing moves no vehicle
 _CLOCK = ("simulationStep", "step", "executeMove")
-_SHARED = MOTION - {"openGap"} | {
+_SHARED = (MOTION - {"openGap"}) | {
     "setSpeedMode", "setLaneChangeMode", "setColor", "setSignals", "setParameter", "setMaxSpeed",
     "setAccel", "setDecel", "setEmergencyDecel", "setHeight", "setMass", "setMaxSpeedLat",
 }  # fmt: skip
-"""Calls that write to the ego and concern no other case of the simulation."""
-# keepRoute of moveToXY: the nearest road of a case that is alone is that of its route
-_ANYWHERE, _ANYWHERE_ON_ITS_ROUTE = 2, 3
+"""Calls that an ADS in a batch may make for its ego: they concern no other case of the simulation,
+and none of them is `IGNORED`."""
+# Values of `keepRoute` of moveToXY: 1 keeps the vehicle on its route, 2 keeps its exact position,
+# also off the lanes, and 3 does both. For a case that drives alone, 2 and 3 are the same.
+_ON_ITS_ROUTE, _ANYWHERE, _ANYWHERE_ON_ITS_ROUTE = 1, 2, 3
 _RUNNING = ("close", "start", "load", "loadState", "init", "switchConnection", "setOrder")
 
 
@@ -57,7 +62,8 @@ class RefusedCallError(ControllerError):
 class Names(dict[str, str]):
     """Names in SUMO of the vehicles, types, lanes and edges of one case, by the user's names.
 
-    suffix: part of each of them where several cases share a simulation.
+    suffix: part of each name in SUMO, different for each case of a batch; "": a case alone.
+    back: the user's names by those in SUMO.
     """
 
     def __init__(self, known: Iterable[str] = (EGO,), suffix: str = "") -> None:
@@ -78,7 +84,7 @@ class Names(dict[str, str]):
             for it in answer:
                 if type(it) is not float:
                     return type(answer)(map(self.outside, answer))
-            return answer  # a place, nearly always
+            return answer  # floats, nearly always a position: no names
         if answer is None or isinstance(answer, int | float):
             return answer
         raise TypeError(f"an answer of type {type(answer).__name__}")
@@ -97,11 +103,10 @@ class Guard:
         interference: Literal["refuse", "record"],
         heeding: Iterable[str] = (),
     ) -> None:
-        """A new case: no listeners, nothing touched.
+        """Begin a case: no listeners, nothing counted.
 
-        others: names of the other vehicles, which are their types'.
-
-        heeding: which of `WHY_IGNORED` there is.
+        others: names of the other vehicles; their types have the same names.
+        heeding: keys of `WHY_IGNORED` that exist in the case, so that their calls have an effect.
         """
         self.others = frozenset(others)
         self.step = step
@@ -109,66 +114,81 @@ class Guard:
         self.listeners = libsumo.StepManager()
         self.touched: dict[str, int] = {}
         self.heeding = set(heeding)
-        self.asked: dict[str, int] = {}  # calls that SUMO may ignore
-        self.moved = False  # the ego, by a call, since the step began
+        self.asked: dict[str, int] = {}  # number of each call that SUMO may ignore
+        self.moved = False  # whether a call has moved the ego since the step began
         self.refusal: tuple[str, str] | None = None
         self.names, self.shared = Names(), False  # whether other cases share the simulation
-        self.moded = True  # whether the ego may have another speed mode than it was given
-        # what was read of vehicles after the last step, by their names in SUMO; a position counts
-        # while there is a speed, which goes with the first call that may change either
+        self.moded = True  # whether the ADS may have changed the ego's speed mode
+        # Read after the last step, by the vehicles' names in SUMO. The first call that may change
+        # a vehicle's speed or position deletes its speed: without a speed, neither is valid.
         self.positions: dict[str, Any] = {}
         self.speeds: dict[str, float] = {}
 
     def leave(self) -> NoReturn:
         """Take a case out of its batch: it needs the simulation to itself.
 
-        The words are read only if a hook that is alone calls what it has kept from a batch.
+        A user sees this error only if an ADS that drives alone calls a function kept from a batch.
         """
         self.refuse(
             "The ADS called a function of traci that it had kept from another case",
             "it must take it from `traci` again",
         )
 
-    def told_of_a_row(
+    def translate(
         self, call: str, vehicle: str, args: tuple[Any, ...], kwargs: Mapping[str, Any]
     ) -> tuple[str, tuple[Any, ...]]:
-        """A call that writes to the ego of a row, as SUMO takes it, if it concerns no other row."""
+        """Name and arguments, in SUMO, of a call that writes to an ego of a batch. Any other call
+        takes the case out of its batch.
+        """
         plain = not kwargs and vehicle == EGO and call in _SHARED
+        # a negative speed hands the ego over to SUMO's model; nan compares as false
         if not plain or (call == "setSpeed" and not args[0] >= 0.0):
             self.leave()
-        told = self._place_of_a_row(args) if call == "moveToXY" else args
+        if call == "moveToXY":
+            args = self._on_own_road(args)
         self.moded = self.moded or call == "setSpeedMode"
         self.speeds.pop(self.names[EGO], None)
-        return self.names[EGO], tuple(self.names[it] if type(it) is str else it for it in told)
+        return self.names[EGO], tuple(self.names[it] if type(it) is str else it for it in args)
 
-    def _place_of_a_row(self, args: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Arguments of moveToXY with the road of the row, the only one that it can be on."""
+    def _on_own_road(self, args: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Arguments of moveToXY, edge, lane, x, y, angle and `keepRoute`, on the case's own road.
+
+        Beside it are the roads of other cases, and the nearest edge could be one of theirs.
+        """
         if len(args) != 6:
             self.leave()
         edge, keep = args[0], args[5]
-        if edge not in ("", "road") or keep not in (1, _ANYWHERE, _ANYWHERE_ON_ITS_ROUTE):
+        if edge not in ("", "road") or keep not in (
+            _ON_ITS_ROUTE,
+            _ANYWHERE,
+            _ANYWHERE_ON_ITS_ROUTE,
+        ):
             self.leave()
         keep = _ANYWHERE_ON_ITS_ROUTE if keep == _ANYWHERE else keep
         return ("road", *args[1:5], keep)
 
-    def meddles(self, what: str, deed: str, why: str) -> None:
-        """An ADS does what is not its own.
+    def note_interference(self, what: str, deed: str, why: str) -> None:
+        """Refuse or count a call that the ADS may not make.
 
-        deed, why: the sentence's two halves, a time comes between them.
+        what: name of its count.
+        deed, why: as of `refuse`.
         """
         if self.interference == "refuse" or self.shared:
             self.refuse(deed, why)
-        self.count(what)
+        self.touched[what] = self.touched.get(what, 0) + 1
 
     def refuse(self, deed: str, why: str) -> NoReturn:
-        """End the case, whether the ADS lets the exception through or not."""
+        """End the case, even if the ADS catches the exception.
+
+        deed, why: halves of the error message, between which the loop puts the time.
+        """
         self.refusal = self.refusal or (deed, why)
         raise RefusedCallError(f"{deed}; {why}")
 
     def check(
         self, domain: str, call: str, name: object, args: Sequence[Any], kwargs: Mapping[str, Any]
     ) -> None:
-        """No number that an ADS writes may be a meaningless one that SUMO takes."""
+        """Refuse a meaningless number, which SUMO would take."""
         found = breach(domain, call, name, args, kwargs)
         if found is not None:
             self.refuse(
@@ -177,24 +197,16 @@ class Guard:
                 f"it must be {found.must_be}",
             )
 
-    def count(self, what: str) -> None:
-        """Put something on record once more."""
-        if self.shared:
-            self.leave()
-        self.touched[what] = self.touched.get(what, 0) + 1
-
-    def touches(self, domain: str, call: str, name: object) -> None:
-        """An ADS writes to something that is not the ego's."""
-        self.meddles(
+    def note_touched(self, domain: str, call: str, name: object) -> None:
+        """Refuse or count a call that writes to something else than the ego."""
+        self.note_interference(
             f"touched_{domain}", f"The ADS called traci.{domain}.{call} for `{name}`",
             "it may change only its own vehicle "
             '(`interference = "record"` permits more, and counts it)',
         )  # fmt: skip
 
-    def asks(self, call: str) -> None:
-        """An ADS makes a call that SUMO may ignore."""
-        if self.shared:
-            self.leave()
+    def note_asked(self, call: str) -> None:
+        """Count a call that SUMO may ignore."""
         self.asked[call] = self.asked.get(call, 0) + 1
 
     @property
@@ -207,7 +219,7 @@ class Guard:
         }
 
     def heard(self) -> None:
-        """Call every step listener, as TraCI does after each step."""
+        """Call every step listener of the ADS, as TraCI does after each step."""
         if self.listeners._stepListeners:
             self.listeners.manageStepListeners(0.0)
 
@@ -220,30 +232,28 @@ class Guard:
 
 
 def heeding(concrete: ConcreteScenario) -> set[str]:
-    """Names in `WHY_IGNORED` that hold for a case from its start."""
-    drives = any(actor.model is not None for actor in concrete.actors)
-    return {
-        by
-        for by, there in (("traffic", drives), ("network", concrete.road.network is not None))
-        if there
-    }
+    """Keys of `WHY_IGNORED` that exist in a case from its start."""
+    exists = {"traffic": concrete.reacts, "network": concrete.road.network is not None}
+    return {key for key in exists if exists[key]}
 
 
 def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
+    """A guarded call that writes to a vehicle."""
     moves, ignored, hands_over = call in MOTION, call in IGNORED, call in HANDS_OVER
 
     def guarded(vehID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
-        # of a name that nobody has, SUMO says so
+        # a vehicle that does not exist: SUMO refuses it, except if the call adds it
         if vehID != EGO and (vehID in guard.others or call.startswith("add")):
-            guard.touches("vehicle", call, vehID)
+            guard.note_touched("vehicle", call, vehID)
         if moves and vehID == EGO:
             guard.moved = True
         if guard.shared:
-            vehID, args = guard.told_of_a_row(call, vehID, args, kwargs)  # noqa: N806
+            vehID, args = guard.translate(call, vehID, args, kwargs)  # noqa: N806
         guard.check("vehicle", call, vehID, args, kwargs)
         if ignored and vehID == EGO:
-            guard.asks(call)
+            guard.note_asked(call)
         answer = write(vehID, *args, **kwargs)
+        # SUMO's model drives the ego from here on: for setSpeed, if the speed is negative
         if (
             hands_over
             and vehID == EGO
@@ -257,25 +267,28 @@ def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Calla
     direct = insides.direct(call, write)
 
     def set_speed(vehID: str, speed: float) -> Any:  # noqa: N803 - TraCI's name
-        # as nearly always: the ego, and a finite float
+        # The usual call: the ego and a speed that needs no check. It takes effect in the next step,
+        # so what was read after the last one stays valid.
         if vehID == EGO and type(speed) is float and 0.0 <= speed < math.inf:
             guard.moved = True
             return direct(guard.names[vehID], speed)
         return guarded(vehID, speed)
 
-    set_speed.__qualname__ = write.__qualname__  # in the error of a missing argument
+    set_speed.__qualname__ = write.__qualname__  # Python names it where an argument is missing
     return set_speed
 
 
 def _type_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
+    """A guarded call that writes to a vehicle type."""
+
     def guarded(typeID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
         if guard.shared:
             guard.leave()
         if typeID in guard.others and call != "copy":
-            guard.touches("vehicletype", call, typeID)
+            guard.note_touched("vehicletype", call, typeID)
         guard.check("vehicletype", call, typeID, args, kwargs)
         if call in IGNORED and typeID == EGO:
-            guard.asks(call)
+            guard.note_asked(call)
         return write(typeID, *args, **kwargs)
 
     return guarded
@@ -284,8 +297,10 @@ def _type_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable
 def _world_writer(
     guard: Guard, domain: str, call: str, write: Callable[..., Any]
 ) -> Callable[..., Any]:
+    """A guarded call that writes to anything but vehicles and their types."""
+
     def guarded(*args: Any, **kwargs: Any) -> Any:
-        guard.touches(domain, call, args[0] if args else "")
+        guard.note_touched(domain, call, args[0] if args else "")
         guard.check(domain, call, "", args, kwargs)
         return write(*args, **kwargs)
 
@@ -293,12 +308,15 @@ def _world_writer(
 
 
 def _clock_call(guard: Guard) -> Callable[..., Any]:
+    """Stand-in of a call that steps SUMO, which it never does."""
+
     def guarded(*args: Any, **kwargs: Any) -> Any:
+        # the time to step to, s; without one, or with 0, TraCI makes one step
         until = next((value for value in (*args, *kwargs.values()) if value), None)
         ahead = guard.step
         if until is not None:
             ahead = float(until) - libsumo.simulation.getTime()
-        guard.meddles(
+        guard.note_interference(
             "stepped_the_clock", f"The ADS moved SUMO's clock by {ahead:+.2f} s",
             "stepping is the harness's (a program with a loop of its own runs as `traci:COMMAND`)",
         )  # fmt: skip
@@ -307,12 +325,13 @@ def _clock_call(guard: Guard) -> Callable[..., Any]:
 
 
 def _running_call(guard: Guard, call: str) -> Callable[..., Any]:
+    """Stand-in of a call that starts, loads or closes SUMO, which it never does."""
     doing = {"close": "closed", "start": "started", "load": "loaded", "loadState": "loaded"}.get(
         call, f"{call} for"
     )
 
     def guarded(*args: Any, **kwargs: Any) -> Any:
-        guard.meddles(
+        guard.note_interference(
             "started_or_closed", f"The ADS {doing} the simulation", "that is the harness's"
         )
 
@@ -337,11 +356,12 @@ def _guarded_domain(guard: Guard, domain: type) -> type:
             guarded = _type_writer(guard, call, write)
         else:
             guarded = _world_writer(guard, name, call, write)
-        wrapped[call] = guarded  # found sooner than a staticmethod
+        wrapped[call] = guarded  # hides the call of the parent class
     return type(name, (domain,), wrapped)
 
 
 def _build() -> tuple[ModuleType, Guard]:
+    """A module with all that libsumo has, its writing calls guarded, and their guard."""
     guard, real = Guard(), sys.modules["traci"]
     module = ModuleType("traci", "The running simulation, as an ADS may use it.")
     module.__dict__.update(
@@ -361,6 +381,7 @@ def _build() -> tuple[ModuleType, Guard]:
         return guard.listeners.addStepListener(listener)
 
     module.addStepListener = add_listener  # type: ignore[attr-defined]
+    # a function, because each case has other `listeners`
     module.removeStepListener = (  # type: ignore[attr-defined]
         lambda number: guard.listeners.removeStepListener(number)
     )
@@ -368,14 +389,14 @@ def _build() -> tuple[ModuleType, Guard]:
 
 
 TRACI, GUARD = _build()
-"""One for the process, as libsumo is: code that imported `traci` in one case finds the next one's
-under it."""
+"""One of each in a process, as there is one libsumo: the `traci` that code imported in one case is
+the next case's, too."""
 
 
 @contextmanager
 def seen_as_traci(module: ModuleType = TRACI) -> Iterator[None]:
-    """`import traci` and `import libsumo` give a module within this block, by default the running
-    simulation; afterwards what was there.
+    """A context in which `import traci` and `import libsumo` give a module, by default the guarded
+    one.
     """
     before = {name: sys.modules[name] for name in ("traci", "libsumo")}
     sys.modules.update(dict.fromkeys(before, module))
