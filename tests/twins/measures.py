@@ -43,17 +43,13 @@ def plain_measures(ego, actors, collision):
             continue
         gap, v = nearest
         own = ego.speed[i] * math.cos(ego.heading[i])
-        touching = gap < TOUCH
         gaps.append(gap)
         thws.append(gap / own if own > 0 else math.inf)
-        if own <= v:
-            ttcs.append(math.inf)
-            ittcs.append(0.0)
-            dracs.append(0.0)
-        else:
-            ttcs.append(0.0 if touching else gap / (own - v))
-            ittcs.append(math.inf if touching else (own - v) / gap)
-            dracs.append(math.inf if touching else (own - v) ** 2 / (2 * gap))
+        closing = max(own - v, 0.0)
+        ittc = 0.0 if closing == 0 else math.inf if gap < TOUCH else closing / gap
+        ittcs.append(ittc)
+        ttcs.append(1 / ittc if ittc else math.inf)
+        dracs.append(closing * ittc / 2)  # closing^2 / (2 gap)
     deceleration = max(0.0, *(-a for a in ego.acceleration))
     jerks = [
         abs(ego.acceleration[i + 1] - ego.acceleration[i]) / (ego.time[i + 1] - ego.time[i])
