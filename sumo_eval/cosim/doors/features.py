@@ -14,8 +14,10 @@
     values = [-8.0, -2.0, 0.0, 2.0]     # or a discrete set: the best scored combination is taken
 
 A feature may have `mean` and `deviation` in place of the range: (value - mean) / deviation. A
-feature with neither, and an action without a range, are not scaled. `absent` replaces the value
-without such a vehicle: it is limited and scaled as the value would be.
+feature with neither, and an action without a range, are not scaled. `absent` stands for the value
+of a vehicle that does not exist: it is limited and scaled as the value would be.
+
+For `cosim/doors/onnx.py` and the environments of `extras/gym/`.
 """
 
 from __future__ import annotations
@@ -41,17 +43,18 @@ ACTIONS = ("acceleration", "steering")
 
 _EGO = ("x", "y", "heading", "speed", "acceleration", "lane", "length", "width")
 _LEAD = ("present", "gap", "relative_speed", "speed", "offset")
-_VEHICLE = ("present", "gap", "relative_speed", "offset", "overlaps", "ahead", "speed",
-    "lateral_speed", "lane",
-            "length", "width", "x", "y", "vx", "vy", "kind")  # fmt: skip
+_VEHICLE = (
+    "present", "gap", "relative_speed", "offset", "overlaps", "ahead", "speed", "lateral_speed",
+    "lane", "length", "width", "x", "y", "vx", "vy", "kind"
+)  # fmt: skip
 NAMES = (
     "time", "left_edge", "right_edge", "lane_offset", *(f"ego.{name}" for name in _EGO),
     *(f"lead.{name}" for name in _LEAD), *(f"vehicles.1.{name}" for name in _VEHICLE),
 )  # fmt: skip
 """Names of features; `vehicles.1` is the nearest along the road, `vehicles.2` the next."""
 
-# values of a vehicle that is not there: far beyond what a policy reacts to, m, and no kind of
-# vehicle; every other value is 0
+# Values of a vehicle that does not exist: distances, m, far beyond what a policy reacts to, and a
+# number that is no kind of vehicle. Every other value is 0.
 _WHERE_ABSENT = {"gap": 1000.0, "x": 1000.0, "kind": -1.0}
 
 
@@ -61,7 +64,8 @@ class Feature(Checked):
 
     low, high: the value is limited to low..high and mapped onto -1..1.
     mean, deviation: the value is mapped onto (value - mean) / deviation.
-    absent: value without such a vehicle, before it is limited and scaled.
+    absent: value if its vehicle does not exist, before it is limited and scaled; None: that of
+        `_WHERE_ABSENT`, or 0.
     """
 
     name: str
@@ -75,10 +79,10 @@ class Feature(Checked):
         Checked.__post_init__(self)
         _check_range(self.name, self.low, self.high)
         one_missing = (self.mean is None) != (self.deviation is None)
-        if one_missing or (self.deviation is not None and not self.deviation > 0.0):  # nor nan
-            raise must_be("`mean` and `deviation`", f"feature `{self.name}`",
-                "both given, the deviation above 0",
-                          (self.mean, self.deviation))  # fmt: skip
+        if one_missing or (self.deviation is not None and not self.deviation > 0.0):  # or nan
+            wanted = "both given, the deviation above 0"
+            given = self.mean, self.deviation
+            raise must_be("`mean` and `deviation`", f"feature `{self.name}`", wanted, given)
         if self.mean is not None and self.low is not None:
             raise InputError(
                 f"Feature `{self.name}` must have a range or a mean and a deviation, got both."
@@ -90,7 +94,8 @@ class Feature(Checked):
 class Action(Checked):
     """One output of a policy.
 
-    low, high: what -1 and 1 mean, m/s2 or rad; None: the output is in these units itself.
+    low, high: accelerations, m/s2, or angles, rad, of the outputs -1 and 1; None: the output is in
+        these units itself.
     values: the discrete set of outputs, m/s2 or rad.
     """
 
@@ -150,16 +155,12 @@ class Interface(Checked):
 
     @cached_property
     def _readers(self) -> list[tuple[_Reader, float]]:
-        """Reader of each feature, and its value without such a vehicle."""
-        return [
-            (
-                _reader(it.name),
-                _WHERE_ABSENT.get(it.name.rpartition(".")[2], 0.0)
-                if it.absent is None
-                else it.absent,
-            )
-            for it in self.features
-        ]
+        """Reader of each feature, and its value if its vehicle does not exist."""
+        readers = []
+        for it in self.features:
+            default = _WHERE_ABSENT.get(it.name.rpartition(".")[2], 0.0)
+            readers.append((_reader(it.name), default if it.absent is None else it.absent))
+        return readers
 
     def show(self, seen: Observations) -> NDArray[np.float32]:
         """The features of n cases, (n, number of features)."""
@@ -167,7 +168,7 @@ class Interface(Checked):
         raw = np.empty((n, len(self.features)))
         for column, (read, absent) in enumerate(self._readers):
             value = read(seen, self.frame)
-            # readers give nan or inf without such a vehicle
+            # readers give nan or inf for a vehicle that does not exist
             raw[:, column] = np.where(np.isfinite(value), value, absent)
         scaling = self._scaling
         np.clip(raw, scaling["low"], scaling["high"], out=raw)
@@ -191,23 +192,21 @@ class Interface(Checked):
         return -high, high
 
     def commands(self, answers: Floats) -> Floats:
-        """Answers (n, width) as accelerations, m/s2, and steering wheel angles, rad: (n, 2)."""
-        found = np.zeros((len(answers), 2))
+        """Answers (n, width) as accelerations, m/s2, and steering wheel angles, rad: (n, 2).
+
+        Of discrete values, a row gets those with the best score; nan if a score is not finite.
+        """
+        commands = np.zeros((len(answers), 2))
         if self.choices is not None:
-            return self._best(answers, found)
+            commands[:, : len(self.actions)] = self.choices[np.argmax(answers, axis=1)]
+            commands[~np.isfinite(answers).all(axis=1)] = np.nan
+            return commands
         for column, action in enumerate(self.actions):
             value = np.asarray(answers[:, column], dtype=float)
             if action.low is not None and action.high is not None:
-                share = 0.5 * (np.clip(value, -1.0, 1.0) + 1.0)  # a nan stays one
+                share = 0.5 * (np.clip(value, -1.0, 1.0) + 1.0)  # 0..1; nan stays nan
                 value = action.low + share * (action.high - action.low)
-            found[:, column] = value
-        return found
-
-    def _best(self, scores: Floats, commands: Floats) -> Floats:
-        """The commands with the best score in each row, nan where a score is not finite."""
-        assert self.choices is not None
-        commands[:, : len(self.actions)] = self.choices[np.argmax(scores, axis=1)]
-        commands[~np.isfinite(scores).all(axis=1)] = np.nan
+            commands[:, column] = value
         return commands
 
     def to_toml(self) -> str:
@@ -231,9 +230,9 @@ def read_interface(path: Path) -> Interface:
 
     Raises InputError for a mistake in it.
     """
-    found = read_checked(path, _File, "Features table")
+    table = read_checked(path, _File, "Features table")
     return Interface(
-        found.feature, found.action or (Action("acceleration"),), found.frame, found.period
+        table.feature, table.action or (Action("acceleration"),), table.frame, table.period
     )
 
 
@@ -263,14 +262,17 @@ def usual(*, steering: bool = False) -> Interface:
 
 
 def _reader(name: str) -> _Reader:
-    """Reader of a feature; it gives nan or inf for a missing vehicle."""
-    what, _, rest = name.partition(".")
+    """Reader of a feature; it gives nan or inf for a vehicle that does not exist.
+
+    name: `time`, `ego.VALUE`, `lead.VALUE` or `vehicles.NUMBER.VALUE`.
+    """
+    group, _, rest = name.partition(".")
     if name in _UNGROUPED:
         return _UNGROUPED[name]
-    if (what == "ego" and rest in _EGO) or (what == "lead" and rest in _LEAD):
-        return lambda seen, frame: np.asarray(getattr(getattr(seen, what), rest))
+    if (group == "ego" and rest in _EGO) or (group == "lead" and rest in _LEAD):
+        return lambda seen, frame: np.asarray(getattr(getattr(seen, group), rest))
     number, _, value = rest.partition(".")
-    if what == "vehicles" and number.isdecimal() and int(number) > 0 and value in _VEHICLE:
+    if group == "vehicles" and number.isdecimal() and int(number) > 0 and value in _VEHICLE:
         place = int(number) - 1
         return lambda seen, frame: _of_vehicle(seen, frame, place, value)
     raise unknown("feature", name, NAMES)
@@ -294,26 +296,26 @@ def _of_vehicle(seen: Observations, frame: str, place: int, what: str) -> Floats
     nearest = seen.nearest
     if place >= nearest.shape[1]:
         return np.full(len(nearest), 0.0 if what == "present" else np.nan)
-    rows, them = np.arange(len(nearest)), nearest[:, place]
-    there = np.isfinite(seen.vehicles.gap[rows, them])
+    vehicles, ego = seen.vehicles, seen.ego
+    at = np.arange(len(nearest)), nearest[:, place]  # row and column of the vehicle in each case
+    exists = np.isfinite(vehicles.gap[at])
     if what == "present":
-        return np.asarray(there, dtype=float)
+        return np.asarray(exists, dtype=float)
     if what in ("x", "y", "vx", "vy"):
-        it, me = seen.vehicles, seen.ego
         if what in ("x", "y"):
-            ahead, left = seen.distances[rows, them], it.offset[rows, them]
+            ahead, left = seen.distances[at], vehicles.offset[at]
         else:
-            ahead = it.relative_speed[rows, them]
-            left = it.lateral_speed[rows, them] - me.speed * np.sin(me.heading)
+            ahead = vehicles.relative_speed[at]
+            left = vehicles.lateral_speed[at] - ego.speed * np.sin(ego.heading)
         if frame == "ego":
-            c, s = np.cos(me.heading), np.sin(me.heading)
+            c, s = np.cos(ego.heading), np.sin(ego.heading)
             ahead, left = c * ahead + s * left, c * left - s * ahead
-        value = ahead if what.endswith("x") else left
+        value = ahead if what in ("x", "vx") else left
     elif what == "kind":
-        value = seen.kinds[rows, them]
+        value = seen.kinds[at]
     else:
-        value = getattr(seen.vehicles, what)[rows, them]
-    return np.asarray(np.where(there, value, np.nan))
+        value = getattr(vehicles, what)[at]
+    return np.asarray(np.where(exists, value, np.nan))
 
 
 def largest(scaled: Sequence[Feature | Action]) -> NDArray[np.float32]:
