@@ -1,5 +1,7 @@
-"""A watch over an ADS while it drives: a step that hangs is interrupted, a fault past the limits
-says which limit.
+"""A watch over an ADS while it drives: interrupts a step that hangs, and names the limit of time or
+memory that the ADS passes.
+
+For `record/worker.py`, which drives cases in a child process or, with `serial`, in the owner.
 """
 
 from __future__ import annotations
@@ -8,7 +10,7 @@ import os
 import signal
 import threading
 
-# signal.getsignal looks the handler up in an Enum first, which costs more than a system call
+# called at every step: `signal.getsignal` takes longer, because it makes an Enum of its result
 from _signal import getsignal  # type: ignore[import-not-found]
 from collections.abc import Callable
 from types import FrameType
@@ -29,17 +31,17 @@ from sumo_eval.errors import ControllerTimeoutError
 from sumo_eval.settings import RunSettings
 from sumo_eval.text import kind_of
 
-# exit code of a copy of a process, made by a fork in a step, that goes on with the case as the
-# process does
+# exit code of a copy of the process that an ADS made by a fork in its step: it would drive the case
+# a second time
 COPY = 87
 _ALARM = int(getattr(signal, "SIGALRM", 0))
 
 
-_ASKED = [False]  # whether an ADS is at its step; one at a time, however many are driven
+_asked = False  # whether an ADS is at its step: a process asks one at a time
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    if _ASKED[0]:
+    if _asked:
         raise _OverdueError
 
 
@@ -51,9 +53,10 @@ class _OverdueError(BaseException):
 
 
 def watched(controller: Adapter, limits: RunSettings) -> Adapter:
-    """The controller under watch.
+    """The controller under watch, or as it is where it needs none.
 
-    SUMO's own models and what ships need none, and programs are watched where they are talked to.
+    SUMO's own models and the compiled rules of baselines need none. The doors of programs have a
+    watch of their own.
     """
     if isinstance(controller, NativeModel | JsonLinesProgram | TraciProgram):
         return controller
@@ -63,21 +66,22 @@ def watched(controller: Adapter, limits: RunSettings) -> Adapter:
 
 
 def interrupted(error: KeyboardInterrupt) -> RuntimeError:
-    """Exception to raise instead: a keyboard never reaches a child, so the ADS raised it."""
+    """The fault of an ADS that raised KeyboardInterrupt itself: Ctrl-C never reaches a child."""
     return RuntimeError(f"it raised {kind_of(error)}")
 
 
 def interrupts_of_ads(limits: RunSettings) -> tuple[type[KeyboardInterrupt], ...]:
-    """Interrupts that are the ADS's own: with the engine `serial`, a user's Ctrl-C comes here."""
+    """Exceptions to take as the ADS's own fault; none with the engine `serial`, whose process gets
+    the user's Ctrl-C.
+    """
     return () if limits.engine == "serial" else (KeyboardInterrupt,)
 
 
 class WatchedController(Adapter):
-    """A controller whose steps end in time, by an exception raised in them, wherever Python code
-    runs or waits.
+    """A controller whose steps end in time, by an exception that is raised in them.
 
-    Code that keeps the interpreter's lock cannot be interrupted so; there the deadline of the case
-    ends the process.
+    Code that keeps the interpreter's lock gets no exception: there the deadline of the case ends
+    the process.
     """
 
     def __init__(self, controller: Any, limits: RunSettings) -> None:
@@ -93,7 +97,7 @@ class WatchedController(Adapter):
         )
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """Pass on. Loading a model may take its time: only the deadline of the case holds."""
+        """Reset the controller. Only the deadline of the case holds: models may load slowly."""
         try:
             self._controller.reset(scenario, traci, ego)
         except self._interrupts as error:
@@ -114,26 +118,29 @@ class WatchedController(Adapter):
 
         Raises ControllerTimeoutError when it is over its time.
         """
-        if takes_arrays(self._controller):
+        if takes_arrays(self._controller):  # it answers for all cases at once
             self._allowed = self._limits.step_timeout * len(seen.number)
         return self._in_time(self._controller.act, seen)
 
     def _in_time(self, ask: Callable[..., Any], *arguments: Any) -> Any:
+        """The answer of the ADS, unless a limit of time or memory is passed."""
+        global _asked
         try:
-            _ASKED[0] = True
-            if self._armed:  # again and again: an ADS may swallow the first
+            _asked = True
+            if self._armed:  # repeated, because the ADS may catch the first exception
                 signal.setitimer(signal.ITIMER_REAL, self._allowed, self._allowed)
             try:
                 return ask(*arguments)
             except self._interrupts as error:
                 raise interrupted(error) from error
             finally:
-                # the step forked, and this is the copy: it must not continue
+                # another process: a copy that the step has made by a fork; it must not continue
                 if os.getpid() != self._process:
                     os._exit(COPY)
-                _ASKED[0] = False
-                # our own alarm may stay set: `_interrupt` ignores it until the next step sets it
-                # again; an alarm of the ADS may not
+                _asked = False
+                # Our own alarm may stay set, which saves a call: `_interrupt` ignores it now, and
+                # the next step sets it again. If the ADS has put its own handler there, the alarm
+                # is stopped.
                 if self._armed and getsignal(_ALARM) is not _interrupt:
                     signal.setitimer(signal.ITIMER_REAL, 0.0)
         except _OverdueError as overdue:
@@ -146,7 +153,7 @@ class WatchedController(Adapter):
             ) from error
 
     def close(self) -> None:
-        """Pass on, with no alarm set."""
+        """Close the controller, with no alarm set."""
         if self._armed:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
         try:
