@@ -1,7 +1,7 @@
 """Differences between two runs, apart from the behaviour of their ADSs.
 
-Every difference is shown. One that could change a score by itself is an InputError unless the user
-accepts it.
+`scoring/comparison.py` shows every difference. One that could change a score by itself is an
+InputError unless the user accepts it.
 """
 
 from __future__ import annotations
@@ -15,18 +15,20 @@ from sumo_eval.results import Evaluation
 from sumo_eval.settings.config import to_plain
 
 HARMLESS = ("name", "ads", "run", "report")
-"""Settings that change no case of an ADS that both runs have: who drives, how work is spread, how
-it is shown."""
+"""Settings that change no case of an ADS that both runs have: the list of ADSs, how work is spread,
+how results are shown."""
 
-ABSENT = "not set"
-INPUTS = ("networks/", "routes/")
+ABSENT = "not set"  # shown instead of the value that one of the runs does not have
+INPUTS = ("networks/", "routes/")  # folders of a run with SUMO's files
 SIMULATORS = ("libsumo", "sumo", "eclipse-sumo")
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Something that differs between two runs.
+    """A value that differs between two runs.
 
+    what: its name.
+    base, new: the value of each run.
     decides: it could change a score, whatever the ADS did.
     """
 
@@ -44,6 +46,7 @@ class Difference:
 def differences(base: Evaluation, new: Evaluation) -> tuple[Difference, ...]:
     """Everything that differs except the ADSs' behaviour; deciding differences first."""
     found = []
+    # both runs have the same parts, in the same order
     for (decides, old), (_, now) in zip(_parts(base), _parts(new), strict=True):
         for key in old | now:
             before, after = old.get(key, ABSENT), now.get(key, ABSENT)
@@ -65,20 +68,22 @@ def refuse_unless_comparable(found: tuple[Difference, ...]) -> None:
 
 
 def _parts(evaluation: Evaluation) -> list[tuple[bool, dict[str, str]]]:
-    """Parts in which two runs may differ, and whether each decides."""
+    """Parts in which two runs may differ: whether a difference decides, and name -> value."""
     manifest, settings = evaluation.manifest, evaluation.settings
     plain = {key: value for key, value in to_plain(settings).items() if key not in HARMLESS}
     plain["scenario"] = {entry["use"]: entry for entry in plain["scenario"]}
-    # a scenario that another version of the package writes otherwise shows in SUMO's inputs
+    # two versions of the package may write one scenario differently
     written = {
         name: sha256[:12]
         for name, sha256 in manifest.get("sha256", {}).items()
         if name.startswith(INPUTS)
     }
-    # an edited severity of one's own measures otherwise under the same name
+    # a user may have edited the file of a severity of the user's own
     severity = str(manifest.get("severity", {}).get("sha256", ""))
-    # T and S+ with and without the reference car, which earlier runs lack, are never mixed
+    # Earlier runs have no reference car: their T and S+ are not comparable with later ones. All
+    # scores of a run have the same.
     cars = [score.task_reference or "none" for score in evaluation.scores[:1]]
+    # by whether they decide: those of the simulator do
     versions: dict[bool, dict[str, str]] = {True: {}, False: {}}
     for name, version in manifest.get("versions", {}).items():
         versions[name in SIMULATORS][f"version of {name}"] = str(version)
@@ -95,6 +100,7 @@ def _parts(evaluation: Evaluation) -> list[tuple[bool, dict[str, str]]]:
 
 
 def _flat(value: Any, path: str) -> Iterator[tuple[str, str]]:
+    """Values of nested tables by their dotted names, `method.score.a`."""
     if isinstance(value, Mapping):
         for key, item in value.items():
             yield from _flat(item, f"{path}.{key}" if path else str(key))

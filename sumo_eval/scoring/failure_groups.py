@@ -1,4 +1,4 @@
-"""Groups of similar failures: the parameter ranges that their cases share.
+"""Groups of similar failures, for the report: the parameter ranges that their cases share.
 
 Failures of one ADS and one kind belong to one group if a chain of neighbours among the driven
 points joins them (single linkage in the unit box). A group is described by the narrowest ranges
@@ -17,6 +17,7 @@ from sumo_eval.cases import CaseTable, IntArray
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import BoolArray, FloatArray
 
+# beginnings of the kinds of failure; the first word tells them apart
 GRAVEST_FIRST = ("caused", "avoidable", "collision", "not evaluated", "off road", "unavoidable")
 MOST_LINKED = 2_000  # failures of one kind that are compared pair by pair; more form one group
 # Failures of k parameters are neighbours up to this times sqrt(k) steps apart (`_step`): a diagonal
@@ -48,23 +49,24 @@ def failure_kinds(cases: CaseTable) -> tuple[IntArray, list[str]]:
     """The kind of failure of each case, (n,), as an index of the list of kinds, and this list.
 
     The first kind is the empty word: the case did not fail. Of several kinds of one case the last
-    of the list counts: a contact before a departure. A plain collision is one whose ideal vehicle
+    of the list counts: a contact, not a departure. A plain collision is one whose ideal vehicle
     is not known.
     """
     known = ("unavoidable", "avoidable", "caused")
     words = ["", "off road", "collision", *(f"{kind} collision" for kind in known)]
-    kinds = np.zeros(len(cases), dtype=np.intp)
     flags = [cases.off_road | cases.departed, cases.collided]
-    for code, flag in enumerate([*flags, *(getattr(cases, kind) for kind in known)], 1):
+    flags += [getattr(cases, kind) for kind in known]
+    kinds = np.zeros(len(cases), dtype=np.intp)
+    for code, flag in enumerate(flags, 1):  # a later kind replaces an earlier one
         kinds[flag] = code
-    codes: dict[str, int] = {}
-    lost = np.flatnonzero(~cases.evaluated)
+    codes = {word: code for code, word in enumerate(words)}
+    missing = np.flatnonzero(~cases.evaluated)
     for case, status, place in zip(
-        lost.tolist(), cases.status[lost], cases.error_place[lost], strict=True
+        missing.tolist(), cases.status[missing], cases.error_place[missing], strict=True
     ):
         kind = f"not evaluated ({status}){f' at {place}' if place else ''}"
-        kinds[case] = codes.setdefault(kind, len(words) + len(codes))
-    return kinds, [*words, *codes]
+        kinds[case] = codes.setdefault(kind, len(codes))
+    return kinds, list(codes)
 
 
 def failure_groups(logical: LogicalScenario, cases: CaseTable) -> list[FailureGroup]:
@@ -107,6 +109,7 @@ def _linked(logical: LogicalScenario, points: FloatArray, failed: IntArray) -> l
     steps = np.array([_step(column) for column in unit.T])
     tree = linkage(unit[failed] / steps, method="single")
     labels = fcluster(tree, NEIGHBOUR_DISTANCE * np.sqrt(unit.shape[1]), criterion="distance")
+    # groups in the order of their first cases
     return [failed[labels == label] for label in dict.fromkeys(labels.tolist())]
 
 
