@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from sumo_eval.record.recording import Space
     from sumo_eval.settings import AdsSettings, EvaluationSettings, ScenarioSettings
 
-_ASKED = 200  # points of a scenario's own sample at which `check` searches for a hazard
-_LISTED = 5  # files of a folder
-_LINES = 20  # of what an ADS printed
+_MOST_POINTS = 200  # of a scenario's own sample, at which `check` searches for a hazard
+_MOST_FILES = 5  # of a folder, that an error message names
+_MOST_LINES = 20  # of what an ADS printed
 
 
 @click.command(epilog="Example: sumo-eval check my_ads.py:MyAds")
@@ -52,22 +52,23 @@ def check(what: str, step_timeout: float | None, case_timeout: float | None, see
     from sumo_eval.gone import refuse_use_case
     from sumo_eval.scenario.shipped_files import scenario_files
 
-    file = what.partition("?")[0]
+    # each check ends the command
+    file, mark, options = what.partition("?")
     if file in scenario_files():
-        _check_scenario(f"{scenario_files()[file]}{what.removeprefix(file)}")
+        _check_scenario(f"{scenario_files()[file]}{mark}{options}")
     refuse_use_case(file)
     _refuse_a_folder(file)
     refuse_a_bare_file(file)
     if file.endswith(".toml") and not _has_scheme(file):
         if _is_scenario(Path(file)):
-            _check_scenario(what)  # each ends the command
+            _check_scenario(what)
         else:
             _check_evaluation(Path(what))
     _check_controller(what, step_timeout, case_timeout, seed)
 
 
 def _refuse_a_folder(named: str) -> None:
-    """Name the files of a folder that can be checked, where a folder was named."""
+    """Refuse a folder, and name files in it that can be checked."""
     from sumo_eval.errors import InputError
     from sumo_eval.text import shown
 
@@ -81,13 +82,13 @@ def _refuse_a_folder(named: str) -> None:
         raise InputError(
             f"{shown(named)} is a folder without an evaluation, a scenario (.toml) or an ADS (.py)."
         )
-    more = f" and {len(files) - _LISTED} more" if len(files) > _LISTED else ""
-    listed = ", ".join(shown(str(path)) for path in files[:_LISTED])
+    more = f" and {len(files) - _MOST_FILES} more" if len(files) > _MOST_FILES else ""
+    listed = ", ".join(shown(str(path)) for path in files[:_MOST_FILES])
     raise InputError(f"{shown(named)} is a folder; name a file that it holds: {listed}{more}.")
 
 
 def refuse_a_bare_file(locator: str) -> None:
-    """Name the ADSs that a file of Python offers, where the file alone was named."""
+    """Refuse a Python file without the name of an ADS, and name the ADSs that it offers."""
     import ast
 
     from sumo_eval.errors import InputError
@@ -127,8 +128,10 @@ def _has_scheme(locator: str) -> bool:
 
 
 def _is_scenario(path: Path) -> bool:
-    """Whether a file describes a logical scenario; what cannot be read at all is left to the
-    evaluation's reader.
+    """Whether a file describes a logical scenario, by its tables.
+
+    Of TOML with a mistake, `[[parameter]]` decides. A file that cannot be read is none: the
+    evaluation's reader says why.
     """
     from sumo_eval.errors import InputError
     from sumo_eval.input_file import read_input
@@ -143,7 +146,10 @@ def _is_scenario(path: Path) -> bool:
 
 
 def _check_scenario(use: str) -> NoReturn:
-    """By the function that a run of the scenario alone, on its own sample, asks first."""
+    """Check a scenario as a run does first that has it alone, with its own sample.
+
+    use: its file, with options as in `[[scenario]] use`.
+    """
     from sumo_eval.method.point_criticality import asks_some
     from sumo_eval.method.zone_partition import refuse_impossible_zones
     from sumo_eval.record.facts import space_of
@@ -156,15 +162,15 @@ def _check_scenario(use: str) -> NoReturn:
     path = Path(file)
     scenario = ScenarioSettings(path.name + use.removeprefix(file))
     alone = EvaluationSettings("check", (scenario,), (AdsSettings("idm", "idm"),))
-    # a sample as a run has it, whose criticality is looked at for at most this many points;
-    # `check_file` below searches the whole space
-    space = space_of(Resolved.of(alone, path.parent.resolve()), 0, looked_at=_ASKED)
+    # `check_file` below checks all points of the sample
+    space = space_of(Resolved.of(alone, path.parent.resolve()), 0, looked_at=_MOST_POINTS)
     logical = space.logical
     refuse_impossible_zones(logical, alone.method.zones)
     say(check_file(path, given))
     if asks_some(logical):
-        some = f"some {_ASKED} of these points and " if len(space.points) > _ASKED else ""
-        tell(f"Zones: {some}one in eight points of their dense grid were asked; a run asks all.")
+        few = len(space.points) <= _MOST_POINTS
+        sampled = "" if few else f"some {_MOST_POINTS} of these points and "
+        tell(f"Zones: {sampled}one in eight points of their dense grid were asked; a run asks all.")
     sys.exit(DONE)
 
 
@@ -193,13 +199,13 @@ def _check_controller(
         # what cannot be loaded is refused before anything is compiled
         check_apart(locator, (), Path.cwd(), run)
         with Progress() as progress:
-            ready({WORLD}, progress)  # else the first drive would wait for it, and count as slow
+            ready({WORLD}, progress)  # not during the first drive, which would count as slow
     findings, printed = check_apart(locator, cases, Path.cwd(), run)
     if printed:
-        tell(f"It printed:\n{last_lines(printed, _LINES)}", err=True)
+        tell(f"It printed:\n{last_lines(printed, _MOST_LINES)}", err=True)
     for finding, after in zip(findings, [*findings[1:], None], strict=True):
         tell(f"{finding.kind:4}  {finding.text}")
-        # once below findings of one remedy
+        # findings in a row with one remedy share its line
         if finding.mend and (after is None or after.mend != finding.mend):
             tell(f"      -> {finding.mend}")
     failed = sum(finding.kind == "FAIL" for finding in findings)
@@ -228,6 +234,7 @@ def _check_evaluation(path: Path) -> None:
         settings = narrowed(Resolved.of(settings, source)).settings
     tell(f"ok    {path}: the settings are valid")
     plant, drivers = settings.simulation.plant, settings.drivers
+    # without ADSs, vehicle model and the user's drivers: `check_planned` adds one at a time
     bare = replace(
         settings,
         ads=(),
@@ -244,13 +251,15 @@ def _check_evaluation(path: Path) -> None:
         return f"{len(space.points)} points of {', '.join(space.logical.names)}"
 
     def check_planned(words: str, **part: Any) -> str:
-        planner(Resolved(replace(bare, **part), source, {}))  # refuses what a run would refuse
+        """Check one part of the settings by the planner, which refuses what a run would refuse."""
+        planner(Resolved(replace(bare, **part), source, {}))
         return words
 
     @cache
     def all_ads_load() -> bool:
-        """Whether they do, at once and in several processes; else each is asked alone, to be
-        named.
+        """Whether all ADSs load in one call, which uses several processes.
+
+        If not, each is checked alone, so that the message names it.
         """
         with suppress(InputError):
             return bool(check_planned("all", ads=settings.ads))
@@ -259,6 +268,7 @@ def _check_evaluation(path: Path) -> None:
     def check_ads(ads: AdsSettings) -> str:
         return check_planned(ads.controller, ads=() if all_ads_load() else (ads,))
 
+    # `names`, of the scenarios, is set below before these two are called
     def axes() -> str:
         refuse_unknown_axes(names, settings.report)
         return ", ".join(settings.report.axes)
@@ -283,12 +293,13 @@ def _check_evaluation(path: Path) -> None:
         ("drivers", partial(check_planned, drivers.source, drivers=drivers)),
     ]
     wrong = _count_mistakes(parts)
+    # recorded drivers need valid settings and all spaces
     if drivers.source == "recorded" and not wrong:
         for space in spaces:
             wrong += _check_recorded_people(space, settings, source)
     closing = [("severity", severity)]
     names = [space.logical.name for space in spaces]
-    if len(names) == len(settings.scenario):
+    if len(names) == len(settings.scenario):  # without a mistake in any
         closing += [("axes of maps", axes)] if settings.report.axes else []
         closing += [("ranking", ranking)] if settings.method.ranking.weights else []
     sys.exit(INPUT_WRONG if wrong + _count_mistakes(closing) else DONE)
@@ -327,6 +338,7 @@ def _check_recorded_people(space: Space, settings: EvaluationSettings, source: P
         return f"{len(matching_events(people.events, name, recorded))} events like it"
 
     wrong = _count_mistakes([(f"recorded people of {name}", matching)])
+    # read without a mistake, and no drive at any safe point
     if matched == [False] and space.safe:
         tell(
             f"WARN  recorded people of {name}: none match any of its {len(space.safe)} safe points"
