@@ -10,7 +10,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError, check_known
 from sumo_eval.evaluation import score
 from sumo_eval.nightly.history import Accepted, History, Night, is_begun, open_history
 from sumo_eval.report.gate_result import CaseChange
@@ -129,8 +129,7 @@ def accept(history: Path, night: str | None, reason: str, until: str | None) -> 
             )
         ran = [name for name, one in nights.items() if not one.imported] or [*nights]
         name = ran[-1] if night is None else Path(night).name
-        if name not in nights:
-            raise unknown("night", name, nights)
+        check_known("night", nights, name)
         if not (history / nights[name].folder).is_dir():
             raise InputError(
                 f"The folder of night {name} is gone; only a night whose folder is kept can be a "

@@ -175,9 +175,17 @@ EVALUATION = {
 }  # fmt: skip
 
 
+def with_fmu(**fmu):
+    ads = [{**EVALUATION["ads"][0], "fmu": fmu}]
+    return settings_from({**EVALUATION, "ads": ads}, "evaluation.toml")
+
+
 def test_the_mapping_in_the_evaluation_file_is_the_one_of_the_locator(fmus):
     settings = settings_from(EVALUATION, "evaluation.toml")
-    assert settings_from(to_plain(settings), "again") == settings
+    constant = with_fmu(inputs={"whole_in": 12, "*": "start"})
+    for it in (settings, constant):
+        assert settings_from(to_plain(it), "again") == it
+    assert "inputs.whole_in=12" in constant.ads[0].locator
     written = simulate(case(lead(50.0)), settings.ads[0].locator, HALF_SECOND, folder=fmus)
     typed = simulate(
         case(lead(50.0)), f"{MAPPED}&parameters.headway=1.25", HALF_SECOND, folder=fmus
@@ -186,6 +194,5 @@ def test_the_mapping_in_the_evaluation_file_is_the_one_of_the_locator(fmus):
 
 
 def test_unknown_keys_of_the_mapping_are_refused():
-    wrong = {**EVALUATION, "ads": [{**EVALUATION["ads"][0], "fmu": {"input": {}}}]}
     with refusal(r"`ads\[0\]\.fmu\.input`.*Did you mean `inputs`"):
-        settings_from(wrong, "evaluation.toml")
+        with_fmu(input={})

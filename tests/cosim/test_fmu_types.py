@@ -15,7 +15,6 @@ from refusals import refusal
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.settings.config import settings_from, to_plain
 
 pytest.importorskip("fmpy")
 
@@ -275,14 +274,10 @@ def test_an_fmu_that_cannot_run_here_is_refused(tmp_path, text, sentence):
         load_controller("fmu:m.fmu", tmp_path)
 
 
-def test_a_constant_in_the_evaluation_file_is_a_number():
-    settings = settings_from(
-        {
-            "name": "x", "scenario": [{"use": "front_vehicle_low_speed"}],
-            "ads": [{"name": "mine", "controller": "fmu:F.fmu",
-                "fmu": {"inputs": {"whole_in": 12, "*": "start"}}}],
-        },
-        "evaluation.toml",
-    )  # fmt: skip
-    assert settings_from(to_plain(settings), "again") == settings
-    assert "inputs.whole_in=12" in settings.ads[0].locator
+def test_an_fmu_that_asks_to_end_ends_its_case(fmus, monkeypatch):
+    from fmpy.fmi3 import FMU3Slave
+
+    monkeypatch.setattr(FMU3Slave, "doStep", lambda *_, **__: (False, True, False, 0.0))
+    locator = f"{THREE}&outputs.acceleration=speeds[0]"
+    recording = simulate(case(), locator, HALF_SECOND, folder=fmus)
+    assert recording.error == "FMU `Feedthrough3.fmu` asked to end the simulation at 0.00 s."

@@ -105,7 +105,11 @@ class _Fmu:
         lists: Sequence[str] = (),
     ) -> None:  # fmt: skip
         self.path = path
-        self._library = _fmpy()
+        try:
+            import fmpy
+        except ImportError as error:
+            raise needs_extra("An FMU", "fmu") from error
+        self._library = fmpy
         input_file(path, "FMU")
         try:
             self._folder, self.description = _unpacked(path, path.stat().st_mtime_ns)
@@ -120,7 +124,7 @@ class _Fmu:
                 "model exchange": self.description.modelExchange,
                 "scheduled execution": self.description.scheduledExecution,
             }
-            other = " and ".join(kind for kind, found in kinds.items() if found is not None)
+            other = " and ".join(kind for kind, found in kinds.items() if found)
             raise InputError(
                 f"FMU `{path.name}` must be one for co-simulation, got one for "
                 f"{other or 'nothing'}."
@@ -300,7 +304,9 @@ class _Fmu:
         """Give the inputs, step from `time` to `time + step`, read the outputs."""
         with self._in_words():
             self._give(self._inputs, signals)
-            self._instance.doStep(currentCommunicationPoint=time, communicationStepSize=step)
+            done = self._instance.doStep(currentCommunicationPoint=time, communicationStepSize=step)
+        if isinstance(done, tuple) and done[1]:  # of FMI 3
+            raise ControllerError(f"FMU `{self.path.name}` asked to end the simulation")
         return self.read()
 
     def read(self) -> dict[str, float]:
@@ -572,14 +578,6 @@ def _number(text: str) -> float | str:
         return float(text)
     except ValueError:
         return text.strip("\"'")
-
-
-def _fmpy() -> Any:
-    try:
-        import fmpy
-    except ImportError as error:
-        raise needs_extra("An FMU", "fmu") from error
-    return fmpy
 
 
 _unpack_folders: list[tempfile.TemporaryDirectory[str]] = []

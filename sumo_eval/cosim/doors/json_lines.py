@@ -31,14 +31,6 @@ from sumo_eval.errors import ControllerError, ControllerTimeoutError
 PROTOCOL = 1
 # s of wall time that a program has to start and to answer the reset, or a step's, if longer
 START_TIMEOUT = 10.0
-_ANSWERS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
-    "acceleration": (("acceleration", "steering"), Command),
-    "speed": (("speed", "steering"), Command),
-    "throttle": (("throttle", "brake", "steer"), Command.pedals),
-    "brake": (("throttle", "brake", "steer"), Command.pedals),
-    "plan": (("plan",), lambda plan: _plan(plan)),
-}
-"""Kinds of answers, by the name that each must have: all its names, and what it is made into."""
 _OF_A_PLAN = ("time", "x", "y", "heading", "speed")
 
 
@@ -170,6 +162,16 @@ def _plan(plan: Any) -> Any:
         )
     _refuse_other_names(plan, _OF_A_PLAN, "plan")
     return Plan(*(plan.get(name) for name in _OF_A_PLAN))
+
+
+_ANSWERS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
+    "acceleration": (("acceleration", "steering"), Command),
+    "speed": (("speed", "steering"), Command),
+    "throttle": (("throttle", "brake", "steer"), Command.pedals),
+    "brake": (("throttle", "brake", "steer"), Command.pedals),
+    "plan": (("plan",), _plan),
+}
+"""Kinds of answers, by the name that each must have: all its names, and what it is made into."""
 
 
 def _refuse_other_names(answer: dict[str, Any], names: tuple[str, ...], what: str) -> None:

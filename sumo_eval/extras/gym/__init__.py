@@ -30,11 +30,6 @@ __all__ = [
     "usual_reward",
 ]
 
-ENV, VECTOR_ENV = (
-    "sumo_eval.extras.gym.env:ScenarioEnv",
-    "sumo_eval.extras.gym.env:ScenarioVectorEnv",
-)
-
 
 def register() -> None:
     """Make the environments known to gymnasium; once is enough."""
@@ -42,7 +37,12 @@ def register() -> None:
         made = f"sumo_eval/{name}-v0"
         if made not in gymnasium.registry:
             given = {} if name == "scenario" else {"use": name}
-            gymnasium.register(made, entry_point=ENV, vector_entry_point=VECTOR_ENV, kwargs=given)
+            gymnasium.register(
+                made,
+                entry_point="sumo_eval.extras.gym.env:ScenarioEnv",
+                vector_entry_point="sumo_eval.extras.gym.env:ScenarioVectorEnv",
+                kwargs=given,
+            )
 
 
 register()
