@@ -14,14 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import python
+from cosim.cosim_cases import points
 
 import sumo_eval
 from sumo_eval import kernels
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.world import World
 from sumo_eval.drivers.synthetic.driver import human_controller
-from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import CHANNELS
 
@@ -37,11 +36,6 @@ SCENARIOS = {
     "curve_cut_in": 130,
 }
 SETTINGS = SimulationSettings(step=0.1, end_when_decided=True)
-
-
-def points(name, every):
-    logical = catalogue.load(name)
-    return list(logical.concretes(sample(logical).points[::every]))
 
 
 def controllers(ads, cases):

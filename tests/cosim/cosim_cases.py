@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start
+from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, catalogue
+from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings
 
 ROAD = Road(name="test_road", length=600.0, lanes=2, lane_width=3.5, run_out=5400.0)
@@ -17,6 +18,11 @@ def case(*actors, speed=20.0, x=50.0, y=0.0):
 def lead(gap, speed=0.0, y=0.0, x=50.0):
     """A vehicle `gap` m (bumper to bumper) ahead of an ego at x."""
     return Actor("lead", Start(x + 4.5 + gap, y, speed))
+
+
+def points(name, every):
+    logical = catalogue.load(name)
+    return list(logical.concretes(sample(logical).points[::every]))
 
 
 def shifted(concrete, dx):

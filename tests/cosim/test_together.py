@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cosim_cases import ROAD, case, lead
+from cosim_cases import ROAD, case, lead, points
 from refusals import refusal
 
 from sumo_eval import Command
@@ -45,11 +45,6 @@ def recorded(cases, ads, settings, alone):
     assert not alone
     assert together == [everything(simulate(concrete, ads, settings)) for concrete in cases]
     return together
-
-
-def points(name, every):
-    logical = catalogue.load(name)
-    return list(logical.concretes(sample(logical).points[::every]))
 
 
 def behind(*speeds):
