@@ -20,7 +20,7 @@ from sumo_eval.cases import EVALUATED
 from sumo_eval.cosim.doors.controller import find_controller
 from sumo_eval.cosim.doors.entry import made_absolute
 from sumo_eval.drivers.recorded.exposure import exposure_of
-from sumo_eval.errors import InputError, StoppedError
+from sumo_eval.errors import InputError, StoppedError, must_be
 from sumo_eval.method.point_criticality import exactly_hazardous
 from sumo_eval.method.severity import severity_of
 from sumo_eval.record import loops, run_folder
@@ -307,11 +307,12 @@ def in_rounds(run: Resolved, folder: Path | None) -> Resolved:
             with_new_end = replace(earlier, count=sampling.count, until=sampling.until)
             if sampling.round in (None, earlier.round) and with_new_end == continued:
                 return replace(entry, sampling=continued)
-        owner = f"the sampling of scenario `{entry.use}`"
-        size = size_of_round(sampling.count, sampling.round, owner)
+        size = size_of_round(
+            sampling.count, sampling.round, f"the sampling of scenario `{entry.use}`"
+        )
         return replace(entry, sampling=replace(sampling, round=size))
 
-    entries = tuple(with_rounds(entry) for entry in run.settings.scenario)
+    entries = tuple(map(with_rounds, run.settings.scenario))
     return replace(run, settings=replace(run.settings, scenario=entries))
 
 
@@ -366,8 +367,8 @@ def _shard_of(
 
 def parse_shard(text: str) -> tuple[int, int]:
     """`2/8`: the second of eight."""
-    first, slash, last = text.partition("/")
-    if slash and first.isdecimal() and last.isdecimal() and 1 <= int(first) <= int(last):
+    first, _, last = text.partition("/")
+    if first.isdecimal() and last.isdecimal() and 1 <= int(first) <= int(last):
         return int(first), int(last)
     raise InputError(f"A shard must have the form i/n with 1 <= i <= n, e.g. 2/8, got {text!r}.")
 
@@ -378,6 +379,8 @@ def verify(
     """Simulate a share of a run's drives again: how many, and a sentence for each that is not the
     same to the bit.
     """
+    if not 0.0 < share <= 1.0:  # nor nan
+        raise must_be("`share`", "`verify`", "above 0, at most 1", share)
     run = resolve(None, folder, resume=True, workers=workers, engine="processes")
     # refuses a folder that is not a run: for that `resolve` takes the paper's evaluation
     run_folder.read_settings(folder)
@@ -391,16 +394,15 @@ def verify(
             for kind in stages(space, plan):  # at least one case of each
                 cases = list(kind.cases)
                 picked = stream.permutation(len(cases))[: math.ceil(share * len(cases))]
-                chosen += [cases[index] for index in sorted(picked.tolist())]
+                chosen += [cases[index] for index in sorted(picked)]
         same = [case for case in chosen if store.holds(case)]
-        held = {case.key for case in same}
         differences = [
             f"{case.key} depends on something that has changed since: the ADS, the simulator or "
             "this package."
             for case in chosen
-            if case.key not in held
+            if not store.holds(case)
         ]
-        for done, (case, difference) in enumerate(drive_again(same, plan.setup, store), start=1):
+        for done, (case, difference) in enumerate(drive_again(same, plan.setup, store), 1):
             if difference:
                 differences.append(f"{case.key} is not the same again: {difference}.")
             progress("drives simulated again", done, len(same), len(differences))

@@ -24,7 +24,7 @@ from refusals import refusal
 
 import sumo_eval
 from sumo_eval.errors import InputError, StoppedError
-from sumo_eval.record.facts import merge, parse_shard, record_facts, resolve
+from sumo_eval.record.facts import merge, parse_shard, record_facts, resolve, verify
 from sumo_eval.record.run_folder import only_writer
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.resolved import Resolved
@@ -352,6 +352,11 @@ def test_shards_of_other_cases_make_no_whole(tmp_path):
 def test_a_shard_that_is_none_is_refused(text):
     with refusal("must have the form i/n"):
         parse_shard(text)
+
+
+def test_a_share_that_is_none_is_refused(tmp_path):
+    with refusal("`share` of `verify` must be above 0"):
+        verify(tmp_path, float("nan"))
 
 
 def test_verify_passes_on_the_same_and_fails_on_a_bit(tmp_path):
