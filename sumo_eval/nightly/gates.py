@@ -161,8 +161,6 @@ def _judge_change(
 def _why_missing(quantity: str, score: ScenarioResult) -> str:
     if quantity == "T" or (quantity == "S+" and score.task_share is None):
         return not_computed(REASON_WITHOUT_T)
-    if quantity == "requirements_missed":
-        return "the scenario requires nothing"
     name = {"S": "D"}.get(quantity, quantity)
     reason = reason_without(name, score) if name in ("D", "H") else ""
     return not_computed(reason) or "no case could be evaluated"

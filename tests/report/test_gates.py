@@ -10,8 +10,11 @@ import pytest
 from refusals import refusal
 from report_cases import hit, pick, with_case
 
+from sumo_eval.nightly import gates
 from sumo_eval.nightly.gates import judge
 from sumo_eval.report.gate_result import failed
+from sumo_eval.report.words import REASON_WITHOUT_T
+from sumo_eval.results import NotComputed
 from sumo_eval.scoring.comparison import compare
 from sumo_eval.scoring.gate_settings import (
     HIGHER_IS_BETTER,
@@ -136,6 +139,37 @@ def test_an_index_that_is_not_computed_any_more_fails(evaluation):
     )
     assert result.passed is False
     assert "not computed any more" in result.sentence
+
+
+@pytest.mark.parametrize(
+    ("quantity", "lost", "why"),
+    [
+        ("T", {"task_share": None}, f"not computed: {REASON_WITHOUT_T}"),
+        ("S+", {"task_share": None}, f"not computed: {REASON_WITHOUT_T}"),
+        ("H", {"human_likeness": None}, "not computed: no case lies in the safe zone"),
+        ("A", {"ideal_severity": None}, "no case could be evaluated"),
+    ],
+)
+def test_why_a_score_is_not_computed_any_more(evaluation, quantity, lost, why):
+    note = NotComputed("no_safe_case")
+    new = with_scores(evaluation, task_share=lost.get("task_share", 1.0), h_reason=note)
+    new = replace(new, cases=tuple(replace(case, **lost) for case in new.cases))
+    result = judged(evaluation, new, LimitSettings(quantity, worse_by=0.0))[0]
+    assert result.passed is False
+    assert result.sentence.endswith(f" and is not computed any more: {why}")
+
+
+@pytest.mark.parametrize(("most", "end"), [(5, ")"), (3, " and 2 others")])
+def test_a_limit_names_some_of_its_cases_and_counts_others(evaluation, most, end, monkeypatch):
+    monkeypatch.setattr(gates, "MOST_NAMED", most)
+    free = [case for case in evaluation.cases if case.ads == builders.CALM and case.evaluated
+        and case.scenario == builders.SCENARIOS[0] and not case.collided]  # fmt: skip
+    new = evaluation
+    for case in free[:5]:
+        new = with_case(new, case.case, hit)
+    (gate,) = failed(judged(evaluation, new, LimitSettings("new_collisions", at_most=0.0)))
+    assert (gate.value, len(gate.cases), len(gate.worst)) == (5.0, 5, most)
+    assert gate.sentence.endswith(end)
 
 
 def test_a_limit_on_what_the_run_has_not_says_so(evaluation):

@@ -212,6 +212,26 @@ def test_drac_counts_above_its_zone(evaluation, before, after, fails):
 
 
 @pytest.mark.parametrize(
+    ("quantity", "before", "values"),
+    [("max_drac", 1.0, (4.5, 6.0)), ("min_gap", 1.0, (0.7, 0.2))],
+)
+def test_the_worst_case_of_a_near_miss_comes_first(evaluation, quantity, before, values):
+    base = calm(evaluation, max_drac=1.0, min_ttc=9.0, min_gap=1.0)
+    new = some(base, 2, lambda case: replace(case, **{quantity: values[0]}))
+    new = some(new, 1, lambda case: replace(case, **{quantity: values[1]}))
+    (gate,) = judged(base, new)
+    assert [(one.before, one.after) for one in gate.worst] == [(before, it) for it in values[::-1]]
+
+
+def test_a_kept_margin_is_named_where_it_is_small(evaluation):
+    base = calm(evaluation, min_gap=1.0, min_ttc=9.0)
+    (most,) = judged(base, calm(base, min_gap=0.7))
+    (little,) = judged(base, calm(base, min_gap=0.6))
+    assert "of its margin" not in most.sentence
+    assert "one kept 60% of its margin" in little.sentence
+
+
+@pytest.mark.parametrize(
     ("quantity", "words", "ends"),
     [
         ("departed", "left the road", {"status": "off_road"}),
