@@ -2,14 +2,11 @@
 
 import csv
 import json
-import re
-from pathlib import Path
 
 import pytest
 from commands import sumo_eval
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "scenario_file.md"
-EXAMPLE = re.findall(r"```toml\n(name = .*?)```", DOCUMENT.read_text(), re.DOTALL)[0]
+from tests.scenario.test_scenario_file import EXAMPLE
 
 
 @pytest.fixture

@@ -18,13 +18,10 @@ from sumo_eval.scenario.concrete import lane_change
 from sumo_eval.scenario.formats import expanded
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.settings import ScenarioSettings, SimulationSettings
+from tests.scenario.test_openscenario import CATALOGUES, needs_catalogues
+from tests.scenario.test_openscenario import NCAP as STANDARD
 
-CATALOGUES = Path(__file__).parents[3] / "shared" / "data" / "catalogues"
 ALKS, NCAP = CATALOGUES / "osc_alks", CATALOGUES / "osc_ncap"
-STANDARD = NCAP / "OpenSCENARIO" / "NCAP" / "CA-FC_2026" / "Variations" / "StandardRange"
-needs_catalogues = pytest.mark.skipif(
-    not NCAP.is_dir(), reason="the catalogues of OpenSCENARIO are not here"
-)
 
 
 def test_a_catalogue_needs_a_folder_that_holds_it(tmp_path):

@@ -3,7 +3,7 @@
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from sumo_eval.scenario import brake_to_stop, lane_change, motion
+from sumo_eval.scenario import Actor, Start, brake_to_stop, lane_change, motion
 from sumo_eval.scenario.concrete import braked_distance, braked_speed, smooth_step, smooth_step_rate
 
 TIMES = st.floats(-1.0, 60.0)
@@ -29,3 +29,8 @@ def test_a_brake_is_the_braked_motion_to_the_last_bit(time, begin, speed, decele
         distance,
         float(braked_speed(speed, deceleration, since)),
     )
+
+
+def test_a_brake_that_never_begins_keeps_the_speed():
+    actor = Actor("a", Start(5.0, 0.0, 10.0), (brake_to_stop(float("inf"), 5.0),))
+    assert (actor.x(2.0), actor.speed(2.0)) == (25.0, 10.0)
