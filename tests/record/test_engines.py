@@ -172,8 +172,7 @@ def test_what_a_case_prints_is_its_own_log_bounded_and_never_on_our_stdout(outco
     assert all(
         not outcome.log for key, outcome in outcomes.items() if key.startswith("front_vehicle")
     )
-    setup = limited(workers=1)
-    (outcome,) = run_cases(cases_of("faulty_ads.py:chatters"), setup)
+    (outcome,) = run_cases(cases_of("faulty_ads.py:chatters"), limited(workers=1))
     assert outcome.status == "collision"
     assert capfd.readouterr() == ("", "")
 
@@ -190,8 +189,7 @@ def test_what_a_case_has_started_ends_with_it(outcomes):
 
 
 def test_no_child_is_left_and_no_zombie():
-    setup = limited(workers=2)
-    outcomes = run_cases(cases_of("idm", 6), setup)
+    outcomes = run_cases(cases_of("idm", 6), limited(workers=2))
     next(outcomes)
     assert _pool_children()
     outcomes.close()
@@ -229,10 +227,9 @@ def drives(workers, numbers, controller="synthetic"):
         )
         for number in numbers
     ]
-    setup = limited(workers=workers)
     return {
         o.case.key: packed(o.recording.ego)
-        for o in run_cases(cases, setup)
+        for o in run_cases(cases, limited(workers=workers))
         if o.recording is not None
     }
 
@@ -248,8 +245,7 @@ def test_neither_the_number_of_workers_nor_the_order_changes_a_byte(controller):
 def test_the_least_memory_that_is_accepted_is_enough():
     with refusal("must be at least 512"):
         RunSettings(memory_limit=511.0)
-    setup = limited(memory_limit=512.0)
-    (outcome,) = run_cases(cases_of("idm"), setup)
+    (outcome,) = run_cases(cases_of("idm"), limited(memory_limit=512.0))
     assert outcome.status == "ok"
 
 
@@ -263,9 +259,8 @@ def test_a_child_is_replaced_after_its_share_of_cases():
 @pytest.mark.parametrize("ads", ["interrupts", "InterruptsWhenMade"])
 @pytest.mark.parametrize("number", [1, 2])
 def test_ctrl_c_ends_the_serial_engine(ads, number):
-    setup = limited(engine="serial")
     with pytest.raises(KeyboardInterrupt):
-        list(run_cases(cases_of(f"faulty_ads.py:{ads}", number), setup))
+        list(run_cases(cases_of(f"faulty_ads.py:{ads}", number), limited(engine="serial")))
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 
