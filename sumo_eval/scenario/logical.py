@@ -408,8 +408,7 @@ class LogicalScenario:
         )
 
     def concretes(self, points: ArrayLike) -> list[ConcreteScenario]:
-        """The concrete scenarios at the rows of `points` (n, k)."""
-        return [
-            self.concrete(**dict(zip(self.names, row, strict=True)))
-            for row in np.asarray(points).tolist()
-        ]
+        """The concrete scenarios at the rows of `points`, (n, k) or one, (k,)."""
+        rows = np.atleast_2d(points)
+        self.columns(rows)  # refuses rows of another length
+        return [self.concrete(**dict(zip(self.names, row, strict=True))) for row in rows.tolist()]

@@ -349,8 +349,9 @@ def test_a_missing_parameter_is_named():
 
 
 def test_points_of_another_space_are_refused():
-    with refusal("must be 3 long"):
-        CUT_OUT.columns(np.zeros((5, 2)))
+    for use in (CUT_OUT.columns, CUT_OUT.concretes):
+        with refusal("must be 3 long"):
+            use(np.zeros((5, 2)))
 
 
 @pytest.mark.parametrize(
@@ -387,7 +388,7 @@ def test_law_a_point_is_feasible_exactly_when_it_can_be_made_concrete(unit):
     point = CUT_OUT.from_unit(unit)
     possible = bool(CUT_OUT.feasible(point[None])[0])
     try:
-        CUT_OUT.concretes(point[None])
+        CUT_OUT.concretes(point)
     except InputError:
         assert not possible
     else:
