@@ -80,14 +80,15 @@ class CaseTerms:
 def case_terms(cases: CaseTable | Sequence[CaseResult], method: MethodSettings) -> CaseTerms:
     """The terms of cases, in their order."""
     table = CaseTable.of(cases)
-    contact = np.where(table.collided, table.severity, np.nan)
     return CaseTerms(
         exposure=table.exposure,
         weight=table.weight,
         severity=_compared(table.incident_severity, method),
         ideal=_compared(table.ideal_severity, method),
         unreacting=_compared(table.no_reaction_severity, method),
-        ratio=ratios(contact, table.ideal_severity, method),
+        ratio=ratios(
+            np.where(table.collided, table.severity, np.nan), table.ideal_severity, method
+        ),
         collided=table.collided,
         evaluated=table.evaluated,
         index=np.where(table.counts_for_index, table.index, np.nan),
@@ -128,9 +129,12 @@ def scores_of(
         a fact of all cases.
     exposed: whether any case has an exposure, where these are not all of them.
     """
-    drawn = counts if hits is None else hits
     c = score_terms.collision_avoidance(
-        terms.ratio, terms.weight, terms.collided, terms.evaluated, drawn
+        terms.ratio,
+        terms.weight,
+        terms.collided,
+        terms.evaluated,
+        counts if hits is None else hits,
     )
     d = score_terms.exposure_mean(terms.index, terms.exposure, counts)
     voided = terms.voids.any() if hits is None else hits @ terms.voids.astype(np.float64) > 0.0
@@ -188,9 +192,8 @@ def missing_bounds(
     human-likeness that could have one counts 0, and 1; one with a collision of which it is unknown
     whether the ideal vehicle avoids it counts 0, and not at all.
 
-    C: a missing case is a collision, one that the ideal vehicle avoids, or as gentle as its own.
-        Both are bounds: a
-    collision of ratio 0 never raises Eq. 17's mean, one of ratio 1 never lowers it. D: a safe case
+    C: a missing case is at worst a collision of ratio 0, which never raises Eq. 17's mean; at best
+    one of ratio 1, which never lowers it, and none where the ideal vehicle avoids. D: a safe case
     without a collision that has no D_i counts 0, and 1. S: a missing safe case may have been a
     collision, after which there is no D.
 
@@ -218,7 +221,7 @@ def missing_bounds(
         ideal=gentlest,
         unreacting=np.where(no_unreacting, hit, terms.unreacting),
         ratio=np.where(unrated, avoided, terms.ratio),
-        collided=terms.collided | gone,
+        evaluated=terms.evaluated | gone,
         weight=np.where(unrated & np.isnan(terms.weight), 1.0, terms.weight),
         index=np.where(unindexed, 0.0, terms.index),
         likeness=np.where(unlike, 0.0, terms.likeness),
@@ -230,13 +233,15 @@ def missing_bounds(
         severity=severity,
         ideal=np.where(no_ideal, severity, terms.ideal),
         unreacting=np.where(no_unreacting, np.maximum(hardest, severity), terms.unreacting),
-        ratio=np.where(unrated, 1.0, terms.ratio),
+        ratio=np.where(unrated & (terms.ideal != 0.0), 1.0, terms.ratio),
         index=np.where(unindexed, 1.0, terms.index),
         likeness=np.where(unlike & ~terms.incident, 1.0, terms.likeness),
         task=np.where(untimed, 1.0, terms.task),
     )
-    cases_of = (worst, _without_what_lifts(worst, unsure, method), best)
-    found = [point_values(one, method) for one in cases_of]
+    found = [
+        point_values(one, method)
+        for one in (worst, _without_what_lifts(worst, unsure, method), best)
+    ]
     ordering = (
         "task_share", "avoided_share", "avoided_share_exposure", "avoidance_grade", "regret",
         "human_likeness", "s_plus",

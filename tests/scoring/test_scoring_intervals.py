@@ -31,6 +31,7 @@ HIT = replace(
 )
 SAFE = replace(EMPTY, case="safe", zone="safe", exposure=3.0, index=0.8, task_share=1.0)
 LOST = replace(EMPTY, case="lost", status="sim_error")
+LOST_HIT = replace(LOST, ideal_severity=4.0, weight=1.5)
 LOST_SAFE = replace(LOST, case="lost_safe", zone="safe")
 
 
@@ -44,11 +45,11 @@ def test_a_complete_score_has_no_interval():
 
 
 def test_a_missing_hazardous_case_widens_c_by_its_own_weight():
-    result = combined(HIT, SAFE, replace(LOST, weight=1.5))
+    result = combined(HIT, SAFE, LOST_HIT)
     assert result.c == pytest.approx(0.4), "the mean over what is there: 4 / 10"
     low, high = result.c_interval or (0.0, 0.0)
     assert low == pytest.approx(0.5 * 0.4 / 2.0), (
-        "the ideal vehicle avoids it: (0.5 * 0.4 + 1.5 * 0) / (0.5 + 1.5)"
+        "far harder than the ideal vehicle: (0.5 * 0.4 + 1.5 * 0) / (0.5 + 1.5)"
     )
     assert high == pytest.approx((0.5 * 0.4 + 1.5) / 2.0), "as gentle as the ideal vehicle"
     assert result.d_interval is None
@@ -176,15 +177,15 @@ def test_of_points_that_are_not_sure_only_those_that_lower_a_have_a_part_in_its_
     )
 
 
-def test_c_lies_within_its_interval_whatever_is_missing():
+def test_c_is_its_upper_end_if_the_missing_is_avoidable():
     for weight in (0.0, 0.1, 1.0, 3.0):
         result = combined(HIT, SAFE, replace(LOST, weight=weight))
         low, high = result.c_interval or (9.0, -9.0)
-        assert low <= (result.c or 0.0) <= high
+        assert low <= high == result.c
 
 
 def test_the_note_says_how_many_are_missing_and_where_and_the_table_shows_the_interval():
-    result = combined(HIT, SAFE, replace(LOST, weight=1.5), replace(LOST_SAFE, weight=1.0))
+    result = combined(HIT, SAFE, LOST_HIT, replace(LOST_HIT, zone="safe", weight=1.0))
     counted, interval = map(score_note, result.notes)
     assert counted.startswith(
         "2 cases could not be evaluated (1 in the hazardous zone and 1 in the safe zone)"
