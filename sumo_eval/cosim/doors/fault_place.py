@@ -40,9 +40,8 @@ def fault_place(error: BaseException | None, driver: Any, folder: Path | None) -
         installed = *_INSTALLED, "<frozen "
         users = [it for it in outside if not it[0].co_filename.startswith(installed)]
         own = _file_of(driver)
-        if worded:
-            outside = []
-        for found in ([it for it in frames if it[0].co_filename == own], users, outside):
+        owned = [it for it in frames if it[0].co_filename == own]
+        for found in (owned, users, () if worded else outside):
             if found:
                 return _place(*found[-1], folder)
         error = error.__cause__ or error.__context__

@@ -243,19 +243,18 @@ def _hang_up(program: ChildProgram, relay: Relay) -> None:
 
 def _connect(server: PrivateServer, logs: tuple[Path, ...]) -> Any:
     """The harness's connection, when the server has begun and both of its clients are connected."""
-    sumo = server.process
     until = clock.monotonic() + START_TIMEOUT
     while True:
         try:
             server.connect()
             return _over(server.sockets[0])
         except OSError as error:
-            if sumo.poll() is not None or clock.monotonic() > until:
+            if server.process.poll() is not None or clock.monotonic() > until:
                 raise SimulationError(
                     f"SUMO could not start the case: {quoted(error, *logs)}."
                 ) from error
             with suppress(subprocess.TimeoutExpired):
-                sumo.wait(_BETWEEN_TRIES)
+                server.process.wait(_BETWEEN_TRIES)
 
 
 def _over(connected: socket.socket) -> Any:

@@ -113,17 +113,19 @@ class Relay:
             with client:
                 client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 other = {client: self._server, self._server: client}
+                tail = b""
                 while True:
                     for one in select.select(list(other), [], [])[0]:
                         data = one.recv(65_536)
-                        if one is client and data in (b"", _CLOSE):
-                            self.has_left = True
+                        if one is client:
+                            tail = (tail + data)[-len(_CLOSE) :]  # it may come in pieces
+                            self.has_left = not data or tail == _CLOSE
+                            self.has_asked |= data[_COMMAND] == _STEP and not self.has_order
+                            self.has_order |= data[_COMMAND] == _SET_ORDER
+                        if self.has_left:
                             client.sendall(_CLOSED)
-                        if data in (b"", _CLOSE):
+                        if self.has_left or not data:
                             return
-                        if one is client and not self.has_order:
-                            self.has_order = data[_COMMAND] == _SET_ORDER
-                            self.has_asked = self.has_asked or data[_COMMAND] == _STEP
                         other[one].sendall(data)
 
 
