@@ -68,7 +68,8 @@ class RunExposure(NamedTuple):
     density: p at values by name.
     about: one sentence.
     recorded: the KDE, where recordings are the source.
-    unsupported_share: of the possible space, outside the data's support; None without data.
+    unsupported_share: of the possible space, outside the data's support; None without data, or
+        where no point that was tried is possible.
     """
 
     density: Callable[[Values], FloatArray]
