@@ -99,20 +99,7 @@ def settings_of(
         locators start in the current folder.
     changes: values of `[run]` by name, instead of the evaluation's; None changes nothing.
     """
-    if isinstance(evaluation, EvaluationSettings):
-        settings, source = evaluation, Path.cwd()
-    elif isinstance(evaluation, Mapping):
-        content = _with_locators(evaluation, folder, resume)
-        settings, source = settings_from(content, "the evaluation", own_ads=not ads), Path.cwd()
-    else:
-        default = folder if resume and run_folder.is_run(folder) else PAPER_EVALUATION
-        path = default if evaluation is None else Path(evaluation)
-        if run_folder.is_run(path):
-            settings = read_evaluation(path / run_folder.EVALUATION)
-            source = run_folder.source_of(path)
-            refuse_foreign_code(path, settings, source, driving=True)
-        else:
-            settings, source = read_evaluation(path, own_ads=not ads), path.parent.resolve()
+    settings, source = _read(evaluation, folder, resume, not ads)
     for locator in ads:
         # Refuses a program that does not exist. `made_absolute` puts `env -C` in front of it, and
         # `env` always exists.
@@ -133,6 +120,28 @@ def settings_of(
         scenario=expanded(settings.scenario, source),
         run=replace(settings.run, **changed),  # type: ignore[arg-type]
     ), source
+
+
+def _read(
+    evaluation: Evaluable, folder: Path, resume: bool, own_ads: bool
+) -> tuple[EvaluationSettings, Path]:
+    """Settings of an evaluation as they stand there, and the folder where their paths start.
+
+    own_ads: whether its ADSs are used.
+    """
+    if isinstance(evaluation, EvaluationSettings):
+        return evaluation, Path.cwd()
+    if isinstance(evaluation, Mapping):
+        content = _with_locators(evaluation, folder, resume)
+        return settings_from(content, "the evaluation", own_ads=own_ads), Path.cwd()
+    default = folder if resume and run_folder.is_run(folder) else PAPER_EVALUATION
+    path = default if evaluation is None else Path(evaluation)
+    if not run_folder.is_run(path):
+        return read_evaluation(path, own_ads=own_ads), path.parent.resolve()
+    settings = read_evaluation(path / run_folder.EVALUATION)
+    source = run_folder.source_of(path)
+    refuse_foreign_code(path, settings, source, driving=True)
+    return settings, source
 
 
 def _with_locators(evaluation: Mapping[str, Any], folder: Path, resume: bool) -> dict[str, Any]:
@@ -171,8 +180,8 @@ def record_facts(
     """
     settings, source = run.settings, run.source
     # checks that need no simulation come first
-    for entry in settings.scenario if run.shard != WHOLE else ():
-        if entry.sampling.method == "adaptive":
+    for entry in settings.scenario:
+        if entry.sampling.method == "adaptive" and run.shard != WHOLE:
             raise InputError(
                 f"Scenario `{entry.use}` is sampled in rounds (`adaptive`), each chosen by the "
                 "results of all cases before: it cannot be recorded in shards. More machines share "
@@ -299,7 +308,8 @@ def in_rounds(run: Resolved, folder: Path | None) -> Resolved:
         before = {entry.use: entry.sampling for entry in recorded}
 
     def with_rounds(entry: ScenarioSettings) -> ScenarioSettings:
-        sampling, earlier = entry.sampling, before.get(entry.use)
+        sampling = entry.sampling
+        earlier = before.get(entry.use)
         if sampling.method != "adaptive" or sampling.count is None:
             return entry
         if earlier is not None and not sampling.rounds:
@@ -318,7 +328,8 @@ def in_rounds(run: Resolved, folder: Path | None) -> Resolved:
 
 def merge(shards: Sequence[Path], out: Path) -> Recorded:
     """Put all shards of an evaluation together into a new run folder."""
-    settings, manifest = run_folder.read_settings(shards[0]), run_folder.read_manifest(shards[0])
+    settings = run_folder.read_settings(shards[0])
+    manifest = run_folder.read_manifest(shards[0])
     folders: dict[tuple[int, int], Path] = {}
     for folder in shards:
         shard = _shard_of(folder, shards[0], settings, manifest)
@@ -351,7 +362,8 @@ def _shard_of(
     """Number and count of a complete shard, refused unless it is of the same evaluation and
     versions as the first.
     """
-    other, versions = run_folder.read_settings(folder), run_folder.read_manifest(folder)["versions"]
+    other = run_folder.read_settings(folder)
+    versions = run_folder.read_manifest(folder)["versions"]
     # of `[run]`, `only` alone is compared: it chooses the cases
     if replace(other, run=replace(settings.run, only=other.run.only)) != settings:
         raise InputError(
@@ -443,7 +455,8 @@ def space_of(run: Resolved, number: int, looked_at: int | None = None) -> Space:
 
     Raises InputError for a scenario that is impossible to run at any of its points.
     """
-    settings, (entry, logical) = run.settings, list(run.entries)[number]
+    settings = run.settings
+    entry, logical = list(run.entries)[number]
     exposure = exposure_of(logical, entry.exposure, settings.drivers, run.source)
     points = choose_points(logical, entry, run.source, settings, exposure.density)
     total = len(points.points)
