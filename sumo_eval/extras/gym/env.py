@@ -83,7 +83,7 @@ class ScenarioEnv(_WithEpisodes, gymnasium.Env[Floats, Floats]):
             )
         worth, (reason,) = self.episodes.step(_answers(self.interface, action, 1))
         info = {"end_reason": str(reason)} if reason else {}
-        terminated = str(reason) in TERMINAL
+        terminated = reason in TERMINAL
         return (
             self.episodes.show()[0],
             float(worth[0]),

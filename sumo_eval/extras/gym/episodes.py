@@ -116,7 +116,7 @@ class Episodes:
         self.count, self._sumo = count, sumo
         self._pack: Pack | None = None
         self._start_speeds = np.zeros(count)
-        self._limit, self._answered = max_episode_steps, np.zeros(count, dtype=np.int64)
+        self._limit, self._answered = max_episode_steps, np.zeros(count, dtype=int)
         period = self.interface.period or 0.0
         self._steps = steps_between(period, self.settings.step, "the interface")
 
