@@ -121,10 +121,11 @@ def move(
     at: its x, y and heading.
     wanted: m/s2, and steering: rad, as in `Command`.
     limits: `VehicleSettings` or a record of them.
-    clips: where limits that the command runs into are counted, by number. The tyres hold a total
-        acceleration of friction * g at the end of every step: steering comes first, braking and
-        drive get the rest of the friction circle, and what brakes and drive cannot release within
-        the step is taken from the steering.
+    clips: where limits that the command runs into are counted, by number.
+
+    The tyres hold a total acceleration of friction * g at the end of every step: steering comes
+    first, braking and drive get the rest of the friction circle, and what brakes and drive cannot
+    release within the step is taken from the steering.
     """
     if steering == 0.0 and ego.steering == 0.0:  # straight, as nearly always
         end = curvature = lateral = 0.0
