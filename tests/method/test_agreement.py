@@ -2,8 +2,10 @@
 
 import math
 
+import numpy as np
 import pytest
 from refusals import refusal
+from scipy import stats
 
 from sumo_eval.method.agreement import concordance, rank_correlation, rank_interval
 
@@ -27,6 +29,14 @@ def test_kendalls_w_by_hand():
     # A tie: ranks 1.5 1.5 3 and 1 2 3: sums 2.5 3.5 6, mean 4, S = 2.25 + 0.25 + 4 = 6.5; W = 78 /
     # (96 - 2 * 6).
     assert concordance([[5, 5, 7], [1, 2, 3]]).value == pytest.approx(78 / 84)
+
+
+def test_kendalls_w_beside_friedmans_test():
+    """Friedman's statistic is m (n - 1) W, its P that of W."""
+    ratings = np.array([[5, 3, 8, 8], [4, 2, 9, 6], [7, 1, 5, 6]])
+    friedman, found = stats.friedmanchisquare(*ratings.T), concordance(ratings)
+    assert 9.0 * found.value == pytest.approx(friedman.statistic)
+    assert found.p_value == pytest.approx(friedman.pvalue)
 
 
 def test_too_little_is_refused():
@@ -58,3 +68,4 @@ def test_the_interval_of_rho_is_bonett_and_wrights():
     assert (
         rank_interval(1.0, 28) is rank_interval(float("nan"), 28) is rank_interval(0.5, 3) is None
     )
+    assert rank_interval(0.5, 4) is not None
