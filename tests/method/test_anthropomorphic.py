@@ -510,6 +510,16 @@ OUT, BACK, NONE = (12.0, 1.0), (-12.0, 1.0), (0.0, 1.0)
 WHEEL = AnthropomorphicSettings(steering_rule="wheel")
 
 
+@pytest.mark.parametrize(("pause", "moves"), [(0.5, 1), (1.0, 2)])
+def test_moves_aside_are_two_with_a_rest_between(pause, moves):
+    """Twice 1.2 m at 0.3 m/s. Its mean over 1 s stays above 0.12 m/s in a pause of 0.5 s; in one of
+    1 s it is not, for 0.8 s."""
+    time = np.arange(0.0, 10.05, 0.1)
+    y = 0.3 * (np.minimum(time, 4.0) + np.clip(time - 4.0 - pause, 0.0, 4.0))
+    aside = Trajectory(time, 20.0 * time, y, speed=np.full(len(time), 20.0))
+    assert count_operations(aside) == moves
+
+
 @pytest.mark.parametrize(
     ("degrees", "expected"),
     [

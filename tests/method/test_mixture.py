@@ -45,6 +45,8 @@ def test_a_manoeuvre_is_the_first_change_of_lane_and_a_touch_does_not_count():
     there_and_back = drive(begin=1.0)
     y = there_and_back.y - 3.5 * smooth_step((there_and_back.time - 10.0) / 5.0)
     assert manoeuvre_of(Trajectory(there_and_back.time, there_and_back.x, y), ROAD, 1.0) == (0, 1)
+    further = Trajectory(np.arange(9.0), np.arange(9.0), 3.5 * (np.arange(9) // 3))
+    assert manoeuvre_of(further, ROAD, 1.0) == (0, 1), "a second change does not count"
     for begin in range(10, 60):
         for samples, visited in ((10, (0, 1)), (9, (0,))):
             y = np.zeros(100)
