@@ -116,6 +116,41 @@ def test_limits_are_absolute_relative_or_of_the_value_itself(evaluation):
         assert result.passed is passes, limit
 
 
+CERTAIN = "counts only where the interval leaves out 0"
+
+
+@pytest.mark.parametrize(
+    ("quantity", "by", "words"),
+    [
+        ("D", {"worse_by": 0.01}, "it may fall by at most 0.01"),
+        ("D", {"worse_by_percent": 1.0}, "it may fall by at most 1 %"),
+        ("D", {"worse_by": 0.0}, "it must not fall"),
+        ("D", {"worse_by": 0.0, "only_if_certain": True}, f"it must not fall; a fall {CERTAIN}"),
+        ("D", {"worse_by": 0.01, "only_if_certain": True},
+            f"it may fall by at most 0.01; a larger fall {CERTAIN}"),
+        ("regret", {"worse_by": 0.0}, "it must not rise"),
+    ],
+)  # fmt: skip
+def test_a_limit_on_a_change_says_what_may_change(evaluation, quantity, by, words):
+    result = judged(evaluation, evaluation, LimitSettings(quantity, **by))[0]
+    assert result.passed
+    assert re.fullmatch(
+        rf"{quantity} is [\d.]+ as in the base; {re.escape(words)}", result.sentence
+    )
+
+
+@pytest.mark.parametrize(("column", "worse"), [("min_ttc", -1.0), ("max_jerk", 1.0)])
+def test_a_column_gets_worse_in_its_own_direction(evaluation, column, worse):
+    base, *moved = (
+        replace(
+            evaluation, cases=tuple(replace(it, **{column: 5.0 + by}) for it in evaluation.cases)
+        )
+        for by in (0.0, worse, -worse)
+    )
+    limit = LimitSettings(column, worse_by=0.5)
+    assert [bool(failed(judged(base, new, limit))) for new in moved] == [True, False]
+
+
 def test_an_uncertain_change_is_excused_only_by_its_limit(evaluation):
     case = next(
         case for case in evaluation.cases if case.ads == builders.CALM and case.index is not None
