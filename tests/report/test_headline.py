@@ -1,5 +1,6 @@
 """The first words of a run: worked numbers, and an alarm for each thing that must not be missed."""
 
+import re
 from dataclasses import replace
 
 import builders
@@ -156,6 +157,26 @@ def test_the_best_is_distinguished_or_not(evaluation):
         assert answer.startswith(
             f"{first} with 60.0 of 100 points (55.0 to 66.0). {words} {second}"
         )
+
+
+@pytest.mark.parametrize(
+    ("field", "place", "none", "one"),
+    [
+        ("avoidance_grade", 0, "not known: no case could be evaluated.", r"calm with [^.]*\."),
+        ("human_likeness", 1, "not known: no safe case could be compared with drivers.",
+            r"calm with H 0\.\d\d of 1\."),
+    ],
+)  # fmt: skip
+def test_an_answer_compares_those_who_have_its_score(evaluation, field, place, none, one):
+    names = builders.CALM, builders.HOSTILE
+    unranked = Ranking({}, 0.95, tuple(RankedAds(it, None, None, None) for it in names), ())
+    for those, words in ((names, none), (names[1:], one)):
+        scores = (
+            replace(it, **{field: None}) if it.ads in those else it for it in evaluation.scores
+        )
+        run = replace(evaluation, scores=tuple(scores), ranking=unranked)
+        found = headline(run).answers[place][1]
+        assert found == words or re.fullmatch(words, found)
 
 
 def test_without_a_task_a_prime_stands_in_for_s_plus(evaluation):
