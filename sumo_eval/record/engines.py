@@ -117,7 +117,7 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
 
 
 def refuse_to_share(affinities: Iterable[str]) -> None:
-    """Raise InputError for a second user's ADS: the engine `serial` has one process only."""
+    """Raise InputError for two ADSs of the user: the engine `serial` has one process only."""
     users = sorted(set(affinities) - {NO_USER_CODE})
     if len(users) > 1:
         raise InputError(
@@ -196,8 +196,8 @@ def _settled_alone(ended: Ended[Batch], batches: Batches, setup: Setup) -> list[
 
 
 def is_late_by_chance(outcome: Outcome, ended: Ended[Batch], setup: Setup) -> bool:
-    """Whether a drive was too late, and another may be in time: it ended in the first step, or too
-    long no processor worked on it.
+    """Whether a drive was too late, and another may be in time: this one ended in the first step,
+    or waited too long for a processor.
     """
     recording = outcome.recording
     first = recording is not None and recording.simulated_time <= setup.simulation.step
