@@ -146,7 +146,7 @@ def _is_scenario(path: Path) -> bool:
 
 
 def _check_scenario(use: str) -> NoReturn:
-    """Check a scenario as a run does first that has it alone, with its own sample.
+    """Check a scenario as a run of it alone, with its own sample, does first.
 
     use: its file, with options as in `[[scenario]] use`.
     """
@@ -168,8 +168,9 @@ def _check_scenario(use: str) -> NoReturn:
     refuse_impossible_zones(logical, alone.method.zones)
     say(check_file(path, given))
     if asks_some(logical):
-        few = len(space.points) <= _MOST_POINTS
-        sampled = "" if few else f"some {_MOST_POINTS} of these points and "
+        sampled = (
+            f"some {_MOST_POINTS} of these points and " if len(space.points) > _MOST_POINTS else ""
+        )
         tell(f"Zones: {sampled}one in eight points of their dense grid were asked; a run asks all.")
     sys.exit(DONE)
 

@@ -117,6 +117,5 @@ def _table_of_all(found: Sequence[CaseLevers]) -> Iterator[str]:
         for name, changes in sorted(avoided.items(), key=lambda pair: -len(pair[1])):
             line = f"  {name:<28} avoids {len(changes)}"
             if changes:
-                half = 100.0 * median(changes)
-                line += f", half of them by at most {half:z.0f} % of its range"
+                line += f", half of them by at most {100.0 * median(changes):z.0f} % of its range"
             yield line

@@ -429,7 +429,7 @@ def _begin(pipes: Sequence[Connection], memory_limit: float, scratch: str) -> No
 
 def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
     """Work on items until no more come, or until one leaves a process, a thread, a full memory or
-    another resource limit behind, which must not disturb further items.
+    a changed resource limit behind, which must not disturb further items.
 
     ends: of the pipes for orders, results and output.
     """
@@ -446,7 +446,7 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
     own = os.getpid()
     limit = max(int(memory_limit * MEGABYTE - memory(own, 2)), 1)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
-    limited = resource.RLIMIT_AS, resource.RLIMIT_DATA, resource.RLIMIT_NOFILE
+    limited = [vars(resource)[name] for name in dir(resource) if "RLIMIT" in name]
     limits = list(map(resource.getrlimit, limited))
     tempfile.tempdir = scratch
     faulthandler.enable(file=2)

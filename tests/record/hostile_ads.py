@@ -234,3 +234,8 @@ def hoards(seen, kept=[]):  # noqa: B006
 def limits_memory(traci, ego, now):
     resource.setrlimit(resource.RLIMIT_AS, (1 << 20, resource.RLIM_INFINITY))
     return Command(0.0)
+
+
+def limits_files(traci, ego, now):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+    return Command(0.0)
