@@ -139,6 +139,8 @@ def test_law_the_instant_of_a_linear_condition_is_exact(when, step, until, begin
         ("x(lead) - 150 > v", 1.5),
         ("max(speed(ego), 5) < 3", math.inf),
         ("distance(ego, lead) < 50", 5.0),
+        (20 * "(1 + " + "time" + 20 * ")" + " > 21.5", 1.5),  # the deepest
+        ("1 < time" + 23 * " or time > 9", 1.0),  # the longest
         ("-y(lead) + lateral_speed(ego) < -1", math.inf),
     ],
 )
@@ -183,6 +185,8 @@ def test_a_move_begins_when_another_has_ended_and_a_delay_is_over():
         ({"when": "lead.x < 2"}, "which the language does not have"),
         ({"when": "time == 2"}, "compared with <, <=, > or >="),
         ({"when": "(("}, "cannot be read"),
+        ({"when": 21 * "(1 + " + "time" + 21 * ")" + " > 20.5"}, "nested too deep"),
+        ({"when": "1 < time" + 24 * " or time > 9"}, "is too long"),
         ({"speed": 3.0}, "has no `speed`"),
         ({"do": "accelerate", "deceleration": None}, "must have `speed`"),
         ({"do": "sinus", "deceleration": None}, "must have `acceleration`"),
