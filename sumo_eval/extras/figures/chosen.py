@@ -1,5 +1,6 @@
-"""Scenario, ADS and concrete scenario of a run that a figure shows: those requested, or telling
-ones.
+"""Choice of scenario, ADSs and concrete scenario that a figure of `of_runs` shows.
+
+The user names them, or they have defaults.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from sumo_eval.cases import CaseResult
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError, check_known, unknown
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.results import Evaluation, ScenarioResult
@@ -19,12 +20,13 @@ from sumo_eval.trajectory import Trajectory
 
 @dataclass(frozen=True, slots=True)
 class DrivenPoint:
-    """One concrete scenario of a run as it was driven.
+    """Trajectories of all drives through one concrete scenario of a run.
 
-    runs: the ego of every ADS, others: the other vehicles in the drive of the first, people: the
-        egos of the human drivers by name, none in the hazardous zone.
-    words: where it lies in the space.
-    line: of the road, as in `Road`.
+    words: its parameters and their values.
+    runs: the ego of each ADS, by the ADS's name.
+    others: the other vehicles by name, in the drive of the first ADS.
+    people: the ego of each human driver, by name; none in the hazardous zone.
+    line: reference line of the road, as in `Road`.
     """
 
     scenario: str
@@ -42,11 +44,12 @@ class DrivenPoint:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Request for a figure of a scored run; None: telling ones.
+    """Request for a figure of a scored run, as the user gave it.
 
-    width: its name, as in `style.WIDTHS`.
+    scenario, ads, case: names; None: the default that the properties below choose.
+    width: a key of `style.WIDTHS`.
 
-    Its properties raise InputError for an unknown scenario, ADS or case.
+    The properties raise InputError for an unknown scenario, ADS or case.
     """
 
     evaluation: Evaluation
@@ -57,25 +60,25 @@ class Asked:
 
     @property
     def names(self) -> list[str]:
-        """The ADS asked for, else all."""
-        names = [entry.name for entry in self.evaluation.settings.ads]
-        if self.ads is not None and self.ads not in names:
-            raise unknown("ADS", self.ads, names)
-        return names if self.ads is None else [self.ads]
+        """Names of the ADSs: the one asked for, else all."""
+        known = [entry.name for entry in self.evaluation.settings.ads]
+        names = known if self.ads is None else [self.ads]
+        check_known("ADS", known, *names)
+        return names
 
     @property
     def place(self) -> str | None:
-        """The scenario asked for, or that of the case asked for; None: any."""
+        """Name of the scenario: that of the case asked for, else the one asked for; None: all."""
         if self.case is not None:
             return self.row.scenario
-        names = [zone.scenario for zone in self.evaluation.zones]
-        if self.scenario is not None and self.scenario not in names:
-            raise unknown("scenario", self.scenario, names)
+        if self.scenario is not None:
+            known = [zone.scenario for zone in self.evaluation.zones]
+            check_known("scenario", known, self.scenario)
         return self.scenario
 
     @property
     def one_place(self) -> str:
-        """The scenario asked for, else the first."""
+        """Name of the scenario for a figure that shows one: `place`, else the run's first."""
         return self.place or self.evaluation.zones[0].scenario
 
     @property
@@ -83,15 +86,15 @@ class Asked:
         """The scores of the ADSs and scenarios asked for."""
         names, place = self.names, self.place
         return [
-            one
-            for one in self.evaluation.scores
-            if one.ads in names and place in (None, one.scenario)
+            score
+            for score in self.evaluation.scores
+            if score.ads in names and place in (None, score.scenario)
         ]
 
     @property
     def row(self) -> CaseResult:
-        """The case asked for, else a telling one: the least human-like of the scenario's that have
-        an index D_i.
+        """The case asked for, else the least human-like one of `one_place`: that with the least
+        D_i, or the first by name where no case has a D_i.
         """
         if self.case is not None:
             found = self.evaluation.case(self.case)
@@ -99,14 +102,12 @@ class Asked:
                 raise unknown("case", self.case, self.evaluation.cases.case)
             return found
         rows = self.evaluated
-        judged = [row for row in rows if row.index is not None]
-        return min(
-            judged or rows, key=lambda row: (row.index if row.index is not None else 0.0, row.case)
-        )
+        with_index = [row for row in rows if row.index is not None]
+        return min(with_index or rows, key=lambda row: (row.index or 0.0, row.case))
 
     @property
     def evaluated(self) -> list[CaseResult]:
-        """The cases of the scenario that were evaluated, at least one."""
+        """The cases of `one_place` that were evaluated, of all ADSs; at least one."""
         name = self.one_place
         rows = [row for row in self.evaluation.cases_in(name) if row.evaluated]
         if not rows:
@@ -117,23 +118,27 @@ class Asked:
 
 
 def driven_point(asked: Asked, ads: Sequence[str]) -> DrivenPoint:
-    """All drives through the concrete scenario of a case."""
+    """The drives of these ADSs and of all human drivers at the point of the case `asked.row`.
+
+    Raises InputError where no trajectory of these ADSs is kept.
+    """
     evaluation, case = asked.evaluation, asked.row
     with open_store(evaluation.folder / FACTS) as store:
-        named = {name: (point, who) for name, point, who in store.names("ads", case.scenario)}
-        point = named[case.case][0]
-        driven = {who: name for name, (at, who) in named.items() if at == point and who in ads}
+        # case -> its point and ADS
+        recorded = {name: (point, who) for name, point, who in store.names("ads", case.scenario)}
+        point = recorded[case.case][0]
+        case_of = {who: name for name, (at, who) in recorded.items() if at == point}
         runs: dict[str, Trajectory] = {}
         others: dict[str, Trajectory] = {}
         for who in ads:
-            drive = store.trajectories(driven[who]) if who in driven else {}
-            if "ego" in drive:
-                runs[who] = drive.pop("ego")
-                others = others or drive
+            vehicles = store.trajectories(case_of[who]) if who in case_of else {}
+            if "ego" in vehicles:
+                runs[who] = vehicles.pop("ego")
+                others = others or vehicles  # those of the first ADS
         people = {
-            who: drive["ego"]
+            who: vehicles["ego"]
             for name, at, who in store.names("human", case.scenario)
-            if at == point and "ego" in (drive := store.trajectories(name))
+            if at == point and "ego" in (vehicles := store.trajectories(name))
         }
     if not runs:
         raise InputError(f"Case `{case.case}` has no trajectory to draw.")

@@ -1,4 +1,8 @@
-"""Figures of a scored run: zones, fields, drives, collisions, intervals, where the points went."""
+"""Figures of a scored run: zones, fields, drives, collisions, intervals, lost points.
+
+`drawn.draw` finds each public function by its name, for `sumo-eval plot FIGURE`. The heights given
+to `on_paper` and `new_figure` are shares of a panel's and of the figure's width.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
 from sumo_eval.cases import CaseTable
@@ -37,138 +42,164 @@ from sumo_eval.scoring.gate_settings import INDEXES
 from sumo_eval.scoring.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.scoring.map_view import View, choose_view, slice_points, telling_slice
 from sumo_eval.scoring.preventability import verdicts
-from sumo_eval.trajectory import FloatArray, Trajectory
+from sumo_eval.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 CELLS = 140  # on each axis of a map
-_STAIRS = 2  # cells beside what cannot be in which no learnt boundary is drawn
-MOST_COLUMNS = 4
+MOST_COLUMNS = 4  # panels in a row
 LEARNT = "#d55e00"  # colour of the learnt boundary
+
+_ZONE_LEGEND = (
+    Marks("safe zone", [], [], SAFE, marker="s"),
+    Marks("hazardous zone", [], [], HAZARDOUS, marker="s"),
+    Marks("cannot be", [], [], "white", marker="s"),
+    Marks("boundary, exact", [], [], INK, "-"),
+    Marks("boundary, learnt", [], [], LEARNT, "--"),
+)
+"""Marks without points: entries of the legend for what a map shows as areas and lines."""
+
+_Map = tuple[Any, Any, Any]
+"""Map as `Panel.chance`: x (m,), y (n,) and values (n, m)."""
+
+LOST = {"T": "#56b4e9", "A": "#d55e00", "C": "#d55e00", "H": "#e69f00", "D": "#e69f00"}
+"""Colour of the points that each term of S+ (T, A, H) or of S (C, D) cost."""
+LOST_BY = {
+    "T": "not driving (T)",
+    **dict.fromkeys("AC", "harm (A, C)"),
+    **dict.fromkeys("HD", "driving otherwise (H, D)"),
+}
+"""Reason of this loss, for the legend."""
+KEPT = "#0072b2"  # colour of the points that an ADS kept
 
 
 def zone_map(asked: Asked) -> Figure:
-    """The zones of a space, the paper's Fig. 8 or 9, with the learnt and the exact boundary, and
-    every case's outcome.
+    """Zones of a space with the outcome of every case, as in the paper's Figs. 8 and 9.
 
-    One map for each value of a third parameter. `case` selects the ADS and scenario, where it is
-    given.
+    The boundary of the zones is drawn twice: exact (Eqs. 5-7) and as the GP learnt it (Eq. 8). A
+    space of three parameters has a map for each value of the first; of a larger space the map is a
+    slice. The ADS is that of the case asked for, else the first with a score in the scenario.
     """
-    evaluation, name = asked.evaluation, asked.one_place
-    drove = (it.ads for it in asked.scores if it.scenario == name)
-    who = next(drove, asked.names[0]) if asked.case is None else asked.row.ads
-    zones = zone_partitions(evaluation)[name]
-    cases = evaluation.cases_of(who, name)
-    view, about = _slice(
-        choose_view(zones.logical, cases, evaluation.settings.report.axes.get(name)), zones, cases
-    )
-    judged = dict(zip(cases.case, verdicts(evaluation, evaluation.score(who, name)), strict=True))
-    shown = [one for one in cases if view.shows(one)]
-    present = [verdict for verdict in LOOKS if verdict in {judged[one.case] for one in shown}]
-    learnt = []
-    panels = []
-    for number in range(len(view.panels)):
-        chance, predicted = _zones(zones, view, number)
-        learnt.append((*chance[:2], predicted))
-        marks = [
-            Marks("safe zone", [], [], SAFE, marker="s"),
-            Marks("hazardous zone", [], [], HAZARDOUS, marker="s"),
-            Marks("cannot be", [], [], "white", marker="s"),
-            Marks("boundary, exact", [], [], INK, "-"),
-            Marks("boundary, learnt", [], [], LEARNT, "--"),
-        ]
-        here = [one for one in shown if view.panel_of(zones.logical.row(one.values)) == number]
-        for verdict in present:
-            dots = [one.values for one in here if judged[one.case] == verdict]
-            x, y = ([0.0 if column is None else values[view.names[column]] for values in dots]
-                    for column in (view.x, view.y))  # fmt: skip
-            marker = {"avoided": "o", "better": "P"}.get(verdict, "X")
-            marks.append(Marks(LOOKS[verdict].words, x, y, LOOKS[verdict].colour, marker=marker))
-        axes = [
-            zones.logical.parameters[column] for column in (view.x, view.y) if column is not None
-        ]
-        words = [label(item.name, item.unit_suffix.strip()) for item in axes]
-        panels.append(Panel(marks, words[0], "".join(words[1:]), _value(zones, view, number),
-            chance=chance,
-                            range_=(axes[0].low, axes[0].high)))  # fmt: skip
+    evaluation, scenario = asked.evaluation, asked.one_place
+    scored = (score.ads for score in asked.scores if score.scenario == scenario)
+    ads = next(scored, asked.names[0]) if asked.case is None else asked.row.ads
+    zones, cases = zone_partitions(evaluation)[scenario], evaluation.cases_of(ads, scenario)
+    axes = evaluation.settings.report.axes.get(scenario)
+    view, note = _slice(choose_view(zones.logical, cases, axes), zones, cases)
+    outcomes = verdicts(evaluation, evaluation.score(ads, scenario))
+    panels, learnt_maps = _map_panels(zones, view, cases, outcomes)
+
     columns = min(len(panels), MOST_COLUMNS if asked.width == "page" else 2)
-    note = "\n".join(filter(None, (f"{who} in {name.replace('_', ' ')}", about)))
-    figure = on_paper(panels, asked.width, 0.9, columns, note)
-    for ax, (x, y, predicted) in zip(figure.axes, learnt, strict=False):
-        edge_of(ax, (x, y, predicted), 0.0, LEARNT, "--")
+    words = "\n".join(filter(None, (f"{ads} in {scenario.replace('_', ' ')}", note)))
+    figure = on_paper(panels, asked.width, 0.9, columns, words)
+    # the figure has more axes than maps where its last row is not full
+    for ax, learnt_map in zip(figure.axes, learnt_maps, strict=False):
+        edge_of(ax, learnt_map, 0.0, LEARNT, "--")
         if view.y is None:
             ax.set_yticks([])
     return figure
 
 
-def _value(zones: ZonePartition, view: View, number: int) -> str:
-    """The value of the third parameter on a map."""
-    if view.panel is None:
-        return ""
-    parameter = zones.logical.parameters[view.panel]
-    return f"{label(parameter.name, '')} {view.panels[number]:g}{parameter.unit_suffix}"
-
-
 def _slice(view: View, zones: ZonePartition, cases: CaseTable) -> tuple[View, str]:
-    """A view at its slice with most collisions, where it has a choice, and a note on it."""
-    telling = telling_slice(view, cases)
-    there = replace(view, fixed=telling or view.fixed)
-    items = ((zones.logical.parameters[column], value) for column, value in there.fixed.items())
+    """The view, with its slice moved to most collisions where it has a choice, and a note on it."""
+    chosen = telling_slice(view, cases)  # empty without a choice
+    view = replace(view, fixed=chosen or view.fixed)
+    items = ((zones.logical.parameters[column], value) for column, value in view.fixed.items())
     where = ", ".join(f"{item.name} = {value:g}{item.unit_suffix}" for item, value in items)
-    if not where:
-        return there, gathered_words(view)
-    if telling:
-        shown = sum(there.shows(one) for one in cases)
-        return there, f"The slice at {where}, with most collisions: {shown} of {len(cases)} cases."
-    return there, (
+    if not where:  # the map shows all parameters
+        return view, gathered_words(view)
+    if chosen:
+        shown = sum(view.shows(case) for case in cases)
+        return view, f"The slice at {where}, with most collisions: {shown} of {len(cases)} cases."
+    return view, (
         f"The map is the slice at {where}, the most common values, or the middle ones where none "
         "is. Nearly every case lies off it, so all cases are drawn where they would fall on it."
     )
 
 
-def _zones(
-    zones: ZonePartition, view: View, number: int
-) -> tuple[tuple[Any, Any, Any], FloatArray]:
-    """A map of the exact criticality y as `Panel.chance`, 0.5 - y, and y as it was learnt; nan
-    where nothing can be.
+def _map_panels(
+    zones: ZonePartition, view: View, cases: CaseTable, outcomes: NDArray[np.str_]
+) -> tuple[list[Panel], list[_Map]]:
+    """The panels of the view with zones and cases, and for each a map of the learnt criticality.
+
+    outcomes: verdict on each case, a key of LOOKS, (n,).
+    """
+    points = cases.parameters(view.names)
+    shown = np.array([view.shows(case) for case in cases], dtype=np.bool_)
+    panel_of = np.array([view.panel_of(point) for point in points])
+    # the same for every panel, so that the legend has the order of LOOKS
+    present = [verdict for verdict in LOOKS if verdict in outcomes[shown]]
+    axes = [zones.logical.parameters[column] for column in (view.x, view.y) if column is not None]
+    # a map of one parameter has no label on its second axis
+    labels = [item.title.replace("_", " ") for item in axes] + [""]
+    panels, learnt_maps = [], []
+    for number in range(len(view.panels)):
+        exact, learnt = _zones(zones, view, number)
+        marks = [*_ZONE_LEGEND]
+        for verdict in present:
+            dots = points[shown & (panel_of == number) & (outcomes == verdict)]
+            y = np.zeros(len(dots)) if view.y is None else dots[:, view.y]
+            look, marker = LOOKS[verdict], {"avoided": "o", "better": "P"}.get(verdict, "X")
+            marks.append(Marks(look.words, dots[:, view.x], y, look.colour, marker=marker))
+        title = ""
+        if view.panel is not None:
+            item = zones.logical.parameters[view.panel]
+            title = f"{label(item.name, '')} {view.panels[number]:g}{item.unit_suffix}"
+        x_range = axes[0].low, axes[0].high
+        panels.append(Panel(marks, labels[0], labels[1], title, chance=exact, range_=x_range))
+        learnt_maps.append(learnt)
+    return panels, learnt_maps
+
+
+def _zones(zones: ZonePartition, view: View, number: int) -> tuple[_Map, _Map]:
+    """Maps of the criticality y at the corners of cells, nan where no point is possible: 0.5 - y of
+    the exact one (Eqs. 5-7) for `Panel.chance`, and y of the learnt one (Eq. 8).
+
+    A point is hazardous where y <= 0, and a `Panel` colours it so where `chance` >= 0.5.
+
+    number: of the panel.
     """
     logical = zones.logical
-    ticks = np.linspace(0.0, 1.0, CELLS + 1)
-    points = slice_points(
-        logical, view, number, ticks, np.array([0.0, 1.0]) if view.y is None else ticks
-    )
+    shares = np.linspace(0.0, 1.0, CELLS + 1)  # of the parameters' ranges
+    # one parameter: a strip with the same values on its lower and on its upper edge
+    y_shares = np.array([0.0, 1.0]) if view.y is None else shares
+    points = slice_points(logical, view, number, shares, y_shares)
+    x, y = points[0, :, view.x], np.array([-1.0, 1.0]) if view.y is None else points[:, 0, view.y]
+    possible = logical.feasible(points)
     rows = points.reshape(-1, points.shape[-1])
-    shape = points.shape[:2]
-    y = np.array([-1.0, 1.0]) if view.y is None else points[:, 0, view.y]
-    possible = logical.feasible(rows).reshape(shape)
-    exact = np.where(possible, exact_target(logical, rows, zones.settings).reshape(shape), np.nan)
-    # else each stair of the edge has a mark
-    within = binary_erosion(possible, iterations=_STAIRS, border_value=1)
-    learnt = np.where(within, np.asarray(zones.predicted(rows)).reshape(shape), np.nan)
-    return (points[0, :, view.x], y, 0.5 - exact), learnt
+    y_exact = exact_target(logical, rows, zones.settings).reshape(possible.shape)
+    # The possible points end in a staircase of cells. A learnt boundary along it would show as a
+    # dash at each stair, so it is drawn only two cells or more away from it.
+    inside = binary_erosion(possible, iterations=2, border_value=1)
+    y_learnt = zones.predicted(points)
+    exact = x, y, np.where(possible, 0.5 - y_exact, np.nan)
+    return exact, (x, y, np.where(inside, y_learnt, np.nan))
 
 
 def field(asked: Asked) -> Figure:
-    """The field of a driven trajectory over the road, Eqs. 9-10, the paper's Fig. 6; below it a
-    human driver's.
+    """Field of a driven trajectory over the road (Eqs. 9-10), as in the paper's Fig. 6.
+
+    Below it that of a human driver at the same point, where the run has one.
     """
     row = asked.row
-    who = row.ads if asked.ads is None else asked.names[0]
-    scene = driven_point(asked, [who])
+    ads = row.ads if asked.ads is None else asked.names[0]
+    scene = driven_point(asked, [ads])
     settings = asked.evaluation.settings.method.anthropomorphic.field
-    drives = {who: scene.runs[who], **dict(list(scene.people.items())[:1])}
-    ego = scene.runs[who]
+    ego, first_human = scene.runs[ads], list(scene.people.items())[:1]
+    drives = {ads: ego, **dict(first_human)}
+
+    # the field at 240 by 60 points: along the ego's way, and m to both sides of its start
     reach = 1.5 * max(float(np.abs(drive.y).max()) for drive in drives.values()) + 3.0
     x = np.linspace(float(ego.x[0]), float(ego.x[-1]), 240)
     y = np.linspace(float(ego.y[0]) - reach, float(ego.y[0]) + reach, 60)
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     values = trajectory_fields(points, list(drives.values()), settings)
     east, north = map_places(scene.line, x, y[:, None])[:2]
-    lowest = float(values.min())
-    # next to a vehicle that stands the field has no bound worth a colour
-    tallest = float(np.quantile(values, 0.998))
+    # next to a standing vehicle the field has no bound: its largest 0.2 % have one colour
+    lowest, tallest = np.quantile(values, [0.0, 0.998])
+
     with styled():
         figure, axes = new_figure(asked.width, 0.16 + 0.3 * len(drives), len(drives))
         for ax, (name, drive), strength in zip(axes, drives.items(), values, strict=True):
@@ -187,7 +218,7 @@ def field(asked: Asked) -> Figure:
             ax.set_xlim(east.min(), east.max())
             ax.set_ylim(north.min(), north.max())
             if scene.line:
-                ax.set_aspect("equal")  # a bend keeps its radius
+                ax.set_aspect("equal")  # a curve keeps its shape
         axes[-1].set_xlabel(label("x", "m"))
         figure.colorbar(image, ax=axes, label="field strength S", extend="max")
         add_title_and_legend(figure, f"{row.case}\n{scene.words}")
@@ -195,24 +226,25 @@ def field(asked: Asked) -> Figure:
 
 
 def _drives(scene: DrivenPoint, names: Sequence[str]) -> Iterator[tuple[str, Trajectory, str, Any]]:
-    """Words of the legend, drive, colour and line of every drive; the ADSs last."""
+    """Entry of the legend, trajectory, colour and line of every drive; the ADSs last, on top.
+
+    names: of all ADSs in the figure.
+    """
     for drive in scene.people.values():
         yield "human drivers", drive, FAINT, "-"
     for drive in scene.others.values():
         yield "other vehicles", drive, MUTED, ":"
-    for who, drive in scene.runs.items():
-        colour, _, line = look_of(who, names)
-        yield who, drive, colour, line
+    for ads, drive in scene.runs.items():
+        colour, _, line = look_of(ads, names)
+        yield ads, drive, colour, line
 
 
 def trajectories(asked: Asked) -> Figure:
-    """Paths over the road in one concrete scenario: every ADS, the human drivers, the
-    other vehicles.
-    """
+    """Paths over the road in one concrete scenario: every ADS, human drivers, other vehicles."""
     scene = driven_point(asked, asked.names)
     marks = [
-        Marks(who, *map_places(scene.line, drive.x, drive.y)[:2], colour, line)
-        for who, drive, colour, line in _drives(scene, asked.names)
+        Marks(name, *map_places(scene.line, drive.x, drive.y)[:2], colour, line)
+        for name, drive, colour, line in _drives(scene, asked.names)
     ]
     figure = on_paper(
         [Panel(marks, label("x", "m"), label("y", "m"))], asked.width, 0.5, words=scene.title
@@ -222,16 +254,17 @@ def trajectories(asked: Asked) -> Figure:
 
 
 def time_history(asked: Asked) -> Figure:
-    """Speed, acceleration and lateral place over time in one concrete scenario: every ADS and the
-    human drivers.
+    """Speed, acceleration and lateral position over time in one concrete scenario: every ADS and
+    the human drivers.
     """
     scene = replace(driven_point(asked, asked.names), others={})
     panels = [
-        Panel([Marks(who, drive.time, getattr(drive, channel), colour, line)
-               for who, drive, colour, line in _drives(scene, asked.names)], y=words)
+        Panel([Marks(name, drive.time, getattr(drive, channel), colour, line)
+               for name, drive, colour, line in _drives(scene, asked.names)], y=words)
         for channel, words in (("speed", "speed (m/s)"), ("acceleration", "acceleration (m/s²)"),
                                ("y", "lateral place (m)"))
     ]  # fmt: skip
+    # the panels share this axis
     panels[-1] = replace(panels[-1], x=label("time", "s"))
     return on_paper(
         panels, asked.width, 0.32 if asked.width == "column" else 0.18, words=scene.title
@@ -239,25 +272,27 @@ def time_history(asked: Asked) -> Figure:
 
 
 def collisions(asked: Asked) -> Figure:
-    """Severity U of every collision, Eq. 15, beside that of the ideal vehicle in the same concrete
-    scenario: on the line no better could have been done. One panel a scenario.
+    """Severity U of every collision (Eq. 15) over that of the ideal vehicle at the same point.
+
+    One panel a scenario. On its diagonal the ADS collides as severely as the ideal vehicle.
     """
     names, evaluation = asked.names, asked.evaluation
     panels = []
-    for place in [asked.place] if asked.place else [zone.scenario for zone in evaluation.zones]:
-        hits = {
-            who: np.array([
-                (row.ideal_severity, row.severity) for row in evaluation.cases_of(who, place)
+    for scenario in [asked.place] if asked.place else [zone.scenario for zone in evaluation.zones]:
+        # by ADS, (n, 2): U of the ideal vehicle and of the ADS, m/s
+        severities = {
+            ads: np.array([
+                (row.ideal_severity, row.severity) for row in evaluation.cases_of(ads, scenario)
                 if row.collided and None not in (row.severity, row.ideal_severity)
             ]).reshape(-1, 2)
-            for who in names
+            for ads in names
         }  # fmt: skip
-        most = max((float(found.max()) for found in hits.values() if len(found)), default=0.0)
+        most = max((float(pairs.max()) for pairs in severities.values() if len(pairs)), default=0.0)
         marks = [Marks("", [0.0, most], [0.0, most], MUTED, "-")] if most else []
-        for who, found in hits.items():
-            colour, marker, _ = look_of(who, names)
-            marks.append(Marks(who, found[:, 0], found[:, 1], colour, marker=marker))
-        title = place.replace("_", " ") + ("" if most else ": no collision")
+        for ads, pairs in severities.items():
+            colour, marker, _ = look_of(ads, names)
+            marks.append(Marks(ads, pairs[:, 0], pairs[:, 1], colour, marker=marker))
+        title = scenario.replace("_", " ") + ("" if most else ": no collision")
         panels.append(Panel(marks, "U of the ideal vehicle", "U of the ADS", title))
     return on_paper(
         panels, asked.width, 0.85, min(len(panels), 2 if asked.width == "column" else 3)
@@ -265,116 +300,110 @@ def collisions(asked: Asked) -> Figure:
 
 
 def intervals(asked: Asked) -> Figure:
-    """Every score with its 95 % interval: one panel a score, one line for each ADS in each
-    scenario.
-    """
+    """Every score with its 95 % interval: a panel a score, a line for each ADS in each scenario."""
     names, scores = asked.names, asked.scores
     panels = []
-    for symbol, field_ in INDEXES.items():
+    for symbol, name in INDEXES.items():
         marks = []
-        for place, one in enumerate(scores):
-            value, interval = getattr(one, field_), getattr(one, f"{field_}_interval")
-            colour, marker, _ = look_of(one.ads, names)
+        for line, score in enumerate(scores):
+            value, interval = getattr(score, name), getattr(score, f"{name}_interval")
+            colour, marker, _ = look_of(score.ads, names)
             if interval is not None:
-                marks.append(Marks("", interval, [place, place], colour, "-"))
+                marks.append(Marks("", interval, [line, line], colour, "-"))
             if value is not None:
-                marks.append(Marks("", [value], [place], colour, marker=marker))
-        known = all(getattr(one, field_) is not None for one in scores)
-        panels.append(Panel(marks, symbol if known else f"{symbol} (no mark: not computed)"))
+                marks.append(Marks("", [value], [line], colour, marker=marker))
+        computed = all(getattr(score, name) is not None for score in scores)
+        panels.append(Panel(marks, symbol if computed else f"{symbol} (no mark: not computed)"))
     columns = 2 if asked.width == "column" else 4
-    figure = on_paper(
-        panels,
-        asked.width,
-        max(0.5, 0.09 * len(scores) + 0.3) * (1.3 if columns == 2 else 2.0),
-        columns,
-    )
-    for place, ax in enumerate(figure.axes):
-        _name_the_scores(ax, scores)
-        ax.tick_params(labelleft=place % columns == 0)
+    # room for each line; four panels a row are narrower, so their height is a larger share
+    height = max(0.5, 0.09 * len(scores) + 0.3) * (1.3 if columns == 2 else 2.0)
+    figure = on_paper(panels, asked.width, height, columns)
+    for number, ax in enumerate(figure.axes):
+        _name_lines(ax, scores)
+        ax.tick_params(labelleft=number % columns == 0)
         ax.grid(axis="x", color=FAINT, linewidth=0.4)
     return figure
 
 
-def _name_the_scores(ax: Axes, scores: Sequence[ScenarioResult]) -> None:
-    """A line of the y axis for each."""
+def _name_lines(ax: Axes, scores: Sequence[ScenarioResult]) -> None:
+    """Label the y axis with ADS and scenario of each score, one below the other."""
     ax.set_ylim(len(scores) - 0.5, -0.5)
-    ax.set_yticks(range(len(scores)))
     ax.tick_params(axis="y", length=0)
-    ax.set_yticklabels(
-        [f"{one.ads}, {one.scenario.replace('_', ' ')}" for one in scores], fontsize=5.5
-    )
+    names = [f"{score.ads}, {score.scenario.replace('_', ' ')}" for score in scores]
+    ax.set_yticks(range(len(scores)), names, fontsize=5.5)
 
 
 def points(asked: Asked) -> Figure:
-    """Figure of the points of S+ and S: what each ADS kept of its hundred and what each term cost,
-    scenario by scenario.
+    """Points of S+ and of S: how many of 100 each ADS kept in each scenario, and how many each term
+    cost.
     """
     scores = asked.scores
     with styled():
-        tall = 0.16 * len(scores) + 0.45 if asked.width == "column" else 0.07 * len(scores) + 0.2
-        figure, axes = new_figure(asked.width, tall, 1, 2)
-        drawn: dict[str, str] = {}
+        height = 0.16 * len(scores) + 0.45 if asked.width == "column" else 0.07 * len(scores) + 0.2
+        figure, axes = new_figure(asked.width, height, 1, 2)
+        legend: dict[str, str] = {}  # words -> colour
         for ax, make in zip(axes, (ledger_plus, ledger), strict=True):
-            for place, one in enumerate(scores):
-                _ledger_bar(ax, make(Findings.of(asked.evaluation, one)), place, drawn)
+            for line, score in enumerate(scores):
+                _ledger_bar(ax, make(Findings.of(asked.evaluation, score)), line, legend)
             ax.set_title("S+" if make is ledger_plus else "S")
-            _name_the_scores(ax, scores)
+            _name_lines(ax, scores)
             ax.set_xlabel("points")
             ax.set_xlim(0.0, 100.0)
         axes[1].tick_params(labelleft=False)
-        for words, colour in drawn.items():
-            axes[0].barh([0], [0.0], color=colour, label=words)
+        for words, colour in legend.items():
+            axes[0].barh([0], [0.0], color=colour, label=words)  # for the legend only
         figure.legend(
             loc="outside lower center", ncols=2 if asked.width == "column" else 4, fontsize=6.0
         )
     return figure
 
 
-LOST = {"T": "#56b4e9", "A": "#d55e00", "C": "#d55e00", "H": "#e69f00", "D": "#e69f00"}
-LOST_BY = {"T": "lost by not driving (T)", **dict.fromkeys("AC", "lost by harm (A, C)")}
-KEPT = "#0072b2"
-
-
-def _ledger_bar(ax: Axes, found: Ledger, place: int, drawn: dict[str, str]) -> None:
-    """Kept points, then the losses of each term to their right."""
-    kept = max(found.total, 0.0)
-    ax.barh([place], [kept], color=KEPT, height=0.6)
-    drawn["kept"] = KEPT
-    wide = kept > 12.0
-    ax.annotate(f"{found.total:.1f}", (kept, place), xytext=(-2 if wide else 2, 0),
+def _ledger_bar(ax: Axes, account: Ledger, line: int, legend: dict[str, str]) -> None:
+    """Draw kept points as a bar, the loss of each term to its right, and add them to the legend."""
+    kept = max(account.total, 0.0)
+    ax.barh([line], [kept], color=KEPT, height=0.6)
+    legend["kept"] = KEPT
+    # the score stands within its bar, or right of one that is too short for it
+    inside = kept > 12.0
+    ax.annotate(f"{account.total:.1f}", (kept, line), xytext=(-2 if inside else 2, 0),
         textcoords="offset points",
-                ha="right" if wide else "left", va="center", fontsize=5.5,
+                ha="right" if inside else "left", va="center", fontsize=5.5,
                 color="white")  # fmt: skip
-    at = kept
-    for term in dict.fromkeys(line.term for line in found.lines):
+    end = kept
+    for term in dict.fromkeys(item.term for item in account.lines):
         lost = -math.fsum(
-            line.points for line in found.lines if line.term == term and line.points < 0.0
+            item.points for item in account.lines if item.term == term and item.points < 0.0
         )
         if lost > 0.0:
-            ax.barh([place], [lost], left=[at], color=LOST[term], height=0.6)
-            drawn[LOST_BY.get(term, "lost by driving otherwise (H, D)")] = LOST[term]
-            at += lost
+            ax.barh([line], [lost], left=[end], color=LOST[term], height=0.6)
+            legend[f"lost by {LOST_BY[term]}"] = LOST[term]
+            end += lost
 
 
 def boundary(asked: Asked) -> Figure:
-    """How the share of collisions grows with nearness to the exact boundary of the zones: every
-    ADS, by the signed criticality of the concrete scenario, on the scale in which the zones are
-    learnt.
+    """Share of an ADS's collisions that occur up to each criticality y, for every ADS.
+
+    y of a concrete scenario is exact (Eqs. 5-7): -1 is most hazardous, 0 the boundary of the zones,
+    1 safest.
     """
     name, names, rows = asked.one_place, asked.names, asked.evaluated
     zones = zone_partitions(asked.evaluation)[name]
-    marks = [Marks("", [0.0, 0.0], [0.0, 1.0], INK, "-")]
-    for who in names:
-        own = [row for row in rows if row.ads == who]
-        points = np.array([zones.logical.row(row.values) for row in own])
-        points = points.reshape(-1, len(zones.logical.names))
-        places = exact_target(zones.logical, points, zones.settings)
-        order = np.argsort(places)
+    marks = [Marks("", [0.0, 0.0], [0.0, 1.0], INK, "-")]  # the boundary
+    for ads in names:
+        own = [row for row in rows if row.ads == ads]
+        # (n, k), also without a row
+        points = np.array([zones.logical.row(row.values) for row in own]).reshape(
+            -1, len(zones.logical.names)
+        )
+        y = exact_target(zones.logical, points, zones.settings)
+        order = np.argsort(y)
         hit = np.array([row.collided for row in own], dtype=np.float64)[order]
         share = np.cumsum(hit) / max(hit.sum(), 1.0)
-        x, y = np.repeat([-1.0, *places[order]], 2)[1:], np.repeat([0.0, *share], 2)[:-1]
-        colour, _, line = look_of(who, names)
-        marks.append(Marks(f"{who}: {int(hit.sum())} of {len(own)} collide", x, y, colour, line))
+        # a staircase from (-1, 0): level up to each y, there up to the share
+        x, stairs = np.repeat([-1.0, *y[order]], 2)[1:], np.repeat([0.0, *share], 2)[:-1]
+        colour, _, line = look_of(ads, names)
+        words = f"{ads}: {int(hit.sum())} of {len(own)} collide"
+        marks.append(Marks(words, x, stairs, colour, line))
     panel = Panel(
         marks, "criticality y of the concrete scenario (0: the boundary, above: safe)",
         "share of its collisions so far", range_=(-1.0, 1.0),

@@ -1,4 +1,8 @@
-"""Figures of studies: nights of an evaluation over time, and people's opinion beside the scores."""
+"""Figures of studies, for `sumo-eval plot`: nights of an evaluation over time, the boundary of an
+ADS's failures, ratings by people beside the scores.
+
+`drawn.draw` calls each function by its figure's name.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError, check_known
 from sumo_eval.extras.figures.style import look_of, on_paper
 from sumo_eval.extras.panels import Marks, Panel
 from sumo_eval.extras.studies.boundary_page import edge_panels
@@ -19,56 +23,61 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 QUANTITIES = ("S+", "A", "H", "S", "C", "D")
-"""Quantities of a night that the trend shows."""
+"""Scores that the trend shows, one panel each, where a night has them."""
 
 
 def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -> Figure:
-    """The scores of every ADS over the nights, one panel a score; nights that failed a gate are
-    marked.
+    """The scores of every ADS in one scenario over the nights; nights that failed a gate are marked.
 
+    history: folder of the history of nights.
+    scenario, ads: names; None: the first scenario, all ADSs.
+    width: a key of `style.WIDTHS`.
     Raises InputError where the folder has no history, or the history no such scenario or ADS.
     """
     with open_history(history) as lines:
         nights, values = lines.nights(), lines.values()
-    scenarios = list(dict.fromkeys(value.scenario for value in values))
-    everybody = list(dict.fromkeys(value.ads for value in values))
-    if scenario is not None and scenario not in scenarios:
-        raise unknown("scenario", scenario, scenarios)
-    if ads is not None and ads not in everybody:
-        raise unknown("ADS", ads, everybody)
     if not values:
         raise InputError(
             f"The history in {history} must have a night before a trend is drawn: it is empty."
         )
-    place = scenario or scenarios[0]
-    names = everybody if ads is None else [ads]
-    shown = [name for name in QUANTITIES if any(value.quantity == name for value in values)]
-    at = {night.night: number for number, night in enumerate(nights)}
+    scenarios = list(dict.fromkeys(value.scenario for value in values))
+    all_ads = list(dict.fromkeys(value.ads for value in values))
+    place = scenarios[0] if scenario is None else scenario
+    names = all_ads if ads is None else [ads]
+    check_known("scenario", scenarios, place)
+    check_known("ADS", all_ads, *names)
+
+    number_of = {night.night: number for number, night in enumerate(nights)}
+    failed = [number_of[it.night] for it in nights if it.exit_status == GATE_FAILED]
     panels = []
-    for quantity in shown:
+    for quantity in QUANTITIES:
+        if not any(value.quantity == quantity for value in values):
+            continue
         marks = []
-        for who in names:
-            own = [v for v in values if (v.ads, v.scenario, v.quantity) == (who, place, quantity)]
+        for name in names:
+            own = [v for v in values if (v.ads, v.scenario, v.quantity) == (name, place, quantity)]
+            x = [number_of[value.night] for value in own]
             y = [np.nan if value.value is None else value.value for value in own]
-            colour, marker, line = look_of(who, everybody)
-            marks.append(Marks(who, [at[value.night] for value in own], y, colour, line, marker))
-        failed = [at[night.night] for night in nights if night.exit_status == GATE_FAILED]
+            # an ADS looks the same alone and among all
+            colour, marker, line = look_of(name, all_ads)
+            marks.append(Marks(name, x, y, colour, line, marker))
         panels.append(Panel(marks, y=quantity, verticals=failed))
+    # the panels share this axis
     panels[-1] = replace(panels[-1], x="night (grey: one that failed)")
-    figure = on_paper(
-        panels, width, 0.35 if width == "column" else 0.17, words=place.replace("_", " ")
-    )
+
+    height = 0.35 if width == "column" else 0.17  # of a panel, as a share of its width
+    figure = on_paper(panels, width, height, words=place.replace("_", " "))
+    dates = [night.night[:10] for night in nights]
     for ax in figure.axes:
-        ax.set_xticks(
-            range(len(nights)), [night.night[:10] for night in nights], rotation=45, ha="right"
-        )
+        ax.set_xticks(range(len(nights)), dates, rotation=45, ha="right")
     return figure
 
 
 def edge(folder: Path, *, width: str) -> Figure:
-    """Boundary of a folder of `sumo-eval boundary`: where an ADS is likelier to collide than not.
+    """Boundary in a folder of `sumo-eval boundary`: where an ADS is likelier to collide than not.
 
-    Every trial is drawn. One map for two parameters, one below the other for each value of a third.
+    Every trial is drawn. Two parameters have one map; three have a map for each value of the third,
+    one below the other.
 
     Raises InputError where a file is missing, as in a folder of an older version.
     """
@@ -77,10 +86,10 @@ def edge(folder: Path, *, width: str) -> Figure:
 
 
 def opinion(run: Path, *, width: str) -> Figure:
-    """Scores against people's mean opinion, as Fig. 11 of the paper.
+    """Scores over the mean rating by people, as in the paper's Fig. 11.
 
     A panel a score, with Spearman's rho and its interval.
 
-    Raises InputError without answers (`sumo-eval humans opinion`).
+    Raises InputError for a run without ratings, which `sumo-eval humans opinion` adds.
     """
     return on_paper(opinion_panels(run), width, 0.85, 4 if width == "page" else 2)
