@@ -1,4 +1,4 @@
-"""All checks in their order, and their results on this machine."""
+"""Qualification of an installation, `sumo-eval qualify`: carry out checks, show their results."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from sumo_eval.report.page import template, write_page
 
 FORMAT_VERSION = 1
 ENTRIES = ("kind", "name", "source", "expected", "found", "bound", "unit", "passed", "error")
+"""Keys of a check in `qualification.json`, in their order."""
 PURPOSE = (
     "Shows on this machine that this installation of sumo_eval finds known answers: outcomes of "
     "drives in closed form, values of regulations, equations written a second time, and the same "
@@ -42,7 +43,11 @@ LIMITS = (
 
 
 class CheckResult(NamedTuple):
-    """Result of a check; `error` is why there is no answer, and empty otherwise."""
+    """Result of a check.
+
+    found: the tool's answer; None where it failed.
+    error: why it failed; empty otherwise.
+    """
 
     check: Check
     found: Answer | None
@@ -57,20 +62,19 @@ class CheckResult(NamedTuple):
         return self.found is not None and self.found == expected
 
     def plain(self) -> dict[str, Any]:
-        """An entry of `qualification.json`; a number that is not finite is written as a word."""
-        entry = self.check._asdict() | {
-            "found": self.found,
-            "passed": self.passed,
-            "error": self.error,
-        }
-        return {
-            name: str(value) if isinstance(value, float) and not math.isfinite(value) else value
-            for name, value in ((name, entry[name]) for name in ENTRIES)
-        }
+        """The check in `qualification.json`; a number that is not finite becomes its name: JSON has
+        no nan.
+        """
+        found = self.found
+        if isinstance(found, float) and not math.isfinite(found):
+            found = str(found)
+        entry = {"found": found, "passed": self.passed, "error": self.error}
+        entry |= self.check._asdict()
+        return {name: entry[name] for name in ENTRIES}
 
 
 def carry_out(check: Check) -> CheckResult:
-    """The result of a check; a fault of the tool is a check that failed."""
+    """The result of a check; an error of the tool makes it a check that failed."""
     try:
         return CheckResult(check, check.find(*check.arguments), "")
     except SumoEvalError as fault:
@@ -80,9 +84,10 @@ def carry_out(check: Check) -> CheckResult:
 class Qualification(NamedTuple):
     """Results of all checks.
 
-    findings: in the order of the checks.
-    versions, machine: for which they hold.
-    created: UTC.
+    findings: one a check, in the order of the checks.
+    versions: of Python and of the packages, by name.
+    machine: system, processor and name of the machine.
+    created: when, UTC, in ISO format.
     """
 
     findings: tuple[CheckResult, ...]
@@ -95,20 +100,27 @@ class Qualification(NamedTuple):
         """The results that did not pass."""
         return tuple(finding for finding in self.findings if not finding.passed)
 
+    @property
+    def kinds(self) -> list[tuple[str, list[CheckResult]]]:
+        """The kinds of checks in order, each with its results."""
+        groups = groupby(self.findings, key=lambda finding: finding.check.kind)
+        return [(kind, list(group)) for kind, group in groups]
+
     def plain(self) -> dict[str, Any]:
         """The content of `qualification.json`."""
         return {
             "format_version": FORMAT_VERSION, "created": self.created, "purpose": PURPOSE,
             "domain": DOMAIN, "limits": LIMITS, "passed": not self.failed,
             "versions": self.versions, "machine": self.machine,
-            "checks": [item.plain() for item in self.findings],
+            "checks": [finding.plain() for finding in self.findings],
         }  # fmt: skip
 
 
 def qualify(checks: Iterable[Check], watch: Callable[[str, int, int], None]) -> Qualification:
     """Carry out checks, at least one.
 
-    watch: called with the kind, how many are done and of how many.
+    watch: called before each check and at the end, with the kind, the number of checks done and
+        the number of all.
     """
     listed = list(checks)
     findings = []
@@ -127,31 +139,31 @@ def qualify(checks: Iterable[Check], watch: Callable[[str, int, int], None]) -> 
     return Qualification(tuple(findings), versions, machine, now)
 
 
-# --- shown ----------------------------------------------------------------------------------------
+# --- as text and as files -------------------------------------------------------------------------
 
 _HEAD = f"     {'check':<40} {'expected':>9} {'found':>9} {'bound':>7} unit"
 
 
 def shown(value: Answer | None) -> str:
-    """An answer in at most 9 characters, if it is a number or one of the words of an outcome."""
+    """An answer as text; a number has as many of 5 digits as fit into 9 characters."""
     if isinstance(value, float):
         return next(text for n in (5, 4, 3, 2) if len(text := f"{value:z.{n}g}") <= 9)
     return value or "nothing"
 
 
 def lines(found: Qualification) -> Iterator[str]:
-    """A table that fits 80 columns; the reasons of failed checks below it."""
-    for kind, group in groupby(found.findings, key=lambda item: item.check.kind):
-        yield f"{kind}"
+    """The results for a terminal of 80 columns: a table for each kind, then why checks failed."""
+    for kind, results in found.kinds:
+        yield kind
         yield _HEAD
-        for item in group:
-            check = item.check
+        for result in results:
+            check = result.check
             bound = "" if isinstance(check.expected, str) else f"{check.bound:.2g}"
-            row = f"{shown(check.expected):>9} {shown(item.found)[:9]:>9} {bound:>7} {check.unit}"
-            yield f"{'ok' if item.passed else 'FAIL':<4} {check.name:<40} {row}".rstrip()
-    for item in found.failed:
-        why = item.error or f"expected {shown(item.check.expected)}, found {shown(item.found)}"
-        yield f"FAIL  {item.check.name}: {why}"
+            row = f"{shown(check.expected):>9} {shown(result.found)[:9]:>9} {bound:>7} {check.unit}"
+            yield f"{'ok' if result.passed else 'FAIL':<4} {check.name:<40} {row}".rstrip()
+    for check, answer, error in found.failed:
+        why = error or f"expected {shown(check.expected)}, found {shown(answer)}"
+        yield f"FAIL  {check.name}: {why}"
     total = len(found.findings)
     verdict = "NOT qualified." if found.failed else "qualified on this machine."
     passed = total - len(found.failed)
@@ -161,12 +173,8 @@ def lines(found: Qualification) -> Iterator[str]:
 def write_qualification(found: Qualification, folder: Path) -> tuple[Path, Path]:
     """Write `qualification.html` and `qualification.json` into a folder and return their paths."""
     page, plain = folder / "qualification.html", folder / "qualification.json"
-    kinds = [
-        (kind, list(group))
-        for kind, group in groupby(found.findings, key=lambda item: item.check.kind)
-    ]
     text = template("qualification.html.j2").render(
-        found=found, kinds=kinds, purpose=PURPOSE, domain=DOMAIN, limits=LIMITS, shown=shown,
+        found=found, kinds=found.kinds, purpose=PURPOSE, domain=DOMAIN, limits=LIMITS, shown=shown,
     )  # fmt: skip
     write_page(page, text, "The qualification")
     write_page(

@@ -1,4 +1,8 @@
-"""The table of known answers: function, arguments, value, source; `qualified` runs it."""
+"""Known answers that `sumo-eval qualify` expects of an installation, as a table of checks.
+
+Each check is a function, its arguments, the value it must give and the source of this value;
+`qualified` carries them out. A generator for each kind of check yields its rows.
+"""
 
 from __future__ import annotations
 
@@ -44,15 +48,20 @@ from sumo_eval.trajectory import Recording, Trajectory
 
 Answer = float | str
 
-LENGTH, EGO_X = 4.5, 50.0  # m, of every body and of the ego's start
+LENGTH = 4.5  # m, of every vehicle unless a check sets its own
+EGO_X = 50.0  # m, where the ego starts
+# length in m, number of lanes, their width in m, further road behind the end in m
 ROAD = Road("qualification_road", 1500.0, 2, 3.5, 1000.0)
 EU_ROAD = Road("eu_2022_1426_2x3.5m", 2000.0, 2, 3.5, 200.0)
-# m/s2, s: brakes of the ideal vehicle and of the default vehicle model
+# brakes of the ideal vehicle and of the default vehicle model: deceleration, m/s2, and the time
+# until it is built up, s
 STRENGTH, BUILD_UP = 9.0, 0.15
 SHORT = SimulationSettings(time_limit=0.5)
+"""Half a second, for the traps of libsumo."""
 R157 = SimulationSettings(
     time_limit=35.0, vehicle=VehicleSettings(length=4.3, width=1.9), record_interval=0.1
 )
+"""For the rows of UN R157."""
 
 
 class Check(NamedTuple):
@@ -60,9 +69,10 @@ class Check(NamedTuple):
 
     kind: the group it belongs to.
     name: at most 40 characters.
-    find: finds the answer through the tool, of these arguments.
-    source: of the expected answer.
-    bound: largest difference of numbers that passes, in `unit`; words must be equal.
+    find: called with `arguments`, gives the tool's answer.
+    expected: the right answer.
+    source: where it comes from.
+    bound: largest difference of two numbers that passes, in `unit`; words must be equal.
     """
 
     kind: str
@@ -91,43 +101,53 @@ def all_checks() -> Iterator[Check]:
 
 
 Rows = Iterator[tuple[Any, ...]]
-"""Of the table, without their kind."""
+"""Rows of the table: the fields of `Check` from `name` on."""
 
 
-# --- one drive ------------------------------------------------------------------------------------
+# --- drives ---------------------------------------------------------------------------------------
 
 
 def drive(
     concrete: ConcreteScenario, ads: ControllerLike, settings: SimulationSettings | None = None
 ) -> Recording:
-    """Raises SimulationError where the drive ended with an error."""
+    """The recording of one drive.
+
+    Raises SimulationError where it ended with an error.
+    """
     recording = simulate(concrete, ads, settings)
     if recording.error is not None:
         raise SimulationError(recording.error)
     return recording
 
 
-def behind(speed: float, other: float, gap: float, braking: float = 0.0) -> ConcreteScenario:
-    """The ego `gap` m behind another in its lane, which keeps its speed or brakes. m/s, m/s2."""
+def behind(speed: float, lead_speed: float, gap: float, braking: float = 0.0) -> ConcreteScenario:
+    """An ego behind a lead vehicle, the actor `other`, which keeps its speed or brakes at once.
+
+    speed: of the ego, m/s.
+    gap: between the two bodies, m.
+    braking: deceleration of the lead vehicle, m/s2; 0: it keeps its speed.
+    """
     acts = (brake_to_stop(0.0, braking),) if braking else ()
-    lead = Actor("other", Start(EGO_X + LENGTH + gap, 0.0, other), acts, LENGTH)
+    lead = Actor("other", Start(EGO_X + LENGTH + gap, 0.0, lead_speed), acts, LENGTH)
     return ConcreteScenario("qualification", {}, 1.0, ROAD, Start(EGO_X, 0.0, speed), (lead,))
 
 
-def impact(*drives: Any) -> float:
-    """Relative speed at contact of a `drive` of these arguments, 0 without one, m/s."""
-    collision = drive(*drives).collision
+def impact(*arguments: Any) -> float:
+    """Relative speed at contact in a `drive` with these arguments, m/s; 0 without contact."""
+    collision = drive(*arguments).collision
     return 0.0 if collision is None else collision.relative_speed
 
 
-def least_gap(*drives: Any) -> float:
-    """Smallest distance along the road from the ego's front to the other's rear, m."""
-    recording = drive(*drives)
+def least_gap(*arguments: Any) -> float:
+    """Smallest distance along the road from the ego's front to the rear of `other`, m, in a `drive`
+    with these arguments.
+    """
+    recording = drive(*arguments)
     return float((recording.actors["other"].x - recording.ego.x).min()) - LENGTH
 
 
 def rolls(*_: Any) -> Command:
-    """Neither brakes nor accelerates."""
+    """ADS that neither brakes nor accelerates."""
     return Command(0.0)
 
 
@@ -139,75 +159,87 @@ DELAYED = (
     (20.0, 1.15, 7.59294, 0.6, 27.6132, 19.6595),
     (25.0, 0.4, 9.0, 1e-6, 22.3611, 20.06241),
 )
-"""Closing speed, m/s; delay, s; plateau, m/s2; rise, s; gap, m; impact speed, m/s: integrated apart
-from this code."""
+"""Rows of delayed braking towards a standing vehicle, integrated independently of this package.
+
+Closing speed, m/s; delay, s; largest deceleration, m/s2; time of its linear rise, s; gap, m; impact
+speed, m/s.
+"""
 
 
 class LateBraking:
-    """Rolls for `delay` s, then asks for all that the brakes have."""
+    """ADS that rolls for `delay` s, then brakes as hard as its vehicle can."""
 
     def __init__(self, delay: float) -> None:
         self.delay = delay
 
     def step(self, traci: Any, ego: str, time: float) -> Command:
-        """Command of a step."""
+        """Command of a step; -100 m/s2 is more than any brake has."""
         return Command(-100.0 if time >= self.delay - 1e-9 else 0.0)
 
 
-def _late(closing: float, delay: float, plateau: float, rise: float, gap: float) -> float:
+def _late(closing: float, delay: float, largest: float, rise: float, gap: float) -> float:
+    """Impact speed of a row of DELAYED, m/s; friction of 2.0 does not limit braking."""
     vehicle = VehicleSettings(
-        length=LENGTH, max_deceleration=plateau, brake_build_up=rise, friction=2.0
+        length=LENGTH, max_deceleration=largest, brake_build_up=rise, friction=2.0
     )
     settings = SimulationSettings(time_limit=60.0, vehicle=vehicle)
     return impact(behind(closing, 0.0, gap), LateBraking(delay), settings)
 
 
 def closed_forms() -> Rows:
-    """Ideal braking, delayed braking, and behind a lead that brakes."""
+    """Ideal braking, delayed braking, and driving behind a lead vehicle that brakes."""
     brakes = {"deceleration": STRENGTH, "build_up": BUILD_UP}
     source = "ramp and plateau: `ideal_impact_speed`"
-    for speed, other, share in ((20.0, 0.0, 0.6), (30.0, 10.0, 0.8), (30.0, 0.0, 0.9)):
-        gap = round(share * float(required_gap(speed - other, **brakes)), 2)
-        name = f"ideal braking {speed:g} to {other:g} m/s in {gap:g} m"
-        expected = float(ideal_impact_speed(speed, other, gap, **brakes))
-        braking = behind(speed, other, gap), "ideal_braking"
-        yield name, impact, braking, expected, source, 0.1, "m/s"
-    needed = behind(25.0, 0.0, float(required_gap(25.0, **brakes)) + 0.1), "ideal_braking"
+    # share: gap as a share of the one that the ideal vehicle needs
+    for speed, lead_speed, share in ((20.0, 0.0, 0.6), (30.0, 10.0, 0.8), (30.0, 0.0, 0.9)):
+        gap = round(share * float(required_gap(speed - lead_speed, **brakes)), 2)
+        name = f"ideal braking {speed:g} to {lead_speed:g} m/s in {gap:g} m"
+        expected = float(ideal_impact_speed(speed, lead_speed, gap, **brakes))
+        arguments = behind(speed, lead_speed, gap), "ideal_braking"
+        yield name, impact, arguments, expected, source, 0.1, "m/s"
+    gap = float(required_gap(25.0, **brakes)) + 0.1
+    arguments = behind(25.0, 0.0, gap), "ideal_braking"
     name = "ideal braking, 0.1 m more than it needs"
-    yield name, impact, needed, 0.0, "`required_gap`", 0.0, "m/s"
-    for *values, expected in DELAYED:
-        name = "delay {1:g} s, rise {3:.2g} s, from {0:g} m/s".format(*values)
-        yield name, _late, tuple(values), expected, "closed form, as a number", 0.1, "m/s"
-    # both at v, the lead at once with a: the gap d is used up after sqrt(2 d / a), sqrt(2 d a) m/s
-    # apart
+    yield name, impact, arguments, 0.0, "`required_gap`", 0.0, "m/s"
+
+    source = "closed form, as a number"
+    for closing, delay, largest, rise, gap, expected in DELAYED:
+        name = f"delay {delay:g} s, rise {rise:.2g} s, from {closing:g} m/s"
+        yield name, _late, (closing, delay, largest, rise, gap), expected, source, 0.1, "m/s"
+
+    # Both are equally fast, and the lead brakes with a at once. It uses up the gap d within
+    # sqrt(2 d / a), when their speeds differ by sqrt(2 d a).
     name, source = "no reaction behind a braking lead", "sqrt(2 d a), d = 10 m, a = 5 m/s2"
-    rolling = behind(25.0, 25.0, 10.0, 5.0), "no_reaction"
-    yield name, impact, rolling, math.sqrt(100.0), source, 0.1, "m/s"
-    # as hard as the lead, only built up over T: the ego comes to stand v T / 2 - a T^2 / 24 further
-    # on
+    arguments = behind(25.0, 25.0, 10.0, 5.0), "no_reaction"
+    yield name, impact, arguments, math.sqrt(100.0), source, 0.1, "m/s"
+    # The ego brakes as hard as the lead, but builds this deceleration a up over T: it travels
+    # v T / 2 - a T^2 / 24 further.
     name = "as hard as the lead: gap that is left"
-    stops = SimulationSettings(time_limit=25.0 / STRENGTH + 2.0)
-    drives = behind(25.0, 25.0, 20.0, STRENGTH), "ideal_braking", stops
+    until_both_stand = SimulationSettings(time_limit=25.0 / STRENGTH + 2.0)
+    stops = behind(25.0, 25.0, 20.0, STRENGTH), "ideal_braking", until_both_stand
     expected = 20.0 - 25.0 * BUILD_UP / 2.0 + STRENGTH * BUILD_UP**2 / 24.0
     source = "d - v T / 2 + a T^2 / 24, d = 20 m, v = 25 m/s"
-    yield name, least_gap, drives, expected, source, 0.05, "m"
+    yield name, least_gap, stops, expected, source, 0.05, "m"
 
 
 # --- equations ------------------------------------------------------------------------------------
 
 
 def _field(*place: float) -> float:
+    """Field strength at (x, y), m, of a single sample: a vehicle at (0, 0), at 20 m/s along x."""
     sample = Trajectory([0.0], [0.0], [0.0], heading=[0.0], speed=[20.0])
     return float(trajectory_field([place], sample)[0])
 
 
 def _identical() -> float:
+    """D_i of an ADS whose trajectory, slightly winding, is that of both drivers."""
     time = np.arange(101) / 10.0
-    swings = Trajectory(time, EGO_X + 20.0 * time, 0.3 * np.sin(time), length=LENGTH, width=1.8)
-    return float(anthropomorphic_index(swings, [swings, swings], ROAD).value)
+    drive = Trajectory(time, EGO_X + 20.0 * time, 0.3 * np.sin(time), length=LENGTH, width=1.8)
+    return float(anthropomorphic_index(drive, [drive, drive], ROAD).value)
 
 
 def _number(function: Callable[..., Any], *arguments: Any) -> float:
+    """Value of a function that gives a number of numpy."""
     return float(function(*arguments))
 
 
@@ -215,7 +247,8 @@ def equations() -> Rows:
     """Eqs. 5-6, 9-12, 14, 15, 17 and 18."""
     for speed, lead, gap in ((25.0, 15.0, 14.0), (20.0, 0.0, 60.0)):
         name = f"max ITTC, {speed:g} to {lead:g} m/s, {gap:g} m"
-        largest = math.sqrt(5.0 / (2.0 * (gap - (speed - lead) ** 2 / 10.0)))
+        # a = 5 m/s2, the criterion's deceleration
+        largest = math.sqrt(5.0 / (2.0 * gap - (speed - lead) ** 2 / 5.0))
         source = "Eqs. 5-6: sqrt(a / (2 d - u^2 / a))"
         yield name, _number, (max_inverse_ttc, speed, lead, gap), largest, source, 1e-9, "1/s"
     source = "Eq. 10: exp(0.005 * 20) / 4^0.5"
@@ -227,14 +260,19 @@ def equations() -> Rows:
         name = f"collision loss of {severity:g} m/s"
         yield name, _number, (collision_loss, severity), loss, "Eq. 14, at its limits"
     name, source = "severity of an offset collision", "Eq. 15: |(3, -4)| / 0.5"
+    # velocities of ego and obstacle, overlap of the ego's width
     arguments = impact_severity, (12.0, 0.0), (9.0, 4.0), 0.5
     yield name, _number, arguments, 10.0, source, 1e-12, "m/s"
     index, source = collision_avoidance_index, "Eq. 17: (1 * 5/10 + 3 * 4/16) / 4"
-    collisions = [10.0, 16.0], [5.0, 4.0], [1.0, 3.0]
+    collisions = [10.0, 16.0], [5.0, 4.0], [1.0, 3.0]  # U, U of the ideal vehicle, weight r
     yield "C of two collisions", index, collisions, 0.3125, source, 1e-12
     yield "C without a collision", index, ([], [], []), 1.0, "Eq. 17"
-    name, source = "S of C = 0.8 and D = 0.6", "Eq. 18: 50 * 0.8 + 50 * 0.6"
-    yield name, lambda *it: combined_score(*it).total or math.nan, (0.8, 0.6), 70.0, source, 1e-12
+    yield "S of C = 0.8 and D = 0.6", _score, (0.8, 0.6), 70.0, "Eq. 18: 50 * 0.8 + 50 * 0.6", 1e-12
+
+
+def _score(c: float, d: float) -> float:
+    """S, nan where it is not computed."""
+    return combined_score(c, d).total or math.nan
 
 
 # --- regulations ----------------------------------------------------------------------------------
@@ -256,46 +294,63 @@ CONSENSUS = (
         ((30, 1, 0.9, 0.4), (60, 1, 0.9, 0.5), (120, 1, 0.8, 0.6)),
     ),
 )  # fmt: skip
-"""Scenario; name of a check; parameters with what their values are divided by; rows of values, the
-last parameter's with contact and without."""
+"""Rows of UN R157, for each of three scenarios:
+
+the name of the shipped scenario; the pattern of a check's name;
+its parameters, each with the divisor that makes SI units of a row's value (3.6: of km/h);
+rows: values of all parameters but the last, then two neighbouring values of the last, one with
+contact and one without.
+"""
 DISTANCES = ((130, 100, 42.7), (130, 80, 59.9), (120, 100, 35.1), (100, 80, 29.6))
-"""Speeds behind and of the ego, km/h, and S, m."""
+"""Rows of UN R79: speed of the vehicle behind and of the ego, km/h; distance S, m."""
 TABLE = (
     (SEATED, (0.48, 0.71, 0.94, 1.18, 1.41, 1.64)),
     (STANDING, (0.74, 1.32, 1.90, 2.47, 3.05, 3.63)),
 )
-"""TTC, s, above which a cut-in must be avoided, at closing speeds of 10, 20 .. 60 km/h."""
+"""Rows of (EU) 2022/1426: what it grants; TTC, s, above which a cut-in must be avoided, at closing
+speeds of 10, 20 .. 60 km/h.
+"""
 
 
 def _outcome(name: str, values: dict[str, float]) -> str:
+    """Outcome of `careful_driver` at a point of a shipped scenario: `avoided` or `contact`."""
     recording = drive(catalogue.load(name).concrete(**values), "careful_driver", R157)
     return "avoided" if recording.collision is None else "contact"
 
 
 def consensus() -> Rows:
-    """Neighbouring rows on both sides of the limit, in which independent readings of the careful
-    driver agree.
+    """Rows on both sides of the limit at which the careful driver just avoids a collision.
+
+    Independent readings of the regulation's text agree in them.
     """
     for scenario, name, parameters, rows in CONSENSUS:
         for *fixed, contact, avoided in rows:
             for value, expected in ((contact, "contact"), (avoided, "avoided")):
                 point = (*fixed, value)
                 pairs = zip(parameters.items(), point, strict=True)
-                values = {key: number / unit for (key, unit), number in pairs}
+                values = {key: number / divisor for (key, divisor), number in pairs}
                 source = "independent readings of Annex 3 agree"
                 yield name.format(*point), _outcome, (scenario, values), expected, source
 
 
 def _margin(ego: float, faster: float) -> float:
-    """S as the shipped scenario has it: its zone begins where the gap is S."""
-    margin = catalogue.load("lane_change_rear").margin
-    assert margin is not None
-    point = {"ego_speed": ego, "faster": faster, "gap": 100.0}
-    return 100.0 - float(margin({name: np.array([value]) for name, value in point.items()})[0])
+    """S by the shipped scenario, m: its margin is gap - S.
+
+    ego: its speed, m/s.
+    faster: speed of the vehicle behind less that of the ego, m/s.
+    """
+    logical = catalogue.load("lane_change_rear")
+    assert logical.margin is not None
+    at_100_m = logical.columns([(ego, faster, 100.0)])
+    return 100.0 - float(logical.margin(at_100_m)[0])
 
 
 def _rest(ego: float, faster: float, gap: float) -> float:
-    """Time gap, s, that remains of `gap` m after the vehicle behind braked 3 m/s2 from 0.4 s."""
+    """Time gap that remains of `gap` m, s, once the vehicle behind has braked to the ego's speed:
+    with 3 m/s2, from 0.4 s on.
+
+    ego, faster: as in `_margin`.
+    """
     brakes = {"do": "accelerate", "when": "time >= 0", "begin": 0.4, "speed": ego,
         "acceleration": 3.0}  # fmt: skip
     content: dict[str, Any] = {
@@ -311,22 +366,27 @@ def _rest(ego: float, faster: float, gap: float) -> float:
 
 
 def un_r79() -> Rows:
-    """S of the regulation, and that a vehicle behind by S is left with 1 s."""
-    for place, (rear, own, distance) in enumerate(DISTANCES):
+    """S of the regulation, and the time gap of 1 s that a vehicle behind keeps at a gap of S."""
+    for number, (rear, own, distance) in enumerate(DISTANCES):
         ego, faster = own / 3.6, (rear - own) / 3.6
         name, source = f"S, {rear} behind {own} km/h", "dv 0.4 s + dv^2 / (2 * 3 m/s2) + v * 1 s"
         yield name, _margin, (ego, faster), distance, source, 0.06, "m"
-        if place < 2:
+        if number < 2:  # two drives through SUMO are enough
             s = faster * 0.4 + faster * faster / 6.0 + ego
             name, source = f"left of S, {rear} behind {own} km/h", "1 s is left of a gap of S"
             yield name, _rest, (ego, faster, s), 1.0, source, 1e-6, "s"
 
 
 def _cut_in(closing: float, ttc: float) -> ConcreteScenario:
-    """A vehicle that crosses at 1 m/s, with that TTC when 0.30 m over the line, 1.15 m from its
-    lane's middle.
+    """A cut-in at 1 m/s lateral speed, with this TTC once the body is 0.30 m over the line.
+
+    closing: speed of the ego less that of the other vehicle, m/s.
+    ttc: s.
+
+    The body is there after 1.15 m, so after 1.15 s: half a lane of 3.5 m less half a body of 1.8 m
+    and 0.30 m more.
     """
-    speed = 60.0 / 3.6 + 10.0
+    speed = 60.0 / 3.6 + 10.0  # of the ego, m/s: the other drives 10 m/s or faster
     start = Start(100.0 + LENGTH + closing * (ttc + 1.15), 3.5, speed - closing)
     other = Actor("other", start, (constant_lateral(0.0, 1.0, -3.5),), slides=True)
     return ConcreteScenario(
@@ -335,12 +395,13 @@ def _cut_in(closing: float, ttc: float) -> ConcreteScenario:
 
 
 def eu_2022_1426() -> Rows:
-    """0.05 s above each value of the table the demanded vehicle avoids with the margin that its
-    braking gives.
+    """Cut-ins 0.05 s above each TTC of the table: the vehicle that the regulation demands avoids
+    them, and its braking leaves a known gap.
     """
     source = "Annex III: avoided, 0.1 m + a tau^2 / 24 left"
     for granted, values in TABLE:
-        # 0.1 m that it keeps, and a tau^2 / 24 that braking built up over tau saves
+        # 0.1 m that its rule keeps; and the rule allows tau / 2 for the build-up of its braking a
+        # over tau, which is a tau^2 / 24 more than needed
         margin = 0.1 + granted.braking * granted.build_up**2 / 24.0
         model = granted.ads.removeprefix("eu_2022_")
         for kph, ttc in zip(range(10, 70, 10), values, strict=True):
@@ -349,13 +410,17 @@ def eu_2022_1426() -> Rows:
             yield name, least_gap, arguments, margin, source, 0.01, "m"
 
 
-# --- what must not matter -------------------------------------------------------------------------
+# --- steps, workers and batches, which change nothing ---------------------------------------------
 
 
 def _change(
     find: Callable[..., float], concrete: ConcreteScenario, ads: str, step: float, limit: float
 ) -> float:
-    """Change of a measure when the step is halved."""
+    """Change of a measure, `impact` or `least_gap`, when the step is halved.
+
+    step: the larger step, s.
+    limit: time limit of the drive, s.
+    """
     coarse, fine = (
         find(concrete, ads, SimulationSettings(step=size, time_limit=limit))
         for size in (step, step / 2.0)
@@ -364,7 +429,7 @@ def _change(
 
 
 def halving() -> Rows:
-    """Change of digits from one step to half of it."""
+    """Measures that a step half as long does not change."""
     source, limit = "does not depend on the step", SimulationSettings().time_limit
     stops, follows = behind(30.0, 0.0, 45.0), behind(25.0, 15.0, 40.0)
     for step in (0.1, 0.05):
@@ -377,7 +442,10 @@ def halving() -> Rows:
 
 
 def _digest(workers: int, batch: int) -> str:
-    """A hash of all facts and trajectories of sixteen cases, its first 12 digits."""
+    """Hash of all facts and trajectories of sixteen cases, its first 12 digits.
+
+    batch: most cases in one simulation.
+    """
     settings = SimulationSettings(step=0.1)
     low = catalogue.load("front_vehicle_low_speed")
     points = [low.concrete(ego_speed=15.0 + number, lead_speed=5.0) for number in range(8)]
@@ -394,13 +462,13 @@ def _digest(workers: int, batch: int) -> str:
 
 
 def _same(workers: int, batch: int) -> str:
-    """Both hashes where they differ."""
+    """`the same`, or both hashes where they differ from those of one worker, batches of 512."""
     reference, digest = _digest(1, 512), _digest(workers, batch)
     return "the same" if digest == reference else f"{digest}, not {reference}"
 
 
 def determinism() -> Rows:
-    """Facts and trajectories are the same to the last bit."""
+    """Facts and trajectories that do not depend on workers and batches, to the last bit."""
     for workers, batch in ((2, 512), (1, 1)):
         name = f"{workers} worker(s), batches of {batch}"
         yield name, _same, (workers, batch), "the same", "hash of 1 worker, batches of 512"
@@ -410,31 +478,34 @@ def determinism() -> Rows:
 
 
 def _stop(traci: Any, ego: str, time: float) -> None:
-    """Asks SUMO for what no car can do."""
+    """ADS that commands SUMO to stop the ego within one step, which no car can do."""
     traci.vehicle.setSpeedMode(ego, 0)
     traci.vehicle.setSpeed(ego, 0.0)
 
 
-def _sample(channel: str, place: int, concrete: ConcreteScenario, ads: ControllerLike) -> float:
-    """One sample of the ego."""
-    return float(getattr(drive(concrete, ads, SHORT).ego, channel)[place])
+def _sample(channel: str, index: int, concrete: ConcreteScenario, ads: ControllerLike) -> float:
+    """One sample of a channel of the ego's trajectory: the first (0) or the last (-1)."""
+    return float(getattr(drive(concrete, ads, SHORT).ego, channel)[index])
 
 
 def _end(concrete: ConcreteScenario, ads: ControllerLike) -> str:
+    """Reason why the drive ended."""
     return simulate(concrete, ads, SHORT).end_reason
 
 
 def _second() -> float:
-    """Largest difference between a drive and the same after another in the process, m."""
+    """Largest difference between a drive and its repetition after another drive in the same
+    process, m.
+    """
     first, _, again = (
-        drive(behind(*start), rolls, SHORT).ego.x
-        for start in ((20.0, 15.0, 30.0), (30.0, 5.0, 9.0), (20.0, 15.0, 30.0))
+        drive(behind(*arguments), rolls, SHORT).ego.x
+        for arguments in ((20.0, 15.0, 30.0), (30.0, 5.0, 9.0), (20.0, 15.0, 30.0))
     )
     return float(abs(again - first).max())
 
 
 def traps() -> Rows:
-    """Answers where bare libsumo, as each source states, does something else."""
+    """Known answers in places where libsumo alone does what `source` states."""
     name, source = "a start 1 m behind is not delayed", "libsumo inserts it seconds later"
     yield name, _sample, ("x", 0, behind(20.0, 10.0, 1.0), rolls), EGO_X, source, 1e-9, "m"
     name, source = "bodies touch across a lane line", "getCollisions does not see them"
