@@ -27,7 +27,7 @@ QUANTITIES = ("S+", "A", "H", "S", "C", "D")
 
 
 def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -> Figure:
-    """The scores of every ADS in one scenario over the nights; nights that failed a gate are marked.
+    """Scores of every ADS in one scenario over the nights, with marks where a night failed a gate.
 
     history: folder of the history of nights.
     scenario, ads: names; None: the first scenario, all ADSs.
