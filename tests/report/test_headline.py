@@ -179,6 +179,12 @@ def test_an_answer_compares_those_who_have_its_score(evaluation, field, place, n
         assert found == words or re.fullmatch(words, found)
 
 
+def test_no_ads_is_the_most_human_at_nought(evaluation):
+    scores = tuple(replace(score, human_likeness=0.004) for score in evaluation.scores)
+    found = headline(replace(evaluation, scores=scores, ranking=UNRANKED)).answers
+    assert found[1] == ("Most human", "no ADS, every H is 0.00.")
+
+
 def test_without_a_task_a_prime_stands_in_for_s_plus(evaluation):
     scores = tuple(replace(score, task_share=None, s_plus=None) for score in evaluation.scores)
     answer = dict(headline(replace(evaluation, scores=scores, ranking=UNRANKED)).answers)[
