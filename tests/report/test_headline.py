@@ -181,7 +181,8 @@ def test_an_answer_compares_those_who_have_its_score(evaluation, field, place, n
 
 def test_no_ads_is_the_most_human_at_nought(evaluation):
     scores = tuple(replace(score, human_likeness=0.004) for score in evaluation.scores)
-    found = headline(replace(evaluation, scores=scores, ranking=UNRANKED)).answers
+    unranked = Ranking({}, 0.95, tuple(RankedAds(it.ads, None, None, None) for it in scores), ())
+    found = headline(replace(evaluation, scores=scores, ranking=unranked)).answers
     assert found[1] == ("Most human", "no ADS, every H is 0.00.")
 
 
