@@ -213,14 +213,15 @@ def _register(function: Callable[..., Any]) -> None:
 
 @functools.cache
 def cache_folder() -> Path:
-    """Folder of machine code: one for each processor, version of numba, state of the sources, and
-    folder of theirs.
+    """Folder of machine code: one for each processor, version of Python and of numba, state of the
+    sources, and folder of theirs.
 
     numba itself looks at the file of the loop alone, and would keep using old code of a rule that
     another file holds.
     """
     digest = hashlib.sha256(bytes(_PACKAGE))
-    digest.update(repr((_processor(), importlib.metadata.version("numba"))).encode())
+    made_for = _processor(), sys.version, importlib.metadata.version("numba")
+    digest.update(repr(made_for).encode())
     for room in _ROOMS:
         found = _PACKAGE / room
         for path in sorted(found.rglob("*.py")) if found.is_dir() else [found]:

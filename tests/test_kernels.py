@@ -348,13 +348,15 @@ def refused(*_):
 
 
 @needs_numba
-def test_other_processors_and_numbas_keep_their_code_apart(monkeypatch):
+def test_processors_pythons_and_numbas_keep_their_code_apart(monkeypatch):
     folders = {kernels.cache_folder.__wrapped__()}
+    monkeypatch.setattr(kernels.sys, "version", "3.99")
+    folders.add(kernels.cache_folder.__wrapped__())
     monkeypatch.setattr(kernels, "_processor", lambda: "another")
     folders.add(kernels.cache_folder.__wrapped__())
     monkeypatch.setattr(kernels.importlib.metadata, "version", lambda name: "0.0")
     folders.add(kernels.cache_folder.__wrapped__())
-    assert len(folders) == 3
+    assert len(folders) == 4
 
 
 @needs_numba
