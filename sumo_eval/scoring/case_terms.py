@@ -193,9 +193,10 @@ def missing_bounds(
     whether the ideal vehicle avoids it counts 0, and not at all.
 
     C: a missing case is at worst a collision of ratio 0, which never raises Eq. 17's mean; at best
-    one of ratio 1, which never lowers it, and none where the ideal vehicle avoids. D: a safe case
-    without a collision that has no D_i counts 0, and 1. S: a missing safe case may have been a
-    collision, after which there is no D.
+    one of ratio 1, which never lowers it, but none where U in m/s is compared and the ideal vehicle
+    avoids: a contact has a U above 0, but its loss may be 0. D: a safe case without a collision
+    that has no D_i counts 0, and 1. S: a missing safe case may have been a collision, after which
+    there is no D.
 
     values: the scores as they are.
     people: whether there are drivers to be like.
@@ -233,7 +234,9 @@ def missing_bounds(
         severity=severity,
         ideal=np.where(no_ideal, severity, terms.ideal),
         unreacting=np.where(no_unreacting, np.maximum(hardest, severity), terms.unreacting),
-        ratio=np.where(unrated & (terms.ideal != 0.0), 1.0, terms.ratio),
+        ratio=np.where(
+            unrated & ((terms.ideal != 0.0) | (not method.collision.unit)), 1.0, terms.ratio
+        ),
         index=np.where(unindexed, 1.0, terms.index),
         likeness=np.where(unlike & ~terms.incident, 1.0, terms.likeness),
         task=np.where(untimed, 1.0, terms.task),

@@ -12,7 +12,13 @@ from sumo_eval.report.score_table import score_lines
 from sumo_eval.report.words import score_note
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.quantities import combine
-from sumo_eval.settings import AdsSettings, EvaluationSettings, MethodSettings, ScenarioSettings
+from sumo_eval.settings import (
+    AdsSettings,
+    CollisionSettings,
+    EvaluationSettings,
+    MethodSettings,
+    ScenarioSettings,
+)
 
 EMPTY = CaseResult(
     case="", scenario="s", ads="a", values={}, zone="hazardous", exposure=1.0, status="ok",
@@ -182,6 +188,9 @@ def test_c_is_its_upper_end_if_the_missing_is_avoidable():
         result = combined(HIT, SAFE, replace(LOST, weight=weight))
         low, high = result.c_interval or (9.0, -9.0)
         assert low <= high == result.c
+    of_a_loss = MethodSettings(collision=CollisionSettings(severity="mine.py:own"))
+    interval = combine("a", "s", (HIT, replace(LOST, weight=0.5)), of_a_loss).c_interval
+    assert interval == pytest.approx((0.2, 0.7)), "a contact without loss: (0.4 + 1) / 2"
 
 
 def test_the_note_says_how_many_are_missing_and_where_and_the_table_shows_the_interval():
