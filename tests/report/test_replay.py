@@ -38,13 +38,14 @@ def plain(trajectory):
 @needs_node
 @pytest.mark.parametrize("contact", [False, True])
 def test_the_page_computes_the_gap_and_ttc_of_the_method(contact):
-    """An ego that weaves behind a braking lorry, beside a faster car, with an actor whose recording
-    ends early."""
+    """An ego that weaves behind a braking lorry, beside a faster car, with a car that crosses and an
+    actor whose recording ends early."""
     ego = builders.drive(50.0, 0.0, 25.0, 6.0, offset=2.0)
     actors = {
         "lead": lorry(builders.drive(90.0, 0.0, 20.0, 6.0, braking=2.0)),
         "fast": builders.drive(60.0, 3.5, 40.0, 6.0),
         "gone": builders.drive(70.0, 0.0, 15.0, 2.0),
+        "across": Trajectory(ego.time, 80.0 + 0.0 * ego.time, 10.0 * (1.0 - ego.time)),
     }
     pose = (0.0, 0.0, 0.0)
     hit = (

@@ -52,12 +52,14 @@ const sumoReplay = (() => {
       for (const [name, actor] of actors) {
         if (time < -1e-9 || time > duration(actor) + 1e-9) continue;
         const x = at(actor, "x", time), y = at(actor, "y", time);
-        const beside = Math.abs(y - ego.y[k]) >= (ego.width + actor.width) / 2;
-        let distance = x <= ego.x[k] || beside ? Infinity : Math.max(0, x - ego.x[k] - (ego.length + actor.length) / 2);
+        const heading = at(actor, "heading", time), c = Math.abs(Math.cos(heading)), s = Math.abs(Math.sin(heading));
+        const free = x - ego.x[k] - (ego.length + actor.length * c + actor.width * s) / 2;
+        const beside = Math.abs(y - ego.y[k]) > (ego.width + actor.length * s + actor.width * c) / 2 - TOUCH;
+        let distance = x <= ego.x[k] || beside ? Infinity : Math.max(0, free);
         if (contact && contact.other === name && contact.side === "front" && time >= contact.time - MS) distance = 0;
         if (distance < nearest) {
           nearest = distance;
-          closing = own - at(actor, "speed", time) * Math.cos(at(actor, "heading", time));
+          closing = own - at(actor, "speed", time) * Math.cos(heading);
         }
       }
       if (nearest === Infinity) continue;
