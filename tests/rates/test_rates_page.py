@@ -23,11 +23,14 @@ def test_large_amounts_are_written_out_and_small_ones_in_three_digits():
     assert interval(0.0, 1234.5) == "0 to 1,230"
 
 
-def test_a_column_is_one_of_numbers_when_all_its_cells_are():
+def test_a_column_is_one_of_numbers_when_all_its_cells_are(tmp_path):
     found = table(
         [{"who": "a", "rate": "12 (3 to 40)", "where": "as given"}, {"who": "b", "where": "2 km"}]
     )
     assert found.numbers == (False, True, False)
+    parts = [table([{"gap": 20.0}])]
+    page = write_parts(tmp_path / "page.html", kicker="k", title="t", sentences=[], parts=parts)
+    assert '<td class="n" data-label="gap">20' in page.read_text(), "a narrow screen names it"
 
 
 @pytest.mark.campaign
