@@ -351,7 +351,7 @@ def _apart(way: Any, x: float, other: Any) -> tuple[float, float]:
 
 @kernel
 def _share(before: float, after: float) -> float:
-    """Share of a step after which a distance is 0 that changes evenly, to a negative one."""
+    """Share of a step after which a distance that falls evenly below 0 reaches 0."""
     return before / (before - after) if before > 0.0 else 0.0
 
 

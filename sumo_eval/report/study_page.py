@@ -9,8 +9,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import plotly.graph_objects as go
-
 from sumo_eval.report.packing import packed
 from sumo_eval.report.page import template, write_page
 
@@ -69,14 +67,13 @@ def write_study(
     kicker: str,
     title: str,
     sentences: Sequence[str],
-    figures: Mapping[str, go.Figure],
+    figures: Mapping[str, Any],
     rows: Sequence[Sequence[str]] = (),
     least_width: int = 640,
 ) -> Path:
     """Write a page of charts and their table, and return its path.
 
-    figures: the charts by what stands over them; each stays whole on paper where a sheet has room
-        for it.
+    figures: plotly figures by title; each stays whole on paper where a sheet has room for it.
     rows: the table below them, its head first.
     least_width: of a chart, px; it scrolls on narrower screens.
     """

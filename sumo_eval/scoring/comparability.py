@@ -1,6 +1,6 @@
 """Differences between two runs, apart from the behaviour of their ADSs.
 
-`scoring/comparison.py` shows every difference. One that could change a score by itself is an
+`scoring/comparison.py` notes every difference. One that could change a score by itself is an
 InputError unless the user accepts it.
 """
 

@@ -28,9 +28,8 @@ def series_of(
     """
     gap, closing = vehicle_ahead(ego, actors, collision)
     along = ego.speed * np.cos(ego.heading)
-    step = np.diff(ego.time)
-    # 0 at the first sample, and between two samples of one time, as at a contact
-    jerk = np.concatenate([[0.0], np.diff(ego.acceleration) / np.where(step > 0.0, step, np.inf)])
+    # 0 at the first sample
+    jerk = np.concatenate([[0.0], np.diff(ego.acceleration) / np.diff(ego.time)])
     to_lead = {"gap": gap, "thw": time_headway(gap, along), "ttc": time_to_collision(gap, closing)}
     return {
         "time": ego.time,

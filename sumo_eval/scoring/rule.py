@@ -356,7 +356,7 @@ def many(found: Tally, settings: GateSettings, share: float) -> bool:
 def can_fail(found: Tally, settings: GateSettings, *, noisy: bool) -> bool:
     """Whether a tally could fail if all of its cases were worse.
 
-    noisy: the ADS does not repeat itself; it is tested by P alone.
+    noisy: the ADS does not repeat itself, so that P must be small.
     """
     least = 1 if found.near else settings.shift.cases
     return found.cases >= least and (not noisy or 0.5**found.cases <= settings.noise.chance)

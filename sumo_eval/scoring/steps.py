@@ -121,8 +121,8 @@ class Scoring:
         """The points that the settings choose now; none, with a note, where a file that they need
         is gone or has a mistake.
 
-        Recordings are not read, as they need not be there: where the choice needs their density,
-        there are no points either, without a note.
+        Recordings need not be there and are not read, so points that their density chose are
+        missed without a note.
         """
         settings, source = self.run.settings, self.run.source
         recorded = entry.exposure.kind == "recorded"

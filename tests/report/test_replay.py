@@ -38,8 +38,8 @@ def plain(trajectory):
 @needs_node
 @pytest.mark.parametrize("contact", [False, True])
 def test_the_page_computes_the_gap_and_ttc_of_the_method(contact):
-    """An ego that weaves behind a braking lorry, beside a faster car, with a car that crosses and an
-    actor whose recording ends early."""
+    """An ego that weaves behind a braking lorry, beside a faster car, with a car that crosses and
+    an actor whose recording ends early."""
     ego = builders.drive(50.0, 0.0, 25.0, 6.0, offset=2.0)
     actors = {
         "lead": lorry(builders.drive(90.0, 0.0, 20.0, 6.0, braking=2.0)),
