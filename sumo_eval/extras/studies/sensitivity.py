@@ -1,4 +1,6 @@
-"""Response of the ADSs' ranking to the constants that the paper leaves open."""
+"""Response of the ADSs' ranking to constants that the paper leaves open, for `sumo-eval
+sensitivity`.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ from sumo_eval.trajectory import FloatArray
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-FACTORS = (0.5, 2.0)
+FACTORS = (0.5, 2.0)  # of the value with which the run was scored
 _SETTING_OF = {
     "k1": "method.anthropomorphic.field.k1",
     "k2": "method.anthropomorphic.field.k2",
@@ -35,7 +37,7 @@ _SETTING_OF = {
     "centre floor": "method.anthropomorphic.centre_deviation_floor",
     "field floor": "method.anthropomorphic.field_deviation_floor",
 }
-"""Constants that move D and H: name -> path of the setting."""
+"""Constants that change D and H: name -> path of the setting."""
 
 K3_LEFT_OUT = (
     "k3 is left out: it is a threshold only where "
@@ -44,11 +46,11 @@ K3_LEFT_OUT = (
 )
 
 _LIKENESSES = {"D": "d", "H": "human_likeness"}
+"""Scores shown for the constants of `_SETTING_OF`: name -> field of ScenarioResult."""
 _TOTALS = {"S": "s", "S+": "s_plus"}
-"""Scores that the constants move: name -> field of ScenarioResult; a moves S and S+, the rest D and
-H."""
+"""Scores shown for the constant a: name -> field of ScenarioResult."""
 
-# coarse slices for the bands of the drivers' own scores, which take long and are not used here
+# The bands of the drivers' own scores take long and are not used here: slices of 100 m are enough.
 _COARSE_BANDS = "method.anthropomorphic.band_slice_spacing=100.0"
 _VALUES_OF_A = (10.0, 25.0, 50.0, 75.0, 90.0)  # points for collision avoidance, of 100
 _PANELS_ACROSS = 4
@@ -61,18 +63,18 @@ Scores = dict[str, float]
 class SensitivityRow(NamedTuple):
     """The ADSs in one scenario with one constant changed.
 
-    index: score by which they are ranked, `H`, `D`, `S+` or `S`.
-    value: of the constant.
-    scores: in the order of `ads`, nan where not computed.
-    ranking: names, best first.
-    tau: Kendall's tau-b of the scores with those as scored, 1 where no score changes; nan where
-        fewer than two ADSs can be ranked, or where all tie.
+    constant, value: its name and its changed value.
+    index: score by which the ADSs are ranked, `H`, `D`, `S+` or `S`.
+    scores: of the ADSs, in the order of `ads`; nan where not computed.
+    ranking: names of the ADSs, best first.
+    tau: Kendall's tau-b between these scores and those of the run; 1 where no score changes; nan
+        where fewer than two ADSs can be ranked, or where all tie.
     """
 
     scenario: str
     constant: str
     value: float
-    index: str  # type: ignore[assignment]
+    index: str  # type: ignore[assignment]  # tuples have a method of this name
     ads: tuple[str, ...]
     scores: tuple[float, ...]
     ranking: tuple[str, ...]
@@ -84,9 +86,10 @@ def sensitivity(
 ) -> list[SensitivityRow]:
     """Score a run again with each constant halved and doubled, and with other values of a.
 
-    constants: any of k1, k2, k3, k4, `centre floor`, `field floor`, a (b = 100 - a); none: all that
-        can move a score of this run (`k3_counts`).
-    Raises InputError for others.
+    progress: called with the stage, the number of scorings done and the number of all.
+    constants: any of k1, k2, k3, k4, `centre floor`, `field floor`, a (b = 100 - a); empty: all,
+        but k3 only where it matters (`k3_counts`).
+    Raises InputError for any other constant.
     """
     known = (*_SETTING_OF, "a")
     for name in constants:
@@ -97,7 +100,7 @@ def sensitivity(
     base = score(run, [_COARSE_BANDS])
     chosen = constants or [name for name in known if name != "k3" or k3_counts(base.settings)]
     changed = [name for name in chosen if name in _SETTING_OF]
-    variants = []
+    variants = []  # (constant, value, the run scored with it)
     for name in changed:
         as_scored = float(operator.attrgetter(_SETTING_OF[name])(base.settings))
         variants.append((name, as_scored, base))
@@ -105,11 +108,13 @@ def sensitivity(
             again = score(run, [_COARSE_BANDS, f"{_SETTING_OF[name]}={value!r}"])
             variants.append((name, value, again))
             progress("sensitivity", len(variants), len(changed) * (1 + len(FACTORS)))
+
+    values_of_a = _VALUES_OF_A if "a" in chosen else ()
     rows = []
     for scenario in dict.fromkeys(result.scenario for result in base.scores):
         for index, field in _TOTALS.items():
             before = _scores(base, scenario, field)
-            for a in _VALUES_OF_A if "a" in chosen else ():
+            for a in values_of_a:
                 scores = _with_points(base, scenario, a, index)
                 rows.append(_row((scenario, "a", a, index), scores, before))
         for index, field in _LIKENESSES.items():
@@ -121,40 +126,45 @@ def sensitivity(
 
 
 def k3_counts(settings: EvaluationSettings) -> bool:
-    """Whether k3 is a threshold: steering operations are turns of the wheel, not manoeuvres."""
+    """Whether k3 matters: steering operations are turns of the wheel past k3, not manoeuvres."""
     return settings.method.anthropomorphic.steering_rule != "manoeuvre"
 
 
 def _scores(evaluation: Evaluation, scenario: str, field: str) -> Scores:
-    results = (result for result in evaluation.scores if result.scenario == scenario)
-    values = {result.ads: getattr(result, field) for result in results}
-    return {ads: math.nan if value is None else float(value) for ads, value in values.items()}
+    """One score of every ADS in a scenario; field: of ScenarioResult."""
+    values = {result.ads: getattr(result, field) for result in evaluation.scores_in(scenario)}
+    return {ads: math.nan if value is None else value for ads, value in values.items()}
 
 
 def _with_points(evaluation: Evaluation, scenario: str, a: float, index: str) -> Scores:
-    """S+ or S of every ADS with `a` points for collision avoidance, and the rest of 100, b, for
-    likeness.
+    """S or S+, as `index` names it, of every ADS with `a` of 100 points for avoiding harm and the
+    rest, b, for human-likeness.
     """
     points = replace(evaluation.settings.method.score, a=a)
 
-    def of(name: str) -> FloatArray:
-        return np.array([*_scores(evaluation, scenario, name).values()])
+    def term(field: str) -> FloatArray:
+        return np.array([*_scores(evaluation, scenario, field).values()])
 
     if index == "S":
-        totals = paper_score(of("c"), of("d"), points)
+        totals = paper_score(term("c"), term("d"), points)
     else:
-        terms = of("task_share"), of("avoidance_grade"), of("human_likeness")
-        totals = ordering_score(*terms, points)
+        task, grade = term("task_share"), term("avoidance_grade")
+        totals = ordering_score(task, grade, term("human_likeness"), points)
     return dict(zip(_scores(evaluation, scenario, "c"), totals.tolist(), strict=True))
 
 
 def _row(key: tuple[str, str, float, str], now: Scores, before: Scores) -> SensitivityRow:
-    """key: scenario, constant, its value and the index."""
+    """One row of the result.
+
+    key: scenario, constant, its value and the index.
+    now, before: scores with this value and as the run was scored.
+    """
     ranked = [ads for ads in now if np.isfinite(now[ads])]
     both = [ads for ads in ranked if np.isfinite(before[ads])]
     scores_before, scores_now = [before[ads] for ads in both], [now[ads] for ads in both]
     tau = math.nan
-    if len(both) >= 2:  # kendalltau is nan where all tie
+    if len(both) >= 2:
+        # unchanged scores agree even where all tie, of which kendalltau is nan
         same = scores_before == scores_now
         tau = 1.0 if same else float(stats.kendalltau(scores_before, scores_now).statistic)
     ranking = tuple(sorted(ranked, key=lambda ads: -now[ads]))
@@ -162,7 +172,7 @@ def _row(key: tuple[str, str, float, str], now: Scores, before: Scores) -> Sensi
 
 
 def _table(rows: Sequence[SensitivityRow]) -> list[tuple[str, ...]]:
-    """The rows in words, their head first."""
+    """The rows as text, after a row of column names."""
     table: list[tuple[str, ...]] = [
         ("scenario", "constant", "value", "index", "ranking, best first", "tau")
     ]
@@ -177,16 +187,18 @@ def _table(rows: Sequence[SensitivityRow]) -> list[tuple[str, ...]]:
 def sensitivity_lines(rows: Sequence[SensitivityRow], *, k3: bool = True) -> list[str]:
     """The table for a terminal.
 
-    k3: whether it counts in this run (`k3_counts`); where not, a sentence reports it.
+    k3: whether it matters in this run (`k3_counts`); where not, a last line reports it.
     """
     return [*aligned(_table(rows)), *([] if k3 else [K3_LEFT_OUT])]
 
 
 def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
-    """For each scenario three charts: the totals, D and H. A chart has a panel for each constant,
-    with the ADSs' scores over it.
+    """Write a page with three charts for each scenario: the totals, D and H.
+
+    A chart has a panel for each score and constant, with the score of every ADS over its value.
     """
-    charts: dict[str, dict[str, list[SensitivityRow]]] = {}  # by caption, by title of the panel
+    # caption of a chart -> title of a panel -> its rows
+    charts: dict[str, dict[str, list[SensitivityRow]]] = {}
     for row in rows:
         index = " and ".join(_TOTALS) if row.index in _TOTALS else row.index
         chart = charts.setdefault(f"{row.scenario}: {index}", {})
@@ -206,15 +218,16 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
 
 
 def _chart(chart: Mapping[str, Sequence[SensitivityRow]]) -> go.Figure:
-    """A panel for each score and constant."""
+    """One chart; chart: title of each panel -> its rows, by rising value of the constant."""
     panels = []
     for title, part in chart.items():
         values = [row.value for row in part]
-        scores = zip(*(row.scores for row in part), strict=True)  # of one ADS over the values
+        # for each ADS its scores at these values
+        lines = zip(*(row.scores for row in part), strict=True)
         marks = [
-            Marks(ads, values, ys, colour, "-")
-            for ads, ys, colour in zip(part[0].ads, scores, itertools.cycle(COLOURS))
+            Marks(ads, values, scores, colour, "-")
+            for ads, scores, colour in zip(part[0].ads, lines, itertools.cycle(COLOURS))
         ]
         panels.append(Panel(marks, title=title))
-    height = _PANEL_HEIGHT * -(-len(panels) // _PANELS_ACROSS) + _MARGIN
+    height = _PANEL_HEIGHT * math.ceil(len(panels) / _PANELS_ACROSS) + _MARGIN
     return on_page(panels, _PANELS_ACROSS, height)
