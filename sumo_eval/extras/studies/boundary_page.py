@@ -1,4 +1,4 @@
-"""Result of a search for an ADS's failure boundary, as files: trials, summary, picture."""
+"""Files of `sumo-eval boundary`: trials, summary, page with maps; and their maps for `plot`."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ TRIALS, CHANCES = "trials.csv", "chances.csv"
 SUMMARY, PAGE = "boundary.json", "boundary.html"
 CELLS = 80  # on each axis of a map
 PANELS = (0.1, 0.3, 0.5, 0.7, 0.9)  # shares of the third parameter's range, one map each
-SHARE_POINTS = 8_192  # evenly spread, to measure shares of the space
-MAP_WIDTH = 340  # px on the page, beside other maps
+SHARE_POINTS = 8_192  # evenly spread points with which shares of the space are measured
+MAP_WIDTH = 340  # px on the page, of each of several maps
 
 
 def summary(boundary: FailureBoundary) -> dict[str, Any]:
-    """The result in plain values."""
+    """The result as the content of `boundary.json`, except what the search held fixed."""
     logical, last = boundary.logical, boundary.rounds[-1]
     points = evenly(logical, SHARE_POINTS, random_stream(0, "counted", logical.name))
     points = points[logical.feasible(points)]
-    # an unknown exposure is one number, 1
+    # a uniform exposure comes as one number for all points
     exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points))
     collides = boundary.search.classify(points)
     return {
@@ -62,18 +62,18 @@ def write_boundary(
     pairs = zip(search.points.tolist(), search.outcomes, strict=True)
     trials = [[*row, int(hit)] for row, hit in pairs]
     write_csv(folder / TRIALS, [*names, "collided"], trials)
-    # a map lies at each of these shares of the third parameter's range, where there is one
+    # one map at each of these shares of the third parameter's range; without a third, one map
     shares = PANELS if len(names) > 2 else (0.5,)
     chances = [
         [*(f"{value:z.9g}" for value in row), "" if np.isnan(chance) else f"{chance:z.4g}"]
         for share in shares
         for row, chance in zip(*chances_on(boundary, share), strict=True)
-    ]
+    ]  # an impossible point has an empty chance
     write_csv(folder / CHANCES, [*names, "chance"], chances)
     content = {**summary(boundary), "held": held}
     summary_text = json.dumps(content, indent=2, allow_nan=False) + "\n"
     write_page(folder / SUMMARY, summary_text, "The boundary")
-    # from the files: they alone must be enough to draw the maps again
+    # drawn from the files, which must be enough for `sumo-eval plot` to draw the maps again
     title, panels = edge_panels(folder)
     line = "The line is where both outcomes are equally likely."
     write_study(
@@ -89,16 +89,19 @@ def write_boundary(
 
 
 def chances_on(boundary: FailureBoundary, share: float) -> tuple[FloatArray, FloatArray]:
-    """The points of a map, row by row, (n, k), and the chance of a collision there, (n,), nan where
-    a point is impossible.
+    """Points of one map, (n, k), and the probability of a collision at each, (n,), nan where a
+    point is impossible.
 
-    A map has CELLS values of the first parameter by as many of the second, where there is one. The
-    first runs fastest: `edge_panels` relies on it. Parameters behind the third are in the middle of
-    their ranges.
+    share: of the third parameter's range, at which the map lies; ignored without a third.
+
+    A map has CELLS values of the first parameter by CELLS of the second, if there is a second. The
+    first varies fastest from point to point: `edge_panels` relies on it. Parameters after the third
+    are in the middle of their ranges.
     """
     logical = boundary.logical
     k = len(logical.parameters)
     ticks = np.linspace(0.0, 1.0, CELLS)
+    # the points in the unit box: second parameter, first parameter, k
     unit = np.full((CELLS if k > 1 else 1, CELLS, k), 0.5)
     unit[..., 0] = ticks
     if k > 1:
@@ -114,17 +117,18 @@ def sentences(boundary: FailureBoundary, held: Mapping[str, float]) -> list[str]
 
     held: the parameters that it held fixed, by name.
     """
-    content, change = summary(boundary), boundary.rounds[-1].expected_change
+    content = summary(boundary)
+    change = content["expected_change"]
     lines = [
         f"{boundary.logical.name}: {boundary.ads} collides in "
         f"{content['collision_share_of_space']:z.1%} of the space "
         f"({content['collision_share_of_exposure']:z.1%} of the exposure), from "
-        f"{boundary.rounds[-1].simulations} simulations."
+        f"{content['simulations']} simulations."
     ]
     ended = f"The search ended ({boundary.stopped})."
     if boundary.stopped == "settled":
         lines.append(f"The next round is expected to move {change:z.2%} of the space: settled.")
-    elif change < 1.0:  # 1: unknown
+    elif change < 1.0:  # 1 stands for unknown
         lines.append(f"{ended} A further round may move {change:z.2%} of the space.")
     else:
         lines.append(
@@ -144,11 +148,11 @@ def sentences(boundary: FailureBoundary, held: Mapping[str, float]) -> list[str]
 
 
 def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
-    """Title and maps of the chance of a collision, with the trials on them, from the files.
+    """Title and maps of the probability of a collision, with the trials on them, from the files.
 
-    Up to two parameters: one map. More: one for each value of the third in `chances.csv`; a trial
-    is drawn on the map nearest to its own third value. Parameters behind the third are in the
-    middle of their ranges.
+    Up to two parameters have one map. More have one map for each value of the third in
+    `chances.csv`, and a trial is drawn on the map nearest to its own value of the third. Parameters
+    after the third are in the middle of their ranges.
 
     Raises InputError where a file is missing.
     """
@@ -163,29 +167,29 @@ def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
             f"The boundary in {folder} cannot be drawn: {error}. Search it again."
         ) from error
     items = content["parameters"]
+    labels = [it["name"] + ("" if it["unit"] in ("", "1") else f" ({it['unit']})") for it in items]
     k = len(items)
-    # one parameter: a second axis from -1 to 1 on which nothing depends, the trials at its 0
     if k == 1:
-        chances, trials = (np.insert(rows, 1, 0.0, axis=1) for rows in (chances, trials))
-        chances = np.vstack([chances, chances])
-        chances[:, 1] = np.repeat([-1.0, 1.0], len(chances) // 2)
-    maps, nearest = [chances], np.zeros(len(trials))
-    if k > 2:  # a new map begins where the third parameter changes
+        # The map becomes a strip along a second axis without a name: the chances are the same at
+        # its ends, -1 and 1, and the trials lie at its 0.
+        labels.append("")
+        trials = np.insert(trials, 1, 0.0, axis=1)
+        chances = np.vstack([np.insert(chances, 1, y, axis=1) for y in (-1.0, 1.0)])
+    maps, nearest = [chances], np.zeros(len(trials))  # nearest: number of each trial's map
+    if k > 2:
+        # a new map begins where the third parameter changes
         maps = np.split(chances, np.flatnonzero(np.diff(chances[:, 2])) + 1)
         third = np.array([rows[0, 2] for rows in maps])
         nearest = np.argmin(np.abs(trials[:, 2:3] - third), axis=1)
-    labels = [it["name"] + ("" if it["unit"] in ("", "1") else f" ({it['unit']})") for it in items]
-    x, y = [*labels, ""][:2]
     panels = []
     for number, rows in enumerate(maps):
-        # as many distinct values as cells: also listed values are mapped over their whole range
-        across, along = np.unique(rows[:, 0]), np.unique(rows[:, 1])
-        chance = across, along, rows[:, -1].reshape(len(along), len(across))
+        x, y = np.unique(rows[:, 0]), np.unique(rows[:, 1])
+        chance = x, y, rows[:, -1].reshape(len(y), len(x))
         marks = []
         for collided, words, marker in ((0, "no collision", "o"), (1, "collision", "X")):
             at = trials[(trials[:, -1] == collided) & (nearest == number)]
             marks.append(Marks(words, at[:, 0], at[:, 1], COLOURS[collided], marker=marker))
-        values = zip(items[2:], rows[0, 2:k], strict=True)
-        title = ", ".join(f"{it['name']} = {value:z.3g}" for it, value in values)
-        panels.append(Panel(marks, x, y, title, chance=chance))
+        fixed = zip(items[2:], rows[0, 2:k], strict=True)
+        title = ", ".join(f"{it['name']} = {value:z.3g}" for it, value in fixed)
+        panels.append(Panel(marks, labels[0], labels[1], title, chance=chance))
     return f"{content['scenario'].replace('_', ' ')}: where {content['ads']} collides", panels
