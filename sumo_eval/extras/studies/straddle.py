@@ -1,11 +1,12 @@
-"""Boundary between two outcomes with few trials: ask for points, tell their outcomes.
+"""Search for the boundary between two outcomes with few trials: `ask` for points, `tell` outcomes.
 
-A Gaussian process classifier (logistic, Laplace's approximation) learns the outcomes in the unit
-box. The next points are those where the sign of its latent function f is most open: the straddle
-rule of Bryan et al. (2005), 1.96 sd(f) - |mean(f)|. The points of one round are chosen in order,
-each as if the earlier ones had been tried; one in eight goes where sd(f) alone is
-largest, so that an isolated island is found as well. The shape of the sets is free: intervals,
-holes and several pieces are as good as a half-space.
+`boundary` and `rates.importance` use it. A Gaussian process classifier (logistic, Laplace's
+approximation) learns the outcomes in the unit box through a latent function f: True is likelier
+where f > 0. The next points are those where the sign of f is least certain, by the straddle rule of
+Bryan et al. (2005): where 1.96 sd(f) - |mean(f)| is largest. The points of a round are chosen in
+order, each as if the earlier ones had been tried. Every eighth is the point of the largest sd(f)
+instead, so that an isolated island is found as well. The set of either outcome may have any shape:
+intervals, holes, several pieces.
 """
 
 from __future__ import annotations
@@ -30,22 +31,30 @@ from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-POOL = 4_096  # points of the space that are weighed in each round
-STRADDLE = 1.96
-EXPLORE_EVERY = 8  # of a round, every eighth point goes where least is known
-# The kernel's constants are sought again each time the number of trials has grown by half. Those
-# that were sought with this many trials or more stay.
+POOL = 4_096  # evenly spread points from which each round chooses
+STRADDLE = 1.96  # deviations of f, as in the rule
+EXPLORE_EVERY = 8  # every eighth point of a round has the largest sd(f)
+# The kernel's constants are learnt again each time the number of trials has grown by half, until
+# they were learnt from this many trials or more.
 LEARN_UNTIL = 300
-SIGNAL_BOUNDS, SCALE_BOUNDS = (1.0, 1e3), (0.02, 10.0)  # variance of f; unit-box lengths
-LABEL_VARIANCE = 1.0  # an outcome is assumed to tell as much as f measured with this variance
-CONVERGED = 1e-3  # largest difference of a trial's probability from that of f, as in `_at_mode`
+SIGNAL_BOUNDS = 1.0, 1e3  # of the variance of f
+SCALE_BOUNDS = 0.02, 10.0  # of the kernel's length scales, unit-box lengths
+LABEL_VARIANCE = 1.0  # an outcome counts as a measurement of f with this variance
+CONVERGED = 1e-3  # largest difference of probabilities in `_at_mode`
 CONTRADICTED = 0.05  # share of trials that the classifier may put on the wrong side
-REMEMBERED = 4  # rounds whose changes predict those of the next one
-SAME = 1e-9  # unit-box lengths
+REMEMBERED = 4  # latest changes of the classes, whose mean predicts the next
+LEAST_VARIANCE = 1e-9  # of f, to divide by
 
 
 class BoundarySearch:
-    """The search in the possible points of a space. Same seed and same outcomes, same questions."""
+    """Search among the possible points of a space.
+
+    points: tried so far, (n, k).
+    outcomes: of these points, (n,).
+
+    The same seed and the same outcomes lead to the same points. Raises InputError for a space with
+    listed values or without possible points.
+    """
 
     def __init__(self, logical: LogicalScenario, seed: int = 1) -> None:
         listed = [item.name for item in logical.parameters if item.values]
@@ -57,10 +66,10 @@ class BoundarySearch:
         self.logical = logical
         self.points: FloatArray = np.empty((0, len(logical.names)))
         self.outcomes: BoolArray = np.empty(0, dtype=np.bool_)
-        self._model: GaussianProcessClassifier | None = None
-        self._learnt_at = 0
-        self._classes: BoolArray | None = None
-        self._changes: list[float] = []
+        self._model: Any = None  # the classifier, once both outcomes have been seen
+        self._learnt_at = 0  # number of trials from which the kernel's constants were learnt
+        self._classes: BoolArray | None = None  # of the pool's points, by the latest model
+        self._changes: list[float] = []  # share of the pool that each model put in another class
         self._skipped: set[tuple[float, ...]] = set()
         pool = evenly(logical, POOL, random_stream(seed, "boundary", logical.name))
         self._pool = pool[logical.feasible(pool)]
@@ -71,8 +80,8 @@ class BoundarySearch:
             )
 
     def ask(self, n: int) -> FloatArray:
-        """The next `n` points (n, k) to try; evenly spread ones until both outcomes have been
-        seen.
+        """The next points to try, at most `n`, (n, k); evenly spread ones until both outcomes have
+        been seen.
         """
         tried = {tuple(row) for row in self.points.tolist()} | self._skipped
         untried = np.array([row for row in self._pool.tolist() if tuple(row) not in tried])
@@ -83,18 +92,19 @@ class BoundarySearch:
         chosen: list[int] = []
         for number in range(min(n, len(untried))):
             score = np.sqrt(np.maximum(variance, 0.0))
-            if number % EXPLORE_EVERY < EXPLORE_EVERY - 1:
+            explores = number % EXPLORE_EVERY == EXPLORE_EVERY - 1
+            if not explores:
                 score = STRADDLE * score - np.abs(mean)
             score[chosen] = -np.inf
             best = int(np.argmax(score))
             chosen.append(best)
             shared = covariance(best)
-            # its outcome will narrow f, whatever it is
+            # the outcome will reduce the variance of f by the same amount, whatever it is
             variance = variance - shared**2 / (shared[best] + LABEL_VARIANCE)
         return untried[chosen]
 
     def tell(self, points: ArrayLike, outcomes: ArrayLike) -> None:
-        """Outcomes (n,), True or False, at points (n, k)."""
+        """Learn from the outcomes (n,), True or False, of points (n, k)."""
         rows, hits = np.asarray(points, dtype=np.float64), np.asarray(outcomes, dtype=np.bool_)
         self.points = np.concatenate([self.points, rows])
         self.outcomes = np.concatenate([self.outcomes, hits])
@@ -102,9 +112,7 @@ class BoundarySearch:
             self._fit()
 
     def skip(self, points: ArrayLike) -> None:
-        """Points (n, k) that could not be evaluated: they are not asked for again, and teach
-        nothing.
-        """
+        """Note points (n, k) that could not be evaluated: `ask` does not give them again."""
         self._skipped |= {tuple(row) for row in np.asarray(points, dtype=np.float64).tolist()}
 
     def probability(self, points: ArrayLike) -> FloatArray:
@@ -113,8 +121,8 @@ class BoundarySearch:
         if self._model is None:
             return np.full(len(rows), float(self.outcomes[0]) if len(self.outcomes) else 0.5)
         mean, variance, _ = self._latent(self.logical.to_unit(rows))
-        # P(f > 0), f being normal
-        return np.asarray(norm.cdf(mean / np.sqrt(np.maximum(variance, SAME))))
+        # P(f > 0) of a normal f
+        return np.asarray(norm.cdf(mean / np.sqrt(np.maximum(variance, LEAST_VARIANCE))))
 
     def classify(self, points: ArrayLike) -> BoolArray:
         """The likelier outcome (n,) at points (n, k)."""
@@ -122,9 +130,11 @@ class BoundarySearch:
 
     @property
     def expected_change(self) -> float:
-        """Share of the possible points that the next round is expected to class differently: the
-        mean of the last four changes from one fit to the next; 1 until five fits have been made,
-        which need both outcomes, and while the classifier contradicts its trials.
+        """Share of the possible points that the next round is expected to put in another class.
+
+        It is the mean of the last four changes from one model to the next. 1 stands for unknown:
+        before the fifth model (the first needs both outcomes), and while the model contradicts more
+        than 5 % of the trials.
         """
         last = self._changes[-REMEMBERED:]
         if (
@@ -136,8 +146,9 @@ class BoundarySearch:
 
     @property
     def doubt(self) -> float:
-        """Mean probability that a possible point is in the wrong class; Laplace's approximation
-        makes it too large.
+        """Mean probability that a possible point is in the wrong class.
+
+        Laplace's approximation makes it too large. 1 stands for unknown.
         """
         if self._model is None:
             return 1.0
@@ -145,26 +156,25 @@ class BoundarySearch:
         return float(np.mean(np.minimum(probability, 1.0 - probability)))
 
     def _fit(self) -> None:
+        """Fit a model to all trials, and note which share of the pool changes its class."""
         n = len(self.outcomes)
-        kernel: Any = None
-        if self._model is not None and (
-            n < 1.5 * self._learnt_at or self._learnt_at >= LEARN_UNTIL
-        ):
-            kernel = self._model.kernel_
-        learn = kernel is None
+        # always for the first model, whose `_learnt_at` is 0
+        learn = n >= 1.5 * self._learnt_at and self._learnt_at < LEARN_UNTIL
         if learn:
-            # always from the same start: an earlier search may have ended in a poor place
+            # always from the same start: the constants learnt before may be a poor local optimum
             scales = RBF(np.full(len(self.logical.names), 0.3), SCALE_BOUNDS)
             kernel = ConstantKernel(100.0, SIGNAL_BOUNDS) * scales
             self._learnt_at = n
+        else:
+            kernel = self._model.kernel_
         unit = self.logical.to_unit(self.points)
         with warnings.catch_warnings(), threadpool_limits(1):
-            # constants at their bounds do no harm here
+            # the warning that a constant lies at its bound does not matter here
             warnings.simplefilter("ignore", ConvergenceWarning)
             optimizer = "fmin_l_bfgs_b" if learn else None
             model = GaussianProcessClassifier(kernel, optimizer=optimizer).fit(unit, self.outcomes)
-            # Newton's steps can overshoot where f may be very large, and scikit-learn ends
-            # silently. Halve the variance of f until they converge.
+            # Where the variance of f is large, Newton's steps can overshoot, and scikit-learn stops
+            # silently before the mode. Halve the variance until they converge, down to 1 at most.
             while not _at_mode(model) and model.kernel_.k1.constant_value > 2.0:
                 signal = ConstantKernel(model.kernel_.k1.constant_value / 2.0, SIGNAL_BOUNDS)
                 kernel = signal * model.kernel_.k2
@@ -178,32 +188,38 @@ class BoundarySearch:
     def _latent(
         self, unit: FloatArray
     ) -> tuple[FloatArray, FloatArray, Callable[[int], FloatArray]]:
-        """Mean and variance of f at points (n, k) of the unit box, and a function that gives the
-        covariance of f at one of them with all, given the trials and the points that it was called
-        with before.
+        """Mean (n,) and variance (n,) of f at points (n, k) of the unit box, and its covariances.
+
+        These are a function: of a point's row it gives the covariance of f there with f at all
+        points, (n,), given the trials and the points of all its earlier calls.
+
+        Formulas: Rasmussen and Williams (2006), algorithm 3.2. scikit-learn's `pi_` are the
+        probabilities of the trials, `W_sr_` the square roots of W, `L_` the Cholesky factor of
+        I + sqrt(W) K sqrt(W).
         """
-        assert self._model is not None
         inner = self._model.base_estimator_
         kernel = inner.kernel_
         cross = kernel(inner.X_train_, unit)
         mean = cross.T @ (inner.y_train_ - inner.pi_)
         half = solve_triangular(inner.L_, inner.W_sr_[:, None] * cross, lower=True)
         variance = kernel.diag(unit) - np.einsum("ij,ij->j", half, half)
-        known: list[FloatArray] = []
+        # of each earlier call, what its point takes off the covariances: d d^T
+        earlier: list[FloatArray] = []
 
         def covariance(row: int) -> FloatArray:
             shared = kernel(unit, unit[row : row + 1])[:, 0] - half.T @ half[:, row]
-            for before in known:
-                shared = shared - before * before[row]
-            known.append(shared / np.sqrt(shared[row] + LABEL_VARIANCE))
+            for d in earlier:
+                shared = shared - d * d[row]
+            earlier.append(shared / np.sqrt(shared[row] + LABEL_VARIANCE))
             return np.asarray(shared)
 
         return mean, variance, covariance
 
 
 def _at_mode(model: GaussianProcessClassifier) -> bool:
-    """Whether Laplace's approximation has converged to the mode, where f = K (y - p) and the
-    probabilities p of the trials are those of f itself, 1 / (1 + exp(-f)).
+    """Whether Laplace's approximation has converged to the mode of f.
+
+    There f = K (y - p), and the probabilities p of the trials are 1 / (1 + exp(-f)).
     """
     inner = model.base_estimator_
     f = inner.kernel_(inner.X_train_) @ (inner.y_train_ - inner.pi_)
