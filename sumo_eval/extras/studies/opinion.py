@@ -1,4 +1,7 @@
-"""Ratings of the ADSs by people, compared with the scores (the paper's Fig. 11)."""
+"""Ratings of the ADSs by people, compared with the scores as in the paper's Fig. 11.
+
+For `sumo-eval humans opinion`, and for `plot RUN opinion`.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, line_of_row, read_table
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError
 from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.studies.tables import aligned
 from sumo_eval.method.agreement import Agreement, concordance, rank_correlation, rank_interval
@@ -20,12 +23,16 @@ from sumo_eval.report.study_page import write_study
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.gate_settings import INDEXES
 
-LEAST, MOST = 1.0, 10.0
+LEAST, MOST = 1.0, 10.0  # of a rating
 
 
 class RatedScore(NamedTuple):
-    """One ADS in one scenario: its mean rating, their deviation and number, and its scores (None:
-    not computed).
+    """Ratings and scores of one ADS in one scenario.
+
+    opinion: mean of its ratings, 1..10.
+    deviation: standard deviation of its ratings.
+    raters: number of its ratings.
+    scores: by name, as in `INDEXES`; None: not computed.
     """
 
     ads: str
@@ -40,10 +47,10 @@ class Opinion(NamedTuple):
     """Comparison of ratings and scores.
 
     rows: one for each rated ADS and scenario.
-    correlations: Spearman's rho with each of `INDEXES`; None where fewer than 3 rows have the
-        score, or all are alike.
+    correlations: Spearman's rho of the mean ratings with each score of `INDEXES`; None where fewer
+        than 3 rows have the score, or where all ratings or all scores are equal.
     concordance: Kendall's W between the raters who rated everything; None for fewer than two, or
-        where each gave one score to all.
+        where each of them gave one rating to all.
     """
 
     rows: tuple[RatedScore, ...]
@@ -52,14 +59,15 @@ class Opinion(NamedTuple):
 
 
 def read_ratings(path: Path) -> pd.DataFrame:
-    """Subjective scores: columns rater, ads, scenario, score (1-10).
+    """Ratings from a CSV file with the columns rater, ads, scenario and score (1-10).
 
-    Raises InputError naming file and row.
+    Raises InputError that names the file and the first wrong row.
     """
     table = read_table(path, ("rater", "ads", "scenario", "score"))
     checked_numbers(table, ["score"], path)
     for name in ("rater", "ads", "scenario"):
         table[name] = table[name].astype(str)
+    # each loop ends at its first row
     for row in np.flatnonzero(~table["score"].between(LEAST, MOST)).tolist():
         line, got = line_of_row(path, row), table["score"].iloc[row]
         raise InputError(
@@ -72,41 +80,39 @@ def read_ratings(path: Path) -> pd.DataFrame:
 
 
 def compare_opinion(evaluation: Evaluation, ratings: pd.DataFrame) -> Opinion:
-    """The ratings beside the scores of a run.
+    """Compare ratings, as `read_ratings` gives them, with the scores of a run.
 
-    Raises InputError for an ADS or scenario that the run does not have.
+    Raises InputError for an ADS in a scenario that the run has no score of.
     """
-    scores = {(score.ads, score.scenario): score for score in evaluation.scores}
-    for column, kind, place in (("ads", "ADS", 0), ("scenario", "scenario", 1)):
-        names = list(dict.fromkeys(key[place] for key in scores))
-        for name in set(ratings[column]) - set(names):
-            raise unknown(kind, name, names)
     rows = []
     for (ads, scenario), group in ratings.groupby(["ads", "scenario"], sort=False):
-        score, values = scores[str(ads), str(scenario)], group["score"]
+        score, values = evaluation.score(str(ads), str(scenario)), group["score"]
         deviation = float(values.std()) if values.size > 1 else 0.0
-        indexes = {name: getattr(score, field) for name, field in INDEXES.items()}
+        scores = {name: getattr(score, field) for name, field in INDEXES.items()}
         rows.append(
-            RatedScore(str(ads), str(scenario), values.mean(), deviation, values.size, indexes)
+            RatedScore(score.ads, score.scenario, values.mean(), deviation, values.size, scores)
         )
+
     correlations: dict[str, Agreement | None] = {}
     for name in INDEXES:
         pairs = [(row.scores[name], row.opinion) for row in rows if row.scores[name] is not None]
         enough = len(pairs) >= 3
         correlations[name] = _known(rank_correlation(*zip(*pairs, strict=True))) if enough else None
+
+    # raters by what they rated, without those who left something out
     table = ratings.pivot_table(index="rater", columns=["ads", "scenario"], values="score").dropna()
     enough = min(table.shape) >= 2
     between = _known(concordance(table.to_numpy())) if enough else None
     return Opinion(tuple(rows), correlations, between)
 
 
-def _known(found: Agreement) -> Agreement | None:
-    """An agreement; None where all values are alike, so that there is none."""
-    return None if np.isnan(found.value) else found
+def _known(agreement: Agreement) -> Agreement | None:
+    """The agreement, or None where its coefficient does not exist: all values are equal."""
+    return None if np.isnan(agreement.value) else agreement
 
 
 def opinion_lines(opinion: Opinion) -> list[str]:
-    """The comparison in words."""
+    """The comparison as a table and sentences for a terminal."""
     table = [("ADS", "scenario", "opinion", "raters", *INDEXES)]
     for row in opinion.rows:
         values = (row.scores[name] for name in INDEXES)
@@ -135,7 +141,7 @@ def opinion_lines(opinion: Opinion) -> list[str]:
 
 
 def opinion_json(opinion: Opinion) -> dict[str, Any]:
-    """The comparison in plain values, as the report of the run shows it."""
+    """The comparison as the content of `opinion.json` in the run's folder."""
     rhos = opinion.correlations.items()
     return {
         "rows": [row._asdict() for row in opinion.rows],
@@ -146,10 +152,10 @@ def opinion_json(opinion: Opinion) -> dict[str, Any]:
 
 
 def opinion_panels(run: Path) -> list[Panel]:
-    """A panel for each of `INDEXES`: score against mean opinion, with the raters' deviation, from
-    the run's folder.
+    """A panel for each score of `INDEXES`, from `opinion.json` in the run's folder: the score over
+    the mean rating, with the deviation of the ratings.
 
-    Raises InputError without ratings.
+    Raises InputError for a run without ratings.
     """
     if opinion_content(run) is None:
         raise InputError(
@@ -159,6 +165,7 @@ def opinion_panels(run: Path) -> list[Panel]:
     panels = []
     for name, rho in content["correlations"].items():
         rows = [row for row in content["rows"] if row["scores"][name] is not None]
+        # a file of an older version has no intervals
         ends = content.get("intervals", {}).get(name)
         within = "" if ends is None else f", {ends[0]:z.2f}..{ends[1]:z.2f}"
         marks = Marks(
@@ -175,7 +182,7 @@ def opinion_panels(run: Path) -> list[Panel]:
 
 
 def write_opinion(opinion: Opinion, run: Path, page: Path) -> None:
-    """Write the comparison into the run's folder, whose report shows it, and draw it as a page."""
+    """Write the comparison into the run's folder, whose report then shows it, and as a page."""
     (run / OPINION).write_text(json.dumps(opinion_json(opinion), indent=2) + "\n", encoding="utf-8")
     title = "People's opinion and the scores"
     write_study(
