@@ -1,4 +1,8 @@
-"""Boundary of an ADS's collisions: run it where the search asks, until the boundary is settled."""
+"""Boundary of an ADS's collisions, for `sumo-eval boundary`: drive the points that `straddle` asks
+for until the boundary is settled.
+
+`outcomes_at` also drives the points of `rates.campaign`.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +21,16 @@ from sumo_eval.record.engines import identify, run_cases
 from sumo_eval.scenario.logical import Constraint, LogicalScenario
 from sumo_eval.trajectory import FloatArray
 
-FIRST = 16  # trials of the first round, for each parameter
-ROUND = 16  # trials of the others
+FIRST = 16  # trials of the first round, times the number of parameters
+ROUND = 16  # trials of each later round
 
 
 class Round(NamedTuple):
-    """State of the search after a round of trials."""
+    """State of the search after a round of trials.
+
+    simulations, collisions: numbers so far.
+    expected_change, doubt: as in `BoundarySearch`.
+    """
 
     simulations: int
     collisions: int
@@ -33,9 +41,10 @@ class Round(NamedTuple):
 class FailureBoundary(NamedTuple):
     """Result of the search.
 
-    search: the trials that count, and their consequences.
-    not_evaluated: how many could not be evaluated, by status.
-    stopped: why the search ended.
+    search: the evaluated trials, and the boundary learnt from them.
+    rounds: the search after each round.
+    not_evaluated: number of trials that could not be evaluated, by status.
+    stopped: why the search ended: `settled`, `budget` or `no point left`.
     """
 
     logical: LogicalScenario
@@ -46,9 +55,6 @@ class FailureBoundary(NamedTuple):
     stopped: str
 
 
-Watch = Callable[[int, int], None]
-
-
 def find_boundary(
     logical: LogicalScenario,
     controller: str,
@@ -57,26 +63,27 @@ def find_boundary(
     budget: int = 500,
     tolerance: float = 0.001,
     seed: int = 1,
-    watch: Watch = lambda done, total: None,
+    watch: Callable[[int, int], None] = lambda done, total: None,
 ) -> FailureBoundary:
-    """Search the space (or a slice of it) for where an ADS collides, with at most `budget`
-    simulations.
+    """Search a space, or a slice of it (`slice_of`), for the boundary of an ADS's collisions.
 
-    It stops sooner when a round is expected to move less than `tolerance` of the space from one
-    side to the other.
-
+    controller: locator of the ADS.
+    budget: most simulations.
+    tolerance: share of the space, 0..1; the search ends once the next round is expected to move
+        less from one side of the boundary to the other.
     watch: receives the number of simulations done and the budget.
-    Raises InputError for an ADS that does not exist.
+    Raises InputError for an ADS that does not exist or that no trial could evaluate.
     """
     if not 0.0 <= tolerance < 1.0:
         raise must_be("`tolerance`", "the search", "a share of the space within 0..1", tolerance)
-    identify([("ADS", controller)], setup)
+    identify([("ADS", controller)], setup)  # raises before the first simulation
     search = BoundarySearch(logical, seed)
     rounds: list[Round] = []
-    lost: Counter[str] = Counter()
+    not_evaluated: Counter[str] = Counter()
     done, stopped = 0, "budget"
     while done < budget:
-        points = search.ask(min(ROUND if rounds else FIRST * len(logical.names), budget - done))
+        trials = ROUND if rounds else FIRST * len(logical.names)
+        points = search.ask(min(trials, budget - done))
         if not len(points):
             stopped = "no point left"
             break
@@ -84,20 +91,20 @@ def find_boundary(
             points, logical, controller, setup, first=done, ended=lambda ended: watch(ended, budget)
         )
         done += len(points)
-        lost.update(outcome.status for outcome in outcomes if outcome.status not in EVALUATED)
-        counts = np.array([outcome.status in EVALUATED for outcome in outcomes])
-        hits = np.array([outcome.status == "collision" for outcome in outcomes])
-        search.skip(points[~counts])
-        search.tell(points[counts], hits[counts])
+        statuses = np.array([outcome.status for outcome in outcomes])
+        evaluated = np.isin(statuses, EVALUATED)
+        not_evaluated.update(statuses[~evaluated].tolist())
+        search.skip(points[~evaluated])
+        search.tell(points[evaluated], statuses[evaluated] == "collision")
         rounds.append(Round(done, int(search.outcomes.sum()), search.expected_change, search.doubt))
         if rounds[-1].expected_change < tolerance:
             stopped = "settled"
             break
-    statuses = dict(sorted(lost.items()))
+    numbers = dict(sorted(not_evaluated.items()))
     if not len(search.points):
-        why = ", ".join(f"{number} {status}" for status, number in statuses.items())
+        why = ", ".join(f"{number} {status}" for status, number in numbers.items())
         raise InputError(f"None of {done} cases of ADS `{controller}` could be evaluated ({why}).")
-    return FailureBoundary(logical, controller, search, tuple(rounds), statuses, stopped)
+    return FailureBoundary(logical, controller, search, tuple(rounds), numbers, stopped)
 
 
 def outcomes_at(
@@ -109,10 +116,10 @@ def outcomes_at(
     first: int,
     ended: Callable[[int], None],
 ) -> list[Outcome]:
-    """The outcomes at points (n, k), in their order.
+    """Outcomes of an ADS at points (n, k), in their order.
 
-    first: number of the first.
-    ended: receives how many have ended.
+    first: number of the first point among all points of the search.
+    ended: called after each drive, with `first` plus the number of drives that ended.
     """
     cases = [
         Case(first + number, concrete, "ads", "ads", controller)
@@ -127,14 +134,17 @@ def outcomes_at(
 
 @dataclass(frozen=True)
 class _Filled:
-    """A function of all parameters as one of those that are left; arrays stay arrays of one
-    shape.
+    """Function of all parameters, as a function of the free ones: it fills in the fixed values.
+
+    function: values by name, floats or arrays of one shape -> a value or an array.
+    fixed: the fixed values by name.
     """
 
     function: Callable[[Mapping[str, Any]], Any]
     fixed: Mapping[str, float]
 
     def __call__(self, values: Mapping[str, Any]) -> Any:
+        # where the free values are arrays, so are the fixed ones
         shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
         held = {
             name: np.full(shape, value) if shape else value for name, value in self.fixed.items()
@@ -143,15 +153,16 @@ class _Filled:
 
 
 def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalScenario:
-    """The scenario over the parameters that are not in `fixed`.
+    """The scenario over its free parameters, those that are not in `fixed`.
 
+    fixed: values by name.
     Raises InputError for unknown names and values.
     """
     check_known(f"parameter of scenario `{logical.name}`", logical.names, *fixed)
-    items = {item.name: item for item in logical.parameters}
+    free = {item.name: item for item in logical.parameters}
     for name, value in fixed.items():
-        items.pop(name).check(value, f"the slice of scenario `{logical.name}`")
-    if not items:
+        free.pop(name).check(value, f"the slice of scenario `{logical.name}`")
+    if not free:
         raise InputError(
             f"The slice of scenario `{logical.name}` must leave at least one parameter free."
         )
@@ -168,7 +179,7 @@ def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalSce
     constraints = [Constraint(it.about, _Filled(it.holds, fixed)) for it in logical.constraints]
     return replace(
         logical,
-        parameters=tuple(items.values()),
+        parameters=tuple(free.values()),
         constraints=tuple(constraints),
         zone_coordinates=None,  # one of them may be constant on the slice
         samples=(),

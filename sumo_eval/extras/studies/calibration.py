@@ -1,9 +1,12 @@
-"""k5 and k6 from a population of ADSs, so that the middle one gets half of the points (Eq. 18)."""
+"""k5 and k6 (Eq. 18) with which the middle one of several ADSs gets half of the points.
+
+For `sumo-eval calibrate`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,11 +16,12 @@ from sumo_eval.results import Evaluation
 
 
 class Calibration(NamedTuple):
-    """k5 = 0.5 / middle C and k6 = 0.5 / middle D; None where no ADS has the index or its middle is
-    0.
+    """Eq. 18: k5 = 0.5 / middle C and k6 = 0.5 / middle D.
 
-    c, d: the ADSs' indexes, means over their scenarios, by name.
-    left_out: sentences about what is missing from them.
+    by: which ADS is the middle one: `median` or `mean`.
+    k5, k6: None where no ADS has the index, or the middle one is 0.
+    c, d: C and D by ADS, means over its scenarios.
+    left_out: a sentence for each score that these means lack.
     """
 
     by: str
@@ -29,14 +33,16 @@ class Calibration(NamedTuple):
 
 
 def calibrate(evaluations: Sequence[Evaluation], *, by: str = "median") -> Calibration:
-    """Scales from the ADSs of one run or several.
+    """Calibrate on the ADSs of one or several runs.
 
-    by: `median` or `mean`. An ADS is one name; its scenarios are averaged.
+    by: `median` or `mean`.
 
-    Raises InputError for one ADS only, or for an unknown `by`.
+    Results with the same name are one ADS, and its scenarios are averaged. Raises InputError for
+    fewer than 2 ADSs, and for another `by`.
     """
     if by not in ("median", "mean"):
         raise InputError(f"`by` of a calibration must be 'median' or 'mean', got {by!r}.")
+    # index -> ADS -> its values in all scenarios
     values: dict[str, dict[str, list[float]]] = {"c": {}, "d": {}}
     left_out = []
     scores = [score for evaluation in evaluations for score in evaluation.scores]
@@ -51,33 +57,31 @@ def calibrate(evaluations: Sequence[Evaluation], *, by: str = "median") -> Calib
     count = len({score.ads for score in scores})
     if count < 2:
         raise InputError(f"A calibration needs a population of at least 2 ADSs, got {count}.")
-    c, d = (
-        {name: float(np.mean(each)) for name, each in of_ads.items()} for of_ads in values.values()
-    )
-    centre: Literal["median", "mean"] = "median" if by == "median" else "mean"
-    return Calibration(by, _scale(c, centre), _scale(d, centre), c, d, tuple(left_out))
+    c, d = ({ads: float(np.mean(own)) for ads, own in of_ads.items()} for of_ads in values.values())
+    return Calibration(by, _scale(c, by), _scale(d, by), c, d, tuple(left_out))
 
 
-def _scale(means: Mapping[str, float], centre: Literal["median", "mean"]) -> float | None:
-    """The scale of one index; None where no ADS has it or the middle one has 0, which no scale can
-    lift.
+def _scale(means: Mapping[str, float], by: Any) -> float | None:
+    """k5 or k6 from the index of each ADS; None where no ADS has the index, or the middle one is 0.
+
+    by: `median` or `mean`.
     """
     values = list(means.values())
-    exists = values and middle(values, centre) > 0.0
-    return population_scale(values, centre=centre) if exists else None
+    exists = values and middle(values, by) > 0.0
+    return population_scale(values, centre=by) if exists else None
 
 
 def calibration_lines(calibration: Calibration) -> list[str]:
-    """The scales in words, and how to score with them."""
+    """k5 and k6 as sentences, and the command that scores with them."""
     it, by = calibration, calibration.by
-    lines, changes = list(it.left_out), []
+    lines, options = list(it.left_out), []
     for name, index, scale, values in (("k5", "C", it.k5, it.c), ("k6", "D", it.k6, it.d)):
         among = ", ".join(f"{ads} {value:z.3f}" for ads, value in values.items()) or "none"
         words = f" is not defined: the {by} {index} is 0 or there is none ({among})."
         if scale is not None:
             words = f" = {scale:z.4f}: the {by} ADS gets half of the points of {index} ({among})."
-            changes.append(f"--set method.score.{name}={scale:z.6g}")
+            options.append(f"--set method.score.{name}={scale:z.6g}")
         lines.append(name + words)
-    if changes:
-        lines.append(f"Score with them: sumo-eval score RUN {' '.join(changes)}")
+    if options:
+        lines.append(f"Score with them: sumo-eval score RUN {' '.join(options)}")
     return lines
