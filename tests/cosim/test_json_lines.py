@@ -6,6 +6,7 @@ import sys
 import time as clock
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead
@@ -73,21 +74,23 @@ def test_the_protocol_line_by_line(tmp_path):
     assert brief["vehicle"]["wheelbase"] == 2.7
     assert "scenario" not in brief
     assert [step["time"] for step in steps] == pytest.approx([0.05 * i for i in range(10)])
-    assert steps[0]["ego"]["speed"] == 20.0
-    assert steps[0]["lead"]["gap"] == pytest.approx(100.0)
-    assert (steps[0]["lead"]["x"], steps[0]["lead"]["y"], steps[0]["lead"]["kind"]) == (
+    first = steps[0]
+    ahead = first["lead"]
+    assert first["ego"]["speed"] == 20.0
+    assert ahead["gap"] == pytest.approx(100.0)
+    assert (ahead["x"], ahead["y"], ahead["kind"]) == (
         154.5,
         0.0,
         "car",
     )
-    assert set(steps[0]["neighbours"]) == {
+    assert set(first["neighbours"]) == {
         "left_ahead",
         "left_behind",
         "right_ahead",
         "right_behind",
         "behind",
     }
-    assert set(steps[0]) == {"type", "time", "ego", "lead", "second_lead", "neighbours",
+    assert set(first) == {"type", "time", "ego", "lead", "second_lead", "neighbours",
         "vehicles", "lanes",
                              "left_edge", "right_edge", "curvature"}  # fmt: skip
 
@@ -122,10 +125,11 @@ def test_a_program_that_reads_nothing_is_ended(monkeypatch):
     assert "within 0.3 s, got b'{}' without an end of line" in found.error
 
 
-def test_a_script_that_the_system_cannot_start_gets_a_sentence(tmp_path):
+def test_a_script_that_the_system_cannot_start_gets_a_sentence(tmp_path, monkeypatch):
     (tmp_path / "ads.sh").write_bytes(b"#!/bin/sh\r\n")
     (tmp_path / "ads.sh").chmod(0o755)
-    found = simulate(case(), "exec:./ads.sh", HALF_SECOND, folder=tmp_path)
+    monkeypatch.chdir(tmp_path)
+    found = simulate(case(), "exec:./ads.sh", HALF_SECOND, folder=Path())  # which drops the `./`
     assert "ends without a carriage return" in found.error
     assert (found.log, found.error_place) == ("", "")
 
