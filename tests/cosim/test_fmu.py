@@ -29,13 +29,10 @@ MAPPED = "fmu:Acc.fmu?inputs.v=ego_speed&inputs.gap=lead_gap&outputs.acceleratio
 def fmus(tmp_path_factory):
     """The folder with both examples, built."""
     folder = tmp_path_factory.mktemp("fmus")
-    for builder, kind, source in (
-        ("pythonfmu", "FmuBuilder", "acc_fmu.py"),
-        ("pythonfmu3", "FmuBuilder", "car_fmu.py"),
-    ):
+    for builder, source in (("pythonfmu", "acc_fmu.py"), ("pythonfmu3", "car_fmu.py")):
         library = pytest.importorskip(f"{builder}.builder")
         shutil.copy(EXAMPLES / source, folder)
-        getattr(library, kind).build_FMU(folder / source, dest=folder)
+        library.FmuBuilder.build_FMU(folder / source, dest=folder)
     return folder
 
 
@@ -54,9 +51,9 @@ def test_an_fmu_drives_as_the_same_formula_in_python_does(fmus, tmp_path, unit):
         for name in old.namelist():
             text = old.read(name)
             if name == "modelDescription.xml":
-                one = f'<Unit name="one"><BaseUnit factor="{unit}"/></Unit>'.encode()
-                units = b"<UnitDefinitions>" + one + b"</UnitDefinitions><LogCategories>"
-                text = text.replace(b"<LogCategories>", units)
+                units = f'<UnitDefinitions><Unit name="one"><BaseUnit factor="{unit}"/></Unit>'
+                units += "</UnitDefinitions><LogCategories>"
+                text = text.replace(b"<LogCategories>", units.encode())
                 text = text.replace(b"<Real", b'<Real unit="one"')
             new.writestr(name, text)
     settings = SimulationSettings(time_limit=10.0)
@@ -95,11 +92,20 @@ def test_an_fmi_3_car_is_the_egos_vehicle_model(fmus):
     assert turning.ego.heading[-1] == pytest.approx(40.0 * math.tan(0.3 / 16.0) / 2.7)
 
 
-def test_a_vehicle_model_that_does_not_start_at_the_cases_speed_is_a_sim_error(fmus):
+@pytest.mark.parametrize(
+    ("heading", "speed", "words"),
+    [
+        (0.0, 0.0, "must start at 20 m/s, got 0; map a parameter of it to `speed`"),
+        (math.inf, 20.0, "FMU `Car.fmu` must give finite numbers, got {'x': 0.0, 'y': 0.0, 'h"),
+    ],
+)
+def test_a_wrong_start_of_a_vehicle_model_is_a_sim_error(fmus, monkeypatch, heading, speed, words):
+    values = iter((0.0, 0.0, heading, speed))
+    monkeypatch.setattr("fmpy.fmi3.FMU3Slave.getFloat64", lambda *_: [next(values)])
     settings = replace(HALF_SECOND, plant=PlantSettings(file="Car.fmu"))
     found = simulate(case(), lambda *_: Command(0.0), settings, folder=fmus)
     assert found.end_reason == "sim_error"
-    assert "must start at 20 m/s, got 0; map a parameter of it to `speed`" in found.error
+    assert words in found.error
 
 
 def test_a_vehicle_model_starts_in_the_direction_of_the_case(fmus):
@@ -113,7 +119,6 @@ def test_a_vehicle_model_starts_in_the_direction_of_the_case(fmus):
 
 @pytest.mark.parametrize("call", ["exitInitializationMode", "getReal", "setReal", "doStep"])
 def test_nothing_is_asked_of_an_fmu_after_fatal(fmus, monkeypatch, call):
-    fmi2 = pytest.importorskip("fmpy.fmi2")
     fatal, calls = RuntimeError("fatal"), []
     fatal.status = 4
 
@@ -121,9 +126,10 @@ def test_nothing_is_asked_of_an_fmu_after_fatal(fmus, monkeypatch, call):
         calls.append("fatal")
         raise fatal
 
-    monkeypatch.setattr(fmi2.FMU2Slave, call, fail)
+    monkeypatch.setattr(f"fmpy.fmi2.FMU2Slave.{call}", fail)
     for later in ("terminate", "freeInstance"):
-        monkeypatch.setattr(fmi2.FMU2Slave, later, lambda self, later=later: calls.append(later))
+        name = f"fmpy.fmi2.FMU2Slave.{later}"
+        monkeypatch.setattr(name, lambda self, later=later: calls.append(later))
     found = simulate(case(lead(50.0)), MAPPED, HALF_SECOND, folder=fmus)
     assert found.end_reason == "ads_error"
     assert calls == ["fatal"]
@@ -149,15 +155,13 @@ def test_that_sumo_moves_an_ego_that_has_a_vehicle_model_of_its_own_is_on_record
             f"{MAPPED}&outputs.steer=a_cmd",
             "`steer` in the mapping of FMU `Acc.fmu`. Did you mean `steering`?",
         ),
-        (
-            "fmu:Acc.fmu?inputs.v=ego_sped&inputs.gap=lead_gap",
-            "`ego_sped`. Did you mean `ego_speed`?",
-        ),
+        ("fmu:Acc.fmu?inputs.v=ego_sped", "`ego_sped`. Did you mean `ego_speed`?"),
         (
             "fmu:Acc.fmu?inputs.v=ego_speed&inputs.gap=lead_gap",
             "no output `acceleration`; `outputs` must map it",
         ),
         (f"{MAPPED}&parameters.tau=1", "`tau`"),
+        (f"{MAPPED}&parameters.headway=objects_gap", "must be an array to be given `objects_gap`"),
         (f"{MAPPED}&parameters.headway=ego_sped", "`ego_sped`. Did you mean `ego_speed`?"),
         (f"{MAPPED}&input.v=x", "must be inputs.NAME, outputs.NAME or parameters.NAME"),
     ],

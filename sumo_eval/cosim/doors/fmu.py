@@ -88,11 +88,11 @@ which plan it is."""
 Wired = tuple[Any, str | float]
 """A variable of the FMU, and the name of its signal or its constant (a text variable has only
 constants)."""
-Signals = Mapping[str, float | Sequence[float]]
+Signals = Mapping[str, float | list[float]]
 
 
 class _Fmu:
-    """One FMU file and how it is wired; `begin` makes a fresh instance of it.
+    """One FMU file and how it is wired; `load` makes a fresh instance of it.
 
     signals: names of the signals that its inputs may take.
     needed, optional: names of outputs of one number that it must and may have.
@@ -134,7 +134,7 @@ class _Fmu:
         self._factors: dict[Any, float] = {
             unit.name: unit.baseUnit.factor
             for unit in self.description.unitDefinitions
-            if unit.baseUnit is not None
+            if unit.baseUnit
         }
         self._variables = {variable.name: variable for variable in self.description.modelVariables}
         self._inputs = self._wire_inputs(wiring, signals)
@@ -143,8 +143,9 @@ class _Fmu:
         self._parameters = [
             (self._variable(name, "parameters"), value) for name, value in wiring.parameters.items()
         ]
-        named = [str(value) for it, value in self._parameters if _is_signal(it, value)]
-        check_known(f"signal for FMU `{path.name}`", signals, *named)
+        for variable, value in self._parameters:
+            if _is_signal(variable, value):
+                self._check_signal(variable, value, signals)
         self._instance: Any = None
         self.initialized = False
 
@@ -175,6 +176,7 @@ class _Fmu:
         inputs = [name for name, it in self._variables.items() if it.causality == "input"]
         given = {**{name: name for name in inputs if name in signals}, **wiring.inputs}
         given.pop("*", None)
+        wired = [self._wired(name, signal, signals) for name, signal in given.items()]
         for name in inputs:
             if name not in given and rest is None:
                 raise InputError(
@@ -183,7 +185,6 @@ class _Fmu:
                     f"(`inputs.*={AS_IT_STARTS}`: of all that are "
                     f"left).{did_you_mean(name, signals)}"
                 )
-        wired = [self._wired(name, signal, signals) for name, signal in given.items()]
         return [it for it in wired if it is not None]
 
     def _wired(self, name: str, given: str | float, signals: Sequence[str]) -> Wired | None:
@@ -199,14 +200,21 @@ class _Fmu:
             if not math.isfinite(signal):
                 raise must_be(f"`{name}`", owner, "finite", signal)
             return variable, signal
-        if _count(variable) is None and signal in OBJECTS:
-            raise must_be(f"`{name}`", owner, f"an array to be given `{signal}`", "one number")
         if _count(variable) is not None and signal not in OBJECTS:
             raise must_be(
                 f"`{name}`", owner, f"given one of {', '.join(OBJECTS)}, as it is an array", signal
             )
-        check_known(f"signal for {owner}", signals, signal)
+        self._check_signal(variable, signal, signals)
         return variable, signal
+
+    def _check_signal(self, variable: Any, signal: Any, signals: Sequence[str]) -> None:
+        """Refuse an unknown signal, and for one number that of each vehicle."""
+        owner = f"FMU `{self.path.name}`"
+        check_known(f"signal for {owner}", signals, signal)
+        if _count(variable) is None and signal in OBJECTS:
+            raise must_be(
+                f"`{variable.name}`", owner, f"an array to be given `{signal}`", "one number"
+            )
 
     def _wire_outputs(
         self,
@@ -310,11 +318,14 @@ class _Fmu:
         return self.read()
 
     def read(self) -> dict[str, float]:
-        """The outputs as they are."""
-        return {
+        """The outputs, all of them finite."""
+        outputs = {
             what: float(self._values([variable])[place]) * self._factor(variable)
             for what, (variable, place) in self._outputs.items()
         }
+        if not all(map(math.isfinite, outputs.values())):
+            raise ControllerError(f"FMU `{self.path.name}` must give finite numbers, got {outputs}")
+        return outputs
 
     def read_lists(self) -> dict[str, list[float]]:
         """The outputs that are many numbers."""
@@ -364,14 +375,12 @@ class _Fmu:
                 self._set(variable, signal)
 
     def _set(self, variable: Any, value: Any, factor: float = 1.0) -> None:
-        """Set a value, or one of each vehicle; `factor`: from the variable's unit to its own."""
+        """Set a value, or one of each vehicle; `factor`: of `_factor`, for a value in SI units."""
         count = _count(variable)
-        values: list[Any]
-        if isinstance(value, str | bytes) or not isinstance(value, Sequence):
-            values = [value] * (1 if count is None else count)
-        else:  # of each vehicle: as many as the FMU holds, the rest of its places empty
+        values = [value] * (1 if count is None else count)
+        if isinstance(value, list):  # as many as the FMU holds, the rest of its places empty
             padding = value[-1]  # of an empty place, see `_objects`
-            values = [*value[:count], *([padding] * ((count or 1) - len(value)))]
+            values = [*value[: len(values)], *([padding] * (len(values) - len(value)))]
         plain = [self._plain(variable, it if factor == 1.0 else it / factor) for it in values]
         getattr(self._instance, f"set{self._kind(variable)}")([variable.valueReference], plain)
 
@@ -545,10 +554,6 @@ class FmuPlant:
         except ControllerError as error:
             raise SimulationError(f"The vehicle model: {error}.") from error
         self._time += step
-        if not all(math.isfinite(value) for value in found.values()):
-            raise SimulationError(
-                f"The vehicle model {self._fmu.path.name} must give finite numbers, got {found}."
-            )
         offset, turn = self._offset
         place = _turned(found, turn) + offset
         return EgoState(

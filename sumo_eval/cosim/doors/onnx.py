@@ -126,10 +126,10 @@ def from_locator(text: str, folder: Path | None) -> PolicyController:
     file, _, query = text.partition("?")
     options = read_query(query, f"ADS `onnx:{text}`", "features=FILE&output=NAME")
     check_known(f"option of ADS `onnx:{text}`", ("features", "output"), *options)
-    model = (folder or Path.cwd()) / file
+    folder = folder or Path.cwd()
     # beside the model, unless it is named
-    table = (folder or Path.cwd()) / options.get("features", Path(file).with_suffix(".toml"))
-    policy = OnnxPolicy(model, table, options.get("output"))
+    table = folder / options.get("features", Path(file).with_suffix(".toml"))
+    policy = OnnxPolicy(folder / file, table, options.get("output"))
     # over arrays, as `batch` says
     return PolicyController(policy.act, policy)  # type: ignore[arg-type]
 

@@ -117,8 +117,9 @@ class Episodes:
         self._pack: Pack | None = None
         self._start_speeds = np.zeros(count)
         self._limit, self._answered = max_episode_steps, np.zeros(count, dtype=int)
-        period = self.interface.period or 0.0
-        self._steps = steps_between(period, self.settings.step, "the interface")
+        self._steps = steps_between(
+            self.interface.period or 0.0, self.settings.step, "the interface"
+        )
 
     def begin(
         self,
