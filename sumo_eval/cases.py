@@ -1,7 +1,7 @@
-"""Cases: a record for each, and tables of many that keep every column by itself and read it where
-it is asked for.
+"""Results of cases: `CaseResult` is the record of one case, `CaseTable` a table of many.
 
-A million records in memory are some gigabytes; as columns on disk they are a twentieth.
+`scoring/` makes both, `report/` and `nightly/` read them. A table loads a column when it is first
+used: a million records in memory are some gigabytes, their columns on disk a twentieth of that.
 """
 
 from __future__ import annotations
@@ -27,22 +27,28 @@ Zone = Literal["safe", "hazardous"]
 Column = NDArray[Any]
 IntArray = NDArray[np.intp]
 
-# a text, because words are made in a room that builds on this one
-_CASE = "sumo_eval.report.notebook:case_html"
+# loaded by name: `report/` imports this file, so this file cannot import `report/`
+_CASE_HTML = "sumo_eval.report.notebook:case_html"
 
 EVALUATED = ("ok", "collision", "off_road")
-"""Statuses of cases whose outcome counts; all others could not be evaluated."""
+"""Statuses of cases that were evaluated, i.e. whose outcome counts in all scores."""
 OUTCOMES = ("no contact", "collision", "off road", "not evaluated")
 """Outcomes of a case, in the order in which the report shows them."""
 GAVE_UP = ("ads_error", "ads_timeout", "timeout", "crashed", "rejected")
-"""Statuses of cases that their ADS gave up: they count in T, A, A', H and S+ all the same."""
+"""Statuses of cases that failed because of their ADS: it "gave up".
+
+They were not evaluated, but count in T, A, A', H and S+. The one status that is in neither list,
+`sim_error`, is a fault of the simulation and counts nowhere.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class ThinReference:
-    """A concrete scenario with fewer recorded drivers than an evaluation asks for.
+    """Note on a case with fewer recorded drivers than the evaluation requires.
 
-    filled: synthetic drivers who make up for them; None: the case is left out of D instead.
+    recorded: number of recorded drivers.
+    least: number that is required.
+    filled: number of synthetic drivers that were added; None: the case is left out of D instead.
     """
 
     recorded: int
@@ -50,38 +56,34 @@ class ThinReference:
     filled: int | None
 
 
-def _rule(of: Callable[[Any], Any]) -> Any:
-    """A rule on fields as a property: a plain value of a record, an array (n,) of a table."""
+def _rule(compute: Callable[[Any], Any]) -> Any:
+    """Make a property of a method that computes an outcome from the fields of cases.
+
+    Its value is plain (bool, float or str) of a record, an array (n,) of a table.
+    """
 
     def value(cases: Any) -> Any:
-        found = of(cases)
-        return (
-            found.item()
-            if isinstance(cases, CaseResult) and isinstance(found, np.ndarray | np.generic)
-            else found
-        )
+        values = compute(cases)
+        return np.asarray(values).item() if isinstance(cases, CaseResult) else values
 
-    return property(value, doc=of.__doc__)
+    return property(value, doc=compute.__doc__)
 
 
 def _number(values: Any) -> FloatArray:
+    """A field of a record, or a column, as floats with nan for None."""
     return np.asarray(values, dtype=np.float64)
 
 
 def _among(status: Any, statuses: Sequence[str]) -> Any:
+    """Whether the status of a record, or each of a column, is one of `statuses`."""
     return np.isin(status, statuses) if isinstance(status, np.ndarray) else status in statuses
 
 
-def _known(value: Any) -> Any:
-    return np.isfinite(value) if isinstance(value, np.ndarray) else value is not None
-
-
-def _known_contact(severity: Any) -> Any:
-    return np.nan_to_num(severity) != 0.0 if isinstance(severity, np.ndarray) else bool(severity)
-
-
 class Outcome:
-    """Rules on what became of cases: of one record, or of all rows of a table."""
+    """Properties of one case (`CaseResult`) and of all rows of a table (`CaseTable`).
+
+    "It" is the case.
+    """
 
     __slots__ = ()
 
@@ -92,48 +94,52 @@ class Outcome:
 
     @_rule
     def evaluated(self: Any) -> Any:
-        """Whether it has an outcome that counts."""
+        """Whether it was evaluated: its status is in `EVALUATED`."""
         return _among(self.status, EVALUATED)
 
     @_rule
     def gave_up(self: Any) -> Any:
-        """Whether the ADS gave it up."""
+        """Whether its ADS gave up: its status is in `GAVE_UP`."""
         return _among(self.status, GAVE_UP)
 
     @_rule
     def counted(self: Any) -> Any:
-        """Whether it counts in T, A, H and S+: one given up does."""
+        """Whether it counts in T, A, H and S+."""
         return self.evaluated | self.gave_up
 
     @_rule
     def missing(self: Any) -> Any:
-        """Whether its outcome, Ug or U0 is not known."""
+        """Whether it was not evaluated, or its Ug or U0 is not known."""
+        # a sum is nan where one of its terms is
         references = _number(self.ideal_severity) + _number(self.no_reaction_severity)
         return np.logical_not(self.evaluated) | np.isnan(references)
 
     @_rule
     def off_road(self: Any) -> Any:
-        """Whether its centre left the road, whatever the margin."""
+        """Whether its drive ended because the ego's centre left the road."""
         return self.status == "off_road"
 
     @_rule
     def departed(self: Any) -> Any:
-        """Whether it left the road."""
-        return _known(self.departure_time)
+        """Whether a corner of the ego was more than `road_margin` off the road at some time."""
+        return np.isfinite(_number(self.departure_time))
 
     @_rule
     def incident(self: Any) -> Any:
-        """Whether it holds a contact, a departure or a giving up."""
+        """Whether it has an incident: a collision, a departure, or its ADS gave up."""
         return self.collided | self.departed | self.gave_up
 
     @_rule
     def incident_severity(self: Any) -> Any:
-        """U of the worst of its incidents, 0 without one; nan where the harness failed, or giving
-        up has no U0.
+        """U of its worst incident, 0 without an incident; U of giving up is U0.
+
+        nan: it does not count (`counted`), or the ADS gave up and U0 is not known.
         """
-        hit = np.where(self.collided, _number(self.severity), 0.0)
-        worst = np.fmax(hit, np.nan_to_num(_number(self.departure_severity)))
-        worst = np.where(self.gave_up, np.maximum(worst, _number(self.no_reaction_severity)), worst)
+        collision = np.where(self.collided, _number(self.severity), 0.0)
+        departure = np.nan_to_num(_number(self.departure_severity))
+        worst = np.fmax(collision, departure)  # fmax: a nan gives way to a number
+        given_up = np.maximum(worst, _number(self.no_reaction_severity))  # maximum: nan stays nan
+        worst = np.where(self.gave_up, given_up, worst)
         return np.where(self.counted, worst, np.nan)
 
     @_rule
@@ -143,100 +149,118 @@ class Outcome:
 
     @_rule
     def unavoidable(self: Any) -> Any:
-        """Whether it is a collision that the ideal vehicle has as well."""
-        return self.collided & _known_contact(self.ideal_severity)
+        """Whether it is a collision, and the ideal vehicle collides too."""
+        return self.collided & (_number(self.ideal_severity) > 0.0)
 
     @_rule
     def caused(self: Any) -> Any:
-        """Whether it is a collision that neither the ideal vehicle nor doing nothing has."""
+        """Whether it is a collision that the ideal vehicle avoids, and `no_reaction` too."""
         return self.avoidable & (self.no_reaction_severity == 0.0)
 
     @_rule
     def outcome(self: Any) -> Any:
-        """Which of `OUTCOMES` it had."""
-        gone = self.departed | self.off_road
-        flags = [self.collided, np.logical_not(self.evaluated), gone]
+        """The first of `collision`, `not evaluated` and `off road` that applies, else
+        `no contact`.
+        """
+        left_the_road = self.departed | self.off_road
+        flags = [self.collided, np.logical_not(self.evaluated), left_the_road]
         return np.select(flags, ("collision", "not evaluated", "off road"), OUTCOMES[0])
 
     @_rule
     def kind(self: Any) -> Any:
-        """Of a collision: caused, avoidable or unavoidable; "not known" of one without the ideal
-        vehicle's outcome.
+        """The first of `caused`, `avoidable` and `unavoidable` that applies to a collision, else
+        `not known`: the ideal vehicle's drive could not be evaluated.
         """
         kinds = ("caused", "avoidable", "unavoidable")
         return np.select([getattr(self, name) for name in kinds], kinds, "not known")
 
     @_rule
     def voids_index(self: Any) -> Any:
-        """Whether it is a collision after which there is no D: in the safe zone, unless the ideal
-        vehicle has it too.
+        """Whether it is a collision because of which its ADS has no D in the scenario.
 
-        One whose ideal vehicle could not be evaluated is.
+        That is one in the safe zone, except where the ideal vehicle is known to collide too.
         """
-        return self.safe & self.collided & np.logical_not(_known_contact(self.ideal_severity))
+        return self.safe & self.collided & np.logical_not(self.unavoidable)
 
     @_rule
     def counts_for_index(self: Any) -> Any:
-        """Whether it may have a D_i that counts: in the safe zone and without a collision."""
+        """Whether its D_i, if it has one, counts in D: in the safe zone, and no contact."""
         return self.safe & np.logical_not(self.collided | self.struck_from_behind)
 
 
 @dataclass(frozen=True, slots=True)
 class CaseResult(Outcome):
-    """One concrete scenario driven by one ADS. None: does not apply, or could not be evaluated (see
-    `status`).
+    """Result of one case: one ADS at one point. None: does not apply, or could not be evaluated.
 
-    severity U and loss L belong to collisions, Eqs. 14-15. ideal_severity Ug and
-    no_reaction_severity U0: those of the ideal vehicle and of `no_reaction` in the same concrete
-    scenario, 0 where they avoid, None where their drive could not be evaluated, and ideal_error,
-    no_reaction_error: why not.
+    Identity
+    case: its key, `scenario-point-ads`.
+    values: the point, by name of parameter.
+    exposure: p_i, how often the point occurs.
 
-    ideal_collided: whether the former hit something.
-    weight: r of Eq. 16, of every case.
+    End of the drive
+    status: one of `EVALUATED` or `GAVE_UP`, or `sim_error`.
+    end_reason, error: see `Recording`.
+    error_place: file, line and function of the user's code that raised `error`.
+    clips: what was limited and how often, `name x3; ...`.
+    batched: of an ADS that asks SUMO and shared a simulation with other cases: "batched", or
+        "compared" if the case alone gave the same.
+    requirements_missed: names of the requirements that do not hold; "": all hold; None: there are
+        none.
 
-    departure_time s, departure_speed m/s: when a corner of the body was first more than
-    `road_margin` off the road, and departure_severity: U of a contact beside the road at that
-    speed; None where it stayed on the road.
-
-    task_share: t_i, at safe points part of T; None without a reference. no_reaction_severity
-        likewise counts departures, ideal_severity contacts alone.
-
-    latency_median and latency_p99: of a step of the ADS, s.
-
+    wall_time, simulated_time: s.
+    latency_mean, latency_max, latency_median, latency_p99: of a step of the ADS, s.
     latency_reference: median of a fixed piece of work, timed between the steps in the same process,
-        s;
-    latency_relative: latency_median over it.
+        s.
+    latency_relative: latency_median over latency_reference.
 
-    index (in tables also `d_i`): D_i and its factors, of safe-zone cases without a collision, Eqs.
-        11-12. Beside it the
-    terms of H: operation_tolerance f_n+, mixture_similarity, plausibility (of every evaluated case)
-    and human_likeness, which is 0 for a safe case with a collision that the ideal vehicle avoids.
+    Contact
+    collided: whether the ego had a contact, except with `struck_from_behind`.
+    struck_from_behind: a vehicle that reacts ran into the ego's rear and is at fault. Its
+        task_share is 0 all the same: any contact ends the drive.
+    impact_speed m/s, overlap 0..1, side: as in `Collision`.
+    severity: U of a collision, Eq. 15, m/s, or its replacement.
+    loss: L of a collision, Eq. 14.
+    contact_cause: see `cause_of_contact`.
+    no_return_time: last moment at which full braking avoids the contact, s; None: it never does.
+    braking_time: when the ADS first braked, s.
 
-    min_ttc s, max_ittc 1/s, min_thw s, min_gap m, max_drac m/s2, pet s, max_deceleration m/s2,
-    max_jerk m/s3 and delta_v m/s as in `sumo_eval.method.measures`; None where a measure is not
-    defined or has no bound. largest_offset m, overshoot m, over_line_time s and settling_time s:
-    how the lane was kept. conflict_pet s: PET of the drive where an actor's way conflicts with the
-    ego's; undisturbed_pet s and time_to_conflict s: PET of both, and how long until the ego is at
-    the conflict area, if neither reacts.
+    Departure from the road; None: the ego stayed on it
+    departure_time, departure_speed: when a corner of the ego was first more than `road_margin` off
+        the road, s, and its speed then, m/s.
+    departure_severity: U of a contact beside the road at that speed.
 
-    struck_from_behind: a vehicle that reacts ran into the ego's rear and is at fault; such a case
-        is not `collided`. Its task_share is 0: any contact ends the drive,
-        whichever vehicle is at fault.
+    References at the same point
+    ideal_severity: Ug, U of the ideal vehicle's contact, 0 without one; None: not evaluated.
+    no_reaction_severity: U0, the same of `no_reaction`, of its contact or departure.
+    ideal_error, no_reaction_error: why that drive could not be evaluated.
+    ideal_collided: whether the ideal vehicle had a contact.
+    beats_ideal: whether severity is less than ideal_severity.
+    weight: r of Eq. 16, of every case.
+    task_share: t_i, share of the route driven in time; None without a reference.
 
-    Safe-zone cases: drivers that D_i is computed from, recorded people among them;
-
-    reference_note: where they are too few;
-    human_low, human_mean, human_high: what these drivers score when each is left out once;
-    bimodal: whether they fall into two groups somewhere; manoeuvre of the ADS and the share of
-        drivers who made it (mixture mode).
+    Likeness to human drivers, of cases in the safe zone
+    index: D_i, Eqs. 11-12, called `d_i` in cases.csv; None with a contact.
+    length_factor, operation_factor, similarity: factors of D_i.
+    index_note: why D_i is missing, or remarks on it.
+    drivers, recorded_drivers: number of drivers that D_i is computed from, and of recorded ones
+        among them.
+    reference_note: set where these are too few.
+    human_low, human_mean, human_high: least, mean and largest D_i of these drivers, each compared
+        with all other ones.
+    bimodal: whether they form two groups somewhere.
+    manoeuvre, manoeuvre_share: of the ADS, and share of drivers who made it (mixture mode).
     exposure_note: whether the point lies outside the support of recorded events.
-    error_place: file, line and function of the user's code that the exception in `error` came from.
-    no_return_time s: of a contact, the last moment at which full braking avoids it, None where none
-        does, braking_time s: when the ADS first braked, and contact_cause: see `cause_of_contact`.
-    batched: of an ADS that asks SUMO and shared it with other cases: "batched", or "compared" with
-        the case alone, and equal.
-    requirements_missed: names of the requirements of the scenario that do not hold in the drive, ""
-        where all do, None where nothing is required or nothing was evaluated.
+    operation_tolerance, mixture_similarity, plausibility: f_n+ and the other terms of H;
+        plausibility is of every evaluated case.
+    human_likeness: H_i, their product; 0 with an incident that the ideal vehicle avoids.
+
+    Measures, see `sumo_eval.method.measures`; None: not defined, or without a bound
+    min_ttc s, max_ittc 1/s, min_thw s, min_gap m, max_drac m/s2, pet s, max_deceleration m/s2,
+    max_jerk m/s3, delta_v m/s.
+    largest_offset m, overshoot m, over_line_time s, settling_time s: how the lane was kept.
+    conflict_pet: PET where an actor's path conflicts with the ego's, s.
+    undisturbed_pet: the same if neither of them reacts, s.
+    time_to_conflict: time until the ego reaches the conflict area if neither reacts, s.
     """
 
     case: str
@@ -319,30 +343,36 @@ class CaseResult(Outcome):
 
     def _repr_html_(self) -> str:
         """The table for a notebook."""
-        shown: str = load_object(_CASE, None, "Case")(self)
+        shown: str = load_object(_CASE_HTML, None, "Case")(self)
         return shown
 
 
 # --- tables ---------------------------------------------------------------------------------------
 
-_RECORDS: Final = {one.__name__: one for one in (ThinReference, IndexNote)}
+_RECORDS: Final = {record.__name__: record for record in (ThinReference, IndexNote)}
 _TYPES: Final = {item.name: str(item.type) for item in fields(CaseResult)}
+"""Fields of a row and their annotations, as text."""
 _PLACES: Final = {name: place for place, name in enumerate(_TYPES)}
+"""Fields and their places among the columns; behind the fields each parameter has a column.
+
+The column of `values` holds the names of the parameters.
+"""
 COLUMNS: Final = len(_PLACES) + 100
-"""Columns that rows may have: their fields, and behind them a parameter each."""
+"""Most columns of a row: all fields, and room for 100 parameters."""
 NUMBERS: Final = tuple(
     name for name, kind in _TYPES.items() if kind.startswith(("float", "bool", "int"))
 )
 """Fields that hold numbers or truth values."""
 _TEXT: Final = np.dtypes.StringDType()
-_HELD = 32  # chunks whose records are in memory at a time
+_CACHED_CHUNKS = 32  # chunks whose records stay in memory
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chunk:
-    """Rows of one ADS in one scenario that are kept together.
+    """Consecutive rows of a table: of one ADS in one scenario, parameters of the same names.
 
-    columns: the bytes of columns, by their places.
+    rows: their number.
+    columns: function that reads columns, as `encode_rows` made them, from a slice of their places.
     """
 
     scenario: str
@@ -352,7 +382,7 @@ class Chunk:
 
 
 def encode_rows(rows: Sequence[CaseResult]) -> list[bytes]:
-    """The columns of rows whose parameters have the same names, each deflated by itself."""
+    """The columns of rows whose parameters have the same names, each compressed alone."""
     names = list(rows[0].values)
     columns = [
         _encoded(name, [getattr(row, name) for row in rows]) for name in _TYPES if name != "values"
@@ -362,18 +392,25 @@ def encode_rows(rows: Sequence[CaseResult]) -> list[bytes]:
 
 
 def _is_real(name: str) -> bool:
-    """Whether a column holds real numbers; without a name it is a parameter's."""
+    """Whether a column holds real numbers.
+
+    name: of the field; "", here and below, for a parameter.
+    """
     return not name or _TYPES[name].startswith("float")
 
 
 def _encoded(name: str, values: Sequence[Any]) -> bytes:
-    """Real numbers as their bits, byte by byte; anything else as what occurs, and which of it each
-    row has.
+    """A column as compressed bytes.
+
+    Real numbers: the first of their 8 bytes of all rows, then the second of all rows and so on,
+    which compresses better than row by row.
+    Anything else: for each row the place of its value in the list of distinct values, 4 bytes,
+    then that list.
     """
     if _is_real(name):
         numbers = _with_nan(values)
         return zlib.compress(numbers.view(np.uint8).reshape(-1, 8).T.tobytes(), 1)
-    places: dict[Any, int] = {}
+    places: dict[Any, int] = {}  # of the distinct values, in the order of their first row
     which = [places.setdefault(value, len(places)) for value in values]
     return zlib.compress(np.array(which, dtype="<u4").tobytes() + encoded(list(places)), 1)
 
@@ -384,23 +421,23 @@ def _with_nan(values: Sequence[float | None]) -> FloatArray:
 
 
 def _real(data: bytes, rows: int) -> FloatArray:
-    planes = np.frombuffer(zlib.decompress(data), dtype=np.uint8).reshape(8, rows)
-    return np.ascontiguousarray(planes.T).view("<f8").reshape(rows)
+    """Real numbers (n,) of a column that `_encoded` made."""
+    bytes_of_rows = np.frombuffer(zlib.decompress(data), dtype=np.uint8).reshape(8, rows)
+    return np.ascontiguousarray(bytes_of_rows.T).view("<f8").reshape(rows)
 
 
 def _listed(data: bytes, rows: int) -> tuple[tuple[Any, ...], IntArray]:
-    """Distinct values of a column, and which of them each row has, (n,)."""
+    """Distinct values of a column that `_encoded` made, and the place of each row's value among
+    them, (n,).
+    """
     body = zlib.decompress(data)
-    return decoded(body[4 * rows :], _RECORDS), np.frombuffer(body[: 4 * rows], dtype="<u4").astype(
-        np.intp
-    )
+    which = np.frombuffer(body[: 4 * rows], dtype="<u4")
+    return decoded(body[4 * rows :], _RECORDS), which.astype(np.intp)
 
 
 @lru_cache(256)
 def _array_of(chunk: Chunk, name: str, place: int) -> Column:
-    """A column of a chunk, by its name and its place; those that were asked for last wait in some
-    megabytes.
-    """
+    """The column of a chunk at a place, as an array; the last 256 stay in memory."""
     return _array(name, chunk.columns(slice(place, place + 1))[0], chunk.rows)
 
 
@@ -418,32 +455,34 @@ def _array(name: str, data: bytes, rows: int) -> Column:
         return _with_nan(values)[which]
     if kind.startswith(("str", "Zone", "Literal")):
         return np.array([value or "" for value in values], dtype=_TEXT)[which]
-    found = np.empty(len(values), dtype=object)
-    found[:] = values
-    return found[which]
+    # filled afterwards: `np.array` would make a table of values that are tuples
+    objects = np.empty(len(values), dtype=object)
+    objects[:] = values
+    return objects[which]
 
 
 def _plain(name: str, data: bytes, rows: int) -> list[Any]:
-    """A column as the values of records."""
+    """A column as the values of records, with None for nan."""
     if _is_real(name):
         numbers = _real(data, rows)
-        found: list[Any] = numbers.tolist()
-        for place in np.flatnonzero(np.isnan(numbers)).tolist():
-            found[place] = None
-        return found
+        plain: list[Any] = numbers.tolist()
+        for row in np.flatnonzero(np.isnan(numbers)).tolist():
+            plain[row] = None
+        return plain
     values, which = _listed(data, rows)
     return [values[place] for place in which.tolist()]
 
 
-@lru_cache(_HELD)
+@lru_cache(_CACHED_CHUNKS)
 def records_of(chunk: Chunk) -> list[CaseResult]:
     """The records of a chunk."""
-    data = chunk.columns(slice(COLUMNS))  # at once: a query for each took a fifth longer
+    data = chunk.columns(slice(COLUMNS))  # all in one query, which is faster than one for each
     names: list[str] = json.loads(data[_PLACES["values"]])
-    parameters = [_plain("", one, chunk.rows) for one in data[len(_PLACES) :]]
-    values = [dict(zip(names, point, strict=True)) for point in zip(*parameters, strict=True)]
+    parameters = [_plain("", column, chunk.rows) for column in data[len(_PLACES) :]]
+    points = [dict(zip(names, point, strict=True)) for point in zip(*parameters, strict=True)]
+    points = points or [{} for _ in range(chunk.rows)]  # a scenario without parameters
     columns = (
-        (values or [{}] * chunk.rows) if name == "values" else _plain(name, data[place], chunk.rows)
+        points if name == "values" else _plain(name, data[place], chunk.rows)
         for name, place in _PLACES.items()
     )
     return [CaseResult(*row) for row in zip(*columns, strict=True)]
@@ -452,32 +491,36 @@ def records_of(chunk: Chunk) -> list[CaseResult]:
 class CaseTable(Outcome):
     """Rows of cases. A field of `CaseResult` is a column, an array (n,): nan and "" stand for None.
 
-    rows: which of the chunks' rows these are; None: all.
-    key: what a kept scoring depends on.
+    chunks: where the rows are stored, in order.
+    rows: numbers of the rows of all chunks that this table has, (n,); None: it has all.
+    key: hash under which the run's cache holds this scoring; None: it does not.
     """
 
     def __init__(
         self, chunks: Iterable[Chunk], rows: IntArray | None = None, key: bytes | None = None
     ) -> None:
         self.chunks, self.rows, self.key = tuple(chunks), rows, key
-        self._ends = list(accumulate(chunk.rows for chunk in self.chunks))
+        # number of the first row of each chunk; at the end, of all rows
+        self._starts = list(accumulate((chunk.rows for chunk in self.chunks), initial=0))
 
     @classmethod
     def of(cls, rows: Iterable[CaseResult] | CaseTable) -> CaseTable:
-        """A table of these records, in their order; of a table that has all rows of its chunks
-        itself.
+        """Make a table of records, in their order.
+
+        A table that has all rows of its chunks is returned as it is.
         """
         if isinstance(rows, CaseTable) and rows.rows is None:
             return rows
-        alike = groupby(rows, key=lambda row: (row.scenario, row.ads, *row.values))
-        return cls(
-            Chunk(row[0], row[1], len(some), encode_rows(some).__getitem__)
-            for row, some in ((row, list(group)) for row, group in alike)
-        )
+        chunks = []
+        for kind, group in groupby(rows, key=lambda row: (row.scenario, row.ads, *row.values)):
+            alike = list(group)
+            chunks.append(Chunk(kind[0], kind[1], len(alike), encode_rows(alike).__getitem__))
+        return cls(chunks)
 
     def part(self, scenario: str, ads: str | None = None) -> CaseTable:
-        """The rows in one scenario, of one ADS or of all, of a table that has all rows of its
-        chunks.
+        """The rows in one scenario, of one ADS or (None) of all.
+
+        Only of a table that has all rows of its chunks.
         """
         return CaseTable(
             one for one in self.chunks if one.scenario == scenario and ads in (None, one.ads)
@@ -485,24 +528,23 @@ class CaseTable(Outcome):
 
     def parameters(self, names: Sequence[str]) -> FloatArray:
         """Points of the cases, (n, k): the parameters of these names."""
-        found, first = np.empty((sum(chunk.rows for chunk in self.chunks), len(names))), 0
-        for chunk in self.chunks:
+        points = np.empty((self._starts[-1], len(names)))
+        for first, chunk in zip(self._starts, self.chunks, strict=False):
             known = json.loads(chunk.columns(slice(_PLACES["values"], _PLACES["values"] + 1))[0])
-            for place, name in enumerate(names):
-                column = len(_PLACES) + known.index(name)
-                found[first : first + chunk.rows, place] = _array_of(chunk, "", column)
-            first += chunk.rows
-        return found if self.rows is None else found[self.rows]
+            for axis, name in enumerate(names):
+                place = len(_PLACES) + known.index(name)
+                points[first : first + chunk.rows, axis] = _array_of(chunk, "", place)
+        return points if self.rows is None else points[self.rows]
 
     def __getattr__(self, name: str) -> Column:
         if name not in _PLACES or name == "values":
             raise AttributeError(name)
         parts = [_array_of(chunk, name, _PLACES[name]) for chunk in self.chunks]
-        found = np.concatenate(parts) if parts else _array(name, _encoded(name, []), 0)
-        return found if self.rows is None else found[self.rows]
+        column = np.concatenate(parts) if parts else _array(name, _encoded(name, []), 0)
+        return column if self.rows is None else column[self.rows]
 
     def __len__(self) -> int:
-        return sum(chunk.rows for chunk in self.chunks) if self.rows is None else len(self.rows)
+        return self._starts[-1] if self.rows is None else len(self.rows)
 
     def __iter__(self) -> Iterator[CaseResult]:
         if self.rows is None:
@@ -526,38 +568,39 @@ class CaseTable(Outcome):
         )
 
     def _record(self, row: int) -> CaseResult:
-        number = bisect_right(self._ends, row)
-        chunk = self.chunks[number]
-        return records_of(chunk)[row - self._ends[number] + chunk.rows]
+        """The record of a row, numbered over all chunks."""
+        number = bisect_right(self._starts, row) - 1
+        return records_of(self.chunks[number])[row - self._starts[number]]
 
 
 def counts(cases: CaseTable) -> dict[str, int]:
     """Number of cases with each outcome, by the names of `ScenarioResult`."""
-    flags = {name: getattr(cases, flag) for name, flag in _FLAGS.items()}
-    flags |= {"safe_collisions": cases.collided & cases.safe, "not_evaluated": ~cases.evaluated}
+    flags = {
+        "collisions": cases.collided,
+        "avoidable_collisions": cases.avoidable,
+        "unavoidable_collisions": cases.unavoidable,
+        "caused_collisions": cases.caused,
+        "safe_collisions": cases.collided & cases.safe,
+        "off_road": cases.off_road,
+        "departures": cases.departed,
+        "gave_up": cases.gave_up,
+        "not_evaluated": ~cases.evaluated,
+    }
     return {name: int(np.count_nonzero(flag)) for name, flag in flags.items()}
 
 
-_FLAGS = {
-    "collisions": "collided", "avoidable_collisions": "avoidable",
-    "unavoidable_collisions": "unavoidable", "caused_collisions": "caused", "off_road": "off_road",
-    "departures": "departed", "gave_up": "gave_up",
-}  # fmt: skip
-
-
 def point_numbers(tables: Sequence[CaseTable]) -> list[IntArray]:
-    """A number for each point of the space that some cases lie at, the same in all tables: (n,) for
-    each table.
+    """Number of each case's point, (n,) for each table: equal for equal points, in all tables.
 
-    The cases of all tables have the same parameters, by name.
+    The cases of all tables have parameters of the same names.
     """
+    filled = [table for table in tables if len(table)]
     ends = np.cumsum([len(table) for table in tables])
-    point = np.zeros(int(ends[-1]) if len(ends) else 0, dtype=np.intp)
-    if len(point):
-        for name in sorted(next(table for table in tables if len(table))[0].values):
-            read = np.concatenate(
-                [table.parameters([name]).ravel() for table in tables if len(table)]
-            )
-            values = np.unique(read, return_inverse=True)[1]
-            point = np.unique(point * (int(values.max()) + 1) + values, return_inverse=True)[1]
-    return np.split(point, ends[:-1])
+    number = np.zeros(sum(map(len, filled)), dtype=np.intp)
+    for name in sorted(filled[0][0].values) if filled else ():
+        values = np.concatenate([table.parameters([name]).ravel() for table in filled])
+        rank = np.unique(values, return_inverse=True)[1]
+        # one number for each pair of the parameters so far and this one, then without gaps
+        pair = number * (int(rank.max()) + 1) + rank
+        number = np.unique(pair, return_inverse=True)[1]
+    return np.split(number, ends[:-1])
