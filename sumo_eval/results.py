@@ -1,5 +1,6 @@
-"""Results of an evaluation: a record for each case, one for each ADS in each scenario, plain
-values throughout.
+"""Results of an evaluation as records of plain values.
+
+`scoring/` makes them, `report/` and `nightly/` read them; the record of a case is in `cases.py`.
 """
 
 from __future__ import annotations
@@ -19,16 +20,19 @@ from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.trajectory import Alone
 
-# texts, because words and pictures are made in a room that builds on this one
-_TABLE, _PICTURE = "sumo_eval.report.notebook:html_table", "sumo_eval.report.notebook:picture"
-_SCORE = "sumo_eval.report.notebook:score_html"
+# loaded by name: `report/` imports this file, so this file cannot import `report/`
+_TABLE_HTML, _PICTURE = "sumo_eval.report.notebook:html_table", "sumo_eval.report.notebook:picture"
+_SCORE_HTML = "sumo_eval.report.notebook:score_html"
 
 
 @dataclass(frozen=True, slots=True)
 class NotComputed:
-    """Reason why there is no mean over the safe cases, D or H.
+    """Reason why an ADS has no D or H in a scenario, i.e. no mean over its safe cases.
 
-    collisions: how many in the safe zone left none.
+    why: `collisions`: it collided in the safe zone (D only). `no_drivers`: the scenario has no
+        human drivers. `no_safe_case`: there is no safe case. `nothing_compared`: no safe case was
+        compared with drivers. `no_exposure`: those compared have exposure 0.
+    collisions: their number, where they are the reason.
     """
 
     why: Literal["collisions", "no_safe_case", "nothing_compared", "no_exposure", "no_drivers"]
@@ -37,8 +41,11 @@ class NotComputed:
 
 @dataclass(frozen=True, slots=True)
 class DrivesLeftOut:
-    """Drivers' drives that cannot be references, since a skilled driver's safe case ends well:
-    how many, by status.
+    """Note on drives of human drivers that did not end with status `ok`: D_i leaves them out.
+
+    left_out: number of these drives.
+    drives: number of all drives of human drivers.
+    statuses: (status, number) of the drives that are left out.
     """
 
     left_out: int
@@ -48,17 +55,17 @@ class DrivesLeftOut:
 
 @dataclass(frozen=True, slots=True)
 class DrivenAlone:
-    """Drives that were to be simulated together with others and had to be done again alone, by the
-    reason.
-    """
+    """Note on drives that could not share a simulation and ran alone: (reason, number) of them."""
 
     reasons: tuple[tuple[Alone, int], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """Drives of an ADS that asks SUMO which shared a simulation, and how many of them were driven
-    alone, too, and equal.
+    """Note on an ADS that asks SUMO, some of whose drives shared a simulation.
+
+    compared: number of these drives that were repeated alone, with equal results.
+    drives: number of all drives that shared a simulation.
     """
 
     compared: int
@@ -67,8 +74,10 @@ class Compared:
 
 @dataclass(frozen=True, slots=True)
 class DrivenInBlocks:
-    """Drives of a policy over arrays, whose bits may depend on which cases it is shown together:
-    how many in blocks of how many cases.
+    """Note on a policy over arrays, whose last bits may depend on the cases in its fixed batch.
+
+    drives: number of its drives.
+    sizes: numbers of cases that its fixed batches ("blocks") had, each size once.
     """
 
     drives: int
@@ -77,15 +86,15 @@ class DrivenInBlocks:
 
 @dataclass(frozen=True, slots=True)
 class Counted:
-    """A number of cases, collisions or points, of a total.
+    """Note that counts cases, collisions or points: `number` of `of` are of the kind `what`.
 
     actors_left: cases that lasted longer than an actor was on the road.
     outside_support: cases in which no recorded event is like the concrete scenario.
-    struck_from_behind: cases in which a vehicle that reacts ran into the ego's rear, its own fault
-        and no collision here.
-    gentler_than_ideal: collisions in which the ADS was gentler than the ideal vehicle.
+    struck_from_behind: cases in which a vehicle that reacts ran into the ego's rear: its own fault,
+        and not a collision of the ADS.
+    gentler_than_ideal: collisions that are less severe than the ideal vehicle's.
     references_collide: points of the safe zone at which drivers or the reference car collide.
-    ideal_collides_too: collisions in the safe zone that the ideal vehicle has as well.
+    ideal_collides_too: collisions in the safe zone at points where the ideal vehicle collides too.
     """
 
     what: Literal[
@@ -102,8 +111,10 @@ class Counted:
 
 @dataclass(frozen=True, slots=True)
 class BeyondRange:
-    """Collisions outside the range that a severity is known for, by what lies outside, in the
-    severity's own words.
+    """Note on collisions outside the range for which a severity function is known.
+
+    severity: name of the function.
+    reasons: (what lies outside, in the function's words; number of collisions).
     """
 
     severity: str
@@ -112,8 +123,11 @@ class BeyondRange:
 
 @dataclass(frozen=True, slots=True)
 class ThinReferences:
-    """Safe cases with too few recorded drivers: of `safe` ones, and how many are left out of D for
-    it.
+    """Note on safe cases with too few recorded drivers.
+
+    thin: their number.
+    safe: number of all safe cases.
+    left_out: number of thin cases that D leaves out; synthetic drivers fill up the rest.
     """
 
     thin: int
@@ -123,13 +137,14 @@ class ThinReferences:
 
 @dataclass(frozen=True, slots=True)
 class PlausibleTo:
-    """Drivers that plausibility is measured against, where the recorded drivers of the run were
-    asked for.
+    """Note on the drivers that plausibility compares with, where `plausibility.table` requests the
+    recorded ones.
 
-    people: how many recorded drivers the run has in the scenario.
-    drives: of all of them.
-    least: how many drivers a table needs.
-    instead: the people of the default table who stand in where they are fewer, else None.
+    people: number of recorded drivers of the run in the scenario.
+    drives: number of their drives.
+    least: number of drivers that a table needs.
+    instead: number of drivers of the motorway table, which replaces them as they are fewer than
+        `least`; None: it does not.
     """
 
     scenario: str
@@ -141,7 +156,7 @@ class PlausibleTo:
 
 @dataclass(frozen=True, slots=True)
 class CasesMissing:
-    """Cases that could not be evaluated, by the zone they lie in."""
+    """Note on cases that could not be evaluated: (zone, number of cases in it)."""
 
     zones: tuple[tuple[Zone, int], ...]
 
@@ -153,11 +168,12 @@ class CasesMissing:
 
 @dataclass(frozen=True, slots=True)
 class ReferenceMissing:
-    """Cases of an ADS whose reference could not be evaluated, for reasons that differ in no more
-    than their numbers.
+    """Note on cases whose reference could not be evaluated, for one reason.
 
-    who: the reference.
-    reason: of the first of these cases, which is `example`.
+    who: the reference: the ideal vehicle or `no_reaction`.
+    reason: error message of the first of these cases; those of the rest differ only in numbers.
+    cases: number of these cases.
+    example: key of the first.
     """
 
     who: Literal["ideal", "no_reaction"]
@@ -168,8 +184,8 @@ class ReferenceMissing:
 
 @dataclass(frozen=True, slots=True)
 class WorstAndBest:
-    """C, D and S with the missing cases counted as worst and as best; None where nothing is
-    missing.
+    """Note on C, D and S with the missing cases counted as worst and as best; None: nothing is
+    missing in that score.
     """
 
     c: tuple[float, float] | None
@@ -179,9 +195,11 @@ class WorstAndBest:
 
 @dataclass(frozen=True, slots=True)
 class RequirementMissed:
-    """A requirement of the scenario that some cases miss, of all that were evaluated.
+    """Note on a requirement of the scenario that some cases miss.
 
-    name, text: as in its file.
+    name, text: its name and condition, as in the scenario's file.
+    cases: number of cases that miss it.
+    of: number of evaluated cases.
     """
 
     name: str
@@ -204,35 +222,48 @@ ScoreNote = (
     | WorstAndBest
     | RequirementMissed
 )
-"""Kinds of remarks on a score."""
+"""A note on a score as numbers; `report/words.py` makes the sentences."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScenarioResult:
-    """One ADS in one logical scenario: C, D, S, the scores that order ADSs, and what stands beside
-    them.
+    """Scores of one ADS in one logical scenario. A score is None where it could not be computed.
 
-    c None: no case, or no collision, could be evaluated. d None: not computed, see `d_reason`. s
-    None: neither C nor D. task_share T and s_plus S+ (None without a safe point),
-    avoided_share A (w = r) and its grade avoidance_grade A', avoided_share_exposure (w = p), regret
-    m/s, human_likeness H (None: see `h_reason`); None where nothing could be evaluated.
+    Scores of the paper
+    c: C, Eq. 17; None: no case, or no collision, could be evaluated.
+    d: D, Eq. 13; None: see d_reason.
+    s: S, Eq. 18, points; None: neither C nor D.
+    c_points, d_points: the two terms of S.
 
-    a_points and h_points: T A' a and T A' b H, the terms of S+.
-    departures, gave_up: numbers of such cases.
-    task_reference: the reference car of T; "": the run holds none, and T has the drivers alone.
+    Scores that order ADSs
+    task_share: T; None without a safe point.
+    avoided_share: A, points weighted by r; avoided_share_exposure: A, points weighted by p.
+    avoidance_grade: A'.
+    human_likeness: H; None: see h_reason.
+    s_plus: S+ = T A' (a + b H), points; None without a safe point.
+    a_points, h_points: T A' a and T A' b H, the two terms of S+.
+    regret: mean U beyond Ug, m/s.
+    task_reference: the reference car of T; "": the run holds none, and T compares with drivers
+        only.
 
-    collisions = avoidable_collisions (the ideal vehicle avoids) + unavoidable_collisions (it
-    collides as well) + those whose ideal vehicle could not be evaluated.
+    Numbers of cases
+    cases: of all; safe_cases, hazardous_cases: by zone.
+    collisions: avoidable_collisions (the ideal vehicle avoids them) + unavoidable_collisions (it
+        collides too) + those whose ideal vehicle could not be evaluated.
+    caused_collisions: the avoidable ones that `no_reaction` avoids too.
+    safe_collisions: collisions in the safe zone.
+    off_road, departures, gave_up, struck_from_behind: see `Outcome` and `CaseResult`.
+    not_evaluated: cases whose outcome, Ug, U0 or D_i (of a safe case) is missing.
+    requirements_missed: cases that miss a requirement; None: the scenario has none.
+    collision_probability: share of the exposure of evaluated cases that collides.
 
-    caused_collisions: the avoidable ones that doing nothing avoids too.
-
-    <name>_interval: the 95 % interval of each score, from the points, the drivers and the
-    collisions that were not seen (`sumo_eval.scoring.confidence.intervals`), each end moved to
-    where the score lies when the cases that could not be evaluated are counted as worst and as best
-    (the worst of a missing safe case is a collision: then S has no D). None where there are fewer
-    than two evaluated cases, and nothing is missing.
-
-    half_widths_by_source: of S and S+ by points (`cases`) and by drivers alone.
+    Intervals
+    <score>_interval: 95 % interval of a score, from the points, the drivers and collisions that
+        were not seen (`sumo_eval.scoring.confidence.intervals`). Its ends include the score with
+        the missing cases counted as worst and as best. The worst of a missing safe case is a
+        collision, which leaves S without D. None: fewer than two evaluated cases, none missing.
+    half_widths_by_source: half the width of the intervals of S and S+ that points (`cases`) alone
+        and drivers alone cause.
     """
 
     ads: str
@@ -284,23 +315,25 @@ class ScenarioResult:
 
     @property
     def nobody_compared(self) -> bool:
-        """Whether the scenario has no drivers to compare an ADS with, so that no ADS has D or H
-        in it.
-        """
+        """Whether the scenario has no drivers to compare with: then no ADS has D or H in it."""
         return self.h_reason == NotComputed("no_drivers")
 
     def _repr_html_(self) -> str:
         """The table for a notebook."""
-        shown: str = load_object(_SCORE, None, "Score")(self)
+        shown: str = load_object(_SCORE_HTML, None, "Score")(self)
         return shown
 
 
 @dataclass(frozen=True, slots=True)
 class ZoneResult:
-    """The partition of one logical scenario.
+    """Safe and hazardous zones of one logical scenario.
 
-    boundary_error: share of the possible points on the wrong side of the exact zone;
+    zones: number of hazardous zones.
+    hazardous_share: share of the sampled points in a hazardous zone.
+    most_dangerous: x* of each hazardous zone, by name of parameter.
+    boundary_error: share of the possible points that the learnt zones put on the wrong side.
     boundary_error_box: the same over the whole box of parameters, impossible points included.
+    sampled, refused: numbers of points that are simulated, and that the scenario refuses.
     """
 
     scenario: str
@@ -316,11 +349,12 @@ class ZoneResult:
 
 @dataclass(frozen=True, slots=True)
 class RankedAds:
-    """An ADS in the order of an evaluation.
+    """An ADS in the ranking of an evaluation.
 
-    s_plus: the mean over its scenarios by their weights, with its interval; None, like place, where
-        a scenario that weighs and has a task has no S+ of it.
-    a_points, h_points: its two terms, T A' a and T A' b H.
+    place: from 1; None: not ranked, as it has no S+ in a scenario that counts (`Ranking`).
+    s_plus: weighted mean of S+ over the scenarios that count; None like place.
+    interval: of s_plus.
+    a_points, h_points: means of T A' a and T A' b H, the two terms of S+.
     """
 
     ads: str
@@ -333,10 +367,12 @@ class RankedAds:
 
 @dataclass(frozen=True, slots=True)
 class RankedPair:
-    """S+ of one ADS less that of another that does not stand above it.
+    """Two ADSs of a ranking.
 
-    interval: of the difference, both over the same points and drivers.
-    told_apart: whether it leaves out 0. None: one of both has no interval.
+    difference: S+ of `above` minus S+ of `below`, 0 or more.
+    interval: of the difference, both ADSs at the same points and drivers; None: one of them has no
+        interval.
+    told_apart: whether the interval lies above 0.
     """
 
     above: str
@@ -347,21 +383,21 @@ class RankedPair:
 
     @property
     def scored_alike(self) -> bool:
-        """Whether both scored alike in every case that weighs: their difference is 0, exactly."""
+        """Whether both have equal scores in every case that counts: the interval is exactly 0."""
         return self.interval == (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Ranking:
-    """ADSs in the order of S+ over all scenarios; neighbours that cannot be told apart share a
-    place.
+    """ADSs in the order of S+ over all scenarios; neighbours that are not told apart share a place.
 
-    weights: of every scenario.
-    level: of the intervals.
-    pairs: all, by the order of `ads`.
-    without_people: scenarios that weigh and have no drivers to compare with: there H counts 0.
-    without_task: scenarios that weigh and have no safe point, so no S+: they have no part in the
-        order.
+    A scenario counts in it if its weight is above 0 and it has a task, i.e. a safe point.
+
+    weights: by scenario, of every scenario.
+    level: of the intervals, 0..1.
+    pairs: every two ranked ADSs, in the order of `ads`.
+    without_people: scenarios of weight above 0 without drivers to compare with: H counts 0 there.
+    without_task: scenarios of weight above 0 without a safe point: they have no S+.
     """
 
     weights: Mapping[str, float]
@@ -373,7 +409,7 @@ class Ranking:
 
     @property
     def with_people(self) -> int:
-        """Number of scenarios that weigh and have drivers to compare with."""
+        """Number of scenarios of weight above 0 with drivers to compare with."""
         return sum(weight > 0.0 for weight in self.weights.values()) - len(self.without_people)
 
     def pair(self, above: str, below: str) -> RankedPair:
@@ -385,8 +421,9 @@ class Ranking:
 class Evaluation:
     """A scored run.
 
-    cases: of every ADS in every scenario, read from the run's folder when they are asked for.
-    ranking: None without an order of its ADSs.
+    cases: of every ADS in every scenario; columns are read from the run's folder on first use.
+    exposures: by scenario, as `drivers.recorded.exposure.RunExposure.plain` makes them.
+    ranking: None: its ADSs were not ranked.
     scenarios: the logical scenarios by name.
     """
 
@@ -397,14 +434,12 @@ class Evaluation:
     zones: tuple[ZoneResult, ...]
     scores: tuple[ScenarioResult, ...]
     cases: CaseTable
-    exposures: Mapping[str, Any] = field(
-        default_factory=dict
-    )  # by scenario, as `drivers.recorded.exposure.RunExposure.plain` has it
+    exposures: Mapping[str, Any] = field(default_factory=dict)
     ranking: Ranking | None = None
     scenarios: Mapping[str, LogicalScenario] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        # records may be given in its place
+        # a caller may give records instead of a table
         object.__setattr__(self, "cases", CaseTable.of(self.cases))
 
     @property
@@ -421,21 +456,20 @@ class Evaluation:
     def checks(self) -> dict[str, dict[str, str]]:
         """Names and conditions of what scenarios require, by scenario."""
         return {
-            name: {one.name: one.text for one in logical.requirements.all}
+            name: {it.name: it.text for it in logical.requirements.all}
             for name, logical in self.scenarios.items()
             if logical.requirements is not None
         }
 
     @property
     def not_evaluated(self) -> int:
-        """Number of cases without an outcome that counts."""
+        """Number of cases whose outcome, Ug, U0 or D_i is missing, of all scores."""
         return sum(score.not_evaluated for score in self.scores)
 
     def exposure_known(self, scenario: str | None = None) -> bool:
-        """Whether the frequency of the concrete scenarios of one scenario, or of any, was declared
-        or measured.
+        """Whether the exposure of one scenario, or (None) of any, was declared or measured.
 
-        Else a mean over them is one over the points, and no share of encounters.
+        False: it is 1 at every point, so a mean is over points, not over encounters on the road.
         """
         names = [zone.scenario for zone in self.zones] if scenario is None else [scenario]
         return any(self.exposures.get(name, {}).get("known", False) for name in names)
@@ -468,17 +502,15 @@ class Evaluation:
         """
         names = dict.fromkeys(score.scenario for score in self.scores)
         check_known("scenario of this evaluation", names, scenario)
-        there = {score.ads: score for score in self.scores_in(scenario)}
-        check_known(f"ADS of scenario `{scenario}`", there, ads)
-        return there[ads]
+        by_ads = {score.ads: score for score in self.scores_in(scenario)}
+        check_known(f"ADS of scenario `{scenario}`", by_ads, ads)
+        return by_ads[ads]
 
     def _repr_html_(self) -> str:
         """The table for a notebook."""
-        table: str = load_object(_TABLE, None, "Table")(self)
+        table: str = load_object(_TABLE_HTML, None, "Table")(self)
         return table
 
     def plot(self) -> Any:
-        """S+ of every ADS with its interval as a figure of matplotlib, which the extra `plots`
-        brings.
-        """
+        """Draw S+ of every ADS with its interval: a figure of matplotlib (extra `plots`)."""
         return load_object(_PICTURE, None, "Picture")(self)
