@@ -1,4 +1,4 @@
-"""Rules of driving as machine code: the only file that knows numba, as far as driving goes.
+"""Rules of driving as machine code: the only file that knows numba, except `method/field_loops.py`.
 
 A rule is written once, for one vehicle, as a plain function of records and floats (`@kernel`), and
 a short loop calls it for every row of structured arrays (`@rows`). One case is a row count of 1, so
@@ -35,7 +35,8 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 INTERPRETED = os.environ.get("SUMO_EVAL_INTERPRETED", "") not in ("", "0")
 PLAIN = os.environ.get("SUMO_EVAL_PLAIN", "") not in ("", "0")
-"""Whether the insides that `kept_code` and `record/children.py` borrow are left out."""
+"""Whether library internals are avoided: in `keep_code`, `cosim/sumo/insides.py` and
+`record/children.py`."""
 _PACKAGE = Path(__file__).parent
 _ROOMS = (
     "kernels.py",
@@ -47,16 +48,16 @@ _ROOMS = (
     "drivers",
     "method/field_loops.py",
 )
-"""Where kernels and the constants that are compiled into them stand."""
+"""Files and folders of this package with kernels, or with constants that are compiled into them."""
 
-_SEAL = 32  # bytes before machine code on disk: the SHA-256 of the rest, which reveals damage
+_SEAL = 32  # a file of machine code begins with the SHA-256 of the rest: so many bytes
 _unregistered: list[Callable[..., Any]] = []
-"""Kernels that were marked before numba was loaded."""
+"""Kernels that numba does not know yet: they were defined before it was loaded."""
 
 
 def kernel(function: Function) -> Function:
-    """A rule or a part of one: plain Python if called from Python, machine code within a loop of
-    rows.
+    """Mark a rule, or a part of one: called from Python it is plain Python, called from a loop over
+    rows it is machine code.
     """
     if "numba" in sys.modules and not INTERPRETED:
         _register(function)
@@ -66,10 +67,10 @@ def kernel(function: Function) -> Function:
 
 
 def rows(function: Function) -> Function:
-    """A loop over rows of structured arrays, compiled when it is first called, and kept on disk for
+    """Mark a loop over rows of structured arrays: compiled at its first call, and kept on disk for
     the next process.
 
-    The arrays must always have the same types: every other type compiles the loop again.
+    The arrays must have the same types in all calls: the loop is compiled again for other types.
     """
     return cast("Function", _interpreted(function) if INTERPRETED else Loop(function))
 
@@ -78,32 +79,35 @@ class Loop:
     """A loop over rows that loads numba, and then its machine code, when it is first called."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        functools.update_wrapper(self, function)
-        self.codes: dict[tuple[Any, ...], Callable[..., Any]] = {}
+        functools.update_wrapper(self, function)  # sets `__wrapped__`
+        self.codes: dict[tuple[Any, ...], Callable[..., Any]] = {}  # by `_kind_of` each argument
 
     @functools.cached_property
     def compiled(self) -> Any:
-        """numba's dispatcher."""
-        # set by update_wrapper
-        return _compiled(self.__wrapped__)  # type: ignore[attr-defined]
+        """The loop as a dispatcher of numba, which compiles for each new type of arguments."""
+        dispatcher_of = _numba().njit(error_model="numpy", no_cfunc_wrapper=True)
+        return keep_code(dispatcher_of(self.__wrapped__))  # type: ignore[attr-defined]
 
     def __call__(self, *arguments: Any) -> Any:
-        """The loop itself."""
+        """Run the loop."""
         return self.compiled(*arguments)
 
     def code_for(self, *arguments: Any) -> Callable[..., Any]:
-        """The machine code for arguments of the types that these have; it does not check them."""
+        """The machine code for arguments of these types.
+
+        It does not check its arguments: other types give garbage or a crash.
+        """
         kinds = tuple(map(_kind_of, arguments))
         code = self.codes.get(kinds)
         if code is None:
-            # of records it takes 20 ms, so that it is asked once a kind
+            # numba takes 20 ms to find the type of an array of records
             types = tuple(map(self.compiled.typeof_pyval, arguments))
             code = self.codes[kinds] = self.compiled.compile(types)
         return code
 
 
 def _kind_of(argument: Any) -> Any:
-    """Key of machine code: types and layout of arrays, alone or in a named tuple."""
+    """Type of an argument as a key: of an array also its layout, of a named tuple its items'."""
     if isinstance(argument, tuple):
         return type(argument), tuple(map(_kind_of, argument))
     if isinstance(argument, np.ndarray):
@@ -112,29 +116,26 @@ def _kind_of(argument: Any) -> Any:
 
 
 def interpreted(loop: Function) -> Function:
-    """A loop over rows as plain Python, to the same bits: for a single row, which need not wait for
-    numba.
+    """A loop over rows as plain Python, to the same bits: for a few rows, which are done before
+    numba would be loaded.
     """
-    wrapped = getattr(loop, "__wrapped__", loop)
-    return cast("Function", _interpreted(wrapped)) if isinstance(loop, Loop) else loop
+    if not isinstance(loop, Loop):
+        return loop
+    return cast("Function", _interpreted(loop.__wrapped__))  # type: ignore[attr-defined]
 
 
 def bound(loop: Function, *arguments: Any) -> Function:
-    """A loop over rows for a caller at every step: it costs a third of an ordinary call.
+    """A loop over rows whose call takes a third of the time, for callers at every step.
 
-    Only for arrays of the same types and layout as `arguments`: they are not checked.
+    Only for arguments of the types and layout of `arguments`: these are not checked.
     """
     return cast("Function", loop.code_for(*arguments)) if isinstance(loop, Loop) else loop
 
 
-def _compiled(function: Callable[..., Any]) -> Any:
-    numba = _numba()
-    return keep_code(numba.njit(error_model="numpy", no_cfunc_wrapper=True)(function))
-
-
 def keep_code(loop: Any) -> Any:
-    """A loop of numba's, whose machine code is kept on disk from now on."""
+    """Make a dispatcher of numba keep its machine code in `cache_folder`, and return it."""
     if PLAIN:
+        # `__dict__`: mypy knows no such attribute of a module
         importlib.import_module("numba.core.config").__dict__["CACHE_DIR"] = str(cache_folder())
         loop.enable_caching()
     else:
@@ -144,50 +145,50 @@ def keep_code(loop: Any) -> Any:
 
 @functools.cache
 def kept_code() -> Any:
-    """numba's way to keep code, with one sealed file for each loop and kind of arguments: its own
-    index mixes kinds of arguments up where two processes write at once, and trusts damaged files.
+    """The class of numba caches that keep one sealed file for each loop and types of arguments.
 
-    Borrows insides of numba that are not part of its interface, tried with numba 0.68;
-    SUMO_EVAL_PLAIN=1 leaves them out.
+    numba's own cache has one index file a loop: two processes that write at once make it name the
+    wrong code, and it trusts damaged files.
+
+    Uses internals of numba, tested with numba 0.68; SUMO_EVAL_PLAIN=1 avoids them.
     """
     caching = importlib.import_module("numba.core.caching")
     rebuilt = importlib.import_module("numba.core.compiler").CompileResult._rebuild
 
     class KeptCode(caching.NullCache):  # type: ignore[name-defined,misc]
-        """The code of a loop: nothing that goes wrong with its files does more than compile it
-        again.
-        """
+        """Cache of one loop. Where a file is missing, damaged or not writable, numba compiles."""
 
         def __init__(self, function: Callable[..., Any]) -> None:
-            self._py_func = function
+            self._py_func = function  # numba's `_index_key` reads it
 
         def load_overload(self, signature: Any, target: Any) -> Any:
-            """The code for arguments of these types, or None; without what numba imports to
-            compile, 0.5 s.
-            """
+            """Load the code for arguments of these types; None: numba has to compile it."""
+            # what machine code needs to run; numba's own cache imports the compiler too, 0.5 s
             importlib.import_module("numba.core.runtime").rtsys.initialize(target)
             try:
                 content = read_input(self._path(signature, target.codegen()), "machine code")
                 seal, code = content[:_SEAL], content[_SEAL:]
-                # as numba does
                 if seal == hashlib.sha256(code).digest():
+                    # numba's own cache unpickles its files as well
                     return rebuilt(target, *pickle.loads(code))  # noqa: S301
-            except Exception:  # noqa: BLE001 - whatever a file of another make holds
+            except Exception:  # noqa: BLE001 - a file that another version of numba wrote
                 return None
             return None
 
         def save_overload(self, signature: Any, result: Any) -> None:
-            """Keep it, if it can be kept."""
+            """Write code that numba has compiled, unless it holds addresses of this process."""
             if result.library.has_dynamic_globals:
                 return
             code = caching.dumps(result._reduce())
             with contextlib.suppress(OSError):
                 path = self._path(signature, result.codegen)
                 path.parent.mkdir(parents=True, exist_ok=True)
+                # writes another file and renames it; numba's method does not use its `self`
                 with caching.IndexDataCacheFile._open_for_write(self, path) as file:
                     file.write(hashlib.sha256(code).digest() + code)
 
         def _path(self, signature: Any, codegen: Any) -> Path:
+            """File of the code for these types and this processor."""
             source = Path(self._py_func.__code__.co_filename)
             key = caching.Cache._index_key(self, signature, codegen)
             digest = hashlib.sha256(repr((str(source), source.read_bytes(), key)).encode())
@@ -197,48 +198,49 @@ def kept_code() -> Any:
 
 
 def _numba() -> Any:
-    # SVML's sines and powers have other last bits
+    """Load numba and make all kernels known to it."""
+    # sines and powers of Intel's SVML library differ from plain Python's in their last bits
     os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
     numba = importlib.import_module("numba")
-    importlib.import_module("numba.extending")
     while _unregistered:
         _register(_unregistered.pop())
     return numba
 
 
 def _register(function: Callable[..., Any]) -> None:
+    """Let loops that numba compiles call a kernel."""
     register = importlib.import_module("numba.extending").register_jitable
     register(error_model="numpy", no_cfunc_wrapper=True)(function)
 
 
 @functools.cache
 def cache_folder() -> Path:
-    """Folder of machine code: one for each processor, version of Python and of numba, state of the
-    sources, and folder of theirs.
+    """Folder of machine code: one for each place of this package, processor, versions of Python and
+    numba, and content of the files in `_ROOMS`.
 
-    numba itself looks at the file of the loop alone, and would keep using old code of a rule that
-    another file holds.
+    numba itself watches only the file of the loop: an edit of a kernel in another file would not
+    make it compile the loop again.
     """
     digest = hashlib.sha256(bytes(_PACKAGE))
     made_for = _processor(), sys.version, importlib.metadata.version("numba")
     digest.update(repr(made_for).encode())
     for room in _ROOMS:
-        found = _PACKAGE / room
-        for path in sorted(found.rglob("*.py")) if found.is_dir() else [found]:
+        folder = _PACKAGE / room
+        for path in sorted(folder.rglob("*.py")) if folder.is_dir() else [folder]:
             digest.update(path.name.encode())
             digest.update(path.read_bytes())
-    given = os.environ.get("NUMBA_CACHE_DIR")
+    requested = os.environ.get("NUMBA_CACHE_DIR")
     caches = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    return Path(given or caches) / "sumo_eval" / "kernels" / digest.hexdigest()[:16]
+    return Path(requested or caches) / "sumo_eval" / "kernels" / digest.hexdigest()[:16]
 
 
 def _processor() -> str:
-    """Its name, and what it can do: one folder may serve several machines."""
+    """Name and abilities of the processor: machines may share one cache folder."""
     with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as lines:
-        first = itertools.takewhile(str.strip, lines)
+        first_core = itertools.takewhile(str.strip, lines)  # an empty line ends each core
         return "".join(
             line
-            for line in first
+            for line in first_core
             if line.startswith(("model name", "flags", "CPU part", "Features"))
         )
     return platform.processor()
@@ -248,8 +250,10 @@ def _processor() -> str:
 
 
 def _interpreted(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The loop in plain Python: records become objects of plain floats, and are written back
-    afterwards.
+    """A loop over rows in plain Python, which is quick on objects but slow on structured arrays.
+
+    So each structured array becomes a list of objects, one a record, for the time of the call, and
+    is filled from them afterwards.
     """
 
     @functools.wraps(function)
@@ -263,6 +267,7 @@ def _interpreted(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _write_back(arguments: Sequence[Any], opened: Sequence[Any]) -> None:
+    """Fill structured arrays from the objects that `_opened` made of them."""
     for argument, records in zip(arguments, opened, strict=True):
         if isinstance(argument, tuple):
             _write_back(argument, records)
@@ -271,6 +276,7 @@ def _write_back(arguments: Sequence[Any], opened: Sequence[Any]) -> None:
 
 
 def _opened(argument: Any) -> Any:
+    """A structured array as (lists of) objects, a named tuple with such items; else as it is."""
     if isinstance(argument, tuple):
         return type(argument)(*map(_opened, argument))
     if not isinstance(argument, np.ndarray) or argument.dtype.names is None:
@@ -279,16 +285,24 @@ def _opened(argument: Any) -> Any:
 
 
 def _records(values: Any, dtype: np.dtype[Any], depth: int) -> Any:
+    """Objects with an attribute for each field; a field that is a record becomes an object too.
+
+    values: lists within lists of tuples, as `ndarray.tolist` makes them.
+    depth: number of dimensions that are left, i.e. of lists around a tuple.
+    """
     if depth:
         return [_records(value, dtype, depth - 1) for value in values]
-    found = SimpleNamespace()
+    record = SimpleNamespace()
     for name, value in zip(dtype.names or (), values, strict=True):
         inner = dtype[name]
-        setattr(found, name, value if inner.names is None else _records(value, inner, 0))
-    return found
+        setattr(record, name, value if inner.names is None else _records(value, inner, 0))
+    return record
 
 
 def _closed(records: Any, dtype: np.dtype[Any]) -> Any:
+    """Tuples of the objects that `_records` made, in the same lists: numpy fills an array from
+    them.
+    """
     if isinstance(records, list):
         return [_closed(record, dtype) for record in records]
     values = []
@@ -302,16 +316,16 @@ def _closed(records: Any, dtype: np.dtype[Any]) -> Any:
 
 
 def warm(scripts: Sequence[str]) -> None:
-    """Compile in child processes, one for each script, all at the same time, and wait; what they
-    compile is on disk.
+    """Run scripts that compile loops, each in a child process, all at the same time, and wait.
 
-    scripts: Python to run. A thread would be no help: numba compiles under the interpreter's lock.
-        The children look for modules where this process does, and not in the folder in which it was
-        started (-P): that may hold another copy of this package, or files that are called as
-        modules are.
+    scripts: Python code. What it compiles is then on disk for this process.
+
+    Threads would not help: numba compiles under the interpreter's lock. The children import from
+    where this process does, and not from the current folder (-P): it may hold another copy of this
+    package, or files with names of modules.
     """
     begin = f"import sys; sys.path[:] = {sys.path!r}\n"
-    # compiling makes many objects and little garbage; a tenth of its time
+    # compiling makes many objects and little garbage: the search for it takes a tenth of the time
     begin += "import gc; gc.disable()\n"
     children = [
         subprocess.Popen([sys.executable, "-P", "-c", begin + script]) for script in scripts
@@ -319,7 +333,7 @@ def warm(scripts: Sequence[str]) -> None:
     try:
         for child in children:
             child.wait()
-    finally:  # after Ctrl-C none goes on behind the back of who pressed it
+    finally:  # after Ctrl-C no child keeps running
         for child in children:
             child.kill()
             child.wait()
