@@ -1,4 +1,4 @@
-"""Trajectories, which the two halves exchange: SUMO makes them, the paper's equations read them.
+"""Trajectories and recordings: `cosim/` makes them with SUMO, `method/` and `scoring/` read them.
 
 Positions are the vehicle's centre in road coordinates: x along the road, y to the left, y = 0 on
 the centre line of the right-hand lane. Headings are mathematical (0 along the road,
@@ -28,13 +28,14 @@ EndReason = Literal[
     "ads_error",
     "ads_timeout",  # of wall time
     "sim_error",
-    "recorded",  # a recorded human's drive, not simulated
+    "recorded",  # end of a drive that was recorded on the road, not simulated
     "quit",  # by the person at the steering wheel
 ]
 Side = Literal["front", "rear", "left", "right"]
 
 _STANDING = 0.01  # m/s; the direction of a slower motion is noise of positions
 CHANNELS = ("time", "x", "y", "heading", "speed", "acceleration", "steering_wheel_angle")
+"""Channels of a `Trajectory`, in the order of its block (7, n)."""
 
 
 @dataclass(frozen=True, slots=True, init=False, eq=False)
@@ -96,10 +97,10 @@ class Trajectory:
 
     @classmethod
     def of_block(cls, block: FloatArray, *, length: float, width: float) -> Trajectory:
-        """Make a trajectory of one (7, n) array with every channel, in the order of `CHANNELS`; the
-        array is taken over and made read-only.
+        """Make a trajectory of one (7, n) array with all `CHANNELS`, in a fifth of the
+        constructor's time and with the same checks.
 
-        Checks what the constructor does, in a fifth of its time.
+        The array is not copied, but made read-only.
         """
         if block.ndim != 2 or len(block) != len(CHANNELS):
             raise InputError(
@@ -108,12 +109,13 @@ class Trajectory:
         times = block[0]
         increasing = bool((times[1:] > times[:-1]).all())
         if not times.size or not increasing or not np.isfinite(block[:-1]).all():
-            return cls(*block, length=length, width=width)  # raises: it names the fault
-        made = object.__new__(cls)
-        made._hold(block, length, width)
-        return made
+            return cls(*block, length=length, width=width)  # raises an error that names the fault
+        trajectory = object.__new__(cls)
+        trajectory._hold(block, length, width)
+        return trajectory
 
     def _hold(self, block: FloatArray, length: float, width: float) -> None:
+        """Set all fields; the channels are views of the block."""
         block.setflags(write=False)
         for name, values in zip(CHANNELS, block, strict=True):
             object.__setattr__(self, name, values)
@@ -130,6 +132,7 @@ class Trajectory:
 
 
 def _channel(name: str, values: ArrayLike, n: int, *, nan_allowed: bool = False) -> FloatArray:
+    """A channel as an array (n,). Raises InputError for another shape or number."""
     array = np.asarray(values, dtype=np.float64)
     if array.shape != (n,):
         raise InputError(
@@ -144,6 +147,7 @@ def _channel(name: str, values: ArrayLike, n: int, *, nan_allowed: bool = False)
 
 
 def _rate(values: FloatArray, time: FloatArray) -> FloatArray:
+    """Derivative by time (n,); 0 of a single sample."""
     return np.gradient(values, time) if values.size > 1 else np.zeros(1)
 
 
@@ -155,11 +159,12 @@ def _course(x: FloatArray, y: FloatArray, time: FloatArray) -> FloatArray:
     """
     vx, vy = _rate(x, time), _rate(y, time)
     moving = np.hypot(vx, vy) > _STANDING
+    if not moving.any():
+        return np.zeros(x.size)
     course = np.arctan2(vy, vx)
-    last_moving = np.maximum.accumulate(np.where(moving, np.arange(x.size), -1))
-    first_moving = int(np.argmax(moving)) if moving.any() else -1
-    index = np.where(last_moving >= 0, last_moving, first_moving)
-    return np.where(index >= 0, course[index], 0.0)
+    # sample of the last motion up to each sample, -1 before the first motion
+    last_motion = np.maximum.accumulate(np.where(moving, np.arange(x.size), -1))
+    return course[np.where(last_motion >= 0, last_motion, np.argmax(moving))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,16 +195,20 @@ class Collision:
 
 
 NO_RETURN = "no_return"
-"""`Clip.what` of a note on a contact. `first_time`: the point of no return, s, after which no
-braking avoids the contact; `NEVER`: none avoids it at all; `UNKNOWN`: the drive could not be
-repeated to the bit, so the point was not sought. `requested`: when the ADS first braked, s, or
-`NEVER`."""
+"""`Clip.what` of the note that `cosim/no_return.py` leaves on a contact.
+
+first_time: the point of no return, s: the last time from which full braking avoids the contact.
+    `NEVER`: full braking from the start on does not avoid it. `UNKNOWN`: not searched for, as a
+    replay of the drive ends in another contact.
+requested: when the ADS first braked, s; `NEVER`: it did not.
+applied: time of the contact, s.
+"""
 NEVER, UNKNOWN = -1.0, -2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Clip:
-    """A request that a limit changed, or another event of a drive that a reader has to know.
+    """Note on a drive: requests that a limit changed, or another event that a reader must know.
 
     what: name of the limit or event.
     count: how often it occurred.
@@ -229,6 +238,7 @@ AloneReason = Literal[
     "block_lost",
     "late",
 ]
+"""Reasons why a case has to be driven alone; `_ALONE` has a sentence for each."""
 
 _ALONE: dict[AloneReason, str] = {
     "on_traci": "The ADS needs the simulation to itself (TraCI code, a listener, a program, an FMU "
@@ -254,6 +264,7 @@ _ALONE: dict[AloneReason, str] = {
 
 
 _WENT_WRONG = ("keeps_state", "together_failed", "pack_lost", "block_lost", "late")
+"""Reasons of a batch that failed, or whose results depend on which cases it has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,8 +279,8 @@ class Alone:
 
     @property
     def by_nature(self) -> bool:
-        """Whether the case is one that a batch cannot hold; False: driving it in a batch failed,
-        or gave results of which some depend on the batch.
+        """Whether no batch can hold the case; False: a batch failed, or some of its results depend
+        on which cases it has.
         """
         return self.why not in _WENT_WRONG
 
@@ -282,7 +293,7 @@ class Latency(NamedTuple):
     """Wall times of the steps of an ADS in one case, s.
 
     mean, longest, median: of all steps.
-    late: 99th percentile.
+    late: 99th percentile of all steps.
     reference: median of a fixed piece of work, timed between the steps in the same process.
     """
 
@@ -297,13 +308,16 @@ class Latency(NamedTuple):
 class Recording:
     """One simulated case: every vehicle's motion, the ego's contact, and why the drive ended.
 
+    actors: their motions, by name.
+    error: error message of a drive that failed; None: it did not.
     wall_time: of the drive, s.
     error_place: where in the user's code an exception came from, as `my_ads.py:42 in act`.
     batched: of an ADS that asks SUMO and was driven in a batch: "batched", or "compared" if the
         case was driven alone as well and was the same.
-    commands: of a contact, of each step: acceleration, m/s2, and steering wheel angle, rad,
-        (steps, 2). In a simulation where not only the vehicle model may move the ego, x, y, m, and
-        heading, rad, on the map and speed, m/s, stand before these, (steps, 6).
+    commands: what moved the ego in each step, None without a contact. Acceleration, m/s2, and
+        steering wheel angle, rad, (steps, 2). Where something other than the vehicle model may
+        move the ego, (steps, 6): x and y, m, and heading, rad, on the map, and speed, m/s, stand
+        before these.
     """
 
     ego: Trajectory
@@ -325,9 +339,10 @@ class Recording:
         """
 
         def content(recording: Recording) -> tuple[object, ...]:
+            """Everything that is compared; `repr` of numbers shows all their bits."""
             names = ("collision", "end_reason", "clips", "error", "log", "error_place")
             motions = [
-                (name, it.length, it.width, *(getattr(it, c).tobytes() for c in CHANNELS))
+                (name, it.length, it.width, *(getattr(it, key).tobytes() for key in CHANNELS))
                 for name, it in ({"ego": recording.ego} | recording.actors).items()
             ]
             return motions, repr([getattr(recording, name) for name in names])
@@ -341,6 +356,10 @@ class Recording:
 
 
 def half_extents(heading: FloatArray, length: float, width: float) -> tuple[FloatArray, FloatArray]:
-    """Half the extent of a turned body along the road and across it, m, of the heading's shape."""
-    c, s = np.abs(np.cos(heading)), np.abs(np.sin(heading))
-    return 0.5 * (length * c + width * s), 0.5 * (length * s + width * c)
+    """Half the extents of a rotated body along x and along y, m, of the heading's shape.
+
+    heading: rad. length, width: of the body, m.
+    """
+    cosine, sine = np.abs(np.cos(heading)), np.abs(np.sin(heading))
+    along, across = length * cosine + width * sine, length * sine + width * cosine
+    return 0.5 * along, 0.5 * across
