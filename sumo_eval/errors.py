@@ -1,5 +1,7 @@
-"""One error family and one sentence shape: what, of which object, must be, got; the nearest known
-name is offered.
+"""Errors that this package raises on purpose, and their messages, for all of its code.
+
+A message says what must be true and what was found, and offers the nearest known name:
+"`gap` of scenario `cut_in` must be within 0..100 m, got 120."
 """
 
 from __future__ import annotations
@@ -15,10 +17,7 @@ from sumo_eval.text import SENTENCE, WORDS, clean, kind_of, shown, words_of
 
 
 class SumoEvalError(Exception):
-    """Any fault this package reports on purpose.
-
-    Its text is plain sentences for the person at the terminal.
-    """
+    """Base of all errors that this package raises on purpose; its text is for the user."""
 
 
 class InputError(SumoEvalError, ValueError):
@@ -28,7 +27,8 @@ class InputError(SumoEvalError, ValueError):
 class NotInstalledError(InputError, ImportError):
     """A library cannot be loaded.
 
-    It is an ImportError, too, which the fork server ignores while it loads modules in advance.
+    It is an ImportError too: Python's fork server ignores these while it imports modules in
+    advance.
     """
 
 
@@ -41,7 +41,7 @@ class ControllerTimeoutError(ControllerError):
 
 
 class SimulationError(SumoEvalError):
-    """SUMO refused or lost something that the harness had asked of it."""
+    """SUMO refused a request of this package, or lost a vehicle of the simulation."""
 
 
 class StoppedError(SumoEvalError):
@@ -52,41 +52,38 @@ class StoppedError(SumoEvalError):
 
 
 MOST_KNOWN = 800  # characters of a list of known names; a run may have a million cases
-
-
-LEAST_ALIKE = 0.55  # of 1: names that are less alike are not offered
+LEAST_ALIKE = 0.55  # similarity of difflib, 0..1, from which a name is offered
 
 
 def nearest(name: str, known: Sequence[str]) -> str | None:
-    """The known name that a misspelt one is most like, None where none is near.
+    """The known name that is most similar to a misspelt one, None where none is similar.
 
-    The answer is that of `difflib.get_close_matches`. The name with the longest common beginning is
-    compared first: most others are then ruled out by a quick count of their letters, which matters
-    where a hundred thousand are known.
+    It gives the answer of `difflib.get_close_matches`, but faster for a hundred thousand known
+    names. It begins with the one that has the longest common beginning: after that, quick upper
+    bounds of the similarity rule out most of the rest.
     """
     if not known:
         return None
     matcher = difflib.SequenceMatcher(b=name)
     best, near = LEAST_ALIKE, ""
-    # `commonprefix` compares letters, not parts of paths, which is what names need
-    first = max(known, key=lambda one: len(os.path.commonprefix([one, name])))  # noqa: RUF071
-    for one in itertools.chain((first,), known):
-        matcher.set_seq1(one)
+    # `commonprefix` compares texts letter by letter, although it is in `os.path`
+    first = max(known, key=lambda it: len(os.path.commonprefix([it, name])))  # noqa: RUF071
+    for candidate in itertools.chain((first,), known):
+        matcher.set_seq1(candidate)
+        # both are upper bounds of `ratio`, the first the quicker one
         if matcher.real_quick_ratio() >= best and matcher.quick_ratio() >= best:
-            # of two equally alike names, the later one in the alphabet
-            best, near = max((best, near), (matcher.ratio(), one))
+            # of two equally similar names, the later one in the alphabet
+            best, near = max((best, near), (matcher.ratio(), candidate))
     return near or None
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """A closing half-sentence: the nearest known name, or the list of known names when none is
-    near.
-    """
+    """Last sentence of a message: the nearest known name, or the known names if none is near."""
     names = list(map(str, known))
     near = nearest(name, names)
     if near is not None:
         return f" Did you mean `{near}`?"
-    # each is shortened, so that at least two fit into the list
+    # where each name ends in the list; cut to 300 characters, at least two names fit into it
     ends = list(itertools.accumulate(len(it[:WORDS]) + len(", ") for it in names))
     fitting = bisect.bisect(ends, MOST_KNOWN)
     listed = ", ".join(it[:WORDS] for it in names[:fitting])
@@ -96,13 +93,19 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def must_be(what: str, owner: str, requirement: str, got: object) -> InputError:
-    """`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150."""
+    """Make the error "`gap` of scenario `cut_in` must be within 0..100 m, got 120."
+
+    what: "`gap`".
+    owner: "scenario `cut_in`".
+    requirement: "within 0..100 m".
+    got: the value that was found.
+    """
     return InputError(f"{what} of {owner} must be {requirement}, got {shown(got)}.")
 
 
 def needs_extra(what: str, extra: str) -> InputError:
-    """An FMU needs the extra `fmu`, which this installs: python -m pip install
-    '/home/me/sumo_eval[fmu]'.
+    """Make the error "An FMU needs the extra `fmu`, which this installs: python -m pip install
+    '/home/me/sumo_eval[fmu]'".
     """
     return InputError(
         f"{what} needs the extra `{extra}`, which this installs: {install_command(extra)}"
@@ -110,8 +113,9 @@ def needs_extra(what: str, extra: str) -> InputError:
 
 
 def install_command(extra: str) -> str:
-    """The command that installs an extra of this package into the Python that runs, from where the
-    package came.
+    """The command that installs an extra of this package into the running Python.
+
+    It names the folder or address that the package itself was installed from.
     """
     import json
     import shlex
@@ -122,6 +126,7 @@ def install_command(extra: str) -> str:
 
     name, editable = f"sumo_eval[{extra}]", ""
     try:
+        # pip writes this file; none: the package came from a package index
         origin = json.loads(distribution("sumo_eval").read_text("direct_url.json") or "{}")
     except PackageNotFoundError:  # run from its sources without being installed
         origin = {"url": Path(__file__).parents[1].as_uri(), "dir_info": {"editable": True}}
@@ -142,18 +147,19 @@ def check_name(owner: str, name: str) -> None:
 
 
 def check_vehicle_name(owner: str, name: str) -> None:
-    """Refuse a `name` that SUMO could not give a vehicle."""
+    """Refuse a `name` that SUMO does not accept for a vehicle."""
     check_name(owner, name)
     if re.search(r"""[\s|\\'";,<>&]""", name):
         raise must_be("`name`", owner, """without spaces and | \\ ' " ; , < > &""", name)
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
-    """Unknown parameter `gpa` of scenario `cut_in`. Did you mean `gap`?
+    """Make the error "Unknown parameter `gpa` of scenario `cut_in`. Did you mean `gap`?".
 
-    kind: what is unknown, and of or in what: `parameter of scenario `cut_in``.
+    kind: "parameter of scenario `cut_in`"; without an owner: "parameter".
+    name: "gpa".
     """
-    # the owner begins with the first " of " or " in "; a colon at the end belongs to neither
+    # group 1: "parameter"; group 2: " of scenario `cut_in`"; a colon at the end is left out
     parts = re.fullmatch(r"(.*?)((?: of | in ).*?)?:?", kind, flags=re.DOTALL)
     what, owner = parts.groups(default="")  # type: ignore[union-attr]
     return InputError(f"Unknown {what} `{clean(name)}`{owner}.{did_you_mean(name, known)}")
@@ -170,10 +176,10 @@ def check_known(kind: str, known: Collection[str], *names: str) -> None:
 
 
 def said(error: BaseException) -> str:
-    """`ValueError: no such lane`: an exception in words, ready to be followed by a full stop.
+    """Words for an exception, as `ValueError: no such lane`, without a full stop at the end.
 
-    Where the exception names an attribute that an object of this package lacks, the words offer the
-    same attribute of the object's ego, or else the nearest name that the object has.
+    For an attribute that an object of this package lacks, they offer the same attribute of the
+    object's ego if it has it, else the nearest name of the object's attributes.
     """
     text = words_of(error).strip().rstrip(".")
     if (
