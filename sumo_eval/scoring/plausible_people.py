@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sumo_eval.method.measures import CLOCK
 from sumo_eval.method.plausibility import (
     LEAST_PEOPLE,
     MOTORWAY_PEOPLE,
@@ -17,8 +18,9 @@ from sumo_eval.record.store import Store
 from sumo_eval.results import PlausibleTo, ScoreNote
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import PlausibilitySettings
-from sumo_eval.trajectory import FloatArray, Trajectory
+from sumo_eval.trajectory import Trajectory
 
 SYNTHETIC = "synthetic"  # what is recorded as the controller of a synthetic driver
 
@@ -49,7 +51,7 @@ def plausible_people(
     for fact in store.facts("human", logical.name):
         if fact.status == "ok" and fact.controller != SYNTHETIC:
             ego = store.trajectory(fact.case)
-            drives.append(extremes_of(ego, _scripted(logical.concrete(**fact.values), ego.time)))
+            drives.append(extremes_of(ego, _undisturbed(logical.concrete(**fact.values), ego)))
             names.append(fact.log or fact.driver)
     if len(set(names)) < LEAST_PEOPLE:
         missing = PlausibleTo(
@@ -61,13 +63,14 @@ def plausible_people(
     return PlausiblePeople(people, (note,))
 
 
-def _scripted(concrete: ConcreteScenario, time: FloatArray) -> dict[str, Trajectory]:
-    """The other vehicles of a concrete scenario at some times, s, by name."""
-    found = {}
-    for actor in concrete.actors:
-        x, y = (np.array([place(float(t)) for t in time]) for place in (actor.x, actor.y))
-        speed = np.array([actor.speed(float(t)) for t in time])
-        found[actor.name] = Trajectory(
-            time, x, y, speed=speed, length=actor.length, width=actor.width
-        )
-    return found
+def _undisturbed(concrete: ConcreteScenario, drive: Trajectory) -> dict[str, Trajectory]:
+    """The other vehicles of a concrete scenario during a drive, by name, as they move while the ego
+    keeps its speed.
+    """
+    size = drive.length, drive.width
+    others = tracks([concrete], [size], CLOCK, float(drive.time[-1])).others[0]
+    time = CLOCK * np.arange(others.shape[1])
+    return {
+        actor.name: Trajectory(time, *motion.T[:4], length=actor.length, width=actor.width)
+        for actor, motion in zip(concrete.actors, others, strict=True)
+    }
