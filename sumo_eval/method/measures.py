@@ -102,7 +102,7 @@ class Course(NamedTuple):
 
 
 def course_of(
-    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None
+    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None
 ) -> Course:
     """The course of a drive.
 
@@ -308,7 +308,7 @@ def deceleration_to_avoid(gap: FloatArray, closing: FloatArray) -> FloatArray:
 
 
 def post_encroachment_time(
-    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None
+    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None
 ) -> float:
     """PET, s: least time from another's rear leaving a place of the road to the ego's front
     reaching it (Allen 1978).

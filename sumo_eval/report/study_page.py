@@ -13,7 +13,6 @@ from sumo_eval.report.packing import packed
 from sumo_eval.report.page import template, write_page
 
 MOST_ROWS = 400  # of a study's table; the files beside the page have all of them
-NUMBER = re.compile(r"-?\d")  # how a cell begins that is set like a number
 
 
 class Text(NamedTuple):
@@ -34,9 +33,11 @@ class Table(NamedTuple):
 
     @property
     def numbers(self) -> tuple[bool, ...]:
-        """Whether each column holds numbers alone."""
+        """Whether each column holds numbers alone, by how its cells begin."""
         columns = [[row[j] for row in self.rows if row[j]] for j in range(len(self.header))]
-        return tuple(bool(cells) and all(NUMBER.match(cell) for cell in cells) for cells in columns)
+        return tuple(
+            bool(cells) and all(re.match(r"-?\d", it) for it in cells) for cells in columns
+        )
 
 
 class Chart(NamedTuple):
