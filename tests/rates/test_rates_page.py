@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 import pytest
 
 from sumo_eval.extras.rates.page import amount, interval, table
-from sumo_eval.report.study_page import Chart, Fold, Text, write_parts
+from sumo_eval.report.study_page import Chart, Fold, Table, Text, write_parts
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
 from browser import Page, needs_chromium
@@ -23,12 +23,13 @@ def test_large_amounts_are_written_out_and_small_ones_in_three_digits():
     assert interval(0.0, 1234.5) == "0 to 1,230"
 
 
-def test_a_column_is_one_of_numbers_when_all_its_cells_are(tmp_path):
+def test_a_column_is_one_of_numbers_when_all_its_cells_are(tmp_path, monkeypatch):
     found = table(
         [{"who": "a", "rate": "12 (3 to 40)", "where": "as given"}, {"who": "b", "where": "2 km"}]
     )
     assert found.numbers == (False, True, False)
-    parts = [table([{"gap": 20.0}])]
+    parts, once = [table([{"gap": 20.0}])], iter([(True,)])
+    monkeypatch.setattr(Table, "numbers", property(lambda _: next(once)))  # not for every cell
     page = write_parts(tmp_path / "page.html", kicker="k", title="t", sentences=[], parts=parts)
     assert '<td class="n" data-label="gap">20' in page.read_text(), "a narrow screen names it"
 
