@@ -1,4 +1,6 @@
-"""Charts, described once: plotly draws them on a page, matplotlib in a figure for print."""
+"""Charts, described once for `figures`, `studies` and `rates`: plotly draws them on a page,
+matplotlib in a figure for print.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INK, MUTED, FAINT = "#1b1f24", "#5b6670", "#c9d0d6"
-SAFE, HAZARDOUS = "#e6f1f8", "#fbd9b5"
+INK, MUTED, FAINT = "#1b1f24", "#5b6670", "#c9d0d6"  # greys of lines and words, darkest first
+SAFE, HAZARDOUS = "#e6f1f8", "#fbd9b5"  # areas of the zones
 COLOURS: Final = (
     "#0072b2",
     "#d55e00",
@@ -29,7 +31,8 @@ COLOURS: Final = (
 )
 """Colours of ADSs, in order: Okabe and Ito (2008), distinct for every colour vision."""
 
-_ON_PAGES: Final = {"o": "circle", "X": "x", "-": "solid"}  # matplotlib's style -> plotly's
+_ON_PAGES: Final = {"": None, "o": "circle", "X": "x", "-": "solid"}
+"""Styles of lines and markers: matplotlib's -> plotly's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,10 +62,10 @@ class Marks:
 class Panel:
     """One chart.
 
-    x, y: labels of its axes; an empty x: the panel below shares and labels this axis.
-    verticals: x of lines across the whole panel.
-    chance: x (m,), y (n,) and the probability of hazard (n, m), drawn as a map with a line at 0.5;
-        None: no map.
+    x, y: labels of its axes; an empty x: the axis is that of the panel below, which labels it.
+    verticals: x of vertical lines across the whole panel.
+    chance: a map with a line at 0.5: x (m,), y (n,) and values (n, m), hazardous above 0.5; None:
+        no map.
     range_: ends of the x axis; None: those of what is drawn.
     """
 
@@ -76,7 +79,7 @@ class Panel:
 
 
 def on_page(panels: Sequence[Panel], columns: int, height: int) -> go.Figure:
-    """The panels as one figure of plotly.
+    """Draw panels as one figure of plotly.
 
     columns: panels in a row.
     height: of the figure, px.
@@ -84,47 +87,42 @@ def on_page(panels: Sequence[Panel], columns: int, height: int) -> go.Figure:
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
-    rows = -(-len(panels) // columns)
+    rows = -(-len(panels) // columns)  # rounded up
     titles = [panel.title for panel in panels]
+    # spaces between panels, as shares of the figure
     figure = make_subplots(
-        rows,
-        columns,
-        subplot_titles=titles,
-        vertical_spacing=0.3 / rows,
-        horizontal_spacing=0.2 / columns,
-    )
-    named: set[str] = set()
-    for place, panel in enumerate(panels):
-        at = {"row": place // columns + 1, "col": place % columns + 1}
+        rows, columns, subplot_titles=titles,
+        vertical_spacing=0.3 / rows, horizontal_spacing=0.2 / columns,
+    )  # fmt: skip
+    named = {""}  # marks that have their entry of the legend, or need none
+    for number, panel in enumerate(panels):
+        at = {"row": number // columns + 1, "col": number % columns + 1}
         if panel.chance is not None:
             x, y, z = panel.chance
             line = {"start": 0.5, "end": 0.5, "size": 1, "coloring": "heatmap"}
             colours = [[0.0, SAFE], [1.0, HAZARDOUS]]
             figure.add_trace(
-                go.Contour(x=x, y=y, z=z, contours=line, colorscale=colours, zmin=0.0, zmax=1.0,
-                    showscale=False,
-                           line={"color": INK, "width": 2}, hoverinfo="skip"), **at
+                go.Contour(
+                    x=x, y=y, z=z, contours=line, colorscale=colours, zmin=0.0, zmax=1.0,
+                    showscale=False, line={"color": INK, "width": 2}, hoverinfo="skip",
+                ),
+                **at,
             )  # fmt: skip
         for it in panel.marks:
-            shown = {
-                "name": it.name,
-                "legendgroup": it.name,
-                "showlegend": bool(it.name) and it.name not in named,
-            }
+            legend = {
+                "name": it.name, "legendgroup": it.name, "showlegend": it.name not in named,
+            }  # fmt: skip
             named.add(it.name)
             if it.bars:
-                bars = go.Bar(x=it.x, y=it.y, marker={"color": it.colour}, opacity=0.55, **shown)
+                bars = go.Bar(x=it.x, y=it.y, marker={"color": it.colour}, opacity=0.55, **legend)
                 figure.add_trace(bars, **at)
                 continue
-            shapes = [
-                shape for shape, style in (("lines", it.line), ("markers", it.marker)) if style
-            ]
-            dash, symbol = (_ON_PAGES.get(style, style) for style in (it.line, it.marker))
+            styles = (("lines", it.line), ("markers", it.marker))
+            mode = "+".join(shape for shape, style in styles if style)
             figure.add_scatter(
-                x=it.x, y=it.y, mode="+".join(shapes) or "markers", text=it.words, **shown,
-                **at,
-                line={"color": it.colour, "dash": dash or None},
-                marker={"color": it.colour, "symbol": symbol or None},
+                x=it.x, y=it.y, mode=mode or "markers", text=it.words, **legend, **at,
+                line={"color": it.colour, "dash": _ON_PAGES[it.line]},
+                marker={"color": it.colour, "symbol": _ON_PAGES[it.marker]},
                 error_x=None if it.spread is None else {"type": "data", "array": it.spread},
             )  # fmt: skip
         for x in panel.verticals:
@@ -139,29 +137,20 @@ def on_page(panels: Sequence[Panel], columns: int, height: int) -> go.Figure:
 def draw(ax: Axes, panel: Panel, named: set[str]) -> None:
     """Draw a panel with matplotlib.
 
-    named: names that the figure's legend has already; those of this panel are added.
+    named: names of marks that the figure's legend has already; the function adds this panel's.
     """
     if panel.chance is not None:
         ax.contourf(*panel.chance, levels=[-np.inf, 0.5, np.inf], colors=[SAFE, HAZARDOUS])
         edge_of(ax, panel.chance, 0.5, INK, "-")
     for it in panel.marks:
-        style: dict[str, Any] = {"elinewidth": 0.6, "markeredgecolor": INK, "markeredgewidth": 0.3}
-        style["zorder"] = 1 if it.colour == FAINT else 2
-        # markers at the axes' edge are drawn whole
-        style["clip_on"] = not (it.marker and np.size(it.x))
         label = "" if it.name in named else it.name
         named.add(it.name)
+        # faint marks lie below all others; markers at the axes' edge are drawn whole
         ax.errorbar(
-            it.x,
-            it.y,
-            None,
-            it.spread,
-            color=it.colour,
-            ls=it.line,
-            marker=it.marker,
-            label=label,
-            **style,
-        )
+            it.x, it.y, xerr=it.spread, color=it.colour, ls=it.line, marker=it.marker, label=label,
+            elinewidth=0.6, markeredgecolor=INK, markeredgewidth=0.3,
+            zorder=1 if it.colour == FAINT else 2, clip_on=not (it.marker and np.size(it.x)),
+        )  # fmt: skip
     for x in panel.verticals:
         ax.axvline(x, color=FAINT, linewidth=3.0, zorder=0)
     ax.set(xlabel=panel.x, ylabel=panel.y, title=panel.title, xlim=panel.range_)
@@ -178,8 +167,8 @@ def add_title_and_legend(figure: Figure, title: str) -> None:
     """Put a title above a figure, wrapped to its width, and a legend below it if marks have
     names.
     """
-    # a figure has the width of one column of a paper or of the whole page
-    one_column = figure.get_figwidth() < 5.0  # inches
+    # a figure is as wide as one column of a paper (3.5 inches) or as its page (7.1 inches)
+    one_column = figure.get_figwidth() < 5.0
     if any(ax.get_legend_handles_labels()[1] for ax in figure.axes):
         figure.legend(loc="outside lower center", ncols=2 if one_column else 4)
     longest_line = 50 if one_column else 100  # characters
