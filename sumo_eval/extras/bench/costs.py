@@ -1,8 +1,8 @@
-"""Costs on this machine: bare libsumo, the harness, the field, D, zones.
+"""Costs on this machine, for `sumo-eval bench`: bare libsumo, the harness, the field, D, zones.
 
-Processor time of this process, not wall time, so that other programs disturb little; the rows of
-one table alternate over several rounds, and the least of each counts. What carries over to
-other machines are the ratios.
+Costs are processor time, not wall time, so that other programs disturb little. Each is the least of
+several rounds, in which everything that is compared is measured once. On other machines only the
+ratios hold.
 """
 
 from __future__ import annotations
@@ -44,13 +44,17 @@ from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import FloatArray, Recording
 
-# the step of the public simulators of UN R157
+# the step, s, is that of the public simulators of UN R157
 SETTINGS = SimulationSettings(step=0.1, end_when_decided=True)
 
 
 class Row(NamedTuple):
-    """One measurement: what, how much, in which unit, and a ratio with its meaning ("" where there
-    is none).
+    """One measurement.
+
+    group: part of the benchmark.
+    what: name of what is measured.
+    value: its cost or its rate, in `unit`.
+    ratio: its speed as a multiple of the speed of `ratio_of`; None: no comparison.
     """
 
     group: str
@@ -62,7 +66,7 @@ class Row(NamedTuple):
 
 
 class TenLines:
-    """A user's controller, as the README has it."""
+    """A user's ten lines of TraCI: a class with a method `step`."""
 
     def step(self, traci: Any, ego: str, time: float) -> Command:
         """Brake at less than 4 s to contact."""
@@ -75,7 +79,7 @@ class TenLines:
 
 
 class Policy:
-    """A user's policy, as the README has it: one object a case, asked with an observation."""
+    """A user's policy: one object a case, whose `act` receives an observation every step."""
 
     def act(self, seen: Observation) -> float:
         """Brake at less than 4 s to contact."""
@@ -89,7 +93,7 @@ class Policy:
 
 
 class BatchPolicy:
-    """A user's policy over arrays: asked once a step with the observations of all rows."""
+    """A user's policy over arrays: `act` receives the observations of all rows every step."""
 
     batch = True
 
@@ -119,9 +123,12 @@ def set_speed(traci: Any, ego: str, time: float) -> None:
 def benchmark(
     *, cases: int, rounds: int, parts: Collection[str], progress: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Measure these `parts`; `cases`: of the R157 cut-in grid.
+    """Measure parts of the package; the result has the machine and the rows of all parts.
 
-    The result is plain data for a table or for JSON.
+    cases: number of cases of the UN R157 cut-in grid.
+    rounds: how often everything is measured.
+    parts: of `command.PARTS`.
+    progress: receives each part before it is measured.
     """
     rows: list[Row] = []
     for part in parts:
@@ -131,6 +138,7 @@ def benchmark(
         elif part == "field and D":
             rows += field_and_index(rounds)
         else:
+            # a small benchmark trains on few points
             rows += zones(2000 if cases >= 100 else 100)
     machine = {
         "processor": platform.processor() or platform.machine(),
@@ -148,20 +156,23 @@ _ALONE = {
     "user's ten lines, vehicle model and moveToXY": TenLines,
     "careful_driver, one at a time": "careful_driver",
 }
+"""ADSs whose cases are simulated one at a time: name in the table -> controller."""
 _BATCHED = {
     **{name: name for name in ("careful_driver", "no_reaction", "idm", "fsm", "rss", "reg157")},
     "user's function, setSpeed": set_speed,
     "user's policy": Policy,
     "user's policy over arrays": BatchPolicy,
 }
+"""ADSs whose cases are simulated in batches: name in the table -> controller."""
 
 
 def cosimulation(cases: int, rounds: int) -> list[Row]:
-    """Cases of the cut-in grid, recorded: each way of driving them beside bare libsumo on as many
-    steps.
+    """Costs of simulating and recording cases of the cut-in grid: every ADS, one at a time or in
+    batches, compared with bare libsumo over the same number of steps.
     """
     logical, group = catalogue.load("cut_in"), "co-simulation"
     grid = sample(logical).points
+    # evenly over the grid
     concretes = logical.concretes(grid[:: max(len(grid) // cases, 1)][:cases])
 
     def alone(ads: Any) -> list[Recording]:
@@ -172,41 +183,49 @@ def cosimulation(cases: int, rounds: int) -> list[Row]:
 
     ways = {name: functools.partial(alone, ads) for name, ads in _ALONE.items()}
     ways |= {f"{name}, packed": functools.partial(batched, ads) for name, ads in _BATCHED.items()}
-    # warms up, and says how many steps there are
+    # this also compiles what is not compiled yet, and gives the number of steps of each case
     recordings = {name: way() for name, way in ways.items()}
     steps = {
-        name: [round(one.simulated_time / SETTINGS.step) for one in found]
-        for name, found in recordings.items()
+        name: [round(recording.simulated_time / SETTINGS.step) for recording in drives]
+        for name, drives in recordings.items()
     }
+
+    # least seconds of each way, and of bare libsumo over the same steps
     own, bare = dict.fromkeys(ways, math.inf), dict.fromkeys(ways, math.inf)
-    context = multiprocessing.get_context("spawn")  # no session of the harness has set up anything
+    # bare libsumo runs in a new process, in which the harness has set up nothing
+    context = multiprocessing.get_context("spawn")
     with (
         ProcessPoolExecutor(1, mp_context=context) as process,
         tempfile.TemporaryDirectory() as folder,
     ):
-        lines = []
+        command_lines = []
         for number, one in enumerate(concretes):
-            here = Path(folder) / str(number)
-            here.mkdir()
-            lines.append(command_line(one, one.simulation(SETTINGS), here, here / "sumo.log", None))
+            files = Path(folder) / str(number)
+            files.mkdir()
+            command_lines.append(
+                command_line(one, one.simulation(SETTINGS), files, files / "sumo.log", None)
+            )
         for _ in range(rounds):
             for name, way in ways.items():
                 own[name] = min(own[name], _seconds(way))
+                # a user's function makes the same calls in bare libsumo
                 calls = [set_speed] if name.startswith("user's function") else []
-                took = process.submit(bare_seconds, lines, steps[name], *calls).result()
+                took = process.submit(bare_seconds, command_lines, steps[name], *calls).result()
                 bare[name] = min(bare[name], took)
-    count, driver = len(concretes), "careful_driver, packed"
+
+    count, baseline = len(concretes), "careful_driver, packed"
     rows = [
         Row(group, f"{name} ({np.mean(steps[name]):.0f} steps a case)", count / own[name],
              "cases/s", bare[name] / own[name], "bare libsumo")
         for name in ways
     ]  # fmt: skip
-    what = "bare libsumo, one at a time, as many steps"
-    rows.append(Row(group, what, count / bare[driver], "cases/s"))
-    return [*rows, _storing(concretes, recordings[driver])]
+    rate = count / bare[baseline]
+    yardstick = Row(group, "bare libsumo, one at a time, as many steps", rate, "cases/s")
+    return [*rows, yardstick, _storing(concretes, recordings[baseline])]
 
 
 def _storing(concretes: Sequence[ConcreteScenario], recordings: Sequence[Recording]) -> Row:
+    """Cost of writing recordings, one of each concrete scenario, into a run's facts."""
     with (
         tempfile.TemporaryDirectory() as folder,
         open_store(Path(folder) / "facts.sqlite", create=True) as store,
@@ -220,13 +239,15 @@ def _storing(concretes: Sequence[ConcreteScenario], recordings: Sequence[Recordi
 
 
 def field_and_index(rounds: int) -> list[Row]:
-    """The field's kernel beside numpy's exp, D of a case beside its 11 simulations in batches."""
+    """Cost of a term of the field compared with numpy's exp, and of D_i of a case compared with its
+    11 simulations in batches: the ADS's and those of 10 drivers.
+    """
     logical = catalogue.load("front_vehicle_cut_out")
     concrete = logical.concrete(ego_speed=25.0, obstacle_speed=10.0, gap=110.0)
     people = [human_controller(index, 10, 1, concrete) for index in range(10)]
     drivers = [recording.ego for recording in simulate_many([concrete] * 10, people)]
     ads = simulate(concrete, "lane_changer").ego
-    points = 10 * rounds  # as many concrete scenarios stand for the batch of a run
+    points = 10 * rounds  # the same concrete scenario several times, in batches as of a run
     simulated = _seconds(
         lambda: [
             *simulate_many([concrete] * 10 * points, people * points),
@@ -235,8 +256,10 @@ def field_and_index(rounds: int) -> list[Row]:
     )
     slices = slice_positions(float(ads.x[0]), logical.road.length - float(ads.x[0]), 0.5)
     places = slice_points(slices, lateral_position(ads, slices), logical.road).reshape(-1, 2)
+    # the field at a place is a sum over samples of the trajectory, 0.02 s apart
     terms = len(places) * len(np.arange(0.0, ads.duration, 0.02))
     anthropomorphic_index(ads, drivers, logical.road)  # compiles what is not compiled yet
+    # exponents of the size that the field's have
     numbers, result = np.random.default_rng(2).uniform(-0.3, 0.3, 1024), np.empty(1024)
     works = {
         "kernel": lambda: trajectory_field(places, ads, sample_interval=0.02),
@@ -249,7 +272,7 @@ def field_and_index(rounds: int) -> list[Row]:
             least[name] = min(least[name], _seconds(work))
     group, index = "field and D", least["index"]
     kernel, exponential = least["kernel"] / terms, least["exp"] / (1000 * numbers.size)
-    ratio = simulated / points / index
+    ratio = simulated / points / index  # of the speed of D_i and of one point's simulations
     return [
         Row(group, "numpy's exp, a number", 1e9 * exponential, "ns"),
         Row(group, "field, a term", 1e9 * kernel, "ns", exponential / kernel, "numpy's exp"),
@@ -258,7 +281,7 @@ def field_and_index(rounds: int) -> list[Row]:
 
 
 def zones(points: int) -> list[Row]:
-    """Zones of a scenario on its own grid, and on many training points."""
+    """Cost of the zones of a scenario, learnt on its own grid and on `points` random points."""
     logical = catalogue.load("front_vehicle_cut_out")
     many = logical.from_unit(np.random.default_rng(1).random((points, len(logical.parameters))))
     own = _seconds(lambda: partition(logical))
@@ -270,6 +293,7 @@ def zones(points: int) -> list[Row]:
 
 
 def _seconds(work: Callable[[], object]) -> float:
+    """Processor time of a call in this process, s."""
     began = time.process_time()
     work()
     return time.process_time() - began
