@@ -66,7 +66,7 @@ def test_highd_width_is_the_length_y_points_down_and_the_corner_is_the_upper_lef
 
 
 @needs_recordings
-def test_ngsim_feet_front_centre_and_lanes_from_the_left():
+def test_ngsim_feet_front_centre_and_lanes_from_the_left(tmp_path):
     path = recording("samples", "ngsim_layout_i80_pairs.csv")
     table, raw = ngsim.read(path)[0], pd.read_csv(path)
     # Local_X 6.627 ft, Local_Y 77.133 ft, v_length 16.798 ft, lane 1
@@ -79,6 +79,10 @@ def test_ngsim_feet_front_centre_and_lanes_from_the_left():
     left, right = (raw.loc[raw["Lane_ID"] == lane, "Local_X"].median() for lane in (1, 2))
     assert left < right  # Local_X grows to the right, y to the left
     assert table.loc[table["lane"] == 4, "y"].median() > table.loc[table["lane"] == 3, "y"].median()
+    other = raw.assign(Location="us-101", Local_X=raw["Local_X"] + 30.0)
+    pd.concat([raw, other]).to_csv(tmp_path / "both.csv", index=False)
+    aside = ngsim.read(tmp_path / "both.csv")[0].groupby("recording")["y"].median()
+    assert aside["us-101"] == pytest.approx(aside["i-80"])  # each from its own right lane
 
 
 def test_ngsim_original_layout_and_a_vehicle_id_that_is_used_again(tmp_path):

@@ -4,7 +4,7 @@ data.transportation.gov.
 Traps: x, y is the centre of the FRONT; Local_X grows to the right from the left road edge, Local_Y
 along the road; lane 1 is the leftmost, 6 an auxiliary lane, 7 and 8 ramps; vehicle ids are used
 again, in other recordings of the same file and within one; speeds and accelerations are rough
-differences, so accelerations are derived again from smoothed positions.
+differences, so accelerations are derived again from smoothed speeds.
 """
 
 from __future__ import annotations
@@ -71,12 +71,13 @@ def read(path: Path) -> Samples:
             "lane": MAIN_LANES - rows["Lane_ID"].astype(np.int64),
         }
     )
-    right = table.loc[table["lane"] == table["lane"].clip(lower=0).min(), "y"]
-    table["y"] -= right.median()
+    aside = table["lane"].abs()
+    right = table["y"].where(aside == aside.groupby(table["recording"]).transform("min"))
+    table["y"] -= right.groupby(table["recording"]).transform("median")
     reused = int(again.sum())
     notes = [
         f"Lane {MAIN_LANES} of {path.name} is the right lane (lane 0); lanes beyond it are "
-        "auxiliary lanes and ramps."
+        "auxiliary lanes and ramps. It has no headings: 0 is assumed."
     ]
     if reused:
         notes.append(
