@@ -441,6 +441,17 @@ def test_any_table_on_a_map_is_straightened_and_says_what_it_assumed_and_left_ou
     assert "no speed: from the motion" in said
 
 
+def test_lanes_are_found_when_the_axis_changes_lanes(tmp_path):
+    t = np.arange(0.0, 30.0, 0.1)
+    cars = [
+        pd.DataFrame({"vehicle": i, "t": t, "x": 15.0 * t, "y": 3.5 * (i % 2)}) for i in range(8)
+    ]
+    cars[0] = cars[0].assign(x=16.5 * t, y=np.interp(t, [10, 14], [0, 3.5]))
+    pd.concat(cars).to_csv(tmp_path / "a.csv", index=False)
+    table = import_recordings("map", [tmp_path / "a.csv"]).table.query("vehicle != '0'")
+    assert table["lane"].eq(table["vehicle"].astype(int) % 2).all()
+
+
 def test_a_table_on_a_map_without_a_place_is_refused_with_its_row(tmp_path):
     path = _bend(tmp_path / "bend.csv")
     path.write_text(path.read_text().replace("v0,0.1,", "v0,later,", 1))

@@ -28,7 +28,7 @@ WRONG_WAY = np.radians(45.0)
 MIN_CONTINUATION = 10  # points by which a path must reach past the end of an axis to carry it on
 MEMBER_SHARE = 0.9  # of a track's samples that must drive along the axis
 LANE_WIDTHS = np.arange(2.8, 4.21, 0.02)  # m
-SECTION = 20.0  # m of road in which lanes are straight
+SECTION = 5.0  # m of road; over three, an axis that changes lanes moves less than half a lane
 SECTIONS_SMOOTHED = 3
 FEWEST_SAMPLES = 500  # fewer do not show lanes
 # share of a stream's road on which a lane of the main road is driven; ramps are shorter
@@ -182,23 +182,21 @@ def _laned(stream: pd.DataFrame) -> tuple[pd.DataFrame, float | None]:
     s = stream["x"].to_numpy()
     aside = stream["offset"].to_numpy() if "offset" in stream else np.zeros(len(s))
     d = stream["y"].to_numpy() - aside
-    section = np.maximum(((s - s.min()) / SECTION).astype(int), 0)
+    section = ((s - s.min()) / SECTION).astype(int)
     if len(stream) < FEWEST_SAMPLES:
-        width, phase, bend = None, np.full(len(s), np.median(d)), np.zeros(len(s))
+        width, phase, bend = None, np.median(d, keepdims=True), np.zeros(1)
     else:
         width = float(
             LANE_WIDTHS[np.argmax([np.abs(_phasors(d, section, w)).sum() for w in LANE_WIDTHS])]
         )
         phasors = _phasors(d, section, width)
         window = np.ones(SECTIONS_SMOOTHED)
-        steady = (
-            np.convolve(phasors, window, "same") if len(phasors) >= SECTIONS_SMOOTHED else phasors
-        )
+        steady = np.convolve(phasors, window, "same")[: len(phasors)]
         drift = np.unwrap(np.angle(steady)) / (2 * np.pi) * width
         middles = s.min() + SECTION * (np.arange(len(drift)) + 0.5)
         phase = np.interp(s, middles, drift)
         bend = np.interp(s, middles, np.gradient(drift, SECTION) if len(drift) > 1 else np.zeros(1))
-    spacing = STANDARD_LANE if width is None else width
+    spacing = width or STANDARD_LANE
     lane = np.round((d - phase) / spacing).astype(np.int64)
     stretch = ((s - s.min()) / max(float(np.ptp(s)) / 20, SECTION)).astype(int)
     driven = pd.Series(stretch).groupby(lane).nunique()
