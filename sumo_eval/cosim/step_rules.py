@@ -321,7 +321,7 @@ def read_rows(scenes: Scenes, scenario: Records, numbers: Any, read: FloatArray,
     read: x and y of the front bumper, angle and speed of the vehicles with these numbers.
     odd: receives the numbers of those that are left.
     """
-    left, width, far = 0, 1 + scenes.others.shape[1], FASTEST * scenario[0].step
+    left, width, far = 0, 1 + scenes.shown.shape[1], FASTEST * scenario[0].step
     for k, number in enumerate(numbers):
         row, j = number // width, number % width
         if j > 0:

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from cosim_cases import case, lead
 
-from sumo_eval import Command
+from sumo_eval import Command, kernels
+from sumo_eval.cosim import world
 from sumo_eval.cosim.doors import traci_module, traci_view
 from sumo_eval.cosim.doors.kept_state import first_change, kept_state
 from sumo_eval.cosim.simulation import simulate, simulate_many
@@ -117,6 +118,11 @@ def test_hooks_are_the_same_together_and_alone(hook, scenario):
     why = reasons_to_leave(points(scenario, 6), hook)
     assert {reason.why for reason in why} <= {"left_batch"}, why
     assert scenario != "cut_in" or not why
+
+
+def test_hooks_stay_together_by_an_interpreted_loop(monkeypatch):
+    monkeypatch.setattr(world, "read_rows", kernels._interpreted(world.read_rows.__wrapped__))
+    assert not reasons_to_leave(points("cut_in", 3), sets_speeds)
 
 
 @pytest.mark.parametrize("hook", [returns_commands, Mixture, brakes])

@@ -245,7 +245,7 @@ def test_a_faulty_case_costs_only_itself(alone):
     first, second, third = simulate_many(cases, [Gives(float("nan"), 15.0) for _ in cases], SHORT)
     assert not alone
     assert second.end_reason == "ads_error"
-    assert "must be a finite number, got nan" in (second.error or "")
+    assert "must be a finite number, got nan" in second.error
     assert second.ego.time[-1] == pytest.approx(0.3)  # 6 * 0.05 is a little more than 0.3
     for concrete, found in zip(cases, (first, second, third), strict=True):
         assert everything(found) == everything(simulate(concrete, Gives(float("nan"), 15.0), SHORT))

@@ -27,9 +27,10 @@ def fault_place(error: BaseException | None, driver: Any, folder: Path | None) -
 
     That is the innermost frame in the file of the user's object `driver`, else the innermost in a
     file that is neither this package's nor an installed library's, else the innermost outside this
-    package, else nothing. The frames are the exception's own, or those of the one that it was
-    raised from. Paths within `folder` are relative to it. Of an exception that passed none,
-    because what the user's code returned is refused, it is where that function is.
+    package (unless a door has put the error in words), else nothing. The frames are the exception's
+    own, or those of the one that it was raised from. Paths within `folder` are relative to it. Of
+    an exception that passed none, because what the user's code returned is refused, it is where
+    that function is.
     """
     seen: set[int] = set()
     worded = type(error) is ControllerError  # by a door, whatever a library of its own raised
