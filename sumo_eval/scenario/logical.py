@@ -408,7 +408,9 @@ class LogicalScenario:
         )
 
     def concretes(self, points: ArrayLike) -> list[ConcreteScenario]:
-        """The concrete scenarios at the rows of `points`, (n, k) or one, (k,)."""
+        """The concrete scenarios at the rows of `points`, (n, k), one (k,) or an empty list."""
+        if np.shape(points) == (0,):
+            return []
         rows = np.atleast_2d(points)
         self.columns(rows)  # refuses rows of another length
         return [self.concrete(**dict(zip(self.names, row, strict=True))) for row in rows.tolist()]

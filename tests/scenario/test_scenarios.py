@@ -352,6 +352,7 @@ def test_points_of_another_space_are_refused():
     for use in (CUT_OUT.columns, CUT_OUT.concretes):
         with refusal("must be 3 long"):
             use(np.zeros((5, 2)))
+    assert CUT_OUT.concretes([]) == []
 
 
 @pytest.mark.parametrize(
