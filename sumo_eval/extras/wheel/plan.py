@@ -160,8 +160,8 @@ def read_study(path: Path) -> StudyPlan:
     count = min(settings.count, len(safe))
     # evenly over the list: some of every scenario
     keys = settings.cases or [safe[place * len(safe) // count] for place in range(count)]
-    for kind, wanted, known in (("ADS", settings.ads, names), ("case", keys, points)):
-        check_known(f"{kind} of the run", known, *wanted)
+    check_known("ADS of the run", names, *settings.ads)
+    check_known("case of the run", points, *keys)
     if len(set(keys)) < len(keys):
         raise must_be("`cases`", f"study `{settings.name}`", "distinct", ", ".join(keys))
     if not keys:
