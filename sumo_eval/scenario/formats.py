@@ -29,8 +29,8 @@ class Format:
     """A reader of the scenario files of one ending.
 
     read: makes the scenario of a path and of the options after the `?` of `use`.
-    expand: makes an entry of each scenario that an entry's file or catalogue holds, of the entry
-        and the folder where paths start; None: a file holds one.
+    expand: takes an entry and the folder where paths start, gives one entry for each scenario in
+        the entry's file or catalogue; None: a file holds one scenario.
     catalogues: names that `use` may have instead of a file.
     samplings: ways to choose points, by name: a function of a space and a `Request`, and the keys
         of `sampling` that it takes.

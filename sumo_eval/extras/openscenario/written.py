@@ -109,7 +109,7 @@ def _names(actors: Sequence[Actor]) -> list[str]:
 
 def _road(road: Road) -> dict[str, Any]:
     name = road.name
-    for named in (False, True):  # a scenario file's road has its curves in its name by itself
+    for named in (False, True):  # reading a scenario file adds the curves to the road's name
         name = name.removesuffix(bend_name(road.line, named=named))
     return {
         "name": name, "lanes": road.lanes, "lane_width": road.lane_width,

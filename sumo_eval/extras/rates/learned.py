@@ -66,7 +66,7 @@ class Learnt(NamedTuple):
     measured: from its events.
     logical: the scenario of its file; None: too few events.
     models: held out, the best first.
-    replay: of `replay_errors`.
+    replay: distances from the recorded motion, as `replay_errors` has them, m, (n, 3).
     thinned: number of events beyond `MOST_FITTED`, which the distribution leaves out evenly.
     """
 

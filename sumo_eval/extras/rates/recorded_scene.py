@@ -221,7 +221,7 @@ def _actors_of(tracks: list[_Track], ego: _Track) -> tuple[list[_Track], int, Co
         elif any(_overlap(actor, other) for other in (ego, *actors)):
             left_out[IN_ANOTHER] += 1
         else:
-            # behind its last position an actor keeps speed and lane, as after every script
+            # after its last position an actor keeps speed and lane, as after every script
             continued += track.time[0] >= INTERVAL or track.time[-1] <= ego.time[-1] - INTERVAL
             actors.append(actor)
     return actors, continued, left_out
