@@ -1,4 +1,4 @@
-"""Levers of a case: settings and parameters that can be moved alone, with their ranges."""
+"""Levers of a case: settings and parameters that `whatif/search.py` moves alone, and their ranges."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from sumo_eval.scenario.logical import ONLY, LogicalScenario
 from sumo_eval.settings import SimulationSettings
 
 VALUES = 33
-"""Values along a lever in the first round."""
-_FINE = 1024  # steps of a scenario's parameter
+"""Most values along a lever in the first round."""
+_FINE = 1024  # steps from the lowest to the highest value of a scenario's parameter
 _SETTINGS = {
     "conditions.perception_delay": (0.0, 2.0, 0.0, "s"),
     "conditions.actuation_delay": (0.0, 2.0, 0.0, "s"),
@@ -22,20 +22,24 @@ _SETTINGS = {
     "vehicle.max_deceleration": (1.0, 12.0, 0.01, "m/s2"),
     "vehicle.friction": (0.05, 1.2, 0.002, "1"),
 }
-"""Lowest and highest value, step (0: one of the simulation) and unit."""
+"""Setting: lowest and highest value, step (0: the simulation's time step), unit."""
 _SPEED, _GAP = "ego_speed", "gap"
-"""Levers of the start, where a scenario has no parameter of that name."""
-_FASTEST, _FARTHEST = 40.0, 100.0  # m/s, m
+"""Levers of the start: the ego's speed, and the gap to the lead vehicle.
+
+A scenario's own parameter of that name replaces them.
+"""
+_FASTEST, _FARTHEST = 40.0, 100.0  # highest values of these levers, m/s and m
 
 
 @dataclass(frozen=True, slots=True)
 class Lever:
     """A quantity that is moved alone.
 
-    step: to which a change of outcome is located.
-    recorded: value in the recorded case; if it has no limit, the highest.
-    unlimited: whether there is none.
-    listed: the only values that it has; none: all.
+    low, high: its range.
+    step: distance between neighbouring values: a change of outcome is located to a step.
+    recorded: value in the recorded case; `high` if that has no such limit, e.g. of the sensor.
+    listed: the only values that it can have; empty: every step of the range.
+    unlimited: whether the recorded case has no such limit.
     """
 
     name: str
@@ -48,25 +52,29 @@ class Lever:
     unlimited: bool = False
 
     def steps(self) -> list[float]:
-        """All values that it can have."""
-        whole = round((self.high - self.low) / self.step)
+        """All values that it can have, rounded to 9 digits."""
+        count = round((self.high - self.low) / self.step)
         return list(self.listed) or [
-            round(min(self.low + place * self.step, self.high), 9) for place in range(whole + 1)
+            round(min(self.low + number * self.step, self.high), 9) for number in range(count + 1)
         ]
 
     def place(self, value: float) -> float:
-        """Place of a value in the range, 0 to 1."""
+        """Where a value lies in the range, 0 (low) to 1 (high)."""
         return (value - self.low) / (self.high - self.low)
 
     def share(self, value: float) -> float:
-        """Change to a value as a share of the range."""
+        """Distance of a value from the recorded one, as a share of the range."""
         return abs(self.place(value) - self.place(self.recorded))
 
 
 def levers_of(
     logical: LogicalScenario, values: Mapping[str, float], settings: SimulationSettings
 ) -> list[Lever]:
-    """The levers of a case: conditions, brakes, friction, start, parameters of its scenario."""
+    """The levers of a case: conditions, brakes, friction, start, parameters of its scenario.
+
+    values: the recorded point.
+    settings: of the run.
+    """
     levers = []
     for name, (low, high, step, unit) in _SETTINGS.items():
         group, _, setting = name.partition(".")
@@ -78,10 +86,11 @@ def levers_of(
 
     concrete = logical.placed(values)
     ego, ahead = concrete.ego, _ahead(concrete)
+    # an ego that starts at rest or moves sideways keeps its speed
     if ego.speed > 0.0 and not ego.lateral_speed:
         levers.append(Lever(_SPEED, "m/s", 0.0, max(_FASTEST, ego.speed), 0.05, ego.speed))
     if ahead is not None:
-        # from the ego's front to the rear of the actor
+        # from the ego's front to the actor's rear; places are of the centres
         bodies = ahead.length + concrete.ego_vehicle(settings.vehicle).length
         gap = ahead.start.x - ego.x - bodies / 2.0
         levers.append(Lever(_GAP, "m", min(0.0, gap), max(_FARTHEST, gap), 0.1, gap))
@@ -90,22 +99,24 @@ def levers_of(
         step, value = (item.high - item.low) / _FINE, values[item.name]
         listed = tuple(item.values or ())
         levers.append(Lever(item.name, item.unit, item.low, item.high, step, value, listed))
-    # a parameter stands for the setting of its name
+    # of two levers of one name the last stays: a parameter replaces a lever of the start
     return list({lever.name: lever for lever in levers}.values())
 
 
 def first_values(
     logical: LogicalScenario, values: Mapping[str, float], lever: Lever
 ) -> list[float]:
-    """Values of the first round, evenly among those that the scenario has."""
+    """Values of the first round, evenly spread over those that the scenario has points at."""
     steps = lever.steps()
     chosen = _evenly(steps)
+    # all steps are tried only if need be: making a thousand concrete scenarios takes time
     if any(moved(logical, values, lever, value) is None for value in chosen):
         chosen = _evenly([it for it in steps if moved(logical, values, lever, it) is not None])
     return chosen
 
 
 def _evenly(values: Sequence[float]) -> list[float]:
+    """At most `VALUES` of the values, evenly spread, both ends among them."""
     places = np.linspace(0, len(values) - 1, min(VALUES, len(values)))
     return [values[place] for place in np.round(places).astype(int).tolist()]
 
@@ -113,28 +124,32 @@ def _evenly(values: Sequence[float]) -> list[float]:
 def moved(
     logical: LogicalScenario, values: Mapping[str, float], lever: Lever, value: float
 ) -> ConcreteScenario | None:
-    """The case with one lever at a value; None where the scenario has no such point."""
+    """The concrete scenario of a case with one lever at a value.
+
+    None: the scenario has no such point.
+    """
     if lever.name in logical.names:
         try:
             return logical.concrete(**{**values, lever.name: value})
         except InputError:
             return None
-    usual = logical.placed(values)
+    recorded = logical.placed(values)
     if value == lever.recorded:
-        return usual
+        return recorded
     if lever.name == _SPEED:
-        return replace(usual, ego=replace(usual.ego, speed=value))
+        return replace(recorded, ego=replace(recorded.ego, speed=value))
     if lever.name == _GAP:
-        ahead = _ahead(usual)
-        assert ahead is not None
+        ahead = _ahead(recorded)
+        assert ahead is not None  # else the case has no such lever
         start = replace(ahead.start, x=ahead.start.x + value - lever.recorded)
-        farther = replace(ahead, start=start)
-        return replace(usual, actors=tuple(farther if it == ahead else it for it in usual.actors))
-    return replace(usual, changes=(*usual.changes, (lever.name, value)))
+        shifted = replace(ahead, start=start)
+        actors = tuple(shifted if it == ahead else it for it in recorded.actors)
+        return replace(recorded, actors=actors)
+    return replace(recorded, changes=(*recorded.changes, (lever.name, value)))
 
 
 def _ahead(concrete: ConcreteScenario) -> Actor | None:
-    """The first actor ahead in the ego's lane at the start."""
+    """The nearest actor ahead in the ego's lane at the start, without actors that cross (`on_map`)."""
     ego, half = concrete.ego, concrete.road.lane_width / 2.0
     ahead = [
         it

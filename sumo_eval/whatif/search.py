@@ -1,7 +1,9 @@
 """The least change of each lever that changes the outcome of a recorded case.
 
-Two rounds: at least 32 values along each lever, then every step between the neighbours of the
-nearest change on either side. Both ends of every change are rerun.
+Used by `sumo-eval whatif` and by the nightly run. The first round drives 33 values along each
+lever, or all if it has fewer. The second drives every step between the two values where the outcome
+changes, for the nearest change on each side of the recorded value. Then both ends of these changes
+are rerun: an ADS must repeat its outcome.
 """
 
 from __future__ import annotations
@@ -20,8 +22,10 @@ from sumo_eval.record.run_folder import resolved_run
 from sumo_eval.record.store import Fact
 from sumo_eval.whatif.levers import Lever, first_values, levers_of, moved
 
-_UNSEEN = "perception_not_limited"
-_PERCEIVED = ("conditions.perception_delay", "conditions.sensor_range")
+_NOT_LIMITED = "perception_not_limited"
+"""Clip of an ADS that reads the simulation past the limits of its perception."""
+_OF_PERCEPTION = ("conditions.perception_delay", "conditions.sensor_range")
+"""Levers that have no effect on such an ADS."""
 
 Line = dict[float, bool]
 """Whether the ADS collides, by value of a lever."""
@@ -29,7 +33,9 @@ Line = dict[float, bool]
 
 @dataclass(frozen=True, slots=True)
 class Flip:
-    """A change of outcome along a lever: the last value before it and the first after it."""
+    """A change of outcome along a lever, away from the recorded value: the last value before the
+    change and the first one after it.
+    """
 
     before: float
     after: float
@@ -39,10 +45,10 @@ class Flip:
 class Answer:
     """Effect of one lever on a case.
 
-    flips: changes of outcome, the nearest to the recorded value first; the nearest on each side is
-        located to a step, further ones to a value of the first round.
-    tried: values that were driven.
-    felt: whether the ADS perceives what the lever changes.
+    flips: changes of outcome, the nearest to the recorded value first. The nearest on each side is
+        located to a step, further ones to two values of the first round.
+    tried: number of values whose outcome is known, the recorded one included.
+    felt: whether the lever acts on the ADS at all.
     """
 
     lever: Lever
@@ -58,10 +64,11 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class CaseLevers:
-    """The levers of one case, the least change first.
+    """Answers for one case, the lever with the least change first.
 
+    fact: the recorded case.
     drives: number of drives that the answers took.
-    why_not: error message in place of answers.
+    why_not: error message instead of answers.
     """
 
     fact: Fact
@@ -77,15 +84,16 @@ class WhatIf:
         self._progress = progress
         self._run = resolved_run(run)
         settings = self._run.settings
-        # a contact ends a case before anything else could
+        # only contacts matter here: once the outcome is decided, the rest need not be driven
         simulation = replace(settings.simulation, end_when_decided=True)
         self._setup = Setup(simulation, settings.run, self._run.source)
         self._locators = {ads.name: ads.locator for ads in settings.ads}
         self._drives = 0
 
     def answers(self, fact: Fact, name: str | None = None, *, fine: bool = True) -> CaseLevers:
-        """Effects of all levers, or of the one with a name.
+        """Effects of all levers, or of the one called `name`.
 
+        name: as `vehicle.friction` or `friction`.
         fine: locate the nearest changes to a step.
         Raises InputError for a case that was not evaluated or does not repeat.
         """
@@ -105,6 +113,7 @@ class WhatIf:
             for lever in levers
             for value in first_values(logical, fact.values, lever)
         ]
+        # the first drive, any lever at its recorded value, is the recorded case itself
         now, *outcomes = self._outcomes(fact, [(levers[0], levers[0].recorded), *asked])
         _check_repeats(fact, now)
         lines: dict[Lever, Line] = {it: {it.recorded: fact.collision is not None} for it in levers}
@@ -112,8 +121,8 @@ class WhatIf:
         if fine:
             self._locate(fact, lines)
         recordings = (it.recording for it in outcomes if it is not None)
-        clips = {clip.what for one in recordings if one is not None for clip in one.clips}
-        unfelt = _PERCEIVED if _UNSEEN in clips else ()
+        clips = {clip.what for it in recordings if it is not None for clip in it.clips}
+        unfelt = _OF_PERCEPTION if _NOT_LIMITED in clips else ()
         answers = [
             Answer(lever, _flips(lever, line), len(line), lever.name not in unfelt)
             for lever, line in lines.items()
@@ -131,7 +140,10 @@ class WhatIf:
             return CaseLevers(fact, why_not=str(error))
 
     def _locate(self, fact: Fact, lines: dict[Lever, Line]) -> None:
-        """Drive every step between the ends of the nearest changes, then both ends again."""
+        """Drive every step between the ends of the nearest changes, then rerun both ends.
+
+        Raises InputError if an end does not repeat its outcome.
+        """
         inside = [
             (lever, value)
             for lever, flip in _nearest(lines)
@@ -150,7 +162,10 @@ class WhatIf:
                 )
 
     def _outcomes(self, fact: Fact, asked: Sequence[tuple[Lever, float]]) -> list[Outcome | None]:
-        """The outcomes with these levers at these values; None where there is none."""
+        """Drive the case once for each (lever, value).
+
+        None: the scenario has no such point, or the drive could not be evaluated.
+        """
         logical = self._run.scenarios[fact.scenario]
         seed, locator = self._run.settings.seed, self._locators[fact.driver]
         cases = [
@@ -159,12 +174,12 @@ class WhatIf:
             if (concrete := moved(logical, fact.values, lever, value)) is not None
         ]
         self._drives += len(cases)
-        known = {}
-        for number, it in enumerate(run_cases(cases, self._setup), start=1):
-            known[it.case.point] = it
-            self._progress("levers", number, len(cases))
-        outcomes = [known.get(number) for number in range(len(asked))]
-        return [it if it is not None and it.status in EVALUATED else None for it in outcomes]
+        evaluated = {}
+        for done, it in enumerate(run_cases(cases, self._setup), start=1):
+            if it.status in EVALUATED:
+                evaluated[it.case.point] = it
+            self._progress("levers", done, len(cases))
+        return [evaluated.get(number) for number in range(len(asked))]
 
 
 def _fill(
@@ -172,22 +187,26 @@ def _fill(
     asked: Sequence[tuple[Lever, float]],
     outcomes: Sequence[Outcome | None],
 ) -> None:
+    """Add the outcomes of drives to the lines, except at recorded values: these are known."""
     for (lever, value), it in zip(asked, outcomes, strict=True):
         if it is not None and value != lever.recorded:
             lines[lever][value] = it.status == "collision"
 
 
 def _check_repeats(fact: Fact, now: Outcome | None) -> None:
-    """Refuse a case whose recorded outcome does not come again."""
-    again = None if now is None else now.recording
-    if again is None or again.collision != fact.collision:
+    """Refuse a case whose rerun has another contact than the recorded drive.
+
+    now: outcome of the rerun.
+    """
+    rerun = None if now is None else now.recording
+    if rerun is None or rerun.collision != fact.collision:
         before, after = (
             "no contact" if hit is None else f"a contact at {hit.time:.3f} s"
-            for hit in (fact.collision, None if again is None else again.collision)
+            for hit in (fact.collision, None if rerun is None else rerun.collision)
         )
         raise InputError(
             f"Case `{fact.case}` does not repeat: recorded {before}, now "
-            f"{'not evaluated' if again is None else after}. Its ADS must be the recorded one and "
+            f"{'not evaluated' if rerun is None else after}. Its ADS must be the recorded one and "
             "do the same in every drive: undo its changes, or run the evaluation again."
         )
 
@@ -195,20 +214,21 @@ def _check_repeats(fact: Fact, now: Outcome | None) -> None:
 def _flips(lever: Lever, line: Line) -> tuple[Flip, ...]:
     """Changes of outcome along a lever, away from its recorded value, the nearest first."""
     flips = []
-    for side in (1, -1):
+    for direction in (1, -1):
+        # from the recorded value upwards, then downwards
         away = sorted(
-            (value for value in line if side * (value - lever.recorded) >= 0.0),
-            key=lambda value: side * value,
+            (value for value in line if direction * (value - lever.recorded) >= 0.0),
+            key=lambda value: direction * value,
         )
-        flips += [Flip(one, two) for one, two in pairwise(away) if line[one] != line[two]]
+        flips += [Flip(near, far) for near, far in pairwise(away) if line[near] != line[far]]
     return tuple(sorted(flips, key=lambda flip: lever.share(flip.after)))
 
 
 def _nearest(lines: dict[Lever, Line]) -> list[tuple[Lever, Flip]]:
-    """The nearest change of each lever on each side of its recorded value."""
+    """The nearest change of each lever above its recorded value and below it, if there is any."""
     return [
-        (lever, side[0])
+        (lever, flip)
         for lever, line in lines.items()
-        for up in (True, False)
-        if (side := [it for it in _flips(lever, line) if (it.after > lever.recorded) is up])
+        for above in (True, False)
+        for flip in [it for it in _flips(lever, line) if (it.after > lever.recorded) is above][:1]
     ]
