@@ -1,8 +1,8 @@
 """The base of all settings: their meaning, unit and bounds, and the refusal of other values.
 
-The `Annotated` bounds of a setting are the only place where a limit is written: direct construction
-checks them here, and `sumo_eval.settings.config` hands the same annotations to the reader of
-evaluation.toml.
+The `Annotated` bounds of a setting are the only place where a limit is written. A table of settings
+that is made in Python checks them here; `sumo_eval.settings.config` has pydantic check the same
+annotations in evaluation.toml.
 """
 
 from __future__ import annotations
@@ -33,7 +33,10 @@ from sumo_eval.errors import must_be
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """Meaning of a setting, for the documentation, the schema and the report."""
+    """Meaning of a setting, for the documentation, the schema and the report.
+
+    symbol, equation: those of the paper, if it has any.
+    """
 
     text: str
     unit: str = ""
@@ -54,7 +57,7 @@ def hints_of(cls: Any) -> dict[str, Any]:
 
 
 def about(cls: type, name: str) -> About:
-    """The `About` of a setting (an empty one where a setting has none)."""
+    """The `About` of a setting; an empty one if it has none."""
     hint = hints_of(cls)[name]
     for extra in getattr(hint, "__metadata__", ()):
         if isinstance(extra, About):
@@ -62,7 +65,7 @@ def about(cls: type, name: str) -> About:
     return About("")
 
 
-# annotation: (what is accepted, its words)
+# annotation: (accepted type, words for it); object: any, as the annotation's parts decide
 _KINDS: dict[object, tuple[Any, str]] = {
     float: (Real, "a number"), int: (Integral, "a whole number"), bool: (bool, "true or false"),
     str: (str, "a text"), dict: (Mapping, "a table"), tuple: ((list, tuple), "a list"),
@@ -81,8 +84,8 @@ _CHECKS: tuple[tuple[type, str, Callable[[Any, Any], bool], str], ...] = (
 class Checked:
     """Base of all settings: refuses a value that does not fit its annotation, as from a file.
 
-    A `__post_init__` of a subclass calls `Checked.__post_init__(self)`: a dataclass with slots has
-    no `super()`.
+    A subclass with a `__post_init__` of its own calls `Checked.__post_init__(self)` in it:
+    `super()` fails in a dataclass with slots.
     """
 
     __slots__ = ()
@@ -99,8 +102,10 @@ class Checked:
 class _Rule(NamedTuple):
     """Demands of an annotation on a value.
 
-    form: its kind as annotated.
-    kind: accepted type; object: any.
+    form: outermost part of the annotation, e.g. dict of dict[str, float]; None of a plain type.
+    optional: whether None is accepted.
+    choices: accepted values of a Literal; empty: of all others.
+    kind, kind_words: as in `_KINDS`.
     bounds: (test of a value and the limit, limit, words before the limit).
     inner: rules of the kinds of a union, of a table's keys and values, or of a list's items.
     """
@@ -121,11 +126,13 @@ def _rules(cls: Any) -> tuple[tuple[str, _Rule], ...]:
 
 
 def _rule(hint: Any) -> _Rule:
+    """The rule of an annotation."""
     base, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
     kinds, form = get_args(base), get_origin(base)
     optional = type(None) in kinds
     kinds = tuple(it for it in kinds if it not in (type(None), ...))
     if optional and len(kinds) == 1:
+        # the None at the end: Annotated must have a mark, and `marks` may be empty
         return _rule(Annotated[kinds[0], *marks, None])._replace(optional=True)
     kind, kind_words = _KINDS.get(form or base) or (base, f"a table (`{base.__name__}`)")
     bounds = tuple(
@@ -140,11 +147,15 @@ def _rule(hint: Any) -> _Rule:
 
 
 Wrong = tuple[str, str, object]
-"""Place in a value (`.speed`, `[0]`, or "" for all of it), demand on that part, and the part."""
+"""A mistake: its place in a value (`.speed`, `[0]`, or "" for all of it), the demand on that part,
+and the part."""
 
 
 def _wrong(value: Any, rule: _Rule, place: str = "") -> Wrong | None:
-    """The first mistake in a value; for a value of several possible kinds, the demands of all."""
+    """The first mistake in a value; None: it has none.
+
+    place: of the value in the whole setting.
+    """
     if value is None and rule.optional:
         return None
     if rule.choices and value not in rule.choices:
@@ -159,10 +170,12 @@ def _wrong(value: Any, rule: _Rule, place: str = "") -> Wrong | None:
             return place, f"{words} {limit:g}", value
     if rule.form in (dict, tuple):
         return _wrong_inside(value, rule, place)
+    # only a union still has inner rules here: one of its kinds must accept the value
     wrongs = [wrong for it in rule.inner if (wrong := _wrong(value, it, place))]
     if not wrongs or len(wrongs) < len(rule.inner):
         return None
     words = " or ".join(dict.fromkeys(demand for _, demand, _ in wrongs))
+    # a mistake deeper in the value tells more than the demands of all kinds on all of it
     return next((it for it in wrongs if it[0] != place), (place, words, value))
 
 
@@ -170,7 +183,7 @@ def _wrong_inside(value: Any, rule: _Rule, place: str) -> Wrong | None:
     """The first mistake in a table or a list."""
     if rule.form is dict:
         items = [(f".{key}", item, rule.inner[1]) for key, item in value.items()]
-    elif (length := len(rule.inner)) in (1, len(value)):  # 1: a rule for all items
+    elif (length := len(rule.inner)) in (1, len(value)):  # 1: one rule for all items
         items = [(f"[{i}]", item, rule.inner[i % length]) for i, item in enumerate(value)]
     else:
         return place, f"a list of {length}", value

@@ -1,5 +1,5 @@
-"""Settings of an evaluation: its scenarios, their samples and exposures, its ADSs, and all other
-settings.
+"""Settings of an evaluation, the content of evaluation.toml: its scenarios, their samples and
+exposures, its ADSs, and the tables of the other files of this folder.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ class SamplingSettings(Checked):
     count: Annotated[
         int | None,
         Ge(1),
-        About("number of points, of methods that draw them; of `adaptive` at most"),
+        About("number of points, for methods that draw them; the most points of `adaptive`"),
     ] = None
     strength: Annotated[
         int | None,
         Ge(1),
-        About("t of `combinations`: all value combinations of any t parameters occur"),
+        About("of `combinations`: t; for any t parameters, all combinations of values occur"),
     ] = None
     file: Annotated[str | None, About("CSV of points, or mapping of an OpenSCENARIO variation")] = (
         None
@@ -62,22 +62,22 @@ class SamplingSettings(Checked):
     aim: Annotated[
         Literal["s_plus", "boundary"] | None,
         About(
-            "of `adaptive`: what new points make more certain: the interval of S+ (default), or "
-            "the boundary of collisions, by the share of the space that collides"
+            "of `adaptive`: what new points make more certain: S+ (default), or the boundary "
+            "between collisions and none, i.e. the share of the space that collides"
         ),
     ] = None
     until: Annotated[
         float | None,
         Positive,
         About(
-            "of `adaptive`: no further round once half the 95 % interval of every ADS is at most "
-            "this wide; default: never",
+            "of `adaptive`: no further round once half the width of every ADS's 95 % interval, of "
+            "what `aim` names, is at most this; default: all of `count`",
             unit="points of S+, or share of the space",
         ),
     ] = None
     rounds: Annotated[
         tuple[tuple[int, ...], ...],
-        About("filled in by `adaptive`: points from each cell, round by round"),
+        About("filled in by `adaptive`: for each round, numbers of points from each cell"),
     ] = ()
 
 
@@ -150,7 +150,8 @@ class ScenarioSettings(Checked):
     exposure: ExposureSettings = field(default_factory=ExposureSettings)
     folder: Annotated[str | None, About("of a catalogue: where your copy of it is")] = None
     not_played: Annotated[
-        dict[str, str], About("filled in for a catalogue: its files that do not play, and why")
+        dict[str, str],
+        About("filled in for a catalogue: its files that are not supported, and why"),
     ] = field(default_factory=dict)
 
 
@@ -173,10 +174,13 @@ class AdsSettings(Checked):
     period: Annotated[
         float | None,
         Positive,
-        About("time from one call to the next; its answer holds; default: every step", "s"),
+        About(
+            "time between calls, in which the last answer stays in force; default: a time step", "s"
+        ),
     ] = None
     batch: Annotated[
-        bool, About("whether cases may share a simulation; false where they share state")
+        bool,
+        About("whether its cases may share a simulation; false: its objects share state"),
     ] = True
     options: Annotated[
         dict[str, Any],
@@ -184,11 +188,11 @@ class AdsSettings(Checked):
     ] = field(default_factory=dict)
     files: Annotated[
         tuple[str, ...],
-        About("files that it depends on, such as weights: with other content it is another ADS"),
+        About("files that it depends on, such as weights; if one changes, its cases are rerun"),
     ] = ()
     build: Annotated[
         str,
-        About("which build it is, for people; default: the Git commit of the folder it lies in"),
+        About("which build it is, for readers; default: the Git commit of its folder"),
     ] = ""
 
     def __post_init__(self) -> None:
@@ -198,11 +202,12 @@ class AdsSettings(Checked):
 
     @property
     def locator(self) -> str:
-        """The controller with its period, batch, options and FMU variables as one text:
-        `fmu:acc.fmu?inputs.v=ego_speed`.
+        """The controller with its period, batch, options and FMU variables as one text, which
+        names it in facts: `fmu:acc.fmu?inputs.v=ego_speed`.
 
-        `files` are not in it, but count in the identity of the ADS; `build` is information only.
+        `files` are not in it, but in the fingerprint of a drive. `build` is information only.
         """
+        # defaults are left out; values are JSON, and plain text names variables
         pairs = [] if self.period is None else [("period", json.dumps(self.period))]
         pairs += [] if self.batch else [("batch", "false")]
         pairs += [(f"options.{name}", json.dumps(value)) for name, value in self.options.items()]
@@ -214,6 +219,7 @@ class AdsSettings(Checked):
             ]
         if not pairs:
             return self.controller
+        # a controller may have a query of its own
         return f"{self.controller}{'&' if '?' in self.controller else '?'}{urlencode(pairs)}"
 
 

@@ -1,5 +1,5 @@
-"""Settings of the method: everything that turns recorded facts into scores, with the number of its
-equation.
+"""Settings of the method, each with the number of its equation: `scoring/` reads them when it makes
+scores of recorded facts.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ class FieldSettings(Checked):
     superposition: Annotated[
         Literal["magnitude", "vector"],
         About(
-            "sum magnitudes (the paper's peak lies on the path) or vectors (as printed)",
+            "sum the magnitudes of the field (its peak is on the path, as in the paper's figures), "
+            "or its vectors (as in the printed equation)",
             equation="9",
         ),
     ] = "magnitude"
@@ -51,7 +52,7 @@ class AnthropomorphicSettings(Checked):
         Literal["gaussian", "mixture"],
         About(
             "compare with all drivers at once (the paper), or with those of the same manoeuvre, "
-            "times how usual it is",
+            "times the share of drivers who made it",
             equation="11",
         ),
     ] = "gaussian"
@@ -62,7 +63,8 @@ class AnthropomorphicSettings(Checked):
     pooled_drivers: Annotated[
         PositiveFloat,
         About(
-            "drivers that the deviation pooled over all manoeuvres counts as (mixture)",
+            "weight of the deviation within all manoeuvres, beside that of the ADS's manoeuvre: "
+            "it counts as this number of drivers (mixture)",
             equation="11",
         ),
     ] = 2.0
@@ -95,9 +97,8 @@ class AnthropomorphicSettings(Checked):
         Literal["manoeuvre", "wheel"],
         About(
             "what a steering operation is, of the ADS and of the drivers: a lateral manoeuvre "
-            "(over 0.12 m/s to one "
-            "side over at least 1 m), or the wheel past its threshold; `wheel` needs both to have "
-            "a steering signal",
+            "(faster than 0.12 m/s to one side, for at least 1 m), or the steering wheel past its "
+            "threshold; `wheel` needs a steering signal of both",
             equation="12",
         ),
     ] = "manoeuvre"
@@ -114,8 +115,8 @@ class AnthropomorphicSettings(Checked):
         float | None,
         Positive,
         About(
-            "instead of that angle: the operation begins when the wheel angle gives this lateral "
-            "acceleration at the speed driven (wheel)",
+            "instead of `steering_threshold_deg`: an operation begins when the steering wheel "
+            "angle gives this lateral acceleration at the current speed (wheel)",
             "m/s2",
             equation="12",
         ),
@@ -146,7 +147,10 @@ class AnthropomorphicSettings(Checked):
     stop_speed: Annotated[
         PositiveFloat,
         About(
-            "speed below which a vehicle counts as stopped", unit="m/s", symbol="L", equation="12"
+            "speed below which a vehicle has stopped, which ends its length L",
+            unit="m/s",
+            symbol="L",
+            equation="12",
         ),
     ] = 0.1
 
@@ -216,29 +220,28 @@ class CollisionSettings(Checked):
         float | None,
         Positive,
         Le(120.0),
-        About("age of who is hit, for injury risks; default: the curve's own", "a"),
+        About("age of the injured person, for `injury:`; default: the risk curve's own", "a"),
     ] = None
     ego_mass: Annotated[
-        PositiveFloat, About("mass of the ego, for severities of one's own", "kg")
+        PositiveFloat, About("mass of the ego, for a `severity` of your own", "kg")
     ] = 1500.0
     rear_end: Annotated[
         Literal["apart", "counts"],
         About(
-            "a vehicle that reacts and runs into the ego's rear: the other's collision, counted "
-            "apart from C and A, or "
-            "one that counts as any other"
+            "a contact in which a vehicle that reacts runs into the ego's rear: its own fault and "
+            "counted apart from C and A, or a collision as any other"
         ),
     ] = "apart"
     others_fault_after: Annotated[
         NotNegativeFloat,
         About(
-            "only where the ego had been in that lane so long, or from the start on, is it the "
-            "other's",
+            "of `rear_end`: it is the other vehicle's fault only if the ego was in that lane for "
+            "at least this time, or since the start",
             "s",
         ),
     ] = 3.0
     other_mass: Annotated[
-        PositiveFloat, About("mass of what it hits, for severities of one's own", "kg")
+        PositiveFloat, About("mass of what it hits, for a `severity` of your own", "kg")
     ] = 1500.0
 
     def __post_init__(self) -> None:
@@ -250,25 +253,25 @@ class CollisionSettings(Checked):
                 "'severity' or 'eq14' beside `loss` 'class'",
                 self.severity,
             )
-        if self.severity == "eq14":  # two names of one choice
+        if self.severity == "eq14":  # the same choice as `loss` "class"
             object.__setattr__(self, "loss", "class")
 
     @property
     def unit(self) -> str:
-        """Unit of U, Ug and U0 behind a blank; none of what replaces them by a loss in 0..1."""
+        """Unit of U, Ug and U0 after a space; "" where a loss in 0..1 replaces them."""
         return " m/s" if self.severity in ("severity", "eq14") else ""
 
     @property
     def regret_unit(self) -> str:
-        """Unit of the severities that A compares, and of the regret, behind a blank; a loss in 0..1
-        has none.
+        """Unit of the severities that A compares, and of the regret, after a space; "" of a loss in
+        0..1.
         """
         return self.unit if self.loss == "severity" else ""
 
 
 @dataclass(frozen=True, slots=True)
 class PlausibilitySettings(Checked):
-    """Plausibility, a factor of H: the share of drivers who reach such extremes."""
+    """Plausibility, a factor of H: the share of drivers whose extremes are at least as large."""
 
     table: Annotated[
         Literal["motorway", "recorded"],

@@ -1,4 +1,4 @@
-"""The one reader of TOML from outside: every mistake in a file is an error message."""
+"""The one reader of the user's TOML files: every mistake in a file becomes an error message."""
 
 from __future__ import annotations
 
@@ -14,21 +14,27 @@ from sumo_eval.errors import InputError
 from sumo_eval.input_file import named, read_input_text
 from sumo_eval.text import clean, shown, words_of
 
+# name or a.b.c, or one name in quotes
 _NAMES = r"(?P<name>[\w-]+(?:\s*\.\s*[\w-]+)*|\"[^\"]*\"|'[^']*')"
+# [table] or [[list of tables]]
 _HEAD: Final = re.compile(rf"\s*\[(?P<list>\[)?\s*{_NAMES}\s*\]")
+# name =
 _KEY: Final = re.compile(rf"\s*{_NAMES}\s*=")
+# text in three quotes, which may have several lines and end with up to two quotes more
 _LONG: Final = r"\"{3}(?:\\.|[^\\])*?\"{3,5}|'{3}.*?'{3,5}"
+# any text, or a comment
 _QUOTED: Final = re.compile(rf"(?s:{_LONG})|\"(?:\\.|[^\"\\\n])*\"|'[^'\n]*'|#[^\n]*")
 
 _LARGEST: Final = 50_000_000  # bytes of a file
 
 DEEPEST: Final = 50
-"""Tables and lists within each other that a file may hold."""
+"""How deep tables and lists may be nested in a file."""
 
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:
-    """The content of a TOML file, which `what` names in sentences: `evaluation file`.
+    """The content of a TOML file.
 
+    what: its name in error messages, as `evaluation file`.
     Raises InputError.
     """
     try:
@@ -39,8 +45,8 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
 
 
 def _instead_of(folder: Path) -> str:
-    """Suggestion for a folder in place of a file, as the end of an error message."""
-    if not os.path.isdir(folder):  # False for what no path may be, too
+    """Last sentence of an error message: what to name instead of a folder; "" for a file."""
+    if not os.path.isdir(folder):  # `Path.is_dir` raises for a long name
         return ""
     if (folder / "manifest.json").is_file():
         run = shlex.quote(str(folder))
@@ -53,72 +59,72 @@ def _instead_of(folder: Path) -> str:
 
 
 def line_of(text: str, place: Sequence[str | int]) -> int | None:
-    """The line, from 1, on which the key stands that `place` leads to in a TOML text, e.g. ("ads",
-    0, "name").
+    """The line, from 1, of a key in a TOML text; None: not in the text.
 
-    A key within an inline table or a list is found by the line of the key that holds it. None: not
-    in the text.
+    place: names and indices that lead to the key, e.g. ("ads", 0, "name").
+
+    For a key within an inline table or a list it is the line of the key that holds these.
     """
-    found: int | None = None
-    best = 0
-    table: tuple[str | int, ...] = ()
-    counts: dict[tuple[str | int, ...], int] = {}
+    best_line: int | None = None
+    best_length = 0
+    table: tuple[str | int, ...] = ()  # place of the table that the lines are in
+    last: dict[tuple[str | int, ...], int] = {}  # index of the newest entry of a list of tables
     for number, line in _outer_lines(text):
-        if head := _HEAD.match(line):
-            names: tuple[str | int, ...] = tuple(
-                part.strip(" \t\"'") for part in head["name"].split(".")
-            )
-            parent = _within(names[:-1], counts)
-            table = (*parent, names[-1])
-            if head["list"]:
-                counts[table] = counts.get(table, -1) + 1
-                table = (*table, counts[table])
-            keys = table
-        elif key := _KEY.match(line):
-            keys = (*table, *(part.strip(" \t\"'") for part in key["name"].split(".")))
-        else:
+        head = _HEAD.match(line)
+        named_line = head or _KEY.match(line)
+        if not named_line:
             continue
-        common = min(len(keys), len(place))
-        if common > best and tuple(place[:common]) == keys[:common]:
-            found, best = number, common
-    return found
+        names = [part.strip(" \t\"'") for part in named_line["name"].split(".")]
+        if head:
+            table = (*_within(names[:-1], last), names[-1])
+            if head["list"]:
+                last[table] = last.get(table, -1) + 1
+                table = (*table, last[table])
+        keys = table if head else (*table, *names)
+        # the line that agrees with the longest beginning of `place`, and of these the first
+        length = min(len(keys), len(place))
+        if length > best_length and tuple(place[:length]) == keys[:length]:
+            best_line, best_length = number, length
+    return best_line
 
 
 def _outer_lines(text: str) -> Iterator[tuple[int, str]]:
     """Lines, numbered from 1, that do not begin within a text or a list over several lines."""
-    brackets = 0
+    open_brackets = 0
+    # a text over several lines becomes as many empty lines
     flat = _QUOTED.sub(lambda it: "\n" * it[0].count("\n") or it[0], text)
     for number, line in enumerate(flat.split("\n"), start=1):  # as TOML and editors count
-        if not brackets:
+        if not open_brackets:
             yield number, line
         bare = _QUOTED.sub("", line)
-        brackets += sum(map(bare.count, "[{")) - sum(map(bare.count, "]}"))
+        open_brackets += sum(map(bare.count, "[{")) - sum(map(bare.count, "]}"))
 
 
 def _within(
-    names: Sequence[str | int], counts: Mapping[tuple[str | int, ...], int]
+    names: Sequence[str], last: Mapping[tuple[str | int, ...], int]
 ) -> tuple[str | int, ...]:
-    """The place of a table, with the number of the newest entry of every list of tables on the way
-    to it.
+    """The place of a table by its names: each list of tables on the way stands for its newest
+    entry, whose index is in `last`.
     """
     place: tuple[str | int, ...] = ()
     for name in names:
         place = (*place, name)
-        if place in counts:
-            place = (*place, counts[place])
+        if place in last:
+            place = (*place, last[place])
     return place
 
 
 def toml_from(text: str, where: str) -> dict[str, Any]:
     """The content of a text in TOML.
 
-    Raises InputError, whose sentences begin with `where`.
+    where: beginning of error messages, as `evaluation.toml`.
+    Raises InputError.
     """
     try:
         content = tomllib.loads(text)
     except RecursionError:
         raise InputError(f"{where} must not be nested more than {DEEPEST} deep.") from None
-    # TOMLDecodeError is one; a number of thousands of digits is another
+    # TOMLDecodeError is a ValueError; so is the error of a number with thousands of digits
     except ValueError as error:
         raise InputError(f"{where} is not valid TOML: {words_of(error)}.") from error
     _check(content, where)
@@ -126,16 +132,17 @@ def toml_from(text: str, where: str) -> dict[str, Any]:
 
 
 def _check(value: Any, where: str, depth: int = 0) -> None:
-    """Refuse what no setting can be, wherever it stands: nesting without end, text with control
-    characters, numbers that no float can hold.
+    """Refuse deep nesting, control characters in a text, and integers of more than 64 bits: no
+    setting can have these.
     """
     if depth == DEEPEST:
         raise InputError(f"{where} must not be nested more than {DEEPEST} deep.")
     if isinstance(value, dict):
-        value = [*value, *value.values()]
+        value = [*value, *value.values()]  # keys are texts too
     if isinstance(value, list):
         for item in value:
             _check(item, where, depth + 1)
+    # line breaks and tabs are allowed, and no length is too much
     elif isinstance(value, str) and clean(flat := " ".join(value.split()), len(flat)) != flat:
         raise InputError(f"{where} must hold text without control characters, got {shown(value)}.")
     elif isinstance(value, int) and not -(2**63) <= value < 2**63:

@@ -1,4 +1,4 @@
-"""Levers of a case: settings and parameters that `whatif/search.py` moves alone, and their ranges."""
+"""Levers of a case: settings and parameters that `whatif/search.py` moves alone, with ranges."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def moved(
 
 
 def _ahead(concrete: ConcreteScenario) -> Actor | None:
-    """The nearest actor ahead in the ego's lane at the start, without actors that cross (`on_map`)."""
+    """The nearest actor ahead in the ego's lane at the start; one that crosses is not in a lane."""
     ego, half = concrete.ego, concrete.road.lane_width / 2.0
     ahead = [
         it
