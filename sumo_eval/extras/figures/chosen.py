@@ -124,21 +124,23 @@ def driven_point(asked: Asked, ads: Sequence[str]) -> DrivenPoint:
     """
     evaluation, case = asked.evaluation, asked.row
     with open_store(evaluation.folder / FACTS) as store:
-        # case -> its point and ADS
-        recorded = {name: (point, who) for name, point, who in store.names("ads", case.scenario)}
+        # case -> number of its point, ADS
+        recorded = {
+            name: (number, its_ads) for name, number, its_ads in store.names("ads", case.scenario)
+        }
         point = recorded[case.case][0]
-        case_of = {who: name for name, (at, who) in recorded.items() if at == point}
+        case_of = {its_ads: name for name, (number, its_ads) in recorded.items() if number == point}
         runs: dict[str, Trajectory] = {}
         others: dict[str, Trajectory] = {}
-        for who in ads:
-            vehicles = store.trajectories(case_of[who]) if who in case_of else {}
+        for name in ads:
+            vehicles = store.trajectories(case_of[name]) if name in case_of else {}
             if "ego" in vehicles:
-                runs[who] = vehicles.pop("ego")
+                runs[name] = vehicles.pop("ego")
                 others = others or vehicles  # those of the first ADS
         people = {
-            who: vehicles["ego"]
-            for name, at, who in store.names("human", case.scenario)
-            if at == point and "ego" in (vehicles := store.trajectories(name))
+            driver: vehicles["ego"]
+            for name, number, driver in store.names("human", case.scenario)
+            if number == point and "ego" in (vehicles := store.trajectories(name))
         }
     if not runs:
         raise InputError(f"Case `{case.case}` has no trajectory to draw.")

@@ -92,8 +92,10 @@ def zone_map(asked: Asked) -> Figure:
     panels, learnt_maps = _map_panels(zones, view, cases, outcomes)
 
     columns = min(len(panels), MOST_COLUMNS if asked.width == "page" else 2)
-    words = "\n".join(filter(None, (f"{ads} in {scenario.replace('_', ' ')}", note)))
-    figure = on_paper(panels, asked.width, 0.9, columns, words)
+    title = f"{ads} in {scenario.replace('_', ' ')}"
+    if note:
+        title += f"\n{note}"
+    figure = on_paper(panels, asked.width, 0.9, columns, title)
     # the figure has more axes than maps where its last row is not full
     for ax, learnt_map in zip(figure.axes, learnt_maps, strict=False):
         edge_of(ax, learnt_map, 0.0, LEARNT, "--")
@@ -141,6 +143,7 @@ def _map_panels(
         for verdict in present:
             dots = points[shown & (panel_of == number) & (outcomes == verdict)]
             y = np.zeros(len(dots)) if view.y is None else dots[:, view.y]
+            # X: with an incident, or not evaluated
             look, marker = LOOKS[verdict], {"avoided": "o", "better": "P"}.get(verdict, "X")
             marks.append(Marks(look.words, dots[:, view.x], y, look.colour, marker=marker))
         title = ""
@@ -166,7 +169,8 @@ def _zones(zones: ZonePartition, view: View, number: int) -> tuple[_Map, _Map]:
     # one parameter: a strip with the same values on its lower and on its upper edge
     y_shares = np.array([0.0, 1.0]) if view.y is None else shares
     points = slice_points(logical, view, number, shares, y_shares)
-    x, y = points[0, :, view.x], np.array([-1.0, 1.0]) if view.y is None else points[:, 0, view.y]
+    x = points[0, :, view.x]
+    y = np.array([-1.0, 1.0]) if view.y is None else points[:, 0, view.y]
     possible = logical.feasible(points)
     rows = points.reshape(-1, points.shape[-1])
     y_exact = exact_target(logical, rows, zones.settings).reshape(possible.shape)
@@ -190,7 +194,7 @@ def field(asked: Asked) -> Figure:
     ego, first_human = scene.runs[ads], list(scene.people.items())[:1]
     drives = {ads: ego, **dict(first_human)}
 
-    # the field at 240 by 60 points: along the ego's way, and m to both sides of its start
+    # the field at 240 points along the ego's way by 60 across it, `reach` m to each side
     reach = 1.5 * max(float(np.abs(drive.y).max()) for drive in drives.values()) + 3.0
     x = np.linspace(float(ego.x[0]), float(ego.x[-1]), 240)
     y = np.linspace(float(ego.y[0]) - reach, float(ego.y[0]) + reach, 60)
@@ -257,6 +261,7 @@ def time_history(asked: Asked) -> Figure:
     """Speed, acceleration and lateral position over time in one concrete scenario: every ADS and
     the human drivers.
     """
+    # without the other vehicles
     scene = replace(driven_point(asked, asked.names), others={})
     panels = [
         Panel([Marks(name, drive.time, getattr(drive, channel), colour, line)
@@ -264,7 +269,7 @@ def time_history(asked: Asked) -> Figure:
         for channel, words in (("speed", "speed (m/s)"), ("acceleration", "acceleration (m/s²)"),
                                ("y", "lateral place (m)"))
     ]  # fmt: skip
-    # the panels share this axis
+    # the panels share the x axis, and the lowest one labels it
     panels[-1] = replace(panels[-1], x=label("time", "s"))
     return on_paper(
         panels, asked.width, 0.32 if asked.width == "column" else 0.18, words=scene.title
@@ -365,10 +370,10 @@ def _ledger_bar(ax: Axes, account: Ledger, line: int, legend: dict[str, str]) ->
     legend["kept"] = KEPT
     # the score stands within its bar, or right of one that is too short for it
     inside = kept > 12.0
-    ax.annotate(f"{account.total:.1f}", (kept, line), xytext=(-2 if inside else 2, 0),
-        textcoords="offset points",
-                ha="right" if inside else "left", va="center", fontsize=5.5,
-                color="white")  # fmt: skip
+    ax.annotate(f"{account.total:.1f}", (kept, line),
+                xytext=(-2 if inside else 2, 0), textcoords="offset points",
+                ha="right" if inside else "left", va="center",
+                fontsize=5.5, color="white")  # fmt: skip
     end = kept
     for term in dict.fromkeys(item.term for item in account.lines):
         lost = -math.fsum(
@@ -381,17 +386,17 @@ def _ledger_bar(ax: Axes, account: Ledger, line: int, legend: dict[str, str]) ->
 
 
 def boundary(asked: Asked) -> Figure:
-    """Share of an ADS's collisions that occur up to each criticality y, for every ADS.
+    """Cumulative share of each ADS's collisions over the exact criticality y (Eqs. 5-7) of their
+    concrete scenarios.
 
-    y of a concrete scenario is exact (Eqs. 5-7): -1 is most hazardous, 0 the boundary of the zones,
-    1 safest.
+    y is -1 at the most hazardous scenario, 0 on the boundary of the zones, 1 at the safest.
     """
     name, names, rows = asked.one_place, asked.names, asked.evaluated
     zones = zone_partitions(asked.evaluation)[name]
     marks = [Marks("", [0.0, 0.0], [0.0, 1.0], INK, "-")]  # the boundary
     for ads in names:
         own = [row for row in rows if row.ads == ads]
-        # (n, k), also without a row
+        # (n, k), also for an ADS without a row
         points = np.array([zones.logical.row(row.values) for row in own]).reshape(
             -1, len(zones.logical.names)
         )
@@ -399,7 +404,7 @@ def boundary(asked: Asked) -> Figure:
         order = np.argsort(y)
         hit = np.array([row.collided for row in own], dtype=np.float64)[order]
         share = np.cumsum(hit) / max(hit.sum(), 1.0)
-        # a staircase from (-1, 0): level up to each y, there up to the share
+        # a staircase from (-1, 0): level until the next y, where it rises to the share
         x, stairs = np.repeat([-1.0, *y[order]], 2)[1:], np.repeat([0.0, *share], 2)[:-1]
         colour, _, line = look_of(ads, names)
         words = f"{ads}: {int(hit.sum())} of {len(own)} collide"

@@ -62,7 +62,7 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
             colour, marker, line = look_of(name, all_ads)
             marks.append(Marks(name, x, y, colour, line, marker))
         panels.append(Panel(marks, y=quantity, verticals=failed))
-    # the panels share this axis
+    # the panels share the x axis, and the lowest one labels it
     panels[-1] = replace(panels[-1], x="night (grey: one that failed)")
 
     height = 0.35 if width == "column" else 0.17  # of a panel, as a share of its width
