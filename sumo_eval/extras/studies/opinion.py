@@ -67,7 +67,7 @@ def read_ratings(path: Path) -> pd.DataFrame:
     checked_numbers(table, ["score"], path)
     for name in ("rater", "ads", "scenario"):
         table[name] = table[name].astype(str)
-    # each loop ends at its first row
+    # each of the two loops raises at its first row, if it has one
     for row in np.flatnonzero(~table["score"].between(LEAST, MOST)).tolist():
         line, got = line_of_row(path, row), table["score"].iloc[row]
         raise InputError(

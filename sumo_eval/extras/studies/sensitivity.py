@@ -86,7 +86,7 @@ def sensitivity(
 ) -> list[SensitivityRow]:
     """Score a run again with each constant halved and doubled, and with other values of a.
 
-    progress: called with the stage, the number of scorings done and the number of all.
+    progress: called with the stage, the number of values scored and the number of all.
     constants: any of k1, k2, k3, k4, `centre floor`, `field floor`, a (b = 100 - a); empty: all,
         but k3 only where it matters (`k3_counts`).
     Raises InputError for any other constant.
@@ -150,7 +150,8 @@ def _with_points(evaluation: Evaluation, scenario: str, a: float, index: str) ->
     else:
         task, grade = term("task_share"), term("avoidance_grade")
         totals = ordering_score(task, grade, term("human_likeness"), points)
-    return dict(zip(_scores(evaluation, scenario, "c"), totals.tolist(), strict=True))
+    names = _scores(evaluation, scenario, "c")  # its keys: every score has the same ADSs
+    return dict(zip(names, totals.tolist(), strict=True))
 
 
 def _row(key: tuple[str, str, float, str], now: Scores, before: Scores) -> SensitivityRow:

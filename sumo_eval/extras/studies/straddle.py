@@ -43,7 +43,7 @@ LABEL_VARIANCE = 1.0  # an outcome counts as a measurement of f with this varian
 CONVERGED = 1e-3  # largest difference of probabilities in `_at_mode`
 CONTRADICTED = 0.05  # share of trials that the classifier may put on the wrong side
 REMEMBERED = 4  # latest changes of the classes, whose mean predicts the next
-LEAST_VARIANCE = 1e-9  # of f, to divide by
+LEAST_VARIANCE = 1e-9  # of f, so that `probability` never divides by 0
 
 
 class BoundarySearch:
@@ -203,7 +203,7 @@ class BoundarySearch:
         mean = cross.T @ (inner.y_train_ - inner.pi_)
         half = solve_triangular(inner.L_, inner.W_sr_[:, None] * cross, lower=True)
         variance = kernel.diag(unit) - np.einsum("ij,ij->j", half, half)
-        # of each earlier call, what its point takes off the covariances: d d^T
+        # for each earlier call a vector d: its point reduces the covariances by d d^T
         earlier: list[FloatArray] = []
 
         def covariance(row: int) -> FloatArray:

@@ -159,7 +159,7 @@ DELAYED = (
     (20.0, 1.15, 7.59294, 0.6, 27.6132, 19.6595),
     (25.0, 0.4, 9.0, 1e-6, 22.3611, 20.06241),
 )
-"""Rows of delayed braking towards a standing vehicle, integrated independently of this package.
+"""Rows of delayed braking towards a standing vehicle, computed in closed form outside this package.
 
 Closing speed, m/s; delay, s; largest deceleration, m/s2; time of its linear rise, s; gap, m; impact
 speed, m/s.
@@ -173,7 +173,7 @@ class LateBraking:
         self.delay = delay
 
     def step(self, traci: Any, ego: str, time: float) -> Command:
-        """Command of a step; -100 m/s2 is more than any brake has."""
+        """Command of a step; -100 m/s2 is more than any brake has, 1e-9 s a rounding."""
         return Command(-100.0 if time >= self.delay - 1e-9 else 0.0)
 
 
@@ -234,8 +234,8 @@ def _field(*place: float) -> float:
 def _identical() -> float:
     """D_i of an ADS whose trajectory, slightly winding, is that of both drivers."""
     time = np.arange(101) / 10.0
-    drive = Trajectory(time, EGO_X + 20.0 * time, 0.3 * np.sin(time), length=LENGTH, width=1.8)
-    return float(anthropomorphic_index(drive, [drive, drive], ROAD).value)
+    path = Trajectory(time, EGO_X + 20.0 * time, 0.3 * np.sin(time), length=LENGTH, width=1.8)
+    return float(anthropomorphic_index(path, [path, path], ROAD).value)
 
 
 def _number(function: Callable[..., Any], *arguments: Any) -> float:
@@ -307,8 +307,8 @@ TABLE = (
     (SEATED, (0.48, 0.71, 0.94, 1.18, 1.41, 1.64)),
     (STANDING, (0.74, 1.32, 1.90, 2.47, 3.05, 3.63)),
 )
-"""Rows of (EU) 2022/1426: what it grants; TTC, s, above which a cut-in must be avoided, at closing
-speeds of 10, 20 .. 60 km/h.
+"""Rows of (EU) 2022/1426: the braking that it grants; TTC, s, above which a cut-in must be avoided,
+at closing speeds of 10, 20 .. 60 km/h.
 """
 
 
@@ -462,7 +462,7 @@ def _digest(workers: int, batch: int) -> str:
 
 
 def _same(workers: int, batch: int) -> str:
-    """`the same`, or both hashes where they differ from those of one worker, batches of 512."""
+    """`the same`, or both hashes where this one is not that of one worker and batches of 512."""
     reference, digest = _digest(1, 512), _digest(workers, batch)
     return "the same" if digest == reference else f"{digest}, not {reference}"
 
