@@ -389,7 +389,7 @@ def boundary(asked: Asked) -> Figure:
     """Cumulative share of each ADS's collisions over the exact criticality y (Eqs. 5-7) of their
     concrete scenarios.
 
-    y is -1 at the most hazardous scenario, 0 on the boundary of the zones, 1 at the safest.
+    y goes from -1, most hazardous, through 0, the boundary of the zones, to 1, safest.
     """
     name, names, rows = asked.one_place, asked.names, asked.evaluated
     zones = zone_partitions(asked.evaluation)[name]
