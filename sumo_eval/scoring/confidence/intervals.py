@@ -97,6 +97,7 @@ class ScoreIntervals:
     """limits: low and high of each score that exists, by its name among the scores.
     sources: half-width of S and S+ by each source alone, by score.
     worse, better: S+ of every replicate, with and without one more case, (m,).
+    freedom: degrees of freedom of S+.
     missing: how far missing cases may move S+, down and up.
     """
 
@@ -104,6 +105,7 @@ class ScoreIntervals:
     sources: Mapping[str, Mapping[str, float]]
     worse: FloatArray
     better: FloatArray
+    freedom: int
     missing: tuple[float, float] = (0.0, 0.0)
 
 
@@ -216,7 +218,7 @@ class _Sums:
             for name in ("s", "s_plus")
             if name in limits
         }
-        return ScoreIntervals(limits, sources, worse["s_plus"], better["s_plus"])
+        return ScoreIntervals(limits, sources, worse["s_plus"], better["s_plus"], free["s_plus"])
 
     def _limits(
         self,
@@ -234,7 +236,7 @@ class _Sums:
         for name in SCORED:
             value, up = values[name], name in BAD_SIDE_UP
             low, high = (better, worse) if up else (worse, better)
-            ends = _limits(low[name], high[name], free[name])
+            ends = percentiles(low[name], high[name], free[name])
             if value is None or ends is None:
                 continue
             if name in lost and (name == "c" or not terms.incident.any()):
@@ -386,7 +388,7 @@ def _freedom(one: Judged, groups: Strata) -> dict[str, int]:
     }
 
 
-def _limits(low: FloatArray, high: FloatArray, freedom: int) -> tuple[float, float] | None:
+def percentiles(low: FloatArray, high: FloatArray, freedom: int) -> tuple[float, float] | None:
     """Percentiles, widened for n degrees of freedom: by the quantile of t in place of the
     normal one.
     """
@@ -398,5 +400,5 @@ def _limits(low: FloatArray, high: FloatArray, freedom: int) -> tuple[float, flo
 
 
 def _half(values: FloatArray, freedom: int) -> float:
-    ends = _limits(values, values, freedom)
+    ends = percentiles(values, values, freedom)
     return 0.0 if ends is None else (ends[1] - ends[0]) / 2.0

@@ -23,7 +23,7 @@ import numpy as np
 
 from sumo_eval.record.points import scenario_weights
 from sumo_eval.results import RankedAds, RankedPair, Ranking, ScenarioResult
-from sumo_eval.scoring.confidence.intervals import LEVEL, ScoreIntervals
+from sumo_eval.scoring.confidence.intervals import LEVEL, ScoreIntervals, percentiles
 from sumo_eval.settings import RankingSettings
 from sumo_eval.trajectory import FloatArray
 
@@ -115,6 +115,7 @@ class _Means:
         return _Spread(
             worse=self.of(np.nan_to_num(one.worse) for one in known),
             better=self.of(np.nan_to_num(one.better) for one in known),
+            freedom=sum(one.freedom for one in known),
             lower=self.of(one.missing[0] for one in known),
             higher=self.of(one.missing[1] for one in known),
         )
@@ -125,11 +126,13 @@ class _Spread:
     """One ADS's mean S+ in every replicate, (m,).
 
     worse, better: with one more case and without.
+    freedom: degrees of freedom, of all scenarios together.
     lower, higher: how far missing cases may move it, at most 0 and at least 0.
     """
 
     worse: FloatArray
     better: FloatArray
+    freedom: int
     lower: float
     higher: float
 
@@ -144,7 +147,9 @@ def _interval(
         return results[0].s_plus_interval
     if spread is None:
         return None
-    low, high = _percentiles(spread.worse + spread.lower, spread.better + spread.higher)
+    low, high = percentiles(
+        spread.worse + spread.lower, spread.better + spread.higher, spread.freedom
+    ) or (total, total)
     return min(low, total), max(high, total)  # the value itself is always inside
 
 
@@ -156,14 +161,10 @@ def _pair(
     if first is None or second is None:
         return RankedPair(*names, difference, None, False)
     both = np.stack([first.worse - second.worse, first.better - second.better])
-    low, high = _percentiles(  # missing cases: worst for one, best for the other
+    low, high = percentiles(  # missing cases: worst for one, best for the other
         both.min(axis=0) + first.lower - second.higher,
         both.max(axis=0) + first.higher - second.lower,
-    )
+        min(first.freedom, second.freedom),
+    ) or (difference, difference)
     low, high = min(low, difference), max(high, difference)
     return RankedPair(*names, difference, (low, high), low > 0.0)
-
-
-def _percentiles(low: FloatArray, high: FloatArray) -> tuple[float, float]:
-    tail = (1.0 - LEVEL) / 2.0
-    return float(np.quantile(low, tail)), float(np.quantile(high, 1.0 - tail))

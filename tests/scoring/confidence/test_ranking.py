@@ -47,7 +47,7 @@ def scored(*tables, settings=SETTINGS):
     done, found = with_intervals(
         scores, list(map(CaseTable.of, tables)), [range(len(rows)) for rows in tables],
         [NO_DEVIATIONS] * len(tables),
-        one_list(80), settings,
+        one_list(len(tables[0])), settings,
     )  # fmt: skip
     return done, {(one.ads, one.scenario): spread for one, spread in zip(done, found, strict=True)}
 
@@ -66,6 +66,13 @@ def test_a_difference_over_the_same_points_tells_apart_what_two_intervals_do_not
     assert pair.interval == (pytest.approx(80 / 81.84, abs=2e-3), pytest.approx(1.0)), (
         "what both have in common cancels"
     )
+
+
+def test_law_a_difference_from_nothing_is_as_wide_as_the_score():
+    few = drives("a", 0.0)[:6], drives("bb", 0.0)[:6]
+    scores, found = scored(few[0], [replace(row, task_share=0.0) for row in few[1]])
+    (pair,) = rank(scores, found, RankingSettings()).pairs
+    assert pair.interval == pytest.approx(scores[0].s_plus_interval)
 
 
 def test_one_ads_under_two_names_differs_from_itself_by_nothing_and_shares_its_place():
