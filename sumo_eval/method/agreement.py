@@ -71,11 +71,11 @@ def rank_interval(rho: float, n: int, level: float = 0.95) -> tuple[float, float
     n: pairs.
     level: probability with which the interval covers rho.
 
-    None under 4 pairs, for |rho| = 1 and for nan: its spread is not known.
+    None under 4 pairs, for |rho| = 1 (rounded or not) and for nan: its spread is not known.
 
     Source: Bonett and Wright, Psychometrika 65, 23 (2000).
     """
-    if n < 4 or not abs(rho) < 1.0:
+    if n < 4 or not abs(rho) < 1.0 - 1e-13:
         return None
     half = float(stats.norm.ppf(0.5 + level / 2.0)) * math.sqrt((1.0 + rho * rho / 2.0) / (n - 3))
     middle = math.atanh(rho)
