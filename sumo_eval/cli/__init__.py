@@ -1,6 +1,6 @@
-"""The command line.
+"""The command line, `sumo-eval`: its group of commands, its help, and its exit status of errors.
 
-A command's file is imported when the command is named; the list of all commands imports them all.
+A command's file is imported when the command is named; `--help`, which lists all, imports them all.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ _CORE: Final = {
     "space": ("scenarios", "partition", "sample"),
     "tools": ("check", "schema"),
 }
-"""The files of this folder, and the commands that each defines."""
+"""Files of this folder, and the commands that each defines."""
 
 _FILE_OF: Final = {name: file for file, names in _CORE.items() for name in names}
 
 GROUP: Final = "sumo_eval.commands"
-"""Entry points of packages that bring further commands: a name and a click command.
+"""Group of entry points by which packages add commands: a name and a click command.
 
-Our `extras` use them, too.
+The extras of this package use it too.
 """
 
 TASKS: Final = {
@@ -55,9 +55,10 @@ TASKS: Final = {
     "Believe the tool": ("qualify",),
     "Write an ADS or a scenario": ("import", "check", "schema", "bench"),
 }
-"""Sections of the help and their commands, extras included; any other is under `FURTHER`."""
+"""Sections of the help, with the commands of this package, extras included."""
 
 FURTHER: Final = "From other packages"
+"""Section of the help with all other commands."""
 
 MEANT: Final = {
     "run": "evaluate simulate start execute go resume launch",
@@ -91,12 +92,13 @@ MEANT: Final = {
     "schema": "json editor autocomplete",
     "bench": "benchmark speed performance profile",
 }
-"""Our commands, and words that users type for each."""
+"""Commands of this package, extras included, and words that a user may type instead."""
 
 
 class _Group(click.Group):
-    """Loads a command when it is named, offers the nearest name for a misspelt one, turns errors
-    into sentences.
+    """The commands: each loaded when it is named.
+
+    A misspelt name gets the nearest one offered; an error becomes a message and an exit status.
     """
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -117,7 +119,7 @@ class _Group(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         refuse_command(args)
         if args and not args[0].startswith("-") and args[0] not in commands():
-            if args[0] in MEANT:  # ours, whose entry point is not installed yet
+            if args[0] in MEANT:  # of the extras, newer than the installed entry points
                 raise click.UsageError(
                     f"Command `{args[0]}` is not installed: run `pip install -e .` again."
                 )
@@ -125,7 +127,7 @@ class _Group(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The commands by task, each in one line that is not cut."""
+        """Write the commands by task, each in one line that is not cut."""
         further = tuple(name for name in commands() if name not in MEANT)
         for task, names in {**TASKS, FURTHER: further}.items():
             installed = [name for name in names if name in commands()]
@@ -134,15 +136,16 @@ class _Group(click.Group):
                     formatter.write_dl([(name, self._line(ctx, name)) for name in installed])
 
     def _line(self, ctx: click.Context, name: str) -> str:
+        """Line of a command in the help."""
         try:
             command = self.get_command(ctx, name)
-        except InputError as error:  # of a package that is broken: the help of others still shows
+        except InputError as error:  # a broken package must not hide the help of the rest
             return str(error)
         assert command is not None
         return command.get_short_help_str(limit=WHOLE)
 
     def main(self, args: Any = None, *rest: Any, **named: Any) -> Any:
-        if args is None:  # from a shell, not from a caller in Python
+        if args is None:  # called from a shell; a caller in Python, as a test, gives arguments
             _fill_closed_streams()
             _read_utf8()
         return super().main(args, *rest, **named)
@@ -150,30 +153,31 @@ class _Group(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         _one_thread()
         _give_memory_back()
-        # else Python searches all objects for garbage at exit, 0.2 s for nothing
+        # else Python searches all objects for garbage at exit, which takes 0.2 s
         atexit.register(gc.freeze)
-        with _told():
+        with _errors_reported():
             return super().invoke(ctx)
 
     def make_context(self, *args: Any, **named: Any) -> click.Context:
-        with _told():  # it prints `--help` and `--version`
+        with _errors_reported():  # `--help` and `--version` print here, which may fail
             return super().make_context(*args, **named)
 
 
 @contextmanager
-def _told() -> Iterator[None]:
-    """Errors as a sentence and an exit status."""
+def _errors_reported() -> Iterator[None]:
+    """Turn errors into a message and an exit status."""
     try:
         yield
     except StoppedError as stop:
         tell(f"sumo-eval: {stop}", err=True)
         sys.exit(INTERRUPTED)
     except SumoEvalError as error:
-        if "sumo_eval.record.children" in sys.modules:  # it would load for seconds
+        # else the fork server keeps loading the simulator for seconds
+        if "sumo_eval.record.children" in sys.modules:
             import_module("sumo_eval.record.children").cool_down()
         _refuse(str(error))
     except OSError as error:
-        _stdout_to_nowhere()  # else the interpreter would try to write there again when it ends
+        _stdout_to_nowhere()
         if error.errno == errno.EPIPE:
             sys.exit(NOT_READ)
         place = f" ({clean(str(error.filename), 200)})" if error.filename else ""
@@ -184,8 +188,8 @@ def _told() -> Iterator[None]:
 
 
 def _nearest(name: str) -> str:
-    """The command that was meant, by meaning first and by spelling second, as a closing
-    half-sentence.
+    """Last sentence of an error: the command with that meaning, else the one with the most similar
+    name.
     """
     word = name.lower()
     for command, words in MEANT.items():
@@ -195,29 +199,32 @@ def _nearest(name: str) -> str:
 
 
 def commands() -> list[str]:
-    """The names of all commands, ours in the order of the help, then those of other packages."""
-    known = {*_FILE_OF, *_plugins()}
-    ours = [name for names in TASKS.values() for name in names if name in known]
-    return [*ours, *sorted(known - set(ours))]
+    """The names of all installed commands: those of this package in the order of the help, then
+    those of other packages.
+    """
+    installed = {*_FILE_OF, *_plugins()}
+    own = [name for names in TASKS.values() for name in names if name in installed]
+    return [*own, *sorted(installed - set(own))]
 
 
 @cache
 def _plugins() -> dict[str, EntryPoint]:
-    """Commands that installed packages bring, by name: the first found of each, and none of a name
-    of the core.
+    """Entry points of commands, by name: the first of each name, and none with the name of a
+    command in `_CORE`.
     """
-    found: dict[str, EntryPoint] = {}
+    plugins: dict[str, EntryPoint] = {}
     for point in entry_points(group=GROUP):
         if point.name not in _FILE_OF:
-            found.setdefault(point.name, point)
-    return found
+            plugins.setdefault(point.name, point)
+    return plugins
 
 
 def _loaded(point: EntryPoint) -> click.Command:
+    """The command of an entry point. Raises InputError if it cannot be loaded."""
     what = f"Command `{point.name}`, `{point.value}`,"
     try:
         command = point.load()
-    except Exception as error:  # of a package that is not ours
+    except Exception as error:  # another package may raise anything
         raise InputError(f"{what} cannot be loaded: {said(error)}.") from error
     if not isinstance(command, click.Command):
         raise InputError(f"{what} must be a click command, got {type(command).__name__}.")
@@ -225,8 +232,8 @@ def _loaded(point: EntryPoint) -> click.Command:
 
 
 def _read_utf8() -> None:
-    """Restart Python in UTF-8 mode where names of files are in another encoding, in which some
-    paths could not be printed or stored.
+    """Restart Python in UTF-8 mode if names of files have another encoding, which lacks characters
+    of some paths.
     """
     if sys.getfilesystemencoding().lower() != "utf-8" and not sys.flags.utf8_mode:
         arguments = [sys.executable, "-X", "utf8", *sys.orig_argv[1:]]
@@ -234,48 +241,50 @@ def _read_utf8() -> None:
 
 
 def _one_thread() -> None:
-    """Limit linear algebra to one thread, before numpy is loaded. What the user has set stays.
+    """Limit linear algebra to one thread, before numpy is loaded, unless the user has set a number.
 
-    The matrices here are small: threads would only wait for each other, and their number would
-    change sums by a bit.
+    The matrices here are small: threads would only wait for each other, and the last bits of sums
+    depend on their number.
     """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
 
 
 def _give_memory_back() -> None:
-    """Return large arrays to the system when they are released.
+    """Return arrays of more than 2 MiB to the system when they are released.
 
-    The GNU C library keeps what it has once given, in holes between smaller things: 100 MB of a
-    page of a million cases. Other C libraries have no such setting.
+    The GNU C library keeps released memory between objects that are in use: 100 MB for a page of a
+    million cases. Other C libraries have no such setting.
     """
     mmap_threshold = -3  # M_MMAP_THRESHOLD of malloc.h
-    # TypeError: Windows, where there is no CDLL(None)
+    # Windows raises TypeError for CDLL(None)
     with suppress(OSError, AttributeError, TypeError):
-        ctypes.CDLL(None).mallopt(mmap_threshold, 2 << 20)  # arrays of more than 2 MiB
+        ctypes.CDLL(None).mallopt(mmap_threshold, 2 << 20)
 
 
 def _refuse(sentence: str) -> NoReturn:
-    with suppress(OSError):  # a full device behind stderr: the exit status is all that can be said
+    """Print an error message and exit with the status of wrong input."""
+    with suppress(OSError):  # stderr cannot be written: the exit status is all that is left
         tell(f"sumo-eval: {clean_log(sentence)}", err=True)
     sys.exit(INPUT_WRONG)
 
 
 def _fill_closed_streams() -> None:
-    """Put the null device in place of standard streams that are closed, as by `>&-`, for children
-    as well: no file of a run takes their numbers.
+    """Replace standard streams that are closed (`>&-` in a shell) by the null device, for children
+    too. Else the next file to be opened would get the number of such a stream.
     """
-    while (number := os.open(os.devnull, os.O_RDWR)) < 3:  # the lowest number that is free
+    # each `open` takes the lowest free number; 0, 1 and 2 are the standard streams
+    while (number := os.open(os.devnull, os.O_RDWR)) < 3:
         os.set_inheritable(number, True)
     nowhere = os.fdopen(number, "w", encoding="utf-8")
     sys.stdout, sys.stderr = sys.stdout or nowhere, sys.stderr or nowhere
 
 
 def _stdout_to_nowhere() -> None:
-    """Put the null device in place of a stdout that cannot be written, so that the interpreter's
-    own flush at exit does not fail.
+    """Replace a stdout that cannot be written by the null device: Python flushes it at exit, which
+    would fail.
     """
-    with suppress(OSError, ValueError):  # a stdout that is closed, or no file
+    with suppress(OSError, ValueError):  # stdout is closed, or has no file number
         try:
             sys.stdout.flush()
         except OSError:

@@ -1,4 +1,4 @@
-"""Runs over time: `compare` two, `nightly` evaluate and compare, `trend` over the nights."""
+"""Commands for runs over time: `compare`, `nightly`, `accept` and `trend`."""
 
 from __future__ import annotations
 
@@ -73,8 +73,9 @@ def compare(
     from sumo_eval.scoring.gate_settings import read_gate
 
     settings = read_gate(gate)
-    give_what_is_own(base, new)
-    for run in (base, new):  # what is wrong with one is told before hours are spent on the other
+    give_what_is_own(base, new)  # trust code of runs that this user recorded here
+    # before either is scored, which may take hours
+    for run in (base, new):
         refuse_to_score(run)
     partners = _partners(pairs, base, new)
     before, after = scored(base), scored(new)
@@ -96,22 +97,28 @@ def compare(
 
 
 def _partners(pairs: Sequence[str], base: Path, new: Path) -> dict[str, str]:
-    """ADSs that belong together, BASE=NEW each; the names of both may hold a `=` themselves."""
+    """The ADS of the base -> the ADS of the new run, of each --pair.
+
+    pairs: BASE=NEW; both names may have a `=` in them.
+    """
     from sumo_eval.errors import InputError, check_known
     from sumo_eval.record.run_folder import read_settings
 
     listed, partners = " ".join(pairs), []
     olds, news = ([ads.name for ads in read_settings(run).ads] for run in (base, new))
     for pair in pairs:
+        # at each `=` into two names that are not empty
         splits = [(pair[:i], pair[i + 1 :]) for i, sign in enumerate(pair) if sign == "="]
         splits = [names for names in splits if all(names)]
         if not splits:
             raise InputError(f"A pair must have the form BASE=NEW, got {listed!r}.")
+        # the first of them with two known names, else the error is about the first of all
         known = (names for names in splits if names[0] in olds and names[1] in news)
         old, now = next(known, splits[0])
         check_known("ADS", olds, old)
         check_known("ADS", news, now)
         partners.append((old, now))
+    # `side`: all names of the base, then all names of the new run
     if any(len(set(side)) < len(partners) for side in zip(*partners, strict=True)):
         raise InputError(f"An ADS may stand in one --pair only, got {listed!r}.")
     return dict(partners)
@@ -125,7 +132,7 @@ def _partners(pairs: Sequence[str], base: Path, new: Path) -> dict[str, str]:
 @GATE
 @count_option("--keep", default=14, show_default=True, help="Nights whose folders stay.")
 @WORKERS
-@flag("--resume", help="Go on with the night that was stopped before its end, if one was.")
+@flag("--resume", help="Continue the night that was stopped before its end, if there is one.")
 @click.option(
     "--newer-than",
     "age",
@@ -175,9 +182,10 @@ def nightly(
     say((*morning_lines(result), *result.notes))
     show_scores(result.evaluation)
     if comparison := result.judged.bases.comparison:
-        first = 1 + len(comparison.differences)  # the verdict and what differs stand above
+        # left out: the verdict and the differences, which `morning_lines` has, and the gates
+        first = 1 + len(comparison.differences)
         say(comparison_lines(comparison, (), result.evaluation)[first:-1])
-    say(closing_lines(result.evaluation)[:-1])
+    say(closing_lines(result.evaluation)[:-1])  # without the path of the report, which follows
     say(tell_github(result))
     tell(f"The report is {result.report}")
     tell(f"The trend is {result.trend}")

@@ -1,6 +1,4 @@
-"""Looking at a run: its `report`, the arithmetic that `explain` prints, a `replay`, an `export` for
-other tools.
-"""
+"""Commands that look at a run: `report`, `explain`, `find`, `replay` and `export`."""
 
 from __future__ import annotations
 
@@ -45,7 +43,7 @@ def explain(run: Path, case: str | None) -> None:
     fact = None if case is None else known_case(run, case)
     evaluation = scored(run)
     if fact is None:
-        # and with it what draws tables, which a case does not need
+        # imported here: it loads the library of tables, which a case does not need
         from sumo_eval.report.terminal import ledger_lines
 
         lines = ledger_lines(evaluation)
@@ -96,7 +94,8 @@ def replay(
     from sumo_eval.record.run_folder import resolved_run
     from sumo_eval.report.replay import recorded, write_replay
 
-    scenarios, fact = resolved_run(run).scenarios, recorded(run, case)
+    scenarios = resolved_run(run).scenarios
+    fact = recorded(run, case)
     logical = scenarios[fact.scenario]
     if gui:
         from sumo_eval.cosim.sumo.gui_replay import replay_in_gui
@@ -145,10 +144,10 @@ def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: P
         from sumo_eval.record.exchange import open_run
 
         say(map(str, write(run, out, kind or "csv")))
-        if lost := open_run(run).discarded:
+        if discarded_bytes := open_run(run).discarded:
             tell(
-                f"Not among them: {lost / 1e6:z,.2f} MB of trajectories that `[run] keep` has "
-                "discarded.",
+                f"Not among them: {discarded_bytes / 1e6:z,.2f} MB of trajectories that "
+                "`[run] keep` has discarded.",
                 err=True,
             )
         return
