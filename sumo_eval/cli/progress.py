@@ -1,5 +1,5 @@
-"""Long work shows how far it is: a bar with rate, time left and failures on a terminal, plain lines
-elsewhere.
+"""Progress of long work, for all commands: a bar with rate, time left and failures on a terminal,
+plain lines elsewhere.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from typing import Any, NamedTuple
 import click
 
 _LINE_EVERY = 10.0  # s between two plain lines of one stage
-# s by which the time that is left is estimated: the beginning of a stage says little of its rest
+# the time left is estimated from the last 30 s: a stage may begin at another rate
 _RECENT = 30.0
-_TOO_EARLY = 5  # done since then below which nothing is estimated
-_TOO_SHORT = 5.0  # s of work below which nothing is estimated
+_FEWEST_DONE = 5  # items done in these 30 s: with fewer there is no estimate
+_SHORTEST = 5.0  # s from the first to the last of these items: in less there is no estimate
 _WIDE = 120  # columns of a terminal with room for a long bar
-_BURST = 1.0  # s within which what gets done came from one pack, and began long before
+_BURST = 1.0  # s; reports within it are one burst, as of a batch whose cases end together
 
 
 class _Burst(NamedTuple):
-    """Work done within a moment.
+    """Reports of progress within `_BURST`.
 
-    begin, end: its first and last report, s.
-    done: of the stage, at its end.
+    begin, end: times of the first and the last report, s.
+    done: number of items of the stage that were done at the end.
     """
 
     begin: float
@@ -34,55 +34,60 @@ class _Burst(NamedTuple):
 
 
 class _Stage:
-    """Progress of one piece of work."""
+    """Progress of one piece of work, whose items may be cases or points."""
 
     def __init__(self, now: float) -> None:
-        self.task: Any = None  # of the bar
-        self.said = now  # when its last line was printed
+        self.task: Any = None  # its task in the bar of rich
+        self.line_time = now  # when its last plain line was printed, s
         self.finished = False
         self._under_way = False
-        self._lately: list[_Burst] = []
+        self._recent: list[_Burst] = []
 
     def note(self, now: float, done: int) -> None:
-        """Remember how far it was in the last half minute.
+        """Remember the bursts of the last half minute.
 
-        Its beginning is forgotten as soon as more is done: before the first cases are there, rules
-        are compiled and processes start, which the rest need not wait for.
+        The first burst is forgotten when the second comes: until it ended, rules were compiled and
+        processes started, which the rest need not wait for.
         """
-        lately = self._lately
-        if lately and now - lately[-1].begin < _BURST:
-            lately[-1] = _Burst(lately[-1].begin, now, done)
+        recent = self._recent
+        if recent and now - recent[-1].begin < _BURST:
+            recent[-1] = _Burst(recent[-1].begin, now, done)
         else:
-            if len(lately) == 1 and not self._under_way and done > lately[0].done:
+            if len(recent) == 1 and not self._under_way and done > recent[0].done:
                 self._under_way = True
-                lately.clear()
-            lately.append(_Burst(now, now, done))
-        while len(lately) > 2 and now - lately[1].end > _RECENT:
-            lately.pop(0)
+                recent.clear()
+            recent.append(_Burst(now, now, done))
+        # the oldest burst stays as long as it is needed to cover the half minute
+        while len(recent) > 2 and now - recent[1].end > _RECENT:
+            recent.pop(0)
 
     def left(self, total: int, unless: str) -> str:
-        """`12.0/s, about 40 s left` by how it went lately; nothing while it is too early to say, or
-        at the end.
+        """`12.0/s, about 40 s left`, at the rate of the last half minute; "" too early, and at the
+        end.
+
+        unless: words behind it, on how it may end sooner.
         """
-        first, last = self._lately[0], self._lately[-1]
+        first, last = self._recent[0], self._recent[-1]
         done, seconds = last.done - first.done, last.end - first.end
-        if not self._under_way or last.done >= total or done < _TOO_EARLY or seconds < _TOO_SHORT:
+        if not self._under_way or last.done >= total or done < _FEWEST_DONE or seconds < _SHORTEST:
             return ""
         rate = done / seconds
         return f"{rate:z.1f}/s, about {_duration((total - last.done) / rate)} left{unless}"
 
 
 class Progress:
-    """A context that gives the function to call with (stage, done, total, failed).
+    """A context that gives the function which shows progress.
 
-    at_most: the work may end before the total is reached, as a search does that has found what it
-        looks for.
+    Its arguments: name of the stage, items done, their total, items that failed.
+
+    at_most: the work may end before the total is reached, as a search that finds its answer.
     """
 
     def __init__(self, at_most: bool = False) -> None:
         self._bar: Any = None
         self._stages: dict[str, _Stage] = {}
-        self._at_most, self._unless = ("at most ", " if it takes them all") if at_most else ("", "")
+        self._at_most = "at most " if at_most else ""
+        self._unless = " if it takes them all" if at_most else ""
         if sys.stderr.isatty():
             from rich.console import Console
             from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
@@ -91,8 +96,8 @@ class Progress:
 
             console = Console(stderr=True)
             self._bar = Bar(
-                # Where the terminal is narrow, the description goes on in a second line and all
-                # else stays whole.
+                # On a narrow terminal the description continues in a second line, and all other
+                # columns stay whole.
                 TextColumn(
                     "{task.description}",
                     markup=False,
@@ -116,30 +121,33 @@ class Progress:
         if self._bar is not None:
             self._bar.stop()
 
-    def _show(self, stage: str, done: int, total: int, failed: int = 0) -> None:
+    def _show(self, name: str, done: int, total: int, failed: int = 0) -> None:
+        """Show the progress of a stage: in the bar, or as a line if the last one is old enough."""
         now = clock.monotonic()
-        known = self._stages.setdefault(stage, _Stage(now))
-        known.note(now, done)
-        left, faults = known.left(total, self._unless), f"{failed} failed" if failed else ""
+        stage = self._stages.setdefault(name, _Stage(now))
+        stage.note(now, done)
+        left, faults = stage.left(total, self._unless), f"{failed} failed" if failed else ""
         if self._bar is not None:
-            if known.task is None:
-                known.task = self._bar.add_task(stage, total=total, left="", failed="")
-            self._bar.update(known.task, completed=done, left=left, failed=faults)
+            if stage.task is None:
+                stage.task = self._bar.add_task(name, total=total, left="", failed="")
+            self._bar.update(stage.task, completed=done, left=left, failed=faults)
         elif done == total:
-            if not known.finished:
-                known.finished = True
-                _say(f"{stage}: {total} done", faults)
-        elif now - known.said >= _LINE_EVERY:
-            known.said = now
-            _say(f"{stage}: {done} of {self._at_most}{total}", left, faults)
+            if not stage.finished:
+                stage.finished = True
+                _say(f"{name}: {total} done", faults)
+        elif now - stage.line_time >= _LINE_EVERY:
+            stage.line_time = now
+            _say(f"{name}: {done} of {self._at_most}{total}", left, faults)
 
 
-def _say(*words: str) -> None:
-    with suppress(OSError):  # a full device behind stderr ends no work
-        click.echo(", ".join(filter(None, words)), err=True)
+def _say(*parts: str) -> None:
+    """Print a line of the parts that are not empty."""
+    with suppress(OSError):  # the work continues if stderr cannot be written
+        click.echo(", ".join(filter(None, parts)), err=True)
 
 
 def _duration(seconds: float) -> str:
+    """A duration in s below 2 min, in min below 2 h, else in h; `z`: no minus before a zero."""
     if seconds < 120.0:
         return f"{seconds:z.0f} s"
     return f"{seconds / 60.0:z.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:z.1f} h"
