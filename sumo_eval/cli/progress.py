@@ -46,14 +46,14 @@ class _Stage:
     def note(self, now: float, done: int) -> None:
         """Remember the bursts of the last half minute.
 
-        The first burst is forgotten when the second comes: until it ended, rules were compiled and
-        processes started, which the rest need not wait for.
+        What was before the first new item is forgotten: rules were compiled and processes started,
+        which the rest need not wait for.
         """
         recent = self._recent
         if recent and now - recent[-1].begin < _BURST:
             recent[-1] = _Burst(recent[-1].begin, now, done)
         else:
-            if len(recent) == 1 and not self._under_way and done > recent[0].done:
+            if recent and not self._under_way and done > recent[0].done:
                 self._under_way = True
                 recent.clear()
             recent.append(_Burst(now, now, done))

@@ -1,6 +1,8 @@
 """Progress where there is no terminal: plain lines with rate, time left and failures, one at a
 stage's end."""
 
+import pytest
+
 from sumo_eval.cli import progress as module
 from sumo_eval.cli.progress import Progress
 
@@ -32,14 +34,14 @@ def shown(monkeypatch, reports, total, at_most=False):
             show("drives", done, total)
 
 
-def test_what_is_compiled_before_the_first_case_does_not_count_for_the_rest(monkeypatch, capsys):
-    """After 40 s of compiling, packs of 20 every 2 s: 10/s.
+@pytest.mark.parametrize("idle", [[], [(5.0, 0)]])
+def test_time_before_the_first_case_does_not_count_for_the_rest(idle, monkeypatch, capsys):
+    """After 40 s of compiling, with a report that nothing is done or without, 20 every 2 s: 10/s.
 
     The mean since the beginning, 80/46 s, would give 9 min.
     """
-    shown(
-        monkeypatch, [(0.0, 0), (40.0, 20), (42.0, 40), (44.0, 60), (46.0, 80), (52.0, 140)], 1000
-    )
+    batches = [(40.0, 20), (42.0, 40), (44.0, 60), (46.0, 80), (52.0, 140)]
+    shown(monkeypatch, [(0.0, 0), *idle, *batches], 1000)
     assert capsys.readouterr().err.splitlines() == [
         "drives: 20 of 1000",
         "drives: 140 of 1000, 10.0/s, about 86 s left",
