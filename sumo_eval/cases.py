@@ -204,8 +204,8 @@ class CaseResult(Outcome):
     clips: what was limited and how often, `name x3; ...`.
     batched: of an ADS that asks SUMO and shared a simulation with other cases: "batched", or
         "compared" if the case alone gave the same.
-    requirements_missed: names of the requirements that do not hold; "": all hold; None: there are
-        none.
+    requirements_missed: names of the requirements that do not hold; "": all hold; None: the
+        scenario has none.
 
     wall_time, simulated_time: s.
     latency_mean, latency_max, latency_median, latency_p99: of a step of the ADS, s.
