@@ -84,33 +84,10 @@ class Progress:
     """
 
     def __init__(self, at_most: bool = False) -> None:
-        self._bar: Any = None
+        self._bar = _make_bar() if sys.stderr.isatty() else None
         self._stages: dict[str, _Stage] = {}
         self._at_most = "at most " if at_most else ""
         self._unless = " if it takes them all" if at_most else ""
-        if sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
-            from rich.progress import Progress as Bar
-            from rich.table import Column
-
-            console = Console(stderr=True)
-            self._bar = Bar(
-                # On a narrow terminal the description continues in a second line, and all other
-                # columns stay whole.
-                TextColumn(
-                    "{task.description}",
-                    markup=False,
-                    table_column=Column(no_wrap=False, overflow="fold"),
-                ),
-                BarColumn(
-                    bar_width=40 if console.width >= _WIDE else 6, table_column=Column(no_wrap=True)
-                ),
-                MofNCompleteColumn(table_column=Column(no_wrap=True)),
-                TextColumn("{task.fields[left]}", style="cyan"),
-                TextColumn("{task.fields[failed]}", style="yellow"),
-                console=console,
-            )
 
     def __enter__(self) -> Callable[..., None]:
         if self._bar is not None:
@@ -138,6 +115,32 @@ class Progress:
         elif now - stage.line_time >= _LINE_EVERY:
             stage.line_time = now
             _say(f"{name}: {done} of {self._at_most}{total}", left, faults)
+
+
+def _make_bar() -> Any:
+    """A bar of rich for the terminal, with a task for each stage.
+
+    On a narrow terminal the description continues in a second line, and all other columns stay
+    whole.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+    from rich.progress import Progress as Bar
+    from rich.table import Column
+
+    console = Console(stderr=True)
+    return Bar(
+        TextColumn(
+            "{task.description}",
+            markup=False,
+            table_column=Column(no_wrap=False, overflow="fold"),
+        ),
+        BarColumn(bar_width=40 if console.width >= _WIDE else 6, table_column=Column(no_wrap=True)),
+        MofNCompleteColumn(table_column=Column(no_wrap=True)),
+        TextColumn("{task.fields[left]}", style="cyan"),
+        TextColumn("{task.fields[failed]}", style="yellow"),
+        console=console,
+    )
 
 
 def _say(*parts: str) -> None:
