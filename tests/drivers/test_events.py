@@ -100,7 +100,10 @@ def test_a_cut_in_counts_only_near_and_a_violent_one_is_a_ghost():
     )
     (event,) = near.tables["cut_in"].itertuples()
     assert (event.ego, event.cut_in, event.to_left) == ("ego", "other", False)
-    assert event.gap == pytest.approx(35.0 - 7.5, abs=0.2)  # closing at 1 m/s for 7.5 s
+    # a scenario's t = 0: closing at 1 m/s for 5 s, and what it takes to move at 0.12 m/s
+    assert event.start == pytest.approx(5.5, abs=0.2)
+    assert event.gap == pytest.approx(35.0 - event.start)
+    assert event.t == pytest.approx(7.5, abs=0.2)
     far = events_of(
         track("ego", 0.0, 25.0), track("other", 120.0, 25.0, y0=3.5, move=(5.0, 5.0, -3.5))
     )
@@ -110,6 +113,13 @@ def test_a_cut_in_counts_only_near_and_a_violent_one_is_a_ghost():
     )
     assert wild.tables["cut_in"].empty
     assert wild.ghosts["cut_in"] == 1
+    late = track("ego", 0.0, 25.0).query("t > 6.9")
+    (event,) = (
+        events_of(late, track("other", 40.0, 24.0, y0=3.5, move=(5.0, 5.0, -3.5)))
+        .tables["cut_in"]
+        .itertuples()
+    )
+    assert np.isnan(event.start)  # the ego is not recorded then
 
 
 def test_a_braking_lead():

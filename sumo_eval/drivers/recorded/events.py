@@ -9,7 +9,8 @@ front in the same lane):
   the stretch is at most 20 s.
 - cut_out: a lead changes lane, at most max(4 s * speed, 30 m) ahead; t = 0 when its lane number
   changes. `revealed` is the next vehicle in front within 300 m.
-- cut_in: a vehicle changes into the lane of another, at most max(3 s * speed, 25 m) ahead of it.
+- cut_in: a vehicle changes into the lane of another, at most max(3 s * speed, 25 m) ahead of it
+  at t; gap and speeds are those at `start`, when it begins to move sideways.
 - lead_braking: a lead brakes with at least 1 m/s2 and loses at least 2 m/s.
 
 Dropped as ghosts of the tracker: a least TTC under 1 s, a gap under 1 m, accelerations beyond 6
@@ -127,11 +128,15 @@ class RecordedTraffic:
         self.lead[behind[same]] = ahead[same]
         self.follower[ahead[same]] = behind[same]
         led, lead = self.lead >= 0, np.maximum(self.lead, 0)
-        bodies = (self.length[lead] + self.length) / 2
-        self.gap = np.where(led, self.x[lead] - self.x - bodies, np.inf)
+        self.gap = np.where(led, self.apart(slice(None), lead), np.inf)
         self.closing = np.where(led, self.speed - self.speed[lead], 0.0)
         slower = np.maximum(self.closing, 1e-9)
         self.ttc = np.where(self.closing > 0, self.gap / slower, np.inf)
+
+    def apart(self, behind: Any, ahead: Any) -> Any:
+        """Gap from bumper to bumper between the vehicles of rows, m."""
+        bodies = (self.length[ahead] + self.length[behind]) / 2
+        return self.x[ahead] - self.x[behind] - bodies
 
     def row_of(self, vehicle: str, frame: int) -> int | None:
         """The row of a vehicle at a frame; None where it is not recorded."""
@@ -348,16 +353,13 @@ def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -
             continue
         revealed = int(traffic.lead[now])
         near = gap[now] <= REVEALED_WITHIN and names[revealed] != change.vehicle
-        revealed = revealed if near else -1
         begin = traffic.row_of(ego, round(change.onset / INTERVAL))
         begin = now if begin is None else begin
         onset = dict.fromkeys(("obstacle_speed", "gap"), np.nan)
         if near:
             ahead = traffic.row_of(names[revealed], int(traffic.frame[begin]))
             if ahead is not None:
-                bodies = (traffic.length[begin] + traffic.length[ahead]) / 2
-                apart = traffic.x[ahead] - traffic.x[begin] - bodies
-                onset = {"obstacle_speed": speed[ahead], "gap": apart}
+                onset = {"obstacle_speed": speed[ahead], "gap": traffic.apart(begin, ahead)}
         braking = traffic.acceleration[now : min(now + 100, traffic.slices[ego].stop)]
         events.append(
             {
@@ -392,21 +394,25 @@ def _cut_ins(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) ->
         part = traffic.slices[ego]
         if row == part.start or traffic.lane[row - 1] != traffic.lane[row]:
             continue
+        onset = row - round((change.t - change.onset) / INTERVAL)
+        begin = max(onset, part.start)
+        other = change.row - row + begin
         braking = traffic.acceleration[row : min(row + 100, part.stop)]
-        fast = change.lateral_speed > GHOST_LATERAL_SPEED
         events.append(
             {
                 "ego": ego,
                 "t": traffic.t[row],
-                "start": traffic.t[row],
+                # not a scenario's t = 0 where the ego is recorded later
+                "start": traffic.t[begin] if begin == onset else np.nan,
                 "cut_in": change.vehicle,
                 "to_left": change.to > change.origin,
-                "ego_speed": speed[row],
-                "cut_in_speed": speed[change.row],
-                "gap": gap[row],
+                "ego_speed": speed[begin],
+                "cut_in_speed": speed[other],
+                "gap": traffic.apart(begin, other),
                 "lateral_speed": change.lateral_speed,
                 "min_acceleration": braking.min(),
-                "ghost": _is_ghost(gap[row], np.inf, braking) or fast,
+                "ghost": change.lateral_speed > GHOST_LATERAL_SPEED
+                or _is_ghost(gap[row], np.inf, braking),
             }
         )
     return events
@@ -420,7 +426,8 @@ def _braking_leads(traffic: RecordedTraffic) -> list[Event]:
         braking = acceleration[lead] <= -BRAKING_BELOW
         edges = np.flatnonzero(np.diff(np.concatenate(([0], braking, [0]))))
         for first, last in edges.reshape(-1, 2).tolist():
-            row, part = stretch.start + first, slice(stretch.start + first, stretch.start + last)
+            row = stretch.start + first
+            part = slice(row, stretch.start + last)
             strongest = acceleration[lead[first:last]].min()
             drop = speed[lead[first]] - speed[lead[last - 1]]
             if strongest > -LEAD_DECELERATION or drop < LEAD_SPEED_DROP:

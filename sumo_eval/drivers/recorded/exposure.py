@@ -47,8 +47,7 @@ class RecordedExposure(NamedTuple):
         columns = (np.asarray(values[name], dtype=np.float64) for name in self.names)
         places = np.stack(np.broadcast_arrays(*columns))
         kde = _stats().gaussian_kde(self.points.T, bw_method=self.factor)
-        density: FloatArray = kde(places.reshape(len(places), -1))
-        return density.reshape(places.shape[1:])
+        return np.reshape(kde(places.reshape(len(places), -1)), places.shape[1:])
 
     def supported(self, points: FloatArray) -> BoolArray:
         """Whether each of the points (m, k) is within `SUPPORT` kernel deviations of at least one

@@ -116,6 +116,7 @@ def reference(
     in_tolerances = ((events[names] - wanted).abs() / list(tolerance.values())).to_numpy()
     near = np.flatnonzero(np.all(in_tolerances <= 1.0, axis=1))
     near = near[np.argsort(np.linalg.norm(in_tolerances[near], axis=1), kind="stable")]
+    least = settings.coverage * (concrete.road.length - concrete.ego.x)
     drives: dict[str, Trajectory] = {}
     for event in events.iloc[near].itertuples():
         track = people.tracks[(str(event.recording), str(event.ego))]
@@ -123,7 +124,8 @@ def reference(
         if name in drives:
             continue
         drive = _aligned(track, float(event.start), concrete, people)  # type: ignore[arg-type]
-        if _covers(drive, concrete, settings.coverage):
+        covers = drive.speed[-1] < _STANDS or drive.x.max() - concrete.ego.x >= least
+        if len(drive) > 1 and covers:
             drives[name] = drive
     return Reference(tuple(drives.values()), tuple(drives))
 
@@ -136,7 +138,7 @@ def _aligned(
     """
     rows = track[track["t"] >= start - 1e-6]
     x = rows["x"] - rows["x"].iloc[0] + concrete.ego.x
-    last = np.flatnonzero(x >= concrete.road.length)
+    before = x.cummax().shift(fill_value=-np.inf) < concrete.road.length
     recording, lane = str(rows["recording"].iloc[0]), int(rows["lane"].iloc[0])
     centre = people.centres.get((recording, lane), 0.0)
     right, left = (people.centres.get((recording, number), np.nan) for number in (0, 1))
@@ -146,7 +148,7 @@ def _aligned(
     y = concrete.ego.y + stretch * (rows["y"] - centre)
     moved = rows.assign(t=rows["t"] - rows["t"].iloc[0], x=x, y=y)
     body = {name: float(rows[name].iloc[0]) for name in ("length", "width")}
-    return _trajectory(moved.iloc[: int(last[0]) + 1 if last.size else None], **body)
+    return _trajectory(moved[before], **body)
 
 
 def _trajectory(rows: pd.DataFrame, **body: float) -> Trajectory:
@@ -157,13 +159,6 @@ def _trajectory(rows: pd.DataFrame, **body: float) -> Trajectory:
     wheel = pd.to_numeric(rows["steering"], errors="coerce") if "steering" in rows else None
     return Trajectory(
         rows["t"], rows["x"], rows["y"], **channels, steering_wheel_angle=wheel, **body
-    )
-
-
-def _covers(drive: Trajectory, concrete: ConcreteScenario, coverage: float) -> bool:
-    road = concrete.road.length - concrete.ego.x
-    return len(drive) > 1 and bool(
-        drive.speed[-1] < _STANDS or drive.x.max() - concrete.ego.x >= coverage * road
     )
 
 
