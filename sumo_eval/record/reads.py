@@ -1,5 +1,5 @@
-"""Files that the code of an ADS reads while it drives: their hashes are noted in its process and
-compared when a run is resumed.
+"""Files that the code of an ADS reads while it drives: their hashes are noted in its process
+(`record.worker`), and compared with the files when a run is resumed (`record.recording`).
 
 A process notes every Python file outside the installed packages, and every file below a folder that
 contains such a file or the evaluation, with its content when it is opened. Files that it writes do
@@ -33,7 +33,8 @@ ABSENT, WRITTEN, UNKNOWN = "-", "", "?"
 """In place of a hash: there is no such file; the ADS writes it; it may have been changed after it
 was loaded."""
 LOST = "a file that no process lived to tell"
-"""In place of a path: all processes of an ADS were lost before they could report."""
+"""Path of a stand-in for all files of an ADS whose processes were all lost before they could
+report. Its hash is `UNKNOWN`; `WRITTEN` once a process has reported."""
 
 _PACKAGE = str(Path(__file__).parent.parent)
 _PYTHON = (".py", ".pyw", ".pyc")
@@ -42,7 +43,7 @@ _EVENTS = frozenset({"open", "import", "os.rename", "sqlite3.connect", "ctypes.d
 _HASHED_WHOLE = 256 << 20  # bytes; a larger file is identified by its size and time of change
 _MOST_REPORTED = 1_000  # written files of one process: an ADS may write one a step
 _busy = threading.local()
-_BEGAN = clock.time()
+_IMPORT_TIME = clock.time()  # of this module, by the system's clock, s
 
 File = tuple[str, str]
 """Path and hash; the path is relative to the evaluation's folder if the file is below it."""
@@ -58,7 +59,7 @@ class _Watch:
     """Files that this process reads during a run.
 
     folder: of the evaluation.
-    before: watch of an earlier run in this process.
+    before: watch of an earlier run in this process, which ends.
     """
 
     def __init__(self, folder: Path, before: _Watch | None = None) -> None:
@@ -74,9 +75,9 @@ class _Watch:
         self._modules = 0
         if before is None:
             return
-        before.active = False  # where a Ctrl-C ended its run amid a case, it still watches
+        before.active = False  # after a Ctrl-C amid a case it is still active
         for path, found in before._known:
-            if found != WRITTEN:  # what was loaded then may still be in memory
+            if found != WRITTEN:  # what the earlier run has read may still be in memory
                 same = content(path, _state(path)) == found
                 self._note(path, found if same else UNKNOWN)
 
@@ -87,18 +88,19 @@ class _Watch:
         """
         opened = os.path.abspath(os.fsdecode(path))
         place = _source(opened)
-        if place is None or place.startswith(self._elsewhere()):
+        if place is None or place.startswith(self._ignored_folders()):
             return
         writes = flags & (os.O_WRONLY | os.O_RDWR)
         if writes and place != opened:  # Python writes a compiled file: its source is unchanged
             return
         if not self._is_below(place) and (writes or not place.endswith(_CODE)):
             return
+        # opened for both, a file can be read unless it is emptied
         if writes and (flags & os.O_TRUNC or not flags & os.O_RDWR):
             self.write(place)
         else:
             self.read(place)
-        if flags & os.O_RDWR:  # `report` sees by its state whether it was written
+        if flags & os.O_RDWR:  # if its state has changed by then, `report` notes it as written
             self._open_for_both.setdefault(place, _state(place))
 
     def read(self, place: str, since: float = math.inf) -> None:
@@ -106,8 +108,8 @@ class _Watch:
 
         Pipes and devices are not opened.
 
-        since: latest time at which it can have been read, by the system's clock, s; a file that was
-            changed later is `UNKNOWN`.
+        since: latest time at which the file can have been read, by the system's clock, s; if it was
+            changed later, its content then is `UNKNOWN`.
         """
         state = _state(place)
         if place in self._written or self._states.get(place, NEVER) == state:
@@ -119,6 +121,7 @@ class _Watch:
         if place.endswith(_PYTHON):
             self._add_root(os.path.dirname(place))
             self._add_root(os.path.dirname(os.path.realpath(place)))  # of a link to it
+        # `state[0]`: time of the last change, ns
         self._note(place, found if state is None or state[0] <= since * 1e9 else UNKNOWN)
 
     def write(self, place: str) -> None:
@@ -154,34 +157,32 @@ class _Watch:
         roots = tuple(self._roots)
         return place.startswith(roots) or os.path.realpath(place).startswith(roots)
 
-    def _elsewhere(self) -> tuple[str, ...]:
-        """Folders of files that do not count: installed packages, caches, and this process's own
-        temporary files.
+    def _ignored_folders(self) -> tuple[str, ...]:
+        """Folders of files that do not count: installed packages, caches, and the temporary files of
+        a child of the pool, unless the evaluation lies among these.
         """
-        temporary = tempfile.tempdir
-        if temporary is None or f"{os.sep}{SCRATCH_PREFIX}" not in temporary:
-            return _INSTALLED
-        scratch = os.path.join(temporary, "")
-        return _INSTALLED if self.folder.startswith(scratch) else (*_INSTALLED, scratch)
+        temporary = os.path.join(tempfile.tempdir or "", "")
+        of_pool = f"{os.sep}{SCRATCH_PREFIX}" in temporary
+        ignored = of_pool and not self.folder.startswith(temporary)
+        return (*_INSTALLED, temporary) if ignored else _INSTALLED
 
     def _look_at_modules(self) -> None:
         """Note modules that were loaded before the watch began, such as those of a script that
         calls this package.
         """
-        if len(sys.modules) == self._modules:
+        if len(sys.modules) == self._modules:  # none was loaded since the last look
             return
         self._modules = len(sys.modules)
         for module in list(sys.modules.values()):
             name = getattr(module, "__dict__", {}).get("__file__")
             place = os.path.abspath(name) if isinstance(name, str) else ""
             if (
-                place in self._states
-                or not place.endswith(_CODE)
-                or place.startswith(self._elsewhere())
+                place not in self._states
+                and place.endswith(_CODE)
+                and not place.startswith(self._ignored_folders())
+                and os.path.exists(place)  # else it lies in an archive
             ):
-                continue
-            if os.path.exists(place):  # else it lies in an archive
-                self.read(place, _BEGAN)
+                self.read(place, _IMPORT_TIME)
 
 
 _watch: _Watch | None = None
@@ -249,15 +250,15 @@ def _database(name: str) -> str:
 
 
 def _source(place: str) -> str | None:
-    """The source of a compiled Python file, or the path itself of any other file; None for other
-    files among compiled ones.
+    """The source of a compiled Python file, or the path itself of any other file; None for the
+    temporary files from which Python makes compiled ones.
     """
     folder, name = os.path.split(place)
     if not name.endswith(".pyc"):
         return None if os.path.basename(folder) == "__pycache__" or ".pyc." in name else place
     try:
         source = importlib.util.source_from_cache(place)
-    except ValueError:  # compiled, and beside no source
+    except ValueError:  # it lies in no `__pycache__`
         return place
     return source if os.path.exists(source) else place
 
@@ -320,12 +321,12 @@ class OneVersion:
         if files is None:
             files = [] if locator in self._reported else [(LOST, UNKNOWN)]
         elif (locator, LOST) in self._files:
-            files = [*files, (LOST, WRITTEN)]
+            files = [*files, (LOST, WRITTEN)]  # the stand-in is not needed any more
         self._reported.add(locator)
         new = []
+        # WRITTEN replaces everything and so comes first; UNKNOWN replaces a hash
         for path, found in sorted(files, key=lambda file: file[1] != WRITTEN):
             before = self._files.get((locator, path))
-            # known already, or weaker: WRITTEN replaces everything, UNKNOWN replaces a hash
             if before in (found, WRITTEN) or (before == UNKNOWN and found != WRITTEN):
                 continue
             if before is not None and found not in (WRITTEN, UNKNOWN):
@@ -340,13 +341,13 @@ class OneVersion:
 
 
 def changed(read: Iterable[FileOfAds], folder: Path) -> dict[str, list[str]]:
-    """Locator of an ADS -> files whose content is not, or perhaps not, what the ADS has read."""
+    """Files whose content is not, or perhaps not, what the ADS has read, by the ADS's locator."""
     now: dict[str, str] = {}
     differing: dict[str, list[str]] = {}
     for locator, path, then in read:
         if path not in now:
             place = os.path.join(folder, path)
             now[path] = content(place, _state(place)) or UNKNOWN
-        if then != WRITTEN and (UNKNOWN in (then, now[path]) or now[path] != then):
+        if then == UNKNOWN or then not in (WRITTEN, now[path]):
             differing.setdefault(locator, []).append(path)
     return differing

@@ -1,5 +1,5 @@
 """Recording of a run: ADSs and references drive every concrete scenario, human drivers every safe
-one.
+one. `record.facts` records a whole run with it, `record.estimate` times parts of one.
 """
 
 from __future__ import annotations
@@ -105,18 +105,18 @@ class Planner:
     def ads(self, space: Space) -> Iterator[Case]:
         """Cases of every ADS at every point; policies over arrays drive blocks of cases together.
 
-        Blocks are cut from all points, also from those that need not be driven: their composition
-        must not depend on the choice of points.
+        A block is `size` consecutive points of the space, also those that need not be driven: its
+        composition must not depend on the choice of points.
         """
         settings = self.run.settings
         size = min(settings.run.cases_per_pack, settings.run.cases_per_child)
-        over_arrays = self.over_arrays if size > 1 else ()
+        over_arrays = self.over_arrays if size > 1 else ()  # a block of one is a case alone
         for index, numbers in groupby(space.numbers, key=lambda number: number // size):
             wanted = list(numbers)
-            first, last = index * size, min((index + 1) * size, len(space.points))
-            concretes = {
-                n: space.concrete(n) for n in (range(first, last) if over_arrays else wanted)
-            }
+            first = index * size
+            last = min(first + size, len(space.points))
+            members = range(first, last) if over_arrays else wanted
+            concretes = {number: space.concrete(number) for number in members}
             block = Block.of(first, tuple(concretes.values())) if over_arrays else None
             for ads, number in product(settings.ads, wanted):
                 case = Case(
@@ -139,7 +139,7 @@ class Planner:
         )
         for number in space.numbers:
             case = Case(number, space.concrete(number).without_ads, role, role, controller)
-            # without an identity: a user's ADS with the same locator must not change a reference
+            # no identity: that of an ADS under test with the same locator must not change it
             yield with_fingerprint(case, settings.simulation, "", self.harness)
 
     def humans(self, space: Space) -> Iterator[Case]:
@@ -152,13 +152,18 @@ class Planner:
         """Cases of the first `count` synthetic drivers at one point."""
         settings = self.run.settings
         for index in range(count):
-            name, population = f"driver_{index:02d}", settings.drivers.population
-            yield self._finished(
-                Case(
-                    number, concrete, "human", name, "synthetic", index, count, settings.seed,
-                    population,
-                )
-            )  # fmt: skip
+            case = Case(
+                number,
+                concrete,
+                "human",
+                f"driver_{index:02d}",
+                "synthetic",
+                driver_index=index,
+                driver_count=count,
+                seed=settings.seed,
+                population=settings.drivers.population,
+            )
+            yield self._finished(case)
 
     def human(self, number: int, concrete: ConcreteScenario, name: str) -> Case:
         """Case of a human driver that is not simulated: a recorded one, or one of the user's own
@@ -223,12 +228,14 @@ def record(
     done stay recorded.
     """
     work, drivers = _Work(store, plan.setup, progress, stopping), plan.run.settings.drivers
-    of_each = [stages(space, plan) for space in spaces]
-    work.do(list(chain.from_iterable(zip(*of_each, strict=True))))
+    by_space = [stages(space, plan) for space in spaces]
+    # the ADSs in all scenarios first, then one role after another
+    work.do(list(chain.from_iterable(zip(*by_space, strict=True))))
     for space in spaces:
         if drivers.source != "synthetic":
             _record_people(space, plan, store, work, progress)
             continue
+        # a run that is resumed with other settings may hold drives that these do not ask for
         names = {f"driver_{index:02d}" for index in range(drivers.count)}
         safe = set(space.safe) if space.logical.has_drivers else set()
         cases = store.names("human", space.logical.name)
@@ -253,13 +260,13 @@ def stages(space: Space, plan: Planner) -> list[_Stage]:
     def stage(words: str, role: Role, cases: Iterable[Case], total: int) -> _Stage:
         return _Stage(f"{space.logical.name}: {words}", space.logical.name, role, cases, total)
 
-    # the few cases of `only` are counted, any others known without making them
+    # cases are made only to count those of `only`, which are few
     total = sum(1 for _ in plan.ads(space)) if settings.run.only else points * len(settings.ads)
     listed = [stage("ADSs", "ads", plan.ads(space), total)]
     for role, words in REFERENCES.items():
         listed.append(stage(words, role, plan.reference(space, role), points))
     if settings.drivers.source == "synthetic":
-        total = len(space.safe) * settings.drivers.count * space.logical.has_drivers
+        total = len(space.safe) * settings.drivers.count if space.logical.has_drivers else 0
         listed.append(stage("drivers", "human", plan.humans(space), total))
     return listed
 
@@ -273,23 +280,24 @@ def _record_people(
     """
     name, settings, safe = space.logical.name, plan.run.settings.drivers, space.safe
     recorded = settings.source == RECORDED
-    fills = recorded and settings.too_thin == "fill" and space.logical.has_drivers
+    may_add = recorded and settings.too_thin == "fill" and space.logical.has_drivers
     drives = _recorded_drives(plan, space) if recorded else partial(_own_drives, plan)
     keys: set[str] = set()
-    fill: list[Case] = []
+    added: list[Case] = []
     for done, number in enumerate(safe, start=1):
         concrete = space.concrete(number).without_ads
         outcomes = list(drives(number, concrete))
         keys.update(outcome.case.key for outcome in outcomes)
         store.add(*(outcome for outcome in outcomes if not store.holds(outcome.case)))
-        if fills and len(outcomes) < settings.least:
-            fill += plan.synthetic(number, concrete, settings.least - len(outcomes))
+        if may_add and len(outcomes) < settings.least:
+            added += plan.synthetic(number, concrete, settings.least - len(outcomes))
         work.check()
         progress(f"{name}: {'recorded ' * recorded}drivers", done, len(safe))
-    if fill:
+    if added:
         words = f"{name}: drivers where too few are recorded"
-        work.do([_Stage(words, name, "human", fill, len(fill))])
-    keys.update(case.key for case in fill)
+        work.do([_Stage(words, name, "human", added, len(added))])
+    keys.update(case.key for case in added)
+    # left from before a resumed run's settings or recordings changed
     store.remove(case for case, _, _ in store.names("human", name) if case not in keys)
 
 
@@ -313,8 +321,8 @@ def _recorded_drives(
 
 
 def find_stale(store: Store, source: Path) -> tuple[str, ...]:
-    """Mark ADSs as stale that have recorded cases and have read files which changed since; a note
-    on each.
+    """Mark ADSs as stale whose recorded cases depend on files that have changed since; notes, one
+    for each ADS.
     """
     files = changed(store.files_read(), source)
     store.stale = frozenset(files)
@@ -383,13 +391,15 @@ class _Work:
                 self._note_files(outcomes)
                 ended = Counter[str]()
                 for outcome in outcomes:
-                    name = names[outcome.case.concrete.scenario, outcome.case.role]
+                    case = outcome.case
+                    name = names[case.concrete.scenario, case.role]
                     keeps_state = outcome.alone is not None and outcome.alone.why == "keeps_state"
-                    # it was recorded from a batch, before its ADS was found to keep state
-                    if keeps_state and self._store.holds(outcome.case):
-                        self._store.remove([outcome.case.key])
-                        ended[name] -= 1
-                    ended[name] += 1
+                    # A case that was driven in a batch before its ADS was found to keep state is
+                    # recorded and counted already: this outcome replaces that one.
+                    replaces = keeps_state and self._store.holds(case)
+                    if replaces:
+                        self._store.remove([case.key])
+                    ended[name] += not replaces
                     failed[name] += outcome.status not in EVALUATED
                 self._store.add(*outcomes)
                 done.update(ended)
@@ -405,6 +415,7 @@ class _Work:
         """Record which files the processes of users' ADSs have read."""
         for outcome in outcomes:
             case = outcome.case
+            # without `reads`: a user's ADS whose process was lost, or a case without users' code
             if outcome.reads is not None or affinity(case, self._setup) != NO_USER_CODE:
                 new = self._versions.add(case.driver, case.controller, outcome.reads)
                 self._store.note_files(new)
@@ -435,7 +446,7 @@ def _own_drives(plan: Planner, number: int, concrete: ConcreteScenario) -> Itera
                 f"{type(trajectory).__name__} {place}."
             )
         case = plan.human(number, concrete, f"driver_{index:02d}")
-        # what the function has read is unknown, so its drives are told apart by what they are
+        # the files that the function has read are unknown: the trajectory stands for them
         content = hashlib.sha256(case.fingerprint.encode() + packed(trajectory)).hexdigest()
         case = replace(case, fingerprint=content)
         yield Outcome(case, "ok", Recording(trajectory, {}, None, "recorded"))
