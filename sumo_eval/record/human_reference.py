@@ -1,8 +1,8 @@
 """Results from the drivers of each concrete scenario: D_i of the ADSs, the drivers' own band, D_i
 with a driver left out.
 
-All three need the fields of the same drives, so a point is one piece of work. Points are read from
-the store and spread over processes.
+All three need the fields of the same drives, so a point is one piece of work. `scoring.likeness`
+asks for the points; they are read from the store and spread over processes.
 
 All three depend on the recorded drives and the settings alone, so a run's folder keeps them
 (`record.kept_results`): scoring, explaining or comparing a run again reads them there, and scoring
@@ -16,6 +16,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -39,20 +40,21 @@ from sumo_eval.record.store import Store, open_store
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
 
-_CHUNK = 2
-_KEPT_AT_ONCE = 32  # pieces of work that are lost at most where scoring is stopped
-_WORTH_PROCESSES = 160  # fewer drives of drivers than this are done sooner than processes start
+_CHUNK = 2  # points that a process receives at once
+_KEPT_AT_ONCE = 32  # new results that are written together; scoring that is stopped loses as many
+_WORTH_PROCESSES = 160  # fewer drives of human drivers are done sooner than processes start
 
 
 @dataclass(frozen=True, slots=True)
 class PointJob:
     """Requested results at one point.
 
-    drivers: their cases.
+    drivers: the human drivers' cases at the point.
     ads: the cases that get a D_i.
     left_out: the ADSs' cases that get a D_i without each driver, and one after each exchange.
-    band: whether the drivers are scored against each other.
-    exchanges: pairs (left out, counted twice instead), as places in `drivers`.
+    band: whether each driver gets a D_i against the others.
+    exchanges: pairs of places in `drivers`: the driver that is left out, and the one that counts
+        twice instead.
     """
 
     drivers: tuple[str, ...]
@@ -106,8 +108,10 @@ class PointResult:
 
 
 _RECORDS = {
-    one.__name__: one for one in (AnthropomorphicIndex, IndexNote, Ingredients, Likeness, LeftOut)
+    kind.__name__: kind
+    for kind in (AnthropomorphicIndex, IndexNote, Ingredients, Likeness, LeftOut)
 }
+"""Classes of the records that are kept, by name, for `decoded`."""
 
 
 @contextmanager
@@ -115,18 +119,19 @@ def point_processes(store: Store, workers: int) -> Iterator[Spread]:
     """Function that spreads the points of a run over processes, for `compute_points`, or computes
     them here if they are few.
 
-    The processes start with the first piece of work. Where all results are kept, none starts.
+    The processes start with the first piece of work, and end with this context. Where all results
+    are kept, none starts.
     """
     drives = sum(number for _, role, _, _, number, _ in store.counts() if role == "human")
-    with ExitStack() as entered:
+    with ExitStack() as context:
 
-        @cache
-        def begun() -> Spread:
-            several = workers if drives >= _WORTH_PROCESSES else 1
+        @cache  # started once
+        def processes() -> Spread:
+            number = workers if drives >= _WORTH_PROCESSES else 1
             # each process makes the compiled loops ready (`prepare`) before its first part
-            return entered.enter_context(spread_over(several, prepare))
+            return context.enter_context(spread_over(number, prepare))
 
-        yield lambda work, parts: begun()(work, parts)
+        yield lambda work, parts: processes()(work, parts)
 
 
 def compute_points(
@@ -139,37 +144,38 @@ def compute_points(
 ) -> list[PointResult]:
     """The results of every job, in order.
 
-    spread: `map` or that of `point_processes`. `progress` receives how many are done.
+    facts: file of the store.
+    spread: `map` or that of `point_processes`.
+    progress: receives the number of jobs that are done.
     kept: where results are looked up, and put.
     """
     keys = _keys(facts, jobs, settings)
-    results = [
-        {name: data for name, key in of.items() if (data := kept.get(name[0], key)) is not None}
-        for of in keys
-    ]
-    todo = [place for place, of in enumerate(keys) if len(results[place]) < len(of)]
+    results: list[dict[_Name, bytes]] = []
+    for names in keys:  # `name[0]`: the kind of result
+        found = ((name, kept.get(name[0], key)) for name, key in names.items())
+        results.append({name: data for name, data in found if data is not None})
+    todo = [place for place, names in enumerate(keys) if len(results[place]) < len(names)]
     missing = [_missing(jobs[place], results[place]) for place in todo]
     parts = [
         (facts, missing[first : first + _CHUNK], settings) for first in range(0, len(todo), _CHUNK)
     ]
-    done, new = 0, list[KeptPart]()
-    for part in spread(_compute_part, parts) if parts else ():
-        for place, result in zip(todo[done : done + len(part)], part, strict=True):
-            # kind, key, number 0 as the only part of its key, content
-            new += [(name[0], keys[place][name], 0, data) for name, data in result.items()]
-            results[place] |= result
-        done += len(part)
+    new: list[KeptPart] = []
+    computed = chain.from_iterable(spread(_compute_part, parts) if parts else ())
+    for done, (place, result) in enumerate(zip(todo, computed, strict=True), start=1):
+        results[place] |= result
+        # 0: each is the only part of its key
+        new += [(name[0], keys[place][name], 0, data) for name, data in result.items()]
         if len(new) >= _KEPT_AT_ONCE or done == len(todo):
             kept.put(new)
             new = []
         progress(len(jobs) - len(todo) + done)
-    if jobs and not todo:
+    if jobs and not todo:  # all were kept
         progress(len(jobs))
     return list(map(_result, results))
 
 
 def _result(parts: Mapping[_Name, bytes]) -> PointResult:
-    """Results of a point: always as they are kept, so that reading them again changes nothing."""
+    """Results of a point from their kept form; new ones too, so that both are equal to the bit."""
     records: dict[Kind, dict[str, Any]] = {"index": {}, "left_out": {}, "band": {}}
     for (kind, case), data in parts.items():
         records[kind][case] = decoded(data, _RECORDS)
@@ -180,8 +186,8 @@ def _result(parts: Mapping[_Name, bytes]) -> PointResult:
 
 
 _Name = tuple[Kind, str]
-"""Results by kind: D_i (`index`) or D_i without drivers (`left_out`) of a case, or the `band` of a
-point, of no case."""
+"""Name of a result at a point: its kind and case. D_i (`index`) and D_i without drivers
+(`left_out`) belong to a case; the `band` is the point's, with "" as case."""
 
 
 def _keys(
@@ -206,12 +212,13 @@ def _keys(
 
 @cache
 def method_sources() -> str:
-    """A hash of the method's own source: what another version computed is not taken over."""
+    """A hash of the method's own source: results of another version are not reused."""
     files = sorted(Path(sumo_eval.method.__file__).parent.glob("*.py"))
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
 def _missing(job: PointJob, kept: Collection[_Name]) -> PointJob:
+    """The job without the results that are kept."""
     ads = tuple(case for case in job.ads if ("index", case) not in kept)
     left_out = tuple(case for case in job.left_out if ("left_out", case) not in kept)
     return replace(job, ads=ads, left_out=left_out, band=job.band and ("band", "") not in kept)
@@ -224,7 +231,7 @@ def _compute_part(
     part: tuple[Path, Sequence[PointJob], AnthropomorphicSettings],
 ) -> list[dict[_Name, bytes]]:
     facts, jobs, settings = part
-    with open_store(facts, checked=True) as store:  # by `compute_points`
+    with open_store(facts, checked=True) as store:  # `_keys` has checked the file
         return [
             {name: encoded(record) for name, record in _compute(job, store, settings)}
             for job in jobs
@@ -237,9 +244,10 @@ def _compute(
     cases = list(dict.fromkeys((*job.drivers, *job.ads, *job.left_out)))
     place = {case: number for number, case in enumerate(cases)}
     drivers = [place[case] for case in job.drivers]
-    exchanges = job.exchanges if len(drivers) > 2 else ()
+    exchanges = job.exchanges if len(drivers) > 2 else ()  # as in `left_out_pairings`
     # Each ADS is a group of its own, so that its result is the same to the last bit whatever else
-    # is compared. `indexes` has the groups' results in the order of the groups.
+    # is compared. `indexes` has the groups' results in the order of the groups: the ADSs, the band
+    # (empty unless it is wanted), the ADSs with drivers left out.
     groups = [
         *(
             [Pairing(place[case], tuple(drivers), settings.slice_spacing, likeness=True)]
