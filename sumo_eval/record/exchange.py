@@ -1,4 +1,7 @@
-"""A run for other tools: pandas tables in memory, CSV and Parquet files on disk."""
+"""A run for other tools: pandas tables in memory, CSV and Parquet files on disk.
+
+For `sumo_eval.open_run` and `sumo-eval export`.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +31,17 @@ if TYPE_CHECKING:
 
 CASES = "cases.csv"
 FORMATS = ("csv", "parquet")
-_ROUND_TRIP = "%.17g"  # digits that bring every double back
-_NAMES = ("case", "scenario", "ads")  # columns that hold names, whatever these look like
+_ROUND_TRIP = "%.17g"  # digits from which every double is read back to the bit
+_NAMES = ("case", "scenario", "ads")  # columns of names: text, even if a name looks like a number
+_ROWS_AT_ONCE = 1000
+_COLUMNS = [field.name for field in fields(Fact) if field.name not in ("log", "clips", "collision")]
+_TIMES = [name for name in _COLUMNS if name.startswith(("wall_time", "latency"))]
+_CONTACT = {
+    "collision_time": "time", "collision_with": "other", "impact_speed": "relative_speed",
+    "overlap": "overlap",
+    "side": "side",
+}  # fmt: skip
+"""Columns of a drive's contact, and the field of `Collision` that each shows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,10 +154,9 @@ def export(
             (folder / CASES).write_bytes(scored.read_bytes())
             return [folder / CASES, *_write_drives(run, folder, cells)]
         with tempfile.TemporaryDirectory(prefix="sumo_eval_", dir=folder) as scratch:
-            plain = _unquoted(scored, Path(scratch) / CASES)
-            return _to_parquet(
-                [plain, *_write_drives(run, Path(scratch), lambda table: table)], folder
-            )
+            cases = _unquoted(scored, Path(scratch) / CASES)
+            tables = [cases, *_write_drives(run, Path(scratch), lambda table: table)]
+            return _to_parquet(tables, folder)
 
 
 def _scored(folder: Path, name: str) -> Path:
@@ -158,44 +169,48 @@ def _scored(folder: Path, name: str) -> Path:
 
 
 def _unquoted(table: Path, out: Path) -> Path:
-    """A CSV file again without the `'` that keeps a spreadsheet from running a cell; a typed file
-    needs none.
+    """A copy of a CSV file without the `'` that keeps a spreadsheet from running a cell: Parquet has
+    types and needs none.
     """
     with (
-        table.open(newline="", encoding="utf-8") as one,
-        out.open("w", newline="", encoding="utf-8") as other,
+        table.open(newline="", encoding="utf-8") as source,
+        out.open("w", newline="", encoding="utf-8") as copy,
     ):
-        csv.writer(other).writerows([from_cell(value) for value in row] for row in csv.reader(one))
+        rows = csv.reader(source)
+        csv.writer(copy).writerows([from_cell(value) for value in row] for row in rows)
     return out
 
 
 def _write_drives(
     run: Run, folder: Path, fit: Callable[[pd.DataFrame], pd.DataFrame]
 ) -> list[Path]:
-    """`drives.csv` and `trajectories.csv`;
+    """Write `drives.csv` and `trajectories.csv`.
 
-    fit: makes of a table what is written of it.
+    fit: changes each table before it is written: `cells` adds the `'` for spreadsheets.
     """
     import pandas as pd
 
     drives, trajectories = folder / "drives.csv", folder / "trajectories.csv"
     with (
         run._store() as store,
-        drives.open("w", newline="", encoding="utf-8") as one,
-        trajectories.open("w", newline="", encoding="utf-8") as other,
+        drives.open("w", newline="", encoding="utf-8") as drives_file,
+        trajectories.open("w", newline="", encoding="utf-8") as trajectories_file,
     ):
         names = sorted({name for row in _drive_rows(store) for name in row["values"]})
         rows = list[dict[str, Any]]()
 
         def write() -> None:
-            fit(pd.DataFrame(rows)).to_csv(one, index=False, header=one.tell() == 0)
+            header = drives_file.tell() == 0  # once, on an empty file
+            fit(pd.DataFrame(rows)).to_csv(drives_file, index=False, header=header)
             rows.clear()
 
         for number, row in enumerate(_drive_rows(store)):
             values = row.pop("values")
             rows.append({**row, **{f"parameter_{name}": values.get(name) for name in names}})
             table = _trajectory_table(row["case"], store.trajectories(row["case"]))
-            fit(table).to_csv(other, index=False, header=number == 0, float_format=_ROUND_TRIP)
+            fit(table).to_csv(
+                trajectories_file, index=False, header=number == 0, float_format=_ROUND_TRIP
+            )
             if len(rows) == _ROWS_AT_ONCE:
                 write()
         if rows:
@@ -203,17 +218,8 @@ def _write_drives(
     return [drives, trajectories]
 
 
-_ROWS_AT_ONCE = 1000
-_COLUMNS = [field.name for field in fields(Fact) if field.name not in ("log", "clips", "collision")]
-_TIMES = [name for name in _COLUMNS if name.startswith(("wall_time", "latency"))]
-_CONTACT = {
-    "collision_time": "time", "collision_with": "other", "impact_speed": "relative_speed",
-    "overlap": "overlap",
-    "side": "side",
-}  # fmt: skip
-
-
 def _drive_rows(store: Store) -> Iterator[dict[str, Any]]:
+    """Rows of all drives, role by role: facts, then the contact, then the wall times."""
     for fact in chain.from_iterable(map(store.facts, get_args(Role))):
         row = {name: getattr(fact, name) for name in _COLUMNS}
         contact = {column: getattr(fact.collision, name, None) for column, name in _CONTACT.items()}
@@ -229,16 +235,16 @@ def _trajectory_table(case: str, trajectories: dict[str, Trajectory]) -> pd.Data
             {
                 "case": case,
                 "vehicle": name,
-                **{channel: getattr(one, channel) for channel in CHANNELS},
+                **{channel: getattr(trajectory, channel) for channel in CHANNELS},
             }
         )
-        for name, one in trajectories.items()
+        for name, trajectory in trajectories.items()
     ]
     return pd.concat(tables) if tables else pd.DataFrame(columns=["case", "vehicle", *CHANNELS])
 
 
 def _to_parquet(tables: list[Path], folder: Path) -> list[Path]:
-    """Write each CSV table again as Parquet, by a reader and writer that never holds one whole."""
+    """Write each CSV table again as Parquet. DuckDB never holds a whole table in memory."""
     try:
         import duckdb
     except ImportError as error:

@@ -1,11 +1,12 @@
 """The compiled loops of everything that ships: a run compiles those that it needs, each once on a
 machine.
 
-A piece is what is compiled and marked as done together: the world's own loops, those of vehicles
-whose moves depend on what happens, and the loop of each rule, which is named by its locator.
+A piece is a group of loops that are compiled, and marked as compiled, together: the world's own,
+those of vehicles whose moves depend on what happens, and the loop of each rule, which is named by
+its locator. `record.facts` and `record.engines` ask for pieces before the first drive.
 
 python -m sumo_eval.record.loops        compiles all that is not compiled yet, in as many processes
-as there are cores
+as there are cores, at most `_MOST`
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ import contextlib
 import functools
 import itertools
 import os
-import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -39,35 +39,40 @@ from sumo_eval.scenario.undisturbed import meetings
 from sumo_eval.settings import SimulationSettings, ZoneSettings
 from sumo_eval.settings.evaluation import EvaluationSettings
 
+# pieces that are no rules; PLAYED: actors whose moves depend on what happens; PEOPLE: synthetic
+# drivers
 WORLD, PLAYED, PEOPLE = "~world", "~world that reacts", "~people"
-# a run compiles the first where it meets it
+# AHEAD is of no evaluation's pieces: few need it, and compile it at its first use
 AHEAD, FIELDS = "~what comes before a drive", "~fields"
 OF_EVERY_RUN = (WORLD, PEOPLE, "ideal_braking", "no_reaction", "idm")
-_LONG = {
+"""Pieces that every child process has from its start, where they are compiled (`loaded_loops`)."""
+_SECONDS = {
     WORLD: 13, PLAYED: 1, "ideal_braking": 2, AHEAD: 5, FIELDS: 5,
     PEOPLE: 6, "lane_changer": 6, "careful_driver": 4, "fsm": 2, "rss": 2, "reg157": 2, "idm": 2,
 }  # fmt: skip
-"""About what compiling a piece takes after those before it, s of processor time: neighbours have
-parts in common, and so share a process."""
-_MOST = 4  # processes: each compiles what its pieces have in common with the others' once more
+"""About the processor time that a piece takes to compile after those before it, s. Neighbours use
+the same functions, and so are compiled by the same process."""
+_MOST = 4  # processes: each compiles functions that its pieces share with others' once more
 
 _ROAD = Road("road", 100.0, 2, 3.5, 0.0)
+_TURNED = 0.01  # rad; the moves of an actor that does not point along the road are `PLAYED`
 
 
 @functools.cache
 def _locators() -> dict[type[Compiled], list[str]]:
-    """The rules that ship, with the locators by which each goes; those of one loop stand
-    together.
+    """Locators of the shipped rules, by class. Classes with one loop are one piece: the first of
+    them has the locators of all.
     """
-    found: dict[type[Compiled], list[str]] = {}
+    locators: dict[type[Compiled], list[str]] = {}
     for locator in SHIPPED:
-        kind = type(_made(locator))
-        same = next((other for other in found if other.loop is kind.loop), kind)
-        found.setdefault(same, []).append(locator)
-    return found
+        kind = type(_rule(locator))
+        first = next((other for other in locators if other.loop is kind.loop), kind)
+        locators.setdefault(first, []).append(locator)
+    return locators
 
 
-def _made(locator: str) -> Compiled:
+def _rule(locator: str) -> Compiled:
+    """A shipped rule: its locator names an object or its class."""
     found = find_controller(locator)
     return found() if isinstance(found, type) else found  # type: ignore[no-any-return]
 
@@ -85,12 +90,12 @@ def everything() -> list[str]:
 
 
 def load(pieces: Iterable[str]) -> None:
-    """Have the loops of these pieces in this process: from disk, or compiled now, and then marked
-    as done.
+    """Load the loops of these pieces into this process, from disk or compiled now, and mark them
+    as compiled.
     """
     parts: dict[str, Callable[[], object]] = {
         WORLD: _load_world,
-        PLAYED: lambda: World([_concrete(0.01)], SimulationSettings()).wake(0.05),
+        PLAYED: lambda: World([_concrete(_TURNED)], SimulationSettings()).wake(0.05),
         AHEAD: _load_ahead,
         FIELDS: shared_fields.prepare,
         PEOPLE: lambda: _load_rule(human_controller(0, 1, 0, _concrete(0.0))),
@@ -99,7 +104,7 @@ def load(pieces: Iterable[str]) -> None:
         if piece in parts:
             parts[piece]()
         else:
-            _load_rule(_made(piece))
+            _load_rule(_rule(piece))
         with contextlib.suppress(OSError):  # where nothing can be kept
             _mark(piece).touch()
 
@@ -107,7 +112,7 @@ def load(pieces: Iterable[str]) -> None:
 def _concrete(heading: float) -> ConcreteScenario:
     """A case that needs no simulator.
 
-    heading: of the other vehicle, rad; a turned one is a played one.
+    heading: of the actor, rad.
     """
     lead = Actor("lead", Start(50.0, 0.0, 5.0), heading=heading)
     return ConcreteScenario("none", {}, 1.0, _ROAD, Start(10.0, 0.0, 10.0), (lead,))
@@ -122,22 +127,23 @@ def _load_world() -> None:
 
 
 def _load_ahead() -> None:
-    """Zones of what is played, foresight, and curves."""
-    played, size = [_concrete(0.01)], (4.0, 2.0)
+    """Zones of moves that depend on what happens, foresight, and curves."""
+    played, size = [_concrete(_TURNED)], (4.0, 2.0)
     conflict_criticality(played, 0, [0.0], size, ZoneSettings())
     meetings(played, [size], 0.1, [0.1], 5.0, 0, [0.0])
     frame_places((arc(10.0, 100.0),), 1.0, 0.0)
 
 
 def _load_rule(ads: Compiled) -> None:
-    """Its loop over no rows: a rule needs nothing of the world's loops."""
+    """Compile the loop of a rule by running it over no rows."""
     settings, concrete = SimulationSettings(), _concrete(0.0)
     scenario = described(_ROAD, settings.vehicle, settings)
-    kind = type(ads)
-    told = knows_the_scripts(ads)
-    law: Any = kind
-    own = law.foreseeing([ads], [concrete], [settings]) if told else law.arrays([ads], scenario, 1)
-    kind.loop(np.zeros(0, EGO), np.zeros((0, 1), MOVER), *own, scenario, 0.0)
+    kind: Any = type(ads)
+    if knows_the_scripts(ads):
+        arrays = kind.foreseeing([ads], [concrete], [settings])
+    else:
+        arrays = kind.arrays([ads], scenario, 1)
+    kind.loop(np.zeros(0, EGO), np.zeros((0, 1), MOVER), *arrays, scenario, 0.0)
 
 
 def _mark(piece: str) -> Path:
@@ -157,7 +163,7 @@ def compiled() -> list[str]:
 def of_evaluation(settings: EvaluationSettings) -> set[str]:
     """Loops that every evaluation needs: drivers, the world, and fields."""
     drivers = settings.drivers
-    # recorded people, where they are too few
+    # synthetic drivers are added where recorded ones are too few; with `:`, a function of the user's
     fills = drivers.too_thin == "fill" and ":" not in drivers.source
     people = {PEOPLE} if drivers.source == "synthetic" or fills else set()
     driven = (settings.method.task.task_reference, *(ads.locator for ads in settings.ads))
@@ -177,11 +183,11 @@ def of_cases(cases: Iterable[Case]) -> set[str]:
 
 
 def _rules(locators: Iterable[str]) -> set[str]:
-    """The pieces of those locators that name a rule that ships; what users bring may be one: it is
-    compiled by who drives it.
+    """The pieces of those locators that name a shipped rule. A compiled rule of the user's is
+    compiled by the process that drives it.
     """
     names = {split_entry(locator)[0] for locator in locators}
-    return {known[0] for known in _locators().values() if names.intersection(known)}
+    return {shipped[0] for shipped in _locators().values() if names.intersection(shipped)}
 
 
 def ready(wanted: Iterable[str], progress: Progress = quiet) -> None:
@@ -191,8 +197,8 @@ def ready(wanted: Iterable[str], progress: Progress = quiet) -> None:
     if INTERPRETED:
         return
     wanted = set(wanted)
-    first = [it for it in _LONG if it in wanted]
-    missing = [it for it in (*first, *sorted(wanted - _LONG.keys())) if not _is_compiled(it)]
+    ordered = (*_SECONDS, *sorted(wanted - _SECONDS.keys()))
+    missing = [piece for piece in ordered if piece in wanted and not _is_compiled(piece)]
     if not missing:
         return
     if not _is_kept():
@@ -200,10 +206,12 @@ def ready(wanted: Iterable[str], progress: Progress = quiet) -> None:
         progress(stage, len(missing), len(missing))
         return
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    # The time of all pieces in order is cut into equal shares, one for each process; a piece
+    # belongs to the share in which the middle of its own time lies.
     shares: list[list[str]] = [[] for _ in range(min(cores or 1, _MOST, len(missing)))]
-    ends = list(itertools.accumulate(_LONG.get(it, 1) for it in missing))
+    ends = list(itertools.accumulate(_SECONDS.get(piece, 1) for piece in missing))
     for piece, end in zip(missing, ends, strict=True):
-        middle = end - 0.5 * _LONG.get(piece, 1)
+        middle = end - 0.5 * _SECONDS.get(piece, 1)
         shares[int(middle / ends[-1] * len(shares))].append(piece)
     stage = "compiling, once on this machine"
     progress(stage, 0, len(missing))
@@ -224,4 +232,3 @@ def _is_kept() -> bool:
 
 if __name__ == "__main__":
     ready(everything())
-    sys.exit(0)

@@ -1,6 +1,7 @@
-"""Work of a child process: cases through SUMO, alone or together.
+"""Work of a child process: drive cases with SUMO, alone or together. `record.engines` calls
+`answer`.
 
-Imports no more than that needs.
+Imports only what that needs: every child process loads this file.
 """
 
 from __future__ import annotations
@@ -32,8 +33,6 @@ from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import Alone, Clip, Recording
 
-DRAWS = Alone("draws")
-
 
 def run_case(case: Case, setup: Setup) -> Outcome:
     """Simulate a case. A fault in it is part of the outcome."""
@@ -41,13 +40,14 @@ def run_case(case: Case, setup: Setup) -> Outcome:
         return _ended(case, _simulate(case, setup))
     except InputError as error:
         cause = error.__cause__
+        # an interrupt comes from the ADS's own code, see `_loaded`
         status: Status = "ads_error" if isinstance(cause, KeyboardInterrupt) else "rejected"
         place = fault_place(cause, None, setup.folder)
         return Outcome(case, status, None, str(error), error_place=place)
 
 
 def answer(cases: Sequence[Case], setup: Setup) -> list[Any]:
-    """Result of `run_together`, as a child sends it, with what an ADS of the user's has read
+    """Result of `run_together`, as a child sends it, with the files that a user's ADS has read
     meanwhile.
     """
     if affinity(cases[0], setup) != NO_USER_CODE:
@@ -58,24 +58,22 @@ def answer(cases: Sequence[Case], setup: Setup) -> list[Any]:
 
 
 def run_together(cases: Sequence[Case], setup: Setup) -> Results:
-    """Simulate cases of one kind (see `batches`), several of them in one simulation; one alone as
-    `run_case` does.
+    """Simulate cases of one kind (see `batches`) in one simulation; a single case by `run_case`.
 
-    `Alone` instead of a result: why that case has to run alone. None for them all: cases of
-    this kind always have to.
+    Gives a list with an outcome for each case, or an `Alone` with the reason why that case has to
+    run alone. Gives None if all cases of this kind have to.
     """
     if on_its_own(cases):
         outcome = run_case(cases[0], setup)
         return [replace(outcome, log=loading() + outcome.log)]
-    # each case reports its fault when it runs alone
     faults: tuple[type[BaseException], ...] = (InputError, *interrupts_of_ads(setup.run))
     try:
         drives = list(_simulate_together(cases, setup))
     except faults:
-        return None
+        return None  # each case reports its fault when it runs alone
     if all(isinstance(drive, Alone) and drive.by_nature for drive in drives):
         return None
-    loaded = loading()
+    loaded = loading()  # goes to the log of the first outcome
     results: list[Outcome | Alone] = []
     for case, drive in zip(cases, drives, strict=True):
         if isinstance(drive, Alone):
@@ -91,9 +89,15 @@ def _ended(case: Case, recording: Recording, loaded: str = "") -> Outcome:
 
     loaded: what loading its ADS printed.
     """
-    status, log = STATUS[recording.end_reason], loaded + recording.log
-    texts = recording.error, log, recording.error_place, recording.batched
-    return Outcome(case, status, keep(recording), *texts)
+    return Outcome(
+        case,
+        STATUS[recording.end_reason],
+        keep(recording),
+        recording.error,
+        loaded + recording.log,
+        recording.error_place,
+        recording.batched,
+    )
 
 
 def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:
@@ -134,7 +138,7 @@ def _simulate(case: Case, setup: Setup) -> Recording:
 
 
 def _control(case: Case, settings: SimulationSettings) -> Any:
-    """Controls the ego of a case of a reference or a driver."""
+    """Controller of the ego in a case of a reference or a driver."""
     if case.role == "human":
         return human_controller(
             case.driver_index, case.driver_count, case.seed, case.concrete, case.population
@@ -147,7 +151,7 @@ def _control(case: Case, settings: SimulationSettings) -> Any:
 def _loaded(case: Case, setup: Setup) -> Adapter:
     """Load the ADS of a case.
 
-    No keyboard reaches a child: there, an interrupt comes from the ADS itself.
+    A user's Ctrl-C does not reach a child, so an interrupt there comes from the ADS's own code.
     """
     try:
         return load_controller(case.controller, setup.folder)
@@ -158,8 +162,8 @@ def _loaded(case: Case, setup: Setup) -> Adapter:
 
 
 def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recording | Alone]:
-    """Result of `_simulate` for cases of one kind, from one simulation; or why one has to run
-    alone.
+    """Results of `_simulate` for cases of one kind, from one simulation; for a case that has to run
+    alone, the reason.
     """
     first, settings = cases[0], _settings(cases[0], setup)
     concretes = [case.concrete for case in cases]
@@ -186,9 +190,11 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
         )
     )
     if block is None:
+        # a case of an ADS that draws from these generators must begin with their seed: alone
         drew = _states_of_global_generators() != before
-        return [DRAWS] * len(cases) if drew else _marked(drives, cases, setup)
-    # all cases of the block are driven, wanted or not
+        return [Alone("draws")] * len(cases) if drew else _marked(drives, cases, setup)
+    # All cases of the block were driven; `cases` are those that the run wants. The clip notes the
+    # block's size (as `requested`, and as `applied`).
     size = Clip(IN_BLOCK, 1, 0.0, float(len(drives)), float(len(drives)))
     wanted = [drives[case.point - block.first] for case in cases]
     sized = [
@@ -201,15 +207,15 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
 def _marked(
     drives: Sequence[Recording | Alone], cases: Sequence[Case], setup: Setup
 ) -> list[Recording | Alone]:
-    """Recordings of an ADS, contacts with their point of no return where the run needs it."""
+    """Recordings of an ADS; if the run asks for it, each contact with its point of no return."""
     if not setup.no_return:
         return list(drives)
     return with_no_return(drives, [case.concrete for case in cases], setup.simulation)
 
 
 def _settings(case: Case, setup: Setup) -> SimulationSettings:
-    """Only the ADSs under test have the conditions and the vehicle model of the run, and not the
-    ideal brakes.
+    """Settings of the simulation of a case: the run's conditions and vehicle model apply only to ADSs
+    under test, the ideal vehicle's brakes only to that.
     """
     if case.role == "ads":
         return setup.simulation
@@ -218,22 +224,19 @@ def _settings(case: Case, setup: Setup) -> SimulationSettings:
 
 
 def _seed_global_generators(case: Case) -> None:
-    """An ADS that draws from the global generators draws the same in every run, whatever ran in
-    this process before.
+    """Seed the generators of `random` and `np.random`: an ADS that draws from them draws the same in
+    every run, whatever ran in this process before.
 
-    The point's values choose the stream and not its number, so that a case alone is what it was
-    among others.
+    The seed depends on the point's values and not on its number, which differs between samples.
     """
     stream = random_stream(
         case.seed, "ads", case.concrete.scenario, case.concrete.label, case.driver
     )
     random.seed(int(stream.integers(2**63)))
-    # the generator that such an ADS uses
-    np.random.seed(int(stream.integers(2**32)))  # noqa: NPY002
+    np.random.seed(int(stream.integers(2**32)))  # noqa: NPY002 - the one that ADSs use
 
 
 def _states_of_global_generators() -> tuple[object, ...]:
-    """State that shows whether they were drawn from."""
-    # the generator that such an ADS uses
-    legacy: Any = np.random.get_state()  # noqa: NPY002
+    """States of both generators; they differ after a draw."""
+    legacy: Any = np.random.get_state()  # noqa: NPY002 - the one that ADSs use
     return random.getstate(), legacy[1].tobytes(), legacy[2:]
