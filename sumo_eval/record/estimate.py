@@ -1,7 +1,8 @@
-"""Cost of an evaluation, from a few drives that are timed."""
+"""Cost of an evaluation, from a few drives that are timed; for `sumo-eval run --dry-run`."""
 
 from __future__ import annotations
 
+import math
 import time as clock
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
@@ -21,25 +22,30 @@ from sumo_eval.record.store import open_store
 from sumo_eval.scenario.resolved import Resolved
 
 _TIMED = 32  # drives of a kind that an estimate times, at most
-_A_KIND_FOR = 1.0  # s, where a user's ADS drives
+_A_KIND_FOR = 1.0  # s for the drives of a kind, if a user's ADS drives
 _TIMED_FOR = 2.0  # s for all kinds; the drive that runs then is the last one
 _LONGEST_DRIVE = 3.0  # s; a longer one is broken off
-_KINDS = 12  # ADSs that are loaded and timed, and pairs of ADS and scenario, at most
+# ADSs that are loaded, at most; of these, also pairs of ADS and scenario that are timed, at most
+_KINDS = 12
 _SORTS = {"ads": "ADSs", "references": "references", "humans": "human drivers"}
-_LOOKED_AT = 2_000  # points of each scenario that are looked at, at most
+"""Sorts of drives and their names; the drives of a sort count as equally long."""
+_LOOKED_AT = 2_000  # points of each scenario that are checked and classified, at most
 
 Kind = tuple[str, list[Case]]
-"""One of `_SORTS`, and cases that one driver drives in one scenario."""
+"""Cases to time: a sort (of `_SORTS`), and cases of it in one scenario, of one ADS if it is `ads`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Cost of an evaluation: drives by sort, those recorded already, s of wall time.
+    """Cost of an evaluation.
 
-    drives: of ADSs, of references (three at every point) and of human drivers, as in `_SORTS`.
-    loaded: how many ADSs of how many.
-    untimed: sorts of drives that count as the rest.
-    broken_off: whether a drive took longer than all that is to be timed.
+    drives: number by sort (`_SORTS`): of ADSs, references (three at every point), human drivers.
+    recorded: number of drives that are recorded already.
+    seconds: wall time of the drives that are left, with all workers.
+    timed: number of timed drives.
+    loaded: number of ADSs that were loaded, and of all ADSs.
+    untimed: names of sorts without a timed drive; their drives count as the mean of the others.
+    broken_off: whether a drive was ended after `_LONGEST_DRIVE`.
     """
 
     drives: Counter[str]
@@ -56,15 +62,17 @@ class Estimate:
         minutes, seconds = divmod(round(self.seconds), 60)
         time = f"{minutes} min {seconds} s" if minutes else f"{self.seconds:.1f} s"
         many, timed = "s" * (self.workers > 1), f"{self.timed} drive{'s' * (self.timed > 1)}"
-        some, every = self.loaded
+        loaded, of_all = self.loaded
         lines = [
             f"{self.drives['ads']} drives of the ADSs, {self.drives['humans']} of human drivers "
             f"and {self.drives['references']} of the references{done}.",
             f"About {time} with {self.workers} worker{many}, estimated from {timed} timed now, for "
             f"{_TIMED_FOR:g} s at most; scoring takes additional time.",
         ]
-        if some < every:
-            lines.append(f"{some} of the {every} ADSs were loaded and timed; a run loads them all.")
+        if loaded < of_all:
+            lines.append(
+                f"{loaded} of the {of_all} ADSs were loaded and timed; a run loads them all."
+            )
         if self.untimed:
             sorts = " and ".join(self.untimed)
             lines.append(f"Drives of the {sorts} were not timed: they count as the rest.")
@@ -77,10 +85,10 @@ class Estimate:
 
 
 def estimate(run: Resolved, folder: Path | None) -> Estimate:
-    """Number of drives of an evaluation, and their duration: timed at points from all over each
-    scenario.
+    """Number of drives of an evaluation, and their duration, timed at points that are spread over
+    each scenario.
 
-    Points that are chosen in rounds all count, as if one round had them.
+    A sample that is chosen in rounds counts as if one round had all of its points.
 
     folder: of the run to resume.
     """
@@ -94,28 +102,31 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     )
     run = replace(run, settings=replace(run.settings, scenario=entries))
     settings, workers = run.settings, run.settings.run.workers
-    # `run.only` needs the names of all ADSs
-    every = 1 if settings.run.only else -(-len(settings.ads) // _KINDS)
-    some = replace(run, settings=replace(settings, ads=settings.ads[::every]))
-    plan, spaces = planned(some, looked_at=_LOOKED_AT)
+    # each n-th ADS is loaded; `run.only` needs the names of all
+    step = 1 if settings.run.only else math.ceil(len(settings.ads) / _KINDS)
+    loaded = settings.ads[::step]
+    plan, spaces = planned(
+        replace(run, settings=replace(settings, ads=loaded)), looked_at=_LOOKED_AT
+    )
     for space in spaces:
         refuse_impossible_zones(space.logical, settings.method.zones)  # a run would end there
     compile_loops(settings, spaces)
 
-    whole, drives = replace(plan, run=run), Counter[str]()
-    for kind in chain.from_iterable(stages(space, whole) for space in spaces):
-        drives[_sort(kind.role)] += kind.total
+    plan_of_all, drives = replace(plan, run=run), Counter[str]()
+    for stage in chain.from_iterable(stages(space, plan_of_all) for space in spaces):
+        drives[_sort(stage.role)] += stage.total
     setup = replace(plan.setup, run=replace(settings.run, workers=1, engine="processes"))
     took, timed, broken_off = _seconds_a_drive(_kinds(plan, spaces), setup)
     usual = fmean(took.values()) if took else 0.0
     seconds = sum(number * took.get(sort, usual) for sort, number in drives.items())
+    share_left = max(1.0 - recorded / max(drives.total(), 1), 0.0)
     return Estimate(
         drives,
         recorded,
-        seconds * max(1.0 - recorded / max(drives.total(), 1), 0.0) / workers,
+        seconds * share_left / workers,
         timed,
         workers,
-        (len(some.settings.ads), len(settings.ads)),
+        (len(loaded), len(settings.ads)),
         tuple(words for sort, words in _SORTS.items() if drives[sort] and sort not in took),
         broken_off,
     )
@@ -127,9 +138,9 @@ def _recorded(folder: Path, run: Resolved) -> int:
         return 0
     plan, spaces = planned(in_rounds(run, folder), looked_at=_LOOKED_AT)
     with open_store(folder / FACTS) as store:
-        find_stale(store, run.source)
-        kinds = chain.from_iterable(stages(space, plan) for space in spaces)
-        return sum(map(store.holds, chain.from_iterable(kind.cases for kind in kinds)))
+        find_stale(store, run.source)  # the store does not hold cases of stale ADSs
+        cases = (stage.cases for space in spaces for stage in stages(space, plan))
+        return sum(map(store.holds, chain.from_iterable(cases)))
 
 
 def _sort(role: Role) -> str:
@@ -137,53 +148,55 @@ def _sort(role: Role) -> str:
 
 
 def _kinds(plan: Planner, spaces: Sequence[Space]) -> Iterable[Kind]:
-    """Cases of each kind to time, one kind of each sort after another."""
-    # at most `_TIMED` of the points to do of each, from one end to the other
-    few = [
-        replace(one, numbers=one.numbers[:: max(-(-len(one.numbers) // _TIMED), 1)])
-        for one in spaces
-    ]
+    """Cases of each kind to time. The sorts alternate, so that each is timed before time is up."""
+    few: list[Space] = []  # with at most `_TIMED` of the points to drive, evenly spread
+    for space in spaces:
+        step = max(math.ceil(len(space.numbers) / _TIMED), 1)
+        few.append(replace(space, numbers=space.numbers[::step]))
     kinds = {sort: list[Iterable[Case]]() for sort in _SORTS}
     pairs = [(space, ads) for space in few for ads in plan.run.settings.ads]
-    for space, ads in pairs[:: -(-len(pairs) // _KINDS)]:
+    for space, ads in pairs[:: math.ceil(len(pairs) / _KINDS)]:
         settings = replace(plan.run.settings, ads=(ads,))
         alone = replace(plan, run=replace(plan.run, settings=settings))
         kinds["ads"].append(alone.ads(space))
-    for kind in chain.from_iterable(stages(space, plan) for space in few):
-        if kind.role != "ads":
-            kinds[_sort(kind.role)].append(kind.cases)
-    turns = zip_longest(*([(sort, cases) for cases in some] for sort, some in kinds.items()))
-    for sort, cases in filter(None, chain.from_iterable(turns)):
-        if listed := list(islice(cases, _TIMED)):
-            yield sort, listed
+    for stage in chain.from_iterable(stages(space, plan) for space in few):
+        if stage.role != "ads":
+            kinds[_sort(stage.role)].append(stage.cases)
+    for turn in zip_longest(*kinds.values(), fillvalue=()):
+        for sort, cases in zip(kinds, turn, strict=True):
+            if listed := list(islice(cases, _TIMED)):
+                yield sort, listed
 
 
 def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, float], int, bool]:
-    """Wall time of a drive of each sort that was reached, by how many drives, and whether one was
-    broken off.
+    """Wall time of a drive of each sort that was timed, s; number of timed drives; whether one of
+    them was broken off.
     """
-    until, timed, late = clock.perf_counter() + _TIMED_FOR, 0, False
+    until, timed, broken_off = clock.perf_counter() + _TIMED_FOR, 0, False
     took = defaultdict[str, list[float]](list)
-    limit = replace(setup.run, case_timeout=min(setup.run.case_timeout, _LONGEST_DRIVE))
+    limits = replace(setup.run, case_timeout=min(setup.run.case_timeout, _LONGEST_DRIVE))
     for sort, cases in kinds:
         if timed and clock.perf_counter() >= until:
             break
-        # with imports and compilation
-        seconds, in_time = _seconds_each(cases[:1], replace(setup, run=limit))
-        number = _TIMED
-        if affinity(cases[0], setup) != NO_USER_CODE:  # nothing ends a batch that has begun
-            number = int(min(_A_KIND_FOR, until - clock.perf_counter()) / seconds)
+        # the time of the first drive, with imports and compilation, counts if no other is timed
+        seconds, in_time = _seconds_each(cases[:1], replace(setup, run=limits))
         timed += 1
-        late |= not in_time and limit != setup.run
+        # a drive beyond the run's own limit would end in the run as well
+        broken_off |= not in_time and limits != setup.run
+        number = _TIMED
+        if affinity(cases[0], setup) != NO_USER_CODE:
+            # these run as a batch that nothing ends early: no more than there is time for
+            number = int(min(_A_KIND_FOR, until - clock.perf_counter()) / seconds)
         if number > 0 and clock.perf_counter() < until:
             seconds, _ = _seconds_each(cases[:number], setup)
             timed += len(cases[:number])
         took[sort].append(seconds)
-    return {sort: fmean(some) for sort, some in took.items()}, timed, late
+    return {sort: fmean(times) for sort, times in took.items()}, timed, broken_off
 
 
 def _seconds_each(cases: Sequence[Case], setup: Setup) -> tuple[float, bool]:
-    """Wall time of each of some drives, and whether all of them ended in time."""
+    """Mean wall time of some drives, s, and whether all of them ended in time."""
     began = clock.perf_counter()
-    in_time = all(outcome.status != "timeout" for outcome in [*run_cases(cases, setup)])
-    return (clock.perf_counter() - began) / len(cases), in_time
+    outcomes = list(run_cases(cases, setup))
+    seconds = (clock.perf_counter() - began) / len(cases)
+    return seconds, all(outcome.status != "timeout" for outcome in outcomes)

@@ -1,5 +1,5 @@
-"""Dependencies of a case's facts, as short texts that are equal exactly when the facts may be taken
-over.
+"""Identities: texts of all that a case's facts depend on. If they are equal, recorded facts are
+reused. `record.recording` makes fingerprints of cases from them.
 """
 
 from __future__ import annotations
@@ -26,19 +26,17 @@ from sumo_eval.settings import AdsSettings, DriverSettings, SimulationSettings
 from sumo_eval.settings.locators import load_object
 
 _PACKAGE = Path(__file__).parent.parent
-# locators of commands and files, not of Python objects
-_COMMANDS = ("exec", "traci")
-_NOT_PYTHON = (*_COMMANDS, "fmu", "onnx", "sumo", "given")
+_COMMANDS = ("exec", "traci")  # schemes of locators that name a command
+_NOT_PYTHON = (*_COMMANDS, "fmu", "onnx", "sumo", "given")  # and a file, or a model of SUMO
 _ROOMS_THAT_MAKE_FACTS = ("ads", "cosim", "drivers", "scenario")
 
 
 @cache
 def harness_identity() -> str:
-    """Versions of the simulator and of this package, and hashes of those files of it that change
-    what a drive comes to.
+    """Versions of the simulator and of this package, and hashes of its files that facts depend on.
 
-    Asked for once: a process that lives long, such as a Dask worker, continues with the code that
-    it has loaded.
+    Computed once in a process: a Dask worker that runs for long keeps the code that it has loaded,
+    even if the files change.
     """
     return _text(
         {
@@ -50,8 +48,8 @@ def harness_identity() -> str:
 
 
 def sources_of_facts(package: Path) -> dict[str, str]:
-    """Hashes of the files of this package that facts depend on, by path in it: code and the shipped
-    scenarios.
+    """Hashes of the files of this package that facts depend on, code and the shipped scenarios, by
+    path in the package.
     """
     rooms = [package / room for room in _ROOMS_THAT_MAKE_FACTS]
     files = sorted(
@@ -65,32 +63,37 @@ def sources_of_facts(package: Path) -> dict[str, str]:
 
 
 def locator_identity(named: tuple[str, str], folder: Path) -> str:
-    """Locator, version and hashes of the source files of what a user named.
+    """Locator, version and hashes of the source files of an object that a user named.
 
-    Raises InputError when it is not there.
+    Raises InputError if it does not exist.
 
-    named: what it is (`ADS`, or else e.g. `Human reference`), and its locator.
+    named: its kind (`ADS`, or else e.g. `Human reference`), and its locator.
 
-    Runs in a fresh child process, because finding an ADS means running its file. Source files are
-    the modules that loading it brings in and in its folder or its package; of a command,
-    the files that its words name.
+    Runs in a fresh child process, because finding an ADS means running its file. Source files of a
+    Python object are the modules that its loading imports from its folder or its package; of a
+    command, the files that its words name.
     """
     before = set(sys.modules)
     kind, locator = named
     found = (
         find_controller(locator, folder) if kind == "ADS" else load_object(locator, folder, kind)
     )
-    in_words = locator.partition(":")[0] in _NOT_PYTHON
-    module = None if in_words else sys.modules.get(getattr(found, "__module__", ""), None)
+    of_python = locator.partition(":")[0] not in _NOT_PYTHON
+    module = sys.modules.get(getattr(found, "__module__", "")) if of_python else None
     files = _own_files(module, before) if module is not None else named_files(locator, folder)
-    # such as a model's table
+    # files of an ONNX policy: the table beside the model, and external weights
     files |= {Path(file) for file in getattr(getattr(found, "target", None), "files", ())}
-    base = module.__name__.partition(".")[0] if module is not None else ""
-    # pairs: files of several folders elsewhere may have one place
+    package = module.__name__.partition(".")[0] if module is not None else ""
+    # a list of pairs, no mapping: files in several folders can have the same `_place`
     sources = sorted((_place(file, folder), hash_of(file, "file")) for file in files)
     over_arrays = {"batch": True} if kind == "ADS" and takes_arrays(found) else {}
     return _text(
-        {"locator": locator, "version": _version(base, module), "sources": sources, **over_arrays}
+        {
+            "locator": locator,
+            "version": _version(package, module),
+            "sources": sources,
+            **over_arrays,
+        }
     )
 
 
@@ -100,9 +103,9 @@ def is_over_arrays(identity: str) -> bool:
 
 
 def files_identity(ads: AdsSettings, source: Path) -> str:
-    """Hashes of the files that an ADS says it depends on.
+    """Hashes of the files that an ADS depends on by its entry (`files`); empty without such.
 
-    Raises InputError for one that is not there.
+    Raises InputError for a file that does not exist.
     """
     for name in ads.files:
         if not (source / name).is_file():
@@ -123,15 +126,18 @@ def people_identity(settings: DriverSettings, source: Path) -> str:
 def with_fingerprint(
     case: Case, simulation: SimulationSettings, identity: str, harness: str
 ) -> Case:
-    """The case with the hash of everything that its facts depend on; limits of time and memory are
-    not among it.
+    """The case with a hash of everything that its facts depend on. Limits of time and memory are not
+    part of it.
     """
     content = repr((replace(case, fingerprint=""), simulation, identity, harness))
     return replace(case, fingerprint=hashlib.sha256(content.encode()).hexdigest())
 
 
 def _own_files(module: ModuleType, before: set[str]) -> set[Path]:
-    """Files of the modules that came with a module and belong to it."""
+    """Files of a module and of those that were imported with it from its package or folder.
+
+    before: names of the modules that were loaded before it.
+    """
     own, top = _file(module), module.__name__.partition(".")[0]
     if own is None:
         return set()
@@ -156,17 +162,18 @@ def named_files(locator: str, folder: Path) -> set[Path]:
     imports; of any other locator, its file.
     """
     scheme, _, named = split_entry(locator)[0].partition(":")
-    try:  # a command's words may hold a `?`
+    try:  # words of a command may hold a `?`, which ends the path in other locators
         words = shlex.split(named) if scheme in _COMMANDS else [named.partition("?")[0]]
-    except ValueError:
+    except ValueError:  # an open quotation mark
         return set()
     files: set[Path] = set()
-    # Path.is_file raises for a word that is too long for a name
+    # not Path.is_file, which raises for a word that is too long for a path
     new = {folder / word for word in words if os.path.isfile(folder / word)}
     homes = {file.parent for file in new}
     while new:
         file = new.pop()
         files.add(file)
+        # modules are looked for in its own folder and those above, up to that of a named file
         folders = [
             parent for parent in file.parents if any(parent.is_relative_to(home) for home in homes)
         ]
@@ -175,7 +182,7 @@ def named_files(locator: str, folder: Path) -> set[Path]:
 
 
 def _imported(program: Path, folder: Path) -> set[Path]:
-    """Files below a folder that a Python program imports, as its words say."""
+    """Files below a folder that the import statements of a Python program name."""
     try:
         nodes = [*ast.walk(ast.parse(program.read_bytes()))] if program.suffix == ".py" else []
     except (SyntaxError, ValueError, OSError, RecursionError):
@@ -184,6 +191,7 @@ def _imported(program: Path, folder: Path) -> set[Path]:
     for node in nodes:
         if isinstance(node, ast.ImportFrom):
             names |= {f"{node.module or ''}.{name.name}".strip(".") for name in node.names}
+    # importing `a.b.c` runs `a` and `a.b` too; each may be a file or a package
     places = {folder.joinpath(*name.split(".")) for name in names}
     places |= {parent for place in places for parent in place.parents if folder in parent.parents}
     files = {file for place in places for file in (place.with_suffix(".py"), place / "__init__.py")}
@@ -198,8 +206,8 @@ def _version(package: str, module: ModuleType | None) -> str:
 
 
 def _place(file: Path, folder: Path) -> str:
-    """Relative to the evaluation where possible: the same run on another machine is the same
-    run.
+    """Path of a file relative to the evaluation's folder, else to a folder of `sys.path`, else its
+    name: it is the same on another machine.
     """
     if file.is_relative_to(folder):
         return str(file.relative_to(folder))
