@@ -1,9 +1,10 @@
-"""Choice of the cases that go to a child process together, and of those that go alone.
+"""Choice of the cases that go to a child process together, and of those that go alone; for
+`record.engines` and `record.cluster`.
 
-Cases of one kind (same scenario, same driver of the ego) can share one simulation where that driver
+Cases of one kind (same scenario, same ADS or driver) can share one simulation if that ADS or driver
 has a form for many cases. A batch has a cost of its own, so batches are as large as allowed, and
 smaller towards the end, so that all workers have work to the end. Cases of a batch that was lost
-run alone, so that a faulty case costs itself. Cases of one block, which a policy over arrays drives
+run alone, so that only the faulty one fails. Cases of one block, which a policy over arrays drives
 in one call, stay together.
 """
 
@@ -17,29 +18,44 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import chain, islice
 from operator import itemgetter
+from typing import NamedTuple
 
 from sumo_eval.cosim.simulation import probable_end
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.trajectory import Alone
 
 Batch = tuple[Case, ...]
-Kind = tuple[str, str, str, str]
 
-# in a batch at most where drives are long: a vehicle's step takes SUMO longer among more of them
+
+class Kind(NamedTuple):
+    """Cases that may share a batch have these in common.
+
+    controller: locator of the ADS or baseline, or source of the drivers.
+    block: name of the block; empty outside blocks.
+    """
+
+    role: str
+    controller: str
+    scenario: str
+    block: str
+
+
+# cases in a batch, at most, if drives are long: SUMO steps a vehicle slower among more vehicles
 OF_LONG_CASES = 192
-# cases in a batch if there are as many: in smaller ones its own cost outweighs that of the cases
+# cases in a batch, at least, if there are as many: a smaller batch costs more than its cases
 LEAST = 32
-# full batches for each worker that are held ready: the end is seen in time to divide it evenly
+# full batches for each worker that are held ready, so that the last ones can be divided evenly
 _BATCHES_AHEAD = 4
-_MOST_AHEAD = 16_384  # cases that are held ready at most
-_SHARES = 2  # batches that a worker would take of the rest, were they all as large as the next one
-_LOOSE = 256  # ended cases of a hook that are held as they are: compressed, one takes 20 bytes
-_CUT = 4  # by how much batches of a kind get smaller after a lost one
+_MOST_AHEAD = 16_384  # cases that are held ready, at most
+_SHARES = 2  # near the end, batches for each worker into which the cases that are left are divided
+_LOOSE = 256  # ended cases of an ADS on TraCI that wait to be compressed, to 20 bytes each
+_CUT = 4  # factor by which batches of a kind get smaller after a lost one
 
 
 class Batches:
-    """Cases on their way to `workers` children.
+    """Cases on their way to child processes.
 
+    workers: number of children.
     largest: cases in a batch at most; 1: all alone.
     """
 
@@ -49,7 +65,7 @@ class Batches:
         self._largest = largest
         self._most_ahead = min(workers * _BATCHES_AHEAD * largest, _MOST_AHEAD)
         self._all_seen = False
-        # cases by kind, each with the time at which it probably ends
+        # cases that are held ready, by kind, each with the time at which it probably ends
         self._ahead: dict[Kind, list[tuple[float, Case]]] = {}
         self._alone = deque[Case]()
         self._undisturbed = deque[Case]()
@@ -57,8 +73,9 @@ class Batches:
         self._running = 0
         self._largest_of: dict[Kind, int] = {}
         self._in_time: dict[Kind, int] = {}  # size beyond which batches of a kind take too long
-        # cases of hooks that ended in batches, and why all cases run alone, by the ADS's locator
-        self._beside = defaultdict[str, list[Case]](list)
+        # By locators of ADSs on TraCI: cases that ended in batches, which must run again if the ADS
+        # is found to keep state between cases, and then the reason.
+        self._batched = defaultdict[str, list[Case]](list)
         self._compressed = defaultdict[str, list[bytes]](list)
         self._keeps_state: dict[str, Alone] = {}
         self._last: Kind | None = None  # of the case that was made ready last
@@ -81,15 +98,16 @@ class Batches:
         self._running -= 1
 
     def _next(self) -> Batch:
-        """Cases of the first kind; the longest first, so that no process has them at the end, and
-        neighbours end at the same time: a batch lasts as long as its last case.
+        """Cases of the first kind, by the time at which they end, the latest first: so no process
+        has long cases at the end, and cases of a batch, which lasts as long as its longest, end at
+        about the same time.
         """
         kind, queue = next(iter(self._ahead.items()))
         number = min(self._share, self._largest_of.get(kind, self._largest))
-        number = 1 if kind[1] in self._keeps_state else number
-        if kind[-1]:  # until all of the block is there
+        number = 1 if kind.controller in self._keeps_state else number
+        if kind.block:
             while kind == self._last and self._make_ready(1):
-                pass
+                pass  # until the whole block is ready
             number = len(queue)
         queue.sort(key=itemgetter(0))
         batch = tuple(case for _, case in queue[-number:])
@@ -110,8 +128,8 @@ class Batches:
 
     @property
     def _share(self) -> int:
-        """Cases that the next batch may hold: of the last ones half of a worker's share, so that no
-        worker waits long.
+        """Cases that the next batch may hold. Near the end the cases that are left are divided among
+        the workers, `_SHARES` batches each, so that no worker waits long.
         """
         if not self._all_seen or self._workers == 1:
             return self._largest
@@ -119,7 +137,7 @@ class Batches:
         return min(max(share, LEAST), self._largest)
 
     def _make_ready(self, number: int) -> int:
-        """Take in `number` of the waiting cases; how many there were."""
+        """Hold `number` more of the waiting cases ready; the number there were."""
         cases = list(islice(self._waiting, number))
         for case in cases:
             self._last = self._add(case)
@@ -144,8 +162,8 @@ class Batches:
         """A batch was lost: its cases run alone, and the next batches of the kind are smaller, in
         the end single cases.
 
-        why: of each of its cases.
-        printed: put into the log of the first.
+        why: for each case the reason.
+        printed: output of the batch, for the log of the first case.
         too_slow: it ran out of time; batches of the kind do not become as large again.
         """
         kind = _kind(batch[0])
@@ -156,23 +174,23 @@ class Batches:
         for number, (case, reason) in enumerate(zip(batch, why, strict=True)):
             self.run_alone(case, reason, "" if number else printed)
         if why[0].why == "keeps_state":
-            self.rerun_alone(kind[1], why[0])
+            self.rerun_alone(kind.controller, why[0])
 
     def rerun_alone(self, locator: str, why: Alone) -> None:
-        """Run all cases of an ADS alone, those too that have ended in batches."""
+        """Run all cases of an ADS alone from now on, and again those that have ended in batches."""
         self._keeps_state[locator] = why
-        held = map(zlib.decompress, self._compressed.pop(locator, ()))
-        # made here, of this process's own cases
-        for case in chain(*map(pickle.loads, held), self._beside.pop(locator, ())):
+        pickles = map(zlib.decompress, self._compressed.pop(locator, ()))
+        # `note_batched` has made these pickles, of cases of this process
+        for case in chain(*map(pickle.loads, pickles), self._batched.pop(locator, ())):
             self.run_alone(case, why)
 
     def note_batched(self, case: Case) -> bool:
-        """Whether a case that ended beside others counts; else its ADS keeps state: it runs
-        alone.
+        """Note that a case of an ADS on TraCI ended in a batch. False if its ADS is known to keep
+        state: the outcome does not count, and the case runs alone.
         """
         why = self._keeps_state.get(case.controller)
         if why is None:
-            loose = self._beside[case.controller]
+            loose = self._batched[case.controller]
             loose.append(case)
             if len(loose) == _LOOSE:
                 self._compressed[case.controller].append(zlib.compress(pickle.dumps(loose), 1))
@@ -182,20 +200,21 @@ class Batches:
         return why is None
 
     def never_together(self, batch: Batch) -> None:
-        """Cases of this kind have no form for many: they run alone."""
+        """Hold cases ready again, one in a batch: their kind has no form for many."""
         for case in batch:
-            self._largest_of[self._add(replace(case, block=None))] = 1
+            kind = self._add(replace(case, block=None))
+            self._largest_of[kind] = 1
 
     def run_alone(self, case: Case, why: Alone, printed: str = "") -> None:
-        """Let a case run alone, next of all.
+        """Run a case alone, before all that are held ready.
 
-        printed: put into its log.
+        printed: added to its log.
         """
         self._alone.append(replace(case, block=None))
         self._remarks[case.key] = why, printed
 
     def run_undisturbed(self, case: Case, why: Alone, printed: str) -> None:
-        """Let a case run once all others have ended, with no other case at that time."""
+        """Run a case when all others have ended, so that nothing slows it down."""
         self._undisturbed.append(case)
         self._remarks[case.key] = why, printed
 
@@ -214,7 +233,7 @@ def largest_batch(setup: Setup) -> int:
 
 def _kind(case: Case) -> Kind:
     block = "" if case.block is None else case.block.name
-    return case.role, case.controller, case.concrete.scenario, block
+    return Kind(case.role, case.controller, case.concrete.scenario, block)
 
 
 def driven(batch: Batch) -> int:

@@ -1,10 +1,11 @@
 """Process hygiene: a supervisor for every child that runs users' code, and a folder for what
 children leave on disk.
 
-The supervisor is our own process that stands between the owner and the child, runs no users'
-code, and is the subreaper of everything that the child starts: what an ADS leaves behind, in a
-session of its own too, becomes its child and is ended by it. It looks at the memory of them all
-from outside, and ends them when their owner goes.
+The owner is the process whose pool (`record.pool`) starts children. The supervisor stands between
+the owner and a child, runs no users' code, and is the subreaper of everything that the child
+starts: processes that an ADS leaves behind, even in a session of their own, become its children,
+and it ends them. It watches the memory of them all from outside, and ends them when their owner
+ends.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from pathlib import Path
 from typing import NamedTuple, NoReturn
 
 MEGABYTE = 1 << 20
-_SET_DEATH_SIGNAL, _SET_SUBREAPER = 1, 36  # of prctl(2)
+_SET_DEATH_SIGNAL, _SET_SUBREAPER = 1, 36  # options of prctl(2)
 _LOOK = 0.1  # s between two looks at the memory
 _LEAVE_TIME = 5.0  # s for killed processes to be gone
 _REPORT = struct.Struct("<id")
@@ -35,8 +36,10 @@ _PAGE = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096
 
 
 class Report(NamedTuple):
-    """End of a child: its exit code (negative: the number of a signal), and the MB of memory
-    because of which it was ended, or 0.
+    """End of a child.
+
+    exitcode: negative: the number of the signal that ended it.
+    held: MB of memory, if it was ended because that was too much; else 0.
     """
 
     exitcode: int
@@ -55,43 +58,45 @@ class Report(NamedTuple):
 def supervise(work: Callable[[], object], leash: int, report: int, memory_limit: float) -> None:
     """Fork a child that does `work`, wait for its end, end all that is left of it, report.
 
-    leash: a reading end; its end of file says that the owner has gone or wants no more.
-    report: where the `Report` goes.
+    leash: descriptor of a pipe's reading end; at its end of file the owner has ended, or wants the
+        child to end.
+    report: descriptor to which the `Report` is written.
     memory_limit: of the child and all that it has started, MB.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a Ctrl-C at the terminal is the owner's business
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # only the owner handles a Ctrl-C at the terminal
     os.setsid()
     _prctl(_SET_SUBREAPER, 1)
-    me = os.getpid()
+    supervisor = os.getpid()
     child = os.fork()
     if child == 0:
-        _work_and_leave(work, me, (leash, report))
+        _work_and_leave(work, supervisor, (leash, report))
     keep_open(leash, report)
     ended = _watch(child, leash, memory_limit)
     _end_family()
-    with suppress(OSError):  # the owner may have gone
+    with suppress(OSError):  # the owner may have ended
         os.write(report, _REPORT.pack(*ended))
     os._exit(0)
 
 
 def _work_and_leave(
-    work: Callable[[], object], supervisor: int, its_own: tuple[int, int]
+    work: Callable[[], object], supervisor: int, descriptors: tuple[int, int]
 ) -> NoReturn:
     """In the child: do the work and exit, so that no code of the parent runs here, whatever is
     raised.
 
-    its_own: descriptors of the supervisor.
+    supervisor: its process id.
+    descriptors: of the supervisor, to be closed here.
     """
     code = 1
     try:
-        for descriptor in its_own:
+        for descriptor in descriptors:
             os.close(descriptor)
         os.setsid()
         _prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
-        if os.getppid() == supervisor:  # else it went before that signal was set
+        if os.getppid() == supervisor:  # else it ended before that signal was set
             work()
             code = 0
-    except BaseException:  # noqa: BLE001 - whatever comes: this process was not to go on
+    except BaseException:  # noqa: BLE001 - nothing may leave this function but the exit
         traceback.print_exc()
     finally:
         os._exit(code)
@@ -104,8 +109,8 @@ def read_report(descriptor: int) -> Report | None:
 
 
 def _watch(child: int, leash: int, memory_limit: float) -> Report:
-    """Wait until the child has ended, the leash is released, or they hold more memory than they
-    may.
+    """Wait until the child has ended, the owner wants its end (`leash`), or the child and all that
+    it has started hold more memory than they may.
     """
     poll = select.poll()
     poll.register(leash, select.POLLIN)
@@ -115,8 +120,8 @@ def _watch(child: int, leash: int, memory_limit: float) -> Report:
     limit = memory_limit * MEGABYTE
     while True:
         ready = poll.poll(1e3 * _LOOK)
-        gone, status = os.waitpid(child, os.WNOHANG)
-        if gone:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
             return Report(os.waitstatus_to_exitcode(status), 0.0)
         if any(descriptor == leash for descriptor, _ in ready):
             return Report(-signal.SIGKILL, 0.0)
@@ -126,8 +131,8 @@ def _watch(child: int, leash: int, memory_limit: float) -> Report:
 
 
 def _end_family() -> None:
-    """Kill everything below this process until nothing is left; what loses its parent comes to this
-    process.
+    """Kill all descendants of this process until none is left. One that loses its parent becomes a
+    child of this process.
     """
     until = clock.monotonic() + _LEAVE_TIME
     while clock.monotonic() < until:
@@ -143,19 +148,20 @@ def _end_family() -> None:
 
 
 def family(pid: int | None = None) -> list[int]:
-    """Every process below one, by default below this one."""
-    below = _children(os.getpid() if pid is None else pid)
-    for child in below:  # the list grows by the children of each
-        below += _children(child)
-    return below
+    """All descendants of a process, by default of this one."""
+    descendants = _children(os.getpid() if pid is None else pid)
+    for child in descendants:  # the list grows by the children of each
+        descendants += _children(child)
+    return descendants
 
 
 def processor_time(pid: int) -> float:
-    """Processor time of all processes below one so far, s; 0 where the system does not tell."""
+    """Processor time of all descendants of a process so far, s; 0 without `/proc`."""
     ticks = 0
-    for one in family(pid):
-        with suppress(OSError, IndexError):  # it has gone meanwhile
-            spent = Path(f"/proc/{one}/stat").read_text().rpartition(")")[2].split()[11:15]
+    for descendant in family(pid):
+        with suppress(OSError, IndexError):  # it has ended meanwhile
+            # its own user and system time, and those of its children that have ended
+            spent = Path(f"/proc/{descendant}/stat").read_text().rpartition(")")[2].split()[11:15]
             ticks += sum(map(int, spent))
     return ticks / os.sysconf("SC_CLK_TCK")
 
@@ -163,25 +169,27 @@ def processor_time(pid: int) -> float:
 def _children(pid: int) -> list[int]:
     children: list[int] = []
     for path in glob(f"/proc/{pid}/task/*/children"):
-        with suppress(OSError), open(path) as file:  # it has gone meanwhile
+        with suppress(OSError), open(path) as file:  # it has ended meanwhile
             children += map(int, file.read().split())
     return children
 
 
 def _held(limit: float) -> float:
-    """Memory that everything below this process holds, bytes, shared mappings included.
+    """Memory that all descendants of this process hold, bytes, shared mappings included.
 
-    Resident sets count a shared page once per process. Only where their sum is over the limit is
-    each page divided among its processes (Pss), which is slower.
+    Resident sets count a shared page once per process. If their sum is over the limit, each page is
+    divided among its processes (Pss), which is slower.
     """
-    below = family()
-    held = sum(map(memory, below))
-    return sum(map(_proportional, below)) if held > limit and len(below) > 1 else held
+    descendants = family()
+    held = sum(map(memory, descendants))
+    return sum(map(_proportional, descendants)) if held > limit and len(descendants) > 1 else held
 
 
 def memory(pid: int, column: int = 1) -> float:
-    """Memory of a process, bytes, by the column of statm: 1: resident set; 2: the part of it that
-    belongs to files or is shared; 5: its own data, as RLIMIT_DATA counts it.
+    """Memory of a process, bytes; 0 if it has ended.
+
+    column: of `/proc/PID/statm`. 1: resident set; 2: the part of it that belongs to files or is
+        shared; 5: its own data, as RLIMIT_DATA counts it.
     """
     with suppress(OSError, IndexError), open(f"/proc/{pid}/statm") as file:
         return float(int(file.read().split()[column]) * _PAGE)
@@ -218,27 +226,25 @@ def keep_open(*kept: int) -> None:
 
 
 def scratch_folder() -> Path:
-    """A new folder for the files of one pool's children; folders whose owner has gone are removed
-    first.
-
-    The owner stands in the name: process id, start time, and the namespace in which the id means
-    something.
+    """A new folder for the files of one pool's children; folders whose owner has ended are removed
+    first. The folder's name holds the owner (`_owner`).
     """
     place = Path(tempfile.gettempdir())
-    mine = _owner(os.getpid())
+    this_owner = _owner(os.getpid())
     for folder in place.glob(f"{SCRATCH_PREFIX}*"):
         owner = folder.name.removeprefix(SCRATCH_PREFIX).partition("_")[0]
-        if not _is_gone(owner, mine) or folder.is_symlink():
+        if not _has_ended(owner, this_owner) or folder.is_symlink():
             continue
-        with suppress(FileNotFoundError):  # a second owner that starts now removes it, too
+        with suppress(FileNotFoundError):  # another owner that starts now removes it, too
             if folder.lstat().st_uid == os.getuid():
                 shutil.rmtree(folder, ignore_errors=True)
-    return Path(tempfile.mkdtemp(prefix=f"{SCRATCH_PREFIX}{mine}_", dir=place))
+    return Path(tempfile.mkdtemp(prefix=f"{SCRATCH_PREFIX}{this_owner}_", dir=place))
 
 
 def _owner(pid: int) -> str:
-    """`4711-88123-4026531836`; without /proc nothing but the process id, and then nothing is
-    removed.
+    """Process id, start time and PID namespace of an owner, such as `4711-88123-4026531836`.
+
+    Only the process id without `/proc`, where nothing is removed.
     """
     try:
         begun = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19]
@@ -247,13 +253,14 @@ def _owner(pid: int) -> str:
         return str(pid)
 
 
-def _is_gone(owner: str, mine: str) -> bool:
-    """Whether an owner, as `_owner` writes it, has gone for certain."""
+def _has_ended(owner: str, this_owner: str) -> bool:
+    """Whether an owner, as `_owner` writes it, has ended for certain: it is of this PID namespace,
+    and its process id is unused or of a process with another start time.
+    """
     pid, _, rest = owner.partition("-")
-    if (
-        not pid.isdecimal()
-        or rest.count("-") != 1
-        or rest.rpartition("-")[2] != mine.rpartition("-")[2]
-    ):
-        return False
-    return _owner(int(pid)) != owner
+    return (
+        pid.isdecimal()
+        and rest.count("-") == 1
+        and rest.rpartition("-")[2] == this_owner.rpartition("-")[2]
+        and _owner(int(pid)) != owner
+    )
