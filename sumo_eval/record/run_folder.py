@@ -1,6 +1,6 @@
-"""A run's folder: the resolved evaluation, who made it with what, the SUMO inputs, and the facts.
-
-One writer.
+"""A run's folder: the resolved evaluation, the manifest (versions and machine that made the run),
+SUMO's input files, and the facts. `record.facts` writes it, one process at a time; all that reads a
+run opens it here.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from sumo_eval.record.store import FORMAT_VERSION, Store
 from sumo_eval.record.trust import code_of, give, is_remembered, refuse_foreign_code
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.resolved import Resolved
-from sumo_eval.settings import EvaluationSettings
+from sumo_eval.settings import EvaluationSettings, SimulationSettings
 from sumo_eval.settings.config import read_evaluation, to_toml
 
 FACTS = "facts.sqlite"
@@ -36,18 +36,19 @@ EVALUATION = "evaluation.toml"
 MANIFEST = "manifest.json"
 EXPOSURES = "exposure.json"
 LOCK = ".lock"
-SHARD = "shard"  # word that a facts file notes of its run
-GIVEN = "ads"  # where ADSs lie that were given by value
-_HALF_MADE = {EVALUATION, MANIFEST, FACTS, LOCK, EXPOSURES, "networks", "routes", GIVEN}
+SHARD = "shard"  # name of the note in `FACTS` with the number and count of shards, `1/4`
+GIVEN = "ads"  # folder of pickled ADSs, which have no file of their own (`record.given`)
+_HALF_MADE = {EVALUATION, MANIFEST, FACTS, EXPOSURES, "networks", "routes"}
+"""Names in the folder of a run that was ended while `create` made it."""
 
 
 @contextmanager
 def only_writer(folder: Path, *, resume: bool) -> Iterator[None]:
-    """The right to write a run folder, made if need be.
+    """Hold the right to write a run folder, which is made if it does not exist.
 
-    Refuses one that is in use, or not empty unless `resume`.
+    Raises InputError if another process holds it, or for a folder that `refuse_foreign` refuses.
     """
-    refuse_foreign(folder, resume)
+    refuse_foreign(folder, resume)  # before a lock file is written into it
 
     with held(
         folder / LOCK,
@@ -63,15 +64,18 @@ def only_writer(folder: Path, *, resume: bool) -> Iterator[None]:
 
 
 def refuse_foreign(folder: Path, resume: bool) -> None:
-    """Refuse a folder that holds something else than a run to resume, or than nothing yet."""
+    """Refuse a folder that is not empty, unless `resume` and what it holds is a run, finished or
+    not.
+    """
     if not folder.exists():
         return
     if not folder.is_dir():
         raise InputError(
             f"{folder} already exists and is not a folder; a run needs a folder of its own."
         )
+    # files of SQLite and of `_write` count as the file that they belong to
     names = {re.sub(r"(-wal|-shm|-journal|\.half)$", "", path.name) for path in folder.iterdir()}
-    names -= {LOCK, GIVEN}
+    names -= {LOCK, GIVEN}  # written before the run
     if not names:
         return
     if not resume:
@@ -98,46 +102,25 @@ def create(
     *,
     another_round: bool = False,
 ) -> None:
-    """Fill a run folder. `source`: where relative paths of the evaluation start; `examples`: one
-    case a scenario.
+    """Write the files of a run folder except its facts.
 
+    source: folder where relative paths of the evaluation start.
+    examples: one concrete scenario of each logical one.
     another_round: whether the process that began or resumed the run continues it.
     """
-    # brings libsumo
-    from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
-
-    before = read_manifest(folder) if is_run(folder) else None
+    before = read_manifest(folder) if is_run(folder) else {}
     named = settings.run.qualification
-    # of a run that continues: its file may be gone
-    known = (before or {}).get("qualification")
+    # the file need not exist any more when a run continues
+    known = before.get("qualification")
     qualified = {"qualification": known or read_qualification(named, source)} if named else {}
     with writing(f"The run folder {folder}"):
         for name in ("networks", "routes"):
             (folder / name).mkdir(parents=True, exist_ok=True)
-        inputs = {EVALUATION: to_toml(settings)}
-        for concrete in examples:
-            name, road = concrete.road.name, network_xml(concrete.road)
-            if inputs.get(f"networks/{name}.net.xml", road) != road:  # another road of this name
-                name = f"{name}_of_{concrete.scenario}"
-            network, view = f"{name}.net.xml", f"{name}.view.xml"
-            routes, configuration = f"{concrete.scenario}.rou.xml", f"{concrete.scenario}.sumocfg"
-            simulation = settings.simulation
-            inputs |= {
-                f"networks/{network}": road,
-                f"networks/{view}": view_xml(concrete.road),
-                f"routes/{routes}": routes_xml(concrete, simulation.vehicle),
-                f"routes/{configuration}": configuration_xml(
-                    f"../networks/{network}",
-                    routes,
-                    simulation.step,
-                    lane_change_duration=simulation.lane_change_duration,
-                    view=f"../networks/{view}",
-                ),
-            }
+        inputs = {EVALUATION: to_toml(settings)} | _sumo_inputs(settings.simulation, examples)
         for name, text in inputs.items():
             _write(folder / name, text)
         manifest = _manifest(inputs, settings, source) | qualified
-        if before is not None:  # those that resumed it stand beside the one that began it
+        if before:  # keep how the run began, and list each time that it was resumed
             now = {name: manifest[name] for name in ("created", "versions", "machine")}
             manifest |= {name: before[name] for name in now}
             resumed = [*before.get("resumed", []), *([] if another_round else [now])]
@@ -145,21 +128,51 @@ def create(
         _write(folder / MANIFEST, sealed(manifest))
 
 
+def _sumo_inputs(
+    simulation: SimulationSettings, examples: Iterable[ConcreteScenario]
+) -> dict[str, str]:
+    """SUMO's input files of one concrete scenario each, by path in the run folder."""
+    # imported here: it loads libsumo
+    from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
+
+    inputs: dict[str, str] = {}
+    for concrete in examples:
+        name, road = concrete.road.name, network_xml(concrete.road)
+        # scenarios share a network, unless another scenario has another road of that name
+        if inputs.get(f"networks/{name}.net.xml", road) != road:
+            name = f"{name}_of_{concrete.scenario}"
+        network, view = f"{name}.net.xml", f"{name}.view.xml"
+        routes, configuration = f"{concrete.scenario}.rou.xml", f"{concrete.scenario}.sumocfg"
+        inputs |= {
+            f"networks/{network}": road,
+            f"networks/{view}": view_xml(concrete.road),
+            f"routes/{routes}": routes_xml(concrete, simulation.vehicle),
+            f"routes/{configuration}": configuration_xml(
+                f"../networks/{network}",
+                routes,
+                simulation.step,
+                lane_change_duration=simulation.lane_change_duration,
+                view=f"../networks/{view}",
+            ),
+        }
+    return inputs
+
+
 def write_exposures(folder: Path, exposures: Mapping[str, Any]) -> None:
-    """Keep what the exposure of every scenario was made of: the recordings need not be there when
-    scores are.
+    """Keep the exposure of every scenario and its sources: the recordings need not exist any more
+    when the run is scored.
     """
     _write(folder / EXPOSURES, sealed(exposures))
 
 
 def read_exposures(folder: Path) -> dict[str, Any]:
-    """Exposures that `write_exposures` kept; nothing where a run has none."""
+    """Exposures that `write_exposures` kept; empty if a run has none."""
     path = folder / EXPOSURES
     return read_sealed(path) if path.exists() else {}
 
 
 def _write(path: Path, text: str) -> None:
-    """The whole file or none of it."""
+    """Write the whole file or nothing of it."""
     half = path.with_name(path.name + ".half")
     half.write_text(text, encoding="utf-8")
     half.replace(path)
@@ -173,6 +186,7 @@ def read_settings(folder: Path) -> EvaluationSettings:
     if not (folder / FACTS).is_file():
         raise InputError(f"{folder} is not a run folder: there is no {FACTS} in it.")
     settings = read_evaluation(folder / EVALUATION)
+    # whether it names code does not depend on the folder: the manifest is read only if it does
     if code_of(settings, folder, driving=False):
         refuse_foreign_code(folder, settings, source_of(folder))
     return settings
@@ -189,12 +203,12 @@ def source_of(folder: Path) -> Path:
 
 
 def give_what_is_own(*runs: Path) -> bool:
-    """Take what those of the runs name that this user recorded here for the user's own in all;
-    whether all are such.
+    """Trust the code that is named by those of the runs that this user recorded here, in all of the
+    runs. Gives whether this user recorded all of them.
     """
     own = []
     for run in runs:
-        with suppress(InputError, OSError):  # opening the run says what is wrong with it
+        with suppress(InputError, OSError):  # reported when the run is opened
             settings, source = read_evaluation(run / EVALUATION), source_of(run)
             if is_remembered(run, settings, source):
                 give(settings, source)
@@ -205,13 +219,13 @@ def give_what_is_own(*runs: Path) -> bool:
 def read_manifest(folder: Path) -> Mapping[str, Any]:
     """The manifest of a run.
 
-    Raises InputError for one of another format, and for one that is not as it was written.
+    Raises InputError for one of another format, and for one that was changed after it was written.
     """
     return read_sealed(folder / MANIFEST, FORMAT_VERSION)
 
 
 def check_complete(store: Store, folder: Path) -> None:
-    """Refuse to score what is no more than a part: a mean over it would not be the run's."""
+    """Refuse to score a shard or an incomplete run: a mean over a part is not the run's."""
     if store.noted(SHARD) not in ("", "1/1"):
         raise InputError(
             f"Run {folder} is shard {store.noted(SHARD)} of an evaluation; put the shards together "
