@@ -233,7 +233,7 @@ def record(
     work.do(list(chain.from_iterable(zip(*by_space, strict=True))))
     for space in spaces:
         if drivers.source != "synthetic":
-            _record_people(space, plan, store, work, progress)
+            _record_people(space, plan, work)
             continue
         # a run that is resumed with other settings may hold drives that these do not ask for
         names = {f"driver_{index:02d}" for index in range(drivers.count)}
@@ -255,25 +255,20 @@ class _Stage:
 
 def stages(space: Space, plan: Planner) -> list[_Stage]:
     """Stages of one logical scenario: ADSs, references, synthetic drivers."""
-    settings, points = plan.run.settings, len(space.numbers)
-
-    def stage(words: str, role: Role, cases: Iterable[Case], total: int) -> _Stage:
-        return _Stage(f"{space.logical.name}: {words}", space.logical.name, role, cases, total)
-
+    settings, points, name = plan.run.settings, len(space.numbers), space.logical.name
     # cases are made only to count those of `only`, which are few
     total = sum(1 for _ in plan.ads(space)) if settings.run.only else points * len(settings.ads)
-    listed = [stage("ADSs", "ads", plan.ads(space), total)]
+    listed = [_Stage(f"{name}: ADSs", name, "ads", plan.ads(space), total)]
     for role, words in REFERENCES.items():
-        listed.append(stage(words, role, plan.reference(space, role), points))
+        cases = plan.reference(space, role)
+        listed.append(_Stage(f"{name}: {words}", name, role, cases, points))
     if settings.drivers.source == "synthetic":
         total = len(space.safe) * settings.drivers.count if space.logical.has_drivers else 0
-        listed.append(stage("drivers", "human", plan.humans(space), total))
+        listed.append(_Stage(f"{name}: drivers", name, "human", plan.humans(space), total))
     return listed
 
 
-def _record_people(
-    space: Space, plan: Planner, store: Store, work: _Work, progress: Progress
-) -> None:
+def _record_people(space: Space, plan: Planner, work: _Work) -> None:
     """Record the drives of recorded drivers, or of the user's own reference, at every safe point.
 
     Where recorded drivers are too few, synthetic ones are added if `too_thin` is `fill`.
@@ -288,17 +283,17 @@ def _record_people(
         concrete = space.concrete(number).without_ads
         outcomes = list(drives(number, concrete))
         keys.update(outcome.case.key for outcome in outcomes)
-        store.add(*(outcome for outcome in outcomes if not store.holds(outcome.case)))
+        work.store.add(*(outcome for outcome in outcomes if not work.store.holds(outcome.case)))
         if may_add and len(outcomes) < settings.least:
             added += plan.synthetic(number, concrete, settings.least - len(outcomes))
         work.check()
-        progress(f"{name}: {'recorded ' * recorded}drivers", done, len(safe))
+        work.progress(f"{name}: {'recorded ' * recorded}drivers", done, len(safe))
     if added:
         words = f"{name}: drivers where too few are recorded"
         work.do([_Stage(words, name, "human", added, len(added))])
     keys.update(case.key for case in added)
     # left from before a resumed run's settings or recordings changed
-    store.remove(case for case, _, _ in store.names("human", name) if case not in keys)
+    work.store.remove(case for case, _, _ in work.store.names("human", name) if case not in keys)
 
 
 def _recorded_drives(
@@ -359,15 +354,17 @@ def refuse_to_lose_cases(
                 )
 
 
+@dataclass
 class _Work:
     """Runs cases and records their outcomes."""
 
-    def __init__(self, store: Store, setup: Setup, progress: Progress, stopping: Stopping) -> None:
-        self._store = store
-        self._setup = setup
-        self._progress = progress
-        self._stopping = stopping
-        self._versions = OneVersion(store.files_read())
+    store: Store
+    setup: Setup
+    progress: Progress
+    stopping: Stopping
+
+    def __post_init__(self) -> None:
+        self.versions = OneVersion(self.store.files_read())
 
     def do(self, stages: Sequence[_Stage]) -> None:
         """Drive the missing cases of all stages in one go, or raise StoppedError."""
@@ -378,15 +375,15 @@ class _Work:
         def missing() -> Iterator[Case]:
             for stage in stages:
                 for case in stage.cases:
-                    if self._store.holds(case):
+                    if self.store.holds(case):
                         done[stage.name] += 1
                     else:
                         yield case
 
         def show(name: str) -> None:
-            self._progress(name, done[name], totals[name], failed[name])
+            self.progress(name, done[name], totals[name], failed[name])
 
-        with closing(run_batches(missing(), self._setup, self._stopping)) as batches:
+        with closing(run_batches(missing(), self.setup, self.stopping)) as batches:
             for outcomes in batches:
                 self._note_files(outcomes)
                 ended = Counter[str]()
@@ -396,12 +393,12 @@ class _Work:
                     keeps_state = outcome.alone is not None and outcome.alone.why == "keeps_state"
                     # A case that was driven in a batch before its ADS was found to keep state is
                     # recorded and counted already: this outcome replaces that one.
-                    replaces = keeps_state and self._store.holds(case)
+                    replaces = keeps_state and self.store.holds(case)
                     if replaces:
-                        self._store.remove([case.key])
+                        self.store.remove([case.key])
                     ended[name] += not replaces
                     failed[name] += outcome.status not in EVALUATED
-                self._store.add(*outcomes)
+                self.store.add(*outcomes)
                 done.update(ended)
                 for name in ended:
                     show(name)
@@ -416,13 +413,13 @@ class _Work:
         for outcome in outcomes:
             case = outcome.case
             # without `reads`: a user's ADS whose process was lost, or a case without users' code
-            if outcome.reads is not None or affinity(case, self._setup) != NO_USER_CODE:
-                new = self._versions.add(case.driver, case.controller, outcome.reads)
-                self._store.note_files(new)
+            if outcome.reads is not None or affinity(case, self.setup) != NO_USER_CODE:
+                new = self.versions.add(case.driver, case.controller, outcome.reads)
+                self.store.note_files(new)
 
     def check(self) -> None:
         """Raise StoppedError if the run shall stop."""
-        if self._stopping():
+        if self.stopping():
             raise StoppedError("stopped")
 
 
