@@ -1,5 +1,5 @@
-"""Cases on an existing Dask cluster (extra `cluster`): batches of cases, the usual isolation on
-each worker.
+"""The engine `dask`: batches of cases on an existing Dask cluster (extra `cluster`). Each worker of
+the cluster drives its batches in child processes, as the engine `processes` does.
 """
 
 from __future__ import annotations
@@ -17,18 +17,20 @@ from sumo_eval.record.engines import Outcomes, once_each, run_in_children
 from sumo_eval.record.identity import harness_identity
 from sumo_eval.record.progress import Stopping
 
-# cases a task at most: each starts a child, and a lost worker costs this many cases again
+# cases in a batch, at most: each batch starts a child, and is driven again if its worker is lost
 BATCH = 100
-# under way for each thread of the cluster: enough that none waits, few enough to bound memory
+# submitted at a time for each thread of the cluster: enough that none waits, and memory is bounded
 _BATCHES_PER_THREAD = 3
-_TIMES = 3  # that a batch is given to the cluster before its cases count as crashed
+_TIMES = 3  # that a batch is submitted to the cluster before its cases count as crashed
 _CONNECT_TIME = 10.0  # s
-_OWN_LOG = "distributed.client"
+_LOG_OF_DASK = "distributed.client"
 
 
 def run_batch(cases: Batch, setup: Setup, harness: str) -> list[Outcome] | str:
-    """On a worker: the outcomes of a batch, or a sentence when this worker would not make the same
-    facts.
+    """On a worker: the outcomes of a batch; if this worker would not make the same facts, the end of
+    a message that says why.
+
+    harness: `harness_identity` of the process that collects the facts.
     """
     if harness_identity() != harness:
         return (
@@ -39,19 +41,19 @@ def run_batch(cases: Batch, setup: Setup, harness: str) -> list[Outcome] | str:
 
 
 def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Outcomes:
-    """Outcomes of the cases from the cluster whose scheduler `setup.run.scheduler` names, as
-    batches end.
+    """Outcomes of the cases from the cluster with the scheduler `setup.run.scheduler`, as batches
+    end.
 
-    A batch whose worker is lost is given to the cluster again.
+    A batch whose worker is lost is submitted again, `_TIMES` times in all.
     """
     client = _connect(setup.run.scheduler)
     from distributed import as_completed
     from distributed.comm.core import CommClosedError
 
-    own_log = logging.getLogger(_OWN_LOG)
-    level = own_log.level
-    # it writes a traceback of a lost scheduler, of which there is a sentence here
-    own_log.setLevel(logging.CRITICAL)
+    log = logging.getLogger(_LOG_OF_DASK)
+    level = log.level
+    # Dask writes a traceback if the scheduler is lost; here that is an InputError
+    log.setLevel(logging.CRITICAL)
     try:
         under_way: Any = as_completed(loop=client.loop)  # type: ignore[no-untyped-call]
         batches: dict[str, tuple[Batch, int]] = {}
@@ -78,10 +80,12 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> O
             batch, times = batches.pop(future.key)
             fault = _fault(future)
             if fault is None:
-                found = future.result()
-                if isinstance(found, str):
-                    raise InputError(f"A worker of the Dask cluster {setup.run.scheduler} {found}.")
-                yield list(_counted(found, plan))
+                result = future.result()
+                if isinstance(result, str):
+                    raise InputError(
+                        f"A worker of the Dask cluster {setup.run.scheduler} {result}."
+                    )
+                yield list(_valid(result, plan))
             elif times < _TIMES:
                 submit(batch, times + 1)
             else:
@@ -95,11 +99,13 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> O
         raise _lost(setup.run.scheduler, error) from error
     finally:
         client.close()
-        own_log.setLevel(level)
+        log.setLevel(level)
 
 
-def _counted(outcomes: Iterable[Outcome], plan: Batches) -> Iterator[Outcome]:
-    """Outcomes that count: an ADS that keeps state on one worker is driven alone on all."""
+def _valid(outcomes: Iterable[Outcome], plan: Batches) -> Iterator[Outcome]:
+    """The outcomes, except those from batches of an ADS that keeps state between cases. If one
+    worker finds that it does, its cases run alone on all workers.
+    """
     for outcome in outcomes:
         why = plan.remark(outcome.case)[0] or outcome.alone
         if why is not None and why.why == "keeps_state":
@@ -111,7 +117,7 @@ def _counted(outcomes: Iterable[Outcome], plan: Batches) -> Iterator[Outcome]:
 def _threads(client: Any, address: str) -> int:
     """Number of threads of the cluster's workers, at least 1.
 
-    Raises InputError where the scheduler is gone.
+    Raises InputError if the scheduler does not answer.
     """
     try:
         return max(sum(int(threads) for threads in client.nthreads().values()), 1)
@@ -127,7 +133,7 @@ def _lost(address: str, error: OSError) -> InputError:
 
 
 def _fault(future: Any) -> str | None:
-    """Failure of a task as such, None when it came back."""
+    """Message of a task that the cluster lost; None if the task returned."""
     if future.status == "finished":
         return None
     error = future.exception() if future.status == "error" else None
@@ -135,8 +141,8 @@ def _fault(future: Any) -> str | None:
 
 
 def refuse_without(address: str) -> None:
-    """Raise InputError where no scheduler is named or Dask is missing: before anything is compiled
-    or simulated.
+    """Raise InputError if no scheduler is named or Dask is missing. `sumo-eval run` calls it before
+    anything is compiled.
     """
     if not address:
         raise InputError(
@@ -154,7 +160,6 @@ def _connect(address: str) -> Any:
         return Client(  # type: ignore[no-untyped-call]
             address, timeout=_CONNECT_TIME, set_as_default=False
         )
-    # the last two: `tls://` without
-    except (OSError, TimeoutError, ValueError, TypeError, RuntimeError) as error:
-        # certificates, `tcp://` where encryption is required
+    # the last two: `tls://` without certificates, `tcp://` if the cluster requires encryption
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
         raise InputError(f"There is no Dask scheduler at {address}: {said(error)}.") from error

@@ -1,10 +1,10 @@
-"""Results computed of a run, kept beside its facts: parts of bytes, each under a hash of all that
-it depends on.
+"""Cache of results computed of a run, beside its facts: parts of bytes, each under a hash of all
+that it depends on. `scoring` keeps its results here.
 
-Scores are computed from recorded facts, so computing them again gives the same: a caller that finds
-a part under the hash of the facts, settings and sources that it depends on need not. The file may
-be deleted, which costs the time to compute it. Every part carries a hash of its own content: a
-damaged one is an error, never a number.
+Scores are computed from recorded facts, so computing them again gives the same. A caller that finds
+a part under the hash of the facts, settings and sources that it depends on uses it instead. The
+file may be deleted, which costs the time to compute it again. Every part carries a hash of its own
+content: a damaged one is an error, never a number.
 """
 
 from __future__ import annotations
@@ -33,7 +33,10 @@ Kind = Literal[
     "report",
 ]
 Part = tuple[Kind, bytes, int, bytes]
-"""Kind, key (all that it depends on), its number among those of one key, and its content."""
+"""Kind, key (hash of all that it depends on), place among the parts of this kind and key, content.
+
+Most results are one part, at place 0; the rows of a run are many.
+"""
 
 _VERSION = 2
 _HASH_SIZE = 16
@@ -54,13 +57,14 @@ def key_of(*parts: object) -> bytes:
 
 
 class KeptResults:
-    """The file of one run.
+    """The cache of one run, in a file of its folder.
 
-    Where it cannot be written, what is put there is kept until this object is gone.
+    If the file cannot be written, new parts are in a temporary one, as long as this object exists.
     """
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / KEPT
+        # where to look, in order; parts are put into the first
         self._connections = [_opened(self.path)]
         self._finish = weakref.finalize(self, _close, self._connections)
 
@@ -69,46 +73,46 @@ class KeptResults:
         self._finish()
 
     def get(self, kind: Kind, key: bytes) -> bytes | None:
-        """The content of the first part of a key; None where it is not kept.
+        """The content of the part at place 0; None if it is not kept.
 
-        Raises InputError for one that is not as it was written.
+        Raises InputError if the part was changed after it was written.
         """
         return next(iter(self.some(kind, key, 0, 1)), None)
 
     def some(self, kind: Kind, key: bytes, first: int, last: int) -> list[bytes]:
-        """The contents of the parts with these places, in their order, `last` not among them."""
+        """Contents of the parts from place `first` to before `last`, without gaps; an empty list if
+        the first is not kept.
+        """
         query = (
             "SELECT place, data, hash FROM parts WHERE kind = ? AND key = ? AND place >= ? AND "
             "place < ? ORDER BY place"
         )
         for connection in self._connections:
-            found: list[bytes] = []
-            for place, data, known in self._read(connection, query, (kind, key, first, last)):
-                whole = isinstance(data, bytes) and known == _hash(kind, key, place, data)
-                if not (whole and place == first + len(found)):  # else one before it is lost
+            parts: list[bytes] = []
+            for place, data, noted in self._read(connection, query, (kind, key, first, last)):
+                unchanged = isinstance(data, bytes) and noted == _hash(kind, key, place, data)
+                if not unchanged or place != first + len(parts):  # or the part before it is lost
                     raise InputError(
                         f"{self.path} is not as it was written: a part of it was changed. {_MEND}"
                     )
-                found.append(data)
-            if found:
-                return found
+                parts.append(data)
+            if parts:
+                return parts
         return []
 
     def put(self, parts: Iterable[Part]) -> None:
-        """Keep parts, all of them or none; each replaces the part with its kind, key and number."""
+        """Keep parts, all of them or none; each replaces the part with its kind, key and place."""
         rows = [
             (kind, key, place, data, _hash(kind, key, place, data))
             for kind, key, place, data in parts
         ]
-        if not rows:
-            return
         try:
             self._write(rows)
-        # a folder that cannot be written, a full disk: nothing is kept, no score is lost
         except sqlite3.OperationalError:
-            if len(self._connections) > 1:
+            if len(self._connections) > 1:  # this was the temporary one
                 raise
-            self._connections.insert(0, _fresh())
+            # the folder cannot be written or the disk is full, which loses no score
+            self._connections.insert(0, _temporary())
             self._write(rows)
         except sqlite3.Error as error:
             raise InputError(f"{self.path} cannot be written: {error}. {_MEND}") from error
@@ -118,7 +122,7 @@ class KeptResults:
             connection.executemany("INSERT OR REPLACE INTO parts VALUES (?,?,?,?,?)", rows)
 
     def sizes(self, kind: Kind) -> list[tuple[bytes, int]]:
-        """The keys of a kind and the bytes under each, the one that was put last at the end."""
+        """Keys of a kind, with the number of bytes under each; the latest key is the last."""
         query = (
             "SELECT key, sum(length(data)) FROM parts WHERE kind = ? GROUP BY key ORDER BY "
             "max(rowid)"
@@ -126,12 +130,12 @@ class KeptResults:
         return list(self._read(self._connections[0], query, (kind,)))
 
     def forget(self, keys: Iterable[bytes]) -> None:
-        """Take out all that is kept under these keys."""
+        """Delete all parts under these keys."""
         try:
             with self._connections[0] as connection:
                 connection.executemany("DELETE FROM parts WHERE key = ?", [(key,) for key in keys])
         except sqlite3.OperationalError:
-            pass  # what cannot be written stays as large as it is
+            pass  # a file that cannot be written keeps its size
 
     def _read(
         self, connection: sqlite3.Connection, query: str, values: tuple[object, ...]
@@ -145,13 +149,13 @@ class KeptResults:
 
 
 def _opened(path: Path) -> sqlite3.Connection:
-    """The file, made where there is none or where another version wrote it; in memory's place where
-    it cannot be.
+    """The opened file, made if it does not exist, and emptied if another version wrote it; a
+    temporary one if that is not possible.
     """
-    try:  # a finalizer closes it, in whichever thread collects garbage
+    try:  # check_same_thread: a finalizer closes it, in any thread that collects garbage
         connection = sqlite3.connect(path, timeout=_PATIENCE, check_same_thread=False)
     except sqlite3.OperationalError:
-        return _fresh()
+        return _temporary()
     try:
         (version,) = connection.execute("PRAGMA user_version").fetchone()
         if version != _VERSION:
@@ -160,7 +164,7 @@ def _opened(path: Path) -> sqlite3.Connection:
         return connection
     except sqlite3.OperationalError:
         connection.close()
-        return _fresh()
+        return _temporary()
     except (sqlite3.Error, UnicodeDecodeError) as error:
         connection.close()
         raise InputError(
@@ -168,8 +172,8 @@ def _opened(path: Path) -> sqlite3.Connection:
         ) from error
 
 
-def _fresh() -> sqlite3.Connection:
-    """An empty one in a file of SQLite's own, which is gone with the connection."""
+def _temporary() -> sqlite3.Connection:
+    """An empty cache in a temporary file of SQLite, which it removes with the connection."""
     connection = sqlite3.connect("", check_same_thread=False)
     connection.executescript(_SCHEMA)
     return connection
@@ -181,6 +185,7 @@ def _close(connections: list[sqlite3.Connection]) -> None:
 
 
 def _hash(kind: str, key: bytes, place: int, data: bytes) -> bytes:
-    found = hashlib.blake2b(data, digest_size=_HASH_SIZE, key=f"{kind}{place}".encode())
-    found.update(key)
-    return found.digest()
+    """Hash of a part: its content, and where it belongs."""
+    content = hashlib.blake2b(data, digest_size=_HASH_SIZE, key=f"{kind}{place}".encode())
+    content.update(key)
+    return content.digest()

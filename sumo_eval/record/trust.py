@@ -1,11 +1,11 @@
-"""Origin of the code that a run may name: Python is loaded for a run that this user recorded here,
-and for no other user's.
+"""Trust in the code that a run names: a user's Python code is loaded for runs that this user
+recorded on this machine, and for no others.
 
-A run folder holds the names of functions (severity, sampler, scenario, people) and the folder where
-they are looked for. The folders of runs that were recorded by this user on this machine stand in
-the user's state folder, each with a hash of what it names; so does one that the user trusts by
-`--trust`. What an evaluation names that the user gives is the user's own, in whatever run of the
-same process it stands.
+A run folder holds the names of functions (severity, sampler, scenario, drivers), and the folder
+where they are looked for. Opening another user's run must not execute these. The user's state
+folder has a note of each run that this user recorded here or opened with `--trust`, with a hash of
+the code that the run names. Code is trusted, too, in any run of a process in which the user gave an
+evaluation that names it.
 """
 
 from __future__ import annotations
@@ -22,17 +22,20 @@ from sumo_eval.settings import EvaluationSettings
 from sumo_eval.text import clean
 
 Code = tuple[str, str, str]
-"""Kind of code, its locator, and the folder where that starts."""
+"""Kind of code, its locator, and the folder where that is looked for; no folder for a locator with
+an absolute path.
+"""
 
-_given: set[Code] = set()
-_trusted: set[tuple[str, str]] = set()  # folder and hash, where the state folder takes none
-_asked = False
+_given: set[Code] = set()  # trusted in this process
+_trusted: set[tuple[str, str]] = set()  # folder and hash, if the state folder cannot be written
+_asked = False  # whether the user says `--trust`
 
 
 def code_of(settings: EvaluationSettings, source: Path, *, driving: bool = True) -> set[Code]:
-    """The Python that opening a run of these settings loads.
+    """The user's code that a run of these settings loads.
 
-    driving: with the code of its ADSs, its vehicle and its cluster.
+    source: folder where relative paths of the settings start.
+    driving: with the code that only drives need: of the ADSs, the vehicle model and the cluster.
     """
     named = [
         ("scenario", entry.use.partition("?")[0])
@@ -56,14 +59,15 @@ def code_of(settings: EvaluationSettings, source: Path, *, driving: bool = True)
 
 
 def give(settings: EvaluationSettings, source: Path) -> None:
-    """Take what an evaluation names that the user gives, or recorded, for the user's own, in this
-    process.
-    """
+    """Trust the code of an evaluation in this process: the user gave or recorded it."""
     _given.update(code_of(settings, source))
 
 
 def trust_what_is_opened(said: bool) -> None:
-    """Trust every run that is opened from now on, as the user says, or no more."""
+    """Trust every run that is opened from now on.
+
+    said: whether the user says `--trust`.
+    """
     global _asked
     _asked = said
 
@@ -85,18 +89,17 @@ def remember(run: Path, settings: EvaluationSettings, source: Path) -> None:
         half = note.with_name(f"{note.name}.{os.getpid()}")
         half.write_text(digest, encoding="ascii")
         half.replace(note)
-    except OSError:  # this process knows it, and a later one is told how to go on
+    except OSError:  # only this process trusts it; a later one asks the user for `--trust`
         pass
 
 
 def is_remembered(run: Path, settings: EvaluationSettings, source: Path) -> bool:
-    """Whether this user recorded the run on this machine, or trusts it, and it names what it named
-    then.
+    """Whether this user recorded the run on this machine, or trusts it, and it still names the code
+    that it named then.
     """
-    place, code = str(run.resolve()), code_of(settings, source)
+    place, digest = str(run.resolve()), _hash(code_of(settings, source))
     try:
-        known = (place, _hash(code)) in _trusted
-        return known or _note(place).read_text(encoding="ascii") == _hash(code)
+        return (place, digest) in _trusted or _note(place).read_text(encoding="ascii") == digest
     except (OSError, ValueError):
         return False
 
@@ -104,9 +107,10 @@ def is_remembered(run: Path, settings: EvaluationSettings, source: Path) -> bool
 def refuse_foreign_code(
     run: Path, settings: EvaluationSettings, source: Path, *, driving: bool = False
 ) -> None:
-    """Refuse to load what a run names that this user neither recorded here nor names nor trusts.
+    """Refuse to load code that a run names unless this user recorded the run here, trusts it, or
+    gave the code in this process.
 
-    driving: its ADSs are to be run, too.
+    driving: whether its ADSs will drive.
     """
     code = code_of(settings, source, driving=driving)
     if code <= _given:
@@ -114,7 +118,7 @@ def refuse_foreign_code(
     if _asked:
         remember(run, settings, source)
     if is_remembered(run, settings, source):
-        give(settings, source)  # another run beside it may name the same
+        give(settings, source)  # another run that is opened may name the same code
         return
     what, locator, _ = min(code - _given)
     raise InputError(
@@ -136,6 +140,7 @@ def _hash(code: set[Code]) -> str:
 
 
 def _note(place: str) -> Path:
+    """The file in the user's state folder that holds the hash of a run's code."""
     state = os.environ.get("XDG_STATE_HOME") or os.path.join(
         os.path.expanduser("~"), ".local", "state"
     )
