@@ -28,7 +28,7 @@ Batch = tuple[Case, ...]
 
 
 class Kind(NamedTuple):
-    """Cases that may share a batch have these in common.
+    """Properties that cases in one batch have in common.
 
     controller: locator of the ADS or baseline, or source of the drivers.
     block: name of the block; empty outside blocks.
@@ -69,9 +69,9 @@ class Batches:
         self._ahead: dict[Kind, list[tuple[float, Case]]] = {}
         self._alone = deque[Case]()
         self._undisturbed = deque[Case]()
-        self._remarks: dict[str, tuple[Alone, str]] = {}
-        self._running = 0
-        self._largest_of: dict[Kind, int] = {}
+        self._remarks: dict[str, tuple[Alone, str]] = {}  # by key of a case, see `remark`
+        self._running = 0  # batches that were taken and have not ended
+        self._largest_of: dict[Kind, int] = {}  # size of the next batches of a kind, at most
         self._in_time: dict[Kind, int] = {}  # size beyond which batches of a kind take too long
         # By locators of ADSs on TraCI: cases that ended in batches, which must run again if the ADS
         # is found to keep state between cases, and then the reason.
@@ -128,7 +128,7 @@ class Batches:
 
     @property
     def _share(self) -> int:
-        """Cases that the next batch may hold. Near the end the cases that are left are divided among
+        """Cases that the next batch may hold. Near the end the remaining cases are divided among
         the workers, `_SHARES` batches each, so that no worker waits long.
         """
         if not self._all_seen or self._workers == 1:
@@ -150,7 +150,9 @@ class Batches:
         return kind
 
     def record_success(self, batch: Batch) -> None:
-        """Every case of a batch has its result: batches of the kind grow to their former size."""
+        """Every case of a batch has its result: the next batches of the kind are larger, up to the
+        size before a failure.
+        """
         kind = _kind(batch[0])
         size = self._largest_of.get(kind, 1)
         if size > 1:
@@ -224,8 +226,8 @@ class Batches:
 
 
 def largest_batch(setup: Setup) -> int:
-    """Cases in a batch at most: as many as the user allows, fewer where each drives to the road's
-    end.
+    """Cases in a batch at most: as many as the user allows, fewer if each drives to the end of its
+    road.
     """
     most = setup.run.cases_per_pack
     return most if setup.simulation.end_when_decided else min(most, OF_LONG_CASES)

@@ -27,8 +27,8 @@ _LOG_OF_DASK = "distributed.client"
 
 
 def run_batch(cases: Batch, setup: Setup, harness: str) -> list[Outcome] | str:
-    """On a worker: the outcomes of a batch; if this worker would not make the same facts, the end of
-    a message that says why.
+    """On a worker: the outcomes of a batch, or the end of a message that says why this worker would
+    not make the same facts.
 
     harness: `harness_identity` of the process that collects the facts.
     """
@@ -85,7 +85,7 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> O
                     raise InputError(
                         f"A worker of the Dask cluster {setup.run.scheduler} {result}."
                     )
-                yield list(_valid(result, plan))
+                yield list(_counted(result, plan))
             elif times < _TIMES:
                 submit(batch, times + 1)
             else:
@@ -102,7 +102,7 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> O
         log.setLevel(level)
 
 
-def _valid(outcomes: Iterable[Outcome], plan: Batches) -> Iterator[Outcome]:
+def _counted(outcomes: Iterable[Outcome], plan: Batches) -> Iterator[Outcome]:
     """The outcomes, except those from batches of an ADS that keeps state between cases. If one
     worker finds that it does, its cases run alone on all workers.
     """

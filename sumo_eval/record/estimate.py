@@ -25,14 +25,13 @@ _TIMED = 32  # drives of a kind that an estimate times, at most
 _A_KIND_FOR = 1.0  # s for the drives of a kind, if a user's ADS drives
 _TIMED_FOR = 2.0  # s for all kinds; the drive that runs then is the last one
 _LONGEST_DRIVE = 3.0  # s; a longer one is broken off
-# ADSs that are loaded, at most; of these, also pairs of ADS and scenario that are timed, at most
-_KINDS = 12
+_KINDS = 12  # ADSs that are loaded, at most, and pairs of ADS and scenario that are timed, at most
 _SORTS = {"ads": "ADSs", "references": "references", "humans": "human drivers"}
 """Sorts of drives and their names; the drives of a sort count as equally long."""
 _LOOKED_AT = 2_000  # points of each scenario that are checked and classified, at most
 
 Kind = tuple[str, list[Case]]
-"""Cases to time: a sort (of `_SORTS`), and cases of it in one scenario, of one ADS if it is `ads`."""
+"""A sort (of `_SORTS`), and cases to time: all of one scenario, those of ADSs all of one ADS."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +43,7 @@ class Estimate:
     seconds: wall time of the drives that are left, with all workers.
     timed: number of timed drives.
     loaded: number of ADSs that were loaded, and of all ADSs.
-    untimed: names of sorts without a timed drive; their drives count as the mean of the others.
+    untimed: names of sorts without a timed drive; their drives count as the mean of timed sorts.
     broken_off: whether a drive was ended after `_LONGEST_DRIVE`.
     """
 

@@ -169,8 +169,8 @@ def _scored(folder: Path, name: str) -> Path:
 
 
 def _unquoted(table: Path, out: Path) -> Path:
-    """A copy of a CSV file without the `'` that keeps a spreadsheet from running a cell: Parquet has
-    types and needs none.
+    """A copy of a CSV file without the `'` that keeps a spreadsheet from running a cell: Parquet
+    has types and needs none.
     """
     with (
         table.open(newline="", encoding="utf-8") as source,

@@ -16,7 +16,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import chain
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -52,7 +51,7 @@ class PointJob:
     drivers: the human drivers' cases at the point.
     ads: the cases that get a D_i.
     left_out: the ADSs' cases that get a D_i without each driver, and one after each exchange.
-    band: whether each driver gets a D_i against the others.
+    band: whether each driver gets a D_i against all other drivers.
     exchanges: pairs of places in `drivers`: the driver that is left out, and the one that counts
         twice instead.
     """
@@ -159,12 +158,14 @@ def compute_points(
     parts = [
         (facts, missing[first : first + _CHUNK], settings) for first in range(0, len(todo), _CHUNK)
     ]
-    new: list[KeptPart] = []
-    computed = chain.from_iterable(spread(_compute_part, parts) if parts else ())
-    for done, (place, result) in enumerate(zip(todo, computed, strict=True), start=1):
-        results[place] |= result
-        # 0: each is the only part of its key
-        new += [(name[0], keys[place][name], 0, data) for name, data in result.items()]
+    done, new = 0, list[KeptPart]()
+    for part in spread(_compute_part, parts) if parts else ():
+        for result in part:
+            place = todo[done]
+            results[place] |= result
+            # 0: each is the only part of its key
+            new += [(name[0], keys[place][name], 0, data) for name, data in result.items()]
+            done += 1
         if len(new) >= _KEPT_AT_ONCE or done == len(todo):
             kept.put(new)
             new = []

@@ -126,8 +126,8 @@ def people_identity(settings: DriverSettings, source: Path) -> str:
 def with_fingerprint(
     case: Case, simulation: SimulationSettings, identity: str, harness: str
 ) -> Case:
-    """The case with a hash of everything that its facts depend on. Limits of time and memory are not
-    part of it.
+    """The case with a hash of everything that its facts depend on. Limits of time and memory are
+    not part of it.
     """
     content = repr((replace(case, fingerprint=""), simulation, identity, harness))
     return replace(case, fingerprint=hashlib.sha256(content.encode()).hexdigest())

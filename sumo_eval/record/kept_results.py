@@ -80,8 +80,11 @@ class KeptResults:
         return next(iter(self.some(kind, key, 0, 1)), None)
 
     def some(self, kind: Kind, key: bytes, first: int, last: int) -> list[bytes]:
-        """Contents of the parts from place `first` to before `last`, without gaps; an empty list if
-        the first is not kept.
+        """Contents of the parts from place `first` to before `last`; an empty list if none is kept.
+
+        All of them were put together, so they are in one file.
+
+        Raises InputError for a changed part, or if a part before another is missing.
         """
         query = (
             "SELECT place, data, hash FROM parts WHERE kind = ? AND key = ? AND place >= ? AND "

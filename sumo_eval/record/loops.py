@@ -39,10 +39,10 @@ from sumo_eval.scenario.undisturbed import meetings
 from sumo_eval.settings import SimulationSettings, ZoneSettings
 from sumo_eval.settings.evaluation import EvaluationSettings
 
-# pieces that are no rules; PLAYED: actors whose moves depend on what happens; PEOPLE: synthetic
-# drivers
+# Pieces that are no rules. PLAYED: actors whose moves depend on what happens; PEOPLE: synthetic
+# drivers.
 WORLD, PLAYED, PEOPLE = "~world", "~world that reacts", "~people"
-# AHEAD is of no evaluation's pieces: few need it, and compile it at its first use
+# AHEAD: `_load_ahead`, which few evaluations need; these compile it at its first use.
 AHEAD, FIELDS = "~what comes before a drive", "~fields"
 OF_EVERY_RUN = (WORLD, PEOPLE, "ideal_braking", "no_reaction", "idm")
 """Pieces that every child process has from its start, where they are compiled (`loaded_loops`)."""
@@ -147,7 +147,7 @@ def _load_rule(ads: Compiled) -> None:
 
 
 def _mark(piece: str) -> Path:
-    """The file that says that a piece has been compiled."""
+    """The file that exists once a piece is compiled."""
     return cache_folder() / f"{piece} is compiled"
 
 
@@ -163,7 +163,7 @@ def compiled() -> list[str]:
 def of_evaluation(settings: EvaluationSettings) -> set[str]:
     """Loops that every evaluation needs: drivers, the world, and fields."""
     drivers = settings.drivers
-    # synthetic drivers are added where recorded ones are too few; with `:`, a function of the user's
+    # synthetic drivers are added where recorded ones are too few, not to a user's function (`:`)
     fills = drivers.too_thin == "fill" and ":" not in drivers.source
     people = {PEOPLE} if drivers.source == "synthetic" or fills else set()
     driven = (settings.method.task.task_reference, *(ads.locator for ads in settings.ads))
@@ -191,8 +191,8 @@ def _rules(locators: Iterable[str]) -> set[str]:
 
 
 def ready(wanted: Iterable[str], progress: Progress = quiet) -> None:
-    """Compile those pieces that this machine has not compiled yet, in processes of their own; it
-    keeps them on disk.
+    """Compile those pieces that this machine has not compiled yet, in processes of their own. The
+    machine code is kept on disk.
     """
     if INTERPRETED:
         return

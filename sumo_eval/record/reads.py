@@ -65,14 +65,14 @@ class _Watch:
     def __init__(self, folder: Path, before: _Watch | None = None) -> None:
         self.active = True
         self.folder = str(folder)
-        self._roots: set[str] = set()
+        self._roots: set[str] = set()  # folders below which files count
         self._add_root(self.folder)
-        self._states: dict[str, State] = {}
+        self._states: dict[str, State] = {}  # of files when they were read
         self._written: set[str] = set()
-        self._open_for_both: dict[str, State] = {}
+        self._open_for_both: dict[str, State] = {}  # of files when they were opened
         self._known: set[File] = set()
-        self._new: list[File] = []
-        self._modules = 0
+        self._new: list[File] = []  # of the known files those that are not reported yet
+        self._modules = 0  # number of loaded modules at the last look
         if before is None:
             return
         before.active = False  # after a Ctrl-C amid a case it is still active
@@ -95,12 +95,12 @@ class _Watch:
             return
         if not self._is_below(place) and (writes or not place.endswith(_CODE)):
             return
-        # opened for both, a file can be read unless it is emptied
+        # a file that is opened for both can be read, unless opening it empties it
         if writes and (flags & os.O_TRUNC or not flags & os.O_RDWR):
             self.write(place)
         else:
             self.read(place)
-        if flags & os.O_RDWR:  # if its state has changed by then, `report` notes it as written
+        if flags & os.O_RDWR:  # if its state changes later, `report` notes it as written
             self._open_for_both.setdefault(place, _state(place))
 
     def read(self, place: str, since: float = math.inf) -> None:
@@ -158,8 +158,8 @@ class _Watch:
         return place.startswith(roots) or os.path.realpath(place).startswith(roots)
 
     def _ignored_folders(self) -> tuple[str, ...]:
-        """Folders of files that do not count: installed packages, caches, and the temporary files of
-        a child of the pool, unless the evaluation lies among these.
+        """Folders of files that do not count: installed packages, caches, and the temporary files
+        of a child of the pool, unless the evaluation lies among these.
         """
         temporary = os.path.join(tempfile.tempdir or "", "")
         of_pool = f"{os.sep}{SCRATCH_PREFIX}" in temporary
@@ -222,6 +222,7 @@ def end() -> list[File] | None:
 
 
 def _hear(event: str, arguments: tuple[Any, ...]) -> None:
+    """Audit hook of Python: note the file that an event opens, but not those that noting opens."""
     if event not in _EVENTS or _watch is None or not _watch.active or getattr(_busy, "now", False):
         return
     _busy.now = True
@@ -264,6 +265,7 @@ def _source(place: str) -> str | None:
 
 
 def _installed_places() -> tuple[str, ...]:
+    """Folders of the interpreter, installed packages, this package, the system and caches."""
     names = ("stdlib", "platstdlib", "purelib", "platlib")
     places = {sysconfig.get_path(name) for name in names} | {_PACKAGE, "/proc", "/sys", "/dev"}
     places |= {path for path in sys.path if path.endswith(("site-packages", "dist-packages"))}
@@ -312,7 +314,7 @@ class OneVersion:
         self._reported = {locator for locator, _ in self._files}
 
     def add(self, ads: str, locator: str, files: Collection[File] | None) -> list[FileOfAds]:
-        """Add the files that a process of an ADS has read; those that are new.
+        """Add the files that a process of an ADS has read. Gives those that are new or replace one.
 
         Raises InputError for a file that has changed.
 

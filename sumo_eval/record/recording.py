@@ -277,6 +277,7 @@ def _record_people(space: Space, plan: Planner, work: _Work) -> None:
     recorded = settings.source == RECORDED
     may_add = recorded and settings.too_thin == "fill" and space.logical.has_drivers
     drives = _recorded_drives(plan, space) if recorded else partial(_own_drives, plan)
+    words = "recorded drivers" if recorded else "drivers"
     keys: set[str] = set()
     added: list[Case] = []
     for done, number in enumerate(safe, start=1):
@@ -287,10 +288,10 @@ def _record_people(space: Space, plan: Planner, work: _Work) -> None:
         if may_add and len(outcomes) < settings.least:
             added += plan.synthetic(number, concrete, settings.least - len(outcomes))
         work.check()
-        work.progress(f"{name}: {'recorded ' * recorded}drivers", done, len(safe))
+        work.progress(f"{name}: {words}", done, len(safe))
     if added:
-        words = f"{name}: drivers where too few are recorded"
-        work.do([_Stage(words, name, "human", added, len(added))])
+        title = f"{name}: drivers where too few are recorded"
+        work.do([_Stage(title, name, "human", added, len(added))])
     keys.update(case.key for case in added)
     # left from before a resumed run's settings or recordings changed
     work.store.remove(case for case, _, _ in work.store.names("human", name) if case not in keys)
@@ -299,7 +300,7 @@ def _record_people(space: Space, plan: Planner, work: _Work) -> None:
 def _recorded_drives(
     plan: Planner, space: Space
 ) -> Callable[[int, ConcreteScenario], Iterator[Outcome]]:
-    """Function that gives the drives recorded in events like a concrete scenario."""
+    """Function of a point that gives the drives recorded in events like its concrete scenario."""
     # imported here: it needs pandas, which synthetic drivers do not
     from sumo_eval.drivers.recorded.reference import open_people, reference
 
@@ -316,8 +317,8 @@ def _recorded_drives(
 
 
 def find_stale(store: Store, source: Path) -> tuple[str, ...]:
-    """Mark ADSs as stale whose recorded cases depend on files that have changed since; notes, one
-    for each ADS.
+    """Mark ADSs as stale whose recorded cases depend on files that have changed since. Gives a note
+    on each.
     """
     files = changed(store.files_read(), source)
     store.stale = frozenset(files)

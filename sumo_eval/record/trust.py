@@ -27,7 +27,8 @@ an absolute path.
 """
 
 _given: set[Code] = set()  # trusted in this process
-_trusted: set[tuple[str, str]] = set()  # folder and hash, if the state folder cannot be written
+# folders of runs and hashes of their code; the state folder has the same, if it can be written
+_trusted: set[tuple[str, str]] = set()
 _asked = False  # whether the user says `--trust`
 
 
@@ -35,7 +36,7 @@ def code_of(settings: EvaluationSettings, source: Path, *, driving: bool = True)
     """The user's code that a run of these settings loads.
 
     source: folder where relative paths of the settings start.
-    driving: with the code that only drives need: of the ADSs, the vehicle model and the cluster.
+    driving: whether to add what only drives need: the ADSs, the vehicle model, the cluster.
     """
     named = [
         ("scenario", entry.use.partition("?")[0])

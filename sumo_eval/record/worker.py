@@ -214,8 +214,8 @@ def _marked(
 
 
 def _settings(case: Case, setup: Setup) -> SimulationSettings:
-    """Settings of the simulation of a case: the run's conditions and vehicle model apply only to ADSs
-    under test, the ideal vehicle's brakes only to that.
+    """Settings of the simulation of a case. The run's conditions and vehicle model apply only to
+    ADSs under test, the ideal vehicle's brakes only to the ideal vehicle.
     """
     if case.role == "ads":
         return setup.simulation
@@ -224,8 +224,8 @@ def _settings(case: Case, setup: Setup) -> SimulationSettings:
 
 
 def _seed_global_generators(case: Case) -> None:
-    """Seed the generators of `random` and `np.random`: an ADS that draws from them draws the same in
-    every run, whatever ran in this process before.
+    """Seed the generators of `random` and `np.random`: an ADS that draws from them draws the same
+    in every run, whatever ran in this process before.
 
     The seed depends on the point's values and not on its number, which differs between samples.
     """
