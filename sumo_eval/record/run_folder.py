@@ -38,6 +38,7 @@ EXPOSURES = "exposure.json"
 LOCK = ".lock"
 SHARD = "shard"  # name of the note in `FACTS` with the number and count of shards, `1/4`
 GIVEN = "ads"  # folder of pickled ADSs, which have no file of their own (`record.given`)
+_PACKAGES = ("sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn")
 _HALF_MADE = {EVALUATION, MANIFEST, FACTS, EXPOSURES, "networks", "routes"}
 """Names in the folder of a run that was ended while `create` made it."""
 
@@ -135,19 +136,19 @@ def _sumo_inputs(
     # imported here: it loads libsumo
     from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
 
-    inputs: dict[str, str] = {}
+    inputs = dict[str, str]()
     for concrete in examples:
         name, road = concrete.road.name, network_xml(concrete.road)
         # scenarios share a network, unless another scenario has another road of that name
         if inputs.get(f"networks/{name}.net.xml", road) != road:
             name = f"{name}_of_{concrete.scenario}"
         network, view = f"{name}.net.xml", f"{name}.view.xml"
-        routes, configuration = f"{concrete.scenario}.rou.xml", f"{concrete.scenario}.sumocfg"
+        routes = f"{concrete.scenario}.rou.xml"
         inputs |= {
             f"networks/{network}": road,
             f"networks/{view}": view_xml(concrete.road),
             f"routes/{routes}": routes_xml(concrete, simulation.vehicle),
-            f"routes/{configuration}": configuration_xml(
+            f"routes/{concrete.scenario}.sumocfg": configuration_xml(
                 f"../networks/{network}",
                 routes,
                 simulation.step,
@@ -254,10 +255,7 @@ def _manifest(
         "source_folder": str(source),
         "versions": {
             "python": sys.version.split()[0],
-            **{
-                name: version(name)
-                for name in ("sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn")
-            },
+            **{name: version(name) for name in _PACKAGES},
         },
         "machine": {
             "system": platform.platform(),
