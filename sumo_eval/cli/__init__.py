@@ -233,8 +233,11 @@ def _loaded(point: EntryPoint) -> click.Command:
 
 def _read_utf8() -> None:
     """Restart Python in UTF-8 mode if names of files have another encoding, which lacks characters
-    of some paths.
+    of some paths; print `?` for a character that a terminal's encoding lacks.
     """
+    out: Any = sys.stdout
+    if out.errors == "strict":
+        out.reconfigure(errors="replace")
     if sys.getfilesystemencoding().lower() != "utf-8" and not sys.flags.utf8_mode:
         arguments = [sys.executable, "-X", "utf8", *sys.orig_argv[1:]]
         os.execve(sys.executable, arguments, {**os.environ, "PYTHONUTF8": "1"})  # noqa: S606

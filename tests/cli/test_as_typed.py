@@ -99,6 +99,11 @@ def in_a_shell(line, folder, **variables):
     )  # fmt: skip
 
 
+def test_a_terminal_without_a_character_shows_a_question_mark(desk):
+    done = in_a_shell(EXAMPLES["explain"], desk, PYTHONIOENCODING="ascii")
+    assert "m/s?;" in done.stdout, done.stderr
+
+
 @pytest.mark.parametrize("command", ["schema evaluation", "--help", "--version"])
 def test_closed_pipe_is_no_failed_gate(command, tmp_path):
     done = in_a_shell(f"sumo-eval {command} | true; exit ${{PIPESTATUS[0]}}", tmp_path)
