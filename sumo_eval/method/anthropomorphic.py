@@ -1,21 +1,25 @@
 """Anthropomorphic index D, Eqs. 11-13: how closely an ADS drives as skilled humans do in the same
 concrete scenario.
 
+`record.human_reference` and `method.leave_one_out` compute D_i of all cases here, reports explain
+it.
+
 Readings of the paper (docs/method.md) that this file is built on:
 - A trajectory's centre at a slice is the vehicle's own lateral position where it first gets there.
-- A trajectory ends at its first sample at or past the road's end.
-- A length ends where the vehicle stopped, else at the road's end, also for a vehicle still driving
-  at the time limit or at the end of the recording; a vehicle that left the road has the length
-  driven. Slices end where the vehicle was last seen, or where the drivers were on average: beyond
-  there is no driver to compare with. A recording whose next sample would lie past the road's end
-  has reached it.
-- A driver who did not get as far as a slice has no centre there. Where fewer than two got there,
-  the remaining drivers stand in with their last lateral position, as a deviation needs two.
+- A trajectory ends at its first sample at or past the road's end. If its last sample lies before
+  the end, but the next one would lie past it, the vehicle has reached the end.
+- The length L ends where the vehicle stopped or left the road. Otherwise it ends at the road's end,
+  also for a vehicle that still drives at the end of the recording.
+- Slices end where the ADS was last seen, or earlier, at the mean of the places where the drivers
+  were last seen.
+- A driver who did not get as far as a slice has no centre there. A deviation needs two drivers:
+  where fewer than two got there (in mixture mode, none), all count with their last lateral
+  position.
 - In mixture mode (`settings.mode`) the drivers are those who made the ADS's manoeuvre
   (`method.manoeuvres`), and the similarity is multiplied by how usual that manoeuvre is.
 - `method.operations` defines an operation.
-- Beside D_i stands the human-likeness of a case (`Likeness`), whose similarity is that of mixture
-  mode in any mode.
+- The human-likeness of a case (`Likeness`) is computed together with D_i. Its similarity is always
+  that of mixture mode.
 """
 
 from __future__ import annotations
@@ -42,37 +46,39 @@ from sumo_eval.trajectory import CHANNELS, BoolArray, FloatArray, Trajectory
 DEFAULTS = AnthropomorphicSettings()
 Mode = Literal["gaussian", "mixture"]
 
-SAME_PLACE = 1e-6  # m; a shorter interval between slices is rounding
-OPERATION_DEVIATION_FLOOR = 0.5  # operations; drivers who all make the same number give 0
-SPLIT_GAP = 0.5  # lane widths between neighbouring drivers that make two groups of them
-SPLIT_MEMBERS = 2  # drivers that make a group
+SAME_PLACE = 1e-6  # m; a smaller difference of two x is rounding
+# Operations; drivers who all make the same number of operations would have a deviation of 0.
+OPERATION_DEVIATION_FLOOR = 0.5
+SPLIT_GAP = 0.5  # lane widths; a wider gap between neighbouring drivers makes two groups of them
+SPLIT_MEMBERS = 2  # fewest drivers of a group
 
 
 NoteKind = Literal[
-    "manoeuvre_made_by",  # in mixture mode: by `count` of `of` drivers
-    "manoeuvre_made_by_nobody",
-    "centre_floor",  # deviation floors: at `count` of `of` slices, or points
-    "field_floor",
+    "manoeuvre_made_by",  # mixture mode: drivers who made the ADS's manoeuvre
+    "manoeuvre_made_by_nobody",  # mixture mode: no driver made it
+    "centre_floor",  # slices at which the deviation of y was raised to its floor
+    "field_floor",  # points at which the deviation of the far field was
     "two_groups",  # slices at which one Gaussian spans two groups of drivers
-    "driver_not_so_far",  # slices that not all drivers, or fewer than two, reached
-    "drivers_hold_last_y",
-    "ads_off_road",  # slices at which its centre is
-    "past_the_road",  # trajectories that go on past the road's end
-    "drivers_start_late",  # drivers who begin beyond the ADS's start
-    "drivers_still_driving",
+    "driver_not_so_far",  # slices that some driver did not reach
+    "drivers_hold_last_y",  # slices that fewer than two drivers reached (mixture mode: none)
+    "ads_off_road",  # slices at which the ADS's centre is off the road
+    "past_the_road",  # trajectories that continue past the road's end
+    "drivers_start_late",  # drivers who begin ahead of the ADS's start
+    "drivers_still_driving",  # drivers who drive at the end of their recording
     "ads_still_driving",
     "ads_left_the_road",
-    "drivers_without_operation",
+    "drivers_without_operation",  # f_n is 0 because no driver made an operation
 ]
 
 
 @dataclass(frozen=True, slots=True)
 class IndexNote:
-    """A reading or a floor that had to step in for a D_i.
+    """A special rule that a D_i needed, and how often; `report.words` makes a sentence of it.
 
-    kind: which one.
-    count, of: at how many of how many slices, points, trajectories or drivers.
-    manoeuvre: the ADS's, of the first two kinds.
+    kind: the rule.
+    count: number of slices, points, trajectories or drivers that it was needed for.
+    of: number of all these.
+    manoeuvre: the ADS's, with the first two kinds.
     """
 
     kind: NoteKind
@@ -83,12 +89,11 @@ class IndexNote:
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """Factors of H that a safe case without a collision has in addition to its plausibility, 0..1
-    each.
+    """Factors of a safe case's part in H, 0..1 each; plausibility is one more (scoring.quantities).
 
-    length_factor: f_L over all drivers.
+    length_factor: f_L, in comparison with all drivers.
     operation_tolerance: f_n+ (`operation_tolerance`).
-    similarity: in mixture mode.
+    similarity: that of mixture mode.
     """
 
     length_factor: float
@@ -97,20 +102,20 @@ class Likeness:
 
     @property
     def value(self) -> float:
-        """The product."""
+        """The product of the three factors."""
         return self.length_factor * self.operation_tolerance * self.similarity
 
 
 @dataclass(frozen=True, slots=True)
 class Ingredients:
-    """Quantities behind the factors of a D_i, for an explanation of it.
+    """Quantities behind the factors of a D_i, for `report.explain`.
 
-    drivers: how many.
-    ads_length, mean_length: L, m, of the ADS and mean of all drivers.
-    ads_operations, mean_operations: n, likewise.
-    slices: how many.
-    centre_similarity, field_similarity: the mean of each term alone over all sample points.
-    lowest: the smallest similarity of a slice.
+    drivers: number of drivers.
+    ads_length, mean_length: L of the ADS, and its mean over all drivers, m.
+    ads_operations, mean_operations: n of the ADS, and its mean over all drivers.
+    slices: number of slices.
+    centre_similarity, field_similarity: mean of each term of Eq. 11 over all sample points.
+    lowest: smallest similarity of a slice.
     lowest_at: x of that slice, m.
     """
 
@@ -133,12 +138,12 @@ class AnthropomorphicIndex:
     value: D_i = length_factor * operation_factor * similarity, 0..1.
     length_factor: f_L.
     operation_factor: f_n.
-    similarity: mean over all sample points of centre term times field term; in mixture mode times
-        the manoeuvre's share over that of the most usual one.
-    notes: where a reading or a floor had to step in.
+    similarity: mean over all sample points of centre term times field term. In mixture mode this is
+        multiplied by the manoeuvre's share over the share of the most usual manoeuvre.
+    notes: special rules that were needed.
     manoeuvre: the ADS's in mixture mode, else empty.
-    share: of the drivers who made it; 1 in gaussian mode.
-    likeness: None where it was not asked for.
+    share: of drivers who made this manoeuvre; 1 in gaussian mode.
+    likeness: None where the `Pairing` does not ask for it.
     """
 
     value: float
@@ -153,12 +158,12 @@ class AnthropomorphicIndex:
 
 
 class Pairing(NamedTuple):
-    """An ADS and the drivers it is compared with, as places in a list of trajectories.
+    """An ADS and the drivers it is compared with, as indices of a list of trajectories.
 
-    ads: its place.
-    drivers: their places.
+    ads: index of its trajectory.
+    drivers: indices of theirs.
     spacing: of the slices, m.
-    likeness: whether the terms of the human-likeness are wanted beside D_i.
+    likeness: whether to compute `Likeness` together with D_i.
     """
 
     ads: int
@@ -201,12 +206,12 @@ def indexes_by_group(
     scenario, by group.
 
     trajectories: in road coordinates.
-    groups: pairings, whose places count the trajectories.
+    groups: pairings.
     road, settings: as in `anthropomorphic_index`.
 
-    Shared work is done once: lengths, operations and far fields of each trajectory, and in a group
-    the fields at the points of all its pairings together. A group's indexes are the same to the
-    last bit whatever other groups there are, provided that these add no driver.
+    Lengths, operations and far fields of each trajectory are computed once. The fields at the
+    points of all pairings of a group are computed together. A group's indexes do not depend, to the
+    last bit, on the remaining groups, provided that all drivers of these occur in the group too.
     """
     pairings = [pairing for group in groups for pairing in group]
     for pairing in pairings:
@@ -219,28 +224,33 @@ def indexes_by_group(
     if not pairings:
         return [[] for _ in groups]
     vehicles = [_Vehicle.of(trajectory, road, settings) for trajectory in trajectories]
-    drivers = [vehicles[place] for place in {place for one in pairings for place in one.drivers}]
+    drivers = [vehicles[place] for pairing in pairings for place in pairing.drivers]
+    # where the far fields are wanted: wherever a driver was
     stretch = Stretch(
         west=min(driver.begin for driver in drivers),
         east=max(driver.begin + driver.reach for driver in drivers),
         south=road.right_edge,
         north=road.left_edge,
     )
-    across = 2 * settings.points_per_side + 1
-    expected = int(stretch.length / settings.slice_spacing) * across
-    shared = SharedFields([one.on_road for one in vehicles], stretch, settings.field, expected)
+    points_per_slice = 2 * settings.points_per_side + 1
+    points = int(stretch.length / settings.slice_spacing) * points_per_slice
+    # by the number of points it chooses how to compute the fields
+    shared = SharedFields([one.on_road for one in vehicles], stretch, settings.field, points)
     return [_indexes(group, vehicles, shared, road, settings) for group in groups]
 
 
 class _Vehicle(NamedTuple):
-    """A trajectory and what Eqs. 11-12 take of it.
+    """A trajectory and the quantities that Eqs. 11-12 need of it.
 
-    whole: as recorded, from x = begin, m.
-    on_road: up to its first sample at or past the road's end.
+    whole: as recorded.
+    on_road: up to its first sample at or past the road's end; `whole` itself if that is its last.
+    begin: first x, m.
     length: L, m.
-    reach: how far it was seen, m.
-    operations, most_operations: n of D_i and of H.
-    still_driving, left_the_road: how it ended, where neither at a stop nor at the road's end.
+    reach: distance from `begin` to where it was last seen on the road, m.
+    operations, most_operations: n of D_i, and n of H.
+    manoeuvre: that of `whole`, because a lane change begun before the road's end may end beyond it.
+    still_driving, left_the_road: which of the two, if it ended neither at a stop nor at the road's
+        end.
     """
 
     whole: Trajectory
@@ -256,7 +266,7 @@ class _Vehicle(NamedTuple):
 
     @classmethod
     def of(cls, whole: Trajectory, road: Road, settings: AnthropomorphicSettings) -> _Vehicle:
-        """That of a recorded trajectory."""
+        """Quantities of a recorded trajectory."""
         beyond = np.flatnonzero(whole.x >= road.length)
         drive = whole
         if beyond.size and beyond[0] + 1 < len(whole):
@@ -278,16 +288,17 @@ class _Vehicle(NamedTuple):
         )
 
 
-_Where = tuple[float, float, float]  # where slices begin, how far they go, how close they lie, m
+_Where = tuple[float, float, float]
+"""Arguments of `slice_positions`: x of the first slice, length and spacing, m."""
 
 
 class _Comparison(NamedTuple):
-    """An ADS beside k drivers at m slices; arrays begin with the ADS.
+    """An ADS and k drivers at m slices. Row 0 of an array is the ADS's.
 
-    choice: drivers of one manoeuvre in mixture mode, else all.
+    choice: drivers that count; in mixture mode those of the ADS's manoeuvre, else all.
     x: of the slices, (m,), m.
-    y: centres there, (1 + k, m), m.
-    fields: Eq. 9 at the points of the ADS's slices, (1 + k, m, 7).
+    y: centres at the slices, (1 + k, m), m.
+    fields: Eq. 9 at the sample points, (1 + k, m, 7).
     """
 
     ads: _Vehicle
@@ -308,6 +319,7 @@ def _indexes(
     """The indexes of one group."""
     if not pairings:
         return []
+    # mixture mode always, for `Likeness`
     modes: tuple[Mode, Mode] = settings.mode, "mixture"
     choices = {
         (pairing, mode): _choice(pairing, mode, vehicles)
@@ -320,6 +332,8 @@ def _indexes(
     def lateral(place: int, where: _Where) -> FloatArray:
         return lateral_position(vehicles[place].on_road, slice_positions(*where))
 
+    # The sample points of an ADS, once for all pairings with the same slices. The fields of all
+    # trajectories of the group at all these points are one call, then split again.
     points = {
         (pairing.ads, where): slice_points(
             slice_positions(*where), lateral(pairing.ads, where), road, settings
@@ -328,17 +342,17 @@ def _indexes(
     }
     places = sorted({place for one in pairings for place in (one.ads, *one.drivers)})
     row = {place: number for number, place in enumerate(places)}
-    everywhere = np.concatenate(list(points.values()))
-    ends = np.cumsum([len(some) for some in points.values()])[:-1]
-    values = np.split(shared.at(everywhere[:, 0, 0], everywhere[..., 1], places), ends, axis=1)
+    all_points = np.concatenate(list(points.values()))
+    ends = np.cumsum([len(slices) for slices in points.values()])[:-1]
+    values = np.split(shared.at(all_points[:, 0, 0], all_points[..., 1], places), ends, axis=1)
     fields = dict(zip(points, values, strict=True))
 
     def index_of(pairing: Pairing, mode: Mode) -> AnthropomorphicIndex:
         choice, where = choices[pairing, mode]
-        both = (pairing.ads, *pairing.drivers)
-        ads, *drivers = (vehicles[place] for place in both)
-        y = np.array([lateral(place, where) for place in both])
-        field = fields[pairing.ads, where][[row[place] for place in both]]
+        compared = (pairing.ads, *pairing.drivers)
+        ads, *drivers = (vehicles[place] for place in compared)
+        y = np.array([lateral(place, where) for place in compared])
+        field = fields[pairing.ads, where][[row[place] for place in compared]]
         return _index(
             _Comparison(ads, drivers, choice, slice_positions(*where), y, field), road, settings
         )
@@ -354,7 +368,7 @@ def _indexes(
 
 
 def _choice(pairing: Pairing, mode: Mode, vehicles: Sequence[_Vehicle]) -> tuple[Choice, _Where]:
-    """The drivers that a mode compares with, and the slices at which it does."""
+    """The drivers that count in a mode, and the slices of the comparison."""
     ads, drivers = vehicles[pairing.ads], [vehicles[place] for place in pairing.drivers]
     choice = everyone(len(drivers))
     if mode == "mixture":
@@ -377,7 +391,7 @@ def _index(one: _Comparison, road: Road, settings: AnthropomorphicSettings) -> A
     centre, centre_notes = _centre_term(one, road, settings)
     field, field_notes = _field_term(one, settings)
     terms = centre[:, None] * field
-    similarity = choice.usual * float(terms.mean())
+    similarity = choice.usual * float(terms.mean())  # `usual` is 1 in gaussian mode
 
     of_slices = terms.mean(axis=1)
     worst = int(np.argmin(of_slices))
@@ -423,7 +437,7 @@ def exposure_weighted_index(values: ArrayLike, exposure: ArrayLike) -> float:
     """Eq. 13: D = sum(p_i D_i) / sum(p_i) over the concrete scenarios of the safe zone.
 
     values: D_i, (n,).
-    exposure: p_i, naturalistic probability of each, (n,), at least 0 and not all 0.
+    exposure: p_i, naturalistic probability of each concrete scenario, (n,), at least 0, not all 0.
 
     Raises InputError for arguments outside these meanings.
     """
@@ -443,11 +457,11 @@ def exposure_weighted_index(values: ArrayLike, exposure: ArrayLike) -> float:
 def driven_length(
     trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings = DEFAULTS
 ) -> float:
-    """Eq. 12: L, m, from the start to where the vehicle stopped, else to the road's end; never
-    further.
+    """Eq. 12: L, m, from the start to where the vehicle stopped or left the road sideways, else to
+    the road's end.
 
-    A vehicle still driving at the time limit has not stopped, so L goes to the road's end. A
-    vehicle that left the road for its side has the length it drove.
+    A vehicle that still drives at the end of its recording has not stopped: its L ends at the
+    road's end.
     """
     if _has_stopped(trajectory, settings) or _left_the_road(trajectory, road):
         return _reach(trajectory, road, settings)
@@ -456,6 +470,7 @@ def driven_length(
 
 def _reach(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings) -> float:
     """Distance from its start over which a vehicle was seen, at most to the road's end, m."""
+    # where it stands, if it stopped; else the furthest x
     last = trajectory.x[-1] if _has_stopped(trajectory, settings) else trajectory.x.max()
     if _reached_the_end(trajectory, road):
         last = road.length
@@ -469,11 +484,12 @@ def _reached_the_end(trajectory: Trajectory, road: Road) -> bool:
 
 
 def _has_stopped(trajectory: Trajectory, settings: AnthropomorphicSettings) -> bool:
+    """Whether the vehicle stands at its last sample."""
     return bool(trajectory.speed[-1] < settings.stop_speed)
 
 
 def _left_the_road(trajectory: Trajectory, road: Road) -> bool:
-    """Whether the vehicle's centre was last seen beside the road."""
+    """Whether the vehicle's centre is off the road, to its side, at the last sample."""
     x, y = trajectory.x[-1], trajectory.y[-1]
     return bool(not road.right_edge_at(x) <= y <= road.left_edge_at(x))
 
@@ -481,8 +497,8 @@ def _left_the_road(trajectory: Trajectory, road: Road) -> bool:
 def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
     """f_n+ of H: 1 up to the drivers' mean number of operations, above it min(1, exp(2 - z^2 / 2)).
 
-    z = (n - mean) / max(deviation, 0.5), the sample deviation over the drivers: the tolerance that
-    Eq. 11 gives to everything else.
+    z = (n - mean) / max(deviation, 0.5), with mean and sample deviation over the drivers. Eq. 11
+    gives the same tolerance to centre and field.
 
     operations: `most_operations` of the ADS.
     of_drivers: `most_operations` of each driver, at least two.
@@ -496,24 +512,30 @@ def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
 
 
 def slice_positions(start: float, length: float, spacing: float) -> FloatArray:
-    """Eq. 11: x of the slices, (m,), m: every `spacing` from `start`, and the end itself if the
-    last one is shorter.
+    """Eq. 11: x of the slices, (m,), m.
+
+    start: x of the first slice, m.
+    length: distance to the last slice, m.
+    spacing: between neighbouring slices, m; the last two may be closer.
     """
-    whole = int(length / spacing)
-    positions: FloatArray = start + spacing * np.arange(whole + 1, dtype=float)
+    steps = int(length / spacing)
+    positions: FloatArray = start + spacing * np.arange(steps + 1, dtype=float)
     return (
-        np.append(positions, start + length) if length - whole * spacing > SAME_PLACE else positions
+        np.append(positions, start + length) if length - steps * spacing > SAME_PLACE else positions
     )
 
 
 def lateral_position(trajectory: Trajectory, positions: ArrayLike) -> FloatArray:
-    """y where the vehicle first gets to each x of `positions`, (m,), m; its first y before that,
-    its last y beyond.
+    """Eq. 11: y where the vehicle first gets to each x of `positions`, (m,), m.
+
+    Behind its start this is its first y, ahead of the furthest x that it reached its last y.
     """
     x, y = trajectory.x, trajectory.y
     wanted = np.asarray(positions, dtype=float)
+    # index of the first sample at or past each position; the running maximum ignores rolling back
     after = np.searchsorted(np.maximum.accumulate(x), wanted)
     crossed = (after > 0) & (after < x.size)
+    # samples on both sides of the crossing; where there is none, both are the first sample
     right = np.where(crossed, after, 0)
     left = np.where(crossed, after - 1, 0)
     share = np.divide(
@@ -526,13 +548,16 @@ def lateral_position(trajectory: Trajectory, positions: ArrayLike) -> FloatArray
 def slice_points(
     slices: FloatArray, centre: FloatArray, road: Road, settings: AnthropomorphicSettings = DEFAULTS
 ) -> FloatArray:
-    """Eq. 11: the ADS's centre and three points on each side of it, 0.5 m apart, (m, 7, 2), m.
-
-    Where a side would leave the road, its points split the distance to the road's edge into equal
-    parts; a centre that is off the road itself has all points of that side on it.
+    """Eq. 11: x and y of the ADS's centre and three points on each side of it, 0.5 m apart,
+    (m, 7, 2), m.
 
     slices: x, (m,), m.
     centre: y, (m,), m.
+    road: its edges.
+    settings: `side_width` and `points_per_side`, by default 1.5 m and 3.
+
+    Near an edge the points of that side divide the distance to the edge into equal parts. Beyond
+    the edge they all coincide with the centre.
     """
     right = np.clip(centre - road.right_edge_at(slices), 0.0, settings.side_width)
     left = np.clip(road.left_edge_at(slices) - centre, 0.0, settings.side_width)
@@ -548,8 +573,9 @@ def slice_points(
 
 
 def gaussian_similarity(value: ArrayLike, mean: ArrayLike, deviation: ArrayLike) -> FloatArray:
-    """Eq. 11: min(1, p(value) / p(mean + 2 deviations)) = min(1, exp(2 - z^2 / 2)), p the Gaussian;
-    they broadcast.
+    """Eq. 11: min(1, p(value) / p(mean + 2 deviation)) = min(1, exp(2 - z^2 / 2)).
+
+    p: Gaussian density; z = (value - mean) / deviation. The arguments broadcast.
     """
     z = (np.asarray(value) - np.asarray(mean)) / np.asarray(deviation)
     similarity: FloatArray = np.exp(np.minimum(2.0 - z * z / 2.0, 0.0))
@@ -562,19 +588,20 @@ def _centre_term(
     """Eq. 11: min(1, pt / pt_2sigma) at each slice, (m,), and notes."""
     ads, humans, choice = one.y[0], one.y[1:], one.choice
     ends = np.array([driver.begin + driver.reach for driver in one.drivers])
-    got_there: BoolArray = one.x <= ends[:, None] + SAME_PLACE
-    members, there = choice.members, got_there[choice.members]
-    # in mixture mode the drivers of other manoeuvres lend their deviation
-    alone = np.count_nonzero(there, axis=0) < (1 if choice.manoeuvre else 2)
-    counted = got_there | (alone & members[:, None])
+    reached: BoolArray = one.x <= ends[:, None] + SAME_PLACE  # (k, m)
+    members, by_members = choice.members, reached[choice.members]
+    # Where too few drivers got that far, all count, with their last y. In mixture mode one driver
+    # is enough, because its deviation is pooled with those of the other manoeuvres.
+    too_few = np.count_nonzero(by_members, axis=0) < (1 if choice.manoeuvre else 2)
+    counted = reached | (too_few & members[:, None])
     mean, deviation = spread(humans, counted, choice, settings.pooled_drivers)
     floor = settings.centre_deviation_floor
     term = gaussian_similarity(ads, mean, np.maximum(deviation, floor))
 
-    # A gap between neighbours counts when enough drivers stand on each side of it; nan (did not get
-    # there) sorts last.
-    ordered = np.sort(np.where(there | alone, humans[members], np.nan), axis=0)
-    number = np.count_nonzero(there | alone, axis=0)
+    # Two groups: a wide gap between neighbours with enough drivers on each side of it. nan, for a
+    # driver who does not count at the slice, sorts last and makes no gap.
+    ordered = np.sort(np.where(by_members | too_few, humans[members], np.nan), axis=0)
+    number = np.count_nonzero(by_members | too_few, axis=0)
     below = np.arange(1, len(ordered))[:, None]
     groups = (below >= SPLIT_MEMBERS) & (number - below >= SPLIT_MEMBERS)
     split = np.any(groups & (np.diff(ordered, axis=0) > SPLIT_GAP * road.lane_width), axis=0)
@@ -582,8 +609,8 @@ def _centre_term(
     return term, [
         *_note(deviation < floor, "centre_floor"),
         *_note(split, "two_groups"),
-        *_note(~there.all(axis=0), "driver_not_so_far"),
-        *_note(alone, "drivers_hold_last_y"),
+        *_note(~by_members.all(axis=0), "driver_not_so_far"),
+        *_note(too_few, "drivers_hold_last_y"),
         *_note(outside, "ads_off_road"),
     ]
 
@@ -592,6 +619,7 @@ def _field_term(
     one: _Comparison, settings: AnthropomorphicSettings
 ) -> tuple[FloatArray, list[IndexNote]]:
     """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes."""
+    # every driver has a field everywhere
     everywhere = np.ones((len(one.drivers), 1, 1), dtype=bool)
     mean, deviation = spread(one.fields[1:], everywhere, one.choice, settings.pooled_drivers)
     floor = settings.field_deviation_floor * mean
@@ -600,7 +628,7 @@ def _field_term(
 
 
 def _choice_notes(choice: Choice) -> list[IndexNote]:
-    """Remarks on the drivers that mixture mode compares with."""
+    """Notes on the drivers that count in mixture mode; none in gaussian mode."""
     if not choice.manoeuvre:
         return []
     if choice.usual == 0.0:
@@ -612,9 +640,10 @@ def _choice_notes(choice: Choice) -> list[IndexNote]:
 def _trajectory_notes(
     ads: _Vehicle, drivers: Sequence[_Vehicle], settings: AnthropomorphicSettings
 ) -> list[IndexNote]:
-    """Notes on readings of the equations that apply to whole trajectories."""
+    """Notes on special rules for whole trajectories."""
     latest = ads.begin + settings.slice_spacing
     return [
+        # `on_road` is another object if the trajectory was cut at the road's end
         *_note([one.on_road is not one.whole for one in (ads, *drivers)], "past_the_road"),
         *_note([driver.begin > latest for driver in drivers], "drivers_start_late"),
         *_note([driver.still_driving for driver in drivers], "drivers_still_driving"),
@@ -623,11 +652,10 @@ def _trajectory_notes(
     ]
 
 
-def _note(cases: ArrayLike, kind: NoteKind) -> list[IndexNote]:
-    """The note with how many of how many cases it is about; nothing where it is about none."""
-    flags = np.asarray(cases)
+def _note(flags: ArrayLike, kind: NoteKind) -> list[IndexNote]:
+    """A note with the number of true flags and of all flags; no note if none is true."""
     count = int(np.count_nonzero(flags))
-    return [IndexNote(kind, count, flags.size)] if count else []
+    return [IndexNote(kind, count, np.size(flags))] if count else []
 
 
 def _capped_ratio(value: float | np.floating, reference: float | np.floating) -> float:

@@ -1,10 +1,12 @@
 """Safe and hazardous zones of a parameter space, Eqs. 7-8.
 
 A Gaussian process learns from the training points how much time ideal braking leaves; a point is
-hazardous where the learnt y <= 0. Zones are the connected hazardous regions of the points that
-exist (box and constraints). Distances are taken in the unit box, because metres and metres per
-second have no common length. A scenario may name coordinates in which its criticality is smoother
-than in its parameters; the GP then sees those, scaled alike.
+hazardous where the learnt y <= 0. Zones are the connected hazardous regions of the space: the
+points in the box that satisfy the constraints. Distances are taken in the unit box, because a
+distance cannot add metres to metres per second. A scenario may name coordinates in which its
+criticality is smoother than in its parameters. The GP then learns in those, scaled to a unit box.
+
+`record.points` calls `partition`; weights of Eq. 16, scoring, figures and reports read the result.
 """
 
 from __future__ import annotations
@@ -31,16 +33,19 @@ from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 DEFAULT_SETTINGS = ZoneSettings()
 
-OWN_GRID_POINTS = 1_500  # larger grids of own steps are thinned: a GP's cost grows with the cube
-MOST_POINTS = 5_000  # training points a user may bring
-# points of the dense grid where every one of them is a search of its own, at most
+# Most training points from the parameters' steps: the time to fit a GP grows with their cube.
+OWN_GRID_POINTS = 1_500
+MOST_POINTS = 5_000  # most training points that a caller may give
+# Most points of the dense grid in a scenario whose criticality is searched over time, point by
+# point.
 SEARCHED_GRID = 8_000
-ADDED_AT_ONCE = 500  # training points added in one refinement, at most
-# of the box, where the search for a most dangerous point ends if criticality is searched
+ADDED_AT_ONCE = 500  # most training points that one refinement adds
+# Unit-box length at which the search for a most dangerous point ends where criticality is searched
+# over time.
 SEARCHED_WINDOW = 1e-3
-EDGE = 1e-9  # unit-box lengths within which a point counts as on an edge of the space
-ERROR_WORTH_A_NOTE = 0.01  # share of the space
-SHALLOW = 0.02  # of -1..0: a zone whose most dangerous point has a y above that is noted
+EDGE = 1e-9  # unit-box length; a point this close to an edge of the space counts as on the edge
+ERROR_WORTH_A_NOTE = 0.01  # share of the space on the wrong side of the GP's boundary
+SHALLOW = 0.02  # a zone gets a note if y (-1..0 in a zone) is above -SHALLOW at its worst point
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +57,14 @@ class ZonePartition:
     surface: the GP, in the unit box.
     most_dangerous: one point a zone, name -> value, the largest zone first.
     zone_shares: share of the space that each zone takes.
-    notes: sentences on limits of the trust in it.
-    zone_points: the zones' points on the dense grid, unit box; none without zones.
-    zone_index: the zone of each of them.
-    boundary: where the grid's edges cross the zone boundary; nowhere without zones and without a
-        safe zone.
+    notes: sentences on what limits the trust in the zones.
+    zone_points: points of the dense grid in a zone, unit box, (z, k).
+    zone_index: number of the zone of each of these, (z,).
+    boundary: points where the dense grid's lines cross y = 0, unit box, (b, k); none if the whole
+        space is safe or the whole space is hazardous.
 
-    Every method refuses points outside the box: the GP knows nothing there.
+    Methods that take points from outside refuse those outside the box: the GP has learnt nothing
+    there.
     """
 
     logical: LogicalScenario
@@ -86,14 +92,14 @@ class ZonePartition:
         return self.surface.value(_rows(unit)).reshape(unit.shape[:-1])
 
     def hazardous(self, points: ArrayLike) -> BoolArray:
-        """Whether y <= 0: the zones' form, for maps and for the weights of Eq. 16."""
+        """Whether y <= 0. Maps and the weights of Eq. 16 use this smooth form of the zones."""
         return self.predicted(points) <= 0.0
 
     def exactly_hazardous(self, points: ArrayLike) -> BoolArray:
-        """Whether max ITTC itself, in closed form or searched over time, reaches its threshold.
+        """Eqs. 5-6: whether max ITTC itself, without the GP, reaches its threshold.
 
-        This decides the zone of every case that is driven: the GP may put a point of certain
-        contact on the safe side.
+        This decides the zone of every case that is driven, because the GP may call a point safe at
+        which even ideal braking collides.
         """
         shape = _checked_unit(self.logical, points).shape[:-1]
         return exactly_hazardous(self.logical, _rows(points), self.settings).reshape(shape)
@@ -103,8 +109,8 @@ class ZonePartition:
         return float(criticality(self.logical, point[None], self.settings).inverse[0])
 
     def nearest_zone(self, points: ArrayLike) -> IntArray:
-        """Number of the zone nearest in the unit box, -1 if there is none, by the dense grid of
-        the zones.
+        """Zone of the nearest of the `zone_points`, as its number in `most_dangerous`; -1 without
+        zones.
         """
         unit = _checked_unit(self.logical, points)
         if not self.zones:
@@ -112,6 +118,7 @@ class ZonePartition:
         return self._nearest(unit)
 
     def _nearest(self, unit: FloatArray) -> IntArray:
+        """`nearest_zone` of unit points, where there is a zone."""
         return np.asarray(self.zone_index[self._zone_tree.query(unit)[1]])
 
     @cached_property
@@ -123,7 +130,7 @@ class ZonePartition:
         return _tree(self.boundary)
 
     def members(self, zone: int, points: FloatArray) -> FloatArray:
-        """The points (n, k) that exist and belong to a zone."""
+        """Those of the points (n, k) that satisfy the constraints and belong to a zone."""
         points = points[self.logical.feasible(points)]
         unit = self.logical.to_unit(points)
         inside = (self.surface.value(unit) <= 0.0) & (self._nearest(unit) == zone)
@@ -132,7 +139,8 @@ class ZonePartition:
     def exists(self, points: ArrayLike) -> BoolArray:
         """Whether each point belongs to the space.
 
-        Its edges do, and also what rounding puts 1e-9 of the box beyond one.
+        A point on an edge does, also if rounding has put it beyond the edge by up to 1e-9 of the
+        box.
         """
         unit = _checked_unit(self.logical, points)
         return _exists(self.logical, _rows(unit)).reshape(unit.shape[:-1])
@@ -142,9 +150,9 @@ class ZonePartition:
         in a hazardous one.
 
         inf without a hazardous zone, -inf without a safe one. Edges of the space do not count as
-        boundary. The sign is exact; the distance is exact to 1e-6 where the nearest boundary point
-        is off the edges of the space; otherwise it is too long, by less than the diagonal of a cell
-        of the dense grid (0.05 for three parameters).
+        boundary. The sign is exact. The distance is exact to 1e-6 unless the nearest boundary point
+        lies on an edge of the space. Then it is too long, by less than the diagonal of a cell of
+        the dense grid (with three parameters 0.05).
         """
         unit = _checked_unit(self.logical, points)
         rows = _rows(unit)
@@ -153,14 +161,15 @@ class ZonePartition:
             return (sign * np.inf).reshape(unit.shape[:-1])
         distance, nearest = self._boundary_tree.query(rows)
         foot = self.boundary[nearest]
-        # Onto the surface's tangent plane again and again: it settles where the connection is
-        # normal to it. Half steps, because whole ones diverge where the boundary is more curved
-        # than the distance is short.
+        # `foot` becomes the boundary point nearest to its row. Each round projects the row onto the
+        # plane y = 0 of the surface as it is linear around `foot`, and moves `foot` half of the way
+        # there. Whole steps would diverge where the boundary's radius of curvature is less than the
+        # distance.
         for _ in range(60):
             slope = self.surface.gradient(foot)
-            reach = self.surface.value(foot) + np.sum(slope * (rows - foot), axis=1)
-            steepness = np.maximum(np.sum(slope**2, axis=1), np.finfo(float).tiny)
-            projected = np.clip(rows - (reach / steepness)[:, None] * slope, 0.0, 1.0)
+            linear_y = self.surface.value(foot) + np.sum(slope * (rows - foot), axis=1)
+            slope_squared = np.maximum(np.sum(slope**2, axis=1), np.finfo(float).tiny)
+            projected = np.clip(rows - (linear_y / slope_squared)[:, None] * slope, 0.0, 1.0)
             foot = (foot + projected) / 2.0
         closer = np.linalg.norm(foot - rows, axis=1)
         settled = (np.abs(self.surface.value(foot)) < EDGE) & _exists(self.logical, foot)
@@ -189,8 +198,8 @@ def partition(
         own steps over the whole box.
 
     Points that violate a constraint train the GP too (criticality is defined there), but belong to
-    no zone. If all training points agree there is nothing to learn: that outcome then holds
-    everywhere, and no GP is fitted. The order of the points, and repeated ones, change nothing.
+    no zone. If all training points are safe, or all are hazardous, no GP is fitted and the whole
+    space counts as such. The order of `points`, and repeated points, change nothing.
 
     Raises InputError for points outside the box.
     """
@@ -202,28 +211,35 @@ def partition(
 
     refined, grid, feasible = _dense_grid(logical, axes, settings)
     unit = logical.to_unit(grid)
+    # training points of a caller are used as they are, without refinement
     rounds = 1 + settings.refinements if points is None else 1
     learnt = _learn(logical, training, grid, feasible, settings, rounds)
     notes += learnt.notes
 
     shape = tuple(len(axis) for axis in refined)
     hazard = ((learnt.y <= 0.0) & feasible).reshape(shape)
-    # Regions that the GP alone calls hazardous are no zones: with the most dangerous point on their
-    # own edge, Eq. 16 would weigh a point near them 10^9 times.
+    # Each connected region of the dense grid gets a label from 1 on. The structure connects cells
+    # that touch at a corner.
     regions, _ = label(hazard, structure=generate_binary_structure(len(shape), len(shape)))
+    # A region without a point that is exactly hazardous is not a zone. Its most dangerous point
+    # would lie on its edge, and Eq. 16 would give a point near that a weight of up to 10^9.
     real = np.unique(regions[hazard & ~learnt.wrong.reshape(shape)])
-    spurious = hazard & ~np.isin(regions, real)
+    in_zone = np.isin(regions, real)
+    spurious = hazard & ~in_zone
     if spurious.any():
         share = 100.0 * float(spurious.sum() / feasible.sum())
         notes.append(
             f"{share:.2f} % of the space is hazardous for the GP alone, and forms no zone."
         )
-    sizes = np.array([np.count_nonzero(regions == region) for region in real], dtype=np.intp)
+    # zones are numbered by size, the largest is 0
+    sizes = np.unique(regions[in_zone], return_counts=True)[1]
     by_size = np.argsort(-sizes, kind="stable")
     zone = np.full(hazard.size, -1, dtype=np.intp)
     for number, region in enumerate(real[by_size]):
         zone[regions.ravel() == region] = number
-    in_zone, surface = zone >= 0, learnt.surface
+    surface = learnt.surface
+    # The search for the most dangerous points asks this partition which points belong to a zone.
+    # They, the boundary and the notes are filled in afterwards.
     zones = ZonePartition(
         logical=logical,
         settings=settings,
@@ -232,51 +248,51 @@ def partition(
         most_dangerous=(),
         zone_shares=tuple(float(size) / int(feasible.sum()) for size in sizes[by_size]),
         notes=(),
-        zone_points=unit[in_zone],
-        zone_index=zone[in_zone],
+        zone_points=unit[in_zone.ravel()],
+        zone_index=zone[in_zone.ravel()],
         boundary=unit[:0],
     )
     if len(real):
         crossings = _crossings(logical, surface, unit.reshape(*shape, -1), learnt.y.reshape(shape))
-        cell = max(1.0 / (len(axis) - 1) for axis in refined)
+        cell = max(1.0 / (len(axis) - 1) for axis in refined)  # unit-box width of the widest cell
         worst = tuple(
             _most_dangerous(zones, number, np.concatenate([grid[zone == number], training]), cell)
             for number in range(len(real))
         )
         zones = replace(zones, most_dangerous=worst, boundary=crossings)
-        deepest = surface.value(logical.to_unit([logical.row(point) for point in worst]))
+        y_at_worst = surface.value(logical.to_unit([logical.row(point) for point in worst]))
         notes += [
             f"The GP has the most dangerous point {point_words(worst[number])} near its zone's "
             "edge: the weights r near that zone are uncertain."
-            for number in np.flatnonzero(deepest > -SHALLOW)
+            for number in np.flatnonzero(y_at_worst > -SHALLOW)
         ]
-    # a scenario without a criterion says itself that it has no zones
-    judged = logical.approach or logical.search or logical.margin
-    return replace(zones, notes=tuple(notes) if judged else ())
+    # `logical.notes` already say that a scenario without a criterion has no zones
+    has_criterion = logical.approach or logical.search or logical.margin
+    return replace(zones, notes=tuple(notes) if has_criterion else ())
 
 
 def refuse_impossible_zones(logical: LogicalScenario, settings: ZoneSettings) -> None:
-    """Raise the InputErrors of `partition` without learning anything.
+    """Raise the InputErrors of `partition` without fitting a GP.
 
-    Of a dense grid whose points are searches of their own (`asks_some`), one in eight is tried.
+    Where criticality is searched over time (`asks_some`), it is computed at every eighth point of
+    the dense grid only, to save time.
     """
     axes, _ = _own_axes(logical)
     _, grid, feasible = _dense_grid(logical, axes, settings)
     exactly_hazardous(logical, grid[feasible][:: 8 if asks_some(logical) else 1], settings)
     training = mesh(axes)
     criticality(logical, training, settings)
-    if (better := coordinates(logical, training)) is not None:
-        better(logical.to_unit(training))
+    coordinates(logical, training)
 
 
 def _dense_grid(
     logical: LogicalScenario, axes: list[list[float]], settings: ZoneSettings
 ) -> tuple[list[list[float]], FloatArray, BoolArray]:
-    """The axes of the dense grid, its points (n, k), and which of them can be."""
-    most = (
+    """Axes of the dense grid, its points (n, k), and which of them satisfy the constraints."""
+    allowed = (
         settings.grid_points if logical.search is None else min(settings.grid_points, SEARCHED_GRID)
     )
-    refined = _refine(axes, most)
+    refined = _refine(axes, allowed)
     grid = mesh(refined)
     feasible = logical.feasible(grid)
     if not feasible.any():
@@ -288,7 +304,11 @@ def _dense_grid(
 
 
 def fitted_parts(zones: ZonePartition) -> dict[str, Any]:
-    """The results of a fit by field: `of_parts` makes the partition of them again."""
+    """Fields of a partition as they are stored; `of_parts` restores the partition.
+
+    The scenario, the settings and the coordinates, a function, are not stored.
+    """
+    # all fields after `logical` and `settings`
     parts = {item.name: getattr(zones, item.name) for item in fields(zones)[2:]}
     return parts | {"surface": replace(zones.surface, coordinates=None)}
 
@@ -296,9 +316,9 @@ def fitted_parts(zones: ZonePartition) -> dict[str, Any]:
 def of_parts(
     logical: LogicalScenario, settings: ZoneSettings, parts: Mapping[str, Any]
 ) -> ZonePartition:
-    """The partition of a scenario under some settings, from its parts."""
-    seen = coordinates(logical, parts["training_points"])
-    surface = replace(parts["surface"], coordinates=seen)
+    """The partition of a scenario under these settings, from its `fitted_parts`."""
+    learnt_in = coordinates(logical, parts["training_points"])
+    surface = replace(parts["surface"], coordinates=learnt_in)
     return ZonePartition(logical, settings, **{**parts, "surface": surface})
 
 
@@ -311,17 +331,17 @@ class BoundaryError(NamedTuple):
     feasible: float
 
 
-@lru_cache(maxsize=64)  # for each evaluation of a process that has this partition
+@lru_cache(maxsize=64)  # evaluations in one process share a partition, and its error
 def boundary_error(zones: ZonePartition, n: int | None = None) -> BoundaryError:
     """Compare a partition with the criterion itself (max ITTC >= ITTC*) at n evenly spread points
     of the box.
 
     zones: the partition.
-    n: by default 50,000, or 2,000 where every point is a search of its own.
+    n: by default 50,000, or 2,000 where max ITTC is searched over time.
 
-    Max ITTC is in closed form where the scenario has one, else searched over time. The points are
-    an additive recurrence (`steadily`). A regular grid would share its lines with the training
-    grid: one partition measures 0.08 % on 40^3 of its points and 0.18 % on 53^3.
+    The points are an additive recurrence (`steadily`) and not a regular grid. The error on a grid
+    depends on how many of its lines are lines of the training grid: one partition has 0.08 % on a
+    grid of 40^3 points and 0.18 % on one of 53^3.
     """
     if n is None:
         n = 50_000 if zones.logical.search is None else 2_000
@@ -339,8 +359,12 @@ def boundary_error(zones: ZonePartition, n: int | None = None) -> BoundaryError:
 
 
 class _Learnt(NamedTuple):
-    """A surface and what it was learnt from: training points (n, k); y on the dense grid, and where
-    that has the wrong sign.
+    """Outcome of one fit of the GP.
+
+    training: training points, (n, k).
+    y: on the dense grid, (g,).
+    wrong: where y has the wrong sign at a point that satisfies the constraints, (g,).
+    notes: sentences on what limits the trust in the surface.
     """
 
     training: FloatArray
@@ -358,31 +382,32 @@ def _learn(
     settings: ZoneSettings,
     rounds: int,
 ) -> _Learnt:
-    """Fit the GP; while it has too much of the dense grid on the wrong side, add some of that and
-    fit again. The best of the rounds counts.
+    """Fit the GP in up to `rounds` rounds, and return the round with the fewest wrong grid points.
+
+    As long as more than `ERROR_WORTH_A_NOTE` of the dense grid is on the wrong side, some of those
+    points become training points of the next round.
     """
     exact = np.zeros(len(grid), dtype=bool)
     exact[feasible] = exactly_hazardous(logical, grid[feasible], settings)
-    unit, own, possible = logical.to_unit(grid), len(training), int(feasible.sum())
-    learnt: list[_Learnt] = []
+    unit, n_first, n_feasible = logical.to_unit(grid), len(training), int(feasible.sum())
+    fits: list[_Learnt] = []
     for _ in range(rounds):
-        found = criticality(logical, training, settings)
-        target = found.target
+        danger = criticality(logical, training, settings)
+        target = danger.target
         if settings.target == "label":
-            target = np.where(found.inverse >= settings.critical_inverse_ttc, -1.0, 1.0)
+            target = np.where(danger.inverse >= settings.critical_inverse_ttc, -1.0, 1.0)
         surface, notes = fit(logical, training, target, settings)
         y = surface.value(unit)
         wrong = feasible & ((y <= 0.0) != exact)
-        if len(training) > own:
-            added = len(training) - own
+        if added := len(training) - n_first:
             notes += [f"{added} training points were added where the GP was on the wrong side."]
-        learnt.append(_Learnt(training, surface, y, wrong, tuple(notes)))
-        if wrong.sum() <= ERROR_WORTH_A_NOTE * possible:
+        fits.append(_Learnt(training, surface, y, wrong, tuple(notes)))
+        if wrong.sum() <= ERROR_WORTH_A_NOTE * n_feasible:
             break
         more = np.random.default_rng(SEED).permutation(np.flatnonzero(wrong))[:ADDED_AT_ONCE]
         training = np.unique(np.concatenate([training, grid[more]]), axis=0)
-    best = min(learnt, key=lambda one: int(one.wrong.sum()))
-    share = best.wrong.sum() / possible
+    best = min(fits, key=lambda one: int(one.wrong.sum()))
+    share = best.wrong.sum() / n_feasible
     if share > ERROR_WORTH_A_NOTE:
         remark = f"The GP puts {100 * share:.1f} % of the space in the wrong zone: add points."
         best = best._replace(notes=(*best.notes, remark))
@@ -393,12 +418,14 @@ def _learn(
 
 
 def _own_axes(logical: LogicalScenario) -> tuple[list[list[float]], tuple[str, ...]]:
-    """The values of each parameter's own steps, thinned where they are too many for a GP, and a
-    sentence about that.
+    """The values of each parameter at its `step`, fewer where the grid of them is too large for a
+    GP, and a note on that.
     """
     counts = [_own_count(parameter) for parameter in logical.parameters]
     own = math.prod(counts)
+    # take a value from the longest axis until the grid is small enough
     while math.prod(counts) > OWN_GRID_POINTS:
+        # an axis longer than the whole grid may be is cut at once
         counts[counts.index(max(counts))] = min(max(counts) - 1, OWN_GRID_POINTS)
     axes = [
         _axis(parameter, count) for parameter, count in zip(logical.parameters, counts, strict=True)
@@ -418,7 +445,7 @@ def _own_count(parameter: Parameter) -> int:
 
 
 def _axis(parameter: Parameter, count: int) -> list[float]:
-    """Low, low + step, ... and high; evenly spaced values if `count` is less than that takes."""
+    """Low, low + step, ... and high; if `count` is too small for these, evenly spaced values."""
     if count < _own_count(parameter):
         return evenly(parameter, count)
     low, step = decimal(parameter.low), decimal(parameter.step)
@@ -426,11 +453,11 @@ def _axis(parameter: Parameter, count: int) -> list[float]:
 
 
 def _refine(axes: list[list[float]], most: int) -> list[list[float]]:
-    """Split every interval in the same number of parts, as many as `most` points allow: old points
-    stay on the grid.
+    """Split every interval of the axes into equally many parts: as many as keep the grid within
+    `most` points. The old values stay on the axes.
 
-    On decimals: two parameters that meet in a constraint must get equal numbers where they are
-    equal.
+    The values are computed as decimals: two parameters that a constraint compares must get equal
+    floats where their values are equal.
     """
     parts = 1
     while math.prod((len(axis) - 1) * (parts + 1) + 1 for axis in axes) <= most:
@@ -485,8 +512,8 @@ def _checked_unit(logical: LogicalScenario, points: ArrayLike) -> FloatArray:
 
 
 def _exists(logical: LogicalScenario, unit: FloatArray) -> BoolArray:
-    """Constraints with their edges: a point also exists if a nudge of `EDGE` to some side makes it
-    feasible.
+    """Whether each unit point (n, k) satisfies the constraints, itself or after a step of `EDGE` up
+    or down along any of the axes.
     """
     holds = logical.feasible(logical.from_unit(unit))
     if not holds.all():
@@ -502,49 +529,57 @@ def _exists(logical: LogicalScenario, unit: FloatArray) -> BoolArray:
 def _crossings(
     logical: LogicalScenario, surface: Surface, unit: FloatArray, y: FloatArray
 ) -> FloatArray:
-    """Points where the grid's edges cross y = 0 within the space, (m, k), for unit points (..., k)
-    and y (...) on the grid.
+    """Points of the space where a line between neighbours on the dense grid crosses y = 0, (m, k).
+
+    unit: points of the grid, unit box, (..., k).
+    y: the GP's value at each, (...).
     """
-    crossings = []
+    parts = []
     for axis in range(y.ndim):
-        ahead, places = np.moveaxis(y, axis, 0), np.moveaxis(unit, axis, 0)
-        changes = (ahead[:-1] <= 0.0) != (ahead[1:] <= 0.0)
-        y0, y1 = ahead[:-1][changes], ahead[1:][changes]
-        x0, x1 = places[:-1][changes], places[1:][changes]
-        # regula falsi: a distance to the crossings must never come out too short
+        along_y, along_unit = np.moveaxis(y, axis, 0), np.moveaxis(unit, axis, 0)
+        changes = (along_y[:-1] <= 0.0) != (along_y[1:] <= 0.0)
+        y0, y1 = along_y[:-1][changes], along_y[1:][changes]
+        x0, x1 = along_unit[:-1][changes], along_unit[1:][changes]
+        # Five steps of regula falsi put each crossing onto the curved surface. One straight line
+        # would put it off the boundary, and `boundary_distance` would be too short.
         for _ in range(5):
             crossing = x0 + (y0 / (y0 - y1))[:, None] * (x1 - x0)
             value = surface.value(crossing)
-            first = (value <= 0.0) == (y0 <= 0.0)
-            x0, y0 = np.where(first[:, None], crossing, x0), np.where(first, value, y0)
-            x1, y1 = np.where(first[:, None], x1, crossing), np.where(first, y1, value)
-        crossings.append(crossing)
-    found = np.concatenate(crossings)
-    return found[_exists(logical, found)]
+            replaces_0 = (value <= 0.0) == (y0 <= 0.0)
+            x0, y0 = np.where(replaces_0[:, None], crossing, x0), np.where(replaces_0, value, y0)
+            x1, y1 = np.where(replaces_0[:, None], x1, crossing), np.where(replaces_0, y1, value)
+        parts.append(crossing)
+    crossings = np.concatenate(parts)
+    return crossings[_exists(logical, crossings)]
 
 
 def _most_dangerous(
     zones: ZonePartition, zone: int, candidates: FloatArray, cell: float
 ) -> dict[str, float]:
-    """The most dangerous point of a zone: impact speed, then max ITTC, then smaller gap, then the
-    smaller row.
+    """The most dangerous point of a zone, in the order of `_by_danger`.
 
-    Take the worst of those candidates (n, k) that belong to the zone; then look around it in ever
-    smaller windows, the first as wide as a cell; then round it, if the rounded point belongs to the
-    zone. The windows are what finds a corner between a constraint and the box, where no grid point
-    lies.
+    zone: its number.
+    candidates: points at which the search may begin, (n, k).
+    cell: half of the first window's width, unit box.
+
+    The search begins at the worst candidate in the zone. It looks around that point in a window,
+    moves to a worse point of the zone or else shrinks the window, and so on. The windows find
+    corners between a constraint and the box, where no grid point lies. At last the point is rounded
+    if it stays in the zone.
     """
     logical, searched = zones.logical, zones.logical.search is not None
     k = len(logical.parameters)
     members = zones.members(zone, candidates)
     best, width = members[_by_danger(zones, members)[0]], cell
-    fineness = 3 if searched else {1: 21, 2: 15, 3: 9, 4: 5}.get(k, 3)
-    offsets = mesh([np.linspace(-1.0, 1.0, fineness).tolist()] * k)
+    # values on each axis of a window; fewer with more parameters, as a window has their k-th power
+    values_per_axis = 3 if searched else {1: 21, 2: 15, 3: 9, 4: 5}.get(k, 3)
+    offsets = mesh([np.linspace(-1.0, 1.0, values_per_axis).tolist()] * k)
     for _ in range(200):
         around = logical.from_unit(np.clip(logical.to_unit(best) + width * offsets, 0.0, 1.0))
         rows = np.concatenate([best[None, :], around[logical.feasible(around)]])
         order = _by_danger(zones, rows)
-        # The surface costs most: it is asked only about what is worse.
+        # `best` is row 0, so rows before 0 in the order are worse. Only these are looked up in the
+        # zone, because the GP takes most of the time.
         worse = zones.members(zone, rows[order[: int(np.argmin(order))]])
         if not len(worse):
             width *= 0.4
@@ -552,20 +587,22 @@ def _most_dangerous(
             best = worse[0]
         if width < (SEARCHED_WINDOW if searched else 1e-12):
             break
-    # to 1e-7 of the box, in the fewest digits that still lie within the zone
-    close = SEARCHED_WINDOW if searched else 1e-7
+    # the fewest digits with which the point moves by less than `tolerance` and stays in the zone
+    tolerance = SEARCHED_WINDOW if searched else 1e-7  # unit-box length
     for digits in range(10):
-        short = np.clip(np.round(best, digits), logical.low, logical.high)
-        near = np.all(np.abs(logical.to_unit(short) - logical.to_unit(best)) < close)
-        if near and len(zones.members(zone, short[None, :])):
-            best = short
+        rounded = np.clip(np.round(best, digits), logical.low, logical.high)
+        near = np.all(np.abs(logical.to_unit(rounded) - logical.to_unit(best)) < tolerance)
+        if near and len(zones.members(zone, rounded[None, :])):
+            best = rounded
             break
     return dict(zip(logical.names, best.tolist(), strict=True))
 
 
 def _by_danger(zones: ZonePartition, points: FloatArray) -> IntArray:
-    """The numbers of points (n, k), the most dangerous first."""
-    found = criticality(zones.logical, points, zones.settings)
-    # Rounded, so that equal danger is a tie and not a matter of the last digit.
-    keys = (np.round(found.gap, 9), -np.round(found.inverse, 9), -np.round(found.impact, 9))
-    return np.lexsort((*points.T[::-1], *keys))
+    """Indices of points (n, k), the most dangerous first: by impact speed, then by max ITTC, then
+    by the smaller gap, then by the smaller parameters.
+    """
+    danger = criticality(zones.logical, points, zones.settings)
+    # rounded, so that the last digit does not decide between points of equal danger
+    keys = (np.round(danger.gap, 9), -np.round(danger.inverse, 9), -np.round(danger.impact, 9))
+    return np.lexsort((*points.T[::-1], *keys))  # the last key counts first
