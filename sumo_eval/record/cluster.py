@@ -46,7 +46,8 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> O
 
     A batch whose worker is lost is submitted again, `_TIMES` times in all.
     """
-    client = _connect(setup.run.scheduler)
+    address = setup.run.scheduler
+    client = _connect(address)
     from distributed import as_completed
     from distributed.comm.core import CommClosedError
 
@@ -56,36 +57,35 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> O
     log.setLevel(logging.CRITICAL)
     try:
         under_way: Any = as_completed(loop=client.loop)  # type: ignore[no-untyped-call]
-        batches: dict[str, tuple[Batch, int]] = {}
+        # by key of its task: a batch, and how many times it was submitted
+        submitted: dict[str, tuple[Batch, int]] = {}
         harness = harness_identity()
-        plan = Batches(cases, _threads(client, setup.run.scheduler), BATCH)
+        batches = Batches(cases, _threads(client, address), BATCH)
 
         def submit(batch: Batch, times: int) -> None:
             future = client.submit(run_batch, batch, setup, harness, pure=False)
-            batches[future.key] = batch, times
+            submitted[future.key] = batch, times
             under_way.add(future)
 
         def fill() -> None:
-            most = _threads(client, setup.run.scheduler) * _BATCHES_PER_THREAD
-            while len(batches) < most and not stopping():
-                batch = plan.take()
+            most = _threads(client, address) * _BATCHES_PER_THREAD
+            while len(submitted) < most and not stopping():
+                batch = batches.take()
                 if batch is None:
                     return
                 submit(batch, 1)
-                plan.look_ahead()
+                batches.look_ahead()
 
         fill()
-        while batches:
+        while submitted:
             future = next(under_way)
-            batch, times = batches.pop(future.key)
+            batch, times = submitted.pop(future.key)
             fault = _fault(future)
             if fault is None:
                 result = future.result()
                 if isinstance(result, str):
-                    raise InputError(
-                        f"A worker of the Dask cluster {setup.run.scheduler} {result}."
-                    )
-                yield list(_counted(result, plan))
+                    raise InputError(f"A worker of the Dask cluster {address} {result}.")
+                yield list(_counted(result, batches))
             elif times < _TIMES:
                 submit(batch, times + 1)
             else:
@@ -96,21 +96,21 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> O
             future.release()
             fill()
     except CommClosedError as error:
-        raise _lost(setup.run.scheduler, error) from error
+        raise _lost(address, error) from error
     finally:
         client.close()
         log.setLevel(level)
 
 
-def _counted(outcomes: Iterable[Outcome], plan: Batches) -> Iterator[Outcome]:
+def _counted(outcomes: Iterable[Outcome], batches: Batches) -> Iterator[Outcome]:
     """The outcomes, except those from batches of an ADS that keeps state between cases. If one
     worker finds that it does, its cases run alone on all workers.
     """
     for outcome in outcomes:
-        why = plan.remark(outcome.case)[0] or outcome.alone
+        why = batches.remark(outcome.case)[0] or outcome.alone
         if why is not None and why.why == "keeps_state":
-            plan.rerun_alone(outcome.case.controller, why)
-        if not outcome.batched or plan.note_batched(outcome.case):
+            batches.rerun_alone(outcome.case.controller, why)
+        if not outcome.batched or batches.note_batched(outcome.case):
             yield replace(outcome, alone=why)
 
 

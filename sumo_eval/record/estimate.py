@@ -87,19 +87,11 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
     """Number of drives of an evaluation, and their duration, timed at points that are spread over
     each scenario.
 
-    A sample that is chosen in rounds counts as if one round had all of its points.
-
     folder: of the run to resume.
     """
     refuse_engine(run.settings.run)
     recorded = 0 if folder is None else _recorded(folder, run)
-    entries = tuple(
-        replace(entry, sampling=replace(entry.sampling, round=entry.sampling.count, rounds=()))
-        if entry.sampling.method == "adaptive"
-        else entry
-        for entry in run.settings.scenario
-    )
-    run = replace(run, settings=replace(run.settings, scenario=entries))
+    run = _in_one_round(run)
     settings, workers = run.settings, run.settings.run.workers
     # each n-th ADS is loaded; `run.only` needs the names of all
     step = 1 if settings.run.only else math.ceil(len(settings.ads) / _KINDS)
@@ -129,6 +121,17 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
         tuple(words for sort, words in _SORTS.items() if drives[sort] and sort not in took),
         broken_off,
     )
+
+
+def _in_one_round(run: Resolved) -> Resolved:
+    """The evaluation with samples whose first round has all points, also those chosen in rounds."""
+    entries = tuple(
+        replace(entry, sampling=replace(entry.sampling, round=entry.sampling.count, rounds=()))
+        if entry.sampling.method == "adaptive"
+        else entry
+        for entry in run.settings.scenario
+    )
+    return replace(run, settings=replace(run.settings, scenario=entries))
 
 
 def _recorded(folder: Path, run: Resolved) -> int:

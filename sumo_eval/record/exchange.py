@@ -46,7 +46,7 @@ _CONTACT = {
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A run folder, read when asked. All quantities in SI units."""
+    """A run folder. Each property reads it when it is asked for. Quantities are in SI units."""
 
     folder: Path
 
@@ -127,7 +127,7 @@ class Run:
 def open_run(path: str | os.PathLike[str]) -> Run:
     """A run folder as pandas tables and trajectories.
 
-    Raises InputError when it is none, or of a newer format.
+    Raises InputError if the folder holds no run, or one of a newer format.
     """
     folder = Path(path)
     run_folder.read_settings(folder)
@@ -142,7 +142,7 @@ def export(
     """Write `cases`, `drives` and `trajectories` of a run as files of a kind (`csv`, `parquet`)
     into a folder.
 
-    One drive after the other, so a run of any size can be exported. Parquet needs the extra
+    Drives are read one at a time, so a run of any size can be exported. Parquet needs the extra
     `parquet`.
     """
     check_known("format of an export", FORMATS, kind)
@@ -200,8 +200,8 @@ def _write_drives(
         rows = list[dict[str, Any]]()
 
         def write() -> None:
-            header = drives_file.tell() == 0  # once, on an empty file
-            fit(pd.DataFrame(rows)).to_csv(drives_file, index=False, header=header)
+            empty = not drives_file.tell()
+            fit(pd.DataFrame(rows)).to_csv(drives_file, index=False, header=empty)
             rows.clear()
 
         for number, row in enumerate(_drive_rows(store)):

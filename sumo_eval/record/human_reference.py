@@ -149,10 +149,7 @@ def compute_points(
     kept: where results are looked up, and put.
     """
     keys = _keys(facts, jobs, settings)
-    results: list[dict[_Name, bytes]] = []
-    for names in keys:  # `name[0]`: the kind of result
-        found = ((name, kept.get(name[0], key)) for name, key in names.items())
-        results.append({name: data for name, data in found if data is not None})
+    results = [_looked_up(names, kept) for names in keys]
     todo = [place for place, names in enumerate(keys) if len(results[place]) < len(names)]
     missing = [_missing(jobs[place], results[place]) for place in todo]
     parts = [
@@ -163,7 +160,7 @@ def compute_points(
         for result in part:
             place = todo[done]
             results[place] |= result
-            # 0: each is the only part of its key
+            # `name[0]` is the kind of result; each is the only part of its key, at place 0
             new += [(name[0], keys[place][name], 0, data) for name, data in result.items()]
             done += 1
         if len(new) >= _KEPT_AT_ONCE or done == len(todo):
@@ -216,6 +213,12 @@ def method_sources() -> str:
     """A hash of the method's own source: results of another version are not reused."""
     files = sorted(Path(sumo_eval.method.__file__).parent.glob("*.py"))
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+
+
+def _looked_up(keys: Mapping[_Name, bytes], kept: KeptResults) -> dict[_Name, bytes]:
+    """Those results of a point that are kept, by name; `name[0]` is the kind of result."""
+    found = ((name, kept.get(name[0], key)) for name, key in keys.items())
+    return {name: data for name, data in found if data is not None}
 
 
 def _missing(job: PointJob, kept: Collection[_Name]) -> PointJob:

@@ -30,7 +30,7 @@ MEGABYTE = 1 << 20
 _SET_DEATH_SIGNAL, _SET_SUBREAPER = 1, 36  # options of prctl(2)
 _LOOK = 0.1  # s between two looks at the memory
 _LEAVE_TIME = 5.0  # s for killed processes to be gone
-_REPORT = struct.Struct("<id")
+_REPORT = struct.Struct("<id")  # a `Report` as bytes
 SCRATCH_PREFIX = "sumo_eval_pool_"
 _PAGE = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096
 

@@ -27,7 +27,8 @@ from sumo_eval.settings.locators import load_object
 
 _PACKAGE = Path(__file__).parent.parent
 _COMMANDS = ("exec", "traci")  # schemes of locators that name a command
-_NOT_PYTHON = (*_COMMANDS, "fmu", "onnx", "sumo", "given")  # and a file, or a model of SUMO
+# schemes of locators that name a command, a file or a model of SUMO, no Python object
+_NOT_PYTHON = (*_COMMANDS, "fmu", "onnx", "sumo", "given")
 _ROOMS_THAT_MAKE_FACTS = ("ads", "cosim", "drivers", "scenario")
 
 

@@ -173,13 +173,11 @@ def of_evaluation(settings: EvaluationSettings) -> set[str]:
 def of_cases(cases: Iterable[Case]) -> set[str]:
     """Loops that these cases need."""
     listed = list(cases)
-    needs = {
-        WORLD: bool(listed),
-        PEOPLE: any(case.role == "human" for case in listed),
-        PLAYED: any(case.concrete.lively for case in listed),
-    }
+    world = {WORLD} if listed else set()
+    people = {PEOPLE for case in listed if case.role == "human"}
+    played = {PLAYED for case in listed if case.concrete.lively}
     rules = _rules(case.controller for case in listed if case.role != "human")
-    return rules | {piece for piece, needed in needs.items() if needed}
+    return world | people | played | rules
 
 
 def _rules(locators: Iterable[str]) -> set[str]:

@@ -38,7 +38,7 @@ EXPOSURES = "exposure.json"
 LOCK = ".lock"
 SHARD = "shard"  # name of the note in `FACTS` with the number and count of shards, `1/4`
 GIVEN = "ads"  # folder of pickled ADSs, which have no file of their own (`record.given`)
-_PACKAGES = ("sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn")
+_PACKAGES = ("sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn")  # versions in the manifest
 _HALF_MADE = {EVALUATION, MANIFEST, FACTS, EXPOSURES, "networks", "routes"}
 """Names in the folder of a run that was ended while `create` made it."""
 
@@ -101,7 +101,7 @@ def create(
     source: Path,
     examples: Iterable[ConcreteScenario],
     *,
-    another_round: bool = False,
+    another_round: bool,
 ) -> None:
     """Write the files of a run folder except its facts.
 
@@ -132,7 +132,7 @@ def create(
 def _sumo_inputs(
     simulation: SimulationSettings, examples: Iterable[ConcreteScenario]
 ) -> dict[str, str]:
-    """SUMO's input files of one concrete scenario each, by path in the run folder."""
+    """Text of SUMO's input files of each example, by path in the run folder."""
     # imported here: it loads libsumo
     from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
 

@@ -105,7 +105,6 @@ def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:
     collision counts.
     """
     vehicle = settings.vehicle
-    friction = max(vehicle.friction, settings.ideal_deceleration / GRAVITY)
     return replace(
         settings,
         end_when_decided=True,
@@ -113,7 +112,7 @@ def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:
             vehicle,
             max_deceleration=settings.ideal_deceleration,
             brake_build_up=settings.ideal_build_up,
-            friction=friction,
+            friction=max(vehicle.friction, settings.ideal_deceleration / GRAVITY),
         ),
     )
 
