@@ -1,9 +1,10 @@
-"""Observation of an ADS that does not ask TraCI: the ego, the other vehicles relative to it, lanes
-and road edges.
+"""Observations of policies: the ego, the other vehicles relative to it, lanes and road edges.
 
 Road coordinates: x along the road, y to the left, y = 0 on the centre line of the right-hand lane.
-`Perception` is what `ConditionSettings` put between the world and the ADSs: delay, range, field of
-view, misses, noise.
+`Perception` applies the limits of `ConditionSettings`: delay, range, field of view, misses, noise.
+
+Users: `loop.py`, `on_traci.py` and `pack.py` of `cosim/` make observations; policies, the doors
+for JSON lines, FMUs and ONNX models, and the gym read them.
 """
 
 from __future__ import annotations
@@ -28,25 +29,33 @@ from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
 _tuple = tuple.__new__  # a NamedTuple's own constructor takes twice as long
 NO_LEAD_GAP = 1000.0  # m, what `signals` give as gap where no vehicle is ahead
-_COVERED = 0.8  # share of a vehicle's width behind a nearer one from which it is hidden
-# centre and corners of a body, in halves of its length and width
+_COVERED = 0.8  # a vehicle is hidden if a nearer one covers more than this share of its width
+# five points of a body, its centre and its corners, as (ahead, left): 1 is half its length or width
 _AHEAD, _LEFT = np.array([(0, 0), (1, 1), (1, -1), (-1, -1), (-1, 1)]).T[:, :, None, None]
 _DRAWN = 64  # steps for which random numbers are drawn at once
 
 
-def limits_of(it: ConditionSettings) -> tuple[float, ...]:
-    """Limits of perception: delay s, chance of a miss, noise m and m/s, range m, half the field of
-    view rad, whether vehicles hide others.
+def limits_of(conditions: ConditionSettings) -> tuple[float, ...]:
+    """Limits of perception, seven numbers.
+
+    0: delay, s.
+    1: chance of a miss in a step.
+    2, 3: standard deviation of the noise of positions, m, and of speeds, m/s.
+    4, 5: range, m, and half the field of view, rad.
+    6: 1 where a nearer vehicle can hide a farther one.
     """
     return (
-        it.perception_delay, it.dropout, it.position_noise, it.speed_noise,
-        it.sensor_range or math.inf, math.radians(it.field_of_view_deg or 360.0) / 2.0,
-        float(it.occlusion),
+        conditions.perception_delay, conditions.dropout,
+        conditions.position_noise, conditions.speed_noise,
+        conditions.sensor_range or math.inf,
+        math.radians(conditions.field_of_view_deg or 360.0) / 2.0,
+        float(conditions.occlusion),
     )  # fmt: skip
 
 
 _NO_LIMITS = limits_of(ConditionSettings())
-_CHANCE, _REACH = slice(1, 4), slice(4, 7)  # of the limits
+# places in the limits: those that need random numbers, and those of what can be seen at all
+_CHANCE, _REACH = slice(1, 4), slice(4, 7)
 
 
 def sees_all(conditions: ConditionSettings) -> bool:
@@ -55,13 +64,16 @@ def sees_all(conditions: ConditionSettings) -> bool:
 
 
 KINDS = {kind: number for number, kind in enumerate(BODIES)}
-"""Numbers of the kinds of bodies, where only numbers can be shown; -1: no vehicle."""
+"""Number of each kind of body, for observations that are numbers; -1 there: no vehicle."""
 
 
 class Task(NamedTuple):
-    """Task of the ego: the speed that it wants, m/s, at which it starts; where its road ends,
-    x, y m; from which x on and by which it has to change to the goal's lane, m, None where it may
-    stay.
+    """Task of the ego.
+
+    desired_speed: speed that it wants, m/s: the one that it starts with.
+    goal: x, y of the road's end in the lane where the ego has to be then, m.
+    change: first x at which the ego may change to the goal's lane, and x by which it must have
+        changed, m; None: it may stay in its lane.
     """
 
     desired_speed: float
@@ -78,15 +90,14 @@ def kinds_of(concrete: ConcreteScenario) -> tuple[str, ...]:
 
 
 def stream_of(seed: int, concrete: ConcreteScenario) -> str:
-    """Name of the random numbers of what is seen in a case."""
+    """Name of the random numbers of a case's perception."""
     return f"{seed}/{concrete.scenario}/{concrete.label}"
 
 
 def task_of(concrete: ConcreteScenario) -> Task:
-    """The task of the ego in a concrete scenario; its goal lies in the lane that it starts in, or
-    has to change to.
-    """
-    road, ego, way = concrete.road, concrete.ego, concrete.ego.way
+    """The task of the ego in a concrete scenario."""
+    road, ego = concrete.road, concrete.ego
+    way = ego.way  # the lane change that is asked of it
     offset = 0.0 if way is None else way.offset
     goal = road.length, road.lane_centre(lane_at(road, ego.y + offset))
     return Task(ego.speed, goal, None if way is None else (way.begin, way.by))
@@ -104,8 +115,9 @@ class LaneLine(NamedTuple):
 
 @lru_cache(maxsize=16)
 def lane_borders(road: Road) -> tuple[LaneLine, ...]:
-    """The lanes of a road as lines, the right-hand lane first; one that opens or ends where it has
-    its full width.
+    """The lanes of a road as lines, the right-hand lane first.
+
+    Of a lane that opens or ends, only the part of full width.
     """
     half, found = 0.5 * road.lane_width, []
     for lane in range(road.lanes):
@@ -168,8 +180,9 @@ class SeenVehicle(NamedTuple):
 
 
 class _Worked:
-    """An attribute that is worked out when it is first asked for; `functools.cached_property` takes
-    a lock for it.
+    """An attribute that is computed at its first use.
+
+    Faster than `functools.cached_property`, which takes a lock in Python 3.11.
     """
 
     def __init__(self, work: Callable[[Any], Any]) -> None:
@@ -187,13 +200,13 @@ class _Worked:
 
 @dataclass(frozen=True, eq=False, init=False)
 class Observation:
-    """One instant, worked out when it is asked for.
+    """One instant; each attribute is computed at its first use.
 
     time: s since the start of the case.
     road: lanes and edges.
-    _ego: numbers of its `Body` and its acceleration, m/s2.
-    _look: numbers of the ego's body and those of the other vehicles as they are perceived, each
-        with its acceleration behind them; x is nan of one that is not seen.
+    _ego: the true ego: the seven numbers of its `Body`, then its acceleration, m/s2.
+    _look: the ego and the actors as they are perceived, each as in `_ego`; x is nan of an actor
+        that is not seen.
     """
 
     time: float
@@ -241,7 +254,7 @@ class Observation:
         nearest, least = None, math.inf
         for number, other in enumerate(others, 1):
             x = other[0]
-            if x > my_x:  # which no nan is
+            if x > my_x:  # false where x is nan: not seen
                 half, half_other = _extent(other)
                 gap = abs(x - my_x) - half - half_length
                 if gap < least and abs(other[1] - my_y) < half_other + half_width:
@@ -256,14 +269,14 @@ class Observation:
         """Nearest vehicles by lane: `left_ahead`, `left_behind`, `right_ahead`, `right_behind`,
         `behind`.
         """
-        places = {"left": self.ego.lane + 1, "right": self.ego.lane - 1, "": self.ego.lane}
-        found: dict[str, SeenVehicle | None] = {}
-        for side, lane in places.items():
-            for ahead in (True, False):
-                if side or not ahead:
-                    here = (v for v in self.vehicles if v.lane == lane and v.ahead == ahead)
-                    name = f"{side}_{'ahead' if ahead else 'behind'}".lstrip("_")
-                    found[name] = min(here, key=lambda v: v.gap, default=None)
+        lane, found = self.ego.lane, {}
+        for name, place in (
+            ("left_ahead", (lane + 1, True)), ("left_behind", (lane + 1, False)),
+            ("right_ahead", (lane - 1, True)), ("right_behind", (lane - 1, False)),
+            ("behind", (lane, False)),
+        ):  # fmt: skip
+            there = (v for v in self.vehicles if (v.lane, v.ahead) == place)
+            found[name] = min(there, key=lambda v: v.gap, default=None)
         return found
 
     @_Worked
@@ -273,9 +286,7 @@ class Observation:
 
     @property
     def desired_speed(self) -> float:
-        """The speed that the ego wants, m/s: the one that it starts with; nan where it is not
-        known.
-        """
+        """The speed that the ego wants, m/s: the one that it starts with; nan if unknown."""
         return self._task.desired_speed
 
     @property
@@ -285,15 +296,13 @@ class Observation:
 
     @property
     def goal(self) -> tuple[float, float]:
-        """The end of the road in the lane that the ego started in or has to change to, x, y m; nan
-        where it is not known.
-        """
+        """x, y of the road's end in the lane where the ego has to be then, m; nan if unknown."""
         return self._task.goal
 
     @property
     def change(self) -> tuple[float, float] | None:
-        """x from which on, and x by which, the ego has to change to the goal's lane, m; None: it
-        may stay in its lane.
+        """First x at which the ego may change to the goal's lane, and x by which it must have
+        changed, m; None: it may stay in its lane.
         """
         return self._task.change
 
@@ -329,26 +338,21 @@ class Observation:
         return float(curvatures(self.road.line, self._ego[0])) if self.road.bent else 0.0
 
     def lane_lines(self, ahead: float = 100.0, every: float = 2.0) -> tuple[FloatArray, ...]:
-        """The lanes' centre lines from beside the ego to `ahead` m along the road: points (n, 2)
-        `every` m, ahead and to the left of the ego's centre in the ego's own axes; the right-hand
-        lane first.
+        """The lanes' centre lines, the right-hand lane first: points (n, 2) of each, m ahead and m
+        to the left of the ego's centre in the ego's own axes.
+
+        ahead: length along the road, from the ego's centre on, m.
+        every: distance of the points along the road, m.
         """
         x, y, heading = self._ego[:3]
         me_x, me_y, turned = (float(it) for it in map_places(self.road.line, x, y, heading))
-        s = x + np.arange(0.0, ahead + 0.5 * every, every)
+        c, s = math.cos(turned), math.sin(turned)
+        along = x + np.arange(0.0, ahead + 0.5 * every, every)
         found = []
         for lane in range(self.road.lanes):
-            east, north, _ = map_places(self.road.line, s, self.road.lane_centre(lane))
-            c, n = math.cos(turned), math.sin(turned)
-            found.append(
-                np.stack(
-                    [
-                        (east - me_x) * c + (north - me_y) * n,
-                        (north - me_y) * c - (east - me_x) * n,
-                    ],
-                    1,
-                )
-            )
+            map_x, map_y, _ = map_places(self.road.line, along, self.road.lane_centre(lane))
+            dx, dy = map_x - me_x, map_y - me_y
+            found.append(np.stack([dx * c + dy * s, dy * c - dx * s], 1))
         return tuple(found)
 
     def plain(self) -> dict[str, Any]:
@@ -365,8 +369,8 @@ class Observation:
     def signals(self) -> dict[str, float]:
         """Everything that is one number, by name.
 
-        In a place where no vehicle is: present 0, gap 1000 m, its speed the ego's, at the ego's own
-        place and heading, kind -1. A kind is its number in `KINDS`: 0 is a car. `change_from` and
+        A place without a vehicle has present 0, gap 1000 m, kind -1, speed, x, y and heading of
+        the ego, and else 0. A kind is its number in `KINDS`: 0 is a car. `change_from` and
         `change_by` are nan where the ego may stay in its lane.
         """
         me, road = self.ego, self.road
@@ -396,9 +400,11 @@ class Observations:
     """One instant of n cases for a policy that takes arrays: what an `Observation` has, under the
     same names.
 
-    number: of each case among those that are driven together, (n,): a policy that remembers
-        something of its cases knows them by it. desired_speed: m/s, (n,). ego, lead: arrays (n,).
-        vehicles: arrays (n, m), in the order of the scenario's vehicles.
+    number: of each case in its batch, (n,), the same at every step: a policy with memory finds a
+        case by it.
+    desired_speed: m/s, (n,).
+    ego, lead: arrays (n,).
+    vehicles: arrays (n, m), in the order of the scenario's vehicles.
     """
 
     time: float
@@ -461,10 +467,12 @@ class Observations:
         """The nearest vehicle in front in the ego's strip of road: present, gap (inf without one),
         relative_speed (0), speed (the ego's), offset (0).
         """
-        it, rows = self.vehicles, np.arange(len(self._egos))
+        its, rows = self.vehicles, np.arange(len(self._egos))
         nothing = np.zeros(len(rows))
-        # the last column stands for no lead
-        gaps = np.column_stack([np.where(it.ahead & it.overlaps, it.gap, np.inf), nothing + np.inf])
+        # a column more than vehicles: it stands for no lead
+        gaps = np.column_stack(
+            [np.where(its.ahead & its.overlaps, its.gap, np.inf), nothing + np.inf]
+        )
         nearest = gaps.argmin(axis=1)
         gap = gaps[rows, nearest]
         present = gap < np.inf
@@ -476,21 +484,21 @@ class Observations:
         return SimpleNamespace(
             present=present,
             gap=gap,
-            relative_speed=of_lead(it.relative_speed, nothing),
-            speed=of_lead(it.speed, self._egos["speed"]),
-            offset=of_lead(it.offset, nothing),
+            relative_speed=of_lead(its.relative_speed, nothing),
+            speed=of_lead(its.speed, self._egos["speed"]),
+            offset=of_lead(its.offset, nothing),
         )
 
     @cached_property
     def distances(self) -> FloatArray:
-        """Along the road from each ego's centre to those of the vehicles, (n, m), m; nan where
-        there is none.
+        """Distances along the road from each ego's centre to the vehicles' centres, (n, m), m; nan
+        where there is no vehicle.
         """
         return np.asarray(self._seen["x"] - self._egos["seen"]["x"][:, None])
 
     @cached_property
     def nearest(self) -> IntArray:
-        """Places of the vehicles of each case in `vehicles`, (n, m), the nearest along the road
+        """Indices into `vehicles` of each case's vehicles, (n, m), the nearest along the road
         first.
         """
         return np.argsort(np.abs(self.vehicles.gap), axis=1, kind="stable")
@@ -510,10 +518,10 @@ class Observations:
 
 
 class Perception:
-    """The eyes of ADSs in n cases with m actors each, all in one go.
+    """Perception of n cases with m actors each.
 
     conditions: of each case.
-    streams: names of the random numbers of each case: the same name, the same misses and noise.
+    streams: name of the random numbers of each case: equal names give equal misses and noise.
     """
 
     _chance: FloatArray  # of a miss, (n, steps, m)
@@ -521,21 +529,24 @@ class Perception:
 
     def __init__(self, conditions: Sequence[ConditionSettings], streams: Sequence[str]) -> None:
         self._limits = np.array([limits_of(it) for it in conditions])
-        self._used = (self._limits != _NO_LIMITS).any(axis=0)
+        self._used = (self._limits != _NO_LIMITS).any(axis=0)  # which limits any case has, (7,)
         self._random = [
             random_stream(0, "perception", it) for it in streams if self._used[_CHANCE].any()
         ]
         self._delays = self._limits[:, 0].max(), self._limits[:, 0].min()
         self._steps = 0
+        # time, egos and actors of the last steps, as far back as the longest delay
         self._memory: deque[tuple[float, FloatArray, FloatArray]] = deque()
 
     def look(
         self, time: float, egos: FloatArray, others: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Egos and actors as they are seen at a step, as old as the perception delay makes them (at
-        the start: as old as there is); call once a step.
+        """Egos and actors as they are seen at a step; call once a step.
 
-        egos, others: numbers of bodies, (n, 7) and (n, m, 7); x is nan of an actor that is nowhere.
+        Both are as old as the perception delay; before that time has passed, as at the start.
+
+        egos, others: numbers of bodies, (n, 7) and (n, m, 7); x is nan of an actor that has left.
+
         Returns copies; actors have an eighth number, the rate of the seen speed, m/s2, and x is
         nan of those that are not seen.
         """
@@ -545,7 +556,7 @@ class Perception:
             # when each was last seen, s, and how fast, m/s
             self._last = np.full((2, *others.shape[:2]), math.nan)
         x, speed = seen[..., 0], seen[..., 3]
-        there = x == x  # which no nan is
+        there = x == x  # false where x is nan
         if self._used[_REACH].any():
             there &= self._within_reach(egos, others)
         if self._random:
@@ -555,6 +566,7 @@ class Perception:
             there &= self._chance[:, at] >= self._limits[:, 1, None]
             errors = self._errors[:, at]
             seen[..., :2] += errors[..., :2]
+            # noise makes no speed negative; without noise a speed stays as it is
             np.maximum(speed + errors[..., 2], 0.0, out=speed, where=errors[..., 2] != 0.0)
         np.copyto(x, math.nan, where=~there)
         when, last = self._last
@@ -579,16 +591,18 @@ class Perception:
     def _late(
         self, time: float, egos: FloatArray, seen: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Each case as it was seen its delay ago."""
+        """Each case as it was seen its own delay ago."""
         memory = self._memory
         memory.append((time, egos, seen))
         longest, shortest = self._delays
         while len(memory) > 1 and memory[1][0] <= time - longest + 1e-9:
             memory.popleft()
+        # the oldest step serves all: none has a delay so short that it sees the next one
         if len(memory) == 1 or memory[1][0] > time - shortest + 1e-9:
             return memory[0][1:]
-        limits = time - self._limits[:, 0] + 1e-9
-        places = np.searchsorted([it[0] for it in memory], limits, side="right") - 1
+        latest = time - self._limits[:, 0] + 1e-9
+        # of the last step in the memory that a case sees; -1, before its delay has passed: the first
+        places = np.searchsorted([it[0] for it in memory], latest, side="right") - 1
         egos, seen = egos.copy(), seen.copy()
         for place in np.unique(places).tolist():
             rows = places == place
@@ -596,23 +610,27 @@ class Perception:
         return egos, seen
 
     def _draw(self, actors: int) -> None:
-        """Draw the chances and errors of the coming steps, whatever the conditions use of them."""
+        """Draw the chances and errors of the coming steps.
+
+        All are drawn even if only some are used, so that one condition does not change the random
+        numbers of another.
+        """
         shape = len(self._random), _DRAWN, actors
         self._chance, self._errors = np.empty(shape), np.empty((*shape, 3))
         for stream, chance, errors in zip(self._random, self._chance, self._errors, strict=True):
             stream.random(out=chance)
             stream.standard_normal(out=errors)
-        self._errors *= self._limits[:, None, None, [2, 2, 3]]
+        self._errors *= self._limits[:, None, None, [2, 2, 3]]  # noise of x, y and speed
 
     def _within_reach(self, egos: FloatArray, others: FloatArray) -> BoolArray:
-        """Whether each actor is somewhere where it can be seen, (n, m)."""
+        """Whether each actor is in range and in the field of view, and not hidden, (n, m)."""
         columns = others.transpose(2, 0, 1)
         x, y, heading = columns[:3]
         length, width = columns[4:6]
         me_x, me_y, turned = egos.T[:3, :, None]
         farthest, half_angle, hides = self._limits[:, _REACH].T[..., None]
         reach = np.hypot(x - me_x, y - me_y) <= farthest
-        if self._used[5]:
+        if self._used[5]:  # the field of view: one of an actor's five points must be in it
             half = 0.5 * egos[:, 4, None]
             bumper_x, bumper_y = me_x + half * np.cos(turned), me_y + half * np.sin(turned)
             along, across = 0.5 * length * _AHEAD, 0.5 * width * _LEFT
@@ -621,14 +639,14 @@ class Perception:
             angle = np.arctan2(points_y - bumper_y, points_x - bumper_x) - turned
             angle -= math.tau * np.floor(angle / math.tau + 0.5)
             reach &= (np.abs(angle) <= half_angle).any(axis=0)
-        if self._used[6]:
+        if self._used[6]:  # occlusion
             reach &= ~(_hidden(me_x, x, y, width) & (hides > 0.0))
         return np.asarray(reach)
 
 
 def _hidden(me_x: FloatArray, x: FloatArray, y: FloatArray, width: FloatArray) -> BoolArray:
-    """Whether one nearer vehicle in front covers more than 80 % of the width, (n, m); lines of
-    sight run along the road.
+    """Whether a nearer vehicle in front of the ego covers more than `_COVERED` of each vehicle's
+    width, (n, m); lines of sight run along the road.
     """
     left, right = y + width / 2.0, y - width / 2.0
     shared = np.minimum(left[:, :, None], left[:, None]) - np.maximum(
@@ -639,9 +657,10 @@ def _hidden(me_x: FloatArray, x: FloatArray, y: FloatArray, width: FloatArray) -
 
 
 def present(others: FloatArray, there: FloatArray) -> FloatArray:
-    """Numbers of actors, (n, m, k), with x nan of those that have left the road.
+    """Numbers of actors, with x nan of those that have left the road.
 
-    there: (n, m), 0 of those.
+    others: (n, m, k).
+    there: 0 of an actor that has left, (n, m).
     """
     if there.all():
         return others
@@ -656,7 +675,7 @@ def lane_at(road: Road, y: float) -> int:
 
 
 def lanes_at(road: Road, y: Any) -> IntArray:
-    """Numbers of the lanes nearest to many places across the road, m."""
+    """Numbers of the lanes nearest to each y, m; `lane_at` for arrays."""
     found: FloatArray = np.clip(np.round(y / road.lane_width), 0, road.lanes - 1)
     return found.astype(np.intp)
 
@@ -695,22 +714,23 @@ def _seen(
 
 
 def _place_signals(place: str, it: SeenVehicle | None, me: SeenEgo) -> dict[str, float]:
-    """Values of `signals` of a vehicle in one place, or of an empty place."""
+    """Values of `signals` for one place: `lead`, `left_ahead`, ...
+
+    it: vehicle there; None: there is none.
+    """
     if it is None:
         values = (0.0, NO_LEAD_GAP, me.speed, 0.0, 0.0, me.x, me.y, me.heading, 0.0, 0.0, 0.0, -1.0)
     else:
         values = (1.0, it.gap, it.speed, it.relative_speed, it.offset, it.x, it.y, it.heading,
-            it.acceleration,
-                  it.length, it.width, float(KINDS[it.kind]))  # fmt: skip
+            it.acceleration, it.length, it.width, float(KINDS[it.kind]))  # fmt: skip
     return {f"{place}_{name}": value for name, value in zip(_OF_A_PLACE, values, strict=True)}
 
 
 _OF_A_PLACE = ("present", "gap", "speed", "relative_speed", "offset", "x", "y", "heading",
-    "acceleration", "length",
-               "width", "kind")  # fmt: skip
+    "acceleration", "length", "width", "kind")  # fmt: skip
 
 
 def signal_names() -> tuple[str, ...]:
-    """The names of all `signals`."""
-    me = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
+    """The names of all `signals`: those of an empty road."""
+    me = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0)  # an ego of 1 m by 1 m that stands at 0
     return tuple(Observation(0.0, Road("", 1.0, 1, 1.0, 0.0), me, (me, ()), None, ()).signals())
