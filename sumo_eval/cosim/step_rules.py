@@ -1,7 +1,10 @@
 """One step of every row: vehicles move, scripts continue, bodies touch, cases end.
 
-The vehicle model moves the ego on the map, and contact is found there; on a straight road frame
-and map are the same numbers.
+The vehicle model moves the ego on the map, and contact is found there. The frame is along and
+across the road's line; on a straight road frame and map are the same numbers.
+
+Callers: `cosim/world.py` runs the functions marked `@rows`, those before SUMO's step (`move_rows`)
+and those after it (`read_rows`, `see_rows`).
 """
 
 from __future__ import annotations
@@ -53,11 +56,12 @@ def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
     the road's axes.
 
     line: the road's, of no knots if straight.
-    rear: m from the centre back to the axle that runs along the lane. A body that follows a curve
-        leans out of it there by atan(rear * curvature), which takes no more of the road from others
-        than on a straight.
+    rear: m from the centre back to the rear axle, which follows the lane. In a curve the body is
+        turned out of the lane's direction by atan(rear * curvature). Its extents are those of a
+        body turned back by that angle, so that it takes the same width as on a straight.
     """
     curvature = line_at(line, body.x)[3]
+    # m driven at the offset y for each metre of the line
     inner, speed = 1.0 - curvature * body.y, body.speed
     length, width = body.length, body.width
     heading = 0.0 if abs(body.heading) < ALONG else within_a_turn(body.heading)
@@ -75,8 +79,8 @@ def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
 
 @kernel
 def put_on_map(body: Any, line: Any) -> float:
-    """Put a vehicle of which the frame is known on the map, with its front bumper; the share of a
-    metre along the line that it drives there for each metre of the line.
+    """Write a vehicle's place on the map, and that of its front bumper, from its place in the
+    frame; return the metres that it drives for each metre of the line.
     """
     at, place = body.map, to_map(line, body.x, body.y, body.heading)
     at.x, at.y, at.heading = place[:3]
@@ -86,7 +90,7 @@ def put_on_map(body: Any, line: Any) -> float:
 
 @kernel
 def _restate(to: Any, source: Any) -> None:
-    """Write the motion of a vehicle, now or before the step, into the other of both."""
+    """Copy a vehicle's motion: from now to before the step, or back."""
     to.x, to.y, to.heading = source.x, source.y, source.heading
     to.speed, to.across = source.speed, source.across
     to.map.x, to.map.y, to.map.heading = source.map.x, source.map.y, source.map.heading
@@ -94,21 +98,28 @@ def _restate(to: Any, source: Any) -> None:
 
 @kernel
 def _body(at: Any, moving: Any, body: Any) -> Body:
-    """A vehicle at a place, moving as it does now or did before the step."""
+    """The `Body` of a vehicle.
+
+    at: its place, on the map or in the frame, now or before the step.
+    moving: has its speeds at that time.
+    body: has its size.
+    """
     return Body(at.x, at.y, at.heading, moving.speed, body.length, body.width, moving.across)
 
 
 @kernel
 def _put_front(body: Any) -> None:
-    """The centre of a vehicle's front bumper on the map."""
+    """Write the centre of a vehicle's front bumper on the map."""
     body.front_x = body.map.x + 0.5 * body.length * math.cos(body.map.heading)
     body.front_y = body.map.y + 0.5 * body.length * math.sin(body.map.heading)
 
 
 @kernel
-def _tell(tell: Any, told: int, number: int, body: Any, line: Any, along: float) -> int:
-    """Write what SUMO hears of a vehicle into row `told` of `tell`; the next row.
+def _tell(tell: Any, count: int, number: int, body: Any, line: Any, along: float) -> int:
+    """Append a vehicle's row to `tell`, as in `move_rows`; return how many rows there are then.
 
+    count: rows of `tell` so far.
+    number: of the vehicle.
     along: dx/dt, m/s.
     """
     near = body.x + 0.5 * body.length
@@ -116,13 +127,16 @@ def _tell(tell: Any, told: int, number: int, body: Any, line: Any, along: float)
     angle = STRAIGHT - body.map.heading * DEGREES
     values = float(number), body.front_x, body.front_y, angle, body.speed, s, d, along
     for k, value in enumerate(values):
-        tell[told, k] = value
-    return told + 1
+        tell[count, k] = value
+    return count + 1
 
 
 @kernel
 def first_of(scenario: Any, row: int) -> int:
-    """Place of the first of the two `SCENARIO` records of a row: most worlds have two for all."""
+    """Index of the first of the two `SCENARIO` records of a row.
+
+    Most worlds have two records for all rows; where cases change the vehicle, two a row.
+    """
     return 2 * row if len(scenario) > 2 else 0
 
 
@@ -146,7 +160,7 @@ def _sample(samples: Any, vehicle: Any, time: float, acceleration: float, steeri
 
 @kernel
 def _sample_row(ego: Any, others: Any, samples: Any) -> None:
-    """Record every vehicle of a case at its time."""
+    """Record every vehicle of a case at the case's time."""
     steering = math.nan if ego.placed == SUMO else ego.steering
     _sample(samples[0], ego, ego.time, ego.acceleration, steering)
     for j in range(len(others)):
@@ -176,9 +190,9 @@ def begin_rows(
 
 @rows
 def stop_rows(egos: Records, others: Records, samples: FloatArray, row: int, back: int) -> None:
-    """Record a case as it is when it is broken off;
+    """Record a case that is broken off.
 
-    back: within a step, of which nothing counts.
+    back: not 0 within a step: its vehicles return to the step's start.
     """
     ego = egos[row]
     if back:
@@ -197,26 +211,29 @@ def move_rows(
     cast: Cast, clips: Records, tell: FloatArray, scenario: Records, line: Records, steps: int,
     closely: int,
 ) -> int:  # fmt: skip
-    """Move all vehicles to the end of `steps` steps; how many rows of `tell` there are.
+    """Move all vehicles by one step; return how many rows of `tell` there are.
 
-    tell: receives what SUMO has to, a row a vehicle: its number, x and y of the front bumper's
-        centre on the map, angle and speed, its place along and across the line and dx/dt.
+    tell: receives what is to be sent to SUMO, a row a vehicle: its number, x and y of the front
+        bumper's centre on the map, angle and speed, that place along and across the line, dx/dt.
     line: the road's, of no knots if it is straight.
+    steps: of the world, this one included.
     closely: 0: SUMO receives nothing, 1: all, 2: egos, and actors that it cannot move by itself.
     """
-    told = _move_egos(cast, clips, tell, scenario, line, closely)
+    count = _move_egos(cast, clips, tell, scenario, line, closely)
     play_actors(cast, steps, scenario[0].step, line)
-    return _tell_actors(cast, tell, scenario, line, steps, told, closely)
+    return _tell_actors(cast, tell, scenario, line, steps, count, closely)
 
 
 @kernel
 def _move_egos(
     cast: Cast, clips: Records, tell: FloatArray, scenario: Records, line: Records, closely: int
 ) -> int:
-    """Move the egos as they are commanded for a step, and keep where all actors were before; how
+    """Move the egos by one step as commanded, and copy the actors' motion to `before`; return how
     many rows of `tell` there are.
+
+    An ego is stale while SUMO has not received its last motion.
     """
-    told = 0
+    count = 0
     egos, others, step = cast.egos, cast.others, scenario[0].step
     for i in range(len(egos)):
         ego, limits = egos[i], scenario[first_of(scenario, i)].vehicle
@@ -239,7 +256,7 @@ def _move_egos(
             ego.speed, ego.acceleration = ahead.speed, ahead.acceleration
             ego.steering = ahead.steering
         if ego.placed != SUMO:
-            near = before.x + before.speed * step
+            near = before.x + before.speed * step  # where the search along the line begins
             place = to_frame(line, ego.map.x, ego.map.y, ego.map.heading, near)
             ego.x, ego.y, ego.heading = place[:3]
             _put_front(ego)
@@ -249,24 +266,25 @@ def _move_egos(
             if closely and ego.stale:
                 ego.stale = 0
                 along = ego.speed * math.cos(ego.heading) / (1.0 - place[3] * ego.y)
-                told = _tell(tell, told, i * (1 + len(others[i])), ego, line, along)
+                count = _tell(tell, count, i * (1 + len(others[i])), ego, line, along)
         for j in range(len(others[i])):
             other = others[i][j]
             _restate(other.before, other)
             other.told = 0
-    return told
+    return count
 
 
 @kernel
 def goes_straight(
     ahead: float, aside: float, speed: float, before: float, step: float, vehicle: Any
 ) -> bool:
-    """Whether an ego goes straight on as its speed says.
+    """Whether an ego drove straight on, by as much as its speeds allow.
 
     ahead, aside: motion of its front bumper in the step, m.
     speed, before: at the step's end and start, m/s.
     """
     gained, half = (speed - before) / step, 0.5 * step
+    # from the motion at the mean speed to that at the start's or the end's speed
     off, most = abs(ahead - half * (speed + before)), half * abs(speed - before) + JUMP_TOLERANCE
     return (
         aside == 0.0
@@ -279,7 +297,9 @@ def goes_straight(
 
 @kernel
 def _goes_along(ego: Any, shown: FloatArray, road: Any) -> bool:
-    """Whether SUMO moves an ego that was along the road, and is along its lanes."""
+    """Whether an ego that SUMO moves pointed along a straight road before and after the step, and
+    is on it.
+    """
     along = ego.map.heading == 0.0 and shown[2] == STRAIGHT and road.bent == 0
     own = ego.placed == SUMO and ego.stale == 0
     return bool(along and own and road.right_edge <= shown[1] <= road.left_edge)
@@ -287,7 +307,10 @@ def _goes_along(ego: Any, shown: FloatArray, road: Any) -> bool:
 
 @kernel
 def _read_ego(ego: Any, shown: FloatArray, scenario: Any) -> bool:
-    """Take in an ego that SUMO moved straight on along a lane; whether it did."""
+    """Take in an ego from SUMO if it drove straight on along a lane; return whether it did.
+
+    shown: x and y of its front bumper, angle and speed.
+    """
     at, step = ego.map, scenario.step
     x, speed = shown[0] - 0.5 * ego.length, shown[3]
     motion = x - at.x, shown[1] - at.y, speed, ego.next.speed
@@ -302,9 +325,10 @@ def _read_ego(ego: Any, shown: FloatArray, scenario: Any) -> bool:
 
 @kernel
 def _read_actor(last: FloatArray, shown: FloatArray, far: float) -> bool:
-    """Take in an actor, unless it is where no vehicle can be.
+    """Take in an actor from SUMO, unless its motion is impossible; return whether it was possible.
 
-    far: m, further than anything drives in a step.
+    last, shown: x and y of its front bumper, angle and speed, a step ago and now.
+    far: m, further than any vehicle drives in a step.
     """
     near = abs(shown[0] - last[0]) < far and abs(shown[1] - last[1]) < far
     if not (near and 0.0 <= shown[2] <= 360.0 and LOWEST_SPEED < shown[3] < FASTEST):
@@ -316,9 +340,12 @@ def _read_actor(last: FloatArray, shown: FloatArray, far: float) -> bool:
 
 @rows
 def read_rows(scenes: Scenes, scenario: Records, numbers: Any, read: FloatArray, odd: Any) -> int:
-    """Take in vehicles that SUMO moves, where they are as nearly always; how many are left.
+    """Take in the vehicles that SUMO moves; return how many are left to be read one by one.
 
-    read: x and y of the front bumper, angle and speed of the vehicles with these numbers.
+    Left are egos that turned or changed lane, and vehicles where SUMO shows an impossible motion.
+
+    numbers: of the vehicles, row by row, each row's ego first.
+    read: x and y of the front bumper, angle and speed of each.
     odd: receives the numbers of those that are left.
     """
     left, width, far = 0, 1 + scenes.shown.shape[1], FASTEST * scenario[0].step
@@ -336,7 +363,10 @@ def read_rows(scenes: Scenes, scenario: Records, numbers: Any, read: FloatArray,
 
 @kernel
 def _stand(other: Any, shown: FloatArray, line: Any) -> None:
-    """Put an actor where SUMO shows it, as in `Scenes`."""
+    """Put an actor where SUMO shows it.
+
+    shown: x and y of its front bumper, angle and speed.
+    """
     half, at, angle = 0.5 * other.length, other.map, shown[2]
     at.heading = within_a_turn((STRAIGHT - angle) / DEGREES) if angle != STRAIGHT else 0.0
     at.x, at.y = shown[0] - half * math.cos(at.heading), shown[1] - half * math.sin(at.heading)
@@ -346,7 +376,7 @@ def _stand(other: Any, shown: FloatArray, line: Any) -> None:
 
 @kernel
 def _go_back(body: Any, share: float) -> None:
-    """Put a vehicle where it was a share of the way through the step."""
+    """Put a vehicle where it was when a share of the step had passed."""
     was, at = body.before, body.map
     here = between(_body(was.map, was, body), _body(at, body, body), share)
     at.x, at.y, at.heading = here.x, here.y, here.heading
@@ -357,7 +387,7 @@ def _go_back(body: Any, share: float) -> None:
 
 @kernel
 def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
-    """Reason why a case ends, 0 while it continues."""
+    """Reason why a case ends, as in `records.REASONS`; 0: it continues."""
     road = scenario.road
     ego.stood = ego.stood + scenario.step if ego.speed < scenario.standstill_speed else 0.0
     if not right_edge_at(road, ego.x) <= ego.y <= left_edge_at(road, ego.x):
@@ -386,11 +416,13 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
 def see_rows(
     scenes: Scenes, scenario: Records, line: Records, steps: int, sampling: int, as_read: int
 ) -> int:
-    """Take in what SUMO shows at the end of n steps: places, contact, ends, samples, what rules
-    see next.
+    """Finish a step after SUMO's: positions, contact, ends, samples, what rules see next; return
+    how many cases have ended.
 
     line: the road's, of no knots if it is straight.
-    as_read: not 0 where `shown` counts. Returns how many cases have ended.
+    steps: of the world, this one included.
+    sampling: not 0 if this step is recorded.
+    as_read: not 0 if the actors are where SUMO shows them, not where their scripts put them.
     """
     egos, others, clips = scenes.egos, scenes.others, scenes.clips
     seen, samples, shown = scenes.seen, scenes.samples, scenes.shown
@@ -406,7 +438,7 @@ def see_rows(
             continue
         now = (steps - ego.begun) * step
         before, body = _body(ego.before.map, ego.before, ego), _body(ego.map, ego, ego)
-        first = 2.0
+        first = 2.0  # share of the step at the first touch; above 1: none
         for j in range(len(others[i])):
             other = others[i][j]
             if other.present == 0:
@@ -425,7 +457,7 @@ def see_rows(
             )
             if 0.0 <= share < first:
                 first, ego.struck = share, j
-        # a case ends at the road's end, whatever it would touch beyond
+        # a touch beyond the road's end does not count: the case ends there
         touched_at = ego.before.x + first * (ego.x - ego.before.x)
         if first <= 1.0 and not touched_at > scenario[0].road.length:
             ego.reason, ego.share = CONTACT, first
@@ -467,11 +499,14 @@ def _at_work(other: Any, play: Any, acts: Any, now: float, scenario: Any) -> boo
 
 @kernel
 def _tell_actors(
-    cast: Cast, tell: FloatArray, scenario: Records, line: Records, steps: int, told: int,
+    cast: Cast, tell: FloatArray, scenario: Records, line: Records, steps: int, count: int,
     closely: int,
 ) -> int:  # fmt: skip
-    """Put the actors on the map, and write what SUMO has to receive of them to `tell`, behind
-    `told` rows of it; how many rows there are then.
+    """Put the actors on the map, and append their rows to `tell`; return how many rows there are
+    then.
+
+    count: rows of `tell` so far.
+    other.told: 2 if it has a row, 0 if SUMO moves it by itself on its lane, else 1.
     """
     egos, others = cast.egos, cast.others
     plays, acts = cast.plays, cast.acts
@@ -492,13 +527,13 @@ def _tell_actors(
                 along = (
                     other.speed * math.cos(other.heading) - other.across * math.sin(other.heading)
                 ) / inner
-                told = _tell(tell, told, i * (1 + len(others[i])) + 1 + j, other, line, along)
-    return told
+                count = _tell(tell, count, i * (1 + len(others[i])) + 1 + j, other, line, along)
+    return count
 
 
 @rows
 def map_rows(others: Records, line: Records) -> None:
-    """Put the actors on the map."""
+    """Put all actors on the map, without a step."""
     for i in range(len(others)):
         for j in range(len(others[i])):
             put_on_map(others[i][j], line)

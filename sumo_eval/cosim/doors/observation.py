@@ -3,8 +3,8 @@
 Road coordinates: x along the road, y to the left, y = 0 on the centre line of the right-hand lane.
 `Perception` applies the limits of `ConditionSettings`: delay, range, field of view, misses, noise.
 
-Users: `loop.py`, `on_traci.py` and `pack.py` of `cosim/` make observations; policies, the doors
-for JSON lines, FMUs and ONNX models, and the gym read them.
+Users: the loop, the control of an ego on TraCI and the gym's episodes make observations; policies
+and the doors for JSON lines, FMUs and ONNX models read them.
 """
 
 from __future__ import annotations
@@ -601,7 +601,7 @@ class Perception:
         if len(memory) == 1 or memory[1][0] > time - shortest + 1e-9:
             return memory[0][1:]
         latest = time - self._limits[:, 0] + 1e-9
-        # of the last step in the memory that a case sees; -1, before its delay has passed: the first
+        # the last step of the memory that each case sees; -1: none yet, so that the first serves
         places = np.searchsorted([it[0] for it in memory], latest, side="right") - 1
         egos, seen = egos.copy(), seen.copy()
         for place in np.unique(places).tolist():
