@@ -134,6 +134,9 @@ def test_recorded_people_without_a_recording_are_refused(tmp_path):
         open_people(DriverSettings(source="recorded"), tmp_path)
     with refusal("There is no file"):
         open_people(DriverSettings(source="recorded", recordings=("nobody.csv",)), tmp_path)
+    path = write_people(tmp_path / "people.csv", [25.0])
+    with refusal("different names, got 'r0' twice"):
+        open_people(settings_for(path, recordings=(path.name, path.name)), tmp_path)
 
 
 # --- exposure -------------------------------------------------------------------------------------

@@ -14,8 +14,9 @@ import pandas as pd
 
 from sumo_eval.drivers.recorded.events import Events, extract_events, lane_centres
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
+from sumo_eval.drivers.recorded.importing import OWN, import_recordings
 from sumo_eval.drivers.recorded.matching import matching_events
-from sumo_eval.drivers.recorded.recordings import Recordings, read_csv
+from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import Counterpart
@@ -78,14 +79,12 @@ def _recorded(paths: tuple[Path, ...]) -> People:
     """Recordings, their events and tracks; asked for by the reference and by the exposure, read
     once.
     """
-    parts = [read_csv(path) for path in paths]
-    table = pd.concat([part.table for part in parts], ignore_index=True)
-    recordings = Recordings(table, tuple(note for part in parts for note in part.notes))
+    recordings = import_recordings(OWN, paths)
     tracks = {
         (str(a), str(b)): track
-        for (a, b), track in table.groupby(["recording", "vehicle"], sort=False)
+        for (a, b), track in recordings.table.groupby(["recording", "vehicle"], sort=False)
     }
-    return People(recordings, extract_events(recordings), tracks, lane_centres(table))
+    return People(recordings, extract_events(recordings), tracks, lane_centres(recordings.table))
 
 
 def reference(
