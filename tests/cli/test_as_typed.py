@@ -99,9 +99,10 @@ def in_a_shell(line, folder, **variables):
     )  # fmt: skip
 
 
-def test_a_terminal_without_a_character_shows_a_question_mark(desk):
-    done = in_a_shell(EXAMPLES["explain"], desk, PYTHONIOENCODING="ascii")
-    assert "m/s?;" in done.stdout, done.stderr
+def test_a_terminal_without_a_character_shows_a_question_mark(tmp_path):
+    line = "sumo-eval sample front_vehicle_low_speed --out 東"
+    done = in_a_shell(line, tmp_path, PYTHONIOENCODING="latin-1")
+    assert "\n?/points.csv\n" in done.stdout, done.stderr
 
 
 @pytest.mark.parametrize("command", ["schema evaluation", "--help", "--version"])
