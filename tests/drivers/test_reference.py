@@ -105,15 +105,11 @@ def test_drives_in_named_cases_are_taken_as_they_are(tmp_path):
     cases.to_csv(folder / "cases.csv", index=False)
     settings = DriverSettings(source="recorded", cases="mine")
     people = open_people(settings, tmp_path)
-    found = reference(
-        LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0), people, settings, LOGICAL.recorded
-    )
+    found = reference(CONCRETE, people, settings, LOGICAL.recorded)
     assert found.names == ("ben",)
     assert found.drives[0].y.tolist() == [0.3] * 50
     (folder / "ben.csv").write_text((folder / "ben.csv").read_text().replace("ben,", ","))
-    nameless = reference(
-        LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0), people, settings, LOGICAL.recorded
-    )
+    nameless = reference(CONCRETE, people, settings, LOGICAL.recorded)
     assert nameless.names == ("ben",), "the file names its driver where the column is empty"
     assert (
         reference(
@@ -124,9 +120,7 @@ def test_drives_in_named_cases_are_taken_as_they_are(tmp_path):
     cases.assign(lead_speed="slow").to_csv(folder / "cases.csv", index=False)
     people = open_people(settings, tmp_path)
     with refusal(r"`lead_speed` in row 2 of .*cases\.csv"):
-        reference(
-            LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0), people, settings, LOGICAL.recorded
-        )
+        reference(CONCRETE, people, settings, LOGICAL.recorded)
 
 
 def test_recorded_people_without_a_recording_are_refused(tmp_path):
