@@ -1,5 +1,5 @@
 """Knowledge of the ideal vehicle of Eq. 17 before a case begins: which vehicles it would touch, and
-from when on it can know this.
+from when on it can know this. User: `ads/known_answers.py`.
 
 Times of sight come from the scripts of the other vehicles, in continuous time, so that they do not
 depend on the simulation's step. Lively actors have no script: they are interpolated between steps.
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.ads.lane_change import shortest_duration, smooth_step
+from sumo_eval.ads.lane_change import lane_of, shortest_duration, smooth_step
 from sumo_eval.ads.overtaking import CLEARANCE, EMERGENCY_GAP, EMERGENCY_LATERAL
 from sumo_eval.ads.perception import covers, safe_gap
 from sumo_eval.cosim.contact import Body, share_at_touch
@@ -26,15 +26,16 @@ from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import FloatArray
 
-# s to a vehicle ahead in the lane that is entered: the least of UN R157 from 60 km/h on
+# s, headway to a vehicle ahead in the lane that is entered: the minimum of UN R157 from 60 km/h on
 FOLLOWING_GAP = 1.6
 # s between two looks for a first sight, which is then bisected, and for clearances: a quick vehicle
 # of 40 m/s moves 2 m in it
 _LOOK = 0.05
 _HALVINGS = 30  # of `_LOOK`: to 5e-11 s
-_AHEAD = 0.01  # m on which the direction of a way is taken
-_TRACKING_ERROR = 0.005  # m; a steered ego is at most this far off its way (0.002 as shipped)
-# m added to the reach on a curve, where bodies are nearer on the map than along and across the road
+_AHEAD = 0.01  # m of road over which the direction of the ego's lane change is computed
+# m; an ego that steers is at most this far off its path (0.002 with the settings that ship)
+_TRACKING_ERROR = 0.005
+# m, for curves, where two bodies are nearer on the map than their x and y say
 _CURVE = 1.0
 
 
@@ -62,12 +63,11 @@ class Foresight(NamedTuple):
 
 
 def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[Foresight, ...]:
-    """One `Foresight` for each of the other vehicles.
+    """One `Foresight` for each actor.
 
     settings: those of the case, its ego's body among them.
 
-    They do what they do while the ego keeps its speed; a vehicle that reacts is assumed to keep its
-    speed, too.
+    Actors move as they do while the ego keeps its speed; one with a SUMO model keeps its speed.
     """
     ego, vehicle, step = concrete.ego, settings.vehicle, settings.step
     until = _end_at_its_speed(concrete, settings)
@@ -80,14 +80,14 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
         ahead = actor.start.x > ego.x
         slower = actor.start.speed * math.cos(actor.heading) < ego.speed
         caught_up = ahead and slower and _on_the_way(ego, actor, vehicle)
-        # a slower one ahead is a hazard from the start; one that never moves otherwise, too
+        # a slower one ahead is a hazard from the start, and so is one whose motion never changes
         changes = 0.0 if caught_up or math.isinf(first_move) else first_move
         others = [other.shape for other in theirs if other is not track]
         noticed = first_sight(ego, settings, track.shape, others, changes, until)
-        # one that reacts, from behind, brakes for an ego that keeps its speed
+        # one with a SUMO model, from behind, brakes for an ego that keeps its speed
         yields = actor.model is not None and not ahead
         meets = not yields and _meets(ego, vehicle, track, until, concrete.road.line)
-        # an ego that has to change lane lets pass what comes from behind, as if it stood
+        # an ego that has to change lane waits for one from behind as if that stood still
         passes = ego.way is not None and not ahead
         speed = 0.0 if passes else track.slowest
         known.append(Foresight(noticed, meets, speed, hidden=noticed > changes))
@@ -115,8 +115,8 @@ def evasion(
     settings: those of the case.
     """
     ego, road, vehicle = concrete.ego, concrete.road, settings.vehicle
-    lane = min(max(round(ego.y / road.lane_width), 0), road.lanes - 1)
-    straight = road.lane_width * lane, 0.0, 0.0, 1.0  # any length: it is divided by
+    lane = lane_of(ego.y, road)
+    straight = road.lane_width * lane, 0.0, 0.0, 1.0  # any length above 0, as it is a divisor
     suddenly_seen = {
         actor: foresight.noticed for actor, foresight in zip(concrete.actors, known, strict=True)
         if foresight.meets and foresight.hidden and math.isfinite(foresight.noticed)
@@ -146,7 +146,7 @@ def evasion(
         along = abs(actor.x(time) - x) - 0.5 * (vehicle.length + actor.length)
         across = abs(actor.y(time) - y) - 0.5 * (vehicle.width + actor.width)
         goes_round, is_ahead = actor in suddenly_seen, actor.x(time) > x
-        if time < begin:  # it would brake behind a vehicle that is too near
+        if time < begin:  # still in its lane, where it would brake for a vehicle that is too near
             near = not goes_round and is_ahead and across < 0.0
             gap = safe_gap(ego.speed, actor.speed(time), deceleration, build_up)
             return not near or along >= gap
@@ -189,9 +189,7 @@ class _Track(NamedTuple):
         return Body(row[0], row[1], row[2], row[3], actor.length, actor.width, row[4])
 
     def shape(self, time: float) -> _Shape:
-        """Where it is and how far it reaches, at any time; a lively vehicle, which has no script,
-        is interpolated between two steps.
-        """
+        """Its shape at any time, s; a lively vehicle is interpolated between two steps."""
         actor = self.actor
         if actor.lively:
             at = min(max(time / self.step, 0.0), len(self.rows) - 1.0)
@@ -212,7 +210,7 @@ class _Track(NamedTuple):
 
     @property
     def slowest(self) -> float:
-        """Its lowest speed from now on along the road, m/s; 0 of one that brakes."""
+        """Its lowest speed along the road, m/s; of one whose script brakes it, 0."""
         if not self.actor.lively:
             return self.actor.start.speed if self.actor.braking is None else 0.0
         along = self.rows[:, 3] * np.cos(self.rows[:, 2]) - self.rows[:, 4] * np.sin(
@@ -233,7 +231,7 @@ def _meets(ego: Start, vehicle: VehicleSettings, track: _Track, until: float, li
     ) + farthest_in(step)
     reach += _CURVE if line else 0.0
     places = ego.x_after(ego.speed * times)
-    # a body that touches within a step is near at both its ends: the reach has the step's motion
+    # bodies that touch within a step are near at its start and end: `reach` covers their motion
     near = np.abs(rows[:, 0] - places) < reach
     near &= np.abs(rows[:, 1] - ego.y_at(places)) < reach
     for k in np.flatnonzero(near[:-1] & near[1:]).tolist():
@@ -284,14 +282,14 @@ def _hides(
     ego: Start, settings: SimulationSettings, nearer: _Shape, it: _Shape, time: float
 ) -> bool:
     """Whether one vehicle hides a farther one from the ego, as for the baselines
-    (`perception.is_in_sight`). One that has come up to the other hides it no longer: bodies are
-    solid, and a collision is seen, also where a script drives through.
+    (`perception.is_in_sight`). One that reaches the farther one's rear no longer hides it, so that
+    a collision of both is seen, also where a script drives one through the other.
     """
     eye = ego.x + ego.speed * time
     if not eye < nearer.x < it.x - nearer.half_length - it.half_length:
         return False
     own = float(ego.y_at(eye))
-    # in its way: parallel lines of sight; else lines from the eye
+    # lines of sight are parallel to a vehicle in the ego's way; to any other they start at the eye
     in_the_way = abs(it.y - own) < it.half_width + 0.5 * settings.vehicle.width
     share = 1.0 if in_the_way else (nearer.x - eye) / (it.x - eye)
     hidden_share = 1.0 - settings.ideal_visible_share
@@ -314,7 +312,7 @@ def _ego_body(ego: Start, vehicle: VehicleSettings, time: float, line: Line) -> 
     `_TRACKING_ERROR` on each side, so that a near miss counts as contact.
     """
     room = 2.0 * _TRACKING_ERROR if ego.way is not None else 0.0
-    # the rear axle follows a line that turns; a straight road needs none, and keeps its bits
+    # where the path turns, the rear axle follows it; on a straight one the centre, unrounded
     half = 0.5 * vehicle.wheelbase if line or ego.way is not None else 0.0
     x = float(ego.x_after(ego.speed * time - half))
     heading, y = 0.0, ego.y

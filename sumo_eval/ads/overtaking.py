@@ -30,7 +30,7 @@ from sumo_eval.kernels import kernel
 
 # m, free space across the road when the ego's front comes level with the lead's rear
 CLEARANCE = 0.3
-AT_EASE = 0.6  # m of free space across from which on a vehicle ahead needs no attention any more
+AT_EASE = 0.6  # m, free space across beyond which a vehicle ahead needs no more attention
 # m, on each side of the body, in the strip of the other lane that must be free
 SIDE_CLEARANCE = 0.2
 COMFORTABLE_LATERAL = 2.0  # m/s2, peak of a quick but ordinary lane change: 3.2 s for 3.5 m
@@ -39,11 +39,11 @@ EMERGENCY_LATERAL = 4.0
 # share of the strongest braking; needing more, braking alone is not relied on
 EMERGENCY_BRAKING = 0.8
 EMERGENCY_GAP = 2.0  # m left to a vehicle in the other lane after an evasion
-# m/s; an ego does not gain speed while it would not be clear of what it passes at this much more
+# m/s; an ego speeds up only where it would clear what it passes at this much more speed, too
 SPEED_RESERVE = 1.0
 BRAKE_BUILD_UP = 0.1  # s, in which the gap closes before brakes hold
 LEAST_LENGTH = 20.0  # m of road for a lane change at a crawl: a fifth of a car's tightest curve
-END_AHEAD = 10.0  # s before the end of the lane beside from which on no ego changes to it
+END_AHEAD = 10.0  # s to the end of the lane on the left; an ego nearer to it does not change there
 LEAST_SPEED = 2.0  # m/s, an ego does not overtake from a slower roll
 COMES_TOWARDS = 1.0  # m/s against the ego's direction, faster than which a vehicle comes towards it
 # s, shortest headway accepted behind the vehicle in the other lane (LMRS: 0.56 s)
@@ -54,7 +54,7 @@ AHEAD_HEADWAY = 0.6
 # to keep a headway of 1 s.
 REAR_DECELERATION = 3.0  # m/s2
 REAR_DELAY = 0.4  # s
-REAR_HEADWAY = 1.0  # s, at the ego's speed, which the vehicle behind then has
+REAR_HEADWAY = 1.0  # s, at the ego's speed: the vehicle behind has braked down to it by then
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class OvertakingHabits:
     worth: float = 2.0
 
     def __post_init__(self) -> None:
-        if self.inclined not in (True, False):  # numpy draws a bool of its own
+        if self.inclined not in (True, False):  # accepts numpy's bool
             raise must_be("`inclined`", "`OvertakingHabits`", "true or false", self.inclined)
         for name in ("onset_headway", "onset_ttc", "duration", "worth"):
             value = getattr(self, name)
@@ -90,15 +90,23 @@ OVERTAKING = [
     *fields("cruising_speed", "curvature", "desired_speed", "free"),
     *flags("began", "passing", "changing"),
 ]
-"""path: where to drive.
+"""Memory of a case.
 
-desired_speed: m/s; free: the acceleration wanted with nothing in the way, m/s2; of this step.
-
-passing: the lane change has begun, and something ahead in the old lane is not well clear yet.
-changing: the lane change has begun (it may have ended since).
+path: where to drive.
+cruising_speed: speed at the start of the case, m/s.
+curvature: of the road beside the path's lane, 1/m, as `curvature_kept` has it.
+desired_speed: of this step, m/s.
+free: acceleration wanted in this step with nothing in the way, m/s2.
+began: 1 after the first step.
+passing: 1 while the ego passes a vehicle of the old lane and is not well clear of it.
+changing: 1 once the lane change has begun, also after its end.
 """
 WATCHED = [*FOLLOWED, *fields("closing"), *flags("leads")]
-"""Memory of each vehicle, and of this step: closing speed, m/s, whether it is in the way."""
+"""Memory of each vehicle.
+
+closing: speed at which the gap closes in this step, m/s.
+leads: 1 if the vehicle is in the ego's way in this step.
+"""
 
 
 @kernel
@@ -114,7 +122,8 @@ def overtake(
     memory: of `OVERTAKING`, with the desired speed and the free acceleration of this step.
     me: the ego. others: the vehicles that it knows, watched: its memory of each (`WATCHED`).
     p: parameters: `idm` and `habits`.
-    way: the lane change that the scenario asks of the ego. scenario: road, vehicle and step.
+    way: the lane change that the scenario asks of the ego.
+    scenario: road, vehicle and step.
     """
     habits, idm, desired_speed = p.habits, p.idm, memory.desired_speed
     if memory.began == 0:
@@ -153,6 +162,10 @@ def overtake(
 
 @kernel
 def _has_left_lane(memory: Any, me: Any, road: Any) -> bool:
+    """Whether there is a lane on the left that the ego can change to here.
+
+    On a shaped road the outermost lanes may open, end, or be parted from their neighbours.
+    """
     lane = lane_of(memory.path.start, road)
     if lane + 1 >= road.lanes or road.shaped == 0:
         return bool(lane + 1 < road.lanes)
@@ -180,15 +193,19 @@ def _comes_towards(others: Any, watched: Any) -> bool:
 def _in_the_way(
     memory: Any, me: Any, other: Any, scenario: Any, faster: float, clearance: float
 ) -> bool:
-    """Whether the ego would come nearer to it than `clearance` (m) if it were `faster` (m/s) than
-    it is.
+    """Whether the ego would be too near, across the road, to a vehicle that it reaches.
+
+    False of a vehicle beside or behind it.
+
+    faster: m/s, added to the ego's speed.
+    clearance: least free space across, m.
     """
     if not other.x > me.x:
         return False
     path = memory.path
     speed = me.along + faster
     closing = speed - other.along
-    y = path.start + path.offset
+    y = path.start + path.offset  # the path's end, where the ego never reaches it
     if closing > 0.0:
         y = path_y(path, me.x + speed * max(bumper_gap(me, other), 0.0) / closing)
     off_path = me.y - path_y(path, me.x)
@@ -199,7 +216,7 @@ def _in_the_way(
 
 @kernel
 def _find_leads(memory: Any, me: Any, others: Any, watched: Any, scenario: Any) -> int:
-    """Mark the vehicles that are in the way; how many."""
+    """Mark the vehicles that are in the way; return how many there are."""
     count = 0
     for j in range(len(others)):
         known = watched[j]
@@ -225,8 +242,8 @@ def _nearest_lead(others: Any, watched: Any) -> int:
 
 @kernel
 def _begins(memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenario: Any) -> bool:
-    """Begin the lane change if it is wanted, or if braking alone will not do, and if it can be
-    done.
+    """Begin the lane change if it can be done, and is wanted or needed because braking alone is not
+    enough; return whether it has begun.
     """
     if me.along < LEAST_SPEED:
         return False
@@ -254,9 +271,7 @@ def _begins(memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenar
 def _bides_its_time(
     memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenario: Any
 ) -> bool:
-    """Whether it is going to overtake but is not near enough yet, so that nothing calls for
-    following.
-    """
+    """Whether the ego will overtake but is not near enough yet: until then it does not follow."""
     lead = _nearest_lead(others, watched)
     if (
         me.along < LEAST_SPEED
@@ -279,8 +294,9 @@ def _is_time(me: Any, lead: Any, habits: Any) -> bool:
 
 @kernel
 def _needed_braking(lead: Any) -> float:
-    """Constant deceleration to the lead's speed just short of it, m/s2; of the gap less what closes
-    while brakes build up.
+    """Constant deceleration that reaches the lead's speed where the gap is 0, m/s2.
+
+    The gap is first shortened by what closes while the brakes build up.
     """
     if lead.closing <= 0.0:
         return 0.0
@@ -319,6 +335,7 @@ def _duration(
 def _left_is_free(
     memory: Any, me: Any, others: Any, duration: float, emergency: bool, scenario: Any
 ) -> bool:
+    """Whether the lane on the left has gaps for a lane change that takes `duration`, s."""
     strip = 2.0 * (0.5 * scenario.vehicle.width + SIDE_CLEARANCE)
     ahead, behind = neighbours(me, others, memory.path.start + scenario.road.lane_width, strip)
     if ahead >= 0:
@@ -331,8 +348,9 @@ def _left_is_free(
         if emergency:
             least = EMERGENCY_GAP + closing * duration
         else:
-            # share of the way to the other lane
+            # share of the offset at which the ego's side comes to the line between the lanes
             beside = 0.5 * (1.0 - scenario.vehicle.width / scenario.road.lane_width)
+            # s in which the gap closes before the vehicle behind brakes
             undiminished = duration * share_when_done(beside) + REAR_DELAY
             braking = closing * closing / (2.0 * REAR_DECELERATION)
             least = closing * undiminished + braking + me.along * REAR_HEADWAY
@@ -343,8 +361,8 @@ def _left_is_free(
 
 @kernel
 def _still_ahead(memory: Any, me: Any, other: Any, scenario: Any) -> bool:
-    """Whether the lane change leads past it, and the ego has neither passed it nor is well clear of
-    it.
+    """Whether the lane change leads past a vehicle that the ego has not passed and is not well
+    clear of.
     """
     widths = 0.5 * scenario.vehicle.width + other.half_width
     target = memory.path.start + memory.path.offset
