@@ -7,6 +7,8 @@ TraCI code of one function or class, shares a simulation too; some of its cases 
 well and compared. An ADS that needs the simulation to itself (listeners, programs, TraCI code that
 keeps state) is driven alone; when a batch fails as a whole, each of its cases is driven alone too.
 The caller receives how many, and why.
+
+Callers: `record/worker.py`, users of `sumo_eval.simulate`, and the extras.
 """
 
 from __future__ import annotations
@@ -78,7 +80,8 @@ __all__ = ["probable_end", "simulate", "simulate_many", "simulate_together"]
 _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
 
-SORTED_AT_ONCE = 4096  # cases whose recordings are held until those before them are there
+# cases that are sorted into batches at once; their recordings wait in memory to be in order
+SORTED_AT_ONCE = 4096
 # cases in one simulation: enough to share a step's fixed cost, few enough for the processor's
 # caches
 TOGETHER = 512
@@ -86,7 +89,7 @@ HOOKS_TOGETHER = 128  # fewer of hooks, since SUMO itself moves all their vehicl
 # a hook that keeps state shows it in its first cases as a rule; the share finds later changes
 _COMPARED_FIRST, _COMPARED_LATER = 3, 0.01  # cases; share of the cases
 
-USUAL = SimulationSettings()  # checked once, and not for every case
+USUAL = SimulationSettings()  # the defaults, validated once and not for every case
 ON_TRACI = Alone("on_traci")
 ONE_OBJECT = Alone("one_object")
 NOT_TOGETHER = Alone("not_together")
@@ -137,7 +140,8 @@ def simulate(
         with _opened(concrete, settings, ads, step_timeout, on_traci) as traci, seen_as_traci():
             stage = Traffic if world.reacts else Stage
             drive(world, driver, stage(traci, world, asked=not is_rule, as_read=on_traci))
-    except (ControllerError, SimulationError) as error:  # of the opening: `drive` keeps its own
+    # raised while the simulation is opened: `drive` turns its own errors into end reasons
+    except (ControllerError, SimulationError) as error:
         break_off(world, error)
         world.end(0)
     world.logs[0] = world.logs.get(0, "") + getattr(ads, "log", "")
@@ -196,7 +200,7 @@ def _opened(
         return served(concrete, settings, ads, step_timeout)
     road = concrete.road
     if not on_traci and road.network is None:
-        own = ads.is_policy  # may look at SUMO's lanes, so that it gets the road's own
+        own = ads.is_policy  # it may ask SUMO for lanes, which must be those of the road alone
         network = network_xml(plain(road)) if own else shared_network_xml([concrete])
         texts = network, shared_routes_xml([concrete], settings, own_lanes=own)
         return running(*texts, settings, road, collisions="none")
@@ -240,10 +244,8 @@ def simulate_many(
 ) -> Iterator[Recording]:
     """Recordings of concrete scenarios in their order; `folder` and errors as in `simulate`.
 
-    controller: an ADS (a locator, a class or a function, so that every case gets a fresh one; an
-        object that is given ready-made serves all cases in order), or a list with one controller
-        for each case. Cases of one kind are driven together where the ADS and they allow it, in any
-        order; all else one by one.
+    controller: an ADS, or a list with one controller for each case. Of a locator, a class or a
+        function every case gets a fresh object; a single object serves all cases in order.
     alone: counts the cases that are driven one by one, by reason.
     """
     together = simulate_together(cases, controller, settings, terms=Terms(folder=folder))
@@ -272,7 +274,7 @@ def simulate_together(
 
     terms: how long a step may take, and where relative paths start.
     seeds: of each case, of what the conditions leave to chance.
-    wrap: put around the policy of each case.
+    wrap: applied to the policy or hook of each case, to observe its calls.
     batches: whether a policy over arrays may see many cases at once (its numbers may then depend
         on its batch).
     """
@@ -314,8 +316,8 @@ def simulate_together(
                     common,
                 )
                 drives.update(zip(part, driven, strict=True))
-        # a later batch may have shown that a hook keeps state; drives of earlier windows are out
-        # already, each of them as it was
+        # a later batch of this window may have shown that a hook keeps state; drives of earlier
+        # windows have been yielded already
         for index in window:
             hook, drive_or_reason = manners[index].hook, drives.pop(index)
             yield drive_or_reason if hook is None else _KEEPS_STATE.get(hook, drive_or_reason)
@@ -341,7 +343,8 @@ def _kind(
     ):
         return None
     lively = concrete.actors if concrete.lively else ()
-    # a policy over arrays knows of one vehicle for all, SUMO's models of its brakes
+    # what must be equal although each case may change it: for a policy over arrays the vehicle,
+    # as it receives one for all; for SUMO's models the ego's brakes
     shared: object = None
     if concrete.changes and (concrete.reacts or manner.over_arrays):
         vehicle = concrete.simulation(basis).vehicle
@@ -372,7 +375,8 @@ def _drive_batch(
 class _Manner(NamedTuple):
     """Manner in which an ADS drives its cases.
 
-    driven: type of what drives, of arrays the policy's `id`; only equal ones share a simulation.
+    driven: type of what drives, or `id` of a policy over arrays; only equal ones share a
+        simulation.
     make: gives what drives one case.
     alone: why it is driven alone; None: it may share a simulation.
     over_arrays: one policy drives all cases at once.
@@ -431,7 +435,7 @@ def _manner(
         all_of_them = wrap(ads)
         if not batches:
             return alone(Alone("batch"))
-        # of several given in a list each has its own cases
+        # the `id`: of several policies in a list each drives its own cases
         return _Manner(id(ads.target), lambda: all_of_them, over_arrays=True)
     if one_case:
         return _Manner(type(ads), lambda: ads)
@@ -450,8 +454,8 @@ def _reaches_libsumo(hook: Any) -> bool:
 
 
 def _asks_traci(target: Any) -> bool:
-    """Whether the module of a policy holds TraCI: it may ask SUMO, which then has to hold its case
-    alone. A policy that imports it in another way is refused when it asks (`_Refused`).
+    """Whether the module of a policy holds TraCI: it may ask SUMO, so that its cases are driven
+    alone. A policy that imports TraCI elsewhere is refused when it asks (`_Refused`).
     """
     function = getattr(target, "__func__", target)
     module = sys.modules.get(getattr(function, "__module__", "") or type(target).__module__)
@@ -527,8 +531,10 @@ def _difference(
     settings: SimulationSettings,
     drives: list[Recording | Alone],
 ) -> str | None:
-    """Drive a few cases of a batch, spread over it, alone as well; a half-sentence on the first
-    that differs, None where none does. Those that do not are marked as compared in `drives`.
+    """Drive a few cases of a batch, spread over it, alone as well; return words on the first that
+    differs, for the text of `Alone("keeps_state", ...)`; None: none differs.
+
+    drives: recordings of the batch; those that do not differ are marked as compared.
     """
     batched = [index for index, drive in enumerate(drives) if isinstance(drive, Recording)]
     compared = _COMPARED.get(manner.hook, 0)
@@ -568,7 +574,7 @@ def _together(
         ):
             stage = Traffic if world.reacts else Stage
             drive(world, driver, stage(traci, world, asked=asks, as_read=asks))
-    # the log gets the traceback, the reason a sentence
+    # any error: the cases can still be driven alone. The log gets the traceback
     except Exception as error:  # noqa: BLE001
         _LOG.error(
             "%d cases that were driven together failed; each is driven alone.\n%s",
@@ -581,7 +587,7 @@ def _together(
 
 @contextmanager
 def _rare_garbage_collection() -> Iterator[None]:
-    """Python looks for cycles of garbage a hundredth as often, of which a batch makes none."""
+    """Let Python search for cycles of garbage a hundredth as often: a batch makes none."""
     before = gc.get_threshold()
     gc.set_threshold(100 * before[0], *before[1:])
     try:

@@ -1,8 +1,9 @@
 """SUMO's side of cases in which vehicles react: SUMO drives these, and receives all other vehicles
 at every step.
 
-A vehicle that SUMO receives is put where it is at the start of a step, with the speed that it has
-at the end: when SUMO has moved it, followers see it where it is now. For SUMO a body is in one lane
+A vehicle that SUMO receives is put where it was at the start of a step, with the speed that it has
+at the end. SUMO's step then moves it to where it is at the end, where followers see it. For SUMO a
+body is in one lane
 only. So a vehicle has two bodies here: one in the lane of its front's centre, and a shadow in the
 lane over whose line it reaches (`SimulationSettings.seen_over_line`). A shadow that is not needed
 stands beside the road, where it is on no lane and no vehicle sees it.
@@ -95,7 +96,10 @@ class Traffic(Stage):
         return row * self._width + 1 + actor
 
     def _ground_of_lane(self, x: Any, y: Any) -> Any:
-        """Metres of ground along a metre of lane: 1 - curvature y."""
+        """Metres that a vehicle drives at the offset y for each metre of its lane: 1 - curvature y.
+
+        A lane is as long in SUMO as the road's line.
+        """
         return 1.0 - curvatures(self._road.line, x) * y
 
     def _find_reacting(self, world: World) -> None:
@@ -146,7 +150,7 @@ class Traffic(Stage):
         return True
 
     def _hide(self, name: str) -> None:
-        self._set_aside(name, self._edge[0])  # of any row: it is on no lane
+        self._set_aside(name, self._edge[0])  # any edge will do: there it is on no lane
         self._shown_shadows.discard(name)
 
     def _hide_shadow(self, number: int) -> None:
@@ -179,7 +183,7 @@ class Traffic(Stage):
         s, d, ds_dt = told[:, 5:].T
         half = 0.5 * of_all(now, "length")
         if self._bent:
-            # SUMO will move it along its lane by the mean of both speeds
+            # SUMO will move it by the mean of the speed that it received last and this one
             y, along, heading = d, ds_dt, of_all(now, "heading")
             names = (self._flat[n] for n in number.tolist())
             last = [self._told.get(name, v) for name, v in zip(names, along, strict=True)]
@@ -247,7 +251,7 @@ class Traffic(Stage):
         if it.shadow_lane < 0:
             self._hide_shadow(it.number)
             return
-        # SUMO takes the speed before from the shadow's last one, which stood beside the road
+        # a new shadow stood beside the road: else SUMO takes its speed there as the one before
         if shadow not in self._shown_shadows:
             self.calls.setPreviousSpeed(shadow, it.speed_before)
             self._shown_shadows.add(shadow)
@@ -294,7 +298,7 @@ class Traffic(Stage):
             shown[:, 0] = list(map(calls.getLanePosition, names))
             return shown
         shown[:, :2] = list(map(calls.getPosition, names))
-        if self.as_read:  # only TraCI code can turn a vehicle out of its lane
+        if self.as_read:  # else every vehicle points along its lane: only TraCI code can turn one
             shown[:, 2] = list(map(calls.getAngle, names))
         return shown
 
@@ -312,7 +316,7 @@ class Traffic(Stage):
         others, at = world.others, (rows, columns)
         half, speed = 0.5 * others["length"][at], shown[:, 3]
         if self._bent:
-            # at the front; where a curve begins, the value of the centre differs by centimetres
+            # taken at the front; where a curve begins, that moves x by centimetres at most
             ground = self._ground_of_lane(shown[:, 0], others["y"][at])
             others["x"][at], others["heading"][at] = shown[:, 0] - half / ground, 0.0
             speed = speed * ground

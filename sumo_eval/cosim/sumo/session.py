@@ -1,9 +1,10 @@
-"""The libsumo session: one simulation in this process, started from a concrete scenario, with the
-traps closed.
+"""The libsumo session: one simulation in this process, started from a concrete scenario.
 
 libsumo accepts a second `start` silently, delays insertions, and reports a bad file only as
-"Process Error": a session refuses to nest, checks that the initial state is the requested one, and
-quotes SUMO's own log.
+"Process Error". So a session refuses a second one, checks that the initial state is the requested
+one, and quotes SUMO's own log.
+
+Users: `cosim/simulation.py`, the gym's episodes; `cosim/doors/traci_program.py` for a SUMO process.
 """
 
 from __future__ import annotations
@@ -35,11 +36,11 @@ from sumo_eval.scenario.road.reference_line import frame_places, map_places, tig
 from sumo_eval.settings import SimulationSettings
 
 POSITION_TOLERANCE = 1e-3  # m
-# m, on a bend, which SUMO has as a polyline: twice the sagitta of 1 m on the tightest road
+# m, on a curve, which SUMO has as a polyline: twice the most that a chord of 1 m is off the arc
 CHORD_TOLERANCE = 0.05
-_COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)
 SPEED_TOLERANCE = 1e-3  # m/s
-NOWHERE = -1e6  # m; of a vehicle that has no place SUMO shows one far beyond
+NOWHERE = -1e6  # m; SUMO shows a vehicle without a place at an x far below this
+_COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)  # of XML
 
 
 def simulator_version() -> str:
@@ -80,9 +81,10 @@ def running(
     at the end.
 
     network, routes: the files' texts.
-    road: where there is only one.
-    collisions: what SUMO does about its own, which mean nothing where roads overlap. The caller
-        checks that the vehicles stand where they should (`check_start`).
+    road: that of a single case; None: of a batch.
+    collisions: SUMO's `collision.action`; "none" where roads of cases overlap on the map.
+
+    The caller checks that the vehicles stand where they should (`check_start`).
     """
     if libsumo.simulation.isLoaded():
         raise SimulationError(
@@ -107,7 +109,8 @@ def _start(arguments: list[str], files: _Files) -> None:
     except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
         _close()
         sentence = f"SUMO could not start the case: {quoted(error, files.log, files.console)}."
-        for path, name in zip(files, _NAMES, strict=True):  # the paths are gone when it is read
+        # the files exist no longer when the message is read: name them plainly
+        for path, name in zip(files, _NAMES, strict=True):
             sentence = sentence.replace(f"'{path}'", f"'{name}'")
         raise SimulationError(sentence) from error
 
@@ -121,7 +124,7 @@ def command_line(
 ) -> list[str]:
     """SUMO's command line for a case, its files written into `folder`.
 
-    They do not tell an ADS the future.
+    An ADS cannot read the future in them, unless the conditions reveal the scenario.
     """
     network, routes = folder / "net.xml", folder / "rou.xml"
     network.write_text(network_xml(concrete.road), encoding="utf-8")
@@ -132,8 +135,9 @@ def command_line(
 def _told_routes(
     concrete: ConcreteScenario, settings: SimulationSettings, ego_type: Mapping[str, str] | None
 ) -> str:
-    """The vehicles of a case as a route file, without the comments that say which case it is,
-    unless the conditions reveal that.
+    """The vehicles of a case as a route file.
+
+    Comments say which case it is; they stay only where the conditions reveal the scenario.
     """
     text = routes_xml(concrete, settings.vehicle, ego_type)
     return text if settings.conditions.reveal_scenario else _COMMENT.sub("", text)
@@ -153,9 +157,9 @@ _NAMES = _Files(Path("net.xml"), Path("rou.xml"), Path("sumo.log"), Path("stderr
 
 @contextmanager
 def _files(network: str, routes: str) -> Iterator[_Files]:
-    """Files with these texts, and two empty ones, for as long as it lasts.
+    """Files with these texts, and two empty ones, deleted at the end.
 
-    In memory where the system has that: a folder costs ten times as much.
+    In memory where the system supports it: a folder takes ten times as long.
     """
     if not hasattr(os, "memfd_create"):
         with tempfile.TemporaryDirectory(prefix="sumo_eval_") as folder:
@@ -195,16 +199,19 @@ def _arguments(
         **SIMULATION_OPTIONS,
         "collision.action": collisions,
     }
-    # a generator for each lane; SUMO's 64 take longer to seed
+    # random generators: one a lane; SUMO's 64 take longer to seed
     if road is not None and road.network is None:
         options["thread-rngs"] = str(road.lanes)
     return ["sumo", *(part for name, value in options.items() for part in (f"--{name}", value))]
 
 
 def bend_tolerance(road: Road, y: Any) -> Any:
-    """How far from its place on the map SUMO may show a vehicle y m beside the line of a curved
-    road, m. Beside the lanes it is put on the normal of a chord, which is off the curve's by half a
-    segment over the radius at most.
+    """Distance from its place on the map at which SUMO may show a vehicle on a curved road, m.
+
+    Beside the lanes SUMO puts it on the normal of a chord. That is turned against the curve's
+    normal by at most half a segment over the radius, rad.
+
+    y: of the vehicle, across the road's line, m.
     """
     beside = np.maximum(np.maximum(road.right_edge - y, y - road.left_edge), 0.0)
     return CHORD_TOLERANCE + beside * 0.5 * SEGMENT / tightest(road.line)
@@ -216,10 +223,11 @@ def check_start(
     settings: SimulationSettings,
     names: Sequence[str] | None = None,
 ) -> None:
-    """The initial state must be the requested one: SUMO moves or delays vehicles that it does not
-    like.
+    """Raise SimulationError unless SUMO shows every vehicle at its start.
 
-    names: the vehicles' in SUMO, the ego's first, where they are others.
+    SUMO may move a vehicle or delay it.
+
+    names: of the vehicles in SUMO, the ego's first; None: as in the scenario.
     """
     road, calls = concrete.road, vehicles(traci)
     starts: list[tuple[Any, ...]] = [(EGO, concrete.ego, settings.vehicle.length, None)]
@@ -238,7 +246,7 @@ def check_start(
         front = start.x + length / 2
         if road.bent and not concrete.reacts:
             meant, tolerance = map_places(road.line, front, start.y), bend_tolerance(road, start.y)
-            # beside the line, places along it are as long as there
+            # both are the distance on the map: along the line, a metre is another length beside it
             ahead = left = math.hypot(x - float(meant[0]), y - float(meant[1]))
             x, y = (float(it) for it in frame_places(road.line, x, y, near=front)[:2])
         else:
@@ -247,7 +255,7 @@ def check_start(
                 y = road.lane_width * lane + calls.getLateralLanePosition(known)
             ahead, left = abs(x - length / 2 - start.x), abs(y - start.y)
             tolerance = POSITION_TOLERANCE
-        if not (ahead <= tolerance and left <= tolerance):  # which no nan is
+        if not (ahead <= tolerance and left <= tolerance):  # `not <=`: true of nan as well
             raise SimulationError(
                 f"SUMO placed vehicle `{name}` at ({x - length / 2:.3f}, {y:.3f}) m "
                 f"instead of ({start.x:.3f}, {start.y:.3f}) m."
@@ -273,8 +281,10 @@ def quoted(error: Exception, *logs: Path) -> str:
 
 @contextmanager
 def _stderr_into(path: Path) -> Iterator[None]:
-    """SUMO prints its errors to the process's stderr whatever its options say; here they become
-    part of an error of the package.
+    """Send stderr to a file, and back at the end; what a start that succeeded has printed is passed
+    on.
+
+    SUMO prints its errors there whatever its options say; they become part of the package's error.
     """
     try:
         console = os.dup(2)
@@ -287,7 +297,7 @@ def _stderr_into(path: Path) -> Iterator[None]:
         with path.open("wb") as file:
             os.dup2(file.fileno(), 2)
         yield
-        # it started: its messages so far are the user's
+        # it has started: what it printed are no errors, and go to the user
         os.write(console, path.read_bytes())
     finally:
         os.dup2(console, 2)
@@ -302,7 +312,7 @@ def _close() -> None:
     """
     if not libsumo.simulation.isLoaded():
         return
-    # the case is over, and has said why
+    # the case has ended and has its reason: an error now changes nothing
     with suppress(libsumo.TraCIException, libsumo.FatalTraCIError):
         libsumo._libsumo_step(0.0)  # not `simulationStep`, which calls listeners
     libsumo.close()
