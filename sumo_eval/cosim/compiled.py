@@ -1,8 +1,7 @@
 """Base of baselines and synthetic drivers, whose rule is a kernel that the loop of all rows calls.
 
-An object of such a class holds what was given to it and nothing of a case: its memory of a case
-stands in arrays that the loop keeps, a row each. A user's class may also call its `step` through
-TraCI: that is one row.
+An object of such a class holds its parameters alone. Its memory of a case is a row of arrays that
+the loop keeps. A user's class may also call its `step` through TraCI: that is one row.
 """
 
 from __future__ import annotations
@@ -35,8 +34,8 @@ def _show_rows(movers: Records, bodies: Records, line: Records, rear: float) -> 
 def each_row(rule: Callable[..., None]) -> Callable[..., None]:
     """Loop of a rule: calls it for every live row.
 
-    rule: kernel of the ego, the `MOVER` records of the actors, the row's own record, one of each
-        actor, room for where those are foreseen, and the two `SCENARIO` records.
+    rule: kernel of the ego, the `MOVER` records of the actors, the row's own record, its record of
+        each actor, a `MOVER` of each actor for the rule's predictions, the two `SCENARIO` records.
     """
 
     @compiled_rows
@@ -55,16 +54,17 @@ def each_row(rule: Callable[..., None]) -> Callable[..., None]:
 
 @kernel
 def decides(own: Any, scenario: Any) -> bool:
-    """Whether a cycle, the step of the last scenario, begins now. Call once a step.
+    """Whether a cycle of decisions begins now. Call once a step.
 
-    own: holds `steps` so far.
+    own: counts `steps`.
+    scenario: two records; the `step` of the second is a cycle, s.
     """
     own.steps += 1
     return bool((own.steps - 1) % round(scenario[-1].step / scenario[0].step) == 0)
 
 
 def _numbers(thing: Any, layout: Layout) -> tuple[Any, ...]:
-    """Attributes of an object as a record."""
+    """Attributes of an object as a record; a layout within a layout is an attribute's own."""
     values = ((getattr(thing, name), kind) for name, kind in layout)
     return tuple(
         _numbers(value, kind) if isinstance(kind, list) else value for value, kind in values
@@ -86,7 +86,7 @@ def unknown(count: int, others: int, layout: Layout) -> Records:
 
 
 def check_numbers(ads: str, rule: Any) -> None:
-    """Raises InputError for a field of an ADS, a dataclass, that is not finite or negative.
+    """Raises InputError unless each field of an ADS, a dataclass, is finite and at least 0.
 
     A subclass may hold anything in other attributes.
     """
@@ -99,10 +99,9 @@ def check_numbers(ads: str, rule: Any) -> None:
 class Compiled:
     """Base of baselines and synthetic drivers.
 
-    loop: the rows of its rule, called with the egos, what is seen of the actors, the arrays, the
-        scenario and the time; writes the egos' commands, and whether they have settled.
-    memory, known: layouts of what the rule remembers of a case, 0 at first, and of each actor, nan
-        at first.
+    loop: the rule over rows (`each_row`); writes the egos' commands, and whether they have settled.
+    memory: layout of what the rule remembers of a case, 0 at first.
+    known: layout of what it remembers of each actor, nan at first.
     numbers: layout of `p` in the memory, which holds the attributes of the object.
     """
 
@@ -113,7 +112,8 @@ class Compiled:
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Arrays for the loop between what is seen and the scenario, a row for each object.
+        """Arrays of `loop` that are the rule's own, a row for each object: own records, records of
+        the actors, predictions of the actors.
 
         scenario: the `SCENARIO` records.
         others: number of actors.
@@ -133,7 +133,9 @@ class Compiled:
 
     @classmethod
     def rides(cls, target: Any) -> bool:
-        """Whether an object is driven by its loop: a subclass with a `step` of its own is not."""
+        """Whether the loop of all rows drives an object; not if its class has its own `step` or
+        `reset`.
+        """
         own = type(target)
         return (
             isinstance(target, Compiled)
@@ -151,7 +153,7 @@ class Compiled:
         self._names: tuple[str, ...] | None = None
 
     def step(self, traci: Any, ego: str, time: float) -> Command:
-        """One row of the loop, with what TraCI shows."""
+        """One step of a case on TraCI: makes one row of what TraCI shows, and calls the loop."""
         calls, gone = vehicles(traci), traci.TraCIException
         if self._names is None:
             self._names = tuple(name for name in traci.vehicle.getIDList() if name != ego)
@@ -186,6 +188,7 @@ class Compiled:
         """Bodies along and across the road, from those that SUMO shows on the map."""
         if not self._line:
             return bodies
+        # each search along the line begins at the last place
         if self._along is None:
             self._along = frame_places(self._line, bodies["x"], bodies["y"])[0].tolist()
         for i, (body, near) in enumerate(zip(bodies, self._along, strict=True)):
@@ -197,7 +200,7 @@ class Compiled:
         return bodies
 
     def settled(self) -> bool:
-        """Whether nothing more will come of it in a case that is driven through TraCI."""
+        """Whether its rule will do nothing new in a case that is driven through TraCI."""
         return bool(self._egos["settled"][0])
 
 

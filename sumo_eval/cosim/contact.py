@@ -79,7 +79,7 @@ def widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
     """(gap m, axis x, axis y): the axis of either box along which they are furthest apart, pointing
     from a to b.
 
-    The gap is never above the distance; negative: penetration.
+    The gap is at most the distance of the boxes; negative: they overlap by as much.
     """
     dx, dy = b.x - a.x, b.y - a.y
     ca, sa = math.cos(a.heading), math.sin(a.heading)
@@ -112,7 +112,7 @@ def widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
 
 @kernel
 def between(before: Body, after: Body, share: float) -> Body:
-    """The pose a share of the way from one sample to the next."""
+    """The body when a share of the time from one sample to the next has passed."""
     turn = within_a_turn(after.heading - before.heading)
     return Body(
         before.x + share * (after.x - before.x),
@@ -144,8 +144,8 @@ def share_at_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body)
     share = 0.0
     gap, x, y = widest_gap(a_before, b_before)
     while gap > TOUCH:
-        # bound on how much of the gap this step closes, m; b's shift along (x, y), which points
-        # from a to b, opens it
+        # m, most that the gap closes in the whole step: (x, y) points from a to b, so b's shift
+        # along it opens the gap
         closing = turning - (shift_x * x + shift_y * y)
         if gap > closing * (1.0 - share):
             return -1.0
@@ -217,7 +217,7 @@ def struck_side(ego: Body, other: Body) -> Side:
         "right": 0.5 * ego.width + left,
     }
     nearest = min(depths.values())
-    # at a corner of the ego two faces are touched; growing both bodies makes their depths differ
+    # at a corner of the ego two faces are touched, equally deep up to what both bodies have grown
     candidates = [side for side, depth in depths.items() if depth <= nearest + 2.0 * _GROWN]
     closing = (other.velocity[0] - ego.velocity[0], other.velocity[1] - ego.velocity[1])
     c, s = math.cos(ego.heading), math.sin(ego.heading)
@@ -233,5 +233,6 @@ def struck_side(ego: Body, other: Body) -> Side:
 
 
 def _inside(body: Body, point: tuple[float, float]) -> bool:
+    """Whether a point lies in a body that has grown by `_GROWN`."""
     ahead, left = _in_frame_of(body, point)
     return abs(ahead) <= 0.5 * body.length + _GROWN and abs(left) <= 0.5 * body.width + _GROWN

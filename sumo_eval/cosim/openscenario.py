@@ -51,7 +51,7 @@ CASE, _SEAL = "sumo_eval_case", "sumo_eval_seal"  # names of properties of the f
 
 
 def _actor(name: str, start: Start, acts: Iterable[Any], *rest: Any) -> Actor:
-    # an act is a named tuple, of which the encoded case holds the values alone
+    """An actor of an encoded case, which holds the values of each act without their names."""
     return Actor(name, start, tuple(Act(*act) for act in acts), *rest)
 
 
@@ -63,6 +63,7 @@ _RECORDS: dict[str, Any] = {
 
 
 def _written(_: object, value: float) -> str:
+    """A number as an attribute's text, to six decimals."""
     return f"{value:.6f}".rstrip("0").rstrip(".") if value else "0"
 
 
@@ -95,9 +96,9 @@ def opendrive_xml(road: Road) -> str:
         lanes.append(E.laneOffset(s=0, a=road.left_edge, b=0, c=0, d=0))
     for begin, end in sections:
         right = E.right()
-        for place in reversed(range(road.lanes)):
+        for lane in reversed(range(road.lanes)):
             first, last = (
-                road.lane_width * (1.0 - gone) for gone in _gone(road.span(place), begin, end)
+                road.lane_width * (1.0 - gone) for gone in _gone(road.span(lane), begin, end)
             )
             if first or last:
                 width = E.width(sOffset=0, a=first, b=(last - first) / (end - begin), c=0, d=0)
@@ -114,10 +115,11 @@ def opendrive_xml(road: Road) -> str:
 
 
 def _gone(span: LaneSpan, begin: float, end: float) -> tuple[float, float]:
-    """The shares of a lane that are not there at the ends of a section, throughout which its edge
-    is straight.
+    """Shares of a lane's width that are missing at both ends of a section.
+
+    begin, end: of the section, in which the lane's edge is straight, m.
     """
-    # The edge may turn at either end. So the share is taken just inside, and rounded.
+    # the edge may turn at either end: take the share just inside, and round it
     inside = 1e-6 * (end - begin)
     return tuple(
         float(missing_at(span, place).round(5)) for place in (begin + inside, end - inside)
@@ -156,7 +158,10 @@ def _geometry(road: Road, s: float, aside: float, turned: float, length: float, 
 
 
 def _plan(road: Road, length: float, aside: float) -> Iterator[Any]:
-    """The pieces of a line, and the straight behind them."""
+    """The pieces of a road's line, and a straight one for the rest of its length.
+
+    aside: distance of the reference line to the left of the road's line, m.
+    """
     s = 0.0
     for piece in (*road.line, Piece(max(length - sum(piece.length for piece in road.line), 1e-3))):
         if piece.begin != piece.end:
@@ -209,6 +214,7 @@ def openscenario_xml(
             getattr(known[name], column).tolist() for column in ("time", "x", "y", "heading")
         )
         groups.append(_follow(name, zip(*columns, strict=True), road))
+    # an act must hold a group, even where no vehicle has a trajectory
     nobody = E.ManeuverGroup(
         E.Actors(selectTriggeringEntities="false"), maximumExecutionCount=1, name="nobody"
     )
@@ -275,7 +281,7 @@ def exported_case(root: Any, road: bytes) -> ConcreteScenario | None:
         )
     try:
         case: ConcreteScenario = decoded(held[CASE].encode(), _RECORDS)
-        if not re.fullmatch(r"[\w.-]+", case.road.name):
+        if not re.fullmatch(r"[\w.-]+", case.road.name):  # it becomes part of file names
             raise ValueError(case.road.name)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError("its exported case cannot be read") from error
@@ -372,6 +378,6 @@ def _after(time: float, name: str) -> Any:
 
 
 def _position(road: Road, x: float, y: float, heading: float) -> Any:
-    # from the frame of the road to the map
+    """A position on the map, from one along and across the road."""
     x, y, heading = (float(it) for it in map_places(road.line, x, y, heading))
     return E.Position(E.WorldPosition(x=x, y=y, z=0, h=heading, p=0, r=0))
