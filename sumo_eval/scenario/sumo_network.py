@@ -1,10 +1,14 @@
-"""A road inside a SUMO network of the user's: found, checked, and laid along the x axis.
+"""A road inside a user's SUMO network: found, checked, and laid along the x axis.
 
-All vehicles drive along x with the right lane's centre line at y = 0. Where the chosen edges are
-straight, the whole network is turned and moved, as one rigid body, until they lie there; its
-topology stays as it is. Where they are curved, the line along their lanes is fitted
-(`fitted_line`), and the road is one with that line, for which a network is written as for every
-other curved road. The outermost lanes may begin and end where edges meet: square, as SUMO has them.
+The tables of scenario files call `read_road`, and `cosim.sumo` writes what `laid_along_x` returns.
+All vehicles drive along x with the right lane's centre line at y = 0.
+
+Straight edges: the whole network is turned and moved, as one rigid body, until they lie there. Its
+    topology does not change.
+Curved edges: `fitted_line` finds the line along their lanes. Only the road along this line counts:
+    a network is written for it as for every other curved road.
+
+The outermost lanes may begin and end where edges meet, without a taper, as in SUMO.
 """
 
 from __future__ import annotations
@@ -45,17 +49,24 @@ SPEED_LIMIT = 60.0
 _INDEX_DIGITS = 3  # of the index of a lane
 _DEFAULT_LANE_WIDTH = 3.2  # m, SUMO's
 _ONE_PLACE = 0.05  # m: corners nearer than that are netconvert's rounding
-PARALLEL = 0.3  # m that a lane may be off its place beside the line of a road that bends
+PARALLEL = 0.3  # m that a lane may be off its distance from the line of a curved road
 
+# types of junctions for which SUMO needs no <request>
 _WITHOUT_RIGHT_OF_WAY = ("dead_end", "district", "internal", "unregulated")
-_CARS = {"passenger", "all"}  # classes of vehicles, of which ours is one
+_CARS = {"passenger", "all"}  # SUMO's vehicle classes that include the ego's
 
 Point = tuple[float, float]
-Turn = Callable[[Point], Point]
+RigidMotion = Callable[[Point], Point]
 
 
 @dataclass(frozen=True, slots=True)
 class _Lane:
+    """A lane of an edge.
+
+    index: SUMO's, from the right.
+    width, shape: m; the shape is its centre line on the map.
+    """
+
     id: str
     index: int
     width: float
@@ -63,8 +74,11 @@ class _Lane:
 
 
 def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
-    """The road along `edges` of a .net.xml; cases end at x = `end`, m from the start of the first
-    edge.
+    """Read a road of a SUMO network.
+
+    path: of the .net.xml.
+    edges: ids of the edges to drive along, in order.
+    end: x at which cases end, m from the start of the first edge.
 
     Raises InputError where the file is not a network, an edge is not in it, or the edges are not
     one road with the same lanes throughout.
@@ -80,18 +94,8 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
         for edge in root.iter("edge")
         if edge.get("function", "normal") == "normal"
     }
-    lanes = []
-    for name in edges:
-        check_known(f"edge of {owner}", by_id, name)
-        lanes.append(_lanes(by_id[name]))
-        if not lanes[-1]:
-            raise InputError(f"Edge `{name}` of {owner} must have a lane on which a car may drive.")
-        for lane in lanes[-1]:
-            if lane.width <= 0.0:
-                raise must_be(f"The width of lane `{lane.id}`", owner, "above 0 m", lane.width)
-            if len(lane.shape) < 2 or lane.shape[0] == lane.shape[-1]:
-                must = "a line from one place to another"
-                raise must_be(f"The shape of lane `{lane.id}`", owner, must, len(lane.shape))
+    check_known(f"edge of {owner}", by_id, *edges)
+    lanes = [_checked_lanes(by_id[name], owner) for name in edges]  # of each edge
     network = replace(network, first_lane=lanes[0][0].index)
     width = lanes[0][0].width
     if any(lane.width != width for of_edge in lanes for lane in of_edge):
@@ -101,45 +105,64 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
         )
     _check_junctions(root, [by_id[name] for name in edges[1:]], owner)
     links = [_links(root, one, other, owner) for one, other in itertools.pairwise(edges)]
-    bare = path.name.removesuffix(".net.xml").removesuffix(".xml")
+    stem = path.name.removesuffix(".net.xml").removesuffix(".xml")
     if not _is_straight(lanes):
-        return _bent_road(root, network, lanes, links, end, bare)
-    turn, places = _laid(lanes)
-    length = turn(lanes[-1][0].shape[-1])[0]
-    count = max(places.values()) + 1
-    begins = [turn(of_edge[0].shape[0])[0] for of_edge in lanes]
-    ends = [turn(of_edge[0].shape[-1])[0] for of_edge in lanes]
-    spans = _spans(
-        edges, [{places[lane.id] for lane in of_edge} for of_edge in lanes], begins, ends, owner
-    )
-    _check_end(end, length, owner)
+        return _bent_road(root, network, lanes, links, end, stem)
+
+    to_axis, places = _laid(lanes)
+    begins = [to_axis(of_edge[0].shape[0])[0] for of_edge in lanes]
+    ends = [to_axis(of_edge[0].shape[-1])[0] for of_edge in lanes]
+    places_of_edges = [{places[lane.id] for lane in of_edge} for of_edge in lanes]
+    spans = _spans(edges, places_of_edges, begins, ends, owner)
+    _check_end(end, ends[-1], owner)
     return Road(
-        name=f"{bare}_{network.sha256[:8]}",
+        name=f"{stem}_{network.sha256[:8]}",
         length=end,
-        lanes=count,
+        lanes=max(places.values()) + 1,
         lane_width=width,
-        run_out=length - end,
+        run_out=ends[-1] - end,
         speed_limit=SPEED_LIMIT,
         network=network,
         spans=spans,
     )
 
 
-def _laid(lanes: Sequence[Sequence[_Lane]]) -> tuple[Turn, dict[str, int]]:
-    """The rigid motion that lays the driven edges along the x axis, the right-hand lane of all on
-    it; and which place from the right each lane has, by its id.
+def _checked_lanes(edge: etree._Element, owner: str) -> list[_Lane]:
+    """Lanes of an edge for cars, at least one, each with a width and a shape."""
+    lanes = _lanes(edge)
+    if not lanes:
+        raise InputError(
+            f"Edge `{edge.get('id')}` of {owner} must have a lane on which a car may drive."
+        )
+    for lane in lanes:
+        if lane.width <= 0.0:
+            raise must_be(f"The width of lane `{lane.id}`", owner, "above 0 m", lane.width)
+        if len(lane.shape) < 2 or lane.shape[0] == lane.shape[-1]:
+            must = "of at least 2 points, with distinct ends"
+            raise must_be(f"The shape of lane `{lane.id}`", owner, must, len(lane.shape))
+    return lanes
+
+
+def _laid(lanes: Sequence[Sequence[_Lane]]) -> tuple[RigidMotion, dict[str, int]]:
+    """How driven edges are laid along the x axis.
+
+    lanes: of each edge.
+
+    Gives the rigid motion that does it, and each lane's place by its id: 0 for the road's
+    right-hand lane, which comes to lie on the axis, 1 for the next one to the left.
     """
-    turn, width = _turn(lanes[0][0]), lanes[0][0].width
+    # first by the first edge's right-hand lane; lanes that open later may lie to the right of it
+    to_axis, width = _onto_x(lanes[0][0]), lanes[0][0].width
     places = {
-        lane.id: round(turn(lane.shape[0])[1] / width) for of_edge in lanes for lane in of_edge
+        lane.id: round(to_axis(lane.shape[0])[1] / width) for of_edge in lanes for lane in of_edge
     }
     lowest = min(places.values())
 
     def moved(point: Point) -> Point:
-        x, y = turn(point)
+        x, y = to_axis(point)
         return x, y - lowest * width
 
-    return (moved if lowest else turn), {lane: place - lowest for lane, place in places.items()}
+    return (moved if lowest else to_axis), {lane: place - lowest for lane, place in places.items()}
 
 
 def _spans(
@@ -151,36 +174,39 @@ def _spans(
 ) -> tuple[LaneSpan, ...]:
     """Spans of outermost lanes that do not exist throughout.
 
-    there: the places from the right that each edge has lanes in.
+    there: places of each edge's lanes, 0 for the road's right-hand lane.
     begins, ends: of each edge along the road, m.
     """
-    count, found = max(set().union(*there)) + 1, []
+    count = max(set().union(*there)) + 1
+    spans = []
     for lane in sorted({0, count - 1}):
-        has = [lane in of_edge for of_edge in there]
-        if all(has):
+        with_lane = [number for number, places in enumerate(there) if lane in places]
+        if len(with_lane) == len(edges):
             continue
-        first, last = has.index(True), len(has) - 1 - has[::-1].index(True)
-        if not all(has[first : last + 1]):
-            gap = edges[first + has[first:].index(False)]
+        first, last = with_lane[0], with_lane[-1]
+        if gaps := set(range(first, last)) - set(with_lane):
             raise InputError(
-                f"Edge `{gap}` of {owner} must have the outermost lane that edges before and "
-                "behind it have."
+                f"Edge `{edges[min(gaps)]}` of {owner} must have the outermost lane that edges "
+                "before and behind it have."
             )
-        begin = begins[first] if first else -math.inf
-        end = ends[last] if last + 1 < len(has) else math.inf
-        found.append(LaneSpan(lane, begin, end))
-    inner = set(range(count)) - {span.lane for span in found}
-    for name, of_edge in zip(edges, there, strict=True):
-        if missing := inner - of_edge:
-            raise must_be(f"Edge `{name}`", owner, "without lanes only on the outside, and not "
-                                                   "all of one side's",
-                          f"none in place {min(missing)}")  # fmt: skip
-    return tuple(found)
+        begin = begins[first] if first > 0 else -math.inf
+        end = ends[last] if last + 1 < len(edges) else math.inf
+        spans.append(LaneSpan(lane, begin, end))
+
+    throughout = set(range(count)) - {span.lane for span in spans}
+    for name, places in zip(edges, there, strict=True):
+        if missing := throughout - places:
+            must = "as wide as the road, except the outermost lane of each side"
+            raise must_be(
+                f"Edge `{name}`", owner, must, f"no lane in place {min(missing)} from the right"
+            )
+    return tuple(spans)
 
 
 def _check_junctions(root: etree._Element, edges: Sequence[etree._Element], owner: str) -> None:
-    """Refuse a junction before one of the edges that has incoming lanes and no right of way: SUMO
-    crashes there.
+    """Refuse junctions at which SUMO crashes: with incoming lanes, but no right of way.
+
+    edges: those that begin at the junctions in question.
     """
     begins = {edge.get("from") for edge in edges}
     for junction in root.iter("junction"):
@@ -199,15 +225,13 @@ def _check_end(end: float, length: float, owner: str) -> None:
 
 
 def _is_straight(lanes: Sequence[Sequence[_Lane]]) -> bool:
-    """Whether all lanes are within `STRAIGHT` of places beside the line from end to end of the
-    first one.
-    """
+    """Whether all lanes are parallel to the first one's chord, within `STRAIGHT`."""
     first, width = lanes[0][0], lanes[0][0].width
-    if math.dist(first.shape[0], first.shape[-1]) < width:  # it comes back to where it began
+    if math.dist(first.shape[0], first.shape[-1]) < width:  # a ring, whose chord has no direction
         return False
-    turn, places = _laid(lanes)
+    to_axis, places = _laid(lanes)
     return all(
-        abs(turn(point)[1] - places[lane.id] * width) <= STRAIGHT
+        abs(to_axis(point)[1] - places[lane.id] * width) <= STRAIGHT
         for of_edge in lanes for lane in of_edge for point in lane.shape
     )  # fmt: skip
 
@@ -221,10 +245,15 @@ def _bent_road(
     lanes: Sequence[Sequence[_Lane]],
     links: Sequence[_Link],
     end: float,
-    bare: str,
+    stem: str,
 ) -> Road:
-    """The road along curved edges: its line follows a lane that all of them have."""
+    """The road along curved edges: its line follows a lane that all of them have.
+
+    lanes: of each edge. links: from each edge to the next one.
+    end: x at which cases end, m. stem: beginning of the road's name.
+    """
     edges, width, owner = network.edges, lanes[0][0].width, f"network {Path(network.path).name}"
+    # lanes are numbered as on the first edge: by SUMO's index plus the shift of their edge
     shifts = list(itertools.accumulate((link.shift for link in links), initial=0))
     there = [
         {shift + it.index for it in of_edge} for shift, of_edge in zip(shifts, lanes, strict=True)
@@ -233,6 +262,8 @@ def _bent_road(
     if not common:
         raise InputError(f"The edges of {owner} must have a lane that goes through all of them.")
     lane, lowest = min(common), min(set().union(*there))
+
+    # shapes of the common lane: on each edge, and of its lanes within junctions from edge to edge
     shapes = [
         it.shape
         for shift, of_edge in zip(shifts, lanes, strict=True)
@@ -249,7 +280,7 @@ def _bent_road(
     way = [place for part in parts for place in part]
     what = f"the road along {', '.join(edges)} of {owner}"
     line, begins = _line_along(np.array(way), what)
-    # the right-hand lane of all begins or ends on the way: its line is beside this one
+    # the road's right-hand lane does not exist throughout, and is parallel to the common lane
     if lane > lowest:
         s = drawn_points(line, 0.0, length_of(line), 2.0)
         x, y, _ = map_places(line, s, -width * (lane - lowest))
@@ -257,6 +288,8 @@ def _bent_road(
         begins = begins.moved(*beside)
     count = max(set().union(*there)) - lowest + 1
     check_line(line, count, width, what)
+
+    # every lane must be parallel to the line
     for of_edge, shift in zip(lanes, shifts, strict=True):
         for it in of_edge:
             _, across, _ = frame_places(line, *onto_the_line(np.array(it.shape), begins).T)
@@ -268,24 +301,29 @@ def _bent_road(
                     f"beside the first within {PARALLEL:g} m",
                     f"{off:.2f} m",
                 )
+
+    # begin and end of each edge along the line; of a place that a ring passes more than once, the
+    # one near the distance driven until then
     joints = onto_the_line(np.array([p for shape in shapes for p in (shape[0], shape[-1])]), begins)
-    # a ring comes by a place more than once
-    far = np.cumsum([0.0, *(sum(map(math.dist, part, part[1:])) for part in parts)])
-    near = far * (length_of(line) / far[-1])
+    driven = np.cumsum([0.0, *(sum(map(math.dist, part, part[1:])) for part in parts)])
+    near = driven * (length_of(line) / driven[-1])
     along = frame_places(line, joints[:, 0], joints[:, 1], near=near)[0].tolist()
-    spans = _spans(
-        edges, [{k - lowest for k in of_edge} for of_edge in there], along[::2], along[1::2], owner
-    )
+    places_of_edges = [{number - lowest for number in of_edge} for of_edge in there]
+    spans = _spans(edges, places_of_edges, along[::2], along[1::2], owner)
     _check_end(end, along[-1], owner)
     return Road(
-        name=f"{bare}_{network.sha256[:8]}{bend_name(line, named=True)}", length=end, lanes=count,
+        name=f"{stem}_{network.sha256[:8]}{bend_name(line, named=True)}", length=end, lanes=count,
         lane_width=width,
         run_out=along[-1] - end, speed_limit=SPEED_LIMIT, line=line, spans=spans,
     )  # fmt: skip
 
 
 def _line_along(way: FloatArray, what: str) -> tuple[tuple[Piece, ...], Pose]:
-    """The line along places (n, 2), of which those that are nearly one count once."""
+    """The line along places of a polyline, and where it begins.
+
+    way: (n, 2), m; of places within `_ONE_PLACE` the first counts, and always the last one.
+    what: the road, for messages.
+    """
     kept = [way[0]]
     for place in way[1:]:
         if math.dist(place, kept[-1]) > _ONE_PLACE:
@@ -306,8 +344,8 @@ def _line_along(way: FloatArray, what: str) -> tuple[tuple[Piece, ...], Pose]:
 class _Link(NamedTuple):
     """Connection of the lanes of an edge to those of the next one.
 
-    shift: index before the junction less the index behind it.
-    vias: the lanes within the junction, by the index before it.
+    shift: index of a lane on the edge less that of its continuation on the next one.
+    vias: ids of the lanes within the junction, by the index on the edge before it.
     """
 
     shift: int
@@ -321,20 +359,24 @@ def _links(root: etree._Element, one: str, other: str, owner: str) -> _Link:
             f"Edge `{one}` of {owner} must lead to edge `{other}`: no lane of it does."
         )
     ends = f"A lane of the connection from edge `{one}` to edge `{other}` in {owner}"
-    told = [
+    indices = [
         (_index(it.get("fromLane", "0"), ends), _index(it.get("toLane", "0"), ends), it.get("via"))
         for it in found
     ]
-    shifts = Counter(before - after for before, after, _ in told)
+    shifts = Counter(before - after for before, after, _ in indices)
+    # the one of most lanes; of several the smallest
     shift = min(shifts, key=lambda it: (-shifts[it], abs(it)))
-    vias = {before: _vias(root, via) for before, after, via in told if before - after == shift}
+    vias = {before: _vias(root, via) for before, after, via in indices if before - after == shift}
     return _Link(shift, vias)
 
 
 def _vias(root: etree._Element, via: str | None) -> tuple[str, ...]:
-    """The lanes within a junction, in order from the first."""
+    """Ids of the lanes that lead through a junction, in order.
+
+    via: the first of them; None: there is none.
+    """
     found: list[str] = []
-    while via is not None and via not in found:
+    while via is not None and via not in found:  # a faulty network may lead in a circle
         found.append(via)
         edge, _, index = via.rpartition("_")
         further = _connections(root, {"from": edge, "fromLane": index})
@@ -353,43 +395,44 @@ def _shape(root: etree._Element, name: str) -> tuple[Point, ...]:
     )
 
 
-# -- a straight one --------------------------------------------------------------------------------
+# -- a straight road -------------------------------------------------------------------------------
 
 
 @functools.lru_cache(maxsize=16)
 def laid_along_x(network: NetworkFile) -> str:
-    """The network as text, turned and moved so that its driven edges lie along the x axis from x =
-    0.
-    """
+    """Text of the network, turned and moved so that its driven edges lie along x from x = 0."""
     root = _parsed(network)
     driven = {
         str(edge.get("id")): edge for edge in root.iter("edge") if edge.get("id") in network.edges
     }
     of_each = [_lanes(driven[name]) for name in network.edges]
-    turn, places = _laid(of_each)
+    to_axis, places = _laid(of_each)
     for element in root.iter():
         for key in ("shape", "customShape"):
             text = element.get(key)
             if text:
-                element.set(key, _text(tuple(turn(point) for point in _points(text))))
+                element.set(key, _text(tuple(to_axis(point) for point in _points(text))))
         if element.tag == "junction" and element.get("x"):
-            x, y = turn((float(element.get("x", "0")), float(element.get("y", "0"))))
+            x, y = to_axis((float(element.get("x", "0")), float(element.get("y", "0"))))
             element.set("x", f"{x:.4f}")
             element.set("y", f"{y:.4f}")
     for edge in driven.values():
         elements = {element.get("id"): element for element in edge.iter("lane")}
-        for lane in _lanes(edge):
+        for lane in _lanes(edge):  # read again, because their shapes now lie along x
             element = elements[lane.id]
-            # exactly: the start of every vehicle is checked to a millimetre
+            # y exactly: the start of every vehicle is checked to a millimetre
             y = places[lane.id] * lane.width
             begin, end = lane.shape[0][0], lane.shape[-1][0]
             element.set("shape", _text(((begin, y), (end, y))))
             element.set("length", repr(end - begin))
             element.set("speed", f"{SPEED_LIMIT:g}")
             element.set("width", repr(lane.width))
-    for location in root.findall("location"):  # of the network as it lay
+    for location in root.findall("location"):  # the projection, which holds no longer
         root.remove(location)
     return etree.tostring(root.getroottree(), xml_declaration=True, encoding="UTF-8").decode()
+
+
+# -- elements of the file --------------------------------------------------------------------------
 
 
 def _parsed(network: NetworkFile) -> etree._Element:
@@ -403,9 +446,7 @@ def _parsed(network: NetworkFile) -> etree._Element:
 
 
 def _lanes(edge: etree._Element) -> list[_Lane]:
-    """The lanes of an edge on which cars may drive, from the right: a pavement or a bicycle lane is
-    none.
-    """
+    """The lanes of an edge on which cars may drive, from the right."""
     return sorted(
         (
             _Lane(
@@ -431,26 +472,27 @@ def _index(text: str, owner: str) -> int:
 
 
 def _carries_cars(lane: etree._Element) -> bool:
-    """Whether a passenger car may drive on a lane: SUMO's `allow` counts before its `disallow`."""
+    """Whether a passenger car may drive on a lane; where SUMO has `allow`, `disallow` is unused."""
     if (allowed := lane.get("allow")) is not None:
         return not _CARS.isdisjoint(allowed.split())
     return _CARS.isdisjoint(lane.get("disallow", "").split())
 
 
-def _turn(lane: _Lane) -> Turn:
-    """The rigid motion that lays a lane along the x axis from the origin."""
+def _onto_x(lane: _Lane) -> RigidMotion:
+    """The rigid motion that lays a lane's chord along the x axis from the origin."""
     (x0, y0), (x1, y1) = lane.shape[0], lane.shape[-1]
-    long = math.hypot(x1 - x0, y1 - y0)
-    cos, sin = (x1 - x0) / long, (y1 - y0) / long
+    chord = math.hypot(x1 - x0, y1 - y0)
+    cos, sin = (x1 - x0) / chord, (y1 - y0) / chord
 
-    def turn(point: Point) -> Point:
+    def to_axis(point: Point) -> Point:
         x, y = point[0] - x0, point[1] - y0
         return x * cos + y * sin, y * cos - x * sin
 
-    return turn
+    return to_axis
 
 
 def _points(text: str) -> tuple[Point, ...]:
+    # a height is not used; without a y, "" is refused as a number
     xy = [[*part.split(","), ""] for part in text.split()]
     return tuple((_number(x, "x of a shape"), _number(y, "y of a shape")) for x, y, *_ in xy)
 

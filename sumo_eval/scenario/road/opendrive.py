@@ -1,6 +1,8 @@
 """A road of an OpenDRIVE file (.xodr): its driving lanes to the right of the reference line, read
 as they are.
 
+The tables of scenario files call `read_opendrive`; OpenSCENARIO's networks use the parts.
+
 Read: lines, arcs, spirals and parametric cubics, a constant lane offset, lanes of constant width,
     lane sections in which the outermost lane opens or ends along a straight edge, and several roads
     in order, as through a junction. Anything else that shapes a road (slopes, lane offsets and
@@ -29,20 +31,24 @@ from sumo_eval.scenario.xml_file import read_xml
 from sumo_eval.text import capitalised, number_in
 
 _JOINT = 0.01  # m and rad that a geometry may begin off the end of the one before it
-# m, at most, of the parts that make up the line beside a spiral, which is not itself a spiral
+# m: a line parallel to a spiral is no spiral, and is made of spirals of at most this length
 _PART = 2.0
-_SAME = 1e-6  # m, widths closer than this are one
+_SAME = 1e-6  # m: widths closer than this count as equal
 _MEETS = 0.05  # m and rad that a road of a chain may begin off the end of the one before it
 _MOST_ROADS = 8  # of a chain
 _Knots = list[tuple[float, float]]  # s and a lane's width there, m
 _Ramps = list[tuple[float, float, str]]  # begin, end and type of a lane's sections
-DRIVEN = ("driving", "entry", "exit", "onRamp", "offRamp")
+DRIVEN = ("driving", "entry", "exit", "onRamp", "offRamp")  # types of lanes that cars use
 
 
 @dataclass(frozen=True, slots=True)
 class ReadRoad:
-    """The right-hand driving lane's centre line, the number of adjacent driving lanes from there,
-    their width and the line's length, m.
+    """A road as read.
+
+    line: centre line of the right-hand driving lane; empty if it is straight.
+    lanes: number of adjacent driving lanes.
+    lane_width, length: m.
+    spans: of the lanes that do not exist throughout.
     """
 
     line: tuple[Piece, ...]
@@ -53,8 +59,12 @@ class ReadRoad:
 
 
 class _Stretch(NamedTuple):
-    """A road that is driven one way: the right-hand driving lane's centre line, where it begins,
-    how many driving lanes there are, their width, m, and those that are not there throughout.
+    """A road that is driven one way.
+
+    line: centre line of the right-hand driving lane, which begins at `begin` on the map.
+    lanes: number of driving lanes.
+    width: of each, m.
+    spans: of those that do not exist throughout.
     """
 
     line: tuple[Piece, ...]
@@ -65,12 +75,12 @@ class _Stretch(NamedTuple):
 
 
 def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadRoad:
-    """One road of the file, or several that are driven in order.
+    """Read one road of the file, or several that are driven in order.
 
     road: an id, or several; None: the only road of the file. Each of several is driven in the
         direction in which it meets the one before.
 
-    Raises InputError with what cannot be read.
+    Raises InputError for content that is not supported.
     """
     owner = f"OpenDRIVE file {path.name}"
     root = read_xml(path, "OpenDRIVE file")
@@ -81,7 +91,7 @@ def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadR
         raise InputError(
             f"{owner} has {len(roads)} roads: `opendrive_road` must name one of {', '.join(roads)}."
         )
-    names = list(roads) if road is None else [road] if isinstance(road, str) else list(road)
+    names = [road] if isinstance(road, str) else list(roads if road is None else road)
     check_known(f"road of {owner}", roads, *names)
     if not 0 < len(names) <= _MOST_ROADS:
         raise must_be("The roads to drive along", owner, f"1 to {_MOST_ROADS}", len(names))
@@ -90,31 +100,35 @@ def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadR
     else:
         chain = _chain([roads[name] for name in names], owner)
     line = tuple(piece for stretch in chain for piece in stretch.line)
-    shape = line if bends(line) else ()
-    return ReadRoad(shape, chain[0].lanes, chain[0].width, length_of(line), chain[0].spans)
+    first = chain[0]  # all have its lanes
+    return ReadRoad(
+        line if bends(line) else (), first.lanes, first.width, length_of(line), first.spans
+    )
 
 
 def _chain(roads: Sequence[etree._Element], owner: str) -> list[_Stretch]:
-    """The roads in order, each along or against its own direction, whichever meets the one before
-    it.
+    """The roads in order, each in the direction in which it meets the one before it.
+
+    The first road is tried along its own direction, then against it.
     """
     for first_against in (False, True):
         chain: list[_Stretch] = []
         for element in roads:
             name = f"road `{element.get('id')}` of {owner}"
             directions = (False, True) if chain else (first_against,)
-            # one after the other: what is wrong on the side that is not driven does not matter
+            # generators: faults on a side that is not driven are never read
             stretches = (_stretch_or_none(element, name, against) for against in directions)
             meeting = (it for it in stretches if it and (not chain or _meet(chain[-1], it.begin)))
-            chain += itertools.islice(meeting, 1)  # of none, the chain stays shorter than `roads`
+            chain += itertools.islice(meeting, 1)  # no road that meets: the chain stays too short
         if len(chain) == len(roads):
             break
-    else:
+    else:  # in neither direction
         names = " ".join(str(element.get("id")) for element in roads)
         raise InputError(
             f"The driving lanes of the roads {names} of {owner} must meet, each at the end of the "
             "one before."
         )
+
     first = chain[0]
     for stretch in chain:
         off = abs(stretch.width - first.width)
@@ -137,6 +151,7 @@ def _stretch_or_none(road: etree._Element, owner: str, against: bool) -> _Stretc
 
 
 def _meet(before: _Stretch, begin: Pose) -> bool:
+    """Whether a stretch ends at `begin`, within `_MEETS`."""
     end = before.begin.along(before.line, length_of(before.line))
     turned = math.remainder(end.heading - begin.heading, math.tau)
     return math.dist(end[:2], begin[:2]) <= _MEETS and abs(turned) <= _MEETS
@@ -151,6 +166,7 @@ def _stretch(road: etree._Element, owner: str, *, against: bool) -> _Stretch:
     if against:
         end = begin.along(reference, length_of(reference))
         begin = end._replace(heading=end.heading + math.pi)
+        # driven backwards, a curve to the left is one to the right
         reference = tuple(
             Piece(piece.length, -piece.end, -piece.begin) for piece in reversed(reference)
         )
@@ -159,6 +175,7 @@ def _stretch(road: etree._Element, owner: str, *, against: bool) -> _Stretch:
 
 
 def _number(element: etree._Element, name: str, owner: str, default: str = "nothing") -> float:
+    """A finite number in an attribute; `default` counts where it is missing."""
     text = element.get(name, default)
     value = number_in(text)
     if math.isnan(value):
@@ -181,7 +198,7 @@ def reference_line(road: etree._Element, owner: str) -> tuple[tuple[Piece, ...],
         if begin is None:
             begin = place
         _check_joint(pieces, begin, place, owner)
-        # an empty <geometry> is refused below by its own tag
+        # of an empty <geometry> itself, which is refused below as a shape that is not supported
         shape = next(geometry.iterfind("*"), geometry)
         kind = str(shape.tag)
         length = _number(geometry, "length", owner)
@@ -235,23 +252,24 @@ PROFILES = ("elevationProfile/elevation", "lateralProfile/superelevation")
 def lane_offset(road: etree._Element, owner: str, *, flat: bool = False) -> float:
     """Shift of a level road's lanes to the left of its reference line, m.
 
-    flat: whatever its height is.
+    flat: ignore heights and tilts.
 
-    Raises InputError where that changes along the road, or where the road is not level: a slope or
-    a superelevation, not the height at which it lies.
+    Raises InputError where the shift or the height changes along the road, or where the road is
+    tilted.
     """
     found = {}
     for name in ("lanes/laneOffset", *(() if flat else PROFILES)):
         entries = list(road.iterfind(name))
+        # each entry: a + b ds + c ds^2 + d ds^3 from its s on
         values = {_number(entry, "a", owner) for entry in entries}
         if all(_number(entry, "s", owner, "0") > 0.0 for entry in entries):
             values.add(0.0)  # before the first entry, or throughout where there is none
-        bends = [
+        changing = [
             entry for entry in entries if any(_number(entry, key, owner, "0") for key in "bcd")
         ]
         tilted = name == "lateralProfile/superelevation" and values != {0.0}
-        if bends or len(values) > 1 or tilted:
-            shown = etree.tostring((bends or entries)[0]).decode().strip()
+        if changing or len(values) > 1 or tilted:
+            shown = etree.tostring((changing or entries)[0]).decode().strip()
             wanted = "0: roads are driven on the plane" if tilted else "constant along the road"
             raise must_be(f"<{entries[0].tag}>", owner, wanted, shown)
         found[name] = values.pop()
@@ -274,15 +292,19 @@ class _Section(NamedTuple):
 def _driving_lanes(
     road: etree._Element, owner: str, length: float, *, against: bool
 ) -> tuple[float, tuple[int, float, tuple[LaneSpan, ...]]]:
-    """Offset to the left from the reference line to the right-hand driving lane's centre, m; number
-    and width, m, of the driving lanes, and the outermost one's span where it is not there
-    throughout.
+    """Where the driving lanes lie, and the lanes: offset, (number, width, spans).
 
-    against: the left-hand lanes, driven the other way; left is as seen by their drivers.
+    against: the left-hand lanes, driven the other way.
+    offset: from the reference line to the right-hand driving lane's centre, m, to the left as seen
+        by the drivers.
+    number, width: of the driving lanes; m.
+    spans: of the outermost one, if it does not exist throughout.
     """
     shift = lane_offset(road, owner)
     side = "left" if against else "right"
     sections = _sections(road, owner, length, side)
+
+    # ranks of the driving lanes where there are most; elsewhere the outermost may be missing
     most = max((section.driven for section in sections), key=len)
     if not most:
         raise InputError(
@@ -325,8 +347,10 @@ def _sections(road: etree._Element, owner: str, length: float, side: str) -> lis
 def _inner_lanes(
     sections: Sequence[_Section], outer: int, owner: str
 ) -> tuple[dict[int, float], dict[int, float]]:
-    """Inner edge of each lane up to the outermost driven one, and width of all but that one, m, by
-    rank: constant, and the same in every section.
+    """Inner edges and widths of lanes, m, by rank: constant, and the same in every section.
+
+    outer: rank of the outermost driving lane. It has an inner edge, but no width here: that may
+        change.
     """
     begins: dict[int, float] = {}
     widths: dict[int, float] = {}
@@ -353,8 +377,9 @@ def _inner_lanes(
 
 
 def _outermost(sections: Sequence[_Section], outer: int, owner: str) -> tuple[_Knots, _Ramps]:
-    """Widths of the outermost driven lane along the road, as in `_widths`; begin, end and type of
-    its sections.
+    """Widths of the outermost driving lane along the road, and begin, end and type of its sections.
+
+    The width is 0 where the lane does not exist.
     """
     knots: _Knots = []
     ramps: _Ramps = []
@@ -377,8 +402,9 @@ def _rank(lane: etree._Element) -> int:
 
 
 def _widths(lane: etree._Element, begin: float, end: float, owner: str) -> _Knots:
-    """The width of a lane in a section at the places between which it changes linearly: pairs of s
-    and width, m.
+    """Widths of a lane at the places between which it changes linearly.
+
+    begin, end: s of its section, m.
     """
     found: _Knots = []
     entries = lane.findall("width")
@@ -404,8 +430,11 @@ def _span_of(
 ) -> tuple[LaneSpan, ...]:  # fmt: skip
     """The span of the outermost lane; () if it exists throughout.
 
-    knots, ramps: as from `_outermost`. The lane must open once from the edge, keep its full width,
-        and end once, each along a straight edge; or begin or end at once.
+    knots, ramps: as from `_outermost`.
+    width: where it is whole, m. length: of the road, m.
+
+    The lane must open once, keep its full width, and end once. It opens and ends along a straight
+    edge, or at once.
     """
     whole = [s for s, value in knots if abs(value - width) <= _SAME]
     if len(whole) == len(knots):
@@ -415,18 +444,20 @@ def _span_of(
             "The width of the outermost lane", owner,
             "constant where a road is driven against its direction", [value for _, value in knots],
         )  # fmt: skip
+
+    # s at which it begins to open, is whole, begins to narrow, and is gone
     gone = [s for s, value in knots if abs(value) <= _SAME]
     begin, end = min(whole), max(whole)
     before, behind = [s for s in gone if s <= begin], [s for s in gone if s >= end]
     opens, closes = max(before, default=begin), min(behind, default=end)
     for s, value in knots:
-        # between straight edges, of which `missing` gives the share that they take away at s
         wanted = width * (1.0 - missing(s, opens, begin, end, closes))
-        square = s in (begin, end) and abs(value) <= _SAME  # it begins or ends at once
-        # 1e-4 m: a slope that the file gives to six decimals is so far off after 200 m
-        if abs(value - wanted) > 1e-4 and not square:
+        at_once = s in (begin, end) and abs(value) <= _SAME
+        # a slope in the file has six decimals, an error of 1e-4 m after 200 m
+        if abs(value - wanted) > 1e-4 and not at_once:
             what = "one that opens once and ends once, each along a straight edge"
             raise must_be("The outermost lane", owner, what, f"{value:g} m wide at s = {s:g}")
+
     on = [ramp_end for _, ramp_end, kind in ramps if kind == "onRamp"]
     off = [ramp_begin for ramp_begin, _, kind in ramps if kind == "offRamp"]
     from_start = not before and begin <= _SAME
@@ -445,7 +476,10 @@ def _span_of(
 
 
 def beside(reference: tuple[Piece, ...], offset: float, owner: str) -> tuple[Piece, ...]:
-    """The line `offset` m to the left of another: curvature k / (1 - k d), length (1 - k d) ds."""
+    """The line `offset` m to the left of another.
+
+    A piece ds of curvature k becomes one of length (1 - k offset) ds, curvature k / (1 - k offset).
+    """
     found = []
     for piece in reference:
         if max(piece.begin * offset, piece.end * offset) >= 1.0:
