@@ -1,5 +1,6 @@
-"""A concrete scenario: one point of a space as plain data, from which SUMO is set up, and which
-child processes receive.
+"""A concrete scenario: one point of a space as plain data.
+
+`scenario` makes it, `cosim` sets SUMO up from it, and workers receive it within their cases.
 
 Positions are vehicle centres in road coordinates: x along the road, y to the left, y = 0 on the
 right lane's centre line, headings from the road's direction. On a curved road x is the distance
@@ -33,9 +34,9 @@ class NetworkFile:
 
     path: of the .net.xml, absolute.
     edges: edges that the scenario uses, in driving order; together they are straight.
-    sha256: of the file's content, so that a changed file is another road.
-    first_lane: SUMO's index of the first edge's right-hand lane for cars; a pavement to the right
-        of it has a lower index.
+    sha256: of the file's content; a road of a changed file is not the same road.
+    first_lane: SUMO's index of the first edge's right-hand lane for cars; above 0 where a pavement
+        lies to the right of it.
     """
 
     path: str
@@ -46,10 +47,12 @@ class NetworkFile:
 
 @dataclass(frozen=True, slots=True)
 class Road:
-    """A road.
+    """A road of parallel lanes.
 
     length: x at which cases end, m.
+    lanes: number of lanes, all `lane_width` m wide.
     run_out: further road for vehicles that are faster than the ego, m.
+    speed_limit: the most that SUMO lets a vehicle drive, m/s.
     network: the user's network that contains it; None: a network is written for it.
     line: the right lane's centre line from x = 0 on, piece by piece; after its last piece the road
         is straight. Empty: it is straight throughout.
@@ -114,9 +117,11 @@ class Road:
 
 
 CHANGE_TIME = 4.0
-"""Duration of the lane change of a way at the ego's first speed, s: its lateral acceleration then
-peaks at 1.26 m/s2."""
-LEAST_CHANGE = 20.0  # m of road that the lane change of a way takes at least
+"""Duration of the lane change in a `Way` if the ego keeps its first speed, s.
+
+Over 3.5 m its lateral acceleration then peaks at 1.26 m/s2.
+"""
+LEAST_CHANGE = 20.0  # m of road, at least, that the lane change in a `Way` takes
 RECORDED_EVERY = 0.1  # s between two positions of a recorded ego
 _PIECES = 64  # straight pieces by which the length of a lane change is computed
 
@@ -138,7 +143,7 @@ class Way:
     ends: bool
 
     def length(self, speed: float) -> float:
-        """Road that the lane change takes if it begins at `begin` at a speed in m/s, m."""
+        """Length of road, m, for a lane change that begins at x = `begin` at a speed, m/s."""
         return min(max(CHANGE_TIME * speed, LEAST_CHANGE), self.by - self.begin)
 
 
@@ -173,18 +178,17 @@ class Start:
         return np.asarray(self.y + self.way.offset * smooth_step(share))
 
     def x_after(self, distance: ArrayLike) -> FloatArray:
-        """x after a distance along the ego's path (any shape), m: a lane change is longer than the
-        road that it takes.
+        """x after a distance along the ego's path (any shape), m.
+
+        The path through a lane change is longer than its road, by the detour, m.
         """
         driven = np.asarray(distance, dtype=np.float64)
         if self.way is None:
             return np.asarray(self.x + driven)
-        x = np.linspace(self.way.begin, self.way.begin + self.way.length(self.speed), _PIECES + 1)
-        along = (
-            self.way.begin
-            - self.x
-            + np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(self.y_at(x)))))
-        )
+        begin = self.way.begin
+        x = np.linspace(begin, begin + self.way.length(self.speed), _PIECES + 1)
+        pieces = np.hypot(np.diff(x), np.diff(self.y_at(x)))
+        along = begin - self.x + np.append(0.0, np.cumsum(pieces))  # the path from the start to x
         detour = np.interp(driven, along, along - (x - self.x))
         return np.asarray(self.x + driven - detour)
 
@@ -197,15 +201,16 @@ class Start:
 def departures(
     recorded: Sequence[tuple[float, float]], time: ArrayLike, x: ArrayLike, y: ArrayLike
 ) -> FloatArray:
-    """Distances of positions x, y (n,), m, from those of a recorded ego at times (n,), s since the
-    start, m.
+    """Distances from the positions of a recorded ego at the same times, m, (n,).
 
     recorded: as in `Start`. After its end its last position counts.
+    time: since the start, s, (n,).
+    x, y: positions, m, (n,).
     """
     places, at = np.array(recorded, dtype=np.float64), np.asarray(time, dtype=np.float64)
-    known = np.arange(len(places)) * RECORDED_EVERY
-    ahead = np.asarray(x) - np.interp(at, known, places[:, 0])
-    return np.asarray(np.hypot(ahead, np.asarray(y) - np.interp(at, known, places[:, 1])))
+    times = np.arange(len(places)) * RECORDED_EVERY
+    ahead = np.asarray(x) - np.interp(at, times, places[:, 0])
+    return np.asarray(np.hypot(ahead, np.asarray(y) - np.interp(at, times, places[:, 1])))
 
 
 def smooth_step(share: FloatArray | float) -> FloatArray:
@@ -225,9 +230,9 @@ def lane_change(begin: float, duration: float, offset: float, *, cosine: bool = 
 
     begin, duration: s.
     offset: to the left, m; negative: to the right.
-    cosine: the share of the offset covered after a share s of the duration is (1 - cos(pi s)) / 2,
-        OpenSCENARIO's `sinusoidal`, with a peak rate of pi/2 offset/duration; else that of
-        `smooth_step`, with a peak rate of 1.875 offset/duration.
+    cosine: False: the share of the offset covered after a share s of the duration is that of
+        `smooth_step`; lateral speed peaks at 1.875 offset/duration. True: it is
+        (1 - cos(pi s)) / 2, OpenSCENARIO's `sinusoidal`, and peaks at pi/2 offset/duration.
     """
     _check_above_zero("duration", "a lateral move", "s", duration)
     return Act(played.COSINE if cosine else played.SMOOTH, begin, duration, 0.0, offset)
@@ -245,10 +250,10 @@ def constant_lateral(
     """
     _check_above_zero("speed", "a lateral move", "m/s", speed)
     _check_above_zero("acceleration", "a lateral move", "m/s2", acceleration, endless=True)
-    rise = speed / acceleration
-    covered = 0.5 * speed * rise
+    rise = speed / acceleration  # time in which the speed builds up, s
+    covered = 0.5 * speed * rise  # distance in that time, m
     duration = 0.5 * rise + abs(offset) / speed
-    if abs(offset) < covered:
+    if abs(offset) < covered:  # the move ends before the speed is reached
         duration = rise * math.sqrt(abs(offset) / covered)
     return Act(played.CONSTANT, begin, duration, speed, offset, acceleration)
 
@@ -274,10 +279,11 @@ def _check_above_zero(
 
 
 def keeps_on(acts: Sequence[Act]) -> Act:
-    """An act that changes no motion, but makes the vehicle `lively`: of motor vehicles only such
-    may be beside the lanes.
+    """An act that changes no motion, but makes the vehicle `lively`.
 
-    acts: the other acts of the vehicle.
+    SUMO does not move it then, and it may start beside the lanes.
+
+    acts: the other acts of the vehicle; with any, this one never begins.
     """
     return Act(played.KEEP, math.inf if acts else 0.0)
 
@@ -294,8 +300,9 @@ def braked_speed(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike) -> 
 
 
 def braked_distance(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike) -> FloatArray:
-    """Distance driven since braking began, m (below 0 before that); arguments as in
-    `braked_speed`.
+    """Distance driven since braking began, m; below 0 before that.
+
+    Arguments as in `braked_speed`.
     """
     v0, a = np.asarray(speed, dtype=np.float64), np.asarray(deceleration, dtype=np.float64)
     t = np.minimum(np.asarray(time, dtype=np.float64), v0 / a)
@@ -321,18 +328,19 @@ class Model:
 class Actor:
     """An actor: keeps its speed along the road until one of its acts begins.
 
-    The methods describe an actor that is not `lively`; of a `lively` one they know only the start.
+    The methods are right for an actor that is not `lively`. They leave out the acts of a `lively`
+    one: it then keeps its first speed.
 
+    length, width: m.
     slides: it keeps its heading while it moves across the road, as the rectangles behind UN R157's
         tables do; otherwise it points where it moves.
     body: kind of road user (`scenario.bodies`).
     heading: at the start, rad to the left of the road.
-    model: SUMO drives it by this model, from the start or from its act `FOLLOW` on; None: its acts
-        do.
-    on_map: on a curved road, x m, y m and heading rad of its start on the map, if its path is
-        straight on the map instead of along the road: an actor that crosses the path of a turning
-        ego. `start` and `heading` are in road coordinates even then. None: its path is along the
-        road.
+    model: SUMO's model that drives it from the start, or from its act `FOLLOW` on; None: its acts
+        move it.
+    on_map: x m, y m and heading rad of its start on the map of a curved road, if its path is
+        straight on the map, as of an actor that crosses the path of a turning ego. `start` and
+        `heading` are in road coordinates even then. None: its path is along the road.
     """
 
     name: str
@@ -353,7 +361,7 @@ class Actor:
 
     @property
     def lively(self) -> bool:
-        """Whether its motion depends on more than time, so that only the drive decides it."""
+        """Whether its motion depends on more than time, and is known only in the drive."""
         if self.model is not None or self.heading != 0.0 or self.on_map is not None:
             return True
         brakes = sum([act.kind == played.SPEED for act in self.acts])
@@ -376,21 +384,23 @@ class Actor:
     @property
     def script_end(self) -> float:
         """Time at which its last act ends, s; -inf without acts."""
-        ends = [act.begin + act.duration for act in self.lateral_moves]
-        if self.braking is not None:
-            ends.append(self.braking.begin + motion.time_to_stand(self.braking, self.start.speed))
-        return max(ends, default=-math.inf)
+        return max([self._stands_from, *(act.begin + act.duration for act in self.lateral_moves)])
+
+    @property
+    def _stands_from(self) -> float:
+        """Time at which its braking ends, s; -inf if it does not brake."""
+        brake = self.braking
+        if brake is None:
+            return -math.inf
+        return brake.begin + motion.time_to_stand(brake, self.start.speed)
 
     def __post_init__(self) -> None:
-        if self.braking is None:
-            return
-        stands = self.braking.begin + motion.time_to_stand(self.braking, self.start.speed)
-        if self.script_end > stands:
+        stands = self._stands_from
+        if -math.inf < stands < self.script_end:
+            wanted = f"over when it stands, at {stands:.2f} s"
             raise must_be(
-                "The lane changes", f"vehicle `{self.name}`", "over when it stands, at "
-                                                              f"{stands:.2f} s",
-                round(self.script_end, 2),
-            )  # fmt: skip
+                "The lane changes", f"vehicle `{self.name}`", wanted, round(self.script_end, 2)
+            )
 
     def x(self, time: float) -> float:
         """Position of the centre along the road at a time, m."""
@@ -416,7 +426,7 @@ class Actor:
 
 
 OF_THE_WORLD = ("vehicle.friction",)
-"""Settings of a case that hold for every ego, also for references and human drivers."""
+"""Settings of the world, not of the ADS: they hold also for references and human drivers."""
 CHANGES = (
     "conditions.perception_delay", "conditions.dropout", "conditions.position_noise",
     "conditions.speed_noise", "conditions.sensor_range", "conditions.field_of_view_deg",
@@ -440,14 +450,14 @@ class ConcreteScenario:
 
     scenario: name of the logical scenario.
     values: of its parameters, by name.
-    exposure: p_i, up to a factor.
+    exposure: p_i, up to a factor common to all points.
     ego: start of the ego.
     ego_body: the ego's body in this scenario; None: that of the vehicle settings.
-    time_limit: simulated time after which the case ends, s, if it is below the simulation's own;
-        None: the simulation's own.
+    time_limit: simulated time after which the case ends, s; the simulation's own where that is
+        less; None: always the simulation's own.
     standstill_time: time that the ego must stand for the case to end, s; None: the simulation's
         own.
-    changes: settings of this case alone, (name, value), names of `CHANGES`.
+    changes: settings of this case alone, (name, value), with names in `CHANGES`.
     """
 
     scenario: str
@@ -475,10 +485,11 @@ class ConcreteScenario:
 
     @property
     def lively(self) -> bool:
-        """Whether our kernels, not SUMO, move the actors.
+        """Whether the kernels of `scenario.played`, not SUMO, move the actors.
 
-        True where an actor's motion depends on more than time, or where lanes open or end: SUMO
-        numbers lanes from the beginning of each edge.
+        True where an actor's motion depends on more than time, where lanes open or end (SUMO
+        numbers the lanes of each edge on its own), where roads cross, and where the ego has to
+        change lanes.
         """
         return (
             self.road.shaped
@@ -512,16 +523,14 @@ class ConcreteScenario:
 
     @property
     def without_ads(self) -> ConcreteScenario:
-        """The case for references and drivers: only changes of the world hold for them."""
+        """The scenario for references and drivers: without changes that only an ADS has."""
         if not self.changes:
             return self
         return replace(self, changes=tuple(it for it in self.changes if it[0] in OF_THE_WORLD))
 
     def simulation(self, settings: SimulationSettings) -> SimulationSettings:
-        """Settings of this case's simulation: `settings` with its changes, body and limits of
-        time.
-        """
-        # settings with an FMU have no hash, which the cache needs
+        """These settings with the changes, the ego's body and the limits of time of this case."""
+        # settings with an FMU have no hash, so the function is called without its cache
         changed = _changed.__wrapped__ if settings.plant else _changed
         return changed(settings, self.changes, self.ego_body, self.time_limit, self.standstill_time)
 

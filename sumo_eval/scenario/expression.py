@@ -1,10 +1,12 @@
-"""A small language of arithmetic and comparisons for scenario files: `3.5 * ego_speed`, `lead_speed
-< ego_speed`.
+"""The language of scenario files, arithmetic and comparisons: `3.5 * ego_speed`, `lead_speed <
+ego_speed`.
 
-Python's parser reads the text, and only the node types listed here are understood: numbers, names,
-+ - * / **, comparisons (chains too), and, or, not, and the functions below. There are no
-attributes, no subscripts, no calls of anything else and no `eval`. One expression serves a whole
-space, on numpy arrays, and one point, on plain floats.
+`scenario.formulas` evaluates the expressions; requirements and triggers extend the language.
+
+Python's parser reads the text. Only these nodes are known: numbers, names, + - * / **, comparisons
+(chains too), and, or, not, and the functions below. There are no attributes, subscripts or other
+calls, and no `eval`. One expression serves a whole space, on numpy arrays, and one point, on plain
+floats.
 """
 
 from __future__ import annotations
@@ -32,9 +34,7 @@ UNREADABLE = (SyntaxError, ValueError, RecursionError, MemoryError)
 
 
 def _quiet(function: Callable[..., Any]) -> Callable[..., float]:
-    """Apply a function of numpy to plain floats; undefined values are nan or inf, without a
-    warning.
-    """
+    """A function of numpy for plain floats; without warnings of undefined values (nan, inf)."""
 
     def of_floats(*values: float) -> float:
         with np.errstate(all="ignore"):
@@ -44,8 +44,10 @@ def _quiet(function: Callable[..., Any]) -> Callable[..., float]:
 
 
 class _Operation(NamedTuple):
-    """on_arrays, on_floats: how it is done, to the same bits.
-    takes: how many values; None: two or more.
+    """An operator or a function of the language.
+
+    on_arrays, on_floats: its two versions, equal to the bit.
+    takes: number of its values; None: two or more, from left to right.
     """
 
     on_arrays: Callable[..., Any]
@@ -54,12 +56,14 @@ class _Operation(NamedTuple):
 
 
 _divide = _quiet(np.divide)
+# the same function serves arrays and floats
 _ALIKE = (
     ("Add", operator.add), ("Sub", operator.sub), ("Mult", operator.mul), ("Lt", operator.lt),
     ("LtE", operator.le), ("Gt", operator.gt), ("GtE", operator.ge), ("Eq", operator.eq),
     ("NotEq", operator.ne),
 )  # fmt: skip
 _UFUNCS = {"sqrt": np.sqrt, "exp": np.exp, "log": np.log, "tanh": np.tanh}
+# on floats: by 0 as numpy does it, not an exception; min and max of a nan are nan
 _OPERATIONS: dict[str, _Operation] = {
     **{name: _Operation(function, function, 2) for name, function in _ALIKE},
     "Div": _Operation(np.divide, lambda a, b: a / b if b else _divide(a, b), 2),
@@ -75,20 +79,17 @@ _OPERATIONS: dict[str, _Operation] = {
     **{f"{name}()": _Operation(ufunc, _quiet(ufunc), 1) for name, ufunc in _UFUNCS.items()},
     "where()": _Operation(np.where, lambda holds, then, other: then if holds else other, 3),
 }
-"""The language: operators by Python's names, functions with brackets.
+"""The language: operators by the names of Python's nodes, functions by their own with brackets.
 
 `where(condition, then, else)`.
 """
 ARITHMETIC = [name[:-2] for name in _OPERATIONS if name.endswith("()")]
-"""Names of the functions."""
+"""Names of the functions, without brackets."""
 
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """A checked expression.
-
-    Two of the same text are equal, and one can be sent to another process.
-    """
+    """A checked expression: only its text, so that it can be compared and sent to a worker."""
 
     text: str
 
@@ -97,7 +98,7 @@ class Expression:
 
     @property
     def names(self) -> frozenset[str]:
-        """The names it needs a value for."""
+        """Names of the values that it needs."""
         return frozenset(
             node.id
             for node in ast.walk(_tree(self.text))
@@ -105,23 +106,25 @@ class Expression:
         )
 
     def value(self, values: Mapping[str, ArrayLike]) -> Any:
-        """The value at the given values by name, which broadcast.
+        """The value as an array; where it is not defined (1 / 0) it is inf or nan.
 
-        Where it is not defined (1 / 0) it is inf or nan.
+        values: by name, arrays that broadcast.
         """
         with np.errstate(all="ignore"):
             return np.asarray(self._evaluated(values))
 
     def room(self, values: Mapping[str, ArrayLike]) -> Any:
-        """Distance of a condition from its limit, in the unit of the compared values; below 0 where
-        it does not hold.
+        """Distance of a condition from its limit, in the unit of the compared values.
+
+        It is below 0 where the condition does not hold. values: as in `value`.
         """
         with np.errstate(all="ignore"):
             return np.asarray(_work(_room(_tree(self.text)))(values))
 
     def at(self, values: Mapping[str, float]) -> Any:
-        """The value at one point, given as plain floats: the number (or truth) that `value` has
-        there, faster.
+        """The number or truth that `value` has at one point, faster.
+
+        values: by name, plain floats.
         """
         return self._evaluated(values, plain=True)
 
@@ -136,9 +139,10 @@ class Expression:
 
 @dataclass(frozen=True, slots=True)
 class Definitions:
-    """Names for expressions, worked out in order.
+    """Named expressions, each of which may use those before it.
 
-    options: names of plain numbers.
+    entries: (name, expression).
+    options: (name, number), for all expressions.
     """
 
     entries: tuple[tuple[str, Expression], ...]
@@ -148,7 +152,7 @@ class Definitions:
         """The definitions that the expressions need."""
         names = set().union(*(expression.names for expression in expressions))
         entries = []
-        for name, expression in reversed(self.entries):
+        for name, expression in reversed(self.entries):  # a definition needs only earlier ones
             if name in names:
                 entries.append((name, expression))
                 names |= expression.names
@@ -156,11 +160,11 @@ class Definitions:
         return Definitions(tuple(reversed(entries)), options)
 
     def extend(self, values: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
-        """The values and the definitions at them."""
+        """The values with those of the definitions, arrays."""
         return self._with(values, Expression.value)
 
     def at(self, values: Mapping[str, float]) -> dict[str, float]:
-        """The values and the definitions at one point, plain floats."""
+        """The values of one point with those of the definitions, plain floats."""
         return self._with(values, Expression.at)
 
     def _with(self, values: Mapping[str, Any], evaluate: Callable[..., Any]) -> dict[str, Any]:
@@ -171,14 +175,14 @@ class Definitions:
 
 
 def checked_names(expression: Expression, known: Iterable[str], owner: str) -> Expression:
-    """The expression, if all its names are known; else an InputError with the nearest one."""
+    """The expression; raises InputError with the nearest name if one of its names is unknown."""
     names = list(known)
     check_known(f"name in `{expression.text}` of {owner}:", names, *sorted(expression.names))
     return expression
 
 
 def number(text: str | float, owner: str) -> Expression:
-    """An expression that must be a number."""
+    """Read an expression that must be a number."""
     if isinstance(text, int | float):
         if not _is_finite(text):
             raise must_be("A number", owner, "finite", text)
@@ -187,7 +191,7 @@ def number(text: str | float, owner: str) -> Expression:
 
 
 def condition(text: str, owner: str) -> Expression:
-    """An expression that must be true or false."""
+    """Read an expression that must be true or false."""
     return _of_kind(text, owner, "a condition such as `a < b`", condition=True)
 
 
@@ -210,20 +214,23 @@ def _tree(text: str) -> ast.expr:
 
 
 def parsed(text: str, what: str) -> ast.expr:
-    """The syntax tree of an expression; `what` names it in errors. Raises InputError."""
+    """The syntax tree of a text, at most `DEEPEST` levels deep.
+
+    what: begins the message of an InputError.
+    """
     try:
         tree = ast.parse(text.strip(), mode="eval").body
     except UNREADABLE as error:
         reason = error.msg if isinstance(error, SyntaxError) else "it is too deep or malformed"
         raise InputError(f"{what} cannot be read: {reason}.") from None
-    # level by level: whatever reads or writes the tree later may call itself at each
+    # level by level, without recursion, which a deep tree would exhaust, here and later
     level: list[ast.AST] = [tree]
     for _ in range(DEEPEST + 1):
         level = [
             part
             for node in level
             for part in ast.iter_child_nodes(node)
-            if not isinstance(part, ast.expr_context)  # which a name has below it
+            if not isinstance(part, ast.expr_context)  # below a name, but not in the text
         ]
     if level:
         raise InputError(f"{what} must not be nested more than {DEEPEST} deep.")
@@ -233,19 +240,20 @@ def parsed(text: str, what: str) -> ast.expr:
 def check_variable(name: str, owner: str, also: Collection[str] = ()) -> None:
     """Refuse a name that no expression could use.
 
-    also: names that are allowed all the same.
+    also: further names that are allowed.
     """
-    # Python reads letters in their normal form: the micro sign as the Greek letter
+    # Python reads a name in this form: one with a micro sign (U+00B5) as one with a Greek mu
     plain = name.isidentifier() and unicodedata.is_normalized("NFKC", name)
-    if not (plain and not keyword.iskeyword(name)) and name not in also:
+    if (not plain or keyword.iskeyword(name)) and name not in also:
         allowed = "letters, digits and underscores in the form NFKC, and no keyword of Python"
         raise must_be("The name", owner, allowed, name)
 
 
 def _check(node: ast.expr, text: str, *, condition: bool | None = None) -> None:
-    """Refuse whatever is not of the language.
+    """Refuse what the language does not have.
 
-    condition: whether a condition or a number must stand here; None: either.
+    text: the whole expression, for messages.
+    condition: True: the node must be a condition; False: a number; None: either.
     """
     if condition not in (None, _is_condition(node)):
         wanted = "a condition" if condition else "a number"
@@ -278,13 +286,14 @@ def _check(node: ast.expr, text: str, *, condition: bool | None = None) -> None:
         wanted = f"given {count or 'at least 2'} values"
         raise must_be(f"`{name[:-2]}`", f"expression `{text}`", wanted, len(parts))
     for place, part in enumerate(parts):
-        joined = name in ("And", "Or", "Not") or (name == "where()" and place == 0)
-        _check(part, text, condition=joined)
+        of_conditions = name in ("And", "Or", "Not") or (name == "where()" and place == 0)
+        _check(part, text, condition=of_conditions)
 
 
 def operation(node: ast.expr) -> tuple[str, list[ast.expr]]:
-    """Name of an operation in `_OPERATIONS` and what it is applied to; a chain of comparisons is an
-    `And` of pairs.
+    """Name of a node's operation in `_OPERATIONS`, and the nodes that it is applied to.
+
+    A chain of comparisons is an `And` of pairs. Any other node has the name "".
     """
     op: ast.AST
     match node:
@@ -323,16 +332,18 @@ _Work = Callable[[Mapping[str, Any]], Any]
 
 @lru_cache(maxsize=2048)
 def _compiled(text: str, plain: bool) -> _Work:
-    """The expression as nested functions of the values by name.
-
-    plain: of plain floats, else of arrays.
-    """
+    """The expression as a function of the values by name; arguments as in `_work`."""
     return _work(_tree(text), plain=plain)
 
 
 def _work(node: ast.expr, *, plain: bool = False) -> _Work:
+    """A node as a function of the values by name, made of those of its parts.
+
+    plain: of plain floats; else of arrays.
+    """
     if isinstance(node, ast.Constant):
-        constant = (float if plain else np.float64)(node.value)  # type: ignore[arg-type]
+        to_number = float if plain else np.float64
+        constant = to_number(node.value)  # type: ignore[arg-type]
         return lambda values: constant
     if isinstance(node, ast.Name):
         name = node.id
@@ -342,14 +353,15 @@ def _work(node: ast.expr, *, plain: bool = False) -> _Work:
     name, parts = operation(node)
     done, inner = _OPERATIONS[name], [_work(part, plain=plain) for part in parts]
     function = done.on_floats if plain else done.on_arrays
-    if done.takes in (2, None):
+    if done.takes in (2, None):  # of two values, or of more by twos from the left
         return reduce(lambda a, b: lambda values: function(a(values), b(values)), inner)
     return lambda values: function(*[part(values) for part in inner])
 
 
 def _room(node: ast.expr) -> ast.expr:
-    """A condition as a number that is below 0 where it does not hold: the least room of those that
-    must all hold.
+    """A condition as an expression of its room: a number that is below 0 where it does not hold.
+
+    Of `and` it is the least room, of `or` the largest.
     """
     name, parts = operation(node)
     if name == "Not":
@@ -357,6 +369,7 @@ def _room(node: ast.expr) -> ast.expr:
     if name in ("And", "Or"):
         rooms = [_room(part) for part in parts]
         return ast.Call(ast.Name("min" if name == "And" else "max"), rooms, [])
+    # a comparison `less < more`
     less, more = reversed(parts) if name in ("Gt", "GtE") else parts
     room: ast.expr = ast.BinOp(more, ast.Sub(), less)
     if name in ("Eq", "NotEq"):

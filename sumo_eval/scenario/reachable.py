@@ -1,9 +1,12 @@
 """Whether a condition can become true at all, as far as that is known before a drive.
 
-Every number of the moment is taken as the range that it can ever have (time up to the case's end,
-the ego between its start and the end of the road, distances not below 0, a script no faster than
-its fastest speed); sums, products and comparisons of ranges are ranges again. What comes out false
-for all of them never holds. What may hold still need not: that depends on who drives.
+Readers of scenario files and of OpenSCENARIO refuse moves that never begin, and report vehicles
+that leave the road.
+
+Each quantity in a condition is replaced by the range of its values in a drive: time up to the
+case's end, the ego between its start and the end of the road, distances not below 0, a script no
+faster than its fastest speed. Sums, products and comparisons of ranges are ranges again. A
+condition that is false throughout its range never holds. Any other may hold: the ADS decides.
 """
 
 from __future__ import annotations
@@ -20,14 +23,17 @@ from sumo_eval.scenario.undisturbed import tracks
 Range = tuple[float, float]
 _ANY: Range = (-math.inf, math.inf)
 _NOT_NEGATIVE: Range = (0.0, math.inf)
-_LOOKS = 600  # at a script until the time limit
-_HEADWAY = 2.0  # s
-_CREEPS = 0.1  # m/s, no ego counts as slower
+_LOOKS = 600  # number of looks at a script, from the start to the time limit
+_HEADWAY = 2.0  # s, of an ego behind a slower vehicle
+_CREEPS = 0.1  # m/s: a slower ego counts as one of this speed
 _PAST = 5.0  # m that an ego may be past the end of its road at the end of a step
 
 
 def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Actor, int]]:
-    """The moves, with their vehicles, whose conditions can never hold within `time_limit` s."""
+    """Moves whose conditions can never hold within a time limit: (vehicle, index of the move).
+
+    time_limit: s.
+    """
     ego, road = concrete.ego, concrete.road
     known = {
         (played.TIME, 0): (0.0, time_limit),
@@ -37,14 +43,16 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
     for number, actor in enumerate(concrete.actors):
         fastest = math.inf if road.bent else _fastest(actor)
         known[played.ALONG, number] = (-fastest, fastest)
+
     acts = {
         (number, index): act
         for number, actor in enumerate(concrete.actors)
         for index, act in enumerate(actor.acts)
     }
     keeps = {place for place, act in acts.items() if act.kind == played.KEEP}
+    # a move that waits for the end of one that never ends never begins; repeat until no more follow
     endless: set[tuple[int, int]] = set()
-    while True:  # a move that waits for the end of one that never ends never begins either
+    while True:
         never = {
             place
             for place, act in acts.items()
@@ -58,37 +66,43 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
 def leaves_at(
     concrete: ConcreteScenario, end: float, time_limit: float
 ) -> Iterator[tuple[str, float]]:
-    """The vehicles whose scripts lead to x = `end`, m, within `time_limit` s and before the ego is
-    done; and when.
+    """Vehicles whose scripts leave the road before the ego's case ends, and when, s.
+
+    end: x of the road's end, m, beyond the x at which cases end.
+    time_limit: of the case, s.
 
     The ego keeps its speed, or follows a slower vehicle at a headway of `_HEADWAY`. A vehicle that
-    reacts counts with the speed that it begins with.
+    a SUMO model drives keeps its first speed.
     """
     ego, road = concrete.ego, concrete.road
     if not concrete.actors:
         return
-    alone = (road.length - ego.x) / max(ego.speed, _CREEPS)
+    ego_time = (road.length - ego.x) / max(ego.speed, _CREEPS)  # to the end of the case, unhindered
     step = time_limit / _LOOKS
-    # the ego's body moves nothing here
+    # a body of no size: conditions that measure from it are a few metres off
     tracked = tracks([concrete], [(0.0, 0.0)], step, time_limit).others[0, :, :, 0]
     for actor, x in zip(concrete.actors, tracked, strict=True):
         beyond = x > end - 0.5 * actor.length
         if not beyond.any():
             continue
         time, speed = float(np.argmax(beyond)) * step, actor.start.speed
+        # the ego behind it has not reached the end of the case when the vehicle leaves
         held_up = speed < ego.speed and end - actor.length - _HEADWAY * speed < road.length
-        if time < alone or held_up:
+        if time < ego_time or held_up:
             yield actor.name, time
 
 
 def _fastest(actor: Actor) -> float:
-    """The highest speed that a script has on a straight road, m/s; inf where SUMO drives, or it
-    moves across.
+    """The highest speed of a script along a straight road, m/s.
+
+    It is inf where a SUMO model drives, and where the vehicle moves across the road or at the speed
+    of another.
     """
     if actor.start.lateral_speed != 0.0 or actor.model is not None:
         return math.inf
     speeds = [actor.start.speed, 0.0]
     for act in actor.acts:
+        # up to COSINE: moves across the road
         if act.kind <= played.COSINE or act.kind in (played.FOLLOW, played.MATCH):
             return math.inf
         profiled = act.kind in (played.BY_TIME, played.BY_PLACE)
@@ -101,6 +115,12 @@ def _may_hold(
     known: dict[tuple[int, int], Range],
     endless: set[tuple[int, int]],
 ) -> bool:
+    """Whether a condition may hold.
+
+    program: its operations on a stack, as in `played.Act`.
+    known: range of a value, by operation and vehicle; missing: any.
+    endless: moves that never end, as (vehicle, index).
+    """
     stack: list[Range] = []
     for op, one, two, value in program:
         if op == played.VALUE:
@@ -109,13 +129,13 @@ def _may_hold(
             stack.append((0.0, 0.0 if (one, two) in endless else 1.0))
         elif op in (played.DISTANCE, played.TTC, played.THW, played.DEPARTED):
             stack.append(_NOT_NEGATIVE)
-        elif op == played.TIME or op <= played.GAP:
+        elif op <= played.GAP:  # time, or a value of one vehicle or between two
             stack.append(known.get((op, one), _ANY))
         elif op in (played.NEGATE, played.ABSOLUTE):
             low, high = stack.pop()
             if op == played.NEGATE or high < 0.0:
                 low, high = -high, -low
-            elif low < 0.0:  # of both signs
+            elif low < 0.0:  # the absolute of a range of both signs
                 low, high = 0.0, max(-low, high)
             stack.append((low, high))
         else:
@@ -125,9 +145,7 @@ def _may_hold(
 
 
 def _joined(op: int, first: Range, second: Range) -> Range:
-    """The range of what two ranges come to; of comparisons 1 where it may hold, 0 where it
-    cannot.
-    """
+    """The range of an operation on two ranges; of a condition 0..1 where it may hold, else 0..0."""
     (a, b), (c, d) = first, second
     holds = {
         played.BELOW: a < d,
@@ -139,7 +157,7 @@ def _joined(op: int, first: Range, second: Range) -> Range:
         return 0.0, float(holds[op])
     if op == played.DIVIDE and c <= 0.0 <= d:
         return _ANY
+    # the extremes are at ends of the ranges; with infinite ends, some results are undefined
     corners = [played.arithmetic(op, x, y) for x in first for y in second]
-    # of unbounded ranges some corners are undefined; the others bound what lies between
     known = [corner for corner in corners if not math.isnan(corner)]
     return (min(known), max(known)) if known else _ANY

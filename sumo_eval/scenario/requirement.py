@@ -1,15 +1,17 @@
 """Requirements of a scenario: conditions on the whole drive, such as `min(gap) > 2 and
 max(abs(offset)) <= 0.15`.
 
-`min`, `max` and `at_end` of one value are taken over the drive of the ego; what stands in them may
-combine the numbers of the moment below with parameters and definitions. The rest is the language of
-scenario files.
+Tables of scenario files become them here; `scoring.requirements` evaluates them in recorded drives.
+
+`min`, `max` and `at_end` of one value are taken over the drive of the ego. The value may combine
+the quantities of each moment, below, with parameters and definitions. The rest is the language of
+scenario files (`scenario.expression`).
 """
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,8 +59,10 @@ _OVER_TIME: dict[str, Callable[[FloatArray], Any]] = {
 class Requirement:
     """A checked requirement.
 
-    parts: placeholder, function and what it is taken of, for each value over time.
-    asks: placeholder, function and vehicle for each number of another vehicle.
+    about: what it means, in the user's words.
+    outer: its condition, with a placeholder for each value over time.
+    parts: of each value over time: placeholder, function of `_OVER_TIME`, and its argument.
+    asks: of each quantity of an actor in these arguments: placeholder, name in `OF_OTHERS`, actor.
     """
 
     name: str
@@ -76,47 +80,55 @@ class Requirement:
     def holds(self, series: Mapping[str, FloatArray], known: Mapping[str, float]) -> bool:
         """Whether it holds in a drive.
 
-        series: by the names of `SERIES` and of `asks`, (n,) each;
-        known: all other numbers.
+        series: by the names in `SERIES` and the placeholders of `asks`, (n,) each.
+        known: all other numbers, by name.
         """
         numbers = dict(known)
         for placeholder, function, inner in self.parts:
-            over = np.broadcast_to(inner.value({**known, **series}), series["time"].shape)
-            if np.isnan(over).any():
+            values = np.broadcast_to(inner.value({**known, **series}), series["time"].shape)
+            if np.isnan(values).any():
                 raise InputError(
                     f"`{inner.text}` of requirement `{self.name}` must be a number at every moment."
                 )
-            numbers[placeholder] = float(_OVER_TIME[function](over))
+            numbers[placeholder] = float(_OVER_TIME[function](values))
         return bool(self.outer.at(numbers))
 
 
 @dataclass(frozen=True, slots=True)
 class Requirements:
-    """All requirements of a scenario, and the definitions of the other numbers that they name."""
+    """All requirements of a scenario; numbers: the definitions that they use."""
 
     all: tuple[Requirement, ...]
     numbers: Definitions
 
     def known(self, values: Mapping[str, float]) -> dict[str, float]:
-        """The numbers of a point."""
+        """The numbers of a point: its values, and those of the definitions."""
         return self.numbers.at(values)
 
 
 def requirement(
-    name: str, text: str, about: str, owner: str, known: Iterable[str], vehicles: Sequence[str] = ()
+    name: str,
+    text: str,
+    about: str,
+    owner: str,
+    known: Collection[str],
+    vehicles: Sequence[str] = (),
 ) -> Requirement:
-    """The requirement in a text.
+    """Read a requirement.
 
-    known: names of parameters, options and definitions;
+    text: its condition. about: what it means.
+    owner: the scenario, for messages.
+    known: names of parameters, options and definitions.
     vehicles: names of the actors.
 
-    InputError with what is wrong.
+    Raises InputError.
     """
+    # a cell of cases.csv lists missed requirements, with `;` between their names
     if not name or ";" in name:
         raise must_be("The name", f"a requirement of {owner}", "a text without `;`", name)
     names = [*known, *OUTCOMES]
     for taken in (*SERIES, *OUTCOMES, *_OVER_TIME):
-        if taken in list(known):
+        if taken in known:
             raise InputError(
                 f"`{taken}` of {owner} must have another name: requirements ask for the drive by "
                 "it."
@@ -124,8 +136,8 @@ def requirement(
     tree = parsed(text, f"Requirement `{text[:200]}` of {owner}")
     found = _Parts(text, owner, vehicles)
     outer = condition(ast.unparse(found.visit(tree)), owner)
+    moments = [*SERIES, *(placeholder for placeholder, _, _ in found.asks)]
     for _, _, inner in found.parts:
-        moments = [*SERIES, *(placeholder for placeholder, _, _ in found.asks)]
         checked_names(inner, [*names, *moments], owner)
         if not inner.names & set(moments):
             raise must_be(
@@ -148,8 +160,11 @@ def requirement(
 
 
 class _Parts(ast.NodeTransformer):
-    """Puts a placeholder where a value over time stands, and within one where a number of another
-    vehicle does.
+    """Puts placeholders for values over time, and within these for quantities of actors.
+
+    text, owner, vehicles: as in `requirement`.
+    parts, asks: what the placeholders stand for, as in `Requirement`.
+    within: whether the node visited is the argument of a value over time.
     """
 
     def __init__(self, text: str, owner: str, vehicles: Sequence[str]) -> None:
@@ -176,9 +191,7 @@ class _Parts(ast.NodeTransformer):
         return self.generic_visit(node)
 
     def _of_other(self, node: ast.Call) -> ast.AST:
-        """`x(lead)` as a name whose series is worked out for the drive; other calls are
-        arithmetic.
-        """
+        """A placeholder for `x(lead)`; other calls are of the language, and stay."""
         match node:
             case ast.Call(func=ast.Name(id=function), args=[ast.Name(id=vehicle)], keywords=[]) if (
                 function in OF_OTHERS

@@ -1,5 +1,6 @@
 """Motion of the actors while the ego keeps its speed, or brakes ideally: scripts, no simulation.
 
+Zones (`method.conflict`), planning baselines (`ads.foresight`) and recorded scenes use it.
 Actors with a SUMO model are assumed to keep their speed: only SUMO knows what its models would do.
 """
 
@@ -16,7 +17,6 @@ from sumo_eval.kernels import interpreted, kernel, rows
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.played import (
     AT_ONCE,
-    BEGUN,
     DEEPEST,
     HANDED_OVER,
     Cast,
@@ -29,25 +29,20 @@ from sumo_eval.scenario.played import (
 from sumo_eval.scenario.road.reference_line import knots_of
 from sumo_eval.trajectory import FloatArray
 
-_STATE = [(name, "f8") for name in ("x", "y", "heading", "speed", "across")]
-_EGO = np.dtype(
-    [
-        *_STATE, ("length", "f8"), ("width", "f8"), ("before", _STATE), ("start_x", "f8"),
-        ("start_y", "f8"),
-        ("start_speed", "f8"), ("brakes_from", "f8"),
-    ]
-)  # fmt: skip
-_OTHER = np.dtype(
-    [*_STATE, ("length", "f8"), ("width", "f8"), ("before", _STATE), ("acceleration", "f8")]
-)
 CHANNELS = ("x", "y", "heading", "speed", "across")
+"""Road coordinates of the centre, m; direction, rad; speeds along it and to its left, m/s."""
+_STATE = [(name, "f8") for name in CHANNELS]
+_BODY = [*_STATE, ("length", "f8"), ("width", "f8"), ("before", _STATE)]  # state one look before
+_STARTS = ("start_x", "start_y", "start_speed", "brakes_from")
+_EGO = np.dtype([*_BODY, *((name, "f8") for name in _STARTS)])
+_OTHER = np.dtype([*_BODY, ("acceleration", "f8")])
 
 
 class Tracks(NamedTuple):
-    """Motion at times k * step: (n, T, 5) of the egos, (n, m, T, 5) of the actors; channels
-    `CHANNELS`.
+    """Motion of n cases with m actors at T looks: the times k * step, k = 0..T-1.
 
-    begins: when each actor made its first move, s, inf where it made none, (n, m).
+    egos: (n, T, 5), channels `CHANNELS`. others: of the actors, (n, m, T, 5).
+    begins: when each actor made its first move, s, (n, m); inf where it made none.
     """
 
     egos: FloatArray
@@ -65,9 +60,10 @@ def tracks(
 ) -> Tracks:
     """Tracks of cases with equally many actors, while the egos keep their speed.
 
-    bodies: of each, length and width.
-
-    in_python: for a single case, whose caller shall not wait for machine code.
+    bodies: length and width of each ego, m.
+    step: between two looks, s.
+    until: the tracks reach at least this time, s.
+    in_python: run the kernels as plain Python, for a single case: nothing has to be compiled.
     """
     cast = _begun(concretes, bodies)
     n, m = cast.others.shape
@@ -78,9 +74,13 @@ def tracks(
 
 
 class Braking(NamedTuple):
-    """Ideal braking of egos, each `delays` s after the first move of actor number `obstacle`.
+    """Ideal braking of n egos.
 
-    deceleration: m/s2. step: s between two looks; looks: how many, (n,). delays: (n,).
+    deceleration: m/s2.
+    obstacle: number of the actor after whose first move they brake.
+    delays: from that move until each brakes, s, (n,).
+    step: between two looks, s.
+    looks: their number, (n,).
     """
 
     deceleration: float
@@ -95,30 +95,33 @@ def meetings(
     until: ArrayLike,
     deceleration: float, obstacle: int, delays: Sequence[float],
 ) -> FloatArray:  # fmt: skip
-    """Largest inverse TTC, 1/s, impact speed, m/s, and smallest gap, m, if the ego brakes ideally.
+    """Encounters of egos that brake ideally with an obstacle: (n, 3), a row of each case.
 
-    (n, 3), one row a case; the gap counts while the obstacle is in the ego's path. The ego brakes
-    to a standstill with `deceleration` m/s2 from the first move of actor number `obstacle` plus its
-    delay (s, one a case); from the start where that actor waits for nothing. The inverse TTC is inf
-    where both touch.
+    Columns: largest inverse TTC, 1/s (inf where both touch); impact speed, m/s (0: none); smallest
+        gap while the obstacle is in the ego's path, m (inf: never).
 
-    step: s between two looks.
-    until: s, one a case: its own, because nothing may depend on the cases searched with it.
+    step: between two looks, s.
+    until: end of each case, s, (n,). It may not depend on the cases that are searched together.
+    deceleration: of the egos, to a standstill, m/s2.
+    obstacle: number of an actor.
+    delays: from its first move until each ego brakes, s, (n,); from the start if it has no moves.
     """
-    after = np.array(delays, dtype=np.float64)
-    braking = Braking(deceleration, obstacle, after, step, _looks(until, step))
+    braking = Braking(
+        deceleration, obstacle, np.array(delays, dtype=np.float64), step, _looks(until, step)
+    )
     met, line = np.zeros((len(concretes), 3)), knots_of(concretes[0].road.line)
     _meet_rows(_begun(concretes, bodies), braking, met, np.zeros((DEEPEST, 3)), line)
     return met
 
 
 def _looks(until: ArrayLike, step: float) -> Any:
-    steps = np.ceil(np.asarray(until) / step - 1e-9)
+    """Number of looks from time 0 on to the first at or after `until`; at least two."""
+    steps = np.ceil(np.asarray(until) / step - 1e-9)  # - 1e-9: rounding must not add one
     return np.maximum(steps, 1.0).astype(np.int64) + 1
 
 
 def _begun(concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, float]]) -> Cast:
-    """All vehicles at the start."""
+    """All vehicles at the start; arguments as in `tracks`."""
     n, m = len(concretes), len(concretes[0].actors)
     egos, others = np.zeros(n, _EGO), np.zeros((n, m), _OTHER)
     for i, (concrete, body) in enumerate(zip(concretes, bodies, strict=True)):
@@ -132,19 +135,19 @@ def _begun(concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, 
 
 
 @kernel
-def _braking_from(play: Any, acts: Any, delay: float) -> float:
-    """Time at which ideal braking begins, s; inf while the obstacle waits."""
+def _braking_from(play: Any, delay: float) -> float:
+    """Time at which ideal braking begins, s; inf while the obstacle's first move is to come.
+
+    play: motion of the obstacle. delay: s.
+    """
     if not math.isinf(play.first_begin):
         return float(play.first_begin + delay)
-    for q in range(play.acts):
-        if acts[q].state != BEGUN:
-            return math.inf
-    return delay
+    return delay if play.acts == 0 else math.inf
 
 
 @kernel
 def _keep_before(body: Any) -> None:
-    """Remember the state of a body before a step."""
+    """Keep the state of a body as that before the next step."""
     was = body.before
     was.x, was.y, was.heading = body.x, body.y, body.heading
     was.speed, was.across = body.speed, body.across
@@ -152,22 +155,30 @@ def _keep_before(body: Any) -> None:
 
 @kernel
 def _brake(ego: Any, now: float, deceleration: float) -> None:
-    """Move an ego that keeps its speed, and brakes from `brakes_from` on, to a time."""
-    t, way = now - ego.brakes_from, ego.start_speed * now
-    if t > 0.0 and deceleration > 0.0:
-        braked = min(t, ego.start_speed / deceleration)
+    """Put an ego where it is at a time: it keeps its speed, and brakes from `brakes_from` on.
+
+    now: s. deceleration: m/s2; 0: it never brakes.
+    """
+    since, driven = now - ego.brakes_from, ego.start_speed * now
+    if since > 0.0 and deceleration > 0.0:
+        braked = min(since, ego.start_speed / deceleration)  # time of braking, s
         ego.speed = ego.start_speed - deceleration * braked
-        way = ego.start_speed * ego.brakes_from + 0.5 * braked * (ego.start_speed + ego.speed)
+        driven = ego.start_speed * ego.brakes_from + 0.5 * braked * (ego.start_speed + ego.speed)
     if ego.heading == 0.0:
-        ego.x = ego.start_x + way
-    else:  # it began sideways, and holds its wheel straight
-        ego.x = ego.start_x + way * math.cos(ego.heading)
-        ego.y = ego.start_y + way * math.sin(ego.heading)
+        ego.x = ego.start_x + driven
+    else:  # it starts with a heading, and keeps it
+        ego.x = ego.start_x + driven * math.cos(ego.heading)
+        ego.y = ego.start_y + driven * math.sin(ego.heading)
 
 
 @kernel
 def _look(case: Any, now: float, before: float, deceleration: float, stack: Any, line: Any) -> None:
-    """Move a case from one look to the next."""
+    """Move a case from one look to the next.
+
+    before, now: times of the looks, s.
+    deceleration: as in `_brake`.
+    stack, line: as in `played.wake`.
+    """
     ego, others, plays = case.egos[0], case.others, case.plays
     acts, pieces, table = case.acts, case.pieces, case.table
     _keep_before(ego)
@@ -177,7 +188,7 @@ def _look(case: Any, now: float, before: float, deceleration: float, stack: Any,
         _keep_before(other)
         if play.model == AT_ONCE:
             other.x = play.x + play.v * now
-        elif play.model == HANDED_OVER:  # it keeps the speed that it had then
+        elif play.model == HANDED_OVER:  # it keeps the speed with which SUMO took it over
             other.x += other.speed * (now - before)
             other.heading, other.across = 0.0, 0.0
         else:
@@ -187,7 +198,7 @@ def _look(case: Any, now: float, before: float, deceleration: float, stack: Any,
 
 @kernel
 def _write(found: Any, i: int, j: int, k: int, body: Any) -> None:
-    """Write the channels of a body at a look."""
+    """Write the channels of a body: case i, vehicle j (0: the ego), look k."""
     found[i, j, k, 0], found[i, j, k, 1] = body.x, body.y
     found[i, j, k, 2], found[i, j, k, 3] = body.heading, body.speed
     found[i, j, k, 4] = body.across
@@ -195,7 +206,7 @@ def _write(found: Any, i: int, j: int, k: int, body: Any) -> None:
 
 @rows
 def _run_rows(cast: Cast, found: FloatArray, step: float, stack: FloatArray, line: Records) -> None:
-    """Fill the tracks of every row: the ego, then the actors."""
+    """Fill the tracks of every case: found, (n, 1 + m, T, 5), the ego first."""
     for i in range(len(cast.egos)):
         case = case_of(cast, i)
         ego, others = case.egos[0], case.others
@@ -210,7 +221,10 @@ def _run_rows(cast: Cast, found: FloatArray, step: float, stack: FloatArray, lin
 def _meet_rows(
     cast: Cast, braking: Braking, met: FloatArray, stack: FloatArray, line: Records
 ) -> None:
-    """Results of every row; a row ends once its ego stands, touched the obstacle, or is past it."""
+    """Write `meetings` of every case to `met`, (n, 3).
+
+    A case ends when both touch, or once its ego stands and the obstacle does not come nearer.
+    """
     obstacle, step = braking.obstacle, braking.step
     for i in range(len(cast.egos)):
         case = case_of(cast, i)
@@ -219,21 +233,20 @@ def _meet_rows(
         for k in range(braking.looks[i]):
             now = k * step
             if math.isinf(ego.brakes_from):
-                ego.brakes_from = _braking_from(
-                    case.plays[obstacle], case.acts[obstacle], braking.delays[i]
-                )
+                ego.brakes_from = _braking_from(case.plays[obstacle], braking.delays[i])
             _look(case, now, max(k - 1, 0) * step, braking.deceleration, stack, line)
+            # c, s: of the obstacle's heading; centres as near as long, wide: bodies overlap
             c, s = math.cos(other.heading), math.sin(other.heading)
-            reach = 0.5 * (ego.length + other.length * abs(c) + other.width * abs(s))
+            long = 0.5 * (ego.length + other.length * abs(c) + other.width * abs(s))
             wide = 0.5 * (ego.width + other.length * abs(s) + other.width * abs(c))
             ahead = other.x - ego.x
             closing = ego.speed - (other.speed * c - other.across * s)
             if abs(other.y - ego.y) < wide:
-                if abs(ahead) <= reach:
+                if abs(ahead) <= long:
                     across = other.speed * s + other.across * c
                     met[i, 0], met[i, 1] = math.inf, math.sqrt(closing * closing + across * across)
                     break
-                gap = ahead - reach
+                gap = ahead - long
                 if gap > 0.0:
                     met[i, 2] = min(met[i, 2], gap)
                     if closing > 0.0:

@@ -1,4 +1,7 @@
-"""Skilled human drivers as controllers."""
+"""Skilled human drivers as controllers: synthetic ones, whose drives the ADS's are compared with.
+
+`record.worker` makes one for a case by `human_controller`; the loop of `cosim` runs the kernels.
+"""
 
 from __future__ import annotations
 
@@ -30,54 +33,62 @@ from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import PopulationSettings
 from sumo_eval.settings.random_streams import random_stream
 
-WANDER_DEVIATION = 0.25  # m, within a driver (DLR Highway Traffic)
+WANDER_DEVIATION = 0.25  # m, of one driver's wander in the lane (DLR Highway Traffic)
 WANDER_CORRELATION_TIME = 2.2
-"""l of exp(-t^2 / (2 l^2)), s: fits the in-lane wander of 80 recorded cars at 1, 2, 3, 4 and 5 s to
-0.04. By the usual integral measure, 2.8 s."""
+"""l of the wander's correlation exp(-t^2 / (2 l^2)), s.
+
+Within 0.04 it is the correlation of 80 recorded cars after 1, 2, 3, 4 and 5 s. The integral of this
+correlation is 2.8 s.
+"""
 # m/s; slower vehicles wander by distance instead of time, so that they need no sharper curves
 WANDER_PACE = 10.0
 SETTLING_TIME = 5.0
-"""s.
+"""Time in which a driver's own line, own speed and wander take over, s.
 
-Every case begins in the middle of the lane at a given steady speed; in this time a driver's own
-line, own speed and wander take over.
+Before, every case begins in the middle of the lane at a given steady speed.
 """
-# s, time constant in which a driver who is about to pass something stops wandering, and starts
-# again
+# s, time constant in which the wander stops before the driver passes something, and starts again
 FOCUS_TIME = 0.3
 
 PEDAL_DEVIATION = 0.39
 """Wander of the pedals, m/s2.
 
-The resulting drive is steadier, because the driver holds the speed: with this the acceleration of
-drivers who overtake changes within 0.5, 1, 2, 3 and 4 s by as much as that of 64 recorded
-overtakers, to 3 % (root mean square 0.09, 0.18, 0.33, 0.44 and 0.51 m/s2; DLR Highway Traffic).
+The acceleration wanders less, because the driver holds the speed. With this value it changes in
+drivers who overtake, within 0.5, 1, 2, 3 and 4 s, by 0.09, 0.18, 0.33, 0.44 and 0.51 m/s2 (root
+mean square): as in 64 recorded overtakers, within 3 % (DLR Highway Traffic).
 """
 PEDAL_CORRELATION_TIME = 2.0  # s (DLR Highway Traffic: the correlation is 0.59 at 2 s, 0.28 at 3 s)
-SPEED_RELAXATION = 8.0  # s in which a driver approaches the speed at which he settles
+SPEED_RELAXATION = 8.0  # s, time constant in which a driver approaches the desired speed
 
-# a driver recognises a vehicle once 30 % of its width shows: the lamp of one side
+# share of a vehicle's width that may be hidden: one rear lamp, within 30 % of it, is enough
 HIDING_SHARE = 0.7
-NOTICED_BRAKING = 0.5  # m/s2 of a vehicle ahead; brake lights tell, engine braking is hardly seen
-CROSSING_SPEED = 0.3  # m/s across the road: a vehicle ahead that begins to change lane
-# m/s: one that is being approached (the rule by which the recorded approaches were chosen)
+# m/s2 of a vehicle ahead, below which it is not seen: engine braking lights no lamps
+NOTICED_BRAKING = 0.5
+CROSSING_SPEED = 0.3  # m/s across the road, above which a vehicle ahead begins to change lane
+# m/s, above which a vehicle ahead is approached (the recorded approaches were chosen by this rule)
 CLOSING_SPEED = 2.0
 
 
 LOOK = np.dtype([*fields("time"), ("mover", MOVER)])
+"""A look at a vehicle: when, s, and the vehicle then."""
 LOOKS = [*fields("first_seen"), *flags("begun", "first", "count")]
-"""Of the looks at a vehicle, which are written round and round: when the first was, which is the
-oldest that counts, and how many there have been."""
+"""The looks at a vehicle; look number k stands in row k % rows of an array of `LOOK`.
+
+first_seen: time of the first look, s. begun: 1 if there was one.
+first: number of the look that the driver acts upon. count: of looks so far.
+"""
 ATTENTION = [*fields("delay"), *flags("attends")]
+"""delay: present reaction time, s. attends: 1 once it is set."""
 
 
 class Mind(NamedTuple):
-    """Arrays of drivers, (n, m) for the m other vehicles.
+    """Arrays of n drivers, each with m other vehicles; of one driver without the first axis.
 
-    looks: `LOOK`, (n, m, k), at each vehicle; memories: `LOOKS`, of these.
-    known: `MOVER`, the vehicles that the driver acts upon; nan: not known.
-    watched: of `overtake`.
-    waves: of the wander and of the pedal, (n, 2, 8, 2).
+    looks: the last k looks at each vehicle, `LOOK`, (n, m, k).
+    memories: `LOOKS`, (n, m).
+    known: vehicles as the driver assumes them, `MOVER`, (n, m); x is nan: not known.
+    watched: memory of `overtake` for each vehicle, (n, m).
+    waves: of `SmoothNoise`: first of the wander, then of the pedals, (n, 2, 8, 2).
     """
 
     looks: Any
@@ -89,18 +100,22 @@ class Mind(NamedTuple):
 
 @kernel
 def attend(attention: Any, me: Any, others: Any, mind: Any, p: Any, time: float) -> None:
-    """Look at the true scene at `time`, and write the vehicles that the driver acts upon to
-    `mind.known`.
+    """Look at the true scene, and write `mind.known`, the vehicles as the driver assumes them.
 
     The driver knows each vehicle as it was one reaction time ago, extrapolated to now as it moved
     then. So a steady vehicle is perceived exactly, and a change (a new vehicle, braking, a lane
     change) one reaction time late: the human driver model's delay with anticipation (Treiber,
-    Kesting, Helbing, Physica A 360, 71 (2006)). The reaction time is the alerted one from the
-    moment at which a vehicle in front crosses, is closed upon or appears.
+    Kesting, Helbing, Physica A 360, 71 (2006)). The reaction time becomes the alerted one when a
+    vehicle appears, or when one in front moves across the road or is approached.
+
+    attention: `ATTENTION`. me, others: the ego and the vehicles, true.
+    p: parameters of the driver. time: s.
     """
     looks, memories, known = mind.looks, mind.memories, mind.known
     if attention.attends == 0:
         attention.attends, attention.delay = 1, p.reaction_time
+
+    # look at the vehicles in sight
     for j in range(len(others)):
         if not is_visible(me, others, j, HIDING_SHARE):
             continue
@@ -121,6 +136,8 @@ def attend(attention: Any, me: Any, others: Any, mind: Any, p: Any, time: float)
         take(look.mover, other)
         look.time, look.mover.braking = time, braking if braking > NOTICED_BRAKING else 0.0
         memory.count += 1
+
+    # act upon the last look that is a reaction time old; + 1e-9: as old within rounding
     past = time - attention.delay + 1e-9
     for j in range(len(others)):
         memory, ring = memories[j], looks[j]
@@ -148,35 +165,39 @@ _PARAMETERS = np.dtype(
 def synthetic_driver(
     ego: Any, others: Any, memory: Any, mind: Any, p: Any, scenario: Any, time: float
 ) -> tuple[float, float]:
-    """Acceleration, m/s2, and steering wheel angle, rad: look, decide, work the pedals and the
-    wheel.
+    """A driver: acceleration, m/s2, and steering wheel angle, rad.
+
+    ego, others: records of the vehicles. memory: `_MEMORY`. p: `_PARAMETERS`.
+    time: since the start, s.
     """
     me, way, waves = ego.seen, ego.way, mind.waves
     if memory.began == 0:
         memory.ease = 1.0
     attend(memory, me, others, mind, p, time)
-    start = memory.cruising_speed if memory.began else me.speed
-    desired = start * p.gain
+
+    # `overtake` keeps the speed of the first step as the cruising speed
+    first_speed = memory.cruising_speed if memory.began else me.speed
+    desired = first_speed * p.gain
     pedal = noise_at(waves[1], p.pedal_amplitude, time)[0]
     free = (desired - me.speed) / SPEED_RELAXATION + pedal
     memory.desired_speed, memory.free = desired, free * smooth_step(time / SETTLING_TIME)
     wanted = overtake(memory, me, mind.known, mind.watched, p, way, scenario)
+
     y, slope, bend = _line(memory, me, waves, p, scenario)
-    return max(wanted, -scenario.vehicle.max_deceleration), steering(
-        memory, me, y, slope, bend, scenario
-    )
+    wheel = steering(memory, me, y, slope, bend, scenario)
+    return max(wanted, -scenario.vehicle.max_deceleration), wheel
 
 
 @kernel
 def _line(memory: Any, me: Any, waves: Any, p: Any, scenario: Any) -> tuple[float, float, float]:
-    """The path, with the driver's own place in the lane and wander on top.
+    """y, m, slope and second derivative, 1/m, of the line to drive at the ego's rear axle.
 
-    The wander runs on a clock of its own, which stands while the driver steers closely past
-    something.
+    It is the path, shifted by the driver's own place in the lane and by the wander. The wander runs
+    on a clock of its own, which stands while the driver steers closely past something.
     """
     focus = 0.0 if memory.passing else 1.0
     memory.ease += (focus - memory.ease) * min(scenario.step / FOCUS_TIME, 1.0)
-    pace = max(me.speed, WANDER_PACE) / max(memory.ease, 1e-3)
+    pace = max(me.speed, WANDER_PACE) / max(memory.ease, 1e-3)  # m of road a second of the clock
     memory.clock += scenario.step * me.speed / pace
     y, slope, curve = path_at(memory.path, rear_axle_next(me, scenario))
     value, noise_rate, noise_bend = noise_at(waves[0], p.wander_amplitude, memory.clock)
@@ -184,6 +205,7 @@ def _line(memory: Any, me: Any, waves: Any, p: Any, scenario: Any) -> tuple[floa
     share = memory.clock / SETTLING_TIME
     if share >= 1.0:
         return y + shift, slope + noise_rate / pace, curve + noise_bend / (pace * pace)
+    # the shift grows smoothly: derivatives of blend * shift by the product rule
     blend = smooth_step(share)
     rate = smooth_step_rate(share) / SETTLING_TIME
     bend = smooth_step_bend(share) / (SETTLING_TIME * SETTLING_TIME)
@@ -244,11 +266,15 @@ class SyntheticDriver(Compiled):
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> Any:
-        """Memory, mind and parameters."""
+        """Memory, mind and parameters of drivers whose cases run together.
+
+        others: number of other vehicles in each case.
+        """
         count, step = len(together), float(scenario["step"][0])
         longest = max(
             max(it.driver.reaction_time, it.driver.alerted_reaction_time) for it in together
         )
+        # a look at each end of every step of the longest reaction time, and two in reserve
         mind = Mind(
             np.zeros((count, others, math.ceil(longest / step) + 3), LOOK),
             np.zeros((count, others), LOOKS),
@@ -260,17 +286,17 @@ class SyntheticDriver(Compiled):
 
 
 def parameters(together: Sequence[SyntheticDriver]) -> Records:
-    """The drivers' parameters, a record each."""
-    found = np.zeros(len(together), _PARAMETERS)
+    """The drivers' parameters, a record of `_PARAMETERS` each."""
+    records = np.zeros(len(together), _PARAMETERS)
     for i, each in enumerate(together):
-        who, habits = each.driver, each.habits
-        found[i] = (
-            who.reaction_time, who.alerted_reaction_time, who.gain, who.lane_offset,
+        driver, habits = each.driver, each.habits
+        records[i] = (
+            driver.reaction_time, driver.alerted_reaction_time, driver.gain, driver.lane_offset,
             each.wander.amplitude,
-            each.pedal.amplitude, tuple(getattr(who.idm, name) for name, _ in PARAMETERS),
+            each.pedal.amplitude, tuple(getattr(driver.idm, name) for name, _ in PARAMETERS),
             tuple(getattr(habits, name) for name, _ in HABITS),
         )  # fmt: skip
-    return found
+    return records
 
 
 def human_controller(
@@ -280,11 +306,12 @@ def human_controller(
     concrete: ConcreteScenario,
     population: PopulationSettings = AS_RECORDED,
 ) -> SyntheticDriver:
-    """Driver number `index` of the `count` drivers of the population `seed`, ready for a concrete
-    scenario.
+    """Controller of one synthetic driver, ready for a concrete scenario.
 
-    Everything is made from these, so a pool of processes can run each human run as a case of its
-    own.
+    index: number of the driver, below `count`, the number of drivers of the population.
+    seed: of the population.
+
+    The driver depends on these arguments alone, so every drive can run in any worker.
     """
     if not 0 <= index < count:
         raise must_be(

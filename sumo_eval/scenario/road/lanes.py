@@ -1,5 +1,6 @@
 """Lanes that open, end, come in from a ramp or leave as one; roads that cross.
 
+Scenario files and OpenDRIVE roads make them; every reader of a `Road` asks where its edges are.
 A lane that is not there throughout is the outermost one of its side. It opens and ends over a
 taper, along which the road's edge moves in a straight line. Where it is a ramp, a line that must
 not be crossed separates it from the adjacent lane.
@@ -25,13 +26,12 @@ from sumo_eval.trajectory import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class LaneSpan:
-    """Part of the road on which the outermost lane of a side exists, by its number (0: the
-    right-hand one).
+    """Part of the road on which the outermost lane of a side exists.
 
-    It has its full width from `begin` to `end`, m along the road; it opens over `opening` m before
-    that and narrows over `closing` m behind it.
-
-    parted_until, parted_from: before the one and behind the other it is a ramp.
+    lane: its number, 0 for the right-hand one.
+    begin, end: x between which it has its full width, m.
+    opening, closing: lengths over which it opens before `begin` and narrows behind `end`, m.
+    parted_until: x up to which it is an on-ramp, m. parted_from: x from which it is an exit ramp.
     """
 
     lane: int
@@ -50,9 +50,12 @@ class LaneSpan:
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """A straight road that crosses at a right angle: its middle at x = `at`, `width` m wide,
-    `reach` m to both sides of the right lane's centre line. It is straight on the map even where
-    this road is curved: x stays the same along it.
+    """A straight road that crosses at a right angle.
+
+    at: x of its middle, m; the same everywhere along it, as it is straight on the map even where
+        this road is curved.
+    width: m.
+    reach: its length to each side of the right lane's centre line, m.
     """
 
     at: float
@@ -60,7 +63,7 @@ class Crossing:
     reach: float = 100.0
 
 
-EVERYWHERE = LaneSpan(-1)
+EVERYWHERE = LaneSpan(-1)  # of any lane that exists throughout
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,31 +109,36 @@ class CrossingTable(Checked):
 def spans_of(
     tables: Sequence[LaneTable], lanes: int, length: float, where: str
 ) -> tuple[LaneSpan, ...]:
-    """The lanes that are not there throughout.
+    """The lanes of a road that do not exist throughout, from the right.
+
+    lanes: number of lanes of the road. length: of the road, m.
+    where: the scenario, for messages.
 
     Raises InputError for what no road can be.
     """
-    found: list[LaneSpan] = []
+    spans: list[LaneSpan] = []
     for table in tables:
         owner = f"lane {table.lane} of the road of {where}"
         if lanes < 2 or table.lane not in (0, lanes - 1):
             outer = (
-                f"0 or {lanes - 1}, of a road of at least 2 lanes: lanes keep their distance to "
-                "the line, and the "
-                "edges of a road whose inner lane runs into another are those of one whose "
-                "outermost lane ends"
+                f"0 or {lanes - 1}, of a road of at least 2 lanes: where an inner lane runs into "
+                "another, let the outermost lane end, as the edges of the road are the same"
             )
             raise must_be("`lane`", f"[[road.lane]] of {where}", outer, table.lane)
-        if any(other.lane == table.lane for other in found):
+        if any(other.lane == table.lane for other in spans):
             raise InputError(f"[[road.lane]] of {where} must have lane {table.lane} once.")
         if table.begin is None and table.end is None:
             raise InputError(
                 f"{capitalised(owner)} must have a `begin` or an `end`, or need no [[road.lane]]."
             )
+
+        # without `begin` it exists from the road's start, without `end` to the road's end: no taper
         begin = -math.inf if table.begin is None else table.begin
         end = math.inf if table.end is None else table.end
-        last = length if table.end is None else end + table.taper
-        first = 0.0 if table.begin is None else begin - table.taper
+        opening = 0.0 if table.begin is None else table.taper
+        closing = 0.0 if table.end is None else table.taper
+        first = 0.0 if table.begin is None else begin - opening
+        last = length if table.end is None else end + closing
         if not (0.0 <= first < last <= length and begin < end):
             raise must_be(
                 "`begin`, `end` and `taper`",
@@ -138,11 +146,13 @@ def spans_of(
                 f"in order within 0..{length:g} m",
                 f"{first:g}..{last:g} m",
             )
-        for key, within in (("ramp_until", table.begin is None), ("ramp_from", table.end is None)):
+        for key, possible in (
+            ("ramp_until", table.begin is None), ("ramp_from", table.end is None)
+        ):  # fmt: skip
             place = getattr(table, key)
             if place is None:
                 continue
-            if not within:
+            if not possible:
                 side = "begins with" if key == "ramp_until" else "continues to the end of"
                 raise InputError(
                     f"{capitalised(owner)} has a `{key}`, so it must be one that {side} the road."
@@ -154,20 +164,15 @@ def spans_of(
                     f"within {first:g}..{min(end, length):g} m, where the lane is",
                     place,
                 )
-        found.append(
-            LaneSpan(
-                table.lane, begin, end, 0.0 if table.begin is None else table.taper,
-                0.0 if table.end is None else table.taper,
-                -math.inf if table.ramp_until is None else table.ramp_until,
-                math.inf if table.ramp_from is None else table.ramp_from,
-            )
-        )  # fmt: skip
-    if len(found) == lanes:
+        until = -math.inf if table.ramp_until is None else table.ramp_until
+        onwards = math.inf if table.ramp_from is None else table.ramp_from
+        spans.append(LaneSpan(table.lane, begin, end, opening, closing, until, onwards))
+    if len(spans) == lanes:
         raise InputError(f"The road of {where} must have a lane that is there throughout.")
-    return tuple(sorted(found, key=lambda span: span.lane))
+    return tuple(sorted(spans, key=lambda span: span.lane))
 
 
-INNERMOST = 0.9  # of a curve's radius: how far into the curve a road that crosses may go
+INNERMOST = 0.9  # share of a curve's radius that a crossing road may reach towards its centre
 
 
 def crossings_of(
@@ -190,7 +195,7 @@ def crossings_of(
 
 @kernel
 def missing(x: float, opens: float, is_open: float, closes: float, is_gone: float) -> float:
-    """The share of a lane's width that is not there at x."""
+    """The share of a lane's width that is not there at x; the other arguments as `places`."""
     if is_open <= x <= closes:
         return 0.0
     if x < is_open:
@@ -202,7 +207,7 @@ def missing(x: float, opens: float, is_open: float, closes: float, is_gone: floa
 def right_edge_at(road: Any, x: float) -> float:
     """y of the right road edge at x, m.
 
-    road: a record that holds where the outermost lanes are.
+    road: `road` of `cosim.records.SCENARIO`, with `places` of both outermost lanes.
     """
     if road.shaped == 0:
         return float(road.right_edge)

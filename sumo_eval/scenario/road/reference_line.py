@@ -1,10 +1,12 @@
 """The reference line of a road: pieces whose curvature is linear in their length, and the frame
 along them.
 
+Everything on curved roads uses it: `scenario`, the loop of `cosim`, SUMO's files, the report.
+
 The line is the centre line of the right-hand lane. A place is (s, d) in its frame: s m along the
 line, d m to the left of it; a heading in the frame is the one on the map less the line's. On the
-map the line begins at the origin and goes along x. Before its beginning and behind its end it goes
-straight on.
+map the line begins at the origin and heads along x. Before its beginning and behind its end it is
+straight.
 
 On a line of no pieces, a straight one, frame and map are the same numbers.
 """
@@ -24,12 +26,16 @@ from sumo_eval.errors import must_be
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.trajectory import FloatArray
 
-_TURN = 0.2  # rad that a stretch of a spiral turns at most between two knots
-_LONGEST = 200.0  # m that it is long at most
-_FAR = 1e9  # m, where the first knot's straight begins
-_CLOSE = 1e-7  # m: a Newton step as short as this leaves an error of its square
-_TRIES = 20
-_LEAST = 0.05  # share of the radius that is left at the place of a point, at least
+# a spiral is cut into stretches from knot to knot, each at most
+_TURN = 0.2  # rad of turn
+_LONGEST = 200.0  # m long
+
+_FAR = 1e9  # m before the beginning, where the straight before the line begins
+# Newton's method for the foot of a perpendicular
+_CLOSE = 1e-7  # m: it ends after a step as short, whose error is about its square
+_TRIES = 20  # steps, at most
+_LEAST = 0.05  # least 1 - curvature d, which is 0 at the centre of a curve: steps stay bounded
+
 _NODES = (-0.906179845938664, -0.5384693101056831, 0.0, 0.5384693101056831, 0.906179845938664)
 _WEIGHTS = (
     0.23692688505618908,
@@ -42,8 +48,11 @@ _WEIGHTS = (
 below 1e-15."""
 
 KNOT = np.dtype([(name, "f8") for name in ("s", "x", "y", "heading", "curvature", "rate")])
-"""Where a stretch begins: on the line, on the map, direction rad, curvature 1/m, and the
-curvature's rate, 1/m2."""
+"""Where a stretch begins.
+
+s: along the line, m. x, y, heading: on the map, m and rad.
+curvature: 1/m, there; rate: its change along the stretch, 1/m2.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,29 +104,31 @@ def bends(pieces: Sequence[Piece]) -> bool:
 
 @functools.lru_cache(maxsize=256)
 def knots_of(pieces: tuple[Piece, ...]) -> NDArray[Any]:
-    """The line as `KNOT` records: one straight before it, its stretches, one straight behind; none
-    if straight.
+    """The line as `KNOT` records: the straight before it, its stretches, the straight behind it.
+
+    Of a line without pieces there are none.
     """
-    found: list[tuple[float, ...]] = []
+    knots: list[tuple[float, ...]] = []
     if pieces:
-        found.append((-_FAR, -_FAR, 0.0, 0.0, 0.0, 0.0))
+        knots.append((-_FAR, -_FAR, 0.0, 0.0, 0.0, 0.0))
     s = x = y = heading = 0.0
     for piece in pieces:
         rate = (piece.end - piece.begin) / piece.length
-        turned = 0.5 * max(abs(piece.begin), abs(piece.end)) * piece.length
-        count = 1 if rate == 0.0 else math.ceil(max(2.0 * turned / _TURN, piece.length / _LONGEST))
+        most_turn = max(abs(piece.begin), abs(piece.end)) * piece.length
+        count = 1 if rate == 0.0 else math.ceil(max(most_turn / _TURN, piece.length / _LONGEST))
         for part in range(count):
             curvature = piece.begin + rate * (piece.length * part / count)
-            found.append((s, x, y, heading, curvature, rate))
-            ahead = _Knot(*found[-1])
+            knots.append((s, x, y, heading, curvature, rate))
             s += piece.length / count
-            x, y, heading = stretch_at(ahead, piece.length / count)[:3]
+            x, y, heading = stretch_at(_Knot(*knots[-1]), piece.length / count)[:3]
     if pieces:
-        found.append((s, x, y, heading, 0.0, 0.0))
-    return np.array(found, dtype=KNOT)
+        knots.append((s, x, y, heading, 0.0, 0.0))
+    return np.array(knots, dtype=KNOT)
 
 
 class _Knot(NamedTuple):
+    """A `KNOT` as plain numbers."""
+
     s: float
     x: float
     y: float
@@ -127,8 +138,9 @@ class _Knot(NamedTuple):
 
 
 class Position(NamedTuple):
-    """x, y (m) and heading (rad), on the map or in the frame of a line; the line's curvature there,
-    1/m.
+    """A place on the map or in the frame of a line.
+
+    x, y: m; in the frame s and d. heading: rad. curvature: of the line there, 1/m.
     """
 
     x: float
@@ -142,8 +154,9 @@ class Position(NamedTuple):
 
 @kernel
 def stretch_at(knot: Any, u: float) -> Position:
-    """The line u m behind a knot, on its stretch."""
+    """The line u m after a knot, on the stretch that begins there."""
     if knot.rate != 0.0:
+        # quadrature of the direction over 0..u
         half = 0.5 * u
         east = north = 0.0
         for k in range(len(_NODES)):
@@ -154,11 +167,12 @@ def stretch_at(knot: Any, u: float) -> Position:
         heading = knot.heading + u * (knot.curvature + 0.5 * knot.rate * u)
         curvature = knot.curvature + knot.rate * u
         return Position(knot.x + half * east, knot.y + half * north, heading, curvature)
-    turn = 0.5 * knot.curvature * u
-    chord = u if abs(turn) < 1e-9 else u * math.sin(turn) / turn
-    x = knot.x + chord * math.cos(knot.heading + turn)
-    y = knot.y + chord * math.sin(knot.heading + turn)
-    return Position(x, y, knot.heading + 2.0 * turn, float(knot.curvature))
+    # an arc: its chord points half as far round as the arc turns
+    half_turn = 0.5 * knot.curvature * u
+    chord = u if abs(half_turn) < 1e-9 else u * math.sin(half_turn) / half_turn
+    x = knot.x + chord * math.cos(knot.heading + half_turn)
+    y = knot.y + chord * math.sin(knot.heading + half_turn)
+    return Position(x, y, knot.heading + 2.0 * half_turn, float(knot.curvature))
 
 
 @kernel
@@ -171,7 +185,7 @@ def line_at(line: Any, s: float) -> Position:
             low = middle
         else:
             high = middle
-    if low == 0:
+    if low == 0:  # on the straight before the line, where s is x
         return Position(s, 0.0, 0.0, 0.0)
     return stretch_at(line[low], s - line[low].s)
 
@@ -190,25 +204,28 @@ def to_map(line: Any, s: float, d: float, heading: float) -> Position:
 def to_frame(line: Any, x: float, y: float, heading: float, near: float) -> Position:
     """In the frame of a line (knots), s, d and heading of a place on the map.
 
-    near: an s from which Newton's method finds the foot of the perpendicular: (p - r(s)) r'(s) = 0,
-        whose derivative is -(1 - curvature d).
+    near: an s, m, from which Newton's method begins to look for the foot of the perpendicular.
+
+    There the place lies 0 m ahead of the line's point at s. The derivative of that distance by s is
+    -(1 - curvature d).
     """
     if not len(line):
         return Position(x, y, heading, 0.0)
     s = near
-    d = along = curvature = 0.0
+    d = course = curvature = 0.0
     for _ in range(_TRIES):
         at = line_at(line, s)
-        along, curvature = at.heading, at.curvature
-        c, n = math.cos(along), math.sin(along)
+        course, curvature = at.heading, at.curvature  # of the line
+        cos, sin = math.cos(course), math.sin(course)
         dx, dy = x - at.x, y - at.y
-        ahead, d = dx * c + dy * n, dy * c - dx * n
-        ahead = ahead / max(1.0 - curvature * d, _LEAST)
-        s += ahead
-        along += ahead * curvature
-        if abs(ahead) < _CLOSE:
+        ahead, d = dx * cos + dy * sin, dy * cos - dx * sin
+        step = ahead / max(1.0 - curvature * d, _LEAST)
+        s += step
+        course += step * curvature
+        if abs(step) < _CLOSE:
             break
-    turned = heading - along
+    turned = heading - course
+    # within -pi..pi; kernels have no `remainder`
     if not -math.pi <= turned <= math.pi:
         turned -= 2.0 * math.pi * math.floor(turned / (2.0 * math.pi) + 0.5)
     return Position(s, d, turned, curvature)
@@ -240,8 +257,9 @@ def _to_frame_rows(
 def map_places(
     pieces: tuple[Piece, ...], s: ArrayLike, d: ArrayLike, heading: ArrayLike = 0.0
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(x, y, heading) on the map of places in the frame of a line: m and rad, arrays that broadcast
-    to one shape.
+    """(x, y, heading) on the map of places in the frame of a line, m and rad.
+
+    s, d, heading: m, m and rad, arrays that broadcast to one shape.
     """
     found = _each(pieces, (s, d, heading), _to_map_rows)
     return found[0], found[1], found[2]
@@ -254,23 +272,22 @@ def frame_places(
     heading: ArrayLike = 0.0,
     near: ArrayLike | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(s, d, heading) in the frame of a line of places on the map: m and rad, arrays that broadcast
-    to one shape.
+    """(s, d, heading) in the frame of a line of places on the map, m and rad.
 
-    Of several feet of a perpendicular the one near s = `near`, a number or (n,); without it the one
-    that is nearest to the place, for which the line is looked through every 5 m.
+    x, y, heading: m, m and rad, arrays that broadcast to one shape.
+    near: a place beside a curved line may have several feet of a perpendicular: take the one near
+        this s, m, a number or (n,). None: the nearest one, by points of the line every 5 m.
     """
 
-    def rule(line: NDArray[Any], places: FloatArray, rows: FloatArray) -> None:
+    def rule(line: NDArray[Any], places: FloatArray, found: FloatArray) -> None:
         begins = np.full(len(places), 0.0 if near is None else near)
         if near is None:
             grid = np.arange(0.0, length_of(pieces) + 5.0, 5.0)
             grid_x, grid_y, _ = map_places(pieces, grid, 0.0)
             for i, (place_x, place_y, _) in enumerate(places):
-                begins[i] = grid[
-                    np.argmin(np.square(grid_x - place_x) + np.square(grid_y - place_y))
-                ]
-        _to_frame_rows(line, places, begins, rows)
+                squares = np.square(grid_x - place_x) + np.square(grid_y - place_y)
+                begins[i] = grid[np.argmin(squares)]
+        _to_frame_rows(line, places, begins, found)
 
     found = _each(pieces, (x, y, heading), rule)
     return found[0], found[1], found[2]
@@ -286,8 +303,10 @@ def _each(
     places: Sequence[ArrayLike],
     rule: Callable[[NDArray[Any], FloatArray, FloatArray], None],
 ) -> list[FloatArray]:
-    """The four numbers of a rule at places, three arrays that broadcast; on a straight line these
-    themselves and 0.
+    """The four numbers of a `Position` for each place, by a rule.
+
+    places: three arrays that broadcast: x, y, heading or s, d, heading. On a straight line they are
+        the result, with curvature 0.
     """
     arrays = np.broadcast_arrays(*(np.asarray(it, dtype=np.float64) for it in places))
     shape, stacked = arrays[0].shape, np.stack([it.ravel() for it in arrays], axis=1)
@@ -302,8 +321,11 @@ def _each(
 def drawn_points(
     pieces: tuple[Piece, ...], begin: float, end: float, longest: float = 1.0
 ) -> FloatArray:
-    """s of the corners of a polyline along a line from `begin` to `end`, m: at most `longest` m
-    apart where the line is curved, and where its pieces meet.
+    """s of the corners of a polyline along a line, m, in order.
+
+    begin, end: s of its ends, m.
+    longest: m between two corners, at most, where the line is curved. Also where two pieces meet
+        there is a corner.
     """
     found, s = [begin], 0.0
     for piece in pieces:
@@ -311,6 +333,7 @@ def drawn_points(
         s += piece.length
         if high <= low:
             continue
+        # - 1e-9: rounding must not add a corner
         count = max(math.ceil((high - low) / longest - 1e-9), 1) if bends([piece]) else 1
         found += [low, *(low + (high - low) * k / count for k in range(1, count + 1))]
     return np.unique([*found, end])
