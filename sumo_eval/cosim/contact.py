@@ -56,7 +56,7 @@ class Body(NamedTuple):
                 self.x + i * half_length * c - j * half_width * s,
                 self.y + i * half_length * s + j * half_width * c,
             )
-            for i, j in ((1, 1), (1, -1), (-1, -1), (-1, 1))
+            for i, j in ((1, 1), (1, -1), (-1, -1), (-1, 1))  # 1: front, left; -1: rear, right
         )
 
 

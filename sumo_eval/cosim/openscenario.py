@@ -163,6 +163,7 @@ def _plan(road: Road, length: float, aside: float) -> Iterator[Any]:
     aside: distance of the reference line to the left of the road's line, m.
     """
     s = 0.0
+    # the format asks for a length above 0, hence 1 mm where nothing is left
     for piece in (*road.line, Piece(max(length - sum(piece.length for piece in road.line), 1e-3))):
         if piece.begin != piece.end:
             shape = E.spiral(curvStart=f"{piece.begin:.12g}", curvEnd=f"{piece.end:.12g}")
@@ -202,7 +203,7 @@ def openscenario_xml(
         [(vehicle.length, vehicle.width)],
         VERTEX_INTERVAL,
         settings.time_limit,
-        in_python=True,
+        in_python=True,  # a single case is over before machine code is ready
     )
     groups = [
         _follow(actor.name, _on_the_road(rows, road), road)
@@ -222,9 +223,9 @@ def openscenario_xml(
     end = settings.time_limit if ego is None else float(ego.time[-1])
     starts = [(EGO, concrete.ego, concrete.ego.heading),
         *((actor.name, actor.start, actor.heading) for actor in actors)]  # fmt: skip
-    kept = ", ".join(it.name for it in actors if it.lively and it.name not in known)
-    if kept:
-        remark = f"Not recorded, and so at one speed throughout: {kept}. {remark}"
+    unrecorded = ", ".join(it.name for it in actors if it.lively and it.name not in known)
+    if unrecorded:
+        remark = f"Not recorded, and so at one speed throughout: {unrecorded}. {remark}"
     root = E.OpenSCENARIO(
         E.FileHeader(
             revMajor=1, revMinor=2, date="2022-01-01T00:00:00", author="sumo_eval",
@@ -304,7 +305,13 @@ def _begin(name: str, start: Start, heading: float, road: Road) -> Any:
 
 
 def _entity(name: str, body: str, length: float, width: float, accel: float, decel: float) -> Any:
-    """A body around the reference point in its middle."""
+    """A body around the reference point in its middle.
+
+    The format also asks for mass, axles and limits of performance: typical values, which only a
+    simulator uses that drives the vehicle with a model of its own.
+
+    accel, decel: m/s2.
+    """
     center = E.Center(x=0, y=0, z=HEIGHT / 2)
     box = (
         E.ParameterDeclarations(),

@@ -186,6 +186,7 @@ class Traffic(Stage):
             # SUMO will move it by the mean of the speed that it received last and this one
             y, along, heading = d, ds_dt, of_all(now, "heading")
             names = (self._flat[n] for n in number.tolist())
+            # m/s, that each received last; of one that received none, this step's
             last = [self._told.get(name, v) for name, v in zip(names, along, strict=True)]
             begin = s - 0.5 * (np.array(last) + along) * self._step
         else:
