@@ -3,7 +3,10 @@
 One ego drives at `ego_speed` towards a vehicle `gap` ahead of it (bumper to bumper) that keeps
 `lead_speed`. It keeps its speed for `delay`, then brakes until it is as fast as the lead.
 Everything has a closed form, except where the lead vehicle brakes or comes in from the side:
-`searched_criticality` looks along the time axis. Arrays broadcast.
+`searched_criticality` looks along the time axis. Arrays broadcast; `[()]` makes a number of an
+array without axes.
+
+`method.point_criticality` uses this for the zones, `ads.foresight` for the ideal vehicle.
 """
 
 from __future__ import annotations
@@ -176,8 +179,8 @@ def critical_gap(
     k = _not_negative("critical_inverse_ttc", critical_inverse_ttc, above_zero=True)
     at_onset = closing / k
     in_braking = closing**2 / (2.0 * strength) + strength / (2.0 * k**2)
-    braked = np.where(closing <= strength / k, at_onset, in_braking)
-    return np.asarray(braked + closing * _not_negative("delay", delay))[()]
+    without_delay = np.where(closing <= strength / k, at_onset, in_braking)
+    return np.asarray(without_delay + closing * _not_negative("delay", delay))[()]
 
 
 def required_gap(
@@ -218,8 +221,8 @@ def ideal_impact_speed(
     delay: ArrayLike = 0.0,
     build_up: ArrayLike = 0.0,
 ) -> FloatArray:
-    """Eq. 17: relative speed at contact under ideal braking, m/s, 0 where it is avoided; over w it
-    is Ug.
+    """Relative speed at contact under ideal braking, m/s, 0 where contact is avoided; the impact
+    speed behind Ug of Eq. 17.
 
     ego_speed: v0, m/s.
     lead_speed: v1, m/s.
@@ -261,7 +264,7 @@ Profile = Callable[[FloatArray], FloatArray]
 
 _SHARES = 161  # moments looked at from the conflict's start to the ego's standstill
 _ZOOM = 21  # moments looked at between the neighbours of the most critical one
-_BISECTIONS = 40
+_BISECTIONS = 40  # halvings of the interval in which contact begins
 
 
 def searched_criticality(
@@ -316,8 +319,8 @@ def searched_criticality(
         driven = v0 * np.minimum(time, wait) + braking * (v0 + speed) / 2.0
         return speed - lead_speed(time), d0 + lead_distance(time) - driven
 
-    stands = wait + braking_time
-    times = begin + np.linspace(0.0, 1.0, _SHARES) * np.maximum(stands - begin, 0.0)
+    standstill = wait + braking_time  # time of the ego's standstill, s
+    times = begin + np.linspace(0.0, 1.0, _SHARES) * np.maximum(standstill - begin, 0.0)
     closing, distance = relative(times)
     passed = distance[:, 0] < -passing_length
     touching = distance <= 0.0
@@ -333,6 +336,8 @@ def searched_criticality(
         before, after = np.where(touches, before, middle), np.where(touches, middle, after)
     impact = np.where(hit, np.abs(relative(after[:, None])[0][:, 0]), 0.0)
 
+    # The largest ITTC at these times, then at closer times around it. Where the ego touches or does
+    # not close in, the quotient may be inf or nan, and 0 replaces it.
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = np.where((closing > 0.0) & ~touching, closing / distance, 0.0)
         peak = np.argmax(inverse, axis=1)

@@ -1,5 +1,5 @@
-"""The arithmetic of every score, Eqs. 13, 17 and 18 and those that order ADSs, over one sample of
-cases or over many.
+"""The arithmetic of every score, over one sample of cases or over many: Eqs. 13, 17 and 18, and T,
+A', H and S+, which order ADSs.
 
 Every function takes what each case brings, arrays (n,), nan where a case has no part in it, and
 `counts`, (m, n): how often each case stands in each of m samples. A row of ones is the evaluation
@@ -36,8 +36,7 @@ def once(n: int) -> FloatArray:
 
 
 class AskedTerms:
-    """Counts that keep the terms of which sums are taken, in their order, and answer with one 0
-    each.
+    """Counts that record which terms a score sums, in order; every sum comes out as one 0.
 
     Every score is a function of sums over cases, and which sums it needs does not depend on the
     data. So the terms of some of the cases can be made and summed, in however many samples, those
@@ -54,9 +53,7 @@ class AskedTerms:
 
 
 class KnownSums:
-    """Counts that answer with sums that are known, (k, m) for k terms, in the order of
-    `AskedTerms`.
-    """
+    """Counts that return sums computed before, (k, m) for k terms, in the order of `AskedTerms`."""
 
     def __init__(self, sums: FloatArray) -> None:
         self._left = iter(sums)
@@ -85,8 +82,9 @@ def ideal_ratio(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
     severity: U_i, m/s, or its loss L, of any shape.
     ideal: Ug_i, or its loss, of the same shape.
     """
-    known = np.where(np.isnan(severity) | np.isnan(ideal), np.nan, 1.0)
-    return np.divide(ideal, severity, out=known, where=np.greater(severity, ideal))
+    # 1 or nan stays where the division is not made
+    otherwise = np.where(np.isnan(severity) | np.isnan(ideal), np.nan, 1.0)
+    return np.divide(ideal, severity, out=otherwise, where=np.greater(severity, ideal))
 
 
 def collision_avoidance(
@@ -178,7 +176,7 @@ def excess(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
     severity: U_i, (n,), m/s, 0 without contact.
     ideal: Ug_i, (n,), m/s, 0 where the ideal vehicle avoids.
     """
-    # which is nan where one of both is
+    # np.maximum keeps nan
     return np.maximum(np.subtract(severity, ideal), 0.0)
 
 
@@ -242,6 +240,7 @@ def avoided_share_losses(
     stakes = _Stakes.of(severity, ideal, unreacting, weights)
     weight = stakes.weight if stakes.weight.any() else stakes.known.astype(np.float64)
     taken = weight * stakes.lost
+    # nothing at stake: the sum of what was lost; nothing lost either: any number but 0
     whole = float(np.sum(weight * stakes.at_stake)) or float(np.sum(taken)) or 1.0
     return np.where(stakes.known, taken / whole, np.nan)
 

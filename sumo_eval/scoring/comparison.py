@@ -2,7 +2,10 @@
 how certain the differences are.
 
 Cases are paired by logical scenario and parameter values, never by their order. The comparison
-reads columns; a row is made only where it is shown.
+works on columns of the tables. A `ChangedCase` is made only where it is shown.
+
+`sumo-eval compare`, the nightly rule (`scoring.rule`, `nightly`), the terminal, pages and JUnit
+read it.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 import numpy as np
 
@@ -32,12 +35,8 @@ Change = Literal[
     "collision gone", "back on the road", "evaluated again", "softer", "more human",
 ]  # fmt: skip
 
-WORSE: Final[tuple[Change, ...]] = (
-    "new collision", "left the road", "not evaluated any more", "harsher", "less human",
-)  # fmt: skip
-BETTER: Final[tuple[Change, ...]] = (
-    "collision gone", "back on the road", "evaluated again", "softer", "more human",
-)  # fmt: skip
+_ORDER: Final[tuple[Change, ...]] = get_args(Change)
+WORSE, BETTER = _ORDER[:5], _ORDER[5:]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +45,8 @@ class ChangedCase:
 
     by: new minus base of the quantity that the change is about, U (m/s), the case's human-likeness
         or D_i; None for a flip.
-    moved: new minus base of all quantities of the case that enter a score and differ: `regret`
-        max(0, U - Ug), `H_i` its human-likeness, `D_i`.
+    moved: new minus base of the quantities that enter a score, where they differ: `regret` is
+        max(0, U - Ug), `H_i` the case's human-likeness, and `D_i`.
     """
 
     change: Change
@@ -62,14 +61,11 @@ class ChangedCase:
         return self.change in WORSE
 
 
-_ORDER: Final[tuple[Change, ...]] = (*WORSE, *BETTER)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Paired:
-    """Cases of an ADS in a logical scenario at the points that both runs have.
+    """Cases of an ADS in a logical scenario, paired by their points.
 
-    base, new: n pairs, row by row.
+    base, new: the n pairs; row i of one and row i of the other are at the same point.
     new_rows: indices of these cases in the new run's table, (n,).
     lost: cases of the base at points that the new run does not have.
     added: cases of the new run at points that the base does not have.
@@ -105,10 +101,10 @@ class Unpaired:
 class Changes:
     """Changed cases, the worst first; a `ChangedCase` is made when it is read.
 
-    kinds: index of each change in `WORSE` and `BETTER` together, (c,), ascending.
-    which: index of each pair in `paired`, (c,).
+    kinds: of each change its index in `Change`, ascending, (c,); those of `WORSE` come first.
+    which: row of its pair in `paired`, (c,).
     by: as in `ChangedCase`, nan for None, (c,).
-    moved: as in `ChangedCase`, by name, nan where a quantity did not move, (c,).
+    moved: as in `ChangedCase`, by name; nan where a quantity is the same in both runs, (c,).
     """
 
     paired: Paired
@@ -170,11 +166,12 @@ class QuantityChange:
     @property
     def certain(self) -> bool:
         """Whether the interval of the difference excludes 0."""
+        # without an interval both ends count as 0
         return (self.low or 0.0) > 0.0 or (self.high or 0.0) < 0.0
 
     @property
     def unchanged(self) -> bool:
-        """Whether the difference is 0 in every resample."""
+        """Whether the difference and both ends of its interval are 0."""
         return self.difference == self.low == self.high == 0.0
 
 
@@ -182,11 +179,11 @@ class QuantityChange:
 class AdsComparison:
     """Comparison of one ADS of the new run in one logical scenario with its partner in the base.
 
-    identical: number of pairs that are equal to the last bit, except for wall times.
+    identical: number of pairs that are equal to the last bit, except for measured times.
     changed: changed cases, the worst first.
-    quantities: the scores of `paired_differences.COMPARED` over the pairs.
-    counts: outcome -> number of pairs with it in the base and in the new run.
-    units: of U in the base and in the new run; changes of U count where it is one unit.
+    quantities: the scores of `paired_differences.COMPARED`, from the paired cases alone.
+    counts: outcome -> number of paired cases with it in the base, and in the new run.
+    units: unit of U in the base, and in the new run. If they differ, changes of U do not count.
     """
 
     ads: str
@@ -213,8 +210,9 @@ class AdsComparison:
         in two units.
         """
         sides = self.changed.paired.base, self.changed.paired.new
-        unknown = 0.0 if self.one_unit or column not in OF_U else np.nan
-        before, after = (getattr(cases, column).astype(np.float64) + unknown for cases in sides)
+        # adding nan makes the whole column nan
+        nan_or_0 = 0.0 if self.one_unit or column not in OF_U else np.nan
+        before, after = (getattr(cases, column).astype(np.float64) + nan_or_0 for cases in sides)
         return before, after
 
 
@@ -224,8 +222,8 @@ class Comparison:
 
     confidence: level of the intervals.
     differences: settings and versions in which the runs differ.
-    supposed: ADS of the new run -> ADS of the base, if they are compared only because each run has
-        one ADS.
+    supposed: ADS of the new run -> ADS of the base, where the names differ and the two are compared
+        only because each run has a single ADS.
     only_base, only_new: ADSs without a partner.
     unpaired: cases without a partner.
     """
@@ -264,7 +262,11 @@ class Comparison:
 
 
 def builds_besides(builds: Mapping[str, str], comparison: Comparison | None) -> list[str]:
-    """Builds of ADSs that the comparison does not list as differing, as `build of ADS: build`."""
+    """`build of ADS: build` of each ADS, without those that the comparison's differences already
+    list.
+
+    builds: ADS -> its build.
+    """
     known = {one.what for one in comparison.differences} if comparison else set()
     named = [(f"build of {ads}", build) for ads, build in builds.items()]
     return [f"{what}: {build}" for what, build in named if what not in known]
@@ -307,8 +309,8 @@ def side_by_side(
     """
     olds, news = base.ads_names, new.ads_names
     partners = _partners(olds, news, pairs or {})
-    alone = not partners and len(olds) == len(news) == 1
-    supposed = {news[0]: olds[0]} if alone else {}
+    single = not partners and len(olds) == len(news) == 1
+    supposed = {news[0]: olds[0]} if single else {}
     partners |= supposed
     compared = []
     for score in new.scores:
@@ -332,28 +334,28 @@ def side_by_side(
     )
 
 
-MOST_EXAMPLES = 5  # keys of lost cases
+MOST_EXAMPLES = 5  # most keys of lost cases that are named
 
 
 def _unpaired(
     base: Evaluation, new: Evaluation, compared: Sequence[AdsComparison]
 ) -> Iterator[Unpaired]:
-    """Find cases without a partner, first of the base's ADSs, then of those that only the new run
-    has.
+    """Find cases without a partner, first those of the base's ADSs, then those of ADSs that only
+    the new run has.
     """
-    known = {(one.base_ads, one.scenario): one for one in compared}
+    by_base = {(one.base_ads, one.scenario): one for one in compared}
     for score in base.scores:
         cases = base.cases_of(score.ads, score.scenario)
-        one = known.get((score.ads, score.scenario))
+        one = by_base.get((score.ads, score.scenario))
         lost = cases if one is None else one.changed.paired.lost
         added = 0 if one is None else len(one.changed.paired.added)
         if len(lost) or added:
             examples = lost[:MOST_EXAMPLES].case.tolist()
             yield Unpaired(score.ads, score.scenario, len(lost), added, len(cases), tuple(examples))
 
-    paired = {(one.ads, one.scenario) for one in compared}
+    of_new = {(one.ads, one.scenario) for one in compared}
     for score in new.scores:
-        if (score.ads, score.scenario) not in paired:
+        if (score.ads, score.scenario) not in of_new:
             added = len(new.cases_of(score.ads, score.scenario))
             yield Unpaired(score.ads, score.scenario, 0, added, 0, ())
 
@@ -393,45 +395,50 @@ def _compare_ads(
 
 
 def _paired(base: CaseTable, new: CaseTable) -> Paired:
-    """Pair the cases of two tables by their points, in the order of the new run.
+    """Pair the cases of two tables by their points.
 
-    Of several cases at one point the last one counts; its place in the order is the first one's.
+    Of several cases at one point the last one counts. Pairs have the order in which their points
+    first occur in the new run.
     """
     none = np.empty(0, dtype=np.intp)
     if not (len(base) and len(new)) or base[0].values.keys() != new[0].values.keys():
         return Paired(base[none], new[none], none, base, new)
-    (olds, _, last_old), (news, first_now, last_now) = map(_cases_at, point_numbers([base, new]))
-    here, there = np.intersect1d(olds, news, assume_unique=True, return_indices=True)[1:]
-    order = np.argsort(first_now[there])
-    pairs, rows = last_old[here[order]], last_now[there[order]]
-    lost, added = np.delete(last_old, here), np.delete(last_now, there)
-    return Paired(base[pairs], new[rows], rows, base[lost], new[added])
+    (olds, _, last_old), (news, first_new, last_new) = map(_cases_at, point_numbers([base, new]))
+    # positions of the common points in `olds` and in `news`
+    in_old, in_new = np.intersect1d(olds, news, assume_unique=True, return_indices=True)[1:]
+    order = np.argsort(first_new[in_new])
+    base_rows, new_rows = last_old[in_old[order]], last_new[in_new[order]]
+    lost, added = np.delete(last_old, in_old), np.delete(last_new, in_new)
+    return Paired(base[base_rows], new[new_rows], new_rows, base[lost], new[added])
 
 
 def _cases_at(points: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Every point of some cases once, ascending, and the rows of its first and of its last case."""
-    known, first = np.unique(points, return_index=True)
-    return known, first, len(points) - 1 - np.unique(points[::-1], return_index=True)[1]
+    """Each different point of some cases, ascending, with the rows of its first and last case."""
+    distinct, first = np.unique(points, return_index=True)
+    # the first row in reversed order is the last row
+    return distinct, first, len(points) - 1 - np.unique(points[::-1], return_index=True)[1]
 
 
 _NOT_DRIVEN: Final = frozenset((
     "case", "scenario", "ads", "values", "exposure", "weight", *TIMED,
     "index_note", "reference_note",
 ))  # fmt: skip
-"""Fields of a row that do not describe its drive, or are not plain values."""
+"""Fields of a row that do not describe its drive, measured times, and fields with other than plain
+values."""
 
 
 def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
-    """Number of pairs that are equal to the last bit, except for wall times.
+    """Number of pairs that are equal to the last bit, except for measured times.
 
-    Trajectories are compared as well, if all rows are equal and both runs have kept them.
+    If all rows are equal, the recorded drives are compared too, with the trajectories that both
+    runs have kept.
 
     base, new: folders of the runs.
     """
     same = np.ones(len(paired.new_rows), dtype=np.bool_)
     for name in (item.name for item in fields(CaseResult) if item.name not in _NOT_DRIVEN):
         before, after = getattr(paired.base, name), getattr(paired.new, name)
-        same &= (before == after) | ((before != before) & (after != after))  # nan is alike
+        same &= (before == after) | ((before != before) & (after != after))  # nan equals nan
 
     files = base / FACTS, new / FACTS
     if not same.all() or base == new or not all(file.is_file() for file in files):
@@ -439,6 +446,7 @@ def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
     alike = 0
     with open_store(files[0]) as old, open_store(files[1]) as now:
         for before, after in zip(paired.base.case.tolist(), paired.new.case.tolist(), strict=True):
+            # whole: with the trajectory
             whole = not (old.is_discarded(before) or now.is_discarded(after))
             alike += old.drive(before, whole=whole) == now.drive(after, whole=whole)
     return alike
@@ -452,16 +460,17 @@ def _changes(
     *,
     one_unit: bool,
 ) -> Changes:
-    """The change of each concrete scenario: the first of the changes below that applies.
+    """The change of each pair: the first of the changes below that applies.
 
     terms: of the base and of the new run.
     units: of U in the base and in the new run.
-    one_unit: whether both have one unit of the regret.
+    one_unit: whether the regret has the same unit in both.
     """
     old, now = paired.base, paired.new
     kind, by = np.full(len(old), -1, dtype=np.intp), np.full(len(old), np.nan)
 
     def mark(flags: BoolArray, change: Change, size: FloatArray | None = None) -> None:
+        """Give a change to the flagged pairs that have none yet."""
         unmarked = flags & (kind < 0)
         kind[unmarked] = _ORDER.index(change)
         if size is not None:
@@ -475,8 +484,8 @@ def _changes(
     for before, after, worse, better in flips:
         mark(after & ~before, worse)
         mark(before & ~after, better)
-    compared = 0.0 if units[0] == units[1] else np.nan  # of two units no difference of U counts
-    harsher = now.severity - old.severity + compared
+    # adding nan: a difference of U in two units does not count
+    harsher = now.severity - old.severity + (0.0 if units[0] == units[1] else np.nan)
     likeness, index = now.human_likeness - old.human_likeness, now.index - old.index
     least_of_u = change_of_u(settings.harsher_by, HARSHER_BY, units[1])
     mark(harsher > least_of_u, "harsher", harsher)
@@ -486,6 +495,7 @@ def _changes(
         mark(rise > settings.less_human_by, "more human", rise)
     regrets = [excess(one.severity, one.ideal) for one in terms]
     which = np.flatnonzero(kind >= 0)
+    # by kind of change, then the largest first, then by name; the last key counts first
     order = np.lexsort((now.case[which], -np.abs(np.nan_to_num(by[which])), kind[which]))
     which = which[order]
     moves = {
@@ -514,8 +524,10 @@ def _quantity_changes(
     changes = {}
     for name, score in COMPARED.items():
         before, after = old[score], now[score]
-        alike = one_unit or name != "regret"
-        difference = after - before if alike and before is not None and after is not None else None
+        same_unit = one_unit or name != "regret"
+        difference = None
+        if same_unit and before is not None and after is not None:
+            difference = after - before
         drawn = np.empty(0) if difference is None else resampled.get(name, np.empty(0))
         # one case that scored alike in both runs did so in every resample
         freedom = max(int((both[0][score] & both[1][score]).sum()) - 1, not drawn.any())

@@ -29,23 +29,24 @@ from sumo_eval.trajectory import CHANNELS, FloatArray, Trajectory
 LOW = 0.99
 """A case's part in T, or a factor of its part in H, below this is explained."""
 BRAKES = -1.0
-"""Acceleration from which a vehicle counts as braking, m/s2."""
+"""Acceleration at or below which a vehicle counts as braking, m/s2."""
 SIDEWAYS = 0.5
-"""Way from its first y after which a vehicle counts as moving sideways, m."""
+"""Distance from its first y from which on a vehicle counts as moving sideways, m."""
 HALF_WINDOWS = {
     "max_deceleration": 0.5, "max_jerk": 1.0, "max_unrest": 1.0, "max_lateral_speed": 0.5,
     "max_lateral_acceleration": 1.0,
 }  # fmt: skip
-"""Half of the window that an extreme is measured over, s; 0 for all others."""
+"""Half of the time window that an extreme is measured over, s; 0 for extremes not named here."""
 LEAST_SPREADS = {"speed": 1.0, "y": 0.2}
 """Least standard deviation of the drivers' speed, m/s, and y, m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CaseDrives:
-    """One case with all that drove at its point.
+    """Drive of a case, with all drives that it is compared with at its point.
 
-    beside: drives of drivers and of the reference car, by name.
+    drivers: drives of the human drivers.
+    beside: these and the drive of the reference car, by name.
     """
 
     case: CaseResult
@@ -102,10 +103,11 @@ def braking_before(ego: Trajectory, contact: float) -> Braking | None:
 class Behind(NamedTuple):
     """Place at which a drive fell furthest behind the slowest reference.
 
-    what: its lane change was due there, it stood there or came no further, or it was late.
-    way: from the ego's start, m.
+    what: a lane change due there was missed, the ego stood there, it came no further (short), or it
+        was late.
+    way: of the place from the ego's start, m.
     time: of the ego there, s.
-    of: the way that was asked for, m; where it was late, the time of the slowest reference, s.
+    of: distance that was asked for, m; for `late`, time of the slowest reference there, s.
     drivers: number of drivers among the references; car: whether the reference car is one.
     """
 
@@ -118,7 +120,8 @@ class Behind(NamedTuple):
 
 
 def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind | None:
-    """Where a drive lost most of its t_i; None where it lost little, or had an incident.
+    """Place at which a drive fell furthest behind; None if it lost little of its t_i, or had an
+    incident.
 
     margin: `road_margin`, m; a drive that departs from the road does not count as a reference.
     """
@@ -179,8 +182,9 @@ def rarest_extreme(scene: CaseDrives, people: Quantiles) -> Extreme:
 
 
 def _reached(scene: CaseDrives, name: str, value: float) -> float:
-    """Time at which a drive first reached an extreme, s: that of the shortest drive from its start
-    that has it, by bisection.
+    """Time at which a drive first reached an extreme, s.
+
+    Bisection finds the least number of first samples that has the extreme; more samples keep it.
     """
     ego, low, high = scene.ego, 2, len(scene.ego.time)
     while low < high:

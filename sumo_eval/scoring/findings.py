@@ -41,11 +41,11 @@ NOTICEABLE = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CollisionShares:
-    """Collisions of one ADS in one scenario, the one that took most from C first (Eq. 17): their
-    rows, (h,).
+    """Collisions of one ADS in one scenario, the one that took most from C first (Eq. 17).
 
-    avoided: Ug/U of each (or of the loss classes);
-    lost: its part of 1 - C; nan where not known. Parts add up.
+    places: their rows, (h,).
+    avoided: Ug/U of each (or of the loss classes), (h,).
+    lost: part of each in 1 - C, (h,), nan where unknown; the parts add up to 1 - C.
     """
 
     places: IntArray
@@ -57,10 +57,10 @@ class CollisionShares:
 class Part:
     """One case in a mean over cases.
 
-    cases: number of those.
+    cases: number of cases in the mean.
     total: sum of their weights.
-    share: weight of this one over the total.
-    value: of this one, 0..1.
+    share: weight of this case over the total.
+    value: of this case, 0..1.
     """
 
     cases: int
@@ -251,10 +251,10 @@ def unevaluated(evaluation: Evaluation) -> list[CaseTable]:
 class PeopleBehind:
     """Number of recorded drivers behind the D_i and H of a scenario.
 
-    points: safe concrete scenarios;
-    with_people: of these, with recorded people that D_i compares with;
-    drives: of theirs, over all of these. Where references that are too thin are left out, their
-        people stand behind nothing.
+    points: number of safe concrete scenarios.
+    with_people: number of these in which D_i compares with recorded drivers.
+    drives: number of drives of recorded drivers in these. Those of references that are left out as
+        too thin do not count.
     """
 
     scenario: str

@@ -1,8 +1,11 @@
 """The ledger of a score: where every point went, term by term and case by case, adding up to the
 printed number.
 
-S+ is 100 times the product of T, A' and (a + b H) / 100. Each of the three costs its Shapley value
-of 100 - S+, which its cases share by what they take from T, A and H.
+The terminal and the pages print it.
+
+S+ is 100 times the product of T, A' and (a + b H) / 100. Each of the three factors takes its
+Shapley value from 100 points. Its cases share that value in proportion to their losses in T, A or
+H.
 
 S begins with what C = 1 and D = 1 would give. From it, each collision and each factor of a case's
 D_i take their part. A case loses 1 minus the product of its factors. A factor's part of that loss
@@ -25,8 +28,8 @@ from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, NOTICEABLE, Fi
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 FULL = 100.0  # points
-ROUNDING = 1e-9  # of an index or of points: less is only rounding
-WORTH_COUNTING = 1e-4  # of an index: a case that lost less is not one of the cases that lost
+ROUNDING = 1e-9  # of an index or of points; less is only rounding
+WORTH_COUNTING = 1e-4  # of an index; `LedgerLine.cases` counts cases that lost at least this
 NOT_COMPUTED = "not computed"  # cause of a line that takes a whole term
 
 Term = Literal["S+", "T", "A", "H", "C", "D"]
@@ -39,9 +42,9 @@ class LedgerLine:
     cause: why the points were gained or lost, `NOT_COMPUTED` among them.
     index: in units of T, A, H, C or D.
     scale: points of S+ or S for 1 of the index.
-    entries: its cases, the costliest first.
-    parts: what each case adds to the index, (m,); a loss is negative.
-    cases: number of those that lost something worth counting.
+    entries: its m cases, the costliest first.
+    parts: contribution of each case to the index, (m,); a loss is negative.
+    cases: number of these cases that lost at least `WORTH_COUNTING`; for T, `NOTICEABLE` of t_i.
     equation: its number in the paper; empty for a term that is not the paper's.
     """
 
@@ -76,7 +79,7 @@ class Ledger:
 
     @property
     def total(self) -> float:
-        """The sum of all points, the score; rounding that would print as -0 is none."""
+        """The sum of all points, which is the score; 0 if it is only rounding, to not print -0."""
         total = math.fsum(line.points for line in self.lines)
         return 0.0 if abs(total) < ROUNDING else total
 
@@ -120,8 +123,9 @@ def _line(
 ) -> LedgerLine:  # fmt: skip
     """A line of cases.
 
-    lost: what each takes from the index, (m,).
-    alone: the index of a line without cases.
+    places: rows of its cases, (m,).
+    lost: loss of each in the index, (m,).
+    alone: index of a line without cases.
     """
     entries = found.cases[places]
     order = np.lexsort((entries.case, -lost))  # by loss, then by name
@@ -222,7 +226,7 @@ def _likeness_lines(found: Findings) -> _Lines:
     yield _line(found, "D", whole, alone=1.0, equation="13")
     if found.score.d is None:
         hits = np.flatnonzero(cases.voids_index)
-        # one of them alone would take D: they share the loss equally
+        # each collision alone would void D, so they share the loss equally
         each = np.full(len(hits), 1.0 / max(len(hits), 1))
         yield _line(found, "D", NOT_COMPUTED, hits, lost=each, alone=-1.0, equation="18")
         return
@@ -253,7 +257,7 @@ def _factor_lines(
         cause = name if name in ("similarity", "plausibility") else f"{name} factor"
         lost = share * losses[:, column]
         yield _line(found, term, cause, places, lost=lost, equation=equation)
-    # by what the index is below the product of its factors; above: negative, a gain
+    # by how much the index is below the product of its factors; negative (a gain) if it is above
     rest = share * (values.prod(axis=1) - product[places])
     if (np.abs(rest) > ROUNDING).any():
         cause = "the rest, not a product of the factors"

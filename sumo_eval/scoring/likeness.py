@@ -1,5 +1,7 @@
 """Comparison of each safe case with the human drivers at its point: D_i of the case, D_i of each
 driver among the drivers, and the fields of the case's row.
+
+`scoring.steps` calls this before `scoring.quantities` makes the rows.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 FEWEST_DRIVERS = 2  # a standard deviation needs two
 FEWEST_FOR_A_BAND = 3  # two must remain when a driver is compared with the rest
 _AT_ONCE = 8_192  # points whose zone and weight are computed at a time: 65,536 took 0.3 GB
-JACKKNIFED = 16  # cases of an ADS in a scenario for which drivers are left out one by one
+JACKKNIFED = 16  # most cases of an ADS in a scenario with a D_i without each driver in turn
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,9 +125,10 @@ class Survey:
 
 
 def as_driven(chosen: Sample, driven: FloatArray, *, whole: bool) -> Sample:
-    """The sample of a run: the points that the settings choose now, or, if these are others (a file
-    of points has changed), the points that were driven.
+    """The sample of a run: the points that the settings choose now. If these are not the points
+    that were driven (a file of points has changed), the driven points.
 
+    chosen: the points that the settings choose.
     driven: values of the points, (n, k), nan where no case was driven.
     whole: whether all points of the sample must have been driven.
     """
@@ -149,7 +152,7 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
     zones_key: a hash of all that the zones depend on.
     """
     store, settings, names = space.store, space.settings, space.logical.names
-    # arrays: lists of a million points would take half a gigabyte
+    # `array`, because lists of a million points would take half a gigabyte
     numbers, flat = array("q"), array("d")
     for fact in store.facts("ideal", space.name):  # every point has one
         numbers.append(fact.point)
@@ -225,7 +228,7 @@ def compare_with_people(
     other.
 
     compared: the drivers of `points`.
-    unhit: the cases of each ADS at these points that shall have a D_i.
+    unhit: drives of each ADS at the safe ones of these points, without contact.
     """
     settings = space.settings
     usable = {point: compared[point] for point in sorted(compared) if compared[point].usable}

@@ -1,4 +1,7 @@
-"""Quantities of the paper from recorded facts: D_i, U, L, Ug, r of every case, then C, D, S."""
+"""Quantities of the paper from recorded facts: D_i, U, L, Ug, r of every case, then C, D, S.
+
+`scoring.steps` calls `harm_at`, `tabulate` and `combine`, in this order.
+"""
 
 from __future__ import annotations
 
@@ -51,23 +54,24 @@ from sumo_eval.trajectory import NO_RETURN, BoolArray
 _RECORDED = {item.name for item in fields(CaseResult)} & {item.name for item in fields(Fact)} - {
     "clips"
 }
-"""Fields that a row takes from its fact unchanged."""
+"""Fields that a row takes from its fact unchanged; clips become one text (`tabulate`)."""
 STRUCK_FROM_BEHIND = "struck_from_behind"
 """Clip of a collision in which a vehicle that reacts ran into the ego's rear; `applied`: time that
 the ego had been in the lane, s."""
 LEFT_THE_NETWORK = "actor_left_the_network"
+"""Clip of a drive in which an actor left SUMO's network."""
 
 
 class Remarks:
     """Notes on the drives of an ADS in a scenario, collected some drives at a time."""
 
     def __init__(self) -> None:
-        self._blocks: Counter[int] = Counter()
-        self._beyond: Counter[str] = Counter()
-        self._batched: Counter[str] = Counter()
-        self._left = 0
-        self._safe: set[int] = set()
-        self._struck: set[int] = set()
+        self._blocks: Counter[int] = Counter()  # size of the fixed batch -> drives
+        self._beyond: Counter[str] = Counter()  # why the severity is out of its range -> collisions
+        self._batched: Counter[str] = Counter()  # `Fact.batched` -> drives
+        self._left = 0  # drives in which an actor left the network
+        self._safe: set[int] = set()  # points with a drive of a reference
+        self._struck: set[int] = set()  # points at which one of them collides
 
     def add(self, facts: Sequence[Fact], references: Sequence[Fact], severity: Severity) -> None:
         """Count some drives.
@@ -114,18 +118,20 @@ class Remarks:
         if self._struck:
             yield Counted("references_collide", len(self._struck), len(self._safe))
         yield from reference_notes(cases)
+        # the reason is empty for a collision within the range
         if reasons := sorted((reason, number) for reason, number in self._beyond.items() if reason):
             yield BeyondRange(space.severity.name, tuple(reasons))
 
 
 def struck_by_other(fact: Fact, space: ScenarioRun) -> bool:
-    """Whether a case's collision is the other vehicle's fault: one that reacts ran into the rear of
-    an ego that had been in that lane for at least `others_fault_after`.
+    """Whether a case's collision is the other vehicle's fault: a vehicle that reacts ran into the
+    rear of an ego that had been in its lane for at least `others_fault_after`.
     """
     settings = space.method.collision
     if fact.collision is None or settings.rear_end == "counts":
         return False
-    # an ego that started in the lane has been there since the start, which is always long enough
+    # An ego that has been in the lane since its start has been there long enough, even if the
+    # collision comes sooner; 1e-6 s is rounding.
     enough = min(settings.others_fault_after, fact.collision.time - 1e-6)
     return any(clip.what == STRUCK_FROM_BEHIND and clip.applied >= enough for clip in fact.clips)
 
@@ -137,8 +143,8 @@ def harm_at(
     idle: Sequence[Fact],
     tasks: Mapping[str, TaskOfDrive],
 ) -> dict[int, dict[str, Any]]:
-    """Point -> fields that all cases there share: r, Ug, U0, PET and time to the conflict of the
-    undisturbed paths.
+    """Point -> fields that all cases there share: r, Ug, U0, and PET and time to the conflict if no
+    vehicle reacts.
 
     idle: the drives of `no_reaction` at these points.
     tasks: departures, by case.
@@ -163,10 +169,10 @@ def harm_at(
 def _reference(
     who: Literal["ideal", "no_reaction"], fact: Fact, least: float, space: ScenarioRun
 ) -> dict[str, Any]:
-    """The field with Ug or U0 of a reference's drive, 0 where it avoids the contact; of one that
-    could not be evaluated, also the field with the reason.
+    """Fields on the drive of a reference: Ug or U0, 0 where it avoids the contact. If it could not
+    be evaluated, U is None and a second field has the reason.
 
-    least: the severity is at least this, that of its departure.
+    least: severity of its departure from the road, m/s, which U is at least.
     """
     if fact.status not in EVALUATED:
         return {f"{who}_severity": None, f"{who}_error": fact.error or fact.status}
@@ -174,7 +180,9 @@ def _reference(
 
 
 def _of_departure(fact: Fact, tasks: Mapping[str, TaskOfDrive], space: ScenarioRun) -> float:
-    """U of a drive's departure, as a contact beside the road; 0 without a departure."""
+    """U of a drive's departure from the road, as a contact with an obstacle beside the road; 0
+    without a departure.
+    """
     departure = tasks[fact.case].departure if fact.case in tasks else None
     if departure is None:
         return 0.0
@@ -184,8 +192,8 @@ def _of_departure(fact: Fact, tasks: Mapping[str, TaskOfDrive], space: ScenarioR
 
 
 def _severity(fact: Fact, space: ScenarioRun) -> float | None:
-    """U of a case's collision, or of the measure in its place; None without a collision, or where
-    it is the other vehicle's fault.
+    """U of a case's collision, or the measure of severity that the settings use instead; None
+    without a collision, or where it is the other vehicle's fault.
     """
     if fact.collision is None or struck_by_other(fact, space):
         return None
@@ -203,6 +211,8 @@ def tabulate(
 ) -> Iterator[CaseResult]:
     """Make the row of each case.
 
+    facts: one ADS's drives, each becomes a row.
+    known: zones and weights of the points.
     people: comparison with the human drivers.
     harm: fields that the cases at a point share, by point, from `harm_at`.
     tasks: departure and t_i, by case.
@@ -229,6 +239,7 @@ def tabulate(
             }
             fields_of_row |= cause_of_contact(fact)._asdict()
             if not struck:
+                # L is always that of the paper's U, whatever `severity` is
                 u = impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap)
                 fields_of_row["loss"] = float(collision_loss(u))
         if task is not None and (departure := task.departure) is not None:
@@ -245,6 +256,7 @@ def tabulate(
             severity=severity,
             beats_ideal=severity is not None and ideal is not None and severity < ideal,
             ideal_collided=None if ideal is None else ideal > 0.0,
+            # given up: 0, no task known: None
             task_share=0.0 if fact.status in GAVE_UP else None if task is None else task.share,
             clips="; ".join(
                 f"{clip.what} x{clip.count}" for clip in fact.clips if clip.what != NO_RETURN
@@ -253,13 +265,14 @@ def tabulate(
             requirements_missed=requirements_missed(fact, space),
             **fields_of_row,
         )
+        # needs properties of the row
         index = people.indexes.get(fact.case)
         yield replace(row, human_likeness=_human_likeness(row, index) if known.people else None)
 
 
 def _human_likeness(row: CaseResult, index: AnthropomorphicIndex | None) -> float | None:
-    """H_i of a case; 0 with an incident in the safe zone that the ideal vehicle avoids; None where
-    it has no part in H.
+    """H_i of a case: 0 with an incident in the safe zone that the ideal vehicle avoids; None where
+    the case has no part in H.
     """
     if row.safe and row.incident and row.ideal_severity == 0.0:
         return 0.0
@@ -283,8 +296,8 @@ def combine(
     counts.
 
     rows: of all its cases.
-    people: whether there are human drivers to compare with; False: a missing D or H is not counted
-        as missing.
+    people: whether there are human drivers to compare with. If not, cases without D_i or H_i are
+        not missing.
     task_reference: the reference car that T compares with; empty: the run has none.
     """
     notes = list(notes)
@@ -297,6 +310,7 @@ def combine(
     lacks, voiding = cases.missing, _number(cases.voids_index)
     if not voiding and people:
         lacks = lacks | (cases.counts_for_index & ~indexed)
+    # + drops zones with 0
     missing = +Counter[Zone]({"safe": _number(lacks & safe), "hazardous": _number(lacks & ~safe)})
     bounds = missing_bounds(cases, terms, values, method, people=people) if missing else {}
     if missing:
@@ -316,6 +330,7 @@ def combine(
     plus = plus_of(values["task_share"], values["avoidance_grade"], human_likeness, method.score)
     scores: dict[str, Any] = {f"{name}_interval": ends for name, ends in bounds.items()}
     scores |= values | counts(cases) | {"not_evaluated": missing.total()}
+    # this field of the result is a number, not an option
     if values["collision_probability"] is None:
         scores["collision_probability"] = math.nan
     return ScenarioResult(
@@ -342,6 +357,7 @@ def combine(
 
 
 def _number(flags: BoolArray) -> int:
+    """How many flags are set."""
     return int(np.count_nonzero(flags))
 
 
@@ -361,7 +377,7 @@ def _without_mean(safe: int, voiding: int, known: int, *, people: bool) -> NotCo
     """The reason why there is no mean over the safe cases.
 
     safe: number of safe cases.
-    voiding: number of collisions because of which there is no mean.
+    voiding: number of collisions each of which alone voids the mean.
     known: number of safe cases with a value.
     """
     if people and voiding:
