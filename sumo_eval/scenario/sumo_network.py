@@ -81,7 +81,7 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     end: x at which cases end, m from the start of the first edge.
 
     Raises InputError where the file is not a network, an edge is not in it, or the edges are not
-    one road with the same lanes throughout.
+    one road: lanes of one width, the same on all edges except the outermost of each side.
     """
     path = path.resolve()
     owner = f"network {path.name}"
@@ -151,7 +151,7 @@ def _laid(lanes: Sequence[Sequence[_Lane]]) -> tuple[RigidMotion, dict[str, int]
     Gives the rigid motion that does it, and each lane's place by its id: 0 for the road's
     right-hand lane, which comes to lie on the axis, 1 for the next one to the left.
     """
-    # first by the first edge's right-hand lane; lanes that open later may lie to the right of it
+    # at first y = 0 is the first edge's right-hand lane; lanes to the right of it may open later
     to_axis, width = _onto_x(lanes[0][0]), lanes[0][0].width
     places = {
         lane.id: round(to_axis(lane.shape[0])[1] / width) for of_edge in lanes for lane in of_edge

@@ -29,12 +29,13 @@ from sumo_eval.trajectory import FloatArray
 # a spiral is cut into stretches from knot to knot, each at most
 _TURN = 0.2  # rad of turn
 _LONGEST = 200.0  # m long
-
 _FAR = 1e9  # m before the beginning, where the straight before the line begins
+
 # Newton's method for the foot of a perpendicular
 _CLOSE = 1e-7  # m: it ends after a step as short, whose error is about its square
 _TRIES = 20  # steps, at most
-_LEAST = 0.05  # least 1 - curvature d, which is 0 at the centre of a curve: steps stay bounded
+# bounds the steps near the centre of a curve, where 1 - curvature d is 0
+_LEAST = 0.05
 
 _NODES = (-0.906179845938664, -0.5384693101056831, 0.0, 0.5384693101056831, 0.906179845938664)
 _WEIGHTS = (
