@@ -434,7 +434,7 @@ def test_edges_of_one_network_are_roads_with_files_of_their_own(tmp_path):
         replace(plain, scenario=name, road=read_road(path, [name], 300.0)) for name in ("a", "b")
     ]
     settings = EvaluationSettings("e", (ScenarioSettings("a"),), (AdsSettings("idm", "idm"),))
-    create(tmp_path / "run", settings, tmp_path, examples)
+    create(tmp_path / "run", settings, tmp_path, examples, another_round=False)
     for concrete in examples:
         text = (tmp_path / "run" / "routes" / f"{concrete.scenario}.sumocfg").read_text()
         file = tmp_path / "run" / "networks" / re.search(r"[\w.]+\.net\.xml", text)[0]
