@@ -420,9 +420,14 @@ def _learn(
 def _own_axes(logical: LogicalScenario) -> tuple[list[list[float]], tuple[str, ...]]:
     """The values of each parameter at its `step`, fewer where the grid of them is too large for a
     GP, and a note on that.
+
+    Raises InputError where two values of each parameter are too many.
     """
     counts = [_own_count(parameter) for parameter in logical.parameters]
     own = math.prod(counts)
+    if 2 ** len(counts) > OWN_GRID_POINTS:
+        most = f"at most {OWN_GRID_POINTS.bit_length() - 1}: zones are learnt from a grid"
+        raise must_be("Parameters", f"scenario `{logical.name}`", most, len(counts))
     # take a value from the longest axis until the grid is small enough
     while math.prod(counts) > OWN_GRID_POINTS:
         # an axis longer than the whole grid may be is cut at once

@@ -1,5 +1,6 @@
 """Eqs. 7-8: zones against closed forms, laws, and a textbook Gaussian process."""
 
+import contextlib
 import math
 
 import numpy as np
@@ -445,6 +446,14 @@ def test_a_large_grid_of_own_steps_is_thinned_and_reported():
     )
     assert len(zones.training_points) == 1296
     assert zones.zones == 1
+
+
+@pytest.mark.parametrize("many", [10, 11])
+def test_two_values_of_eleven_parameters_are_too_many(many):
+    axes = [(name, 0.0, 1.0, 0.5) for name in "abcdefghijk"[:many]]
+    logical = space(axes, lambda values: 300.0)
+    with refusal("at most 10: zones") if many > 10 else contextlib.nullcontext():
+        assert len(partition(logical, ZoneSettings(restarts=0)).training_points) == 2**10
 
 
 def test_steps_are_exact_decimals_and_the_last_point_is_high():
