@@ -64,7 +64,7 @@ def read(path: Path) -> Samples:
 def _from_csv(path: Path) -> pd.DataFrame:
     columns = "timestep_time", "vehicle_id", *(f"vehicle_{name}" for name in _NEEDED)
     rows = read_table(path, columns, sep=";", converters={"vehicle_id": str})
-    rows = rows[rows["vehicle_id"].notna()]  # a step without vehicles is a row without one
+    rows = rows[rows["vehicle_id"].fillna("") != ""]  # a step without vehicles is such a row
     rows.columns = rows.columns.str.removeprefix("timestep_").str.removeprefix("vehicle_")
     checked_numbers(rows, _numbers(rows), path)
     return rows
