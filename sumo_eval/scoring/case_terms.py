@@ -100,20 +100,6 @@ def case_terms(cases: CaseTable | Sequence[CaseResult], method: MethodSettings) 
     )
 
 
-def holders(terms: CaseTerms) -> dict[str, BoolArray]:
-    """Cases that each score is computed from, (n,), by its name in `COMPUTED`; without a mean of T
-    over at least two there is none of S+.
-    """
-    timed = np.isfinite(terms.task)
-    return dict.fromkeys(COMPUTED, terms.counted) | {
-        "s": terms.evaluated,
-        "d": np.isfinite(terms.index),
-        "human_likeness": np.isfinite(terms.likeness),
-        "task_share": timed,
-        "s_plus": terms.counted & (timed.sum() > 1),
-    }
-
-
 def ratios(severity: FloatArray, ideal: FloatArray, method: MethodSettings) -> FloatArray:
     """Ug/U of collisions, (n,), or that of their loss classes; nan where one of both is nan."""
     return score_terms.ideal_ratio(_compared(severity, method), _compared(ideal, method))

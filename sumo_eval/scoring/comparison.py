@@ -24,7 +24,7 @@ from sumo_eval.method.score_terms import excess
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.case_terms import CaseTerms, case_terms, holders, point_values
+from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
 from sumo_eval.scoring.comparability import Difference, differences, refuse_unless_comparable
 from sumo_eval.scoring.confidence.paired_differences import COMPARED, paired_differences
 from sumo_eval.scoring.gate_settings import HARSHER_BY, OF_U, TIMED, GateSettings, change_of_u
@@ -515,12 +515,10 @@ def _quantity_changes(
     *,
     one_unit: bool,
 ) -> dict[str, QuantityChange]:
-    from sumo_eval.scoring.confidence.intervals import percentiles  # imports scipy
-
     runs = list(zip(terms, (base.settings.method, new.settings.method), strict=True))
     old, now = (point_values(*run) for run in runs)
     resampled = paired_differences(runs[0], runs[1], settings.resamples, settings.seed)
-    both = [holders(part) for part in terms]
+    tail = (1.0 - settings.confidence) / 2.0
     changes = {}
     for name, score in COMPARED.items():
         before, after = old[score], now[score]
@@ -529,8 +527,6 @@ def _quantity_changes(
         if same_unit and before is not None and after is not None:
             difference = after - before
         drawn = np.empty(0) if difference is None else resampled.get(name, np.empty(0))
-        # one case that scored alike in both runs did so in every resample
-        freedom = max(int((both[0][score] & both[1][score]).sum()) - 1, not drawn.any())
-        ends = percentiles(drawn, drawn, freedom, settings.confidence) or (None, None)
+        ends = np.quantile(drawn, (tail, 1.0 - tail)).tolist() if drawn.size else [None, None]
         changes[name] = QuantityChange(before, after, difference, *ends)
     return changes

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sumo_eval.errors import must_be
 from sumo_eval.method.score_terms import mean_shares, worth
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.progress import Progress, quiet
@@ -76,11 +77,18 @@ def assess(
     for score in evaluation.scores:
         assessments.append(_assess(score, evaluation, partitions[score.scenario]))
         progress("confidence in the scores", len(assessments), len(evaluation.scores))
-    coverage = {}
-    for name, zones in partitions.items():
-        points = evaluation.cases_in(name).parameters(zones.logical.names)
-        coverage[name] = space_coverage(zones, np.unique(points, axis=0))
+    coverage = {
+        name: space_coverage(zones, _points(evaluation, zones))
+        for name, zones in partitions.items()
+    }
     return Confidence(tuple(assessments), coverage)
+
+
+def _points(evaluation: Evaluation, zones: ZonePartition) -> FloatArray:
+    """The points of all cases in a scenario, each once, ascending, (n, k)."""
+    logical = zones.logical
+    rows = evaluation.cases_in(logical.name).parameters(logical.names)
+    return np.unique(rows, axis=0)
 
 
 def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition) -> Assessment:
@@ -132,18 +140,17 @@ def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
 
 
 def risk_of(evaluation: Evaluation, score: ScenarioResult) -> Risk | None:
-    """Risk of an ADS in a scenario, of its evaluated cases."""
+    """Risk of an ADS in a scenario; None with fewer than two evaluated cases with exposure."""
     cases = evaluation.cases_of(score.ads, score.scenario)
     judged = cases[cases.evaluated]
+    if len(judged) < 2 or not judged.exposure.sum() > 0.0:
+        return None
     loss = np.nan_to_num(judged.loss)
     return risk(judged.exposure, loss, evaluation.settings.seed, (score.scenario, score.ads))
 
 
-def risk(
-    exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] = ()
-) -> Risk | None:
-    """Collision probability and expected loss, with intervals from a bootstrap over the cases; None
-    with fewer than two, or without exposure.
+def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] = ()) -> Risk:
+    """Collision probability and expected loss, with intervals from a bootstrap over the cases.
 
     exposure: p (n,) of the evaluated cases.
     loss: L (n,), 0 without a collision.
@@ -154,7 +161,8 @@ def risk(
     """
     n = len(exposure)
     if n < 2 or not exposure.sum() > 0.0:
-        return None
+        got = f"{n} with exposure {exposure.sum():g}"
+        raise must_be("The cases", "a risk", "at least 2, with exposure above 0", got)
     hit = (loss > 0.0).astype(np.float64)
     terms = np.column_stack([exposure, exposure * hit, exposure * loss])
     sums = np.zeros((REPLICATES, 3))

@@ -51,14 +51,7 @@ from sumo_eval.method.score_terms import (
     paper_score,
 )
 from sumo_eval.record.progress import Progress, quiet
-from sumo_eval.scoring.case_terms import (
-    COMPUTED,
-    CaseTerms,
-    holders,
-    point_values,
-    ratios,
-    scores_of,
-)
+from sumo_eval.scoring.case_terms import COMPUTED, CaseTerms, point_values, ratios, scores_of
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
 from sumo_eval.scoring.confidence.resamples import Resampled, Strata, resamples
 from sumo_eval.settings import MethodSettings
@@ -264,9 +257,11 @@ def driver_deviates(drivers: DriverDeviations, seed: int, replicates: int) -> Fl
         random_stream(seed, "intervals", "driver", name).standard_normal(replicates)
         for name in drivers.names
     ]
+    if not normal:
+        return np.zeros((replicates, 0))
     share = random_stream(seed, "intervals", "spread of drivers").uniform(size=replicates)
     wider = np.sqrt(drivers.freedom / chdtri(drivers.freedom, share))
-    return np.reshape(normal, (-1, replicates)).T.copy() * wider[:, None]
+    return np.column_stack(normal) * wider[:, None]
 
 
 def _summed(scores: Mapping[str, FloatArray], method: MethodSettings) -> dict[str, FloatArray]:
@@ -371,28 +366,36 @@ def _known_stake(terms: CaseTerms) -> tuple[BoolArray, FloatArray]:
 
 def _freedom(one: Judged, groups: Strata) -> dict[str, int]:
     """Degrees of freedom of each score's error: points that have a part in it, less one in each
-    group, and at least one of two points.
+    group.
     """
     group = groups.numbers()
 
     def free(part: BoolArray) -> int:
         places = group[one.points[part]]
-        return max(len(places) - len(np.unique(places)), min(len(places) - 1, 1))
+        return max(len(places) - len(np.unique(places)), 1)
 
-    freedom = {name: free(part) for name, part in holders(one.terms).items()}
-    return freedom | {"c": max(int(np.isfinite(one.terms.ratio).sum()) - 1, 1)}
+    terms = one.terms
+    everyone = free(terms.counted)
+    return {
+        **dict.fromkeys(SCORED, everyone),
+        "s": free(terms.evaluated),
+        "task_share": free(np.isfinite(terms.task)),
+        "c": free(terms.evaluated)
+        if not terms.collided.any()
+        else max(int(np.isfinite(terms.ratio).sum()) - 1, 1),
+        "d": free(np.isfinite(terms.index)),
+        "human_likeness": free(np.isfinite(terms.likeness)),
+    }
 
 
-def percentiles(
-    low: FloatArray, high: FloatArray, freedom: int, level: float = LEVEL
-) -> tuple[float, float] | None:
-    """Percentiles, widened for n degrees of freedom: by the quantile of t in place of the normal
-    one. None without a degree of freedom: one case does not show how much others differ.
+def percentiles(low: FloatArray, high: FloatArray, freedom: int) -> tuple[float, float] | None:
+    """Percentiles, widened for n degrees of freedom: by the quantile of t in place of the
+    normal one.
     """
     low, high = low[np.isfinite(low)], high[np.isfinite(high)]
-    if not (freedom > 0 and len(low) and len(high)):
+    if not (len(low) and len(high)):
         return None
-    tail = float(ndtr(stdtrit(freedom, (1.0 - level) / 2.0)))
+    tail = float(ndtr(stdtrit(freedom, (1.0 - LEVEL) / 2.0)))
     return float(np.quantile(low, tail)), float(np.quantile(high, 1.0 - tail))
 
 

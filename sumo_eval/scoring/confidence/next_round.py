@@ -67,8 +67,7 @@ def standing(
         )
         width, unit = f"{half:.2g}", " of the space"
     else:
-        ends = [score.s_plus_interval or (-math.inf, math.inf) for score in scores]
-        half = max(((high - low) / 2.0 for low, high in ends), default=math.inf)
+        half = max((_half_width(score) for score in scores), default=math.inf)
         width, unit = f"{half:.2f}", " points of S+"
     wide = (
         f"half the widest 95 % interval is {width}{unit}"
@@ -112,7 +111,7 @@ def further_round(
     for one in rows:
         terms = case_terms(one, method)
         moved = (
-            (terms.evaluated & terms.collided).astype(np.float64)
+            np.where(terms.evaluated, terms.collided.astype(np.float64), 0.0)
             if sampling.aim == "boundary"
             else plus_influence(terms, points.stands_for, method)
         )
@@ -171,6 +170,11 @@ def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSetti
     return moved
 
 
+def _half_width(score: ScenarioResult) -> float:
+    ends = score.s_plus_interval
+    return math.inf if ends is None else (ends[1] - ends[0]) / 2.0
+
+
 def _collided_half_width(terms: CaseTerms, points: Sample, place: IntArray) -> float:
     """Half the 95 % interval of the share of the space that collides: of a stratified mean, round
     by round.
@@ -181,7 +185,7 @@ def _collided_half_width(terms: CaseTerms, points: Sample, place: IntArray) -> f
     """
     assert points.stratum is not None
     assert points.stands_for is not None
-    hit = (terms.evaluated & terms.collided).astype(np.float64)
+    hit = np.where(terms.evaluated, terms.collided.astype(np.float64), 0.0)
     stratum, weight = points.stratum[place], points.stands_for[place] / len(points.points)
     number = np.maximum(np.bincount(stratum), 1)
     mean = np.bincount(stratum, hit) / number

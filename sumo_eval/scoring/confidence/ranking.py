@@ -147,8 +147,10 @@ def _interval(
         return results[0].s_plus_interval
     if spread is None:
         return None
-    ends = percentiles(spread.worse + spread.lower, spread.better + spread.higher, spread.freedom)
-    return ends and (min(ends[0], total), max(ends[1], total))  # the value itself is always inside
+    low, high = percentiles(
+        spread.worse + spread.lower, spread.better + spread.higher, spread.freedom
+    ) or (total, total)
+    return min(low, total), max(high, total)  # the value itself is always inside
 
 
 def _pair(
@@ -156,13 +158,13 @@ def _pair(
 ) -> RankedPair:
     """The difference of two ADSs' S+ with its interval; told apart where that is above 0."""
     first, second = (spreads[name] for name in names)
-    ends = None
-    if first is not None and second is not None:
-        both = np.stack([first.worse - second.worse, first.better - second.better])
-        ends = percentiles(  # missing cases: worst for one, best for the other
-            both.min(axis=0) + first.lower - second.higher,
-            both.max(axis=0) + first.higher - second.lower,
-            min(first.freedom, second.freedom),
-        )
-    ends = ends and (min(ends[0], difference), max(ends[1], difference))
-    return RankedPair(*names, difference, ends, ends is not None and ends[0] > 0.0)
+    if first is None or second is None:
+        return RankedPair(*names, difference, None, False)
+    both = np.stack([first.worse - second.worse, first.better - second.better])
+    low, high = percentiles(  # missing cases: worst for one, best for the other
+        both.min(axis=0) + first.lower - second.higher,
+        both.max(axis=0) + first.higher - second.lower,
+        min(first.freedom, second.freedom),
+    ) or (difference, difference)
+    low, high = min(low, difference), max(high, difference)
+    return RankedPair(*names, difference, (low, high), low > 0.0)

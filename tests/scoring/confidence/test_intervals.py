@@ -264,15 +264,6 @@ def test_s_of_an_evaluation_without_a_d_reaches_to_what_it_would_be_without_the_
     assert found.limits["s"] == (pytest.approx(20.0), pytest.approx(75.0))
 
 
-def test_law_one_safe_case_does_not_show_how_much_others_differ():
-    for safe, there in ((1, False), (2, True)):
-        one = np.where(np.arange(9) < safe, 0.4, np.nan)
-        limits = intervals(judged(9, index=one, likeness=one, task=one)).limits
-        assert {name in limits for name in ("d", "human_likeness", "task_share", "s_plus")} == {
-            there
-        }
-
-
 def test_fewer_points_than_three_prove_nothing():
     assert intervals(judged(hazardous=np.arange(60) < 2)).limits["c"][0] == pytest.approx(0.0)
 
