@@ -148,6 +148,7 @@ class _Group(click.Group):
         if args is None:  # called from a shell; a caller in Python, as a test, gives arguments
             _fill_closed_streams()
             _read_utf8()
+            _print_all()
         return super().main(args, *rest, **named)
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -233,14 +234,18 @@ def _loaded(point: EntryPoint) -> click.Command:
 
 def _read_utf8() -> None:
     """Restart Python in UTF-8 mode if names of files have another encoding, which lacks characters
-    of some paths; print `?` for a character that a terminal's encoding lacks.
+    of some paths.
     """
-    out: Any = sys.stdout
-    if out.errors == "strict":
-        out.reconfigure(errors="replace")
     if sys.getfilesystemencoding().lower() != "utf-8" and not sys.flags.utf8_mode:
         arguments = [sys.executable, "-X", "utf8", *sys.orig_argv[1:]]
         os.execve(sys.executable, arguments, {**os.environ, "PYTHONUTF8": "1"})  # noqa: S606
+
+
+def _print_all() -> None:
+    """Print `?` for a character that the encoding of stdout lacks."""
+    out: Any = sys.stdout
+    if out.errors == "strict":
+        out.reconfigure(errors="replace")
 
 
 def _one_thread() -> None:

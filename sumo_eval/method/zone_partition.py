@@ -425,9 +425,12 @@ def _own_axes(logical: LogicalScenario) -> tuple[list[list[float]], tuple[str, .
     """
     counts = [_own_count(parameter) for parameter in logical.parameters]
     own = math.prod(counts)
-    if 2 ** len(counts) > OWN_GRID_POINTS:
-        most = f"at most {OWN_GRID_POINTS.bit_length() - 1}: zones are learnt from a grid"
-        raise must_be("Parameters", f"scenario `{logical.name}`", most, len(counts))
+    most = OWN_GRID_POINTS.bit_length() - 1  # with two values of each
+    if len(counts) > most:
+        raise InputError(
+            f"Scenario `{logical.name}` must have at most {most} parameters, since its zones are "
+            f"learnt from a grid, got {len(counts)}: give some of them a fixed value."
+        )
     # take a value from the longest axis until the grid is small enough
     while math.prod(counts) > OWN_GRID_POINTS:
         # an axis longer than the whole grid may be is cut at once

@@ -112,11 +112,10 @@ def _most_human(every: Sequence[Behaviour]) -> str:
     known = sorted((-one.human, one.ads) for one in every if one.human is not None)
     if not known:
         return "not known: no safe case could be compared with drivers."
-    best = number(-known[0][0], 2)
-    if len(known) > 1 and not float(best):
-        return f"no ADS, every H is {best}."
+    if len(known) > 1 and not round(known[0][0], 2):
+        return "no ADS, every H is 0.00."
     beside = f"; next {known[1][1]}, {number(-known[1][0], 2)}" if len(known) > 1 else ""
-    return f"{known[0][1]} with H {best} of 1{beside}."
+    return f"{known[0][1]} with H {number(-known[0][0], 2)} of 1{beside}."
 
 
 def _best(ranking: Ranking, order: Sequence[RankedAds]) -> str:

@@ -147,9 +147,7 @@ def _interval(
         return results[0].s_plus_interval
     if spread is None:
         return None
-    low, high = percentiles(
-        spread.worse + spread.lower, spread.better + spread.higher, spread.freedom
-    ) or (total, total)
+    low, high = _ends(spread.worse + spread.lower, spread.better + spread.higher, spread.freedom)
     return min(low, total), max(high, total)  # the value itself is always inside
 
 
@@ -161,10 +159,17 @@ def _pair(
     if first is None or second is None:
         return RankedPair(*names, difference, None, False)
     both = np.stack([first.worse - second.worse, first.better - second.better])
-    low, high = percentiles(  # missing cases: worst for one, best for the other
+    low, high = _ends(  # missing cases: worst for one, best for the other
         both.min(axis=0) + first.lower - second.higher,
         both.max(axis=0) + first.higher - second.lower,
         min(first.freedom, second.freedom),
-    ) or (difference, difference)
+    )
     low, high = min(low, difference), max(high, difference)
     return RankedPair(*names, difference, (low, high), low > 0.0)
+
+
+def _ends(low: FloatArray, high: FloatArray, freedom: int) -> tuple[float, float]:
+    """`percentiles` of sums that `_Means` has made finite."""
+    ends = percentiles(low, high, freedom)
+    assert ends is not None
+    return ends

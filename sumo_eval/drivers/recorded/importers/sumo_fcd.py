@@ -64,7 +64,8 @@ def read(path: Path) -> Samples:
 def _from_csv(path: Path) -> pd.DataFrame:
     columns = "timestep_time", "vehicle_id", *(f"vehicle_{name}" for name in _NEEDED)
     rows = read_table(path, columns, sep=";", converters={"vehicle_id": str})
-    rows = rows[rows["vehicle_id"].fillna("") != ""]  # a step without vehicles is such a row
+    # a step without vehicles is a row without a name
+    rows = rows[rows["vehicle_id"].fillna("") != ""]
     rows.columns = rows.columns.str.removeprefix("timestep_").str.removeprefix("vehicle_")
     checked_numbers(rows, _numbers(rows), path)
     return rows
