@@ -24,6 +24,11 @@ _KINDS: Final = {
 }  # fmt: skip
 
 
+def changed_at(path: Path) -> int:
+    """Time of a file's or folder's last change, ns; -1 where there is none."""
+    return path.stat().st_mtime_ns if path.exists() else -1
+
+
 def input_file(path: Path, what: str) -> Path:
     """The path, refused unless it leads to a regular file; nothing is opened, because opening a
     pipe may wait for ever.

@@ -18,6 +18,7 @@ from sumo_eval.drivers.recorded.importing import OWN, import_recordings
 from sumo_eval.drivers.recorded.matching import matching_events
 from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.errors import InputError, check_known
+from sumo_eval.input_file import changed_at
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import Counterpart
 from sumo_eval.settings import DriverSettings
@@ -66,7 +67,7 @@ def open_people(settings: DriverSettings, source: Path) -> People:
             "`drivers.recordings` or `drivers.cases` must name what was recorded, got neither."
         )
     paths = tuple((source / name).resolve() for name in settings.recordings)
-    people = _recorded(paths) if paths else People()
+    people = _recorded(paths, tuple(map(changed_at, paths))) if paths else People()
     if not settings.cases:
         return people
     folder = (source / settings.cases).resolve()
@@ -75,7 +76,7 @@ def open_people(settings: DriverSettings, source: Path) -> People:
 
 
 @functools.lru_cache(maxsize=4)
-def _recorded(paths: tuple[Path, ...]) -> People:
+def _recorded(paths: tuple[Path, ...], changed: tuple[int, ...]) -> People:
     """Recordings, their events and tracks; asked for by the reference and by the exposure, read
     once.
     """

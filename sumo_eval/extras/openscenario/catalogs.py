@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 
 from sumo_eval.errors import did_you_mean
-from sumo_eval.extras.openscenario.reading import Node, read_openscenario
+from sumo_eval.extras.openscenario.reading import Node, depends_on, read_openscenario
 
 
 class Catalogs:
@@ -25,6 +25,8 @@ class Catalogs:
     def _all(self) -> dict[str, list[Node]]:
         """The catalogs by name; several files may have one of a name."""
         catalogs: dict[str, list[Node]] = {}
+        for _, at in self.folders:
+            depends_on(at)
         # one folder may be named for several kinds of catalogs
         for file in dict.fromkeys(
             it.resolve() for _, at in self.folders for it in sorted(at.glob("*.xosc"))
@@ -83,6 +85,6 @@ class Catalogs:
 def named_file(part: Node) -> Path:
     """A file that an element names, relative to its own; refused where it is not there."""
     path = part.file.parent / part.text("filepath")
-    if not path.exists():
+    if depends_on(path) < 0:
         raise part.fault(f"the file {path} is not there")
     return path

@@ -21,7 +21,7 @@ import numpy as np
 from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.extras.openscenario.frame import Frame
 from sumo_eval.extras.openscenario.moves import changes_nothing
-from sumo_eval.extras.openscenario.reading import Node, read_openscenario
+from sumo_eval.extras.openscenario.reading import Node, changes, read_openscenario
 from sumo_eval.extras.openscenario.scene import FileCase, FileOptions, read_case
 from sumo_eval.extras.openscenario.space import Assignments, Axis, FileSpace, read_space
 from sumo_eval.extras.openscenario.values import Value
@@ -143,7 +143,7 @@ def refusal(space: FileSpace, road: Frame, point: Mapping[str, float]) -> str | 
 def _looked_at(space: FileSpace, point: Mapping[str, float]) -> FileCase | str:
     """The scene at a point, or why there is none, as `refusal` gives it."""
     given = tuple(sorted(space.given(point).items()))
-    return _case_or_why(space.file, space.file.stat().st_mtime_ns, given, space.options)
+    return _case_or_why(space.file, changes(), given, space.options)
 
 
 # more than are looked at of a file: each of its roads asks for the same points again
@@ -221,8 +221,8 @@ def read_file(path: Path, given: Mapping[str, str] | None = None) -> Read:
 
     Raises InputError with file, line and element for what is not supported.
     """
-    changed = input_file(path, "OpenSCENARIO file").stat().st_mtime_ns
-    return _read(path.resolve(), changed, tuple(sorted((given or {}).items())))
+    path = input_file(path, "OpenSCENARIO file").resolve()
+    return _read(path, changes(), tuple(sorted((given or {}).items())))
 
 
 @lru_cache(maxsize=128)

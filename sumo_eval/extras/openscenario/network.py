@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sumo_eval.errors import InputError, did_you_mean
-from sumo_eval.extras.openscenario.reading import Node
+from sumo_eval.extras.openscenario.reading import Node, depends_on
 from sumo_eval.scenario.road.opendrive import DRIVEN, PROFILES, lane_offset, reference_line
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Piece, bends, frame_places, length_of
@@ -154,7 +154,7 @@ def read_network(path: Path) -> Network:
 
     Raises InputError with what cannot be read.
     """
-    return _read(path, path.stat().st_mtime_ns)
+    return _read(path, depends_on(path))
 
 
 @lru_cache(maxsize=32)

@@ -19,7 +19,7 @@ from sumo_eval.extras.openscenario.values import (
     number_of,
     worked_out,
 )
-from sumo_eval.input_file import input_file
+from sumo_eval.input_file import changed_at, input_file
 from sumo_eval.scenario.xml_file import Element, read_xml
 from sumo_eval.text import shown
 
@@ -48,7 +48,31 @@ def _read_once(path: Path, changed: int) -> Node:
 
 def read_openscenario(path: Path) -> Node:
     """The root of an OpenSCENARIO file of a version that is known."""
-    return _read_once(path, input_file(path, "OpenSCENARIO file").stat().st_mtime_ns)
+    return _read_once(path, depends_on(input_file(path, "OpenSCENARIO file")))
+
+
+_DEPENDS_ON: dict[Path, int] = {}
+_CHANGES: list[Path] = []
+
+
+def depends_on(path: Path) -> int:
+    """Note a file or folder on which scenes depend; `changed_at` of it."""
+    now = changed_at(path)
+    if _DEPENDS_ON.setdefault(path, now) != now:
+        _DEPENDS_ON[path] = now
+        _CHANGES.append(path)
+    return now
+
+
+def changes() -> int:
+    """How often files and folders on which scenes depend have changed.
+
+    A scene depends on its file, on catalogs and on a map. Caches of scenes have this number in
+    their key.
+    """
+    for path in [*_DEPENDS_ON]:
+        depends_on(path)
+    return len(_CHANGES)
 
 
 @dataclass(slots=True, eq=False)
