@@ -340,6 +340,11 @@ def test_what_the_environment_cannot_do_is_refused():
         Feature("lead.gab")
     many = make_vec("sumo_eval/cut_in-v0", num_envs=2)
     many.reset()
+    for reward in (np.array([np.nan, 1.0]), np.ones(3)):
+        worthless = make_vec("sumo_eval/cut_in-v0", num_envs=2, reward=lambda it, r=reward: r)
+        worthless.reset()
+        with refusal("The reward of an environment must be a finite number for each of 2 episodes"):
+            worthless.step(np.zeros((2, 1)))
     with refusal(r"must be 2 x 1 numbers, got \(2, 3\)"):
         many.step(np.zeros((2, 3)))
     with refusal("must be reset before its first step"):

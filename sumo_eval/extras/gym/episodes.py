@@ -228,7 +228,7 @@ class Episodes:
                 now, impact,
                 pack.step_length,
             )  # fmt: skip
-            worth += np.where(running, self.reward(it), 0.0)
+            worth += self._reward(it)
             reasons[ended] = now[ended]
 
         self._answered += 1
@@ -237,6 +237,15 @@ class Episodes:
             late = (self._answered >= self._limit) & (egos["live"] != 0)
             egos["live"][late], reasons[late] = 0, "step_limit"
         return worth, reasons
+
+    def _reward(self, it: Transition) -> Floats:
+        given = self.reward(it)
+        fits = np.shape(given) in ((), (self.count,))
+        rewards = np.where(it.running, given, 0.0) if fits else np.full(self.count, np.nan)
+        if not np.isfinite(rewards).all():
+            must = f"a finite number for each of {self.count} episodes"
+            raise must_be("The reward", "an environment", must, given)
+        return rewards
 
     def _impact(self, row: int) -> float:
         world = self.pack.world
