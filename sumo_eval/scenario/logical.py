@@ -408,9 +408,9 @@ class LogicalScenario:
         )
 
     def concretes(self, points: ArrayLike) -> list[ConcreteScenario]:
-        """The concrete scenarios at the rows of `points`, (n, k), one (k,) or an empty list."""
+        """The concrete scenarios at `points`, (..., k) or an empty list."""
         if np.shape(points) == (0,):
             return []
-        rows = np.atleast_2d(points)
-        self.columns(rows)  # refuses rows of another length
-        return [self.concrete(**dict(zip(self.names, row, strict=True))) for row in rows.tolist()]
+        self.columns(points)  # refuses points of another length
+        rows = np.reshape(points, (-1, len(self.names))).tolist()
+        return [self.concrete(**dict(zip(self.names, row, strict=True))) for row in rows]

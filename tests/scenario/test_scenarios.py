@@ -353,6 +353,8 @@ def test_points_of_another_space_are_refused():
         with refusal("must be 3 long"):
             use(np.zeros((5, 2)))
     assert CUT_OUT.concretes([]) == []
+    points = sample(CUT_OUT).points[:4]
+    assert CUT_OUT.concretes(points.reshape(2, 2, 3)) == CUT_OUT.concretes(points)
 
 
 @pytest.mark.parametrize(

@@ -297,6 +297,7 @@ def test_the_ranking_under_other_constants(runs):
     assert [row.value for row in k2] == pytest.approx([0.0025, 0.005, 0.01])
     assert k2[1].tau == 1.0
     assert k2[0].scores != k2[1].scores
+    assert "nan" not in str(sensitivity_lines([k2[0]._replace(tau=np.nan)]))
     a = [row for row in rows if (row.constant, row.index) == ("a", "S")]
     assert [row.value for row in a] == [10.0, 25.0, 50.0, 75.0, 90.0]
     assert all(row.ranking[0] == "lane_changer" for row in a)

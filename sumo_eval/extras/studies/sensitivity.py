@@ -180,7 +180,7 @@ def _table(rows: Sequence[SensitivityRow]) -> list[tuple[str, ...]]:
     for row in rows:
         scores = dict(zip(row.ads, row.scores, strict=True))
         ranked = " > ".join(f"{ads} {scores[ads]:z.3g}" for ads in row.ranking) or "none"
-        value, tau = f"{row.value:g}", f"{row.tau:z.2f}"
+        value, tau = f"{row.value:g}", "-" if math.isnan(row.tau) else f"{row.tau:z.2f}"
         table.append((row.scenario, row.constant, value, row.index, ranked, tau))
     return table
 
