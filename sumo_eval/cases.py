@@ -79,7 +79,7 @@ def _among(status: Any, statuses: Sequence[str]) -> Any:
     return np.isin(status, statuses) if isinstance(status, np.ndarray) else status in statuses
 
 
-class Outcome:
+class CaseProperties:
     """Properties of one case (`CaseResult`) and of all rows of a table (`CaseTable`).
 
     "It" is the case.
@@ -189,7 +189,7 @@ class Outcome:
 
 
 @dataclass(frozen=True, slots=True)
-class CaseResult(Outcome):
+class CaseResult(CaseProperties):
     """Result of one case: one ADS at one point. None: does not apply, or could not be evaluated.
 
     Identity
@@ -488,7 +488,7 @@ def records_of(chunk: Chunk) -> list[CaseResult]:
     return [CaseResult(*row) for row in zip(*columns, strict=True)]
 
 
-class CaseTable(Outcome):
+class CaseTable(CaseProperties):
     """Rows of cases. A field of `CaseResult` is a column, an array (n,): nan and "" stand for None.
 
     chunks: where the rows are stored, in order.

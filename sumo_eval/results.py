@@ -252,7 +252,7 @@ class ScenarioResult:
         collides too) + those whose ideal vehicle could not be evaluated.
     caused_collisions: the avoidable ones that `no_reaction` avoids too.
     safe_collisions: collisions in the safe zone.
-    off_road, departures, gave_up, struck_from_behind: see `Outcome` and `CaseResult`.
+    off_road, departures, gave_up, struck_from_behind: see `CaseProperties` and `CaseResult`.
     not_evaluated: cases whose outcome, Ug, U0 or D_i (of a safe case) is missing.
     requirements_missed: cases that miss a requirement; None: the scenario has none.
     collision_probability: share of the exposure of evaluated cases that collides.

@@ -73,7 +73,7 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
     until = _end_at_its_speed(concrete, settings)
     undisturbed = tracks([concrete], [(vehicle.length, vehicle.width)], step, until)
     of_actors = zip(concrete.actors, undisturbed.others[0], strict=True)
-    theirs = [_Track(actor, step, rows) for actor, rows in of_actors]
+    theirs = [_Foreseen(actor, step, rows) for actor, rows in of_actors]
     known = []
     for track, first_move in zip(theirs, undisturbed.begins[0].tolist(), strict=True):
         actor = track.actor
@@ -172,7 +172,7 @@ def _on_the_way(ego: Start, actor: Actor, vehicle: VehicleSettings) -> bool:
     return min(abs(actor.start.y - y) for y in lanes) < 0.5 * (actor.width + vehicle.width)
 
 
-class _Track(NamedTuple):
+class _Foreseen(NamedTuple):
     """Another vehicle as it moves while the ego keeps its speed.
 
     step: s between two rows.
@@ -219,7 +219,9 @@ class _Track(NamedTuple):
         return max(float(along.min()), 0.0)
 
 
-def _meets(ego: Start, vehicle: VehicleSettings, track: _Track, until: float, line: Line) -> bool:
+def _meets(
+    ego: Start, vehicle: VehicleSettings, track: _Foreseen, until: float, line: Line
+) -> bool:
     """Whether an ego that keeps its speed and its lane touches another vehicle.
 
     line: of the road, none: straight.

@@ -33,7 +33,7 @@ class _Burst(NamedTuple):
     done: int
 
 
-class _Stage:
+class _StageProgress:
     """Progress of one piece of work, whose items may be cases or points."""
 
     def __init__(self, now: float) -> None:
@@ -85,7 +85,7 @@ class Progress:
 
     def __init__(self, at_most: bool = False) -> None:
         self._bar = _make_bar() if sys.stderr.isatty() else None
-        self._stages: dict[str, _Stage] = {}
+        self._stages: dict[str, _StageProgress] = {}
         self._at_most = "at most " if at_most else ""
         self._unless = " if it takes them all" if at_most else ""
 
@@ -101,7 +101,7 @@ class Progress:
     def _show(self, name: str, done: int, total: int, failed: int = 0) -> None:
         """Show the progress of a stage: in the bar, or as a line if the last one is old enough."""
         now = clock.monotonic()
-        stage = self._stages.setdefault(name, _Stage(now))
+        stage = self._stages.setdefault(name, _StageProgress(now))
         stage.note(now, done)
         left, faults = stage.left(total, self._unless), f"{failed} failed" if failed else ""
         if self._bar is not None:

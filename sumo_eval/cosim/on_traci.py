@@ -30,7 +30,7 @@ from sumo_eval.cosim.doors.observation import (
     stream_of,
     task_of,
 )
-from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, Names, RefusedCallError, heeding
+from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, SumoNames, heeding
 from sumo_eval.cosim.impossible import (
     FASTEST,
     JUMP_TOLERANCE,
@@ -540,8 +540,8 @@ class _Hook:
         self._world.note(self._case, what, requested, possible)
 
 
-def _names(concrete: ConcreteScenario, suffix: str) -> Names:
+def _names(concrete: ConcreteScenario, suffix: str) -> SumoNames:
     """Names of what a hook can ask SUMO about in a case."""
     lanes = [f"road_{lane}" for lane in range(concrete.road.lanes)]
     actors = [actor.name for actor in concrete.actors]
-    return Names((EGO, *actors, "road", "along", *lanes), suffix)
+    return SumoNames((EGO, *actors, "road", "along", *lanes), suffix)

@@ -80,7 +80,7 @@ class Executor:
         self._line = line
         self._gains, self._vehicle, self._step = settings.tracker, settings.vehicle, settings.step
         self._note = note
-        self._in_force: _Track | Command | Pedals | None = None
+        self._in_force: _FollowedPlan | Command | Pedals | None = None
 
     @property
     def holds(self) -> bool:
@@ -90,7 +90,7 @@ class Executor:
     @property
     def holds_plan(self) -> bool:
         """Whether a plan is in force."""
-        return isinstance(self._in_force, _Track)
+        return isinstance(self._in_force, _FollowedPlan)
 
     def release(self) -> None:
         """Nothing is in force."""
@@ -105,9 +105,11 @@ class Executor:
         """
         if asked is not None:
             wheelbase = self._vehicle.wheelbase
-            self._in_force = _Track(asked, ego, wheelbase) if isinstance(asked, Plan) else asked
+            self._in_force = (
+                _FollowedPlan(asked, ego, wheelbase) if isinstance(asked, Plan) else asked
+            )
         held = self._in_force
-        if isinstance(held, _Track):
+        if isinstance(held, _FollowedPlan):
             return self._along(held, ego, time)
         if isinstance(held, Pedals):
             return self._pedals(held)
@@ -149,7 +151,7 @@ class Executor:
         acceleration = throttle * limits.max_acceleration - brake * limits.max_deceleration
         return Command(acceleration, steer * math.radians(limits.max_steering_wheel_angle_deg))
 
-    def _along(self, track: _Track, ego: Sequence[float], time: float) -> Command:
+    def _along(self, track: _FollowedPlan, ego: Sequence[float], time: float) -> Command:
         """The tracker: Stanley's law for the front axle, feed-forward and feedback for the speed.
 
         steering-wheel angle = steering ratio * angle of the front wheels
@@ -195,7 +197,7 @@ class Executor:
         return Command(acceleration, turn * limits.steering_ratio)
 
 
-class _Track:
+class _FollowedPlan:
     """A plan as the tracker follows it. end: its last time, s."""
 
     def __init__(self, plan: Plan, ego: Sequence[float], wheelbase: float) -> None:

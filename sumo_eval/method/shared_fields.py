@@ -135,7 +135,7 @@ def prepare() -> None:
     fields.at(rows, np.broadcast_to(across, (len(rows), len(across))), [0])
 
 
-class _Prepared(NamedTuple):
+class _BoxedSamples(NamedTuple):
     """A trajectory for its sums by boxes.
 
     samples: by x.
@@ -197,7 +197,7 @@ class SharedFields:
                 field[rest] = plain.reshape(-1, y.shape[1])
         return fields
 
-    def _prepared(self, place: int) -> _Prepared | None:
+    def _prepared(self, place: int) -> _BoxedSamples | None:
         """One trajectory; None where the field grows too fast with its speed for boxes."""
         from sumo_eval.method.field_loops import far_values
 
@@ -209,7 +209,7 @@ class SharedFields:
         first = np.searchsorted(samples[:, 0], boxes.west)
         near = np.column_stack((first, np.searchsorted(samples[:, 0], boxes.east, side="right")))
         far = far_values(samples, boxes.grid, near, float(constants.k1))
-        return _Prepared(samples, near[-(2**self._stretch.levels) :], far)
+        return _BoxedSamples(samples, near[-(2**self._stretch.levels) :], far)
 
 
 def _point_rows(stretch: Stretch, points: FloatArray, rows: IntArray) -> PointRows:

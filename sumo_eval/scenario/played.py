@@ -379,7 +379,7 @@ def _over_ground(other: Any, line: Any) -> None:
 # -- conditions ------------------------------------------------------------------------------------
 
 
-class Body(NamedTuple):
+class Snapshot(NamedTuple):
     """A vehicle at an instant.
 
     x, y: centre, m.
@@ -398,7 +398,7 @@ class Body(NamedTuple):
 
 
 @kernel
-def _body_of(cast: Any, number: int, end: int) -> Body:
+def _body_of(cast: Any, number: int, end: int) -> Snapshot:
     """A vehicle at an end of the step, `BEFORE` or `NOW`.
 
     number: index of an actor, or `EGO`.
@@ -409,17 +409,19 @@ def _body_of(cast: Any, number: int, end: int) -> Body:
 
 
 @kernel
-def _body(record: Any, end: int) -> Body:
+def _body(record: Any, end: int) -> Snapshot:
     if end == BEFORE:
         was = record.before
-        return Body(was.x, was.y, was.heading, was.speed, was.across, record.length, record.width)
-    return Body(
+        return Snapshot(
+            was.x, was.y, was.heading, was.speed, was.across, record.length, record.width
+        )
+    return Snapshot(
         record.x, record.y, record.heading, record.speed, record.across, record.length, record.width
     )
 
 
 @kernel
-def _of(body: Body, what: int) -> float:
+def _of(body: Snapshot, what: int) -> float:
     """A value of a body.
 
     what: `X` or `Y`, m, `ALONG` or `ACROSS`, its speed in this direction of the road, m/s.
@@ -435,7 +437,7 @@ def _of(body: Body, what: int) -> float:
 
 
 @kernel
-def _half_along(body: Body) -> float:
+def _half_along(body: Snapshot) -> float:
     """Half the extent of a body along the road, m."""
     return 0.5 * (
         body.length * abs(math.cos(body.heading)) + body.width * abs(math.sin(body.heading))
@@ -443,7 +445,7 @@ def _half_along(body: Body) -> float:
 
 
 @kernel
-def _between(op: int, one: Body, two: Body) -> float:
+def _between(op: int, one: Snapshot, two: Snapshot) -> float:
     """A value of two bodies, of which `one` follows `two`: gap m, distance m, TTC s, THW s."""
     dx, dy = two.x - one.x, two.y - one.y
     if op == DISTANCE:

@@ -84,20 +84,22 @@ def index_again(
     return result.indexes[fact.case]
 
 
-class Braking(NamedTuple):
+class ObservedBraking(NamedTuple):
     """Time at which an ego began to brake, s, and its strongest deceleration, m/s2."""
 
     first: float
     hardest: float
 
 
-def braking_before(ego: Trajectory, contact: float) -> Braking | None:
+def braking_before(ego: Trajectory, contact: float) -> ObservedBraking | None:
     """The ego's braking up to a time, s since its start; None without any."""
     since = ego.time - ego.time[0]
     brakes = np.flatnonzero((ego.acceleration <= BRAKES) & (since <= contact))
     if not len(brakes):
         return None
-    return Braking(float(since[brakes[0]]), -float(ego.acceleration[since <= contact].min()))
+    return ObservedBraking(
+        float(since[brakes[0]]), -float(ego.acceleration[since <= contact].min())
+    )
 
 
 class Behind(NamedTuple):

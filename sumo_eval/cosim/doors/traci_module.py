@@ -59,7 +59,7 @@ class RefusedCallError(ControllerError):
     """The ADS called what belongs to the harness, or with a meaningless number."""
 
 
-class Names(dict[str, str]):
+class SumoNames(dict[str, str]):
     """Names in SUMO of the vehicles, types, lanes and edges of one case, by the user's names.
 
     suffix: part of each name in SUMO, different for each case of a batch; "": a case alone.
@@ -117,7 +117,7 @@ class Guard:
         self.asked: dict[str, int] = {}  # number of each call that SUMO may ignore
         self.moved = False  # whether a call has moved the ego since the step began
         self.refusal: tuple[str, str] | None = None
-        self.names, self.shared = Names(), False  # whether other cases share the simulation
+        self.names, self.shared = SumoNames(), False  # whether other cases share the simulation
         self.moded = True  # whether the ADS may have changed the ego's speed mode
         # Read after the last step, by the vehicles' names in SUMO. The first call that may change
         # a vehicle's speed or position deletes its speed: without a speed, neither is valid.

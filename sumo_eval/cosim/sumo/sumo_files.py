@@ -40,7 +40,7 @@ def road_edges(road: Road) -> tuple[str, ...]:
     return tuple(section.edge for section in sections(road))
 
 
-class Section(NamedTuple):
+class RoadSection(NamedTuple):
     """A stretch of a road with the same lanes throughout, an edge of its own.
 
     begin, end: m along the road.
@@ -57,7 +57,7 @@ class Section(NamedTuple):
 
 
 @functools.lru_cache(maxsize=64)
-def sections(road: Road) -> tuple[Section, ...]:
+def sections(road: Road) -> tuple[RoadSection, ...]:
     """The sections of a road: a new one wherever a lane begins, ends, or starts or stops being a
     ramp.
 
@@ -65,7 +65,7 @@ def sections(road: Road) -> tuple[Section, ...]:
     """
     last = road.length + road.run_out
     if not road.spans:
-        return (Section(_EDGE, 0.0, last, tuple(range(road.lanes)), -1, ""),)
+        return (RoadSection(_EDGE, 0.0, last, tuple(range(road.lanes)), -1, ""),)
     changes = {x for it in road.spans for x in (it.begin, it.end, it.parted_until, it.parted_from)}
     inside = sorted(x for x in changes if 0.0 < x < last)
     parts = []
@@ -78,7 +78,7 @@ def sections(road: Road) -> tuple[Section, ...]:
             else:
                 lanes.append(lane)
         name = f"ramp{number}" if ramp >= 0 else ""
-        parts.append(Section(f"{_EDGE}{number}", begin, end, tuple(lanes), ramp, name))
+        parts.append(RoadSection(f"{_EDGE}{number}", begin, end, tuple(lanes), ramp, name))
     return tuple(parts)
 
 
@@ -250,7 +250,7 @@ def _segment(road: Road) -> float:
     return SEGMENT * math.sqrt(min(tightest(road.line) / _TIGHT, 1.0))
 
 
-def _joints(one: Section, other: Section) -> list[tuple[tuple[str, int], tuple[str, int]]]:
+def _joints(one: RoadSection, other: RoadSection) -> list[tuple[tuple[str, int], tuple[str, int]]]:
     """Lanes that continue from one section to the next: (edge, index) in both."""
     # of each lane of the road; a section without a ramp has the lane -1, which does not continue
     before, after = (

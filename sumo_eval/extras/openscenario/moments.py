@@ -40,7 +40,7 @@ def from_time(time: float) -> Program:
 
 
 @dataclass(frozen=True, slots=True)
-class Number:
+class DriveNumber:
     """A number of the drive.
 
     program: leaves it on the stack.
@@ -50,32 +50,32 @@ class Number:
     program: Program
     start: float
 
-    def joined(self, op: int, other: Number) -> Number:
+    def joined(self, op: int, other: DriveNumber) -> DriveNumber:
         """The result of an operation on both."""
         program = (*self.program, *other.program, operation(op))
-        return Number(program, played.arithmetic(op, self.start, other.start))
+        return DriveNumber(program, played.arithmetic(op, self.start, other.start))
 
-    def __add__(self, other: Number) -> Number:
+    def __add__(self, other: DriveNumber) -> DriveNumber:
         return self.joined(played.ADD, other)
 
-    def __sub__(self, other: Number) -> Number:
+    def __sub__(self, other: DriveNumber) -> DriveNumber:
         return self.joined(played.SUBTRACT, other)
 
-    def __mul__(self, other: Number) -> Number:
+    def __mul__(self, other: DriveNumber) -> DriveNumber:
         return self.joined(played.MULTIPLY, other)
 
-    def __abs__(self) -> Number:
-        return Number((*self.program, operation(played.ABSOLUTE)), abs(self.start))
+    def __abs__(self) -> DriveNumber:
+        return DriveNumber((*self.program, operation(played.ABSOLUTE)), abs(self.start))
 
 
-def constant(value: float) -> Number:
+def constant(value: float) -> DriveNumber:
     """A number that stays."""
-    return Number(((played.VALUE, 0, 0, value),), value)
+    return DriveNumber(((played.VALUE, 0, 0, value),), value)
 
 
-def of_vehicle(op: int, number: int, start: float = 0.0) -> Number:
+def of_vehicle(op: int, number: int, start: float = 0.0) -> DriveNumber:
     """A number of a vehicle."""
-    return Number(((op, number, 0, 0.0),), start)
+    return DriveNumber(((op, number, 0, 0.0),), start)
 
 
 class Truth(NamedTuple):
@@ -313,7 +313,7 @@ class Conditions:
 
     def _of_entity(self, element: Node, one: Entity) -> Truth:
         """A condition on one entity."""
-        known: dict[str, Callable[[Node, Entity], tuple[Number, float]]] = {
+        known: dict[str, Callable[[Node, Entity], tuple[DriveNumber, float]]] = {
             "RelativeDistanceCondition": self._distance, "DistanceCondition": self._distance,
             "ReachPositionCondition": self._reach, "TimeHeadwayCondition": self._headway,
             "TimeToCollisionCondition": self._to_collision, "SpeedCondition": self._speed,
@@ -357,7 +357,9 @@ class Conditions:
             raise position.fault("a place beside an entity that moves is not supported here")
         return self.places.referred(position)
 
-    def _coordinate(self, body: Entity | Pose, axis: int, element: Node, *, free: bool) -> Number:
+    def _coordinate(
+        self, body: Entity | Pose, axis: int, element: Node, *, free: bool
+    ) -> DriveNumber:
         """x or y of a place, of a body's centre, or of its reference point.
 
         axis: `played.X` or `played.Y`.
@@ -370,13 +372,13 @@ class Conditions:
         ahead = body.frame.moved(-body.centre, -body.offset)[k] - centre.start
         return centre if free or ahead == 0.0 else centre + constant(ahead)
 
-    def _ahead(self, element: Node, one: Entity, other: Entity | Pose, axis: int) -> Number:
+    def _ahead(self, element: Node, one: Entity, other: Entity | Pose, axis: int) -> DriveNumber:
         """Distance by which another body, or its reference point, is ahead or to the left, m."""
         free = element.flag("freespace")
         other_at = self._coordinate(other, axis, element, free=free)
         return other_at - self._coordinate(one, axis, element, free=free)
 
-    def _apart(self, element: Node, one: Entity, other: Entity | Pose, axis: int) -> Number:
+    def _apart(self, element: Node, one: Entity, other: Entity | Pose, axis: int) -> DriveNumber:
         """Distance of two bodies, or of their reference points, along one axis, m."""
         apart = abs(self._ahead(element, one, other, axis))
         scale = self._scale(element, one) if axis == played.X else 1.0
@@ -388,7 +390,7 @@ class Conditions:
         # along the road of the bodies as they point at that time
         a, b = self._number(one, element), self._number(other, element)
         gaps = (played.GAP, a, b, 0.0), (played.GAP, b, a, 0.0), operation(played.LARGER)
-        apart = Number(gaps, apart.start)
+        apart = DriveNumber(gaps, apart.start)
         return apart if scale == 1.0 else apart * constant(scale)
 
     def _scale(self, element: Node, one: Entity) -> float:
@@ -406,7 +408,7 @@ class Conditions:
         left = -frame.way * frame.offset if system == "road" else one.frame.y
         return 1.0 - turned / length_of(frame.line) * left
 
-    def _distance(self, element: Node, one: Entity) -> tuple[Number, float]:
+    def _distance(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
         default = "euclidianDistance" if element.tag == "DistanceCondition" else None
         kind = element.one_of("relativeDistanceType", DISTANCES, default)
         value, other = element.number("value"), self._target(element)
@@ -417,7 +419,7 @@ class Conditions:
 
     def _straight(
         self, element: Node, one: Entity, other: Entity | Pose, value: float
-    ) -> tuple[Number, float]:
+    ) -> tuple[DriveNumber, float]:
         """The square of the distance in a straight line, m2."""
         # a distance that is not the one along the road's curve
         line = self.frame.line
@@ -428,13 +430,13 @@ class Conditions:
             x, y = (it.joined(played.LARGER, constant(0.0)) for it in (x, y))
         return x * x + y * y, value * abs(value)
 
-    def _reach(self, element: Node, one: Entity) -> tuple[Number, float]:
+    def _reach(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
         tolerance = element.above_zero("tolerance", " m")
         return self._straight(element, one, self._target(element), tolerance)
 
     # -- speeds and times --------------------------------------------------------------------------
 
-    def _along(self, element: Node, body: Entity, direction: str) -> Number:
+    def _along(self, element: Node, body: Entity, direction: str) -> DriveNumber:
         """The speed of a body along the road, m/s.
 
         direction: the attribute that must ask for that direction.
@@ -447,13 +449,13 @@ class Conditions:
         at_start = body.speed * math.cos(body.frame.heading)
         return of_vehicle(played.ALONG, self._number(body, element), at_start)
 
-    def _headway(self, element: Node, one: Entity) -> tuple[Number, float]:
+    def _headway(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
         """The time headway by its sign: gap - value v, m."""
         speed = self._along(element, one, "relativeDistanceType")
         gap = self._apart(element, one, self._target(element), played.X)
         return gap - constant(element.number("value")) * speed, 0.0
 
-    def _to_collision(self, element: Node, one: Entity) -> tuple[Number, float]:
+    def _to_collision(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
         """The time to collision by its sign: gap |dx| - value dx dv, m2."""
         other, value = self._target(element), constant(element.number("value"))
         speed = self._along(element, one, "relativeDistanceType")
@@ -463,13 +465,13 @@ class Conditions:
         gap = self._apart(element, one, other, played.X)
         return gap * abs(ahead) - ahead * speed * value, 0.0
 
-    def _speed(self, element: Node, one: Entity) -> tuple[Number, float]:
+    def _speed(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
         speed = self._along(element, one, "direction")
         if element.tag == "RelativeSpeedCondition":
             speed -= self._along(element, self.places.referred(element), "direction")
         return speed, element.number("value")
 
-    def _travelled(self, element: Node, one: Entity) -> tuple[Number, float]:
+    def _travelled(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
         if one.on_map or abs(math.sin(one.frame.heading)) > 1e-9:
             raise element.fault("a distance travelled across the road is not supported as a start")
         x = self._coordinate(one, played.X, element, free=True)

@@ -108,7 +108,7 @@ class Encounters:
     ghosts: int = 0
 
 
-class Survey(NamedTuple):
+class EncounterSurvey(NamedTuple):
     """Encounters in recordings.
 
     kilometres: driven by all motor vehicles.
@@ -190,7 +190,7 @@ class _Pair:
 
 def find_encounters(
     parts: Iterable[Recordings], watch: Callable[[str, int], None] = lambda what, done: None
-) -> Survey:
+) -> EncounterSurvey:
     """Every encounter in recordings, by class; one part of them is held at a time.
 
     watch: receives the name of the recording that was read last, and how many were.
@@ -220,7 +220,7 @@ def find_encounters(
             _measure_recording(str(name), traffic, classes)
             watch(str(name), len(names))
     every = np.concatenate(speeds)
-    return Survey(
+    return EncounterSurvey(
         classes, kilometres, hours, vehicles, tuple(names),
         tuple(np.quantile(every if every.size else [0.0], [0.05, 0.5, 0.95]).tolist()),
         round(float(np.median(gaps)), 2) if gaps else 3.5,

@@ -17,7 +17,13 @@ from lxml import etree
 
 from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.errors import InputError
-from sumo_eval.extras.rates.encounters import CLASSES, Encounters, Motion, Survey, find_encounters
+from sumo_eval.extras.rates.encounters import (
+    CLASSES,
+    Encounters,
+    EncounterSurvey,
+    Motion,
+    find_encounters,
+)
 from sumo_eval.extras.rates.intervals import (
     end_interval,
     kolmogorov,
@@ -82,7 +88,7 @@ class Learnt(NamedTuple):
 class Lesson(NamedTuple):
     """Results of all classes of a survey."""
 
-    survey: Survey
+    survey: EncounterSurvey
     learnt: Mapping[str, Learnt]
     source: str
 
@@ -147,7 +153,7 @@ class Measured(NamedTuple):
     rate_together: tuple[float, float] = (0.0, math.inf)
 
 
-def measure(encounters: Encounters, survey: Survey, folder: Path, source: str) -> Measured:
+def measure(encounters: Encounters, survey: EncounterSurvey, folder: Path, source: str) -> Measured:
     """Rate, ranges and correlations of a class, with their intervals, and its scenario file without
     a distribution; no file where there are too few events for one.
     """

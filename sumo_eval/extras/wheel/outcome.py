@@ -35,7 +35,7 @@ CHANNELS = ("x", "y", "heading", "speed", "acceleration")
 COLUMNS = ("driver", "t", *CHANNELS, "steering")
 
 
-class LeftOut(NamedTuple):
+class DiscardedDrive(NamedTuple):
     """A drive that does not count.
 
     why: a sentence for each rule that it broke.
@@ -62,7 +62,7 @@ class StudyResult(NamedTuple):
     drives: int
     ratings: int
     drawn: dict[str, int]
-    left: tuple[LeftOut, ...]
+    left: tuple[DiscardedDrive, ...]
     files: tuple[Path, ...]
 
     def sentences(self) -> list[str]:
@@ -81,7 +81,7 @@ def collect(plan: StudyPlan) -> StudyResult:
     """Write the results of the study into its folder."""
     people, drives = participants(plan), plan.folder / DRIVES
     rows: list[dict[str, Any]] = []
-    left: list[LeftOut] = []
+    left: list[DiscardedDrive] = []
     drawn: Counter[str] = Counter()
     for person in people:
         for case in plan.cases:
@@ -89,7 +89,7 @@ def collect(plan: StudyPlan) -> StudyResult:
             if entry is None:
                 continue
             kept = _drive(plan, person, case, entry)
-            if isinstance(kept, LeftOut):
+            if isinstance(kept, DiscardedDrive):
                 left.append(kept)
                 continue
             file = f"{person.code}/{case.key}.csv"
@@ -122,7 +122,7 @@ def collect(plan: StudyPlan) -> StudyResult:
     return result
 
 
-def _write_answers(folder: Path, people: list[Participant], left: list[LeftOut]) -> int:
+def _write_answers(folder: Path, people: list[Participant], left: list[DiscardedDrive]) -> int:
     """Write what was rated, answered, left out and measured, and count the ratings: one for each
     rater, ADS and scenario, the mean of its replays there.
     """
@@ -141,7 +141,7 @@ def _write_answers(folder: Path, people: list[Participant], left: list[LeftOut])
         for question, answer in entry.get("answers", {}).items()
     ]
     write_csv(folder / "answers.csv", ("rater", "step", "question", "answer"), answers)
-    write_csv(folder / "left_out.csv", LeftOut._fields, left)
+    write_csv(folder / "left_out.csv", DiscardedDrive._fields, left)
     names = [it.name for it in fields(Quality)]
     why = {(it.participant, it.case): it.why for it in left if it.why not in _RERUN}
     qualities = [
@@ -155,14 +155,14 @@ def _write_answers(folder: Path, people: list[Participant], left: list[LeftOut])
 
 def _drive(
     plan: StudyPlan, person: Participant, case: StudyCase, entry: dict[str, Any]
-) -> Trajectory | LeftOut:
+) -> Trajectory | DiscardedDrive:
     """A participant's drive of a case, or why it does not count."""
     path = person.folder / str(entry["tape"])
     why = ["the tape broke off"]
     try:
         tape = read_tape(path)
     except InputError as error:
-        return LeftOut(person.code, case.key, path.name, said(error))
+        return DiscardedDrive(person.code, case.key, path.name, said(error))
     if tape.end is not None:
         why = list(Quality(**tape.end["quality"]).against(plan.settings.quality))
         if not why:
@@ -170,10 +170,10 @@ def _drive(
             if digest(recording) == tape.end["digest"]:
                 return recording.ego
             why = ["rerun, its commands give other bytes than were recorded"]
-    return LeftOut(person.code, case.key, path.name, "; ".join(why))
+    return DiscardedDrive(person.code, case.key, path.name, "; ".join(why))
 
 
-def _broken_off(person: Participant) -> list[LeftOut]:
+def _broken_off(person: Participant) -> list[DiscardedDrive]:
     """Tapes that no finished step names: drives that were ended and rerun, or that a machine lost
     the end of.
     """
@@ -185,7 +185,7 @@ def _broken_off(person: Participant) -> list[LeftOut]:
                 why = _RERUN[read_tape(path).end is None]
             except InputError as error:
                 why = said(error)
-            left.append(LeftOut(person.code, path.stem.rpartition("-")[0], path.name, why))
+            left.append(DiscardedDrive(person.code, path.stem.rpartition("-")[0], path.name, why))
     return left
 
 
