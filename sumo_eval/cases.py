@@ -205,7 +205,7 @@ class CaseResult(CaseProperties):
     batched: of an ADS that asks SUMO and shared a simulation with other cases: "batched", or
         "compared" if the case alone gave the same.
     requirements_missed: names of the requirements that do not hold; "": all hold; None: the
-        scenario has none.
+        scenario has none, or the case was not evaluated.
 
     wall_time, simulated_time: s.
     latency_mean, latency_max, latency_median, latency_p99: of a step of the ADS, s.
@@ -221,7 +221,8 @@ class CaseResult(CaseProperties):
     severity: U of a collision, Eq. 15, m/s, or its replacement.
     loss: L of a collision, Eq. 14.
     contact_cause: see `cause_of_contact`.
-    no_return_time: last moment at which full braking avoids the contact, s; None: it never does.
+    no_return_time: last moment at which full braking avoids the contact, s; None: it never does,
+        or the drive cannot be repeated.
     braking_time: when the ADS first braked, s.
 
     Departure from the road; None: the ego stayed on it
@@ -250,9 +251,10 @@ class CaseResult(CaseProperties):
     bimodal: whether they form two groups somewhere.
     manoeuvre, manoeuvre_share: of the ADS, and share of drivers who made it (mixture mode).
     exposure_note: whether the point lies outside the support of recorded events.
-    operation_tolerance, mixture_similarity, plausibility: f_n+ and the other terms of H;
-        plausibility is of every evaluated case.
-    human_likeness: H_i, their product; 0 with an incident that the ideal vehicle avoids.
+    operation_tolerance, mixture_similarity, plausibility: three of the four factors of H_i: f_n+,
+        similarity in mixture mode, and plausibility, which every evaluated case has.
+    human_likeness: H_i, their product with f_L of all drivers; 0 with an incident that the ideal
+        vehicle avoids.
 
     Measures, see `sumo_eval.method.measures`; None: not defined, or without a bound
     min_ttc s, max_ittc 1/s, min_thw s, min_gap m, max_drac m/s2, pet s, max_deceleration m/s2,

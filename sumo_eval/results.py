@@ -261,7 +261,8 @@ class ScenarioResult:
     <score>_interval: 95 % interval of a score, from the points, the drivers and collisions that
         were not seen (`sumo_eval.scoring.confidence.intervals`). Its ends include the score with
         the missing cases counted as worst and as best. The worst of a missing safe case is a
-        collision, which leaves S without D. None: fewer than two evaluated cases, none missing.
+        collision, which leaves S without D. None: fewer than two cases count (`Outcome.counted`),
+        and none is missing.
     half_widths_by_source: half the width of the intervals of S and S+ that points (`cases`) alone
         and drivers alone cause.
     """
@@ -329,7 +330,8 @@ class ZoneResult:
     """Safe and hazardous zones of one logical scenario.
 
     zones: number of hazardous zones.
-    hazardous_share: share of the sampled points in a hazardous zone.
+    hazardous_share: share of the sampled points in a hazardous zone, each weighted by the number of
+        points of an even sample that it stands for.
     most_dangerous: x* of each hazardous zone, by name of parameter.
     boundary_error: share of the possible points that the learnt zones put on the wrong side.
     boundary_error_box: the same over the whole box of parameters, impossible points included.

@@ -52,7 +52,7 @@ class AnthropomorphicSettings(Checked):
         Literal["gaussian", "mixture"],
         About(
             "compare with all drivers at once (the paper), or with those of the same manoeuvre, "
-            "times the share of drivers who made it",
+            "times how usual that is: its share of drivers over the largest share of a manoeuvre",
             equation="11",
         ),
     ] = "gaussian"
