@@ -171,7 +171,7 @@ def kept_code() -> Any:
                 if seal == hashlib.sha256(code).digest():
                     # numba's own cache unpickles its files as well
                     return rebuilt(target, *pickle.loads(code))  # noqa: S301
-            except Exception:  # noqa: BLE001 - a file that another version of numba wrote
+            except Exception:  # noqa: BLE001 - most often there is no such file yet
                 return None
             return None
 

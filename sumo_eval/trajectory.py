@@ -199,7 +199,7 @@ NO_RETURN = "no_return"
 
 first_time: the point of no return, s: the last time from which full braking avoids the contact.
     `NEVER`: full braking from the start on does not avoid it. `UNKNOWN`: not searched for, as a
-    replay of the drive ends in another contact.
+    replay of the drive does not end in this contact.
 requested: when the ADS first braked, s; `NEVER`: it did not.
 applied: time of the contact, s.
 """

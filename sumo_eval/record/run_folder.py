@@ -133,7 +133,7 @@ def _sumo_inputs(
     simulation: SimulationSettings, examples: Iterable[ConcreteScenario]
 ) -> dict[str, str]:
     """Text of SUMO's input files of each example, by path in the run folder."""
-    # imported here: it loads libsumo
+    # imported here: what only reads a run needs nothing of `cosim`
     from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
 
     inputs = dict[str, str]()

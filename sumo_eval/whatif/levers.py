@@ -99,7 +99,8 @@ def levers_of(
         step, value = (item.high - item.low) / _FINE, values[item.name]
         listed = tuple(item.values or ())
         levers.append(Lever(item.name, item.unit, item.low, item.high, step, value, listed))
-    # of two levers of one name the last stays: a parameter replaces a lever of the start
+    # Of two levers of one name the last stays: a parameter replaces a condition of its name, or a
+    # lever of the start.
     return list({lever.name: lever for lever in levers}.values())
 
 
