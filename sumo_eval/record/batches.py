@@ -47,7 +47,7 @@ LEAST = 32
 # full batches for each worker that are held ready, so that the last ones can be divided evenly
 _BATCHES_AHEAD = 4
 _MOST_AHEAD = 16_384  # cases that are held ready, at most
-_SHARES = 2  # near the end, batches for each worker into which the cases that are left are divided
+_SHARES = 2  # batches for each worker into which the last cases are divided
 _LOOSE = 256  # ended cases of an ADS on TraCI that wait to be compressed, to 20 bytes each
 _CUT = 4  # factor by which batches of a kind get smaller after a lost one
 
@@ -73,8 +73,8 @@ class Batches:
         self._running = 0  # batches that were taken and have not ended
         self._largest_of: dict[Kind, int] = {}  # size of the next batches of a kind, at most
         self._in_time: dict[Kind, int] = {}  # size beyond which batches of a kind take too long
-        # By locators of ADSs on TraCI: cases that ended in batches, which must run again if the ADS
-        # is found to keep state between cases, and then the reason.
+        # By locator of an ADS on TraCI: its cases that ended in batches, the last of them and the
+        # rest compressed. They run again if it is found to keep state, for the reason noted then.
         self._batched = defaultdict[str, list[Case]](list)
         self._compressed = defaultdict[str, list[bytes]](list)
         self._keeps_state: dict[str, Alone] = {}
