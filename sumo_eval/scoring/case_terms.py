@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -201,55 +202,19 @@ def missing_bounds(
     values: the scores as they are.
     people: whether there are drivers to be like.
     """
-    safe, no_ideal, no_unreacting = cases.safe, np.isnan(terms.ideal), np.isnan(terms.unreacting)
-    lost, unsure = ~terms.counted, no_ideal | no_unreacting
-    unlike = safe & np.isnan(terms.likeness) & (~terms.incident | no_ideal) & people
-    untimed = safe & lost
-    gone = ~terms.collided & ~terms.evaluated
-    unrated = gone | (terms.collided & np.isnan(terms.ratio))
-    unindexed = cases.counts_for_index & np.isnan(terms.index) & people
-    hardest = float(np.max(terms.unreacting, initial=0.0, where=~no_unreacting))
-    gentlest = np.where(no_ideal, 0.0, terms.ideal)
-    hit = np.where(
-        lost,
-        np.maximum(np.where(no_unreacting, hardest, terms.unreacting), gentlest),
-        terms.severity,
-    )
-    avoided = ratios(np.where(gone, _SEVEREST, cases.severity), np.zeros(len(cases)), method)
-    worst = replace(
-        terms,
-        severity=hit,
-        ideal=gentlest,
-        unreacting=np.where(no_unreacting, hit, terms.unreacting),
-        ratio=np.where(unrated, avoided, terms.ratio),
-        evaluated=terms.evaluated | gone,
-        weight=np.where(unrated & np.isnan(terms.weight), 1.0, terms.weight),
-        index=np.where(unindexed, 0.0, terms.index),
-        likeness=np.where(unlike, 0.0, terms.likeness),
-        task=np.where(untimed, 0.0, terms.task),
-    )
-    severity = np.where(lost, gentlest, terms.severity)
-    best = replace(
-        worst,
-        severity=severity,
-        ideal=np.where(no_ideal, severity, terms.ideal),
-        unreacting=np.where(no_unreacting, np.maximum(hardest, severity), terms.unreacting),
-        ratio=np.where(
-            unrated & ((terms.ideal != 0.0) | (not method.collision.unit)), 1.0, terms.ratio
-        ),
-        index=np.where(unindexed, 1.0, terms.index),
-        likeness=np.where(unlike & ~terms.incident, 1.0, terms.likeness),
-        task=np.where(untimed, 1.0, terms.task),
-    )
+    missing = _missing(cases, terms, people=people)
+    worst = _at_worst(cases, terms, missing, method)
+    best = _at_best(terms, worst, missing, method)
     found = [
         point_values(one, method)
-        for one in (worst, _without_what_lifts(worst, unsure, method), best)
+        for one in (worst, _without_what_lifts(worst, missing.unsure, method), best)
     ]
     ordering = (
         "task_share", "avoided_share", "avoided_share_exposure", "avoidance_grade", "regret",
         "human_likeness", "s_plus",
     )  # fmt: skip
-    moves = {"c": unrated, "d": unindexed} | dict.fromkeys(ordering, lost | unsure | unlike)
+    moves = {"c": missing.unrated, "d": missing.unindexed}
+    moves |= dict.fromkeys(ordering, missing.lost | missing.unsure | missing.unlike)
     bounds: dict[str, Ends] = {}
     for name, which in moves.items():
         ends = [value for value in (one[name] for one in found) if value is not None]
@@ -259,10 +224,92 @@ def missing_bounds(
         (c, most_c), (d, most_d) = (
             bounds.get(name, (values[name], values[name])) for name in ("c", "d")
         )
-        d = None if (safe & ~terms.evaluated).any() else d
+        d = None if (cases.safe & ~terms.evaluated).any() else d
         low, high = (score_of(*both, method.score).total for both in ((c, d), (most_c, most_d)))
         bounds["s"] = low or 0.0, high or 0.0
     return bounds
+
+
+class _Missing(NamedTuple):
+    """What is missing of each case, flags (n,).
+
+    lost: the case could not be evaluated, and the ADS did not give up.
+    gone: the case was not evaluated, for whatever reason, and is without a collision.
+    unsure: the drive of the ideal vehicle, or of doing nothing.
+    untimed, unrated, unindexed, unlike: a t_i, ratio, D_i or human-likeness that there could be.
+    """
+
+    lost: BoolArray
+    gone: BoolArray
+    unsure: BoolArray
+    untimed: BoolArray
+    unrated: BoolArray
+    unindexed: BoolArray
+    unlike: BoolArray
+
+
+def _missing(cases: CaseTable, terms: CaseTerms, *, people: bool) -> _Missing:
+    no_ideal = np.isnan(terms.ideal)
+    lost, gone = ~terms.counted, ~terms.collided & ~terms.evaluated
+    return _Missing(
+        lost,
+        gone,
+        unsure=no_ideal | np.isnan(terms.unreacting),
+        untimed=cases.safe & lost,
+        unrated=gone | (terms.collided & np.isnan(terms.ratio)),
+        unindexed=cases.counts_for_index & np.isnan(terms.index) & people,
+        unlike=cases.safe & np.isnan(terms.likeness) & (~terms.incident | no_ideal) & people,
+    )
+
+
+def _at_worst(
+    cases: CaseTable, terms: CaseTerms, missing: _Missing, method: MethodSettings
+) -> CaseTerms:
+    """The terms with what is missing at its worst, as `missing_bounds` says."""
+    gentlest = _filled(terms.ideal, 0.0)
+    idle = np.maximum(_filled(terms.unreacting, _hardest(terms)), gentlest)
+    hit = np.where(missing.lost, idle, terms.severity)
+    avoidable = np.where(missing.gone, _SEVEREST, cases.severity)
+    ratio = ratios(avoidable, np.zeros(len(cases)), method)
+    return replace(
+        terms,
+        severity=hit,
+        ideal=gentlest,
+        unreacting=_filled(terms.unreacting, hit),
+        ratio=np.where(missing.unrated, ratio, terms.ratio),
+        evaluated=terms.evaluated | missing.gone,
+        weight=np.where(missing.unrated & np.isnan(terms.weight), 1.0, terms.weight),
+        index=np.where(missing.unindexed, 0.0, terms.index),
+        likeness=np.where(missing.unlike, 0.0, terms.likeness),
+        task=np.where(missing.untimed, 0.0, terms.task),
+    )
+
+
+def _at_best(
+    terms: CaseTerms, worst: CaseTerms, missing: _Missing, method: MethodSettings
+) -> CaseTerms:
+    """The terms with what is missing at its best, as `missing_bounds` says."""
+    severity = np.where(missing.lost, worst.ideal, terms.severity)
+    may_touch = (terms.ideal != 0.0) | (not method.collision.unit)
+    return replace(
+        worst,
+        severity=severity,
+        ideal=_filled(terms.ideal, severity),
+        unreacting=_filled(terms.unreacting, np.maximum(_hardest(terms), severity)),
+        ratio=np.where(missing.unrated & may_touch, 1.0, terms.ratio),
+        index=np.where(missing.unindexed, 1.0, terms.index),
+        likeness=np.where(missing.unlike & ~terms.incident, 1.0, terms.likeness),
+        task=np.where(missing.untimed, 1.0, terms.task),
+    )
+
+
+def _filled(values: FloatArray, instead: float | FloatArray) -> FloatArray:
+    return np.where(np.isnan(values), instead, values)
+
+
+def _hardest(terms: CaseTerms) -> float:
+    """The hardest known collision of doing nothing, m/s (a loss); 0 without one."""
+    return float(np.nanmax(terms.unreacting, initial=0.0))
 
 
 def _without_what_lifts(terms: CaseTerms, unsure: BoolArray, method: MethodSettings) -> CaseTerms:
