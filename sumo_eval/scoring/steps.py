@@ -7,13 +7,14 @@ scores, ranking.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from sumo_eval.cases import IntArray
 from sumo_eval.drivers.recorded.exposure import exposure_of
 from sumo_eval.errors import InputError
 from sumo_eval.method.plausibility import Quantiles
@@ -32,7 +33,7 @@ from sumo_eval.scoring.confidence.drivers import driver_deviations
 from sumo_eval.scoring.confidence.intervals import ScoreIntervals
 from sumo_eval.scoring.confidence.next_round import ADAPTIVE, standing
 from sumo_eval.scoring.confidence.ranking import rank
-from sumo_eval.scoring.confidence.resamples import of_one_number, strata
+from sumo_eval.scoring.confidence.resamples import Strata, of_one_number, strata
 from sumo_eval.scoring.confidence.scored import with_intervals
 from sumo_eval.scoring.drive_measures import drive_measures
 from sumo_eval.scoring.driving_task import recorded_with, tasks_of_drives
@@ -160,49 +161,55 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
         left_out |= compared.left_out
         present |= compared.present
     tables = [rows.rows(ads.name, space.name) for ads in space.settings.ads]
+    scores = []  # 6  Eqs. 13, 17, 18; T, A', H, S+
+    for (name, remark), table in zip(remarks.items(), tables, strict=True):
+        notes = list(remark.notes(name, space, plausible.notes, table))
+        score = combine(
+            name, space.name, table, method, notes, people=known.people, task_reference=space.car
+        )
+        scores.append(with_counts(score, table, space.logical))
+
+    points = as_driven(space.points, known.points, whole=not space.settings.run.only)
+    places = [known.driven[name] for name in remarks]  # of each ADS the points of its cases
     deviations = [
         driver_deviations(table, left_out, present, space.settings.drivers, space.settings.seed)
         for table in tables
     ]
-    scores = []  # 6  Eqs. 13, 17, 18; T, A', H, S+
-    for (name, remark), table in zip(remarks.items(), tables, strict=True):
-        score_notes = list(remark.notes(name, space, plausible.notes, table))
-        score = combine(
-            name,
-            space.name,
-            table,
-            method,
-            score_notes,
-            people=known.people,
-            task_reference=space.car,
-        )
-        scores.append(with_counts(score, table, space.logical))
-    places = [known.driven[name] for name in remarks]  # of each ADS the points of its cases
-    chosen = space.points
-    points = as_driven(chosen, known.points, whole=not space.settings.run.only)
-    unit = space.logical.to_unit(points.points)
-    # points that a resample may exchange for each other
-    groups = (
-        strata(unit, points.method) if points.stratum is None else of_one_number(points.stratum)
-    )
     scores, intervals = with_intervals(
-        scores, tables, places, deviations, groups, space.settings, space.progress
-    )
+        scores, tables, places, deviations, _exchangeable(space, points), space.settings,
+        space.progress,
+    )  # fmt: skip
     described = describe_zones(space.logical, zones, points)
-    notes = list(described.notes)
+    sentences = [*described.notes, *_on_points(space, points, places)]
+    if space.entry.sampling.method == ADAPTIVE:
+        stands = standing(space.entry.sampling, points, scores, tables, places, method, space.name)
+        sentences.append(stands.sentence)
+    return replace(described, notes=tuple(sentences)), list(zip(scores, intervals, strict=True))
+
+
+def _exchangeable(space: ScenarioRun, points: Sample) -> Strata:
+    """Groups of points that a resample may exchange for each other."""
+    if points.stratum is not None:
+        return of_one_number(points.stratum)
+    return strata(space.logical.to_unit(points.points), points.method)
+
+
+def _on_points(space: ScenarioRun, points: Sample, places: Sequence[IntArray]) -> Iterator[str]:
+    """Sentences on points that are not those of the settings, or not all of them.
+
+    points: those that were driven.
+    places: of each ADS the numbers of the points of its cases.
+    """
+    chosen = space.points
     # what recordings would choose is not known
     if points is not chosen and len(chosen.points) and space.entry.exposure.kind != "recorded":
-        notes.append("The settings choose other points now, so those that were driven count.")
+        yield "The settings choose other points now, so those that were driven count."
     if space.settings.run.only:
         driven = len(np.unique(np.concatenate(places)))
-        notes.append(
+        yield (
             f"`run.only` asks for {driven} of {len(points.points)} points: every number is of "
             "these alone."
         )
-    if space.entry.sampling.method == ADAPTIVE:
-        stands = standing(space.entry.sampling, points, scores, tables, places, method, space.name)
-        notes.append(stands.sentence)
-    return replace(described, notes=tuple(notes)), list(zip(scores, intervals, strict=True))
 
 
 def score_points(
