@@ -231,7 +231,7 @@ def missing_bounds(
 
 
 class _Missing(NamedTuple):
-    """What is missing of each case, flags (n,).
+    """Flags (n,) of the cases that lack something.
 
     lost: the case could not be evaluated, and the ADS did not give up.
     gone: the case was not evaluated, for whatever reason, and is without a collision.
@@ -272,16 +272,13 @@ def _at_worst(
     avoidable = np.where(missing.gone, _SEVEREST, cases.severity)
     ratio = ratios(avoidable, np.zeros(len(cases)), method)
     return replace(
-        terms,
+        _with_shares(terms, missing, missing.unlike, 0.0),
         severity=hit,
         ideal=gentlest,
         unreacting=_filled(terms.unreacting, hit),
         ratio=np.where(missing.unrated, ratio, terms.ratio),
         evaluated=terms.evaluated | missing.gone,
-        weight=np.where(missing.unrated & np.isnan(terms.weight), 1.0, terms.weight),
-        index=np.where(missing.unindexed, 0.0, terms.index),
-        likeness=np.where(missing.unlike, 0.0, terms.likeness),
-        task=np.where(missing.untimed, 0.0, terms.task),
+        weight=np.where(missing.unrated, _filled(terms.weight, 1.0), terms.weight),
     )
 
 
@@ -292,14 +289,23 @@ def _at_best(
     severity = np.where(missing.lost, worst.ideal, terms.severity)
     may_touch = (terms.ideal != 0.0) | (not method.collision.unit)
     return replace(
-        worst,
+        _with_shares(terms, missing, missing.unlike & ~terms.incident, 1.0),
         severity=severity,
         ideal=_filled(terms.ideal, severity),
         unreacting=_filled(terms.unreacting, np.maximum(_hardest(terms), severity)),
         ratio=np.where(missing.unrated & may_touch, 1.0, terms.ratio),
-        index=np.where(missing.unindexed, 1.0, terms.index),
-        likeness=np.where(missing.unlike & ~terms.incident, 1.0, terms.likeness),
-        task=np.where(missing.untimed, 1.0, terms.task),
+        evaluated=worst.evaluated,
+        weight=worst.weight,
+    )
+
+
+def _with_shares(terms: CaseTerms, missing: _Missing, unlike: BoolArray, value: float) -> CaseTerms:
+    """The terms with one value for every missing t_i, D_i and human-likeness."""
+    return replace(
+        terms,
+        index=np.where(missing.unindexed, value, terms.index),
+        likeness=np.where(unlike, value, terms.likeness),
+        task=np.where(missing.untimed, value, terms.task),
     )
 
 

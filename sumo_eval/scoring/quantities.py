@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, Literal
 
@@ -287,7 +287,7 @@ def combine(
     scenario: str,
     rows: CaseTable | Sequence[CaseResult],
     method: MethodSettings,
-    notes: Sequence[ScoreNote] = (),
+    notes: Iterable[ScoreNote] = (),
     *,
     people: bool = True,
     task_reference: str = "",

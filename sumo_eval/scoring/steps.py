@@ -7,14 +7,14 @@ scores, ranking.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from sumo_eval.cases import IntArray
+from sumo_eval.cases import CaseTable, IntArray
 from sumo_eval.drivers.recorded.exposure import exposure_of
 from sumo_eval.errors import InputError
 from sumo_eval.method.plausibility import Quantiles
@@ -25,7 +25,7 @@ from sumo_eval.record.points import choose_points, kept_zones
 from sumo_eval.record.progress import Progress
 from sumo_eval.record.spread import Spread
 from sumo_eval.record.store import Fact, Store
-from sumo_eval.results import ScenarioResult, ZoneResult
+from sumo_eval.results import ScenarioResult, ScoreNote, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.resolved import Resolved
 from sumo_eval.scenario.sampling.samples import Sample, sample_of
@@ -86,8 +86,9 @@ class Scoring:
         scored = [pair for _, pairs in done for pair in pairs]
         scores = tuple(score for score, _ in scored)
         intervals = {(score.ads, score.scenario): ends for score, ends in scored}
-        settings = self.run.settings.method.ranking
-        ranking = rank(scores, intervals, settings) if self._same_points() else None
+        ranking = None
+        if self._same_points():
+            ranking = rank(scores, intervals, self.run.settings.method.ranking)
         return Scores(zones, scores, ranking, rows.chunks(list(intervals)))
 
     def _same_points(self) -> bool:
@@ -161,13 +162,13 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
         left_out |= compared.left_out
         present |= compared.present
     tables = [rows.rows(ads.name, space.name) for ads in space.settings.ads]
-    scores = []  # 6  Eqs. 13, 17, 18; T, A', H, S+
-    for (name, remark), table in zip(remarks.items(), tables, strict=True):
-        notes = list(remark.notes(name, space, plausible.notes, table))
-        score = combine(
-            name, space.name, table, method, notes, people=known.people, task_reference=space.car
-        )
-        scores.append(with_counts(score, table, space.logical))
+    notes = [
+        remark.notes(name, space, plausible.notes, table)
+        for (name, remark), table in zip(remarks.items(), tables, strict=True)
+    ]
+    scores = [  # 6  Eqs. 13, 17, 18; T, A', H, S+
+        _combined(space, known, *of_ads) for of_ads in zip(remarks, tables, notes, strict=True)
+    ]
 
     points = as_driven(space.points, known.points, whole=not space.settings.run.only)
     places = [known.driven[name] for name in remarks]  # of each ADS the points of its cases
@@ -185,6 +186,17 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
         stands = standing(space.entry.sampling, points, scores, tables, places, method, space.name)
         sentences.append(stands.sentence)
     return replace(described, notes=tuple(sentences)), list(zip(scores, intervals, strict=True))
+
+
+def _combined(
+    space: ScenarioRun, known: Survey, ads: str, cases: CaseTable, notes: Iterable[ScoreNote]
+) -> ScenarioResult:
+    """The scores of an ADS from all its cases."""
+    score = combine(
+        ads, space.name, cases, space.method, notes,
+        people=known.people, task_reference=space.car,
+    )  # fmt: skip
+    return with_counts(score, cases, space.logical)
 
 
 def _exchangeable(space: ScenarioRun, points: Sample) -> Strata:
