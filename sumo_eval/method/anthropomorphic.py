@@ -110,9 +110,9 @@ class Likeness:
 class Ingredients:
     """Quantities behind the factors of a D_i, for `report.explain`.
 
-    drivers: number of drivers.
-    ads_length, mean_length: L of the ADS, and its mean over all drivers, m.
-    ads_operations, mean_operations: n of the ADS, and its mean over all drivers.
+    drivers: number of drivers that count; in mixture mode those of the ADS's manoeuvre.
+    ads_length, mean_length: L of the ADS, and its mean over these drivers, m.
+    ads_operations, mean_operations: n of the ADS, and its mean over these drivers.
     slices: number of slices.
     centre_similarity, field_similarity: mean of each term of Eq. 11 over all sample points.
     lowest: smallest similarity of a slice.
@@ -383,11 +383,11 @@ def _index(one: _Comparison, road: Road, settings: AnthropomorphicSettings) -> A
     f_L = min(1, L / mean of the drivers' L); f_n = min(1, mean of the drivers' n / n).
     """
     ads, drivers, choice = one.ads, one.drivers, one.choice
-    lengths = np.array([driver.length for driver in drivers])
-    operations = np.array([driver.operations for driver in drivers])
+    lengths = np.array([driver.length for driver in drivers])[choice.members]
+    operations = np.array([driver.operations for driver in drivers])[choice.members]
 
-    length_factor = _capped_ratio(ads.length, lengths[choice.members].mean())
-    operation_factor = _capped_ratio(operations[choice.members].mean(), ads.operations)
+    length_factor = _capped_ratio(ads.length, lengths.mean())
+    operation_factor = _capped_ratio(operations.mean(), ads.operations)
     centre, centre_notes = _centre_term(one, road, settings)
     field, field_notes = _field_term(one, settings)
     terms = centre[:, None] * field
@@ -410,7 +410,7 @@ def _index(one: _Comparison, road: Road, settings: AnthropomorphicSettings) -> A
         choice.manoeuvre,
         choice.share,
         Ingredients(
-            drivers=len(drivers),
+            drivers=len(lengths),
             ads_length=ads.length,
             mean_length=float(lengths.mean()),
             ads_operations=ads.operations,

@@ -78,6 +78,8 @@ def test_the_ads_is_compared_with_those_who_did_as_it_did_times_how_usual_that_i
     assert (follows.manoeuvre, follows.share) == ((0,), 2 / 8)
     alone = anthropomorphic_index(drive(slow=2.05, y=-0.05), FOLLOWERS, ROAD, MIXTURE)
     assert follows.similarity == pytest.approx(alone.similarity / 3.0, rel=0.1)
+    of_both = [(it.ingredients.drivers, it.ingredients.mean_operations) for it in (follows, alone)]
+    assert of_both[0] == of_both[1], "the means that `explain` shows are those of f_L and f_n"
     manoeuvres = [manoeuvre_of(one, ROAD, MIXTURE.manoeuvre_time) for one in people]
     assert (chosen((0,), manoeuvres).usual, chosen((0, 1), manoeuvres).usual) == (2 / 6, 1.0)
 
