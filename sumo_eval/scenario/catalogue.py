@@ -33,7 +33,7 @@ def find(use: str, folder: Path | None = None) -> LogicalScenario:
     """
     plain, given = options_of(use)
     if reader := _reader_of(plain):
-        return reader((Path.cwd() if folder is None else folder) / plain, given)
+        return reader((folder or Path.cwd()) / plain, given)
     refuse_use_case(plain)
     if ":" not in plain:
         return load(use)
@@ -67,7 +67,7 @@ def load(name: str) -> LogicalScenario:
     files = scenario_files()
     if plain not in files:
         _, dot, ending = plain.rpartition(".")
-        if not dot:
+        if not dot or ending == "toml":  # `find` reads files
             raise unknown("logical scenario", plain, files)
         again = " It is one of sumo_eval's own: `pip install -e .` once more." * (ending == "xosc")
         raise InputError(

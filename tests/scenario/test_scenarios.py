@@ -71,9 +71,10 @@ def test_the_default_steps_end_where_the_range_ends(logical):
     assert sample(logical).notes == ()
 
 
-def test_an_unknown_scenario_is_answered_with_the_nearest_name():
+@pytest.mark.parametrize("name", ["front_vehicle_cutout", "front_vehicle_cut_out.toml"])
+def test_an_unknown_scenario_is_answered_with_the_nearest_name(name):
     with refusal(r"Unknown logical scenario .* Did you mean `front_vehicle_cut_out`"):
-        catalogue.load("front_vehicle_cutout")
+        catalogue.load(name)
 
 
 def test_a_scenario_may_be_a_module_or_a_file_of_the_users(tmp_path):
