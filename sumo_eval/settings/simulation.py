@@ -87,7 +87,8 @@ class ConditionSettings(Checked):
     By default there are none: the ADS sees everything, and the ego obeys at once.
 
     Conditions from `perception_delay` to `occlusion` limit an `Observation` (`act(obs)`, `exec:`,
-    `fmu:`). TraCI shows everything. No condition limits the ideal vehicle or the drivers.
+    `fmu:`). Baselines, TraCI code and policies over arrays see everything. No condition limits the
+    ideal vehicle or the drivers.
     """
 
     perception_delay: Annotated[
