@@ -66,9 +66,9 @@ def references(drives: Iterable[Fact], settings: DriverSettings) -> dict[int, Po
     result = {}
     for point, facts in by_point.items():
         recorded = sum(fact.controller == RECORDED for fact in facts)
-        note, usable = _usable(len(facts), recorded, settings)
         cases, drivers = zip(*((fact.case, fact.driver) for fact in facts), strict=True)
-        result[point] = PointReference(cases, drivers, recorded, note, usable)
+        note_and_usable = _usable(len(facts), recorded, settings)
+        result[point] = PointReference(cases, drivers, recorded, *note_and_usable)
     return result
 
 
@@ -151,44 +151,24 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
 
     zones_key: a hash of all that the zones depend on.
     """
-    store, settings, names = space.store, space.settings, space.logical.names
-    # `array`, because lists of a million points would take half a gigabyte
-    numbers, flat = array("q"), array("d")
-    for fact in store.facts("ideal", space.name):  # every point has one
-        numbers.append(fact.point)
-        flat.extend(fact.values[name] for name in names)
-    values = np.array(flat).reshape(len(numbers), len(names))
-    driven_points = np.array(numbers, dtype=np.intp)
-    points = int(driven_points.max(initial=-1)) + 1
-    zone_and_weight = np.zeros((2, points))
-    usable, compared = np.zeros(points, dtype=np.bool_), False
+    numbers, values = _driven_points(space)
+    points = int(numbers.max(initial=-1)) + 1
+    hazardous, weights = np.zeros(points, dtype=np.bool_), np.zeros(points)
     for first in range(0, len(values), _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
-        zone_and_weight[:, driven_points[part]] = _zone_and_weight(
-            values[part], zones, zones_key, space.kept
-        )
-        space.progress(
-            f"{space.name}: weights of the points", min(part.stop, len(values)), len(values)
-        )
-    hazardous, weights = zone_and_weight[0] > 0.0, zone_and_weight[1]
+        zone, weight = _zone_and_weight(values[part], zones, zones_key, space.kept)
+        hazardous[numbers[part]], weights[numbers[part]] = zone > 0.0, weight
+        done = min(part.stop, len(values))
+        space.progress(f"{space.name}: weights of the points", done, len(values))
     if space.points.stands_for is not None:
         weights = weights * space.points.stands_for[:points]
-    for point, drivers, recorded in store.drivers_at_points(space.name):
-        usable[point], compared = _usable(drivers, recorded, settings.drivers)[1], True
-    driven: dict[str, array[int]] = {ads.name: array("q") for ads in settings.ads}
-    with_index: dict[str, array[int]] = {ads.name: array("q") for ads in settings.ads}
-    for point, name, status, hit in store.outcomes("ads", space.name):
-        if name in driven:
-            driven[name].append(point)
-            if not hit and not hazardous[point] and status in EVALUATED and usable[point]:
-                with_index[name].append(point)
-    for name, points_of_ads in driven.items():
-        if not len(points_of_ads):
-            raise InputError(
-                f"Run {store.path.parent} holds no case of ADS `{name}` in scenario `{space.name}`."
-            )
-    all_values = np.full((points, len(names)), np.nan)
-    all_values[driven_points] = values
+    usable, compared = np.zeros(points, dtype=np.bool_), False
+    for point, drivers, recorded in space.store.drivers_at_points(space.name):
+        usable[point], compared = _usable(drivers, recorded, space.settings.drivers)[1], True
+
+    driven, with_index = _points_of_ads(space, usable & ~hazardous)
+    all_values = np.full((points, values.shape[1]), np.nan)
+    all_values[numbers] = values
     return Survey(
         hazardous,
         weights,
@@ -197,6 +177,40 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
         {name: np.array(its, dtype=np.intp) for name, its in driven.items()},
         {name: jackknifed(its) for name, its in with_index.items()},
     )
+
+
+def _driven_points(space: ScenarioRun) -> tuple[IntArray, FloatArray]:
+    """Numbers of the points that were driven, (n,), and their values, (n, k)."""
+    names = space.logical.names
+    # `array`, because lists of a million points would take half a gigabyte
+    numbers, flat = array("q"), array("d")
+    for fact in space.store.facts("ideal", space.name):  # every point has one
+        numbers.append(fact.point)
+        flat.extend(fact.values[name] for name in names)
+    return np.array(numbers, dtype=np.intp), np.array(flat).reshape(len(numbers), len(names))
+
+
+def _points_of_ads(
+    space: ScenarioRun, comparable: BoolArray
+) -> tuple[dict[str, array[int]], dict[str, array[int]]]:
+    """Of each ADS the points of its cases, and of those cases that may have a D_i.
+
+    comparable: whether a point is safe and has enough drivers, (points,).
+    """
+    driven: dict[str, array[int]] = {ads.name: array("q") for ads in space.settings.ads}
+    with_index = {name: array("q") for name in driven}
+    for point, name, status, hit in space.store.outcomes("ads", space.name):
+        if name in driven:
+            driven[name].append(point)
+            if not hit and comparable[point] and status in EVALUATED:
+                with_index[name].append(point)
+    for name, points in driven.items():
+        if not points:
+            raise InputError(
+                f"Run {space.store.path.parent} holds no case of ADS `{name}` in scenario "
+                f"`{space.name}`."
+            )
+    return driven, with_index
 
 
 @dataclass(frozen=True, slots=True)
