@@ -375,10 +375,8 @@ class Actor:
     @property
     def braking(self) -> Act | None:
         """Its braking to a standstill; None if it does not brake or is lively."""
-        return (
-            None
-            if self.lively
-            else next((act for act in self.acts if act.kind == played.SPEED), None)
+        return next(
+            (act for act in self.acts if act.kind == played.SPEED and not self.lively), None
         )
 
     @property

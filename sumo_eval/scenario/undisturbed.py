@@ -33,8 +33,9 @@ CHANNELS = ("x", "y", "heading", "speed", "across")
 """Road coordinates of the centre, m; direction, rad; speeds along it and to its left, m/s."""
 _STATE = [(name, "f8") for name in CHANNELS]
 _BODY = [*_STATE, ("length", "f8"), ("width", "f8"), ("before", _STATE)]  # state one look before
-_OF_EGO = ("start_x", "start_y", "start_speed", "brakes_from")  # the last is a time, s
-_EGO = np.dtype([*_BODY, *((name, "f8") for name in _OF_EGO)])
+# brakes_from: a time, s
+_OF_EGO = [(name, "f8") for name in ("start_x", "start_y", "start_speed", "brakes_from")]
+_EGO = np.dtype([*_BODY, *_OF_EGO])
 _OTHER = np.dtype([*_BODY, ("acceleration", "f8")])
 
 

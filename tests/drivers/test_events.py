@@ -109,9 +109,16 @@ def test_a_cut_in_counts_only_near_and_a_violent_one_is_a_ghost():
     wild = events_of(ego, track("other", 40.0, 24.0, y0=3.5, move=(5.0, 1.5, -3.5)))
     assert wild.tables["cut_in"].empty
     assert wild.ghosts["cut_in"] == 1
-    late = events_of(ego.query("t > 6.9"), other)
-    # the ego is not recorded then
-    assert late.tables["cut_in"]["start"].isna().tolist() == [True]
+
+
+@pytest.mark.parametrize(("kind", "y0", "to"), [("cut_in", 7.0, 3.5), ("cut_out", 3.5, 7.0)])
+@pytest.mark.parametrize("late", [True, False])
+def test_no_scenario_begins_before_the_ego_is_in_its_lane(kind, y0, to, late):
+    other = track("other", 40.0, 24.0, y0=y0, move=(5.0, 5.0, to - y0))
+    ego = track("ego", 0.0, 25.0, move=(4.0, 4.0, 3.5))
+    if late:
+        ego = track("ego", 0.0, 25.0, y0=3.5).query("t > 6.9")
+    assert events_of(ego, other).tables[kind]["start"].isna().tolist() == [True]
 
 
 def test_a_braking_lead():

@@ -144,6 +144,17 @@ class RecordedTraffic:
         row = part.start + frame - int(self.frame[part.start])
         return row if part.start <= row < part.stop else None
 
+    def onset_of(self, row: int, change: RecordedLaneChange) -> tuple[int, float]:
+        """Row of a vehicle when another's lane change begins, or its first, and a scenario's t = 0.
+
+        row: its own at the lane line. t = 0 is nan where it is recorded later, or was in another
+        lane then.
+        """
+        onset = row - round((self.t[row] - change.onset) / INTERVAL)
+        begin = max(onset, self.slices[self.names[row]].start)
+        ready = begin == onset and self.lane[begin] == self.lane[row]
+        return begin, change.onset if ready else np.nan
+
 
 def extract_events(recordings: Recordings) -> Events:
     """Every event of the recordings.
@@ -346,21 +357,20 @@ def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -
         behind = int(traffic.follower[change.row - 1])
         if behind < 0:
             continue
-        ego = names[behind]
-        now = traffic.row_of(ego, int(traffic.frame[change.row]))
+        ego, now = names[behind], behind + 1
+        stop = traffic.slices[ego].stop
         reach = max(CUT_OUT_HEADWAY * speed[behind], CUT_OUT_GAP)
-        if now is None or gap[behind] > reach:
+        if now == stop or gap[behind] > reach:
             continue
-        revealed = int(traffic.lead[now])
+        revealed = traffic.lead[now]
         near = gap[now] <= REVEALED_WITHIN and names[revealed] != change.vehicle
-        begin = traffic.row_of(ego, round(change.onset / INTERVAL))
-        begin = now if begin is None else begin
+        begin, start = traffic.onset_of(behind, change)
         onset = dict.fromkeys(("obstacle_speed", "gap"), np.nan)
         if near:
-            ahead = traffic.row_of(names[revealed], int(traffic.frame[begin]))
+            ahead = traffic.row_of(names[revealed], traffic.frame[begin])
             if ahead is not None:
                 onset = {"obstacle_speed": speed[ahead], "gap": traffic.apart(begin, ahead)}
-        braking = traffic.acceleration[now : min(now + 100, traffic.slices[ego].stop)]
+        braking = traffic.acceleration[now : min(now + 100, stop)]
         events.append(
             {
                 "ego": ego,
@@ -374,7 +384,7 @@ def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -
                 "revealed_speed": speed[revealed] if near else np.nan,
                 "gap_to_revealed": gap[now] if near else np.nan,
                 "ego_speed": speed[begin],
-                "start": traffic.t[begin],
+                "start": start,
                 **onset,
                 "min_acceleration": braking.min(),
                 "ghost": _is_ghost(gap[behind], np.inf, braking),
@@ -387,23 +397,21 @@ def _cut_ins(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) ->
     gap, speed = traffic.gap, traffic.speed
     events = []
     for change in changes:
-        row = int(traffic.follower[change.row])
+        row = traffic.follower[change.row]
         if row < 0 or gap[row] > max(CUT_IN_HEADWAY * speed[row], CUT_IN_GAP):
             continue
         ego = traffic.names[row]
         part = traffic.slices[ego]
         if row == part.start or traffic.lane[row - 1] != traffic.lane[row]:
             continue
-        onset = row - round((change.t - change.onset) / INTERVAL)
-        begin = max(onset, part.start)
+        begin, start = traffic.onset_of(row, change)
         other = change.row - row + begin
         braking = traffic.acceleration[row : min(row + 100, part.stop)]
         events.append(
             {
                 "ego": ego,
                 "t": traffic.t[row],
-                # not a scenario's t = 0 where the ego is recorded later
-                "start": traffic.t[begin] if begin == onset else np.nan,
+                "start": start,
                 "cut_in": change.vehicle,
                 "to_left": change.to > change.origin,
                 "ego_speed": speed[begin],

@@ -28,6 +28,7 @@ from sumo_eval.trajectory import Trajectory
 NAMED_CASES = "cases.csv"
 _LEAST_SPACING = 1.0  # m between the lanes 0 and 1; less is no lane
 _STANDS = 0.1  # m/s
+_MOTION = "heading", "speed", "acceleration"  # channels of a drive that a table may lack
 
 
 class People(NamedTuple):
@@ -153,9 +154,7 @@ def _aligned(
 
 def _trajectory(rows: pd.DataFrame, **body: float) -> Trajectory:
     """A track with what is known of it; body: its length and width, m."""
-    channels: dict[str, Any] = {
-        name: rows[name] for name in ("heading", "speed", "acceleration") if name in rows
-    }
+    channels: Any = dict(rows.filter(_MOTION))
     wheel = pd.to_numeric(rows["steering"], errors="coerce") if "steering" in rows else None
     return Trajectory(
         rows["t"], rows["x"], rows["y"], **channels, steering_wheel_angle=wheel, **body
@@ -187,8 +186,7 @@ def _drives_in(path: Path) -> Sequence[tuple[str, Trajectory]]:
     known, by driver.
     """
     table = read_table(path, ("t", "x", "y"))
-    channels = [name for name in ("heading", "speed", "acceleration") if name in table]
-    checked_numbers(table, ["t", "x", "y", *channels], path)
+    checked_numbers(table, ["t", "x", "y", *table.filter(_MOTION)], path)
     table["driver"] = table.get("driver")
     drives = []
     for named, rows in table.groupby("driver", sort=False, dropna=False):
