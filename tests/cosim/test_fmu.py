@@ -108,6 +108,20 @@ def test_a_wrong_start_of_a_vehicle_model_is_a_sim_error(fmus, monkeypatch, head
     assert words in found.error
 
 
+def test_a_vehicle_models_acceleration_may_need_a_step(fmus, monkeypatch):
+    # by reference: v0, x, y, heading, speed
+    values = {1: math.nan, 4: 0.0, 5: 0.0, 6: 0.0, 7: 20.0}
+    for name, call in (
+        ("getFloat64", lambda _, references: [values[references[0]]]),
+        ("doStep", lambda *_, **__: values.update({1: 0.5})),
+    ):
+        monkeypatch.setattr(f"fmpy.fmi3.FMU3Slave.{name}", call)
+    plant = PlantSettings(file="Car.fmu", outputs={"acceleration": "v0"})
+    settings = replace(HALF_SECOND, plant=plant)
+    found = simulate(case(), lambda *_: Command(0.0), settings, folder=fmus)
+    assert (found.error, found.ego.acceleration[-1]) == (None, 0.5)
+
+
 def test_a_vehicle_model_starts_in_the_direction_of_the_case(fmus):
     settings = PlantSettings(file="Car.fmu", parameters={"v0": "speed"})
     plant = FmuPlant(settings, settings.file, fmus)

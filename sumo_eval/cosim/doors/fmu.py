@@ -21,7 +21,7 @@ import cmath
 import functools
 import math
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -55,6 +55,7 @@ from sumo_eval.settings import FmuSettings
 SIGNALS = signal_names()
 """Signals for inputs of an ADS; where no vehicle is, its gap is 1000 m."""
 
+_STATE = ("x", "y", "heading", "speed")  # outputs that a vehicle model must have
 _SPEED_TOLERANCE = 0.01  # m/s, between a vehicle model's first speed and the case's: rounding only
 _MADE: Mapping[str, Callable[[Any], Any]] = {
     "Real": float, "Float32": float, "Float64": float, "Boolean": bool, "String": str,
@@ -195,7 +196,7 @@ class _Fmu:
             return None
         if variable.type in _TEXTS:
             return variable, given
-        signal = _number(given) if isinstance(given, str) else float(given)
+        signal = _number(given)
         if isinstance(signal, float):  # a constant
             if not math.isfinite(signal):
                 raise must_be(f"`{name}`", owner, "finite", signal)
@@ -315,14 +316,14 @@ class _Fmu:
             done = self._instance.doStep(currentCommunicationPoint=time, communicationStepSize=step)
         if isinstance(done, tuple) and done[1]:  # of FMI 3
             raise ControllerError(f"FMU `{self.path.name}` asked to end the simulation")
-        return self.read()
+        return self.read(self._outputs)
 
-    def read(self) -> dict[str, float]:
-        """The outputs, all of them finite."""
-        outputs = {
-            what: float(self._values([variable])[place]) * self._factor(variable)
-            for what, (variable, place) in self._outputs.items()
-        }
+    def read(self, names: Iterable[str]) -> dict[str, float]:
+        """The outputs of these names, all of them finite."""
+        outputs = {}
+        for what in names:
+            variable, place = self._outputs[what]
+            outputs[what] = float(self._values([variable])[place]) * self._factor(variable)
         if not all(map(math.isfinite, outputs.values())):
             raise ControllerError(f"FMU `{self.path.name}` must give finite numbers, got {outputs}")
         return outputs
@@ -525,10 +526,9 @@ class FmuPlant:
     """
 
     def __init__(self, wiring: FmuSettings, file: str, folder: Path | None) -> None:
-        signals = ("acceleration", "steering", "x", "y", "heading", "speed", "time")
+        signals = ("acceleration", "steering", *_STATE, "time")
         outputs = ("acceleration", "steering_wheel_angle")
-        path = (folder or Path.cwd()) / file
-        self._fmu = _Fmu(path, wiring, signals, ("x", "y", "heading", "speed"), outputs)
+        self._fmu = _Fmu((folder or Path.cwd()) / file, wiring, signals, _STATE, outputs)
         self._offset: tuple[complex, float] | None = None  # x + y i, m, and heading, rad
         self._time = 0.0
 
@@ -542,7 +542,7 @@ class FmuPlant:
             if self._offset is None:
                 self._fmu.load()
                 self._fmu.begin(signals)
-                first = self._fmu.read()
+                first = self._fmu.read(_STATE)  # an acceleration may need a step
                 if abs(first["speed"] - state.speed) > _SPEED_TOLERANCE:
                     raise SimulationError(
                         f"The vehicle model {self._fmu.path.name} must start at {state.speed:g} "
@@ -575,14 +575,14 @@ def _turned(outputs: Mapping[str, float], turn: float) -> complex:
     return complex(outputs["x"], outputs["y"]) * cmath.rect(1.0, turn)
 
 
-def _number(text: str) -> float | str:
-    """A number or a truth value as a locator has it; anything else is a signal's name."""
+def _number(text: str | float) -> float | str:
+    """A number or a truth value, also as the text of a locator; else the name of a signal."""
     if text in ("true", "false"):
         return float(text == "true")
     try:
         return float(text)
     except ValueError:
-        return text.strip("\"'")
+        return str(text).strip("\"'")
 
 
 _unpack_folders: list[tempfile.TemporaryDirectory[str]] = []
