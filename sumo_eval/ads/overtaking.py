@@ -195,7 +195,7 @@ def _in_the_way(
 ) -> bool:
     """Whether the ego would be too near, across the road, to a vehicle that it reaches.
 
-    False of a vehicle beside or behind it.
+    False of a vehicle whose centre is not ahead of the ego's.
 
     faster: m/s, added to the ego's speed.
     clearance: least free space across, m.

@@ -8,7 +8,8 @@ well and compared. An ADS that needs the simulation to itself (listeners, progra
 keeps state) is driven alone; when a batch fails as a whole, each of its cases is driven alone too.
 The caller receives how many, and why.
 
-Callers: `record/worker.py`, users of `sumo_eval.simulate`, and the extras.
+Callers: `record/worker.py`, `cosim/no_return.py`, `sumo-eval check`, the extras, and users of
+`sumo_eval.simulate`.
 """
 
 from __future__ import annotations

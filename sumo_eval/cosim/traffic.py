@@ -3,10 +3,9 @@ at every step.
 
 A vehicle that SUMO receives is put where it was at the start of a step, with the speed that it has
 at the end. SUMO's step then moves it to where it is at the end, where followers see it. For SUMO a
-body is in one lane
-only. So a vehicle has two bodies here: one in the lane of its front's centre, and a shadow in the
-lane over whose line it reaches (`SimulationSettings.seen_over_line`). A shadow that is not needed
-stands beside the road, where it is on no lane and no vehicle sees it.
+body is in one lane only. So a vehicle has two bodies here: one in the lane of its front's centre,
+and a shadow in the lane over whose line it reaches (`SimulationSettings.seen_over_line`). A shadow
+that is not needed stands beside the road, where it is on no lane and no vehicle sees it.
 """
 
 from __future__ import annotations

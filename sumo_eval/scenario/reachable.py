@@ -6,7 +6,7 @@ that leave the road.
 Each quantity in a condition is replaced by the range of its values in a drive: time up to the
 case's end, the ego between its start and the end of the road, distances not below 0, a script no
 faster than its fastest speed. Sums, products and comparisons of ranges are ranges again. A
-condition that is false throughout its range never holds. Any other may hold: the ADS decides.
+condition that is false for all of these values never holds. Any other may: the ADS decides.
 """
 
 from __future__ import annotations

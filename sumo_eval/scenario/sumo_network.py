@@ -198,7 +198,7 @@ def _spans(
         if missing := throughout - places:
             must = "as wide as the road, except the outermost lane of each side"
             raise must_be(
-                f"Edge `{name}`", owner, must, f"no lane in place {min(missing)} from the right"
+                f"Edge `{name}`", owner, must, f"no lane {min(missing)} (0: the right one)"
             )
     return tuple(spans)
 

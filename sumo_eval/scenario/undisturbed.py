@@ -1,6 +1,7 @@
 """Motion of the actors while the ego keeps its speed, or brakes ideally: scripts, no simulation.
 
-Zones (`method.conflict`), planning baselines (`ads.foresight`) and recorded scenes use it.
+Zones (`method.conflict`), the ideal vehicle (`ads.foresight`), readers of scenario files, exports
+and recorded drivers use it.
 Actors with a SUMO model are assumed to keep their speed: only SUMO knows what its models would do.
 """
 

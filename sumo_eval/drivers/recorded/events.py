@@ -354,7 +354,7 @@ def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -
     gap, speed, names = traffic.gap, traffic.speed, traffic.names
     events = []
     for change in changes:
-        behind = int(traffic.follower[change.row - 1])
+        behind = traffic.follower[change.row - 1]
         if behind < 0:
             continue
         ego, now = names[behind], behind + 1

@@ -76,8 +76,8 @@ def read(path: Path) -> Samples:
     table["y"] -= right.groupby(table["recording"]).transform("median")
     reused = int(again.sum())
     notes = [
-        f"Lane {MAIN_LANES} of {path.name} is the right lane (lane 0); lanes beyond it are "
-        "auxiliary lanes and ramps. It has no headings: 0 is assumed."
+        f"{path.name} has no headings: 0 is assumed. Its lane {MAIN_LANES} is the right lane "
+        "(lane 0); lanes beyond it are auxiliary lanes and ramps."
     ]
     if reused:
         notes.append(
