@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
-from sumo_eval.cases import EVALUATED
 from sumo_eval.coded import decoded, encoded
 from sumo_eval.method.driving_task import (
     Departure,
@@ -60,7 +59,7 @@ _RECORDS = {record.__name__: record for record in (TaskOfDrive, Departure)}
 def tasks_of_drives(
     drives: Sequence[Fact], references: Iterable[Fact], space: ScenarioRun
 ) -> dict[str, TaskOfDrive]:
-    """Departure and t_i of every evaluated drive at some points of a scenario, by case.
+    """Departure and t_i of every recorded drive at some points of a scenario, by case.
 
     references: the drives of drivers and of the reference car there.
     """
@@ -75,7 +74,12 @@ def tasks_of_drives(
     for number, facts in groupby(ordered, key=lambda fact: fact.point):
         here, others = list(facts), beside.get(number, [])
         start = space.logical.placed(here[0].values).ego
-        hits = {fact.case: fact.status == "collision" for fact in here if fact.status in EVALUATED}
+        hits = {
+            fact.case: fact.status == "collision"
+            for fact in here
+            # an ADS that gave up may have left the road before
+            if fact.end_reason not in (None, "sim_error")
+        }
         points.append(_Point(hits, others, road, margin, start.x, start.way))
         hashes = [hash_of(case) for case in others]
         common = key_of(hashes, road, margin, start.x, start.way, method_sources())

@@ -5,6 +5,7 @@ import pytest
 from loaded import load
 
 import sumo_eval
+from sumo_eval.cosim import Command
 from sumo_eval.cosim.doors.controller import SHIPPED
 
 NO_ORDER = {"no_reaction"}
@@ -27,6 +28,21 @@ def test_law_no_game_scores_as_much_as_an_ads_that_ships(games, tmp_path):
     assert plus[sorted(GIVING_UP)].max() < plus["idm"]
     assert (table.loc[sorted(GIVING_UP), "gave up"] > 0).all()
     assert plus["LeavesTheRoad"] == 0.0 == table.loc["LeavesTheRoad", "T"]
+
+
+class RaisesBesideTheRoad:
+    def act(self, seen):
+        assert seen.ego.y > -1.5
+        return Command(0.0, -0.3)
+
+
+def test_who_leaves_the_road_and_gives_up_has_both_incidents(tmp_path):
+    use = {"use": "front_vehicle_low_speed", "sampling": {"levels": 2}}
+    settings = {"name": "both", "scenario": [use], "drivers": {"count": 2}}
+    done = sumo_eval.evaluate(settings, tmp_path, ads=[RaisesBesideTheRoad], engine="serial")
+    for case in done.cases:
+        assert case.gave_up
+        assert case.incident_severity == case.departure_speed
 
 
 @pytest.mark.campaign
