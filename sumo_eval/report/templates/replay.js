@@ -42,6 +42,13 @@ const sumoReplay = (() => {
   const there = (t, time) => time <= duration(t) + 1e-9;
   const present = (view, time) => view.actors.filter(([, actor]) => there(actor, time));
 
+  /** Gap m from an ego, which points along the road, to another body if that is ahead in its path; Infinity otherwise. */
+  function gapTo(ego, x, y, other, otherX, otherY, heading) {
+    const c = Math.abs(Math.cos(heading)), s = Math.abs(Math.sin(heading));
+    const beside = Math.abs(otherY - y) > (ego.width + other.length * s + other.width * c) / 2 - TOUCH;
+    return otherX <= x || beside ? Infinity : Math.max(0, otherX - x - (ego.length + other.length * c + other.width * s) / 2);
+  }
+
   /** Gap m and TTC s to the nearest vehicle ahead in the path, at each sample of the ego; NaN without one, Infinity where
    *  it does not close. The twin of `vehicle_ahead` and `time_to_collision` in sumo_eval/method/measures.py. */
   function ahead(ego, actors, contact) {
@@ -52,10 +59,8 @@ const sumoReplay = (() => {
       for (const [name, actor] of actors) {
         if (time < -1e-9 || time > duration(actor) + 1e-9) continue;
         const x = at(actor, "x", time), y = at(actor, "y", time);
-        const heading = at(actor, "heading", time), c = Math.abs(Math.cos(heading)), s = Math.abs(Math.sin(heading));
-        const free = x - ego.x[k] - (ego.length + actor.length * c + actor.width * s) / 2;
-        const beside = Math.abs(y - ego.y[k]) > (ego.width + actor.length * s + actor.width * c) / 2 - TOUCH;
-        let distance = x <= ego.x[k] || beside ? Infinity : Math.max(0, free);
+        const heading = at(actor, "heading", time);
+        let distance = gapTo(ego, ego.x[k], ego.y[k], actor, x, y, heading);
         if (contact && contact.other === name && contact.side === "front" && time >= contact.time - MS) distance = 0;
         if (distance < nearest) {
           nearest = distance;
@@ -940,7 +945,7 @@ const sumoReplay = (() => {
   }
 
   return {
-    player, ahead, at, onMap, drawChase, drawBody, CAMERAS, still, moment, named, mapped, bends, within, crossingRings, roomOf, bodyParts, bodyAt,
+    player, ahead, gapTo, at, onMap, drawChase, drawBody, CAMERAS, still, moment, named, mapped, bends, within, crossingRings, roomOf, bodyParts, bodyAt,
   };
 })();
 

@@ -661,8 +661,8 @@ const sumoDrive = (() => {
       const [, time, , [x, y, heading, speed], others] = this.state, { scene, wanted } = this.view;
       let gap = Infinity, closing = 0;
       for (const [number, ox, oy, turned, their] of others) {
-        const it = scene.others[number - 1], free = ox - x - (scene.ego.length + it.length) / 2;
-        if (ox > x && Math.abs(oy - y) < (scene.ego.width + it.width) / 2 && free < gap) [gap, closing] = [free, speed * Math.cos(heading) - their * Math.cos(turned)];
+        const free = sumoReplay.gapTo(scene.ego, x, y, scene.others[number - 1], ox, oy, turned);
+        if (free < gap) [gap, closing] = [free, speed * Math.cos(heading) - their * Math.cos(turned)];
       }
       const ttc = closing > 0.1 ? gap / closing : Infinity;
       const part = (share) => (this.latency.length ? this.within(share).toFixed(0) : "–");
