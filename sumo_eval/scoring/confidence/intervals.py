@@ -149,10 +149,8 @@ class _Sums:
         # which case stands at each of the points, -1 where none does
         self._rows = np.full(points, -1)
         self._rows[one.points] = np.arange(len(one.points))
-        self._exposed, self._unseen = (
-            bool(one.terms.exposure.any()),
-            UnseenCollisions.of(one, method),
-        )
+        self._exposed = bool(one.terms.exposure.any())
+        self._unseen = UnseenCollisions.of(one, method)
         self._balanced: Any = 0.0
         self._drawn: Any = 0.0
 
@@ -328,8 +326,9 @@ class UnseenCollisions:
             for weights in map(np.nan_to_num, (terms.weight, terms.exposure))
         )
         free = stake * (among & ~terms.incident)
-        losses = [weight * free, weight * stake, exposure * free, exposure * stake]
-        losses += [weight * free, weight]
+        losses = [
+            weight * free, weight * stake, exposure * free, exposure * stake, weight * free, weight
+        ]  # fmt: skip
         if not terms.collided.any():
             hit = np.nan_to_num(1.0 - ratios(terms.unreacting, terms.ideal, method)) * among
             losses += [weight * hit, weight * among]
@@ -388,7 +387,7 @@ def _freedom(one: Judged, groups: Strata) -> dict[str, int]:
     }
 
 
-def percentiles(low: FloatArray, high: FloatArray, freedom: int) -> tuple[float, float] | None:
+def percentiles(low: FloatArray, high: FloatArray, freedom: float) -> tuple[float, float] | None:
     """Percentiles, widened for n degrees of freedom: by the quantile of t in place of the
     normal one.
     """

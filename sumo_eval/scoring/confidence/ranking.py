@@ -25,7 +25,7 @@ from sumo_eval.record.points import scenario_weights
 from sumo_eval.results import RankedAds, RankedPair, Ranking, ScenarioResult
 from sumo_eval.scoring.confidence.intervals import LEVEL, ScoreIntervals, percentiles
 from sumo_eval.settings import RankingSettings
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import FloatArray, IntArray
 
 Replicates = Mapping[tuple[str, str], ScoreIntervals | None]
 """By (ADS, scenario)."""
@@ -108,14 +108,14 @@ class _Means:
 
         A replicate without safe points has no S+, of no ADS: there it counts 0 for all.
         """
-        found = [replicates.get((ads, scenario)) for scenario in self.weights]
-        known = [one for one in found if one is not None]
-        if not known or len(known) < len(found):
+        known: list[Any] = [replicates.get((ads, scenario)) for scenario in self.weights]
+        if None in known:
             return None
+        weights = np.array(list(self.weights.values()))[:, None]
         return _Spread(
             worse=self.of(np.nan_to_num(one.worse) for one in known),
-            better=self.of(np.nan_to_num(one.better) for one in known),
-            freedom=sum(one.freedom for one in known),
+            better=weights * np.nan_to_num([one.better for one in known]) / weights.sum(),
+            freedom=np.array([one.freedom for one in known]),
             lower=self.of(one.missing[0] for one in known),
             higher=self.of(one.missing[1] for one in known),
         )
@@ -123,18 +123,44 @@ class _Means:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Spread:
-    """One ADS's mean S+ in every replicate, (m,).
+    """Replicates of one ADS's mean S+, or of the difference of two ADSs'.
 
-    worse, better: with one more case and without.
-    freedom: degrees of freedom, of all scenarios together.
+    worse: with one more case, (m,).
+    better: without, the part of each scenario in the mean, (k, m).
+    freedom: degrees of freedom of each scenario, (k,).
     lower, higher: how far missing cases may move it, at most 0 and at least 0.
     """
 
     worse: FloatArray
     better: FloatArray
-    freedom: int
+    freedom: IntArray
     lower: float
     higher: float
+
+    def less(self, other: _Spread) -> _Spread:
+        """The difference; missing cases are worst for this ADS and best for the other one."""
+        return _Spread(
+            self.worse - other.worse,
+            self.better - other.better,
+            np.minimum(self.freedom, other.freedom),
+            self.lower - other.higher,
+            self.higher - other.lower,
+        )
+
+    def interval(self, value: float) -> tuple[float, float]:
+        """The interval, in which the value itself always is.
+
+        Each scenario counts in the degrees of freedom by its variance (Satterthwaite 1946).
+        """
+        both = np.stack([self.worse, self.better.sum(axis=0)])
+        variance = self.better.var(axis=1) + 1e-12  # never 0
+        ends = percentiles(
+            both.min(axis=0) + self.lower,
+            both.max(axis=0) + self.higher,
+            variance.sum() ** 2 / (variance**2 / self.freedom).sum(),
+        )
+        assert ends is not None  # `_Means` has made all sums finite
+        return min(ends[0], value), max(ends[1], value)
 
 
 def _interval(
@@ -145,10 +171,7 @@ def _interval(
     """
     if len(results) == 1:
         return results[0].s_plus_interval
-    if spread is None:
-        return None
-    low, high = _ends(spread.worse + spread.lower, spread.better + spread.higher, spread.freedom)
-    return min(low, total), max(high, total)  # the value itself is always inside
+    return None if spread is None else spread.interval(total)
 
 
 def _pair(
@@ -158,18 +181,5 @@ def _pair(
     first, second = (spreads[name] for name in names)
     if first is None or second is None:
         return RankedPair(*names, difference, None, False)
-    both = np.stack([first.worse - second.worse, first.better - second.better])
-    low, high = _ends(  # missing cases: worst for one, best for the other
-        both.min(axis=0) + first.lower - second.higher,
-        both.max(axis=0) + first.higher - second.lower,
-        min(first.freedom, second.freedom),
-    )
-    low, high = min(low, difference), max(high, difference)
-    return RankedPair(*names, difference, (low, high), low > 0.0)
-
-
-def _ends(low: FloatArray, high: FloatArray, freedom: int) -> tuple[float, float]:
-    """`percentiles` of sums that `_Means` has made finite."""
-    ends = percentiles(low, high, freedom)
-    assert ends is not None
-    return ends
+    ends = first.less(second).interval(difference)
+    return RankedPair(*names, difference, ends, ends[0] > 0.0)

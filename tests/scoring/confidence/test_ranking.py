@@ -73,6 +73,9 @@ def test_law_a_difference_from_nothing_is_as_wide_as_the_score():
     scores, found = scored(few[0], [replace(row, task_share=0.0) for row in few[1]])
     (pair,) = rank(scores, found, RankingSettings()).pairs
     assert pair.interval == pytest.approx(scores[0].s_plus_interval)
+    alike, others = scored(drives("a", 0.0, "t"), drives("bb", 0.0, "t"))
+    (pair,) = rank([*scores, *alike], found | others, RankingSettings()).pairs
+    assert 2.0 * np.array(pair.interval) == pytest.approx(scores[0].s_plus_interval)
 
 
 def test_one_ads_under_two_names_differs_from_itself_by_nothing_and_shares_its_place():
