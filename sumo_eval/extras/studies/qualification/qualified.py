@@ -58,8 +58,8 @@ class CheckResult(NamedTuple):
         """Words are equal, numbers within the bound; nan does not pass."""
         expected = self.check.expected
         if isinstance(self.found, float) and isinstance(expected, float):
-            return abs(self.found - expected) <= self.check.bound
-        return self.found is not None and self.found == expected
+            return bool(abs(self.found - expected) <= self.check.bound)
+        return self.found == expected
 
     def plain(self) -> dict[str, Any]:
         """The check in `qualification.json`; a number that is not finite becomes its name: JSON has

@@ -238,11 +238,6 @@ def _identical() -> float:
     return float(anthropomorphic_index(path, [path, path], ROAD).value)
 
 
-def _number(function: Callable[..., Any], *arguments: Any) -> float:
-    """Value of a function that gives a number of numpy."""
-    return float(function(*arguments))
-
-
 def equations() -> Rows:
     """Eqs. 5-6, 9-12, 14, 15, 17 and 18."""
     for speed, lead, gap in ((25.0, 15.0, 14.0), (20.0, 0.0, 60.0)):
@@ -250,7 +245,7 @@ def equations() -> Rows:
         # a = 5 m/s2, the criterion's deceleration
         largest = math.sqrt(5.0 / (2.0 * gap - (speed - lead) ** 2 / 5.0))
         source = "Eqs. 5-6: sqrt(a / (2 d - u^2 / a))"
-        yield name, _number, (max_inverse_ttc, speed, lead, gap), largest, source, 1e-9, "1/s"
+        yield name, max_inverse_ttc, (speed, lead, gap), largest, source, 1e-9, "1/s"
     source = "Eq. 10: exp(0.005 * 20) / 4^0.5"
     yield "field 4 m ahead at 20 m/s", _field, (4.0, 0.0), math.exp(0.1) / 2.0, source, 1e-12
     yield "field 9 m beside", _field, (0.0, 9.0), 1.0 / 3.0, "Eq. 10: 9^-0.5", 1e-12
@@ -258,11 +253,11 @@ def equations() -> Rows:
     yield "D of identical drives", _identical, (), 1.0, source, 1e-12
     for severity, loss in ((0.0, 0.1), (8.0, 0.4), (8.001, 0.7), (15.0, 0.7), (15.001, 1.0)):
         name = f"collision loss of {severity:g} m/s"
-        yield name, _number, (collision_loss, severity), loss, "Eq. 14, at its limits"
+        yield name, collision_loss, (severity,), loss, "Eq. 14, at its limits"
     name, source = "severity of an offset collision", "Eq. 15: |(3, -4)| / 0.5"
     # velocities of ego and obstacle, overlap of the ego's width
-    arguments = impact_severity, (12.0, 0.0), (9.0, 4.0), 0.5
-    yield name, _number, arguments, 10.0, source, 1e-12, "m/s"
+    arguments = (12.0, 0.0), (9.0, 4.0), 0.5
+    yield name, impact_severity, arguments, 10.0, source, 1e-12, "m/s"
     index, source = collision_avoidance_index, "Eq. 17: (1 * 5/10 + 3 * 4/16) / 4"
     collisions = [10.0, 16.0], [5.0, 4.0], [1.0, 3.0]  # U, U of the ideal vehicle, weight r
     yield "C of two collisions", index, collisions, 0.3125, source, 1e-12
@@ -270,9 +265,9 @@ def equations() -> Rows:
     yield "S of C = 0.8 and D = 0.6", _score, (0.8, 0.6), 70.0, "Eq. 18: 50 * 0.8 + 50 * 0.6", 1e-12
 
 
-def _score(c: float, d: float) -> float:
-    """S, nan where it is not computed."""
-    return combined_score(c, d).total or math.nan
+def _score(c: float, d: float) -> float | None:
+    """S, None where it is not computed."""
+    return combined_score(c, d).total
 
 
 # --- regulations ----------------------------------------------------------------------------------
