@@ -112,10 +112,11 @@ def _most_human(every: Sequence[Behaviour]) -> str:
     known = sorted((-one.human, one.ads) for one in every if one.human is not None)
     if not known:
         return "not known: no safe case could be compared with drivers."
-    if len(known) > 1 and not round(known[0][0], 2):
+    best, *others = known
+    if others and not round(best[0], 2):
         return "no ADS, every H is 0.00."
-    beside = f"; next {known[1][1]}, {number(-known[1][0], 2)}" if len(known) > 1 else ""
-    return f"{known[0][1]} with H {number(-known[0][0], 2)} of 1{beside}."
+    beside = f"; next {others[0][1]}, {number(-others[0][0], 2)}" if others else ""
+    return f"{best[1]} with H {number(-best[0], 2)} of 1{beside}."
 
 
 def _best(ranking: Ranking, order: Sequence[RankedAds]) -> str:

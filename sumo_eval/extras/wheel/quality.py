@@ -149,8 +149,7 @@ def quality_of(
 
 def first_event(concrete: ConcreteScenario) -> float | None:
     """Time at which the first actor changes its motion, s; None: none does at a known time."""
-    begins = (act.begin for it in concrete.actors for act in it.acts if act.timed)
-    return min(begins, default=None)
+    return min((act.begin for it in concrete.actors for act in it.acts if act.timed), default=None)
 
 
 def reaction(recording: Recording, event: float, vehicle: VehicleSettings) -> float | None:
