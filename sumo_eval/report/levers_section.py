@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from sumo_eval.report.page import case_key
 from sumo_eval.report.verdict import Beside
-from sumo_eval.report.words import cause_words
+from sumo_eval.report.words import cause_words, count
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.text import point_words
@@ -61,7 +61,9 @@ def effect_words(answer: Answer, hit: Collision | None) -> str:
     if not answer.flips:
         return f"{recorded}: none of {answer.tried} values {verb}"
     flip, *rest = answer.flips
-    more = f" and {len(rest) - MOST_CHANGES} more values" if len(rest) > MOST_CHANGES else ""
+    more = (
+        f" and {count(len(rest) - MOST_CHANGES, 'more value')}" if len(rest) > MOST_CHANGES else ""
+    )
     values = ", ".join(f"{it.after:z.4g}" for it in rest[:MOST_CHANGES])
     further = f"; also changes at {values}{more}" if rest else ""
     return f"{start} -> {flip.after:z.5g}{unit} {verb}, {flip.before:z.5g} does not{further}"

@@ -53,9 +53,9 @@ class Lever:
 
     def steps(self) -> list[float]:
         """All values that it can have, rounded to 9 digits."""
-        count = round((self.high - self.low) / self.step)
         return list(self.listed) or [
-            round(min(self.low + number * self.step, self.high), 9) for number in range(count + 1)
+            round(min(self.low + number * self.step, self.high), 9)
+            for number in range(1 + round((self.high - self.low) / self.step))
         ]
 
     def place(self, value: float) -> float:
@@ -97,8 +97,7 @@ def levers_of(
 
     for item in (it for it in logical.parameters if it.name != ONLY):
         step, value = (item.high - item.low) / _FINE, values[item.name]
-        listed = tuple(item.values or ())
-        levers.append(Lever(item.name, item.unit, item.low, item.high, step, value, listed))
+        levers.append(Lever(item.name, item.unit, item.low, item.high, step, value, item.values))
     # Of two levers of one name the last stays: a parameter replaces a condition of its name, or a
     # lever of the start.
     return list({lever.name: lever for lever in levers}.values())
@@ -123,17 +122,25 @@ def _evenly(values: Sequence[float]) -> list[float]:
 
 
 def moved(
-    logical: LogicalScenario, values: Mapping[str, float], lever: Lever, value: float
+    logical: LogicalScenario,
+    values: Mapping[str, float],
+    lever: Lever,
+    value: float,
+    revealed: bool = False,
 ) -> ConcreteScenario | None:
     """The concrete scenario of a case with one lever at a value.
 
+    It keeps the recorded values, which name the case's streams of random numbers, unless they are
+    `revealed` to the ADS.
+
     None: the scenario has no such point.
-    """
+    """  # fmt: skip
     if lever.name in logical.names:
         try:
-            return logical.concrete(**{**values, lever.name: value})
+            point = logical.concrete(**{**values, lever.name: value})
         except InputError:
             return None
+        return point if revealed else replace(point, values=values)
     recorded = logical.placed(values)
     if value == lever.recorded:
         return recorded
@@ -143,18 +150,20 @@ def moved(
         ahead = _ahead(recorded)
         assert ahead is not None  # else the case has no such lever
         start = replace(ahead.start, x=ahead.start.x + value - lever.recorded)
-        shifted = replace(ahead, start=start)
-        actors = tuple(shifted if it == ahead else it for it in recorded.actors)
-        return replace(recorded, actors=actors)
+        actors = (replace(it, start=start) if it == ahead else it for it in recorded.actors)
+        return replace(recorded, actors=tuple(actors))
     return replace(recorded, changes=(*recorded.changes, (lever.name, value)))
 
 
 def _ahead(concrete: ConcreteScenario) -> Actor | None:
     """The nearest actor ahead in the ego's lane at the start; one that crosses is not in a lane."""
     ego, half = concrete.ego, concrete.road.lane_width / 2.0
-    ahead = [
-        it
-        for it in concrete.actors
-        if it.start.x > ego.x and abs(it.start.y - ego.y) < half and it.on_map is None
-    ]
-    return min(ahead, key=lambda it: it.start.x, default=None)
+    return min(
+        (
+            it
+            for it in concrete.actors
+            if it.start.x > ego.x and abs(it.start.y - ego.y) < half and it.on_map is None
+        ),
+        key=lambda it: it.start.x,
+        default=None,
+    )

@@ -120,8 +120,7 @@ class WhatIf:
         _fill(lines, asked, outcomes)
         if fine:
             self._locate(fact, lines)
-        recordings = (it.recording for it in outcomes if it is not None)
-        clips = {clip.what for it in recordings if it is not None for clip in it.clips}
+        clips = {clip.what for it in outcomes if it and it.recording for clip in it.recording.clips}
         unfelt = _OF_PERCEPTION if _NOT_LIMITED in clips else ()
         answers = [
             Answer(lever, _flips(lever, line), len(line), lever.name not in unfelt)
@@ -166,20 +165,20 @@ class WhatIf:
 
         None: the scenario has no such point, or the drive could not be evaluated.
         """
-        logical = self._run.scenarios[fact.scenario]
-        seed, locator = self._run.settings.seed, self._locators[fact.driver]
+        logical, locator = self._run.scenarios[fact.scenario], self._locators[fact.driver]
+        revealed = self._setup.simulation.conditions.reveal_scenario
         cases = [
-            Case(number, concrete, "ads", fact.driver, locator, seed=seed)
+            Case(number, concrete, "ads", fact.driver, locator, seed=self._run.settings.seed)
             for number, (lever, value) in enumerate(asked)
-            if (concrete := moved(logical, fact.values, lever, value)) is not None
+            if (concrete := moved(logical, fact.values, lever, value, revealed))
         ]
         self._drives += len(cases)
-        evaluated = {}
+        evaluated: list[Outcome | None] = [None] * len(asked)
         for done, it in enumerate(run_cases(cases, self._setup), start=1):
             if it.status in EVALUATED:
                 evaluated[it.case.point] = it
             self._progress("levers", done, len(cases))
-        return [evaluated.get(number) for number in range(len(asked))]
+        return evaluated
 
 
 def _fill(

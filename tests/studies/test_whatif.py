@@ -10,6 +10,7 @@ from refusals import refusal
 from scipy.optimize import brentq
 
 import sumo_eval
+from sumo_eval.cosim.doors.observation import stream_of
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
@@ -18,7 +19,10 @@ from sumo_eval.report.sent_drives import contact_of
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.settings import SimulationSettings
+from sumo_eval.whatif.levers import levers_of, moved
 from sumo_eval.whatif.search import WhatIf
+
+USUAL = SimulationSettings()
 
 LATE = '''
 class Brakes:
@@ -96,13 +100,22 @@ def test_replay_marks_the_last_moment_to_brake(night):
 def test_law_changing_nothing_changes_nothing(night):
     folder, case = night
     usual = catalogue.load("front_vehicle_low_speed").placed(known_case(folder, case).values)
-    settings = SimulationSettings()
     now = (
-        ("conditions.perception_delay", settings.conditions.perception_delay),
-        ("vehicle.friction", settings.vehicle.friction),
+        ("conditions.perception_delay", USUAL.conditions.perception_delay),
+        ("vehicle.friction", USUAL.vehicle.friction),
     )
     late = f"{folder.parent / 'late.py'}:Brakes"
     assert simulate(usual, late).same_drive(simulate(replace(usual, changes=now), late))
+
+
+def test_law_a_lever_keeps_the_chance_of_its_case_unless_told(night):
+    values = known_case(*night).values
+    space = catalogue.load("front_vehicle_low_speed")
+    (lever,) = (it for it in levers_of(space, values, USUAL) if it.name == "lead_speed")
+    here, there = (moved(space, values, lever, value) for value in (lever.recorded, lever.high))
+    assert here.actors != there.actors
+    assert stream_of(1, here) == stream_of(1, there)
+    assert moved(space, values, lever, lever.high, True).values["lead_speed"] == lever.high
 
 
 def test_a_collision_gets_a_table_and_json(night):
