@@ -84,7 +84,11 @@ class Stage:
         self.speeds: dict[str, float] = {}  # m/s, of vehicles as read after the last step
         # x and y of front bumpers, m, of vehicles as last read; of actors at first at their start
         self.fronts: dict[str, Any] = dict(zip(actors, fronts.ravel().tolist(), strict=True))
-        on_map = (actor.on_map is not None for it in world.cases for actor in it.actors)
+        # SUMO drives no lane backwards
+        on_map = (
+            actor.on_map is not None or math.cos(actor.heading) < 0.0
+            for it in world.cases for actor in it.actors
+        )  # fmt: skip
         self._on_map = frozenset(compress(actors, on_map))
         self.keep(world)
 
@@ -182,7 +186,8 @@ class Stage:
         """Hand over the motion of this step in a curve, as places on lanes.
 
         SUMO moves a vehicle by the mean of its old and new speed, so it is put that much behind its
-        place. A vehicle that is described on the map, far beside the lanes, gets a place there.
+        place. A vehicle that is described on the map, far beside the lanes, or drives against them
+        gets a place on the map.
         """
         calls, end = self.calls, self._road.length + self._road.run_out
         for number, x, y, angle, speed, s, d, along in world.tell[:count].tolist():
