@@ -25,6 +25,7 @@ Step = tuple[int, int, int, float]
 Program = tuple[Step, ...]
 NEVER = math.inf
 _BENT = 0.1  # m that the road's curve may change a distance across it
+_ACROSS = 0.1  # cosine of the largest angle to the road at which a body has a speed along it
 
 DISTANCES = ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance")
 
@@ -96,11 +97,13 @@ class Moment:
 
     time: s, inf for never; with a program it is the delay after its condition holds.
     until: s, when it cannot begin any more.
+    past: an element has begun: so it stays, also where its condition no longer holds.
     """
 
     time: float
     program: tuple[Step, ...] = ()
     until: float = NEVER
+    past: bool = False
 
     @property
     def known(self) -> bool:
@@ -119,6 +122,11 @@ class Span:
     end: float
     ended: Program = ()
 
+    def follows(self, other: Span) -> bool:
+        """Whether it begins at the start, or where another ends."""
+        ended = set(other.ended)
+        return self.begin == Moment(0.0) or (bool(ended) and ended <= set(self.begin.program))
+
     @classmethod
     def over(cls, begin: Moment, parts: Sequence[Span]) -> Span:
         """Until the last of its parts ends; without parts it ends as it begins."""
@@ -134,13 +142,14 @@ class Conditions:
     """Access of conditions to entities, their numbers among the actors, and elements of the
     storyboard above.
 
-    latch: adds a move that changes nothing and begins when a program holds; the program of its end.
+    latch: adds a move that changes nothing and begins s after a program holds; the program of its
+        end.
     """
 
     places: Places
     number_of: Mapping[str, int]
     frame: Frame
-    latch: Callable[[Program], Program]
+    latch: Callable[[Program, float], Program]
     spans: list[tuple[str, str, Span]] = field(default_factory=list)
 
     def note(self, element: Node, span: Span) -> Span:
@@ -150,10 +159,12 @@ class Conditions:
         self.spans.append((element.tag.lower(), path, span))
         return span
 
-    def _span(self, kind: str, name: str, element: Node) -> Span:
+    def _span(self, element: Node) -> Span:
         """When the element above of a kind and a name runs; `act::event` where the name alone is
         not one element's.
         """
+        kind = element.text("storyboardElementType")
+        name = element.attribute("storyboardElementRef")
         spans = [
             span
             for tag, path, span in self.spans
@@ -180,14 +191,15 @@ class Conditions:
             if after.known:
                 return Moment(min(self._later(after, group, trigger).time for group in live))
             first = min(live, key=lambda group: (group.time, -group.until))
-            return self._later(after, first, trigger)
+            return replace(self._later(after, first, trigger), past=True)
         if len(live) > 1 and any(group.known or group.time > 0.0 for group in live):
             raise trigger.fault(
                 "groups of conditions of which some depend on the drive and some are times, or "
                 "have a delay, are not supported together"
             )
         program = _joined([group.program for group in live], played.OR)
-        return self._later(after, replace(live[0], program=program), trigger)
+        moment = self._later(after, replace(live[0], program=program), trigger)
+        return replace(moment, past=True)
 
     def _later(self, one: Moment, two: Moment, element: Node) -> Moment:
         """The later of two moments."""
@@ -205,13 +217,16 @@ class Conditions:
             return two
         if two.known and two.time <= 0.0:
             return one
-        if any(it.program and it.time > 0.0 for it in (one, two)):
+        if any(it.program and it.time > 0.0 and not it.past for it in (one, two)):
             raise element.fault(
                 "a delay after a condition on the drive is not supported together with a time or "
                 "another such condition"
             )
         first, second = (
-            it.program or from_time(it.time) for it in sorted((one, two), key=lambda it: it.known)
+            self.latch(it.program, it.time)
+            if it.past and it.program
+            else it.program or from_time(it.time)
+            for it in sorted((one, two), key=lambda it: it.known)
         )
         return Moment(0.0, _joined([first, second], played.AND))
 
@@ -232,7 +247,7 @@ class Conditions:
             moment = Moment(0.0, self._by_entity(kind, edge))
         else:
             raise kind.unsupported()
-        return Moment(moment.time + delay, moment.program, moment.until + delay)
+        return replace(moment, time=moment.time + delay, until=moment.until + delay)
 
     def _by_value(self, element: Node, edge: str) -> Moment:
         if element.tag == "SimulationTimeCondition":
@@ -270,14 +285,11 @@ class Conditions:
         )
 
     def _state(self, element: Node) -> Moment:
-        span = self._span(
-            element.text("storyboardElementType"),
-            element.attribute("storyboardElementRef"),
-            element,
-        )
+        span = self._span(element)
         state = element.text("state")
         if state in ("startTransition", "runningState"):
-            return span.begin
+            lasts = span.begin.known and span.end > span.begin.time
+            return replace(span.begin, until=span.end) if lasts else span.begin
         if state not in ("completeState", "endTransition"):
             raise element.fault(f"the state `{state}` is not supported")
         if span.ended:
@@ -302,7 +314,7 @@ class Conditions:
             holds, fails, start = fails, holds, not start
         if edge == "none" or not start:
             return holds
-        return (*holds, *self.latch(fails), operation(played.AND))
+        return (*holds, *self.latch(fails, 0.0), operation(played.AND))
 
     def _number(self, entity: Entity, element: Node) -> int:
         if entity.deleted:
@@ -449,9 +461,16 @@ class Conditions:
         at_start = body.speed * math.cos(body.frame.heading)
         return of_vehicle(played.ALONG, self._number(body, element), at_start)
 
+    def _own(self, element: Node, one: Entity, direction: str) -> DriveNumber:
+        """The speed of a body where it points, m/s: above 0 also of an oncoming one."""
+        along, share = self._along(element, one, direction), math.cos(one.frame.heading)
+        if abs(share) < _ACROSS:
+            raise element.fault("the speed of an entity that crosses the road is not supported")
+        return along if math.isclose(share, 1.0) else along * constant(1.0 / share)
+
     def _headway(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
         """The time headway by its sign: gap - value v, m."""
-        speed = self._along(element, one, "relativeDistanceType")
+        speed = self._own(element, one, "relativeDistanceType")
         gap = self._apart(element, one, self._target(element), played.X)
         return gap - constant(element.number("value")) * speed, 0.0
 
@@ -466,9 +485,10 @@ class Conditions:
         return gap * abs(ahead) - ahead * speed * value, 0.0
 
     def _speed(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
-        speed = self._along(element, one, "direction")
-        if element.tag == "RelativeSpeedCondition":
-            speed -= self._along(element, self.places.referred(element), "direction")
+        if element.tag == "SpeedCondition":
+            return self._own(element, one, "direction"), element.number("value")
+        other = self.places.referred(element)
+        speed = self._along(element, one, "direction") - self._along(element, other, "direction")
         return speed, element.number("value")
 
     def _travelled(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:

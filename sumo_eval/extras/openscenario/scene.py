@@ -419,7 +419,7 @@ class _Player:
         for part in story.all("Story"):
             yield from part.within().all("Act")
 
-    def _latch(self, program: Program, delay: float = 0.0) -> Program:
+    def _latch(self, program: Program, delay: float) -> Program:
         """A move of the first actor that changes nothing; the program that it has ended, which
         remembers that `program` held, `delay` s before.
         """
@@ -468,7 +468,7 @@ class _Player:
 
         before: how many moves each actor has that are not the act's.
         """
-        stays = *self._latch(at.program), (played.VALUE, 0, 0, 0.5)
+        stays = *self._latch(at.program, 0.0), (played.VALUE, 0, 0, 0.5)
         rest = (*stays, operation(played.BELOW), operation(played.AND))
         for entity, count in zip(self.actors, before, strict=True):
             acts = entity.acts
@@ -513,12 +513,10 @@ class _Player:
         skips, kinds, others = priority == "skip", _kinds(event), _kinds(other)
         if not (kinds and others) or (not skips and (priority == "parallel" or kinds == others)):
             return
-        if not span.begin.known or not running.begin.known:
-            if skips:
-                raise event.fault(
-                    "the priority `skip` is supported between events that begin at times only"
-                )
-        elif running.begin.time < span.begin.time < running.end - SAME:
+        meets = running.begin.time < span.begin.time < running.end - SAME
+        if not (span.begin.known and running.begin.known):
+            meets = skips or ("LateralAction" in others and not span.follows(running))
+        if meets:
             effect = "is left out" if skips else "ends"
             raise event.fault(
                 f"with its priority `{priority}` it {effect} while event "
