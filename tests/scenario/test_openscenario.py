@@ -243,6 +243,9 @@ BAD = {
     "line .*<AcquirePositionAction>: this is not supported|<RoutingAction>": {
         "events": timed("<RoutingAction><AcquirePositionAction/></RoutingAction>", 1)
     },
+    "with its priority `overwrite` it ends while event `e` runs": {
+        "events": CUT_IN + timed(BRAKE, 9)
+    },
 }  # fmt: skip
 
 
@@ -735,6 +738,54 @@ def test_what_holds_two_moves_is_complete_after_both(tmp_path, kind, name):
         last = other.acts[-1].program
         assert {number for op, _, number, _ in last if op == played.ENDED} == ends
         assert last
+
+
+def test_an_act_that_began_stays_begun(tmp_path):
+    """Its condition may fail again before that of its event holds."""
+    start = CUT_IN[CUT_IN.index("<StartTrigger>") : CUT_IN.index("</Event>")] + "</Act>"
+    path = changed(tmp_path, ("</Act>", start), ('delay="0.5"', ""), events=CUT_IN)
+    assert played.ENDED in {step[0] for step in only_case(path).actors[0].acts[-1].program}
+
+
+def test_a_speed_relative_to_a_later_event_is_refused(tmp_path):
+    """It would be that from which the other brakes at 2 s."""
+    relative = """<LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape="linear"
+    dynamicsDimension="rate" value="1"/><SpeedActionTarget><RelativeTargetSpeed entityRef="Other"
+    value="1" speedTargetValueType="delta" continuous="false"/></SpeedActionTarget></SpeedAction>
+    </LongitudinalAction>"""
+    third = """<ScenarioObject name="Third"><CatalogReference catalogName="cars" entryName="car"/>
+    </ScenarioObject></Entities>"""
+    there = """<Private entityRef="Third"><PrivateAction><TeleportAction><Position><LanePosition
+    roadId="0" laneId="-1" s="90"/></Position></TeleportAction></PrivateAction></Private></Actions></Init>"""
+    events = (
+        timed(relative, 5)
+        + """</Maneuver></ManeuverGroup></Act><Act name="b">
+    <ManeuverGroup name="h"><Actors><EntityRef entityRef="Other"/></Actors><Maneuver name="n">"""
+    )
+    actor = '<Actors selectTriggeringEntities="false"><EntityRef entityRef="Other"/>'
+    path = changed(tmp_path, ("</Entities>", third), ("</Actions></Init>", there),
+        (actor, actor.replace("Other", "Third")), events=events + timed(BRAKE, 2, n=2))  # fmt: skip
+    with refusal("`Other`, to which it is relative, has an earlier move below it"):
+        read_file(path)
+
+
+def test_an_oncoming_actor_on_a_curve_moves_as_the_road_says(tmp_path):
+    """Its speed counts as driven, an offset of -1 m to the right of the road: 1 m further left for
+    an ego that drives against it."""
+    turned = '<Orientation type="relative" h="3.141592653589793"/></LanePosition>'
+    ego = '<LanePosition roadId="0" laneId="1" s="900">' + turned
+    other = '<LanePosition roadId="0" laneId="-1" s="700"/>'
+    fast = CUT_IN[CUT_IN.index("<ByEntity") : CUT_IN.index("</ByEntityCondition>")]
+    end, begin = fast.index("<RelativeDistance"), fast.index("</EntityCondition>")
+    speed = '<SpeedCondition rule="greaterThan" value="14"/>'
+    by = fast[:end].replace("Ego", "Other") + speed + fast[begin:] + "</ByEntityCondition>"
+    value = f"<ByValueCondition>{AT.format(1)}\n</ByValueCondition>"
+    path = changed(tmp_path, (EGO_PLACE, ego), (OTHER_PLACE, other), (value, by),
+        events=timed(OFFSET, 1))  # fmt: skip
+    (tmp_path / "road.xodr").write_text(ROAD.replace("<line/>", '<arc curvature="0.001"/>'))
+    drive = simulate(only_case(path), "no_reaction")
+    assert not drive.error
+    assert drive.actors["Other"].y[[0, -1]] == pytest.approx([3.5, 4.5])
 
 
 @pytest.mark.parametrize(

@@ -147,7 +147,23 @@ class Moves:
             raise element.unsupported(f"moves that are: {', '.join(known)}")
         return known[element.tag](element, entity, moment)
 
+    def _read(self, target: Node, mover: Entity, begin: Moment, kinds: tuple[int, ...]) -> Entity:
+        """The other entity of a move that takes what its moves of some kinds led to by then."""
+        other = self.places.referred(target)
+        if other is not mover:
+            if kinds == _ACROSS and other.moved != 0.0:
+                raise target.fault(f"`{other.name}`, to which it is relative, moves across itself")
+            other.reads.append((begin.time if begin.known else math.inf, kinds, target))
+        return other
+
     def _add(self, entity: Entity, begin: Moment, act: Act, lasts: float) -> Span:
+        for time, kinds, element in entity.reads:
+            later = begin.known and begin.time >= time
+            if act.kind in kinds and not (later or changes_nothing(act)):
+                raise element.fault(
+                    f"`{entity.name}`, to which it is relative, has an earlier move below it in "
+                    "the file, which is not supported"
+                )
         entity.acts.append(act._replace(begin=begin.time, program=begin.program))
         if begin.known:
             return Span(begin, begin.time + lasts)
@@ -167,8 +183,8 @@ class Moves:
         first = max(between, key=lambda it: abs(it - speed))
         change = abs(speed - first)
         if target.tag == "RelativeTargetSpeed":
-            other = self.places.referred(target)
-            if other is not self.ego and self._unsure(other, begin, _SPEEDS):
+            other = self._read(target, entity, begin, _SPEEDS)
+            if self._unsure(other, begin, _SPEEDS) or _changes(other, begin):
                 raise target.fault(f"the speed of `{other.name}` when this begins is unknown")
         unsure = self._unsure(entity, begin, _SPEEDS)
         if change <= SAME and not unsure:
@@ -345,8 +361,8 @@ class Moves:
     def _lane_change(self, element: Node, entity: Entity, begin: Moment) -> Span:
         target = element.child("LaneChangeTarget").only()
         if target.tag == "RelativeTargetLane":
-            other = self.places.referred(target)
-            spot = replace(other.placed(target), lane=self._lane_now(other, entity, target))
+            other = self._read(target, entity, begin, _ACROSS)
+            spot = replace(other.placed(target), lane=self._lane_now(other, target))
             # to the left of where that entity drives
             lane = self.places.lane_beside(spot, target.whole("value") * (spot.way or 1), target)
         elif target.tag == "AbsoluteTargetLane":
@@ -375,17 +391,15 @@ class Moves:
         target = element.child("LaneOffsetTarget").only()
         relative, kept = target.tag == "RelativeTargetLaneOffset", element.flag("continuous")
         if relative:
-            other = self.places.referred(target)
-            if other is not entity:
-                self._check_still(other, target)
+            other = self._read(target, entity, begin, _ACROSS)
             y = other.frame.y + other.moved
         elif target.tag == "AbsoluteTargetLaneOffset":
-            y = self._y(self._lane_now(entity, entity, target).centre, element, entity)
+            y = self._y(self._lane_now(entity, target).centre, element, entity)
         else:
             raise target.unsupported()
         if relative and kept:
             raise target.fault("an offset that is kept to another entity is not supported")
-        offset = y + target.number("value") - entity.frame.y
+        offset = y + self.frame.way * target.number("value") - entity.frame.y
         dynamics = element.child("LaneOffsetActionDynamics")
         shape = self._shape(dynamics, "lateral move with `maxLateralAcc`", *_STRONGEST)
         strongest = dynamics.above_zero("maxLateralAcc", " m/s2")
@@ -402,22 +416,16 @@ class Moves:
             raise dynamics.fault(f"a {what} of the shape `{shape}` is not supported, {names} are")
         return shape
 
-    def _check_still(self, other: Entity, element: Node) -> None:
-        if other.moved != 0.0:
-            raise element.fault(f"`{other.name}`, to which it is relative, moves across itself")
-
-    def _lane_now(self, other: Entity, mover: Entity, element: Node) -> Lane:
+    def _lane_now(self, other: Entity, element: Node) -> Lane:
         """The lane of an entity when a move that is relative to it begins: of the mover itself
-        after its own lateral moves, of the ego where it starts. Another one must keep its lane.
+        after its own lateral moves, of the ego where it starts.
         """
         spot = other.placed(element)
         if spot.road is None or spot.lane is None:
             raise element.fault("the entity that it is relative to is in no lane")
         if other.moved == 0.0:
             return spot.lane
-        if other is not mover:
-            self._check_still(other, element)
-        lane = spot.road.lane_at(spot.t + other.moved)
+        lane = spot.road.lane_at(spot.t + self.frame.way * other.moved)
         if lane is None:
             raise element.fault(f"`{other.name}`, to which it is relative, is in no lane any more")
         return lane

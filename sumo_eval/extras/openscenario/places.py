@@ -79,7 +79,8 @@ class Entity:
     not done. pace: its speed by its moves so far, m/s, from `steady` s on; before: the speed that
     changes to it. moved: to the left of
     its start, m. busy_until: end of its last lateral move, s. begins: the moment of its last change
-    of `speed`, and of its last lateral move by distance, `across`.
+    of `speed`, and of its last lateral move by distance, `across`. reads: times, s, at which an
+    element takes what acts of some kinds lead to.
     """
 
     name: str
@@ -103,6 +104,7 @@ class Entity:
     moved: float = 0.0
     busy_until: float = 0.0
     begins: dict[str, object] = field(default_factory=dict)
+    reads: list[tuple[float, tuple[int, ...], Node]] = field(default_factory=list)
 
     @property
     def heading(self) -> float:
