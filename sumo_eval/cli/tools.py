@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
@@ -20,7 +20,9 @@ from sumo_eval.cli.sentences import say, tell
 
 if TYPE_CHECKING:
     from sumo_eval.record.recording import Space
-    from sumo_eval.settings import AdsSettings, EvaluationSettings, ScenarioSettings
+    from sumo_eval.settings import EvaluationSettings
+
+    Part = tuple[str, Callable[[], str]]  # what is checked; its check, which returns words on it
 
 _MOST_POINTS = 200  # of a scenario's own sample, at which `check` searches for a hazard
 _MOST_FILES = 5  # of a folder, that an error message names
@@ -219,94 +221,121 @@ def _check_evaluation(path: Path) -> None:
     """Check each part of the file as a run does before it simulates; name every mistake, not only
     the first.
     """
-    from sumo_eval.errors import InputError
-    from sumo_eval.method.severity import severity_of
-    from sumo_eval.method.zone_partition import refuse_impossible_zones
-    from sumo_eval.record.facts import settings_of, space_of
+    from sumo_eval.record.facts import settings_of
     from sumo_eval.record.only import narrowed
-    from sumo_eval.record.points import refuse_unknown_axes, scenario_weights
-    from sumo_eval.record.qualification import read_qualification
-    from sumo_eval.record.recording import planner
-    from sumo_eval.scenario.resolved import Resolved, refuse_doubles
-    from sumo_eval.settings import DriverSettings
+    from sumo_eval.scenario.resolved import Resolved
 
     settings, source = settings_of(path, Path(), resume=False)
     if settings.run.only:
         settings = narrowed(Resolved.of(settings, source)).settings
     tell(f"ok    {path}: the settings are valid")
-    plant, drivers = settings.simulation.plant, settings.drivers
-    # without ADSs, vehicle model and the user's drivers: `check_planned` adds one at a time
-    bare = replace(
-        settings,
-        ads=(),
-        drivers=DriverSettings(),
-        simulation=replace(settings.simulation, plant=None),
-    )
+
     spaces: list[Space] = []
-
-    def points(entry: ScenarioSettings) -> str:
-        space = space_of(Resolved.of(replace(settings, scenario=(entry,)), source), 0)
-        refuse_doubles([known.logical.name for known in (*spaces, space)])
-        spaces.append(space)
-        refuse_impossible_zones(space.logical, settings.method.zones)
-        return f"{len(space.points)} points of {', '.join(space.logical.names)}"
-
-    def check_planned(words: str, **part: Any) -> str:
-        """Check one part of the settings by the planner, which refuses what a run would refuse."""
-        planner(Resolved(replace(bare, **part), source, {}))
-        return words
-
-    @cache
-    def all_ads_load() -> bool:
-        """Whether all ADSs load in one call, which uses several processes.
-
-        If not, each is checked alone, so that the message names it.
-        """
-        with suppress(InputError):
-            return bool(check_planned("all", ads=settings.ads))
-        return False
-
-    def check_ads(ads: AdsSettings) -> str:
-        return check_planned(ads.controller, ads=() if all_ads_load() else (ads,))
-
-    # `names`, of the scenarios, is set below before these two are called
-    def axes() -> str:
-        refuse_unknown_axes(names, settings.report)
-        return ", ".join(settings.report.axes)
-
-    def ranking() -> str:
-        weights = scenario_weights(names, settings.method.ranking)
-        return ", ".join(f"{name} weighs {weight:g}" for name, weight in weights.items())
-
-    def severity() -> str:
-        severity_of(settings.method.collision, source)
-        return settings.method.collision.severity
-
-    def qualification() -> str:
-        return f"{read_qualification(settings.run.qualification, source)['checks']} checks"
-
-    vehicle = "the single-track model" if plant is None else plant.file
-    parts: list[tuple[str, Callable[[], str]]] = [
-        *([("qualification", qualification)] if settings.run.qualification else []),
-        *((f"scenario {entry.use}", partial(points, entry)) for entry in settings.scenario),
-        *((f"ADS {ads.name}", partial(check_ads, ads)) for ads in settings.ads),
-        ("vehicle model", partial(check_planned, vehicle, simulation=settings.simulation)),
-        ("drivers", partial(check_planned, drivers.source, drivers=drivers)),
-    ]
-    wrong = _count_mistakes(parts)
+    wrong = _count_mistakes(_scenario_parts(settings, source, spaces))
+    wrong += _count_mistakes(_planned_parts(settings, source))
     # recorded drivers need valid settings and all spaces
-    if drivers.source == "recorded" and not wrong:
-        for space in spaces:
-            wrong += _check_recorded_people(space, settings, source)
-    closing = [("severity", severity)]
+    if settings.drivers.source == "recorded" and not wrong:
+        wrong = sum(_check_recorded_people(space, settings, source) for space in spaces)
     names = [space.logical.name for space in spaces]
-    if len(names) == len(settings.scenario):  # without a mistake in any
-        closing += [("axes of maps", axes)] if settings.report.axes else []
-        closing += [("ranking", ranking)] if settings.method.ranking.weights else []
-    sys.exit(INPUT_WRONG if wrong + _count_mistakes(closing) else DONE)
+    wrong += _count_mistakes(_closing_parts(settings, source, names))
+    sys.exit(INPUT_WRONG if wrong else DONE)
 
 
-def _count_mistakes(parts: Iterable[tuple[str, Callable[[], str]]]) -> int:
+def _scenario_parts(
+    settings: EvaluationSettings, source: Path, spaces: list[Space]
+) -> Iterator[Part]:
+    """The qualification that the settings name, then every scenario.
+
+    spaces: gets the space of each scenario that is valid.
+    """
+    from sumo_eval.record.qualification import read_qualification
+
+    named = settings.run.qualification
+    if named:
+        yield "qualification", lambda: f"{read_qualification(named, source)['checks']} checks"
+    for entry in settings.scenario:
+        alone = replace(settings, scenario=(entry,))
+        yield f"scenario {entry.use}", partial(_points, alone, source, spaces)
+
+
+def _points(settings: EvaluationSettings, source: Path, spaces: list[Space]) -> str:
+    """Words on the space of the settings' only scenario, which joins `spaces`."""
+    from sumo_eval.method.zone_partition import refuse_impossible_zones
+    from sumo_eval.record.facts import space_of
+    from sumo_eval.scenario.resolved import Resolved, refuse_doubles
+
+    space = space_of(Resolved.of(settings, source), 0)
+    refuse_doubles([known.logical.name for known in (*spaces, space)])
+    spaces.append(space)
+    refuse_impossible_zones(space.logical, settings.method.zones)
+    return f"{len(space.points)} points of {', '.join(space.logical.names)}"
+
+
+def _planned_parts(settings: EvaluationSettings, source: Path) -> Iterator[Part]:
+    """ADSs, vehicle model and drivers, each checked by the planner, which refuses what a run would
+    refuse.
+    """
+    from sumo_eval.errors import InputError
+    from sumo_eval.settings import DriverSettings
+
+    plant, drivers = settings.simulation.plant, settings.drivers
+    simulation = replace(settings.simulation, plant=None)
+    bare = replace(settings, ads=(), drivers=DriverSettings(), simulation=simulation)
+    # all ADSs load in one call, which uses several processes; if it fails, each is checked alone,
+    # so that the message names it
+    all_load = False
+    with suppress(InputError):
+        all_load = bool(_planned(replace(bare, ads=settings.ads), source, "all"))
+    for ads in settings.ads:
+        alone = replace(bare, ads=() if all_load else (ads,))
+        yield f"ADS {ads.name}", partial(_planned, alone, source, ads.controller)
+    vehicle = "the single-track model" if plant is None else plant.file
+    modelled = replace(bare, simulation=settings.simulation)
+    yield "vehicle model", partial(_planned, modelled, source, vehicle)
+    yield "drivers", partial(_planned, replace(bare, drivers=drivers), source, drivers.source)
+
+
+def _planned(settings: EvaluationSettings, source: Path, words: str) -> str:
+    """`words`, where the planner takes the settings."""
+    from sumo_eval.record.recording import planner
+    from sumo_eval.scenario.resolved import Resolved
+
+    planner(Resolved(settings, source, {}))
+    return words
+
+
+def _closing_parts(
+    settings: EvaluationSettings, source: Path, names: Sequence[str]
+) -> Iterator[Part]:
+    """Severity, and where no scenario has a mistake, axes of maps and ranking.
+
+    names: of the scenarios without a mistake.
+    """
+    from sumo_eval.method.severity import severity_of
+
+    yield "severity", lambda: severity_of(settings.method.collision, source).name
+    if len(names) == len(settings.scenario):
+        if settings.report.axes:
+            yield "axes of maps", partial(_axes, settings, names)
+        if settings.method.ranking.weights:
+            yield "ranking", partial(_weights, settings, names)
+
+
+def _axes(settings: EvaluationSettings, names: Sequence[str]) -> str:
+    from sumo_eval.record.points import refuse_unknown_axes
+
+    refuse_unknown_axes(names, settings.report)
+    return ", ".join(settings.report.axes)
+
+
+def _weights(settings: EvaluationSettings, names: Sequence[str]) -> str:
+    from sumo_eval.record.points import scenario_weights
+
+    weights = scenario_weights(names, settings.method.ranking)
+    return ", ".join(f"{name} weighs {weight:g}" for name, weight in weights.items())
+
+
+def _count_mistakes(parts: Iterable[Part]) -> int:
     """Check parts of a file, print a line for each, and return how many are wrong."""
     from sumo_eval.errors import InputError
 
