@@ -37,7 +37,7 @@ from sumo_eval.nightly.history import (
     is_begun,
     open_history,
 )
-from sumo_eval.nightly.judged import judge_night, new_pin
+from sumo_eval.nightly.judged import JudgedNight, judge_night, new_pin
 from sumo_eval.nightly.morning import NightResult, write_night
 from sumo_eval.nightly.trend import write_trend
 from sumo_eval.record.facts import resolve
@@ -94,13 +94,8 @@ def run_night(
         notes = _clear_away(history, lines, stopped)
         _room(history, lines, stopped)
         clock = time.monotonic()
-        name = stopped or _begin(history, lines, notes, resume)
-        if stopped:
-            notes.append(
-                f"Night {name} was stopped before its end and continued: recorded cases were not "
-                "rerun. How long the night took is not known."
-            )
-        folder, resume = history / NIGHTS / name, bool(stopped)
+        folder = history / NIGHTS / (stopped or _begin(history, lines, notes, resume))
+        resume = bool(stopped)
         with _unfinished(folder, resumed=resume):
             run = resolve(evaluation, folder, resume, workers=workers)
             with stopping() as asked:
@@ -110,27 +105,47 @@ def run_night(
             done = score(folder, progress=progress, resolved=run)
             judged = judge_night(history, lines, done, gate, progress)
             notes += [*recorded.notes, *judged.bases.notes]
-            comparison, gates = judged.bases.comparison, judged.gates
-            write_tables(done)
-            suites = {**comparison_suites(comparison, gates), **run_suites(done)}
-            write_junit(suites, folder / JUNIT, score_parts(done))
-            since = {limit: one.words for limit, one in judged.since.items()}
-            beside = Beside(comparison, gates, since, tuple(notes))
-            beside = replace(beside, levers=_levers(done, beside, progress))
-            report = write_assessed_report(done, beside, progress=progress)
-        strict = bool(done.not_evaluated) and done.settings.run.incomplete == "gate"
-        status = NOT_EVALUATED if done.not_evaluated else DONE
-        status = GATE_FAILED if failed(gates) or strict else status
-        result = verdict(comparison, gates, done)
-        line = _line(done, name, f"{NIGHTS}/{name}", status, result.sentence)
-        base, took = judged.bases.good, None if stopped else time.monotonic() - clock
-        line = replace(line, base=None if base is None else base.night, wall_time=took)
-        lines.add(line, done, gates, shaky=judged.shaky, pin=new_pin(line, judged, lines, gate))
+            report = _write_results(done, judged, notes, progress)
+
+        result = verdict(judged.bases.comparison, judged.gates, done)
+        took = None if resume else time.monotonic() - clock
+        line = _judged_line(done, judged, result.sentence, took)
+        pin = new_pin(line, judged, lines, gate)
+        lines.add(line, done, judged.gates, shaky=judged.shaky, pin=pin)
         write_night(history, line, result.word, judged, notes)
         notes += _discard(done)  # not before: a stopped night that continues needs the drivers'
         notes += _prune(history, lines, keep)
-        trend = write_trend(history, lines)
-        return NightResult(line, done, judged, tuple(notes), report, trend)
+        return NightResult(line, done, judged, tuple(notes), report, write_trend(history, lines))
+
+
+def _write_results(
+    done: Evaluation, judged: JudgedNight, notes: Sequence[str], progress: Progress
+) -> Path:
+    """Write tables, JUnit file and page of a night; path of the page."""
+    comparison, gates = judged.bases.comparison, judged.gates
+    write_tables(done)
+    suites = {**comparison_suites(comparison, gates), **run_suites(done)}
+    write_junit(suites, done.folder / JUNIT, score_parts(done))
+    since = {limit: one.words for limit, one in judged.since.items()}
+    beside = Beside(comparison, gates, since, tuple(notes))
+    beside = replace(beside, levers=_levers(done, beside, progress))
+    return write_assessed_report(done, beside, progress=progress)
+
+
+def _judged_line(
+    done: Evaluation, judged: JudgedNight, verdict: str, wall_time: float | None
+) -> Night:
+    """The history's line of a night that its gates judged.
+
+    wall_time: of the night, s; None where it is not known.
+    """
+    if failed(judged.gates) or (done.not_evaluated and done.settings.run.incomplete == "gate"):
+        status = GATE_FAILED
+    else:
+        status = NOT_EVALUATED if done.not_evaluated else DONE
+    name, base = done.folder.name, judged.bases.good
+    line = _line(done, name, f"{NIGHTS}/{name}", status, verdict)
+    return replace(line, base=None if base is None else base.night, wall_time=wall_time)
 
 
 def _levers(done: Evaluation, beside: Beside, progress: Progress) -> CaseLevers | None:
@@ -255,7 +270,7 @@ def _stopped(history: Path, lines: History) -> str | None:
 
 
 def _clear_away(history: Path, lines: History, but: str | None = None) -> list[str]:
-    """Remove the folders of killed nights.
+    """Remove the folders of killed nights; notes on them and on the night `but`.
 
     The cause of their end is unknown, so their cases are used only where the night `but` is
     resumed.
@@ -278,6 +293,11 @@ def _clear_away(history: Path, lines: History, but: str | None = None) -> list[s
         else:
             gone = "unfinished folder was" if _removed(path) else "folder could not be"
             notes.append(f"Night {path.name} was stopped before its end; its {gone} removed.")
+    if but:
+        notes.append(
+            f"Night {but} was stopped before its end and continued: recorded cases were not rerun. "
+            "How long the night took is not known."
+        )
     return notes
 
 
@@ -313,7 +333,7 @@ def _line(done: Evaluation, name: str, folder: str, status: int, verdict: str) -
     )
 
 
-def _room(history: Path, lines: History, stopped: str | None = None) -> None:
+def _room(history: Path, lines: History, stopped: str | None) -> None:
     """Refuse to begin what would fill the disk.
 
     stopped: a night that continues, whose files are there already.
