@@ -18,7 +18,6 @@ from sumo_eval.scoring.comparison import AdsComparison, Change, Comparison, Quan
 from sumo_eval.scoring.gate_settings import (
     HIGHER_COLUMNS,
     HIGHER_IS_BETTER,
-    OF_THE_COMPARISON,
     OF_U,
     QUANTITIES,
     GateSettings,
@@ -57,16 +56,18 @@ def judge(
         if limit.quantity in QUANTITIES:
             results += _judge(limit, score, beside, settings.confidence)
         else:
-            cases = new.cases_of(score.ads, score.scenario)
-            results += _judge_cases(limit, score, cases, beside)
+            results += _judge_cases(limit, score, new.cases_of(score.ads, score.scenario), beside)
+    return (*results, *_without_cases(new, settings))
+
+
+def _without_cases(new: Evaluation, settings: GateSettings) -> Iterator[GateResult]:
+    """Limits on an ADS or a scenario that the run does not have."""
     there = {who for one in new.scores for who in product((one.ads, None), (one.scenario, None))}
     for limit in settings.limit:
         if (limit.ads, limit.scenario) not in there:
             where = limit.ads or "every ADS", limit.scenario or EVERYWHERE
             none = f"the run has no case of {where[0]} in {where[1]}"
-            words = f"{limit.quantity}: {none}"
-            results.append(GateResult(limit.quantity, *where, None, words, reason=none))
-    return tuple(results)
+            yield GateResult(limit.quantity, *where, None, f"{limit.quantity}: {none}", reason=none)
 
 
 # --- numbers of an ADS ----------------------------------------------------------------------------
@@ -76,36 +77,53 @@ def _judge(
     limit: LimitSettings, score: ScenarioResult, compared: AdsComparison | None, confidence: float
 ) -> Iterator[GateResult]:
     """Every bound of a limit on a number of an ADS in a scenario."""
-    quantity = limit.quantity
-    result = partial(GateResult, quantity, score.ads, score.scenario)
-    none = "there is no base to compare with"
-    baseless = partial(result, None, f"{quantity}: {none}", reason=none)
-    own = quantity not in OF_THE_COMPARISON
-    if not own and compared is None:
+    quantity, none = limit.quantity, "there is no base to compare with"
+    words = f"{quantity}: {none}"
+    baseless = partial(GateResult, quantity, score.ads, score.scenario, None, words, reason=none)
+    if quantity not in _CHANGES:
+        value = getattr(score, SCORES[quantity][0] if quantity in SCORES else quantity)
+    elif compared is None:
         yield baseless(threshold=limit.at_most)
         return
-    if own:
-        value = getattr(score, SCORES[quantity][0] if quantity in SCORES else quantity)
     else:
-        value = float(len(compared.changed.of(_CHANGES[quantity]))) if compared else None
-    for bound, sign, words in ((limit.at_least, 1.0, "at least"), (limit.at_most, -1.0, "at most")):
-        if bound is None:
-            continue
-        known = "not computed" if value is None or np.isnan(value) else _number(quantity, value)
-        sentence = f"{quantity} is {known}; it must be {words} {bound:g}"
-        slack = limit.tolerance * max(1.0, abs(bound))
-        ok = value is not None and sign * (value - bound) >= -slack
-        keys, worst = ((), ()) if ok or value is None else _worst(quantity, compared)
-        if keys:
-            more = len(keys) - MOST_NAMED
-            named = ", ".join(f"{one.case} ({one.point})" for one in worst)
-            sentence += f": {named} and {count(more, 'other')}" if more > 0 else f": {named}"
-        yield result(ok, sentence, value, bound, keys[:MOST_KEYS], worst, own=own)
+        value = float(len(compared.changed.of(_CHANGES[quantity])))
+
+    for bound, sign in ((limit.at_least, 1.0), (limit.at_most, -1.0)):
+        if bound is not None:
+            yield _judge_value(limit, score, compared, value, bound, sign)
     for bound, unit in ((limit.worse_by, ""), (limit.worse_by_percent, " %")):
         if bound is not None and compared is None:
             yield baseless(value=value)
         elif bound is not None and compared is not None:
             yield _judge_change(limit, score, compared, (bound, unit), confidence)
+
+
+def _judge_value(
+    limit: LimitSettings,
+    score: ScenarioResult,
+    compared: AdsComparison | None,
+    value: float | None,
+    bound: float,
+    sign: float,
+) -> GateResult:
+    """A bound on the number itself.
+
+    sign: 1 of `at_least`, -1 of `at_most`.
+    """
+    quantity = limit.quantity
+    known = "not computed" if value is None or np.isnan(value) else _number(quantity, value)
+    sentence = f"{quantity} is {known}; it must be at {'least' if sign > 0.0 else 'most'} {bound:g}"
+    slack = limit.tolerance * max(1.0, abs(bound))
+    ok = value is not None and sign * (value - bound) >= -slack
+    keys, worst = ((), ()) if ok or value is None else _worst(quantity, compared)
+    if keys:
+        more = len(keys) - MOST_NAMED
+        sentence += f": {', '.join(f'{one.case} ({one.point})' for one in worst)}"
+        sentence += f" and {count(more, 'other')}" if more > 0 else ""
+    return GateResult(
+        quantity, score.ads, score.scenario, ok, sentence, value, bound, keys[:MOST_KEYS], worst,
+        own=quantity not in _CHANGES,
+    )  # fmt: skip
 
 
 def _judge_change(
@@ -126,11 +144,9 @@ def _judge_change(
     if change.base is None:
         never = f"{quantity} was not computed in the base, so it cannot have become worse"
         return result(True, never, change.new)
-    before = _number(quantity, change.base)
     if change.new is None:
-        why = _why_missing(quantity, score)
-        return result(False, f"{quantity} was {before} and is not computed any more: {why}")
-
+        was, why = _number(quantity, change.base), _why_missing(quantity, score)
+        return result(False, f"{quantity} was {was} and is not computed any more: {why}")
     if change.difference is None:
         return result(None, f"{quantity} has another unit in the base", change.new)
 
@@ -139,6 +155,18 @@ def _judge_change(
     slack = limit.tolerance * max(1.0, abs(change.base))
     excused = limit.only_if_certain and not change.certain
     ok = sign * (change.base - change.new) <= allowed + slack or excused
+    worst = () if ok else _worst(quantity, compared)[1]
+    keys = tuple(one.case for one in worst)
+    sentence = _change_words(limit, change, bound, confidence)
+    return result(ok, sentence, change.new, change.base - sign * allowed, keys, worst)
+
+
+def _change_words(
+    limit: LimitSettings, change: QuantityChange, bound: tuple[float, str], confidence: float
+) -> str:
+    """`S went from 60.0 to 55.0; it may fall by at most 2 %`."""
+    quantity, (most, unit) = limit.quantity, bound
+    before = _number(quantity, change.base)
     moved = f"went from {before} to {_number(quantity, change.new)}"
     if change.low is not None and change.high is not None:
         moved += (
@@ -147,15 +175,12 @@ def _judge_change(
     if change.base == change.new and not change.low and not change.high:
         moved = f"is {before} as in the base"
 
-    way = "fall" if sign > 0.0 else "rise"
+    way = "fall" if quantity in HIGHER_IS_BETTER else "rise"
     asked = f"it may {way} by at most {most:g}{unit}" if most else f"it must not {way}"
     if limit.only_if_certain:
         larger = "a larger" if most else "a"
         asked += f"; {larger} {way} counts only where the interval leaves out 0"
-    worst = () if ok else _worst(quantity, compared)[1]
-    keys = tuple(one.case for one in worst)
-    sentence = f"{quantity} {moved}; {asked}"
-    return result(ok, sentence, change.new, change.base - sign * allowed, keys, worst)
+    return f"{quantity} {moved}; {asked}"
 
 
 def _why_missing(quantity: str, score: ScenarioResult) -> str:
@@ -181,7 +206,7 @@ def _worst(
     )
 
 
-def _number(quantity: str, value: float) -> str:
+def _number(quantity: str, value: float | None) -> str:
     digits = {"collision_probability": 6} | {name: 1 + many for name, (_, many) in SCORES.items()}
     return number(value, digits.get(quantity, 0))
 
@@ -193,13 +218,10 @@ def _judge_cases(
     limit: LimitSettings, score: ScenarioResult, cases: CaseTable, compared: AdsComparison | None
 ) -> Iterator[GateResult]:
     """Every bound of a limit on a column of cases.csv, in every case of the new run by itself."""
-    result = partial(GateResult, limit.quantity, score.ads, score.scenario)
     name = "index" if limit.quantity == "d_i" else limit.quantity
-    after = getattr(cases, name).astype(np.float64)
-    before, two_units = np.full(len(cases), np.nan), False
+    after, before = getattr(cases, name).astype(np.float64), np.full(len(cases), np.nan)
     if compared is not None:
         before[compared.changed.paired.new_rows] = compared.comparable(name)[0]
-        two_units = name in OF_U and not compared.one_unit
     worse = before - after if limit.quantity in HIGHER_COLUMNS else after - before
     share = worse - np.abs(before) * (limit.worse_by_percent or 0.0) / 100.0
 
@@ -209,26 +231,28 @@ def _judge_cases(
         (limit.worse_by, worse - (limit.worse_by or 0.0), "worse by more than {:g}"),
         (limit.worse_by_percent, share, "worse by more than {:g} %"),
     ):
-        own, known = not words.startswith("worse"), int(np.isfinite(beyond).sum())
         if bound is None:
             continue
-        if not known:
+        own = not words.startswith("worse")
+        result = partial(GateResult, limit.quantity, score.ads, score.scenario, own=own)
+        known = int(np.isfinite(beyond).sum())
+        if known:
+            slack = limit.tolerance * np.maximum(1.0, np.abs(bound if own else before))
+            bad = np.flatnonzero(beyond > slack)
+            worst = bad[np.argsort(-beyond[bad], kind="stable")]
+            where = f"{words.format(bound)} in {len(bad)} of {count(known, 'case')}"
+            yield result(
+                not len(bad), f"{limit.quantity} is {where}", float(len(bad)), None,
+                tuple(cases.case[worst[:MOST_KEYS]].tolist()),
+                tuple(
+                    CaseChange.of(
+                        cases[k], None if np.isnan(before[k]) else float(before[k]), float(after[k])
+                    )
+                    for k in worst[:MOST_NAMED].tolist()
+                ),
+            )  # fmt: skip
+        elif not own and compared is not None and name in OF_U and not compared.one_unit:
+            yield result(None, f"{limit.quantity} has another unit in the base")
+        else:
             why = "no case has a value to compare"
-            gate = result(None, f"{limit.quantity}: {why}", own=own, reason=why)
-            if two_units and not own:
-                gate = result(None, f"{limit.quantity} has another unit in the base")
-            yield gate
-            continue
-        slack = limit.tolerance * np.maximum(1.0, np.abs(bound if own else before))
-        bad = np.flatnonzero(beyond > slack)
-        worst = bad[np.argsort(-beyond[bad], kind="stable")].tolist()
-        where = f"{words.format(bound)} in {len(bad)} of {count(known, 'case')}"
-        changes = [
-            CaseChange.of(
-                cases[k], None if np.isnan(before[k]) else float(before[k]), float(after[k])
-            )
-            for k in worst[:MOST_NAMED]
-        ]
-        keys = tuple(cases[k].case for k in worst[:MOST_KEYS])
-        sentence, ok = f"{limit.quantity} is {where}", not len(bad)
-        yield result(ok, sentence, float(len(bad)), None, keys, tuple(changes), own=own)
+            yield result(None, f"{limit.quantity}: {why}", reason=why)
