@@ -410,8 +410,7 @@ def _encoded(name: str, values: Sequence[Any]) -> bytes:
     then that list.
     """
     if _is_real(name):
-        numbers = _with_nan(values)
-        return zlib.compress(numbers.view(np.uint8).reshape(-1, 8).T.tobytes(), 1)
+        return zlib.compress(_with_nan(values).view(np.uint8).reshape(-1, 8).T.tobytes(), 1)
     places: dict[Any, int] = {}  # of the distinct values, in the order of their first row
     which = [places.setdefault(value, len(places)) for value in values]
     return zlib.compress(np.array(which, dtype="<u4").tobytes() + encoded(list(places)), 1)

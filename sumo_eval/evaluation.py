@@ -109,8 +109,7 @@ def record_rounds(
     recorded = record(run, resume=resume, meanwhile=zones)
     # a round of single cases chooses no further one
     while adaptive and not run.settings.run.only:
-        done = score(folder, progress=progress, resolved=run)
-        further = _further_rounds(done, run.settings)
+        further = _further_rounds(score(folder, progress=progress, resolved=run), run.settings)
         if further == run.settings:
             break
         run, notes = replace(run, settings=further), recorded.notes

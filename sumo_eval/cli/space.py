@@ -46,8 +46,7 @@ def partition(scenario: str) -> None:
     from sumo_eval.scoring.quantities import describe_zones
 
     logical = find(scenario, Path.cwd())
-    zones = split(logical)
-    result = describe_zones(logical, zones, draw(logical))
+    result = describe_zones(logical, split(logical), draw(logical))
     share = f"{result.hazardous_share:z.1%} of {result.sampled} grid points"
     tell(f"{logical.name}: {result.zones} hazardous zone(s), {share}")
     say(f"  most dangerous point: {point_words(point)}" for point in result.most_dangerous)

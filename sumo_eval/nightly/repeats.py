@@ -150,8 +150,7 @@ def _newly_bad_rows(
     """Key of a newly bad case of a noisy ADS, its row in the base, and the units of U in the base
     and in the new run.
     """
-    compared = [one for comparison in comparisons for one in comparison.ads]
-    for one in compared:
+    for one in (one for comparison in comparisons for one in comparison.ads):
         repeats, paired = noise.of(one.ads), one.changed.paired
         if not repeats.noisy:
             continue

@@ -204,8 +204,7 @@ class Batches:
     def never_together(self, batch: Batch) -> None:
         """Hold cases ready again, one in a batch: their kind has no form for many."""
         for case in batch:
-            kind = self._add(replace(case, block=None))
-            self._largest_of[kind] = 1
+            self._largest_of[self._add(replace(case, block=None))] = 1
 
     def run_alone(self, case: Case, why: Alone, printed: str = "") -> None:
         """Run a case alone, before all that are held ready.

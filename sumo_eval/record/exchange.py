@@ -200,8 +200,7 @@ def _write_drives(
         rows = list[dict[str, Any]]()
 
         def write() -> None:
-            empty = not drives_file.tell()
-            fit(pd.DataFrame(rows)).to_csv(drives_file, index=False, header=empty)
+            fit(pd.DataFrame(rows)).to_csv(drives_file, index=False, header=not drives_file.tell())
             rows.clear()
 
         for number, row in enumerate(_drive_rows(store)):

@@ -206,8 +206,7 @@ def _proportional(pid: int) -> float:
 
 def _prctl(option: int, value: int) -> None:
     if sys.platform == "linux":
-        call = ctypes.CDLL(None, use_errno=True).prctl
-        if call(option, ctypes.c_ulong(value), 0, 0, 0):
+        if ctypes.CDLL(None, use_errno=True).prctl(option, ctypes.c_ulong(value), 0, 0, 0):
             code = ctypes.get_errno()
             raise OSError(code, f"prctl {option}: {os.strerror(code)}")
 

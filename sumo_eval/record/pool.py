@@ -423,8 +423,7 @@ class _Child:
 def _begin(pipes: Sequence[Connection], memory_limit: float, scratch: str) -> None:
     """Become the supervisor of a process that works on items."""
     *ends, leash, report = (pipe.fileno() for pipe in pipes)
-    work = partial(_serve, ends, memory_limit, scratch)
-    supervise(work, leash, report, memory_limit)
+    supervise(partial(_serve, ends, memory_limit, scratch), leash, report, memory_limit)
 
 
 def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:

@@ -78,8 +78,7 @@ class _Watch:
         before.active = False  # after a Ctrl-C amid a case it is still active
         for path, found in before._known:
             if found != WRITTEN:  # what the earlier run has read may still be in memory
-                same = content(path, _state(path)) == found
-                self._note(path, found if same else UNKNOWN)
+                self._note(path, found if content(path, _state(path)) == found else UNKNOWN)
 
     def opens(self, path: Any, flags: int) -> None:
         """Note a file that is opened now.

@@ -415,8 +415,9 @@ class _Work:
             case = outcome.case
             # without `reads`: a user's ADS whose process was lost, or a case without users' code
             if outcome.reads is not None or affinity(case, self.setup) != NO_USER_CODE:
-                new = self.versions.add(case.driver, case.controller, outcome.reads)
-                self.store.note_files(new)
+                self.store.note_files(
+                    self.versions.add(case.driver, case.controller, outcome.reads)
+                )
 
     def check(self) -> None:
         """Raise StoppedError if the run shall stop."""

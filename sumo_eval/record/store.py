@@ -173,8 +173,9 @@ class Store:
                 # simulates again.
                 if create:
                     write("PRAGMA journal_mode = WAL")
-                names = {name for (name,) in write("SELECT name FROM sqlite_master")}
-                for name in _LATER.keys() - names:
+                for name in _LATER.keys() - {
+                    it for (it,) in write("SELECT name FROM sqlite_master")
+                }:
                     write(f"CREATE {'' if create else 'TEMP'} TABLE {name} {_LATER[name]}")
                 write("PRAGMA synchronous = NORMAL" if create else "PRAGMA query_only = ON")
         except _UNREADABLE as error:
@@ -307,8 +308,9 @@ class Store:
         content, cases = self.content, 0
         with self._changes():
             write = self._connection.execute
-            query = 'SELECT * FROM facts WHERE "case" IN (SELECT "case" FROM trajectories)'
-            for fact in self._read(query):
+            for fact in self._read(
+                'SELECT * FROM facts WHERE "case" IN (SELECT "case" FROM trajectories)'
+            ):
                 if stays(fact[1], fact[2]):
                     continue
                 circumstance = self._first('SELECT * FROM circumstances WHERE "case" = ?', fact[0])

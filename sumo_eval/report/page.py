@@ -75,8 +75,7 @@ def case_key(case: str) -> str:
 
 def asset(name: str) -> Markup:
     """A file of this package that goes into the page as it is."""
-    text = (files(_TEMPLATES) / "templates" / name).read_text(encoding="utf-8")
-    return Markup(text)  # noqa: S704
+    return Markup((files(_TEMPLATES) / "templates" / name).read_text("utf-8"))  # noqa: S704
 
 
 def write_csv(path: Path, columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> Path:

@@ -205,5 +205,4 @@ def _shortened(name: str, size: int) -> str:
     if len(name) <= size:
         return name
     begin = size // 2
-    end = size - begin - 1  # the … takes one
-    return f"{name[:begin]}…{name[-end:]}"
+    return f"{name[:begin]}…{name[begin + 1 - size :]}"  # the … takes one

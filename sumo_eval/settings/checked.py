@@ -58,8 +58,7 @@ def hints_of(cls: Any) -> dict[str, Any]:
 
 def about(cls: type, name: str) -> About:
     """The `About` of a setting; an empty one if it has none."""
-    hint = hints_of(cls)[name]
-    for extra in getattr(hint, "__metadata__", ()):
+    for extra in getattr(hints_of(cls)[name], "__metadata__", ()):
         if isinstance(extra, About):
             return extra
     return About("")

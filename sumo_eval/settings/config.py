@@ -68,8 +68,7 @@ def with_suites(content: Mapping[str, Any], where: str) -> dict[str, Any]:
     names = [use.removeprefix(_SUITE) for use in uses if use.startswith(_SUITE)]
     if not names:
         return plain
-    known = sorted(path.stem for path in SUITES.glob("*.toml"))
-    check_known("suite", known, names[0])
+    check_known("suite", sorted(path.stem for path in SUITES.glob("*.toml")), names[0])
     if len(uses) > 1 or len(entries[0]) > 1:
         raise InputError(
             f"The suite `{names[0]}` in {where} stands alone: one [[scenario]] with nothing but "
