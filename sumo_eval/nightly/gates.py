@@ -24,6 +24,7 @@ from sumo_eval.scoring.gate_settings import (
     LimitSettings,
 )
 from sumo_eval.scoring.rule import QUIET, Noise
+from sumo_eval.trajectory import FloatArray
 
 _CHANGES: dict[str, Change] = {
     "new_collisions": "new collision",
@@ -222,25 +223,13 @@ def _judge_cases(
     after, before = getattr(cases, name).astype(np.float64), np.full(len(cases), np.nan)
     if compared is not None:
         before[compared.changed.paired.new_rows] = compared.comparable(name)[0]
-    worse = before - after if limit.quantity in HIGHER_COLUMNS else after - before
-    share = worse - np.abs(before) * (limit.worse_by_percent or 0.0) / 100.0
-
-    for bound, beyond, words in (
-        (limit.at_least, (limit.at_least or 0.0) - after, "below {:g}"),
-        (limit.at_most, after - (limit.at_most or 0.0), "above {:g}"),
-        (limit.worse_by, worse - (limit.worse_by or 0.0), "worse by more than {:g}"),
-        (limit.worse_by_percent, share, "worse by more than {:g} %"),
-    ):
-        if bound is None:
-            continue
-        own = not words.startswith("worse")
+    for beyond, scale, words in _column_bounds(limit, before, after):
+        own, known = scale is not before, int(np.isfinite(beyond).sum())
         result = partial(GateResult, limit.quantity, score.ads, score.scenario, own=own)
-        known = int(np.isfinite(beyond).sum())
         if known:
-            slack = limit.tolerance * np.maximum(1.0, np.abs(bound if own else before))
-            bad = np.flatnonzero(beyond > slack)
+            bad = np.flatnonzero(beyond > limit.tolerance * np.maximum(1.0, np.abs(scale)))
             worst = bad[np.argsort(-beyond[bad], kind="stable")]
-            where = f"{words.format(bound)} in {len(bad)} of {count(known, 'case')}"
+            where = f"{words} in {len(bad)} of {count(known, 'case')}"
             yield result(
                 not len(bad), f"{limit.quantity} is {where}", float(len(bad)), None,
                 tuple(cases.case[worst[:MOST_KEYS]].tolist()),
@@ -256,3 +245,22 @@ def _judge_cases(
         else:
             why = "no case has a value to compare"
             yield result(None, f"{limit.quantity}: {why}", reason=why)
+
+
+def _column_bounds(
+    limit: LimitSettings, before: FloatArray, after: FloatArray
+) -> Iterator[tuple[FloatArray, FloatArray | float, str]]:
+    """Bounds on a column: how far each case is beyond it, (n,); what the tolerance is a share of;
+    words.
+
+    before, after: values of the base and of the new run, (n,), nan where there is none.
+    """
+    worse = before - after if limit.quantity in HIGHER_COLUMNS else after - before
+    if (least := limit.at_least) is not None:
+        yield least - after, least, f"below {least:g}"
+    if (most := limit.at_most) is not None:
+        yield after - most, most, f"above {most:g}"
+    if (by := limit.worse_by) is not None:
+        yield worse - by, before, f"worse by more than {by:g}"
+    if (share := limit.worse_by_percent) is not None:
+        yield worse - np.abs(before) * share / 100.0, before, f"worse by more than {share:g} %"

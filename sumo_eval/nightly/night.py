@@ -135,7 +135,7 @@ def _write_results(
 def _judged_line(
     done: Evaluation, judged: JudgedNight, verdict: str, wall_time: float | None
 ) -> Night:
-    """The history's line of a night that its gates judged.
+    """The history's line of a night whose gates are known.
 
     wall_time: of the night, s; None where it is not known.
     """

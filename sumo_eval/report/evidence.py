@@ -254,7 +254,7 @@ def _outward(end: float, rounding: str) -> str:
 
 def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
     verdicts_of = [one.verdict for one in checked_cases(evaluation, (score,))]
-    failed = cases[np.flatnonzero([one == FAILED for one in verdicts_of])]
+    failed = cases[np.array(verdicts_of) == FAILED]
     number, passed = len(verdicts_of), verdicts_of.count(PASSED)
     verdict: Support = (
         "not supported" if len(failed) else "supported" if passed == number else "open"

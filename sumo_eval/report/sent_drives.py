@@ -66,6 +66,11 @@ class Drives:
     rows: Sequence[Mapping[str, Any]]
     drivers: Mapping[int, Sequence[int]]
 
+    @property
+    def size(self) -> int:
+        """About the bytes of the trajectories in the page."""
+        return len(self.trajectories["data"]) + BYTES_BEYOND * len(self.trajectories["beyond"])
+
 
 @dataclass(frozen=True, slots=True)
 class SentDrives:
@@ -89,12 +94,10 @@ def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> Se
         while True:
             embedded = worth_embedding(cases_of, points, store, runs)
             found = {name: _drives(name, store, embedded, its) for name, its in points.items()}
-            tables = [one.trajectories for one in found.values()]
-            size = sum(len(it["data"]) + BYTES_BEYOND * len(it["beyond"]) for it in tables)
+            size = sum(one.size for one in found.values())
             if size <= MOST_BYTES or not embedded.points:
-                break
+                return SentDrives(embedded, found)
             runs = int(runs * 0.95 * MOST_BYTES / size)  # as many as fit, by what these really took
-    return SentDrives(embedded, found)
 
 
 def _drives(scenario: str, store: Store, embedded: Embedded, points: Mapping[str, int]) -> Drives:
