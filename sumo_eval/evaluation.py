@@ -87,9 +87,9 @@ def record_rounds(
     run: Resolved,
     folder: Path,
     *,
-    resume: bool = False,
-    progress: Progress = quiet,
-    stopping: Stopping = never,
+    resume: bool,
+    progress: Progress,
+    stopping: Stopping,
 ) -> Recorded:
     """Simulate an evaluation into a run folder, and where a scenario is sampled in rounds, one
     round after another.
@@ -162,11 +162,7 @@ def score(
     resolved = replace(resolved, settings=settings)
     exposures = run_folder.read_exposures(folder)
     severity = severity_of(settings.method.collision, resolved.source)
-    made_with = {
-        "name": settings.method.collision.severity,
-        "unit": severity.unit,
-        "sha256": severity.sha256,
-    }
+    made_with = {"name": severity.name, "unit": severity.unit, "sha256": severity.sha256}
     manifest = {**run_folder.read_manifest(folder), "severity": made_with}
     facts = folder / run_folder.FACTS
     with open_store(facts) as store:

@@ -200,10 +200,10 @@ def _check_controller(
     ]
     if WORLD not in compiled():
         # what cannot be loaded is refused before anything is compiled
-        check_apart(locator, (), Path.cwd(), run)
+        check_apart(locator, (), run)
         with Progress() as progress:
             ready({WORLD}, progress)  # not during the first drive, which would count as slow
-    findings, printed = check_apart(locator, cases, Path.cwd(), run)
+    findings, printed = check_apart(locator, cases, run)
     if printed:
         tell(f"It printed:\n{last_lines(printed, _MOST_LINES)}", err=True)
     for finding, after in zip(findings, [*findings[1:], None], strict=True):

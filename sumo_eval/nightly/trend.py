@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import cycle, groupby
 from pathlib import Path
 from typing import Any
@@ -86,7 +86,7 @@ class TrendChart:
     gates: tuple[tuple[Point, str], ...]
     half: float
     ticks: tuple[tuple[float, str], ...]
-    dates: tuple[tuple[float, str], ...] = ()
+    dates: tuple[tuple[float, str], ...]
 
 
 def write_trend(folder: Path, history: History) -> Path:
@@ -134,15 +134,6 @@ def charts(
     """The charts of one logical scenario; a quantity that was never computed has none."""
     of_scenario = [value for value in values if value.scenario == scenario]
     names = list(dict.fromkeys(value.ads for value in of_scenario))
-    every = math.ceil(len(nights) / MOST_LABELS)
-    repeated = len({night.night[:10] for night in nights}) < len(nights)
-    dates = tuple(
-        (
-            round(_place(number, len(nights)), 2),
-            _date(night.night)[5:] if repeated else night.night[:10],
-        )
-        for number, night in list(enumerate(nights))[::-1][::every]
-    )
     drawn = []
     for quantity, title, unit in CHARTS:
         series = {
@@ -160,8 +151,7 @@ def charts(
             and (limit != "regret" or gate.night in of_night)
         ]
         if series:
-            chart = _drawn(title, unit, names, nights, series, limits)
-            drawn.append(replace(chart, dates=dates))
+            drawn.append(_drawn(title, unit, names, nights, series, limits))
     return drawn
 
 
@@ -171,7 +161,7 @@ Series = Mapping[tuple[str, str], float]
 
 def _place(number: int, nights: int) -> float:
     """Place of a night on a chart."""
-    return LEFT + (WIDTH - LEFT - RIGHT) / max(nights, 1) * (number + 0.5)
+    return round(LEFT + (WIDTH - LEFT - RIGHT) / max(nights, 1) * (number + 0.5), 2)
 
 
 def _drawn(
@@ -185,7 +175,7 @@ def _drawn(
     """A chart with its lines and gates: nights, ADSs and bounds."""
     values = [*series.values(), *(bound for _, _, bound in limits)]
     ticks = _ticks(min(values), max(values), least=1.0 if unit == "cases" else 0.0)
-    at = {night.night: round(_place(place, len(nights)), 2) for place, night in enumerate(nights)}
+    at = {night.night: _place(place, len(nights)) for place, night in enumerate(nights)}
     colours, dashes = dict(zip(names, cycle(COLOURS))), dict(zip(names, cycle(DASHES)))
 
     def height(value: float) -> float:
@@ -214,7 +204,21 @@ def _drawn(
     )
     half = round(0.42 * (WIDTH - LEFT - RIGHT) / max(len(nights), 1), 2)
     marked = tuple((height(tick), f"{tick:g}") for tick in ticks)
-    return TrendChart(title, unit, tuple(map(line, names)), tuple(gates), half, marked)
+    lines = tuple(map(line, names))
+    return TrendChart(title, unit, lines, tuple(gates), half, marked, _dates(nights))
+
+
+def _dates(nights: Sequence[Night]) -> tuple[tuple[float, str], ...]:
+    """Places and words of at most `MOST_LABELS` nights, the last one among them."""
+    every = math.ceil(len(nights) / MOST_LABELS)
+    repeated = len({night.night[:10] for night in nights}) < len(nights)
+    return tuple(
+        (
+            _place(number, len(nights)),
+            _date(night.night)[5:] if repeated else night.night[:10],
+        )
+        for number, night in list(enumerate(nights))[::-1][::every]
+    )
 
 
 def _ticks(low: float, high: float, least: float) -> list[float]:

@@ -22,19 +22,20 @@ _LONGEST = 100_000  # characters of one
 
 
 def check_apart(
-    locator: str, cases: Sequence[ConcreteScenario], folder: Path, run: RunSettings
+    locator: str, cases: Sequence[ConcreteScenario], run: RunSettings
 ) -> tuple[list[Finding], str]:
     """Every point of the contract, and what the ADS printed.
 
     Without cases: only that it can be loaded and made.
 
+    locator: its relative path starts in the current folder.
     run: time limits of its steps and cases.
 
     Raises InputError when it cannot.
     """
     limits = RunSettings(case_timeout=_TIMEOUT)
     with Pool(1, limits) as pool:
-        (ended,) = pool.each(Work(_checked, (folder, run)), [(locator, tuple(cases))])
+        (ended,) = pool.each(Work(_checked, (Path.cwd(), run)), [(locator, tuple(cases))])
     if ended.how == "done":
         rows = ((clean(text, _LONGEST, lines=True) for text in row) for row in ended.result)
         return [Finding(*row) for row in rows], ended.log

@@ -151,16 +151,12 @@ def _sort(role: Role) -> str:
 
 def _kinds(plan: Planner, spaces: Sequence[Space]) -> Iterable[Kind]:
     """Cases of each kind to time. The sorts alternate, so that each is timed before time is up."""
-    few: list[Space] = []  # with at most `_TIMED` of the points to drive, evenly spread
-    for space in spaces:
-        step = max(math.ceil(len(space.numbers) / _TIMED), 1)
-        few.append(replace(space, numbers=space.numbers[::step]))
+    few = list(map(_thinned, spaces))
     kinds = {sort: list[Iterable[Case]]() for sort in _SORTS}
     pairs = [(space, ads) for space in few for ads in plan.run.settings.ads]
     for space, ads in pairs[:: math.ceil(len(pairs) / _KINDS)]:
-        settings = replace(plan.run.settings, ads=(ads,))
-        alone = replace(plan, run=replace(plan.run, settings=settings))
-        kinds["ads"].append(alone.ads(space))
+        run = replace(plan.run, settings=replace(plan.run.settings, ads=(ads,)))
+        kinds["ads"].append(replace(plan, run=run).ads(space))
     for stage in chain.from_iterable(stages(space, plan) for space in few):
         if stage.role != "ads":
             kinds[_sort(stage.role)].append(stage.cases)
@@ -168,6 +164,12 @@ def _kinds(plan: Planner, spaces: Sequence[Space]) -> Iterable[Kind]:
         for sort, cases in zip(kinds, turn, strict=True):
             if listed := list(islice(cases, _TIMED)):
                 yield sort, listed
+
+
+def _thinned(space: Space) -> Space:
+    """A space with at most `_TIMED` of its points to drive, evenly spread."""
+    step = max(math.ceil(len(space.numbers) / _TIMED), 1)
+    return replace(space, numbers=space.numbers[::step])
 
 
 def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, float], int, bool]:

@@ -82,7 +82,6 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
         for one in ads
         for case in getattr(one.changed, part)
     )
-    order = {False: 0, True: 1, None: 2}
     return {
         "verdict": verdict(comparison, beside.gates, evaluation).sentence,
         "failed": bool(failed(beside.gates)),
@@ -97,7 +96,9 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
                 if comparison and gate.worst
                 else "",
             )
-            for gate in sorted(beside.gates, key=lambda gate: order[gate.passed])
+            for gate in sorted(
+                beside.gates, key=lambda gate: [False, True, None].index(gate.passed)
+            )
         ],
         "counts": [_counts(one, comparison.confidence if comparison else 0.0) for one in ads],
         "cases": [

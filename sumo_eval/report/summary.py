@@ -32,12 +32,12 @@ def summary_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
     ends = [one.interval or (0.0, np.inf) for one in order]
     digits = 0 if any(high - low > WIDE for low, high in ends) else 1
     bad = failed(beside.gates)
-    failing = [(gate, gate.worst[0]) for gate in bad if gate.worst]
     worst = worst_case(evaluation, [one.ads for one in order])
     changes = [
         (f"{gate.quantity} of {gate.ads}: {one.point}: {one.words}", f"#case:{case_key(one.case)}")
-        for gate, one in failing[:MOST_CHANGES]
-    ]
+        for gate in bad
+        for one in gate.worst[:1]
+    ][:MOST_CHANGES]
     notes = (
         builds_besides(evaluation.manifest.get("builds", {}), comparison)
         + [one.words for one in comparison.differences]
