@@ -312,13 +312,20 @@ def _closing_parts(
     names: of the scenarios without a mistake.
     """
     from sumo_eval.method.severity import severity_of
+    from sumo_eval.record.points import scenario_weights
 
     yield "severity", lambda: severity_of(settings.method.collision, source).name
     if len(names) == len(settings.scenario):
         if settings.report.axes:
             yield "axes of maps", partial(_axes, settings, names)
         if settings.method.ranking.weights:
-            yield "ranking", partial(_weights, settings, names)
+            yield (
+                "ranking",
+                lambda: ", ".join(
+                    f"{name} weighs {weight:g}"
+                    for name, weight in scenario_weights(names, settings.method.ranking).items()
+                ),
+            )
 
 
 def _axes(settings: EvaluationSettings, names: Sequence[str]) -> str:
@@ -326,13 +333,6 @@ def _axes(settings: EvaluationSettings, names: Sequence[str]) -> str:
 
     refuse_unknown_axes(names, settings.report)
     return ", ".join(settings.report.axes)
-
-
-def _weights(settings: EvaluationSettings, names: Sequence[str]) -> str:
-    from sumo_eval.record.points import scenario_weights
-
-    weights = scenario_weights(names, settings.method.ranking)
-    return ", ".join(f"{name} weighs {weight:g}" for name, weight in weights.items())
 
 
 def _count_mistakes(parts: Iterable[Part]) -> int:

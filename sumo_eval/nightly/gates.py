@@ -79,8 +79,8 @@ def _judge(
 ) -> Iterator[GateResult]:
     """Every bound of a limit on a number of an ADS in a scenario."""
     quantity, none = limit.quantity, "there is no base to compare with"
-    words = f"{quantity}: {none}"
-    baseless = partial(GateResult, quantity, score.ads, score.scenario, None, words, reason=none)
+    result = partial(GateResult, quantity, score.ads, score.scenario)
+    baseless = partial(result, None, f"{quantity}: {none}", reason=none)
     if quantity not in _CHANGES:
         value = getattr(score, SCORES[quantity][0] if quantity in SCORES else quantity)
     elif compared is None:
@@ -89,42 +89,25 @@ def _judge(
     else:
         value = float(len(compared.changed.of(_CHANGES[quantity])))
 
-    for bound, sign in ((limit.at_least, 1.0), (limit.at_most, -1.0)):
-        if bound is not None:
-            yield _judge_value(limit, score, compared, value, bound, sign)
+    for bound, sign, words in ((limit.at_least, 1.0, "least"), (limit.at_most, -1.0, "most")):
+        if bound is None:
+            continue
+        known = "not computed" if value is None or np.isnan(value) else _number(quantity, value)
+        sentence = f"{quantity} is {known}; it must be at {words} {bound:g}"
+        slack = limit.tolerance * max(1.0, abs(bound))
+        ok = value is not None and sign * (value - bound) >= -slack
+        keys, worst = ((), ()) if ok or value is None else _worst(quantity, compared)
+        if keys:
+            more = len(keys) - MOST_NAMED
+            sentence += f": {', '.join(f'{one.case} ({one.point})' for one in worst)}"
+            sentence += f" and {count(more, 'other')}" if more > 0 else ""
+        own = quantity not in _CHANGES
+        yield result(ok, sentence, value, bound, keys[:MOST_KEYS], worst, own=own)
     for bound, unit in ((limit.worse_by, ""), (limit.worse_by_percent, " %")):
         if bound is not None and compared is None:
             yield baseless(value=value)
         elif bound is not None and compared is not None:
             yield _judge_change(limit, score, compared, (bound, unit), confidence)
-
-
-def _judge_value(
-    limit: LimitSettings,
-    score: ScenarioResult,
-    compared: AdsComparison | None,
-    value: float | None,
-    bound: float,
-    sign: float,
-) -> GateResult:
-    """A bound on the number itself.
-
-    sign: 1 of `at_least`, -1 of `at_most`.
-    """
-    quantity = limit.quantity
-    known = "not computed" if value is None or np.isnan(value) else _number(quantity, value)
-    sentence = f"{quantity} is {known}; it must be at {'least' if sign > 0.0 else 'most'} {bound:g}"
-    slack = limit.tolerance * max(1.0, abs(bound))
-    ok = value is not None and sign * (value - bound) >= -slack
-    keys, worst = ((), ()) if ok or value is None else _worst(quantity, compared)
-    if keys:
-        more = len(keys) - MOST_NAMED
-        sentence += f": {', '.join(f'{one.case} ({one.point})' for one in worst)}"
-        sentence += f" and {count(more, 'other')}" if more > 0 else ""
-    return GateResult(
-        quantity, score.ads, score.scenario, ok, sentence, value, bound, keys[:MOST_KEYS], worst,
-        own=quantity not in _CHANGES,
-    )  # fmt: skip
 
 
 def _judge_change(

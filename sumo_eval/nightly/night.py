@@ -107,9 +107,15 @@ def run_night(
             notes += [*recorded.notes, *judged.bases.notes]
             report = _write_results(done, judged, notes, progress)
 
-        result = verdict(judged.bases.comparison, judged.gates, done)
-        took = None if resume else time.monotonic() - clock
-        line = _judged_line(done, judged, result.sentence, took)
+        status = NOT_EVALUATED if done.not_evaluated else DONE
+        if failed(judged.gates) or (status and done.settings.run.incomplete == "gate"):
+            status = GATE_FAILED
+        result, base = verdict(judged.bases.comparison, judged.gates, done), judged.bases.good
+        line = replace(
+            _line(done, folder.name, f"{NIGHTS}/{folder.name}", status, result.sentence),
+            base=None if base is None else base.night,
+            wall_time=None if resume else time.monotonic() - clock,
+        )
         pin = new_pin(line, judged, lines, gate)
         lines.add(line, done, judged.gates, shaky=judged.shaky, pin=pin)
         write_night(history, line, result.word, judged, notes)
@@ -130,22 +136,6 @@ def _write_results(
     beside = Beside(comparison, gates, since, tuple(notes))
     beside = replace(beside, levers=_levers(done, beside, progress))
     return write_assessed_report(done, beside, progress=progress)
-
-
-def _judged_line(
-    done: Evaluation, judged: JudgedNight, verdict: str, wall_time: float | None
-) -> Night:
-    """The history's line of a night whose gates are known.
-
-    wall_time: of the night, s; None where it is not known.
-    """
-    if failed(judged.gates) or (done.not_evaluated and done.settings.run.incomplete == "gate"):
-        status = GATE_FAILED
-    else:
-        status = NOT_EVALUATED if done.not_evaluated else DONE
-    name, base = done.folder.name, judged.bases.good
-    line = _line(done, name, f"{NIGHTS}/{name}", status, verdict)
-    return replace(line, base=None if base is None else base.night, wall_time=wall_time)
 
 
 def _levers(done: Evaluation, beside: Beside, progress: Progress) -> CaseLevers | None:
@@ -303,11 +293,9 @@ def _clear_away(history: Path, lines: History, but: str | None = None) -> list[s
 
 def _is_complete(folder: Path) -> bool:
     """Whether all cases of a run are recorded, whatever stopped the night after that."""
-    try:
-        with closing(Store(folder / FACTS)) as store:
-            return store.sealed
-    except InputError:
-        return False
+    with suppress(InputError), closing(Store(folder / FACTS)) as store:
+        return store.sealed
+    return False
 
 
 def _removed(folder: Path) -> bool:
