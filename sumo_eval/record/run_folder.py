@@ -253,17 +253,24 @@ def _manifest(
         "seed": settings.seed,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "source_folder": str(source),
+        **versions_and_machine(_PACKAGES),
+        "sha256": {
+            name: hashlib.sha256(inputs[name].encode()).hexdigest() for name in sorted(inputs)
+        },
+        "builds": builds_of(settings, source),
+    }
+
+
+def versions_and_machine(packages: Iterable[str]) -> dict[str, dict[str, str]]:
+    """`versions` of Python and of packages, and `machine`, as records of a run name them."""
+    return {
         "versions": {
             "python": sys.version.split()[0],
-            **{name: version(name) for name in _PACKAGES},
+            **{name: version(name) for name in packages},
         },
         "machine": {
             "system": platform.platform(),
             "processor": platform.machine(),
             "node": platform.node(),
         },
-        "sha256": {
-            name: hashlib.sha256(inputs[name].encode()).hexdigest() for name in sorted(inputs)
-        },
-        "builds": builds_of(settings, source),
     }

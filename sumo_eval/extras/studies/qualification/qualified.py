@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-import platform
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
-from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from sumo_eval.errors import SumoEvalError
 from sumo_eval.extras.studies.qualification.table import Answer, Check
+from sumo_eval.record.run_folder import versions_and_machine
 from sumo_eval.report.page import template, write_page
 
 FORMAT_VERSION = 1
@@ -129,14 +127,8 @@ def qualify(checks: Iterable[Check], watch: Callable[[str, int, int], None]) -> 
         findings.append(carry_out(check))
     watch(listed[-1].kind, len(listed), len(listed))
     packages = ("sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn", "numba")
-    versions = {"python": sys.version.split()[0], **{name: version(name) for name in packages}}
-    machine = {
-        "system": platform.platform(),
-        "processor": platform.machine(),
-        "node": platform.node(),
-    }
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    return Qualification(tuple(findings), versions, machine, now)
+    return Qualification(tuple(findings), created=now, **versions_and_machine(packages))
 
 
 # --- as text and as files -------------------------------------------------------------------------
