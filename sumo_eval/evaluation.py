@@ -162,8 +162,10 @@ def score(
     resolved = replace(resolved, settings=settings)
     exposures = run_folder.read_exposures(folder)
     severity = severity_of(settings.method.collision, resolved.source)
-    made_with = {"name": severity.name, "unit": severity.unit, "sha256": severity.sha256}
-    manifest = {**run_folder.read_manifest(folder), "severity": made_with}
+    manifest = {
+        **run_folder.read_manifest(folder),
+        "severity": {"name": severity.name, "unit": severity.unit, "sha256": severity.sha256},
+    }
     facts = folder / run_folder.FACTS
     with open_store(facts) as store:
         run_folder.check_complete(store, folder)

@@ -107,7 +107,7 @@ class Trajectory:
                 f"A block of a Trajectory must have shape ({len(CHANNELS)}, n), got {block.shape}."
             )
         times = block[0]
-        increasing = bool((times[1:] > times[:-1]).all())
+        increasing = (times[1:] > times[:-1]).all()
         if not times.size or not increasing or not np.isfinite(block[:-1]).all():
             return cls(*block, length=length, width=width)  # raises an error that names the fault
         trajectory = object.__new__(cls)

@@ -151,7 +151,11 @@ def _sort(role: Role) -> str:
 
 def _kinds(plan: Planner, spaces: Sequence[Space]) -> Iterable[Kind]:
     """Cases of each kind to time. The sorts alternate, so that each is timed before time is up."""
-    few = list(map(_thinned, spaces))
+    # with at most `_TIMED` of the points to drive, evenly spread
+    few = [
+        replace(it, numbers=it.numbers[:: max(math.ceil(len(it.numbers) / _TIMED), 1)])
+        for it in spaces
+    ]
     kinds = {sort: list[Iterable[Case]]() for sort in _SORTS}
     pairs = [(space, ads) for space in few for ads in plan.run.settings.ads]
     for space, ads in pairs[:: math.ceil(len(pairs) / _KINDS)]:
@@ -164,12 +168,6 @@ def _kinds(plan: Planner, spaces: Sequence[Space]) -> Iterable[Kind]:
         for sort, cases in zip(kinds, turn, strict=True):
             if listed := list(islice(cases, _TIMED)):
                 yield sort, listed
-
-
-def _thinned(space: Space) -> Space:
-    """A space with at most `_TIMED` of its points to drive, evenly spread."""
-    step = max(math.ceil(len(space.numbers) / _TIMED), 1)
-    return replace(space, numbers=space.numbers[::step])
 
 
 def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, float], int, bool]:

@@ -408,8 +408,12 @@ class Store:
 
     def driven_by(self, locator: str) -> list[tuple[str, str]]:
         """Case and ADS of the recorded cases with this locator."""
-        query = """SELECT "case", driver FROM facts WHERE role = 'ads' AND controller = ?"""
-        return list(self._read(query, (locator,)))
+        return list(
+            self._read(
+                """SELECT "case", driver FROM facts WHERE role = 'ads' AND controller = ?""",
+                (locator,),
+            )
+        )
 
     def remove_stale(self) -> None:
         """Take out the cases of stale ADSs, and what these have read."""
@@ -520,11 +524,11 @@ class Store:
         """Point, driver, status and whether there was a contact, of a role's cases, by point and
         driver.
         """
-        query = (
+        for point, driver, status, hit in self._read(
             "SELECT point, driver, status, collision IS NOT NULL FROM facts WHERE role = ? AND "
-            "scenario = ? ORDER BY point, driver"
-        )
-        for point, driver, status, hit in self._read(query, (role, scenario)):
+            "scenario = ? ORDER BY point, driver",
+            (role, scenario),
+        ):
             yield point, driver, status, bool(hit)
 
     def drivers_at_points(self, scenario: str) -> Iterator[tuple[int, int, int]]:
@@ -566,22 +570,23 @@ class Store:
 
         Computed by the database.
         """
-        query = (
-            "SELECT scenario, role, CASE role WHEN 'human' THEN '' ELSE driver END AS who, "
-            "status, count(*), total(exposure) FROM facts GROUP BY scenario, role, who, status "
-            "ORDER BY scenario, role, who, status"
+        return list(
+            self._read(
+                "SELECT scenario, role, CASE role WHEN 'human' THEN '' ELSE driver END AS who, "
+                "status, count(*), total(exposure) FROM facts GROUP BY scenario, role, who, status "
+                "ORDER BY scenario, role, who, status"
+            )
         )
-        return list(self._read(query))
 
     def simulated_alone(self, scenario: str, ads: str) -> dict[Alone, int]:
         """Number of drives of an ADS, and of those that it is compared with, that left their batch,
         by reason.
         """
-        query = (
+        rows = self._read(
             'SELECT alone, count(*) FROM facts JOIN circumstances USING ("case") WHERE scenario = '
-            "? AND (role != 'ads' OR driver = ?) AND alone LIKE '{%' GROUP BY alone ORDER BY alone"
+            "? AND (role != 'ads' OR driver = ?) AND alone LIKE '{%' GROUP BY alone ORDER BY alone",
+            (scenario, ads),
         )
-        rows = self._read(query, (scenario, ads))
         return {Alone(**json.loads(alone)): number for alone, number in rows}
 
     def digest(self) -> str:
@@ -611,8 +616,9 @@ class Store:
     def trajectory(self, case: str) -> Trajectory:
         """The ego's recorded trajectory of a case."""
         self._check_one(case)
-        query = 'SELECT data FROM trajectories WHERE "case" = ? AND vehicle = ?'
-        row = self._first(query, case, EGO)
+        row = self._first(
+            'SELECT data FROM trajectories WHERE "case" = ? AND vehicle = ?', case, EGO
+        )
         if row is None:
             raise self.no_trajectory(case)
         return unpack(row[0])

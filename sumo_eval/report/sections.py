@@ -162,8 +162,7 @@ def _ledger(found: Ledger) -> dict[str, Any]:
 
 def preventability_content(evaluation: Evaluation, _: Beside) -> Mapping[str, Any]:
     """Cases of every ADS beside those of the reference."""
-    reference = reference_ads(evaluation.settings)
-    return {"rows": preventability(evaluation), "reference": reference}
+    return {"rows": preventability(evaluation), "reference": reference_ads(evaluation.settings)}
 
 
 def ranking_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
