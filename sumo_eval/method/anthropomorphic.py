@@ -10,8 +10,8 @@ Readings of the paper (docs/method.md) that this file is built on:
   the end, but the next one would lie past it, the vehicle has reached the end.
 - The length L ends where the vehicle stopped or left the road. Otherwise it ends at the road's end,
   also for a vehicle that still drives at the end of the recording.
-- Slices end where the ADS was last seen, or earlier, at the mean of the places where the drivers
-  were last seen.
+- Slices end where the ADS was last seen, or earlier, at the mean distance from their own starts at
+  which the drivers were last seen.
 - A driver who did not get as far as a slice has no centre there. A deviation needs two drivers:
   where fewer than two got there (in mixture mode, none), all count with their last lateral
   position.
@@ -57,7 +57,7 @@ NoteKind = Literal[
     "manoeuvre_made_by",  # mixture mode: drivers who made the ADS's manoeuvre
     "manoeuvre_made_by_nobody",  # mixture mode: no driver made it
     "centre_floor",  # slices at which the deviation of y was raised to its floor
-    "field_floor",  # points at which the deviation of the far field was
+    "field_floor",  # points at which the deviation of the field was raised to its floor
     "two_groups",  # slices at which one Gaussian spans two groups of drivers
     "driver_not_so_far",  # slices that some driver did not reach
     "drivers_hold_last_y",  # slices that fewer than two drivers reached (mixture mode: none)

@@ -201,7 +201,7 @@ def partition(
     no zone. If all training points are safe, or all are hazardous, no GP is fitted and the whole
     space counts as such. The order of `points`, and repeated points, change nothing.
 
-    Raises InputError for points outside the box.
+    Raises InputError for points outside the box, and for more parameters than a grid has room for.
     """
     from scipy.ndimage import generate_binary_structure, label
 

@@ -109,7 +109,8 @@ class Behind(NamedTuple):
         was late.
     way: of the place from the ego's start, m.
     time: of the ego there, s.
-    of: distance that was asked for, m; for `late`, time of the slowest reference there, s.
+    of: distance that was asked for, m; for `late`, time of the slowest reference there, s; nan for
+        `missed`.
     drivers: number of drivers among the references; car: whether the reference car is one.
     """
 

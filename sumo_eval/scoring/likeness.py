@@ -33,7 +33,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 FEWEST_DRIVERS = 2  # a standard deviation needs two
 FEWEST_FOR_A_BAND = 3  # two must remain when a driver is compared with the rest
 _AT_ONCE = 8_192  # points whose zone and weight are computed at a time: 65,536 took 0.3 GB
-JACKKNIFED = 16  # most cases of an ADS in a scenario with a D_i without each driver in turn
+JACKKNIFED = 16  # most cases of an ADS in a scenario for which drivers are left out one by one
 
 
 @dataclass(frozen=True, slots=True)

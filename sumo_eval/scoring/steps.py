@@ -123,8 +123,8 @@ class Scoring:
         """The points that the settings choose now; none, with a note, where a file that they need
         is gone or has a mistake.
 
-        Recordings need not be there and are not read, so points that their density chose are
-        missed without a note.
+        Recordings need not be there and are not read: where the choice needs their density, it has
+        no points, without a note.
         """
         settings, source = self.run.settings, self.run.source
         recorded = entry.exposure.kind == "recorded"
