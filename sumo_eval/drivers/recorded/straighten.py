@@ -9,6 +9,7 @@ lanes lie is the circular mean of that, tracked along the road. So the axis may 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -44,8 +45,8 @@ def straighten(table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
         was done.
     Raises InputError where nothing moves.
     """
-    parts: list[pd.DataFrame] = []
-    notes: list[str] = []
+    parts = []
+    notes = []
     for recording, rows in table.groupby("recording", sort=False):
         streams, lost = _streams(rows.sort_values(["vehicle", "t"], kind="stable"))
         for number, stream in enumerate(streams, start=1):
@@ -62,30 +63,22 @@ def straighten(table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
 
 def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], dict[str, int]]:
     """The streams of a recording, the largest axis first; what is left out, counted by why."""
-    streams = []
-    points = rows[["x", "y"]].to_numpy()
-    moved = np.hypot(*np.diff(points, axis=0, prepend=points[:1]).T)
-    moved[(rows["vehicle"] != rows["vehicle"].shift()).to_numpy()] = 0.0
-    lengths: Any = pd.Series(moved, index=rows.index).groupby(rows["vehicle"]).sum()
+    tracks = rows.groupby("vehicle")[["x", "y"]]
+    steps: Any = tracks.diff()
+    lengths = np.hypot(steps["x"], steps["y"]).groupby(rows["vehicle"]).sum()
     lengths = lengths.sort_values(ascending=False)
     left = list(lengths.index[lengths >= SHORTEST_AXIS])
     still = len(lengths) - len(left)
-    paths = {
-        name: points[index] for name, index in rows.reset_index().groupby("vehicle").indices.items()
-    }
+    paths = {name: track.to_numpy() for name, track in tracks}
+    streams = []
     while left:
-        candidates = rows[rows["vehicle"].isin(left)]
         axis = _chained(left[0], {name: paths[name] for name in left})
-        (s, d), course, beyond = _projected(candidates[["x", "y"]].to_numpy(), axis)
-        heading = (candidates["heading"].to_numpy() - course + np.pi) % (2 * np.pi) - np.pi
-        along = (np.abs(d) <= HALF_WIDTH) & (np.abs(heading) <= WRONG_WAY) & ~beyond
-        share = pd.Series(along, index=candidates.index).groupby(candidates["vehicle"]).mean()
-        members = {*share.index[share >= MEMBER_SHARE], left[0]}
-        inside = candidates["vehicle"].isin(members).to_numpy() & along
-        streams.append(candidates.assign(x=s, y=d, heading=heading)[inside])
+        stream = _stream(rows[rows["vehicle"].isin(left)], axis, left[0])
+        streams.append(stream)
+        members = {left[0], *stream["vehicle"].unique()}
         left = [vehicle for vehicle in left if vehicle not in members]
     driving = {vehicle for stream in streams for vehicle in stream["vehicle"].unique()}
-    samples = int(rows["vehicle"].isin(driving).sum()) - sum(map(len, streams))
+    samples = rows["vehicle"].isin(driving).sum() - sum(map(len, streams))
     return streams, {
         f"vehicles that move less than {SHORTEST_AXIS:g} m are left out": still,
         "vehicles that drive along no path are left out": len(lengths) - still - len(driving),
@@ -109,36 +102,60 @@ def _chained(longest: str, paths: dict[str, FloatArray]) -> FloatArray:
     return _axis(line)
 
 
+def _stream(rows: pd.DataFrame, axis: FloatArray, longest: str) -> pd.DataFrame:
+    """The samples along an axis, in road coordinates: of the longest track's vehicle and of all
+    that drive along it for `MEMBER_SHARE` of their samples.
+    """
+    (s, d), course, beyond = _projected(rows[["x", "y"]].to_numpy(), axis)
+    heading = (rows["heading"].to_numpy() - course + np.pi) % (2 * np.pi) - np.pi
+    along = (np.abs(d) <= HALF_WIDTH) & (np.abs(heading) <= WRONG_WAY) & ~beyond
+    share = pd.Series(along, index=rows.index).groupby(rows["vehicle"]).transform("mean")
+    member = (share >= MEMBER_SHARE) | (rows["vehicle"] == longest)
+    stream: pd.DataFrame = rows.assign(x=s, y=d, heading=heading)[member.to_numpy() & along]
+    return stream
+
+
 def _continuation(line: FloatArray, lines: dict[str, FloatArray]) -> FloatArray | None:
     """The part that the path reaching furthest past the end of a line adds to it; None where
     none does.
+    """
+    part = _furthest(line, lines.values())
+    driven = line[: -int(2 * HALF_WIDTH)] if len(line) > 4 * HALF_WIDTH else line[:1]
+    back = np.flatnonzero(cKDTree(driven).query(part)[0] < HALF_WIDTH)
+    part = part[: back[0]] if back.size else part
+    return part if len(part) >= MIN_CONTINUATION else None
+
+
+def _furthest(line: FloatArray, others: Iterable[FloatArray]) -> FloatArray:
+    """The part past the end of a line of the other line that overlaps it and reaches furthest,
+    shifted sideways to the end; empty where none does.
     """
     end, course = line[-1], line[-1] - line[-min(6, len(line))]
     course = course / np.hypot(*course)
     normal = np.array([-course[1], course[0]])
     best = line[:0]
-    for other in lines.values():
+    for other in others:
         offset = other - end
         aside, along = offset @ normal, offset @ course
         near = np.flatnonzero((np.abs(aside) <= HALF_WIDTH) & (np.abs(along) <= 2 * AXIS_SPACING))
         if near.size == 0 or near[0] + 5 >= len(other):
             continue
-        joint = int(near[np.argmin(np.abs(along[near]))])
+        joint = near[np.argmin(np.abs(along[near]))]
         ahead = other[min(joint + 5, len(other) - 1)] - other[joint]
         forward = ahead @ course >= np.cos(WRONG_WAY) * np.hypot(*ahead)
         if forward and len(other) - joint > len(best) + 1:
             best = other[joint + 1 :] - aside[joint] * normal
-    if len(best) < MIN_CONTINUATION:
-        return None
-    driven = line[: -int(2 * HALF_WIDTH)] if len(line) > 4 * HALF_WIDTH else line[:1]
-    back = np.flatnonzero(cKDTree(driven).query(best)[0] < HALF_WIDTH)
-    best = best[: back[0]] if back.size else best
-    return best if len(best) >= MIN_CONTINUATION else None
+    return best
+
+
+def distances(points: FloatArray) -> FloatArray:
+    """Distance along a line (n, 2) to each of its points, (n,), m."""
+    return np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
 
 
 def _line(points: FloatArray) -> FloatArray:
     """A path as points (n, 2) `AXIS_SPACING` apart."""
-    moved = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
+    moved = distances(points)
     keep = np.append(True, np.diff(moved) > 1e-6)
     places = np.arange(0.0, moved[-1], AXIS_SPACING)
     return np.column_stack([np.interp(places, moved[keep], column) for column in points[keep].T])
@@ -162,7 +179,7 @@ def _projected(points: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatA
     """
     tangent = np.gradient(axis, axis=0)
     course = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
-    along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(axis, axis=0).T))))
+    along = distances(axis)
     s = along[cKDTree(axis).query(points)[1]]
     # to the foot of the perpendicular: along the tangent, then with the tangent of that place
     for _ in range(2):
@@ -182,34 +199,41 @@ def _laned(stream: pd.DataFrame) -> tuple[pd.DataFrame, float | None]:
     s = stream["x"].to_numpy()
     aside = stream["offset"].to_numpy() if "offset" in stream else np.zeros(len(s))
     d = stream["y"].to_numpy() - aside
-    section = ((s - s.min()) / SECTION).astype(int)
-    if len(stream) < FEWEST_SAMPLES:
-        width, phase, bend = None, np.median(d, keepdims=True), np.zeros(1)
-    else:
-        width = float(
-            LANE_WIDTHS[np.argmax([np.abs(_phasors(d, section, w)).sum() for w in LANE_WIDTHS])]
-        )
-        phasors = _phasors(d, section, width)
-        window = np.ones(SECTIONS_SMOOTHED)
-        steady = np.convolve(phasors, window, "same")[: len(phasors)]
-        drift = np.unwrap(np.angle(steady)) / (2 * np.pi) * width
-        middles = s.min() + SECTION * (np.arange(len(drift)) + 0.5)
-        phase = np.interp(s, middles, drift)
-        bend = np.interp(s, middles, np.gradient(drift, SECTION) if len(drift) > 1 else np.zeros(1))
+    x = s - s.min()
+    width, middle, bend = _visible_lanes(s, d)
     spacing = width or STANDARD_LANE
-    lane = np.round((d - phase) / spacing).astype(np.int64)
-    stretch = ((s - s.min()) / max(float(np.ptp(s)) / 20, SECTION)).astype(int)
+    lane = np.round((d - middle) / spacing).astype(np.int64)
+    stretch = (x / max(np.ptp(s) / 20, SECTION)).astype(int)
     driven = pd.Series(stretch).groupby(lane).nunique()
     right = int(
         driven.index[driven >= min(LANE_COVER * len(np.unique(stretch)), driven.max())].min()
     )
     laned = stream.assign(
-        x=s - s.min(),
-        y=d + aside - phase - right * spacing,
+        x=x,
+        y=d + aside - middle - right * spacing,
         lane=lane - right,
         heading=stream["heading"] - np.arctan(bend),
     )
     return laned, width
+
+
+def _visible_lanes(s: FloatArray, d: FloatArray) -> tuple[float | None, Any, Any]:
+    """Width of the lanes, m, None if too few samples show it; how far to the left of the axis a
+    lane's centre is at each sample, m, and its slope there.
+
+    s, d: of the samples along the axis and to the left of it, (n,), m.
+    """
+    if len(s) < FEWEST_SAMPLES:
+        return None, np.median(d), 0.0
+    section = ((s - s.min()) / SECTION).astype(int)
+    agreement = [np.abs(_phasors(d, section, width)).sum() for width in LANE_WIDTHS]
+    width = LANE_WIDTHS[np.argmax(agreement)]
+    phasors = _phasors(d, section, width)
+    steady = np.convolve(phasors, np.ones(SECTIONS_SMOOTHED), "same")[: len(phasors)]
+    drift = np.unwrap(np.angle(steady)) / (2 * np.pi) * width
+    middles = s.min() + SECTION * (np.arange(len(drift)) + 0.5)
+    slopes = np.gradient(drift, SECTION) if len(drift) > 1 else np.zeros(1)
+    return width, np.interp(s, middles, drift), np.interp(s, middles, slopes)
 
 
 def _phasors(d: FloatArray, section: np.ndarray, width: float) -> np.ndarray:

@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from sumo_eval.drivers.recorded.importers.files import reading_xml
 from sumo_eval.drivers.recorded.importers.tables import LARGEST, Samples
+from sumo_eval.drivers.recorded.straighten import distances
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
 from sumo_eval.text import number_in
@@ -50,31 +51,14 @@ def read(path: Path) -> Samples:
     if root.tag != "commonRoad":
         raise InputError(f"{path} must be a CommonRoad file (<commonRoad>), got <{root.tag}>.")
     step = _number(root.get("timeStepSize"), path, root, "timeStepSize")
-    rows: list[dict[str, Any]] = []
+    rows = []
     left_out: Counter[str] = Counter()
     for obstacle in root.iter("dynamicObstacle", "obstacle", "staticObstacle"):
-        shape, states = obstacle.find("shape/rectangle"), obstacle.findall("trajectory/state")
-        why = _why_left_out(obstacle, shape, states)
+        why = _why_left_out(obstacle)
         if why:
             left_out[why] += 1
-            continue
-        states = obstacle.findall("initialState") + states
-        for place in _SETS:
-            if any(state.find(place) is not None for state in states):
-                raise InputError(
-                    f"Obstacle {obstacle.get('id', '')} in row {obstacle.sourceline} of {path} "
-                    f"must have exact states, got sets of them (`{place}`): a set-based prediction "
-                    "says where a vehicle may be, not where it was."
-                )
-        row = {
-            "vehicle": obstacle.get("id", ""),
-            "class": obstacle.findtext("type", "car").lower(),
-            "length": _value(shape, "length", path),
-            "width": _value(shape, "width", path),
-        }
-        for state in states:
-            exact = {name: _value(state, place, path) for name, place in _EXACT.items()}
-            rows.append(row | exact | {"t": step * exact["t"]})
+        else:
+            rows += _samples(obstacle, path)
     if not rows:
         got = "none"
         if root.find(".//occupancySet") is not None:
@@ -86,6 +70,7 @@ def read(path: Path) -> Samples:
             f"{path} must hold at least one dynamic obstacle with a trajectory, got {got}."
         )
     table = pd.DataFrame(rows).assign(recording=root.get("benchmarkID") or path.stem)
+    table["t"] *= step
     centres = _lane_centres(root, path)
     if len(centres):
         table["offset"] = _offsets(table, centres)
@@ -94,18 +79,41 @@ def read(path: Path) -> Samples:
     ]
 
 
-def _why_left_out(obstacle: Any, shape: Any, states: list[Any]) -> str:
+def _why_left_out(obstacle: Any) -> str:
     """Reason why an obstacle is not a driven vehicle; empty: it is one."""
     if obstacle.tag == "staticObstacle" or obstacle.findtext("role", "dynamic") != "dynamic":
         return "which stand"
-    if shape is None:
+    if obstacle.find("shape/rectangle") is None:
         return "whose body is not a rectangle"
-    if states:
+    if obstacle.find("trajectory/state") is not None:
         return ""
     sets = (
         "have a set-based prediction and" if obstacle.find("occupancySet") is not None else "have"
     )
     return f"which {sets} no trajectory"
+
+
+def _samples(obstacle: Any, path: Path) -> list[dict[str, Any]]:
+    """The samples of a vehicle, with t in time steps, refused where its states are sets."""
+    states = obstacle.findall("initialState") + obstacle.findall("trajectory/state")
+    for place in _SETS:
+        if any(state.find(place) is not None for state in states):
+            raise InputError(
+                f"Obstacle {obstacle.get('id', '')} in row {obstacle.sourceline} of {path} "
+                f"must have exact states, got sets of them (`{place}`): a set-based prediction "
+                "says where a vehicle may be, not where it was."
+            )
+    shape = obstacle.find("shape/rectangle")
+    row = {
+        "vehicle": obstacle.get("id", ""),
+        "class": obstacle.findtext("type", "car").lower(),
+        "length": _value(shape, "length", path),
+        "width": _value(shape, "width", path),
+    }
+    return [
+        row | {name: _value(state, place, path) for name, place in _EXACT.items()}
+        for state in states
+    ]
 
 
 def _lane_centres(root: Any, path: Path) -> FloatArray:
@@ -120,20 +128,19 @@ def _lane_centres(root: Any, path: Path) -> FloatArray:
         ]
         if min(len(side) for side in sides) < 2:
             continue
-        moved = [
-            np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(side, axis=0).T)))) for side in sides
-        ]
-        count = max(2, int(max(float(np.hypot(*np.diff(s, axis=0).T).sum()) for s in sides)) + 1)
-        even = [
-            np.column_stack(
-                [np.interp(np.linspace(0.0, way[-1], count), way, column) for column in side.T]
-            )
-            for way, side in zip(moved, sides, strict=True)
-        ]
-        middle = (even[0] + even[1]) / 2
+        count = max(2, int(max(np.hypot(*np.diff(side, axis=0).T).sum() for side in sides)) + 1)
+        left, right = (_even(side, count) for side in sides)
+        middle = (left + right) / 2
         tangent = np.gradient(middle, axis=0)
         points.append(np.column_stack((middle, np.arctan2(tangent[:, 1], tangent[:, 0]))))
     return np.vstack(points)
+
+
+def _even(line: FloatArray, count: int) -> FloatArray:
+    """`count` points along a line (n, 2), all equally far apart."""
+    way = distances(line)
+    places = np.linspace(0.0, way[-1], count)
+    return np.column_stack([np.interp(places, way, column) for column in line.T])
 
 
 def _offsets(table: pd.DataFrame, centres: FloatArray) -> FloatArray:
