@@ -77,23 +77,12 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
     rows = _with_bodies(rows.astype(dict.fromkeys(keys[:2], str)))
     rows = rows.sort_values(keys, kind="stable", ignore_index=True)
     double = rows.duplicated(keys)
-    parts, holes, too_short = [], 0, 0
-    for _, track in rows[~double].groupby(keys[:2], sort=False):
-        hole = track["t"].diff() > LONGEST_HOLE + 1e-6
-        holes += int(hole.sum())
-        for number, piece in track.groupby(hole.cumsum()):
-            even = _on_the_clock(piece)
-            if even is None:
-                too_short += 1
-                continue
-            if number:
-                even["vehicle"] += f"#{int(str(number)) + 1}"
-            parts.append(even)
+    parts, holes, too_short = _even_tracks(rows[~double])
     counted = {
         f"holes of more than {LONGEST_HOLE:g} s in tracks: each side of a hole is a track of its "
         "own.": holes,
         f"tracks of less than two samples on the clock of {INTERVAL:g} s are left out.": too_short,
-        "samples with a time that their vehicle already had were left out.": int(double.sum()),
+        "samples with a time that their vehicle already had were left out.": double.sum(),
     }
     if not parts:
         raise InputError("The recording must hold at least one vehicle with two samples, got none.")
@@ -101,37 +90,43 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
     return Recordings(pd.concat(parts, ignore_index=True)[list(COLUMNS)], (*notes, *counts))
 
 
+def _even_tracks(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], int, int]:
+    """Tracks on the clock, number of holes, and number of tracks too short for the clock."""
+    vehicle = [rows["recording"], rows["vehicle"]]
+    hole = rows["t"].groupby(vehicle).diff() > LONGEST_HOLE + 1e-6
+    pieces: Any = rows.groupby([*vehicle, hole.groupby(vehicle).cumsum()], sort=False)
+    tracks = []
+    for (*_, holes_before), piece in pieces:
+        even = _on_the_clock(piece)
+        if even is not None:
+            even["vehicle"] += f"#{holes_before + 1}" if holes_before else ""
+            tracks.append(even)
+    return tracks, hole.sum(), len(pieces) - len(tracks)
+
+
 def _on_the_clock(track: pd.DataFrame) -> pd.DataFrame | None:
     """A hole-free track at whole tenths of a second; None for one that spans fewer than two of
     them.
     """
-    time = track["t"].to_numpy(dtype=np.float64)
+    time = track["t"].to_numpy()
     first, last = np.ceil(time[0] / INTERVAL - 1e-6), np.floor(time[-1] / INTERVAL + 1e-6)
     if last - first < 1:
         return None
     clock = np.round(np.arange(first, last + 1) * INTERVAL, 3)
     even = pd.DataFrame({"t": clock})
-
-    def on_clock(values: FloatArray) -> FloatArray:
-        return np.interp(clock, time, values)
-
-    channels = ("x", "y", "speed", "heading", "acceleration", "steering")
-    given = {name: track[name].to_numpy(dtype=np.float64) for name in channels}
-    for name in ("x", "y", "speed"):
-        even[name] = on_clock(given[name])
-    even["heading"] = on_clock(np.unwrap(given["heading"]))
+    for name in ("x", "y", "speed", "heading", "acceleration", "steering"):
+        values = track[name].to_numpy(dtype=np.float64)
+        steady = np.unwrap(values) if name == "heading" else values
+        # nan at one sample makes a channel unknown
+        even[name] = np.interp(clock, time, steady) if np.isfinite(values).all() else np.nan
+    if even["acceleration"].hasnans:
+        even["acceleration"] = np.gradient(smooth(even["speed"].to_numpy(), 11), INTERVAL)
     nearest = np.searchsorted(0.5 * (time[1:] + time[:-1]), clock)
     even["lane"] = track["lane"].to_numpy()[nearest].astype(np.int64)
-    # nan at one sample makes a channel unknown
-    even["acceleration"] = np.gradient(smooth(even["speed"].to_numpy(), 11), INTERVAL)
-    even["steering"] = np.nan
-    for name in ("acceleration", "steering"):
-        if np.isfinite(given[name]).all():
-            even[name] = on_clock(given[name])
     for name in ("recording", "vehicle", "driver", "class"):
         even[name] = track[name].iloc[0]
     for name in ("length", "width"):
-        even[name] = float(np.median(track[name]))
+        even[name] = np.median(track[name])
     return even
 
 
@@ -197,8 +192,7 @@ def _is_canonical(table: pd.DataFrame) -> bool:
     keys = table[["vehicle", "recording"]]
     same = (keys == keys.shift()).all(axis=1)
     on_clock = (table["t"] - frame * INTERVAL).abs() < 1e-6
-    several = keys.duplicated(keep=False)
-    return bool((on_clock & several).all() and (frame.diff()[same] == 1).all())
+    return bool((on_clock & keys.duplicated(keep=False)).all() and (frame.diff()[same] == 1).all())
 
 
 STANDARD_LANE = 3.5  # m, where a table says nothing of lanes
