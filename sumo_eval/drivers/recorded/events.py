@@ -20,7 +20,7 @@ m/s2, cut-ins with a lateral speed over 2 m/s.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,6 +30,7 @@ import pandas as pd
 from sumo_eval.drivers.recorded.recordings import INTERVAL, MOTOR_CLASSES, Recordings, smooth
 from sumo_eval.input_file import writing
 from sumo_eval.text import cells
+from sumo_eval.trajectory import FloatArray
 
 KINDS = ("approach", "cut_out", "cut_in", "lead_braking")
 
@@ -106,32 +107,20 @@ class RecordedTraffic:
             rows[name].to_numpy() for name in ("speed", "acceleration", "length")
         )
         self.slices = {
-            str(name): slice(int(index[0]), int(index[-1]) + 1)
+            str(name): slice(index[0], index[-1] + 1)
             for name, index in rows.groupby("vehicle", sort=False).indices.items()
         }
-        # a visit to a lane that is too short stays with the lane before, at first with that after
-        visit = (rows[["vehicle", "lane"]] != rows[["vehicle", "lane"]].shift()).any(axis=1)
-        samples = visit.groupby(visit.cumsum()).transform("size")
-        kept = rows["lane"].where(samples >= round(LANE_KEPT / INTERVAL))
-        settled = kept.groupby(rows["vehicle"])
-        lane = settled.ffill().fillna(settled.bfill()).fillna(rows["lane"])
-        self.lane = lane.to_numpy().astype(np.int64)
+        self.lane = _settled_lanes(rows)
         self.centres: dict[Any, float] = pd.Series(self.y).groupby(self.lane).median().to_dict()
         self.across = np.zeros(len(rows))
         for part in self.slices.values():
             self.across[part] = np.gradient(smooth(self.y[part], 11), INTERVAL)
 
-        order = np.lexsort((self.x, self.lane, self.frame))
-        behind, ahead = order[:-1], order[1:]
-        same = (self.frame[behind] == self.frame[ahead]) & (self.lane[behind] == self.lane[ahead])
-        self.lead, self.follower = np.full((2, len(rows)), -1)
-        self.lead[behind[same]] = ahead[same]
-        self.follower[ahead[same]] = behind[same]
+        self.lead, self.follower = _neighbours(self.frame, self.lane, self.x)
         led, lead = self.lead >= 0, np.maximum(self.lead, 0)
         self.gap = np.where(led, self.apart(slice(None), lead), np.inf)
         self.closing = np.where(led, self.speed - self.speed[lead], 0.0)
-        slower = np.maximum(self.closing, 1e-9)
-        self.ttc = np.where(self.closing > 0, self.gap / slower, np.inf)
+        self.ttc = np.where(self.closing > 0, self.gap / np.maximum(self.closing, 1e-9), np.inf)
 
     def apart(self, behind: Any, ahead: Any) -> Any:
         """Gap from bumper to bumper between the vehicles of rows, m."""
@@ -141,7 +130,7 @@ class RecordedTraffic:
     def row_of(self, vehicle: str, frame: int) -> int | None:
         """The row of a vehicle at a frame; None where it is not recorded."""
         part = self.slices[vehicle]
-        row = part.start + frame - int(self.frame[part.start])
+        row = part.start + frame - self.frame[part.start]
         return row if part.start <= row < part.stop else None
 
     def onset_of(self, row: int, change: RecordedLaneChange) -> tuple[int, float]:
@@ -156,13 +145,37 @@ class RecordedTraffic:
         return begin, change.onset if ready else np.nan
 
 
+def _settled_lanes(rows: pd.DataFrame) -> np.ndarray:
+    """Lane of each row, (n,).
+
+    A visit shorter than `LANE_KEPT` stays with the lane before, at first with that after.
+    """
+    visit = (rows[["vehicle", "lane"]] != rows[["vehicle", "lane"]].shift()).any(axis=1)
+    samples = visit.groupby(visit.cumsum()).transform("size")
+    kept = rows["lane"].where(samples >= round(LANE_KEPT / INTERVAL))
+    settled = kept.groupby(rows["vehicle"])
+    lane = settled.ffill().fillna(settled.bfill()).fillna(rows["lane"])
+    return lane.to_numpy().astype(np.int64)
+
+
+def _neighbours(frame: np.ndarray, lane: np.ndarray, x: FloatArray) -> np.ndarray:
+    """Rows of the vehicles ahead and behind in a lane at the same frame, (2, n); -1: none."""
+    order = np.lexsort((x, lane, frame))
+    behind, ahead = order[:-1], order[1:]
+    same = (frame[behind] == frame[ahead]) & (lane[behind] == lane[ahead])
+    neighbours = np.full((2, len(x)), -1)
+    neighbours[0, behind[same]] = ahead[same]
+    neighbours[1, ahead[same]] = behind[same]
+    return neighbours
+
+
 def extract_events(recordings: Recordings) -> Events:
     """Every event of the recordings.
 
     The columns of an event table begin with event, recording, ego, t (s, its t = 0).
     """
     events: dict[str, list[Event]] = {kind: [] for kind in KINDS}
-    changes: list[Event] = []
+    changes = []
     vehicles = 0
     for recording, table in recordings.table.groupby("recording", sort=False):
         traffic = RecordedTraffic(table)
@@ -216,11 +229,11 @@ class RecordedLaneChange(NamedTuple):
 
 def find_lane_changes(traffic: RecordedTraffic) -> list[RecordedLaneChange]:
     """Every lane change of a recording that is kept, by vehicle."""
-    changes: list[RecordedLaneChange] = []
+    changes = []
     lane, time = traffic.lane, traffic.t
     for vehicle, part in traffic.slices.items():
         for crossing in (part.start + 1 + np.flatnonzero(np.diff(lane[part]))).tolist():
-            side = float(np.sign(lane[crossing] - lane[crossing - 1]))
+            side = np.sign(lane[crossing] - lane[crossing - 1])
             lateral = side * traffic.across
             first = last = crossing
             while first > part.start and lateral[first - 1] > LATERAL_SPEED:
@@ -231,7 +244,7 @@ def find_lane_changes(traffic: RecordedTraffic) -> list[RecordedLaneChange]:
             middle = None
             if moved[-1] > 0.5:
                 share = moved / moved[-1]
-                middle = float(np.argmax(share >= 0.9) - np.argmax(share >= 0.1)) * INTERVAL
+                middle = (np.argmax(share >= 0.9) - np.argmax(share >= 0.1)) * INTERVAL
             changes.append(
                 RecordedLaneChange(
                     vehicle, time[crossing], crossing, lane[crossing - 1], lane[crossing],
@@ -294,60 +307,68 @@ def _outcome(traffic: RecordedTraffic, row: int, end: int) -> tuple[str, int]:
     if end < traffic.slices[names[row]].stop:
         if lane[end] != lane[end - 1]:
             return "lane_change", end
-        after = traffic.row_of(names[traffic.lead[row]], int(traffic.frame[end]))
+        after = traffic.row_of(names[traffic.lead[row]], traffic.frame[end])
         if after is not None:
             return "leader_left" if lane[after] != lane[end] else "cut_in", end
     return "censored", end - 1
 
 
 def _approaches(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -> list[Event]:
-    gap, speed, time = traffic.gap, traffic.speed, traffic.t
+    gap, speed = traffic.gap, traffic.speed
     begun = (
         (traffic.closing >= CLOSING_SPEED)
         & (gap <= np.maximum(APPROACH_HEADWAY * speed, APPROACH_GAP))
         & (gap > LEAST_GAP)
     )
     onsets = {change.row: change.onset for change in changes}
-    events = []
-    for part in _stretches(traffic):
-        hits = np.flatnonzero(begun[part])
-        least_ttc, least_gap = traffic.ttc[part].min(), gap[part].min()
-        if hits.size == 0 or least_ttc > LARGEST_TTC:
-            continue
-        row, end = part.start + int(hits[0]), part.stop
-        ego, lead = traffic.names[row], traffic.lead[row]
-        outcome, ended = _outcome(traffic, row, end)
-        event = {
-            "ego": ego,
-            "t": time[row],
-            "lead": traffic.names[lead],
-            "start_kind": _start_kind(traffic, part.start, row),
-            "lane": traffic.lane[row],
-            "ego_speed": speed[row],
-            "lead_speed": speed[lead],
-            "gap": gap[row],
-            "outcome": outcome,
-            "t_outcome": time[ended] - time[row],
-            "min_ttc": least_ttc,
-            "min_gap": least_gap,
-            "min_acceleration": traffic.acceleration[row:end].min(),
-            "to_left": None,
-            "change_onset": None,
-            "headway_at_onset": None,
-            "ttc_at_onset": None,
-            "ghost": _is_ghost(least_gap, least_ttc, traffic.acceleration[row:end]),
+    return [
+        _approach(traffic, part, part.start + int(np.argmax(begun[part])), onsets)
+        for part in _stretches(traffic)
+        if begun[part].any() and traffic.ttc[part].min() <= LARGEST_TTC
+    ]
+
+
+def _approach(
+    traffic: RecordedTraffic, stretch: slice, row: int, onsets: Mapping[int, float]
+) -> Event:
+    """The approach that begins at a row of a stretch.
+
+    onsets: of the lane changes, s, by the row of the crossing.
+    """
+    gap, speed, time = traffic.gap, traffic.speed, traffic.t
+    ego, lead, end = traffic.names[row], traffic.lead[row], stretch.stop
+    least_ttc, least_gap = traffic.ttc[stretch].min(), gap[stretch].min()
+    outcome, ended = _outcome(traffic, row, end)
+    event = {
+        "ego": ego,
+        "t": time[row],
+        "lead": traffic.names[lead],
+        "start_kind": _start_kind(traffic, stretch.start, row),
+        "lane": traffic.lane[row],
+        "ego_speed": speed[row],
+        "lead_speed": speed[lead],
+        "gap": gap[row],
+        "outcome": outcome,
+        "t_outcome": time[ended] - time[row],
+        "min_ttc": least_ttc,
+        "min_gap": least_gap,
+        "min_acceleration": traffic.acceleration[row:end].min(),
+        "to_left": None,
+        "change_onset": None,
+        "headway_at_onset": None,
+        "ttc_at_onset": None,
+        "ghost": _is_ghost(least_gap, least_ttc, traffic.acceleration[row:end]),
+    }
+    if end < traffic.slices[ego].stop and end in onsets:
+        onset = onsets[end] - time[row]
+        at = max(round(onset / INTERVAL) + row, stretch.start)
+        event |= {
+            "to_left": bool(traffic.lane[end] > traffic.lane[end - 1]),
+            "change_onset": onset,
+            "headway_at_onset": gap[at] / max(speed[at], 0.1),
+            "ttc_at_onset": None if traffic.closing[at] <= 0 else traffic.ttc[at],
         }
-        if end < traffic.slices[ego].stop and end in onsets:
-            onset = onsets[end] - time[row]
-            at = max(round(onset / INTERVAL) + row, part.start)
-            event |= {
-                "to_left": bool(traffic.lane[end] > traffic.lane[end - 1]),
-                "change_onset": onset,
-                "headway_at_onset": gap[at] / max(speed[at], 0.1),
-                "ttc_at_onset": None if traffic.closing[at] <= 0 else traffic.ttc[at],
-            }
-        events.append(event)
-    return events
+    return event
 
 
 def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -> list[Event]:
@@ -471,5 +492,5 @@ def write_events(events: Events, folder: Path) -> None:
 
 def lane_centres(table: pd.DataFrame) -> dict[tuple[str, int], float]:
     """Median y of the vehicles in each lane of each recording, m."""
-    middles: Any = table.groupby(["recording", "lane"], sort=False)["y"].median()
-    return {(str(recording), int(lane)): float(y) for (recording, lane), y in middles.items()}
+    middles: dict[Any, float] = table.groupby(["recording", "lane"])["y"].median().to_dict()
+    return middles
