@@ -7,6 +7,7 @@ The class is the most probable of six. The motorway is curved, so the samples ar
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -33,33 +34,40 @@ def read(path: Path) -> Samples:
     columns = ("timestamp", *_NUMBERS)
     rows = read_table(path, columns, usecols=lambda name: name in columns)
     checked_numbers(rows, _NUMBERS, path)
-    time = pd.to_datetime(rows["timestamp"], utc=True, errors="coerce", format="ISO8601")
-    if time.isna().any():
-        bad = int(np.flatnonzero(time.isna())[0])
-        raise InputError(
-            f"`timestamp` in row {line_of_row(path, bad)} of {path} must be a time, got "
-            f"{rows['timestamp'].iloc[bad]!r}."
-        )
     likely = np.argmax(rows[[f"classifications_{name}" for name in _CLASSES]].to_numpy(), axis=1)
-    groups = rows.groupby("id").indices.items()
-    kind = {name: _CLASSES[np.bincount(likely[index]).argmax()] for name, index in groups}
+    kind = {
+        name: _CLASSES[np.bincount(likely[index]).argmax()]
+        for name, index in rows.groupby("id").indices.items()
+    }
     vx, vy = rows["velocity_easting"], rows["velocity_northing"]
     ax, ay = rows["acceleration_easting"], rows["acceleration_northing"]
     speed = np.hypot(vx, vy)
+    bodies = rows.groupby("id")[["dimension_length", "dimension_width"]].transform("median")
     table = pd.DataFrame(
         {
             "recording": path.stem,
             "vehicle": rows["id"].astype(np.int64).astype(str),
-            "t": (time - time.min()).dt.total_seconds(),
+            "t": _times(rows["timestamp"], path),
             "x": rows["center_easting"] - rows["center_easting"].iloc[0],
             "y": rows["center_northing"] - rows["center_northing"].iloc[0],
             "heading": np.radians(rows["yaw"]),
             "speed": speed,
             "acceleration": (vx * ax + vy * ay) / np.maximum(speed, 0.1),
-            "length": rows["dimension_length"],
-            "width": rows["dimension_width"],
+            "length": bodies["dimension_length"],
+            "width": bodies["dimension_width"],
             "class": rows["id"].map(kind).replace("motorbike", "motorcycle"),
         }
     )
-    sizes = table.groupby("vehicle")[["length", "width"]].transform("median")
-    return table.assign(length=sizes["length"], width=sizes["width"]), []
+    return table, []
+
+
+def _times(stamps: pd.Series[Any], path: Path) -> pd.Series[float]:
+    """Times since the first stamp, s."""
+    time = pd.to_datetime(stamps, utc=True, errors="coerce", format="ISO8601")
+    if time.isna().any():
+        bad = int(np.flatnonzero(time.isna())[0])
+        raise InputError(
+            f"`timestamp` in row {line_of_row(path, bad)} of {path} must be a time, got "
+            f"{stamps.iloc[bad]!r}."
+        )
+    return (time - time.min()).dt.total_seconds()

@@ -36,20 +36,7 @@ _CLASSES = {1: "motorcycle", 2: "car", 3: "truck"}
 
 def read(path: Path) -> Samples:
     """The recordings of a file."""
-    with input_file(path, "file").open("rb") as file:
-        first = file.readline().lstrip()
-    has_heading = first[:1].isalpha() or first[:1] in (b'"', b"\xef")
-    if has_heading:
-        known = {name.lower(): name for name in _NEEDED}
-        rows = read_table(path, (), dtype={"Location": str}).rename(
-            columns=lambda name: known.get(name.lower(), name)
-        )
-        require_columns(rows, _NEEDED, path)
-    else:
-        rows = read_table(path, (), sep=r"\s+", header=None, names=list(_ORIGINAL))
-    checked_numbers(rows, _NEEDED, path, heading=int(has_heading))
-    rows["place"] = rows["Location"].astype(str) if "Location" in rows else path.stem
-    rows = rows.sort_values(["place", "Vehicle_ID", "Global_Time"], kind="stable")
+    rows = _rows(path)
     # Another vehicle under the same id: its clock jumps, or its body is another one.
     same = (rows["Vehicle_ID"].diff() == 0) & (rows["place"] == rows["place"].shift())
     again = same & ((rows["Global_Time"].diff() > 1000.0) | (rows["v_length"].diff().abs() > 0.05))
@@ -71,16 +58,35 @@ def read(path: Path) -> Samples:
             "lane": MAIN_LANES - rows["Lane_ID"].astype(np.int64),
         }
     )
+    # y = 0 in the lane nearest to lane 0 that a recording has
     aside = table["lane"].abs()
     right = table["y"].where(aside == aside.groupby(table["recording"]).transform("min"))
     table["y"] -= right.groupby(table["recording"]).transform("median")
-    reused = int(again.sum())
     notes = [
         f"{path.name} has no headings: 0 is assumed. Its lane {MAIN_LANES} is the right lane "
         "(lane 0); lanes beyond it are auxiliary lanes and ramps."
     ]
-    if reused:
+    if again.any():
         notes.append(
-            f"{reused} times {path.name} uses a vehicle id again; each use is a vehicle of its own."
+            f"{again.sum()} times {path.name} uses a vehicle id again; each use is a vehicle of "
+            "its own."
         )
     return table, notes
+
+
+def _rows(path: Path) -> pd.DataFrame:
+    """The file's samples, with a column `place`, sorted by place, vehicle and time."""
+    with input_file(path, "file").open("rb") as file:
+        first = file.readline().lstrip()
+    has_heading = first[:1].isalpha() or first[:1] in (b'"', b"\xef")
+    if has_heading:
+        known = {name.lower(): name for name in _NEEDED}
+        rows = read_table(path, (), dtype={"Location": str}).rename(
+            columns=lambda name: known.get(name.lower(), name)
+        )
+        require_columns(rows, _NEEDED, path)
+    else:
+        rows = read_table(path, (), sep=r"\s+", header=None, names=list(_ORIGINAL))
+    checked_numbers(rows, _NEEDED, path, heading=int(has_heading))
+    rows["place"] = rows["Location"].astype(str) if "Location" in rows else path.stem
+    return rows.sort_values(["place", "Vehicle_ID", "Global_Time"], kind="stable")

@@ -32,13 +32,7 @@ _HEAD_ROWS = 5
 
 def read(path: Path) -> Samples:
     """The recordings of a file."""
-    try:
-        with input_file(path, "file").open(newline="", encoding="utf-8-sig") as file:
-            head = {row[0]: row[1:] for row in islice(csv.reader(file), _HEAD_ROWS) if row}
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path} cannot be read: {error}.") from error
-    known = {"Vehicle_order", "ACC"} <= head.keys()
-    require(known, path, "must begin with the five rows of OpenACC's head")
+    head = _head(path)
     names = [name for name in head["Vehicle_order"] if name]
     rows = read_table(path, ("Time",), skiprows=_HEAD_ROWS)
     checked_numbers(rows, ("Time",), path, heading=_HEAD_ROWS + 1)
@@ -47,7 +41,7 @@ def read(path: Path) -> Samples:
     require(bool(places), path, "must have columns Speed1, Speed2, ..., got none")
     channels = rows.apply(pd.to_numeric, errors="coerce")
     unknown = pd.Series(np.nan, index=rows.index)
-    parts: list[pd.DataFrame] = []
+    parts = []
     chains, behind = 0, unknown
     for place in places:
         speed = channels[f"Speed{place}"]
@@ -88,3 +82,15 @@ def read(path: Path) -> Samples:
             f"{path.name} was driven with ACC engaged in {engaged} cars: these are not people."
         )
     return pd.concat(parts, ignore_index=True), notes
+
+
+def _head(path: Path) -> dict[str, list[str]]:
+    """The cells of the rows above the table, by the first of each."""
+    try:
+        with input_file(path, "file").open(newline="", encoding="utf-8-sig") as file:
+            head = {row[0]: row[1:] for row in islice(csv.reader(file), _HEAD_ROWS) if row}
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path} cannot be read: {error}.") from error
+    known = {"Vehicle_order", "ACC"} <= head.keys()
+    require(known, path, "must begin with the five rows of OpenACC's head")
+    return head

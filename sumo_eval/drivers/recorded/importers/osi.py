@@ -45,25 +45,10 @@ _COLUMNS = "t", "vehicle", "x", "y", "length", "width", "heading", "speed", "typ
 
 def read(path: Path) -> Samples:
     """The recordings of a file."""
-    if not path.name.endswith(ENDINGS):
-        raise InputError(f"{path} must end in {', '.join(ENDINGS)}.")
-    input_file(path, "file")
-    if path.suffix == ".parquet":
-        rows = _omega_prime(path)
-    else:
-        rows = pd.DataFrame(list(_objects(path)), columns=list(_COLUMNS))
-    if rows.empty:
-        raise InputError(f"{path} must hold GroundTruth with moving objects, got none.")
-    numbers = ["t", "x", "y", "length", "width", "heading", "speed"]
-    checked_numbers(rows, numbers, path, rows=range(1, len(rows) + 1))
+    rows = _moving_objects(path)
     kinds = rows.groupby("vehicle")[["type", "subtype"]].first()
     bodies = rows.groupby("vehicle")[["length", "width"]].median()
-    reasons = {
-        "neither vehicle nor pedestrian": ~kinds["type"].isin((VEHICLE, PEDESTRIAN)),
-        "pulled by another vehicle": (kinds["type"] == VEHICLE) & kinds["subtype"].isin(_TOWED),
-        "without a body": ~(bodies > 0.0).all(axis=1),
-    }
-    why = pd.Series(np.select(list(reasons.values()), list(reasons), ""), index=kinds.index)
+    why = _why_left_out(kinds, bodies)
     counts = why[why != ""].value_counts().sort_index()
     left_out = ", ".join(f"{number} {reason}" for reason, number in counts.items())
     notes = [f"{path.name}: moving objects left out: {left_out}."] if left_out else []
@@ -78,8 +63,35 @@ def read(path: Path) -> Samples:
     bodies["class"] = classes.where(kinds["type"] != PEDESTRIAN, "pedestrian")
     rows = rows[["t", "vehicle", "x", "y", "heading", "speed"]].join(bodies, on="vehicle")
     rows["recording"] = path.name.removesuffix(next(filter(path.name.endswith, ENDINGS)))
-    table = rows.astype({"vehicle": str})
-    return table, notes
+    return rows.astype({"vehicle": str}), notes
+
+
+def _moving_objects(path: Path) -> pd.DataFrame:
+    """Every moving object at every instant, with finite numbers: a table of `_COLUMNS`."""
+    if not path.name.endswith(ENDINGS):
+        raise InputError(f"{path} must end in {', '.join(ENDINGS)}.")
+    input_file(path, "file")
+    if path.suffix == ".parquet":
+        rows = _omega_prime(path)
+    else:
+        rows = pd.DataFrame(list(_objects(path)), columns=list(_COLUMNS))
+    if rows.empty:
+        raise InputError(f"{path} must hold GroundTruth with moving objects, got none.")
+    checked_numbers(rows, ["t", *_COLUMNS[2:8]], path, rows=range(1, len(rows) + 1))
+    return rows
+
+
+def _why_left_out(kinds: pd.DataFrame, bodies: pd.DataFrame) -> pd.Series[str]:
+    """Reason why each object is left out; empty: it is not.
+
+    kinds: type and subtype; bodies: length and width, m; a row each.
+    """
+    reasons = {
+        "neither vehicle nor pedestrian": ~kinds["type"].isin((VEHICLE, PEDESTRIAN)),
+        "pulled by another vehicle": (kinds["type"] == VEHICLE) & kinds["subtype"].isin(_TOWED),
+        "without a body": ~(bodies > 0.0).all(axis=1),
+    }
+    return pd.Series(np.select(list(reasons.values()), list(reasons), ""), index=kinds.index)
 
 
 # --- files of messages ----------------------------------------------------------------------------

@@ -7,7 +7,6 @@ Traps: x, y is the centre of the FRONT bumper; angles are degrees clockwise from
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -76,7 +75,7 @@ def _numbers(rows: pd.DataFrame) -> list[str]:
 
 
 def _from_xml(path: Path) -> pd.DataFrame:
-    rows: list[dict[str, Any]] = []
+    rows = []
     with reading_xml(path):
         for _, step in etree.iterparse(
             str(input_file(path, "file")),
