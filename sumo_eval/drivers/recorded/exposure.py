@@ -86,7 +86,7 @@ class RunExposure(NamedTuple):
 
         points: (n, k), the concrete scenarios of the run.
         """
-        content: dict[str, Any] = {"about": self.about, "known": self.known}
+        content = {"about": self.about, "known": self.known}
         if self.recorded is not None:
             content |= {
                 "events": len(self.recorded.points),
@@ -167,16 +167,16 @@ def fit_exposure(
             f"The recorded events of an exposure must vary in each of {', '.join(names)} on its "
             "own; they do not."
         )
-    scott = float(n ** (-1.0 / (k + 4)))
+    scott = n ** (-1.0 / (k + 4))
     likelihoods = [_held_out(events, partial(_kde, factor=factor)) for factor in FACTORS]
-    best = int(np.argmax(likelihoods))
-    factor = scott if bandwidth == "scott" else float(FACTORS[best])
+    best = np.argmax(likelihoods)
+    factor = scott if bandwidth == "scott" else FACTORS[best]
     held_out = {
         "scott": _held_out(events, partial(_kde, factor=scott)),
         "cross_validated": likelihoods[best],
         "single_gaussian": _held_out(events, _gaussian),
         # over the box of all events: held-out ones are inside, in favour of this comparison
-        "uniform": -float(np.log(np.ptp(events, axis=0)).sum()),
+        "uniform": -np.log(np.ptp(events, axis=0)).sum(),
     }
     return RecordedExposure(tuple(names), events, factor, held_out)
 
@@ -199,8 +199,7 @@ def _folds(events: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
 
 def _held_out(events: FloatArray, fit: Any) -> float:
     """Mean log density of each event under a fit without its fold."""
-    logs = [fit(train)(test) for train, test in _folds(events)]
-    return float(np.concatenate(logs).mean())
+    return float(np.concatenate([fit(train)(test) for train, test in _folds(events)]).mean())
 
 
 def _kde(train: FloatArray, factor: float) -> Any:
@@ -226,7 +225,7 @@ def _declared(
         product = uniform_exposure(values)
         for name, distribution in declared.items():
             product = product * _frozen(distribution).pdf(values[name])
-        return np.asarray(product)
+        return product
 
     words = ", ".join(
         f"{name} {item.distribution} ({item.first:g}, {item.second:g})"

@@ -55,8 +55,7 @@ def import_recordings(form: str, paths: Sequence[Path]) -> Recordings:
     if double:
         raise InputError(f"Recordings must have different names, got {min(double)!r} twice.")
     table = pd.concat([part.table for part in parts], ignore_index=True)
-    notes = tuple(dict.fromkeys(note for part in parts for note in part.notes))
-    return Recordings(table, notes)
+    return Recordings(table, tuple(dict.fromkeys(note for part in parts for note in part.notes)))
 
 
 def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
@@ -80,8 +79,7 @@ def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
                 )
         return (read_csv(path) for path in paths)
     read, patterns = READERS[form]
-    files = (file for path in paths for file in files_in(path, *patterns))
-    return (_canonical(*read(file)) for file in files)
+    return (_canonical(*read(file)) for path in paths for file in files_in(path, *patterns))
 
 
 def _canonical(table: pd.DataFrame, notes: list[str]) -> Recordings:

@@ -82,10 +82,7 @@ def _recorded(paths: tuple[Path, ...], changed: tuple[int, ...]) -> People:
     once.
     """
     recordings = import_recordings(OWN, paths)
-    tracks = {
-        (str(a), str(b)): track
-        for (a, b), track in recordings.table.groupby(["recording", "vehicle"], sort=False)
-    }
+    tracks: Any = dict(iter(recordings.table.groupby(["recording", "vehicle"])))
     return People(recordings, extract_events(recordings), tracks, lane_centres(recordings.table))
 
 
@@ -112,23 +109,28 @@ def reference(
     events = matching_events(people.events, concrete.scenario, recorded)
     own = settings.tolerance or {}
     tolerance = {name: own.get(name, within) for name, within in recorded.tolerance}
-    names = list(tolerance)
-    wanted = [concrete.values[name] for name in names]
-    in_tolerances = ((events[names] - wanted).abs() / list(tolerance.values())).to_numpy()
-    near = np.flatnonzero(np.all(in_tolerances <= 1.0, axis=1))
-    near = near[np.argsort(np.linalg.norm(in_tolerances[near], axis=1), kind="stable")]
     least = settings.coverage * (concrete.road.length - concrete.ego.x)
-    drives: dict[str, Trajectory] = {}
-    for event in events.iloc[near].itertuples():
-        track = people.tracks[(str(event.recording), str(event.ego))]
+    drives = {}
+    for event in _nearest(events, concrete.values, tolerance).itertuples():
+        track = people.tracks[str(event.recording), str(event.ego)]
         name = track["driver"].iloc[0] or f"{event.recording}/{event.ego}"
         if name in drives:
             continue
-        drive = _aligned(track, float(event.start), concrete, people)  # type: ignore[arg-type]
+        drive = _aligned(track, event.start, concrete, people)  # type: ignore[arg-type]
         covers = drive.speed[-1] < _STANDS or drive.x.max() - concrete.ego.x >= least
         if len(drive) > 1 and covers:
             drives[name] = drive
     return Reference(tuple(drives.values()), tuple(drives))
+
+
+def _nearest(
+    events: pd.DataFrame, values: Mapping[str, float], tolerance: Mapping[str, float]
+) -> pd.DataFrame:
+    """Events whose parameters are within all tolerances of these values, the nearest first."""
+    wanted = [values[name] for name in tolerance]
+    away = ((events[list(tolerance)] - wanted).abs() / list(tolerance.values())).to_numpy()
+    near = np.flatnonzero(np.all(away <= 1.0, axis=1))
+    return events.iloc[near[np.argsort(np.linalg.norm(away[near], axis=1), kind="stable")]]
 
 
 def _aligned(
@@ -140,7 +142,7 @@ def _aligned(
     rows = track[track["t"] >= start - 1e-6]
     x = rows["x"] - rows["x"].iloc[0] + concrete.ego.x
     before = x.cummax().shift(fill_value=-np.inf) < concrete.road.length
-    recording, lane = str(rows["recording"].iloc[0]), int(rows["lane"].iloc[0])
+    recording, lane = rows["recording"].iloc[0], rows["lane"].iloc[0]
     centre = people.centres.get((recording, lane), 0.0)
     right, left = (people.centres.get((recording, number), np.nan) for number in (0, 1))
     spacing = left - right  # of all lanes: those of a road are alike

@@ -270,7 +270,7 @@ class SyntheticDriver(Compiled):
 
         others: number of other vehicles in each case.
         """
-        count, step = len(together), float(scenario["step"][0])
+        count, step = len(together), scenario["step"][0]
         longest = max(
             max(it.driver.reaction_time, it.driver.alerted_reaction_time) for it in together
         )

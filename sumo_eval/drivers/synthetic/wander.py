@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.kernels import kernel
-from sumo_eval.trajectory import FloatArray
 
 
 @kernel
@@ -48,5 +47,5 @@ class SmoothNoise:
     ) -> None:
         frequencies = stream.normal(0.0, 1.0 / correlation_time, self.COMPONENTS)
         phases = stream.uniform(0.0, math.tau, self.COMPONENTS)
-        self.waves: FloatArray = np.stack((frequencies, phases), axis=1)
+        self.waves = np.stack((frequencies, phases), axis=1)
         self.amplitude = deviation * math.sqrt(2.0 / self.COMPONENTS)
