@@ -137,10 +137,10 @@ def scene(
         import_recordings(OWN, tables),
         out,
         ego,
-        recording=recording,
-        span=(begin, end),
-        model=react,
-        beyond=beyond,
+        recording,
+        (begin, end),
+        react,
+        beyond,
     )
     tell(
         f"{found.others} vehicles around {ego} for {found.seconds:z.1f} s; in the file they are "
@@ -155,7 +155,7 @@ def scene(
     for reason, number in found.left_out.items():
         tell(f"Left out: {number} vehicles, {reason}.")
     tell(ROAD_AS_WRITTEN)
-    tell(f"Scene: {found.path}")
+    tell(f"Scene: {out}")
 
 
 @humans.command(epilog="Example: sumo-eval humans departure results/scene")
@@ -187,8 +187,7 @@ def opinion(run: Path, ratings: Path, out: Path | None) -> None:
     )
 
     given = read_ratings(ratings)
-    evaluation = scored(run)
-    result = compare_opinion(evaluation, given)
+    result = compare_opinion(scored(run), given)
     say(opinion_lines(result))
     place = run / "opinion.html" if out is None else out
     write_opinion(result, run, place)
@@ -210,8 +209,7 @@ def calibrate(runs: tuple[Path, ...], by: str) -> None:
     from sumo_eval.extras.studies.calibration import calibrate as calibrated
     from sumo_eval.extras.studies.calibration import calibration_lines
 
-    evaluations = [scored(run) for run in runs]
-    say(calibration_lines(calibrated(evaluations, by=by)))
+    say(calibration_lines(calibrated([scored(run) for run in runs], by=by)))
 
 
 @click.command(epilog="Example: sumo-eval sensitivity results/first --constant k2")

@@ -58,7 +58,6 @@ FAR, IN_ANOTHER, SHORT = (
 class WrittenScene(NamedTuple):
     """The scenario of a scene, and its errors.
 
-    path: of the file.
     others: number of actors.
     left_out: reason -> number of vehicles.
     continued: number of actors that were not recorded throughout, and are assumed to keep their
@@ -67,7 +66,6 @@ class WrittenScene(NamedTuple):
         positions.
     """
 
-    path: Path
     others: int
     left_out: dict[str, int]
     continued: int
@@ -96,7 +94,6 @@ def write_scene(
     recordings: Recordings,
     path: Path,
     ego: str,
-    *,
     recording: str | None = None,
     span: tuple[float | None, float | None] = (None, None),
     model: str | None = None,
@@ -114,32 +111,28 @@ def write_scene(
         raise must_be("The file", "a scene", "one that ends with .toml", str(path))
     table = _of_recording(recordings.table, recording, ego)
     if not 0.0 < beyond < NEVER:
-        bounds = f"above 0 m and below {NEVER:g} m"
-        raise must_be("The distance from which on actors react", "a scene", bounds, beyond)
-    own = table[table["vehicle"] == ego]
-    first, last = _span_of(own, span)
-    begins = table.groupby("vehicle", sort=False)["t"].min()
-    table = table[table["t"].between(first, last)]
-    lowest, width, lanes = _lanes(table)
-    clock = np.arange(round((last - first) / INTERVAL) + 1, dtype=np.float64) * INTERVAL
-    seconds = float(clock[-1])
-    mine = _track(own, first, lowest)
-    speed = _speed(mine, 0.0)
-    x, y = (np.interp(clock, mine.time, values) for values in (mine.x, mine.y))
-    mine = mine._replace(time=clock, x=x, y=y)  # of the scene alone
-    names = sorted(set(table["vehicle"]) - {ego}, key=lambda name: (begins[name], name))
-    rows = (table[table["vehicle"] == name] for name in names)
-    actors, continued, left_out = _actors_of([_track(it, first, lowest) for it in rows], mine)
+        raise must_be(
+            "The distance from which on actors react",
+            "a scene",
+            f"above 0 m and below {NEVER:g} m",
+            beyond,
+        )
+    first, last = _span_of(table[table["vehicle"] == ego], span)
+    recorded, tracks, road = _recorded_tracks(table, ego, first, last)
+    clock = np.arange(round((last - first) / INTERVAL) + 1.0) * INTERVAL
+    x, y = (np.interp(clock, recorded.time, values) for values in (recorded.x, recorded.y))
+    scene_ego = recorded._replace(time=clock, x=x, y=y)
+    actors, continued, left_out = _actors_of(tracks, scene_ego)
     if not actors:
         raise InputError(
             f"Around vehicle `{ego}` there must be a vehicle from {first:g} to {last:g} s, got "
             "none."
         )
-    shift = ROAD_BEHIND - min(float(track.x[0]) for track in (mine, *actors))
-    road = max(float(track.x.max()) for track in (mine, *actors)) + shift + ROAD_AHEAD
-    reaction = f"from a departure on actors react as SUMO's {model}" if model else NO_REACTION
+
+    scene_ego, *actors = _on_road([scene_ego, *actors])
     # without a model `beyond` is refused, so that one point is left
     never = {"require": f"react_beyond >= {NEVER:g}", "about": f"one where {NO_REACTION}"}
+    reaction = f"from a departure on actors react as SUMO's {model}" if model else NO_REACTION
     content = {
         "name": re.sub(r"\W", "_", path.stem),
         "about": f"A recorded scene: traffic around vehicle {ego}, {first:g} to {last:g} s. "
@@ -150,20 +143,14 @@ def write_scene(
         "parameter": [{"name": "react_beyond", "unit": "m", "values": [beyond, NEVER],
             "about": "distance of the ego from the recorded one beyond which actors react"}],
         "constraint": [] if model else [never],
-        "road": {"lanes": lanes, "lane_width": width, "length": round(road, 1)},
-        "end": {"x": round(road - ROAD_AHEAD / 2.0, 1), "time": round(seconds, 1)},
-        "ego": {"speed": round(speed, 3), "x": round(x[0] + shift, 3),
-            "y": round(y[0], 3), "length": mine.length, "width": mine.width,
-            "recorded": np.column_stack([x + shift, y]).round(3).tolist()},
-        "vehicle": [_vehicle(track, shift, width, lanes, model or "IDM") for track in actors],
+        **_traffic(scene_ego, _speed(recorded, 0.0), actors, *road, model or "IDM"),
     }  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(tomli_w.dumps(content), encoding="utf-8")
     check_file(path)
-    error = _error(path, actors, shift, seconds)
-    return WrittenScene(
-        path, len(actors), dict(sorted(left_out.items())), continued, error, seconds
-    )
+    seconds = clock[-1]
+    error = _error(path, actors, seconds)
+    return WrittenScene(len(actors), dict(sorted(left_out.items())), continued, error, seconds)
 
 
 def _of_recording(table: pd.DataFrame, recording: str | None, ego: str) -> pd.DataFrame:
@@ -200,6 +187,25 @@ def _span_of(own: pd.DataFrame, span: tuple[float | None, float | None]) -> tupl
     return first, last
 
 
+def _recorded_tracks(
+    table: pd.DataFrame, ego: str, first: float, last: float
+) -> tuple[_Track, list[_Track], tuple[float, int]]:
+    """The ego's whole track; the other vehicles' during the scene, the earliest recorded first;
+    the lanes' width, m, and their number.
+
+    first, last: start and end of the scene, s of the recording.
+    """
+    begins = table.groupby("vehicle")["t"].min()
+    scene = table[table["t"].between(first, last)]
+    lowest, road = _lanes(scene)
+    groups = scene[scene["vehicle"] != ego].groupby("vehicle")
+    others = [
+        _track(rows, first, lowest)
+        for _, rows in sorted(groups, key=lambda group: begins[group[0]])
+    ]
+    return _track(table[table["vehicle"] == ego], first, lowest), others, road
+
+
 def _actors_of(tracks: list[_Track], ego: _Track) -> tuple[list[_Track], int, Counter[str]]:
     """Actors of the file, each from the start of the scene on; how many of them were not recorded
     throughout; reason -> number of vehicles left out.
@@ -227,13 +233,13 @@ def _actors_of(tracks: list[_Track], ego: _Track) -> tuple[list[_Track], int, Co
     return actors, continued, left_out
 
 
-def _lanes(rows: pd.DataFrame) -> tuple[float, float, int]:
-    """y of the right-most lane with a vehicle, width of the lanes, m, and number of lanes."""
+def _lanes(rows: pd.DataFrame) -> tuple[float, tuple[float, int]]:
+    """y of the right-most lane with a vehicle, m; the lanes' width, m, and their number."""
     middles = np.sort(rows.groupby("lane")["y"].median().to_numpy())
     gaps = np.diff(middles)
     gaps = gaps[(gaps > 2.5) & (gaps < 4.5)]  # of neighbours
     width = round(float(np.median(gaps)), 2) if len(gaps) else STANDARD_LANE
-    return float(middles[0]), width, round(float(middles[-1] - middles[0]) / width) + 1
+    return middles[0], (width, round((middles[-1] - middles[0]) / width) + 1)
 
 
 def _track(rows: pd.DataFrame, first: float, lowest: float) -> _Track:
@@ -242,11 +248,10 @@ def _track(rows: pd.DataFrame, first: float, lowest: float) -> _Track:
     first: start of the scene, s of the recording.
     lowest: y of the right-most lane, m.
     """
-    time, x, y = (rows[key].to_numpy(dtype=np.float64) for key in ("t", "x", "y"))
+    time, x, y = (rows[key].to_numpy() for key in ("t", "x", "y"))
     of = rows.iloc[0]
     body = BODIES.get(str(of["class"]), "car")
-    length, width = float(of["length"]), float(of["width"])
-    return _Track(of["vehicle"], body, length, width, time - first, x, y - lowest)
+    return _Track(of["vehicle"], body, of["length"], of["width"], time - first, x, y - lowest)
 
 
 def _speed(track: _Track, time: float) -> float:
@@ -262,10 +267,9 @@ def _from_start(track: _Track) -> _Track:
     """
     # half an interval: rounding must not repeat the first position
     before = np.arange(0.0, track.time[0] - INTERVAL / 2.0, INTERVAL)
-    x = track.x[0] - _speed(track, float(track.time[0])) * (track.time[0] - before)
     return track._replace(
         time=np.append(before, track.time),
-        x=np.append(x, track.x),
+        x=np.append(track.x[0] - _speed(track, track.time[0]) * (track.time[0] - before), track.x),
         y=np.append(np.full(len(before), track.y[0]), track.y),
     )
 
@@ -276,16 +280,41 @@ def _overlap(one: _Track, other: _Track) -> bool:
     return bool(beside and abs(one.x[0] - other.x[0]) < (one.length + other.length) / 2.0)
 
 
-def _vehicle(track: _Track, shift: float, width: float, lanes: int, model: str) -> dict[str, Any]:
+def _on_road(tracks: list[_Track]) -> list[_Track]:
+    """The tracks with x along the file's road, which begins `ROAD_BEHIND` before them all."""
+    shift = ROAD_BEHIND - min(track.x[0] for track in tracks)
+    return [track._replace(x=track.x + shift) for track in tracks]
+
+
+def _traffic(
+    ego: _Track, speed: float, actors: list[_Track], width: float, lanes: int, model: str
+) -> dict[str, Any]:
+    """Road, end, ego and vehicles of the file.
+
+    speed: of the ego at the start, m/s.
+    width: of the lanes, m.
+    """
+    road = max(float(track.x.max()) for track in (ego, *actors)) + ROAD_AHEAD
+    path = np.column_stack([ego.x, ego.y]).round(3).tolist()
+    x, y = path[0]
+    return {
+        "road": {"lanes": lanes, "lane_width": width, "length": round(road, 1)},
+        "end": {"x": round(road - ROAD_AHEAD / 2.0, 1), "time": round(float(ego.time[-1]), 1)},
+        "ego": {"speed": round(speed, 3), "x": x, "y": y,
+            "length": ego.length, "width": ego.width, "recorded": path},
+        "vehicle": [_vehicle(track, width, lanes, model) for track in actors],
+    }  # fmt: skip
+
+
+def _vehicle(track: _Track, width: float, lanes: int, model: str) -> dict[str, Any]:
     """A vehicle of the file: along its path, at its speed, until SUMO takes it over."""
-    x, y = track.x + shift, track.y
+    x, y = track.x, track.y
     driven = np.append(0.0, np.hypot(np.diff(x), np.diff(y)).cumsum())  # m since the start
     knots, speeds = fit_speeds(track.time, driven)
     within = " or ".join(
         f"abs(y({track.name}) - {width * lane:g}) < {WITHIN_LANE}" for lane in range(lanes)
     )
-    positions = np.column_stack([x, y]).round(3)
-    begin, *points = positions[thinned(x, y, PATH_TOLERANCE)].tolist()
+    begin, *points = np.column_stack([x, y]).round(3)[thinned(x, y, PATH_TOLERANCE)].tolist()
     speed, *later_speeds = speeds.round(3).tolist()
     path = {"do": "path", "points": points}
     profile = {"do": "speed_profile", "times": knots.round(3).tolist()[1:], "speeds": later_speeds}
@@ -295,11 +324,10 @@ def _vehicle(track: _Track, shift: float, width: float, lanes: int, model: str) 
         "speed": round(max(float(speeds.max()), 1.0), 2),
         "when": f"departed > react_beyond and ({within})",
     }
-    stands = driven[-1] <= 1.0
     return {
         "name": track.name, "speed": speed, "x": begin[0], "y": begin[1],
         "body": track.body, "length": track.length, "width": track.width,
-        "manoeuvre": [follow] if stands else [path, profile, follow],
+        "manoeuvre": [follow] if driven[-1] <= 1.0 else [path, profile, follow],
     }  # fmt: skip
 
 
@@ -314,14 +342,13 @@ def fit_speeds(time: FloatArray, way: FloatArray) -> tuple[FloatArray, FloatArra
     from scipy.interpolate import make_interp_spline
     from scipy.optimize import lsq_linear
 
-    begin, end = float(time[0]), float(time[-1])
+    begin, end = time[0], time[-1]
     count = max(round((end - begin) / KNOTS), 1) + 1
     knots = np.linspace(begin, end, count)
     # column k: a speed of 1 m/s at knot k, 0 at the others, and the distance driven at that speed
     hats = make_interp_spline(knots, np.eye(count), k=1)
     distances = hats.antiderivative()(time)
-    solve: Any = lsq_linear
-    return knots, np.asarray(solve(distances, way - way[0], bounds=(0.0, np.inf)).x)
+    return knots, lsq_linear(distances, way - way[0], bounds=(0.0, np.inf)).x
 
 
 def thinned(x: FloatArray, y: FloatArray, tolerance: float) -> list[int]:
@@ -343,7 +370,7 @@ def thinned(x: FloatArray, y: FloatArray, tolerance: float) -> list[int]:
     return sorted(kept)
 
 
-def _error(path: Path, actors: list[_Track], shift: float, seconds: float) -> tuple[float, float]:
+def _error(path: Path, actors: list[_Track], seconds: float) -> tuple[float, float]:
     """Root mean square and largest distance of the actors from their recorded positions, m."""
     concrete = read_scenario(path).concrete(react_beyond=NEVER)
     body = concrete.ego_body
@@ -354,7 +381,7 @@ def _error(path: Path, actors: list[_Track], shift: float, seconds: float) -> tu
     for (x, y, *_), track in zip(driven.transpose(0, 2, 1), actors, strict=True):
         seen = track.time <= seconds + 1e-6
         time = track.time[seen]
-        ahead = np.interp(time, clock, x) - track.x[seen] - shift
+        ahead = np.interp(time, clock, x) - track.x[seen]
         apart.append(np.hypot(ahead, np.interp(time, clock, y) - track.y[seen]))
     every = np.concatenate(apart)
-    return float(np.sqrt(np.mean(every**2))), float(every.max())
+    return np.sqrt(np.mean(every**2)), every.max()
