@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -147,7 +147,7 @@ def _at(traffic: RecordedTraffic, vehicle: str, time: float) -> tuple[float, flo
     if not clock[0] - 1e-6 <= time <= clock[-1] + 1e-6:
         raise NotMeasuredError(NOT_WHOLE)
     x, speed = (np.interp(time, clock, values[whole]) for values in (traffic.x, traffic.speed))
-    return float(x), float(speed)
+    return x, speed
 
 
 def _bodies(traffic: RecordedTraffic, *vehicles: str) -> float:
@@ -198,79 +198,90 @@ def find_encounters(
     """
     classes = {name: Encounters(name) for name in CLASSES}
     kilometres = hours = 0.0
-    names: list[str] = []
+    vehicles = 0
+    names = []
     notes: list[str] = []
-    speeds, gaps, vehicles = [np.zeros(0)], [], 0
+    speeds = []
+    gaps = []
     for part in parts:
         notes += part.notes
         motor = part.table[part.table["class"].isin(MOTOR_CLASSES)]
-        for name, table in motor.groupby("recording", sort=False):
-            if str(name) in names:
-                raise InputError(f"Recordings must have different names, got {str(name)!r} twice.")
+        recordings: Any = motor.groupby("recording", sort=False)
+        for name, table in recordings:
+            if name in names:
+                raise InputError(f"Recordings must have different names, got {name!r} twice.")
             traffic = RecordedTraffic(table)
-            names.append(str(name))
+            names.append(name)
             vehicles += len(traffic.slices)
             for track in traffic.slices.values():
                 kilometres += float(np.abs(np.diff(traffic.x[track])).sum()) / 1000.0
                 hours += (traffic.t[track.stop - 1] - traffic.t[track.start]) / 3600.0
             # a view would hold the whole recording
             speeds.append(traffic.speed[::SPEEDS_EVERY].copy())
-            centres = [traffic.centres[lane] for lane in sorted(traffic.centres) if lane >= 0]
-            gaps += [b - a for a, b in itertools.pairwise(centres) if 2.5 < b - a < 4.5]
-            _measure_recording(str(name), traffic, classes)
-            watch(str(name), len(names))
-    every = np.concatenate(speeds)
+            gaps += _lane_gaps(traffic)
+            _measure_recording(name, traffic, classes)
+            watch(name, len(names))
     return EncounterSurvey(
         classes, kilometres, hours, vehicles, tuple(names),
-        tuple(np.quantile(every if every.size else [0.0], [0.05, 0.5, 0.95]).tolist()),
+        tuple(np.quantile(np.concatenate(speeds or [np.zeros(1)]), [0.05, 0.5, 0.95]).tolist()),
         round(float(np.median(gaps)), 2) if gaps else 3.5,
         tuple(dict.fromkeys(notes)),
     )  # fmt: skip
+
+
+def _lane_gaps(traffic: RecordedTraffic) -> list[float]:
+    """Distances between the centres of neighbouring lanes, m."""
+    centres = [traffic.centres[lane] for lane in sorted(traffic.centres) if lane >= 0]
+    return [b - a for a, b in itertools.pairwise(centres) if 2.5 < b - a < 4.5]
 
 
 def _measure_recording(
     name: str, traffic: RecordedTraffic, classes: Mapping[str, Encounters]
 ) -> None:
     """Count and measure the events of a recording."""
-    changes = find_lane_changes(traffic)
-    by_row = {(change.vehicle, round(change.t, 3)): change for change in changes}
-    events = encounters(traffic, changes)
-
-    def take(
-        kind: str, event: Event, other: str, measure: Callable[..., Measurement], *more: Any
-    ) -> None:
+    for kind, event, other, measure, *more in _events_that_count(traffic):
         encountered = classes[kind]
         if event["ghost"]:
             encountered.ghosts += 1
-            return
+            continue
         encountered.events += 1
         try:
             row, motion = measure(traffic, event, *more)
         except NotMeasuredError as reason:
             encountered.left_out[str(reason)] += 1
-            return
+            continue
         encountered.rows.append(row)
         encountered.motions.append(motion)
         source = {"recording": name, "ego": event["ego"], "other": other, "t": event["t"]}
         encountered.sources.append(source)
 
-    for kind, measure in (("cut_in", _cut_in), ("cut_out", _cut_out)):
-        for event in events[kind]:
-            change = by_row[event[kind], round(event["t"], 3)]
-            exact = _kind_of_cut_in(traffic, event, change) if kind == "cut_in" else kind
-            take(exact, event, change.vehicle, measure, change)
+
+def _events_that_count(traffic: RecordedTraffic) -> Iterator[Any]:
+    """Class, event, name of the actor, function that measures the event, its further arguments."""
+    changes = find_lane_changes(traffic)
+    crossings = {(change.vehicle, round(change.t, 3)): change for change in changes}
+    events = encounters(traffic, changes)
+    for event in events["cut_in"]:
+        change = crossings[event["cut_in"], round(event["t"], 3)]
+        yield _kind_of_cut_in(traffic, event, change), event, change.vehicle, _cut_in, change
+    for event in events["cut_out"]:
+        change = crossings[event["cut_out"], round(event["t"], 3)]
+        yield "cut_out", event, change.vehicle, _cut_out, change
     for event in events["lead_braking"]:
         if event["headway"] <= BRAKING_HEADWAY:
-            take("braking", event, event["lead"], _braking)
+            yield "braking", event, event["lead"], _braking
     for event in events["approach"]:
         if event["start_kind"] == "range_crossing":
-            take("approach", event, event["lead"], _approach)
+            yield "approach", event, event["lead"], _approach
     for change in changes:
         pair = _neighbours(traffic, change) if change.to > change.origin >= 0 else None
         if pair is not None:
-            ghost = change.lateral_speed > GHOST_LATERAL_SPEED
-            event = {"ego": change.vehicle, "t": change.t, "ghost": ghost}
-            take("lane_change", event, pair[1], _lane_change, change, *pair)
+            event = {
+                "ego": change.vehicle,
+                "t": change.t,
+                "ghost": change.lateral_speed > GHOST_LATERAL_SPEED,
+            }
+            yield "lane_change", event, pair[1], _lane_change, change, *pair
 
 
 def _kind_of_cut_in(traffic: RecordedTraffic, event: Event, change: RecordedLaneChange) -> str:
@@ -291,8 +302,9 @@ def _sideways(traffic: RecordedTraffic, change: RecordedLaneChange) -> tuple[flo
     whole = traffic.slices[change.vehicle]
     t = traffic.t[whole]
     seen = (t >= change.onset - AROUND) & (t <= change.end + AROUND)
-    y = traffic.y[whole][seen]
-    begin, duration, offset = fit_smooth_step(t[seen], y, change.onset, change.duration)
+    begin, duration, offset = fit_smooth_step(
+        t[seen], traffic.y[whole][seen], change.onset, change.duration
+    )
     if not (SHORTEST <= duration <= LONGEST and NEAREST <= abs(offset) <= FARTHEST):
         raise NotMeasuredError(NO_FIT)
     return begin, duration, offset
@@ -316,33 +328,36 @@ def fit_smooth_step(
         """Sum of squares of a start and a duration, and the offset that has the least."""
         share = smooth_step((time - values[0]) / max(abs(values[1]), INTERVAL))
         share = share - share.mean()
-        spread = float((share**2).sum())
-        offset = float((share * across).sum()) / spread if spread > 0.0 else 0.0
+        spread = (share**2).sum()
+        offset = (share * across).sum() / spread if spread > 0.0 else 0.0
         rest = across - offset * share
-        return float(rest @ rest), offset
+        return rest @ rest, offset
 
     # begin and duration: a smooth step begins before its onset is seen, and ends later
     guess = np.array([onset - 0.1 * duration, 1.2 * max(duration, 0.5)])
-    options = {"xatol": 1e-3, "fatol": 1e-9}
-    best = minimize(lambda values: fit(values)[0], guess, method="Nelder-Mead", options=options).x
-    return float(best[0]), float(abs(best[1])), fit(best)[1]
+    best = minimize(
+        lambda values: fit(values)[0],
+        guess,
+        method="Nelder-Mead",
+        options={"xatol": 1e-3, "fatol": 1e-9},
+    ).x
+    return best[0], abs(best[1]), fit(best)[1]
 
 
 def constant_acceleration(time: FloatArray, x: FloatArray) -> tuple[float, float, float]:
     """x0 m, v0 m/s and a m/s2 of x0 + v0 t + a t^2 / 2 by least squares over (n,) samples."""
     design = np.column_stack([np.ones_like(time), time, 0.5 * time**2])
     x0, v0, a = np.linalg.lstsq(design, x, rcond=None)[0]
-    return float(x0), float(v0), float(a)
+    return x0, v0, a
 
 
 def _cut_in(traffic: RecordedTraffic, event: Event, change: RecordedLaneChange) -> Measurement:
     begin, duration, offset = _sideways(traffic, change)
-    part = _part(traffic, change.vehicle, begin, duration)
-    pair = _Pair(traffic, event["ego"], begin, part)
+    pair = _Pair(traffic, event["ego"], begin, _part(traffic, change.vehicle, begin, duration))
     values = pair.values | {"duration": duration}
     # the scenario shows a ramp on the right, another lane on the left
     mirror = 1.0 if change.origin < 0 else -1.0
-    return values, pair.motion(change.to, mirror * float(np.sign(offset)))
+    return values, pair.motion(change.to, mirror * np.sign(offset))
 
 
 def _cut_out(traffic: RecordedTraffic, event: Event, change: RecordedLaneChange) -> Measurement:
@@ -359,10 +374,10 @@ def _cut_out(traffic: RecordedTraffic, event: Event, change: RecordedLaneChange)
         "lead_gap": pair.gap,
         "lead_acceleration": pair.acceleration,
         "duration": duration,
-        "closing_speed": pair.ego_speed - float(speed),
-        "gap": float(x) - pair.ego_x - _bodies(traffic, ego, revealed),
+        "closing_speed": pair.ego_speed - speed,
+        "gap": x - pair.ego_x - _bodies(traffic, ego, revealed),
     }
-    return values, pair.motion(change.origin, float(np.sign(offset)))
+    return values, pair.motion(change.origin, np.sign(offset))
 
 
 def _braking(traffic: RecordedTraffic, event: Event) -> Measurement:
@@ -392,8 +407,8 @@ def _neighbours(traffic: RecordedTraffic, change: RecordedLaneChange) -> tuple[s
     """The lead in the old lane and the vehicle behind in the new one at a lane change; None
     unless both are near.
     """
-    before, rear = change.row - 1, int(traffic.follower[change.row])
-    lead = int(traffic.lead[before])
+    before, rear = change.row - 1, traffic.follower[change.row]
+    lead = traffic.lead[before]
     if lead < 0 or rear < 0:
         return None
     far_lead = traffic.gap[before] > LEAD_HEADWAY * traffic.speed[before]
