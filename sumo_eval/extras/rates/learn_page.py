@@ -57,8 +57,7 @@ def write_lesson(lesson: Lesson, folder: Path) -> tuple[Path, ...]:
     """
     page, data, campaign = (folder / name for name in (PAGE, JSON, CAMPAIGN))
     content = plain(lesson)
-    text = json.dumps(content, indent=2, allow_nan=False) + "\n"
-    write_page(data, text, "The lesson")
+    write_page(data, json.dumps(content, indent=2, allow_nan=False) + "\n", "The lesson")
     campaign.unlink(missing_ok=True)
     names = [name for name, learnt in lesson.learnt.items() if learnt.logical is not None]
     if names:
@@ -160,7 +159,7 @@ def sentences(lesson: Lesson) -> list[str]:
         rate, low, high = learnt.measured.rate
         events, rows = learnt.encounters.events, learnt.encounters.rows
         if learnt.logical is None:
-            against = int((~learnt.measured.kept).sum())
+            against = (~learnt.measured.kept).sum()
             ruled_out = f" ({against} of them against a constraint)" if against else ""
             result = (
                 f"{len(rows)} with all parameters{ruled_out}, {learnt.measured.needed} are needed: "
@@ -172,7 +171,7 @@ def sentences(lesson: Lesson) -> list[str]:
                 f"{fitted} fitted ({best.model}), held out {best.log_likelihood:z.2f} nats an "
                 f"event, Kolmogorov distance at most {max(best.kolmogorov.values()):.3f} (by "
                 f"chance {kolmogorov_by_chance(fitted):.3f}), replay error "
-                f"{float(np.median(learnt.replay[:, 2])):.2f} m (median)."
+                f"{np.median(learnt.replay[:, 2]):.2f} m (median)."
             )
         rates = f"{rate:.3g} ({interval(low, high)}) per vehicle-km"
         lines.append(f"{name}: {events} events, {rates}; {result}")
@@ -195,23 +194,29 @@ def parts(lesson: Lesson, content: dict[str, Any]) -> list[Piece]:
 
 def _class_parts(learnt: Learnt, content: dict[str, Any]) -> list[Text | Table | Chart]:
     """The results of a class."""
-    encounters, left_out = learnt.encounters, content["without_parameters"].items()
+    encounters = learnt.encounters
     pieces: list[Text | Table | Chart] = [
         Text(
             f"{content['events']} events ({content['ghosts']} ghosts dropped); "
             f"{len(encounters.rows)} with all parameters, {content['against_a_constraint']} of "
             "them against a constraint of the scenario."
         ),
-        table({"without parameters because": why, "events": events} for why, events in left_out),
+        table(
+            {"without parameters because": why, "events": events}
+            for why, events in content["without_parameters"].items()
+        ),
     ]
     if learnt.joint is None:
-        needed = (
-            f"{content['events_needed']} events with all parameters are needed: no scenario file."
+        pieces.append(
+            Text(
+                f"{content['events_needed']} events with all parameters are needed: no "
+                "scenario file.",
+                "note",
+            )
         )
-        pieces.append(Text(needed, "note"))
     else:
-        chart = Chart(f"{encounters.name}: recorded and modelled", _marginals(learnt.joint))
-        pieces = [chart, *pieces, *_fit_parts(learnt, content)]
+        caption = f"{encounters.name}: recorded and modelled"
+        pieces = [Chart(caption, _marginals(learnt.joint)), *pieces, *_fit_parts(learnt, content)]
     return [piece for piece in pieces if not isinstance(piece, Table) or piece.rows]
 
 
@@ -256,8 +261,15 @@ def _marginals(joint: Joint) -> Any:
         edges = np.linspace(low, high, BINS + 1)
         data, model = (np.histogram(column, edges, density=True)[0] for column in values)
         middle = (edges[1:] + edges[:-1]) / 2.0
-        bars = Marks("data", middle, data, COLOURS[0], bars=True)
-        panels.append(Panel((bars, Marks("model", middle, model, COLOURS[1], "-")), title=name))
+        panels.append(
+            Panel(
+                (
+                    Marks("data", middle, data, COLOURS[0], bars=True),
+                    Marks("model", middle, model, COLOURS[1], "-"),
+                ),
+                title=name,
+            )
+        )
     across = min(len(panels), 4)
     rows = -(-len(panels) // across)  # rounded up
     return on_page(panels, across, 240 * rows + 60)  # px: rows and the legend

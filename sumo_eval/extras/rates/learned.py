@@ -31,9 +31,16 @@ from sumo_eval.extras.rates.intervals import (
     rank_correlation,
     rate_interval,
 )
-from sumo_eval.extras.rates.scenes import CAR_LENGTH, SCENES, Quantity, content_of
+from sumo_eval.extras.rates.scenes import (
+    CAR_LENGTH,
+    SCENES,
+    EncounterScene,
+    Quantity,
+    content_of,
+)
 from sumo_eval.report.page import write_csv
 from sumo_eval.report.words import count
+from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.joint import Joint, JointKind
 from sumo_eval.scenario.logical import LogicalScenario
@@ -160,12 +167,9 @@ def measure(encounters: Encounters, survey: EncounterSurvey, folder: Path, sourc
     quantities = {item.name: item for item in SCENES[encounters.name].quantities}
     counts = encounters.events, survey.kilometres
     rate = (encounters.events / survey.kilometres, *rate_interval(*counts))
-    columns = {
-        name: np.array([row[name] for row in encounters.rows], dtype=np.float64)
-        for name in quantities
-    }
+    columns = {name: np.array([row[name] for row in encounters.rows]) for name in quantities}
     constants = {
-        name: float(np.median(column))
+        name: np.median(column)
         for name, column in columns.items()
         if len(column) > 1 and column.std() < SAME
     }
@@ -180,34 +184,47 @@ def measure(encounters: Encounters, survey: EncounterSurvey, folder: Path, sourc
     content = content_of(
         PREFIX + encounters.name, encounters.name, ranges, constants, survey.lane_width, source
     )
-    kilometres = round(survey.kilometres, 3)
-    content["met"] = {"events": encounters.events, "vehicle_km": kilometres, "where": source}
+    content["met"] = {
+        "events": encounters.events,
+        "vehicle_km": round(survey.kilometres, 3),
+        "where": source,
+    }
     path = folder / f"{encounters.name}.toml"
     # read back, the file says which events its constraints rule out
-    _write(path, content)
+    path.write_text(tomli_w.dumps(content), encoding="utf-8")
     logical = read_scenario(path)
     kept = logical.in_box(rows) & logical.feasible(rows)
     rows = rows[kept]
     if len(rows) < needed:
         path.unlink()
         return few._replace(kept=kept)
-    pairs = list(itertools.combinations(range(len(free)), 2))
-    # level of a single one of all these intervals
-    level = of_each(2 * len(free) + len(pairs) + 1)
-    ends = {
-        name: (
-            end_interval(column, upper=False, level=level),
-            end_interval(column, upper=True, level=level),
-        )
-        for name, column in zip(free, rows.T, strict=True)
-    }
-    correlations = {
-        (free[i], free[j]): rank_correlation(rows[:, i], rows[:, j], level) for i, j in pairs
-    }
-    together = rate_interval(*counts, level)
     return Measured(
-        rate, needed, constants, logical, content, kept, rows, ends, correlations, together
+        rate,
+        needed,
+        constants,
+        logical,
+        content,
+        kept,
+        rows,
+        *_intervals_at_once(dict(zip(free, rows.T, strict=True)), *counts),
     )
+
+
+def _intervals_at_once(
+    columns: Mapping[str, FloatArray], events: int, kilometres: float
+) -> tuple[Any, Any, tuple[float, float]]:
+    """`ends`, `correlations` and `rate_together` of `Measured`, which hold at once with 95 %.
+
+    columns: parameter -> its values, (n,).
+    """
+    pairs = list(itertools.combinations(columns, 2))
+    level = of_each(2 * len(columns) + len(pairs) + 1)  # of a single interval
+    ends = {
+        name: tuple(end_interval(column, upper=upper, level=level) for upper in (False, True))
+        for name, column in columns.items()
+    }
+    correlations = {(a, b): rank_correlation(columns[a], columns[b], level) for a, b in pairs}
+    return ends, correlations, rate_interval(events, kilometres, level)
 
 
 def _learnt(encounters: Encounters, measured: Measured, path: Path) -> Learnt:
@@ -219,33 +236,39 @@ def _learnt(encounters: Encounters, measured: Measured, path: Path) -> Learnt:
         return Learnt(encounters, measured)
     free = measured.logical.names
     low, high = _tuples(np.array([measured.logical.low, measured.logical.high]))
-    rows = measured.rows
-    events_of = np.flatnonzero(measured.kept)  # index of each row among the encounters
-    if len(rows) > MOST_FITTED:
-        even = np.linspace(0, len(rows) - 1, MOST_FITTED).round().astype(np.intp)
-        rows = rows[even]
-        events_of = events_of[even]
-    sources = [encounters.sources[event] for event in events_of]
+    fitted = min(len(measured.rows), MOST_FITTED)
+    even = np.linspace(0, len(measured.rows) - 1, fitted).round().astype(np.intp)
+    rows = measured.rows[even]
+    events = np.flatnonzero(measured.kept)[even]  # index of each row among the encounters
+    sources = [encounters.sources[event] for event in events]
+    motions = [encounters.motions[event] for event in events]
+
     models = choose_model(rows, free, (low, high), fold_of(sources))
     kind, factor = _named(models[0].model)
     table = path.with_suffix(".events.csv")
-    file = path.with_suffix(".toml")
-    events = (
-        [*row, *(cell(str(value)) for value in source.values())]
-        for row, source in zip(rows.tolist(), sources, strict=True)
-    )
-    write_csv(table, [*free, *sources[0]], events)
+    _write_events(table, free, rows, sources)
     distribution: dict[str, Any] = {"events": table.name, "kind": kind}
     if factor is not None:
         distribution["bandwidth"] = factor
-    _write(file, {**measured.content, "joint": distribution})
+    file = path.with_suffix(".toml")
+    file.write_text(tomli_w.dumps({**measured.content, "joint": distribution}), encoding="utf-8")
     value_sets(measured, rows, file)
+
     logical = read_scenario(file)
     joint = Joint(kind, free, _tuples(rows), low, high, factor, table.name)
-    motions = [encounters.motions[event] for event in events_of]
     replay = replay_errors(logical, encounters.name, rows, motions)
-    thinned = len(measured.rows) - len(rows)
-    return Learnt(encounters, measured, logical, joint, models, replay, thinned)
+    return Learnt(encounters, measured, logical, joint, models, replay, len(measured.rows) - fitted)
+
+
+def _write_events(
+    path: Path, names: Sequence[str], rows: FloatArray, sources: Sequence[Mapping[str, Any]]
+) -> None:
+    """Write events as CSV: parameters (n, k), then where each was recorded."""
+    lines = (
+        [*row, *(cell(str(value)) for value in source.values())]
+        for row, source in zip(rows.tolist(), sources, strict=True)
+    )
+    write_csv(path, [*names, *sources[0]], lines)
 
 
 def value_sets(measured: Measured, rows: FloatArray, file: Path) -> None:
@@ -273,8 +296,11 @@ def value_sets(measured: Measured, rows: FloatArray, file: Path) -> None:
     for row in rows.tolist():
         event = etree.SubElement(distribution, "ParameterValueSet")
         for name, number in zip(measured.logical.names, row, strict=True):
-            assignment = {"parameterRef": name, "value": repr(round(number, 9))}
-            etree.SubElement(event, "ParameterAssignment", assignment)
+            etree.SubElement(
+                event,
+                "ParameterAssignment",
+                {"parameterRef": name, "value": repr(round(number, 9))},
+            )
     text = etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
     file.with_suffix(".xosc").write_bytes(text)
 
@@ -289,9 +315,9 @@ def _range(values: FloatArray, quantity: Quantity) -> tuple[float, float]:
     It ends at the quantity's ceiling at the latest. It begins below the floor only as far as values
     are recorded there.
     """
-    width = float(values.std(ddof=1)) * len(values) ** -0.2
+    width = values.std(ddof=1) * len(values) ** -0.2
     # unit of the third digit of the values' spread
-    scale = 10.0 ** (math.floor(math.log10(max(float(np.ptp(values)), 1e-6))) - 2)
+    scale = 10.0 ** (math.floor(math.log10(max(np.ptp(values), 1e-6))) - 2)
     low = math.floor((values.min() - width) / scale) * scale
     high = math.ceil((values.max() + width) / scale) * scale
     if quantity.floor is not None:
@@ -339,8 +365,7 @@ def choose_model(
             fits += _fits(kind + factor, rows, names, box, folds)
     # within `NEAR` all count as equally near
     fits.sort(key=lambda item: (max(*item.kolmogorov.values(), NEAR), -item.log_likelihood))
-    whole = np.prod(np.subtract(box[1], box[0]))
-    return (*fits, Fit("even", -math.log(whole), {}))
+    return (*fits, Fit("even", -math.log(np.prod(np.subtract(box[1], box[0]))), {}))
 
 
 def _fits(
@@ -359,14 +384,13 @@ def _fits(
         train, test = rows[folds != fold], rows[folds == fold]
         if len(test) and len(train) >= len(names) + 2:
             joint = Joint(kind, tuple(names), _tuples(train), box[0], box[1], bandwidth)
-            density = joint.density(test) / joint.mass()
-            logs.append(np.log(np.maximum(density, 1e-300)))
+            logs.append(np.log(np.maximum(joint.density(test) / joint.mass(), 1e-300)))
             shares.append(marginal_shares(joint, test))
     if not logs:
         return []
     columns = zip(names, np.concatenate(shares).T, strict=True)
     distances = {name: kolmogorov(column) for name, column in columns}
-    return [Fit(model, float(np.concatenate(logs).mean()), distances)]
+    return [Fit(model, np.concatenate(logs).mean(), distances)]
 
 
 def marginal_shares(joint: Joint, points: FloatArray) -> FloatArray:
@@ -374,8 +398,9 @@ def marginal_shares(joint: Joint, points: FloatArray) -> FloatArray:
     box.
     """
     drawn = np.sort(joint.draw(8192, random_stream(0, "marginals", len(joint.events))), axis=0)
-    columns = zip(drawn.T, points.T, strict=True)
-    return np.column_stack([np.searchsorted(own, at) / len(drawn) for own, at in columns])
+    return np.column_stack(
+        [np.searchsorted(own, at) / len(drawn) for own, at in zip(drawn.T, points.T, strict=True)]
+    )
 
 
 # --- replay ---------------------------------------------------------------------------------------
@@ -391,26 +416,30 @@ def replay_errors(
 
     rows: the events' parameters (n, k).
     """
-    scene = SCENES[class_]
-    number = [actor.name for actor in scene.actors].index(scene.replayed)
-    side = -1.0 if scene.behind else 1.0  # of the actor: behind the ego or ahead of it
-    squares = []
-    for row, motion in zip(rows.tolist(), motions, strict=True):
-        concrete = logical.placed(dict(zip(logical.names, row, strict=True)))
-        until = max(float(motion.time[-1]), STEP)
-        body = CAR_LENGTH, 1.8  # of the ego, m
-        driven = tracks([concrete], [body], STEP, until).others[0, number]
-        clock = np.arange(len(driven)) * STEP
-        lane = concrete.road.lane_width
-        x = driven[:, 0] - concrete.ego.x - side * CAR_LENGTH
-        y = driven[:, 1] - (1.0 if scene.behind else float(scene.level)) * lane
-        along = np.interp(motion.time, clock, x) - (motion.x - side * motion.bodies)
-        recorded = motion.y - (lane if scene.behind else 0.0)
-        across = np.interp(motion.time, clock, y) - recorded
-        squares.append([float(np.mean(along**2)), float(np.mean(across**2))])
+    squares = [
+        _replay_squares(
+            logical.placed(dict(zip(logical.names, row, strict=True))), SCENES[class_], motion
+        )
+        for row, motion in zip(rows.tolist(), motions, strict=True)
+    ]
     both = np.reshape(squares, (-1, 2))
     return np.asarray(np.sqrt(np.column_stack([both, both.sum(axis=1)])))
 
 
-def _write(path: Path, content: Mapping[str, Any]) -> None:
-    path.write_text(tomli_w.dumps(dict(content)), encoding="utf-8")
+def _replay_squares(
+    concrete: ConcreteScenario, scene: EncounterScene, motion: Motion
+) -> tuple[float, float]:
+    """Mean squares, m2, of an event's distances along the road and across it."""
+    number = [actor.name for actor in scene.actors].index(scene.replayed)
+    body = CAR_LENGTH, 1.8  # of the ego, m
+    until = max(motion.time[-1], STEP)
+    driven = tracks([concrete], [body], STEP, until).others[0, number]
+    clock = np.arange(len(driven)) * STEP
+    lane = concrete.road.lane_width
+    # side of the ego that the actor is on, its lane, and the lane that the record begins in
+    side, level, first = (-1.0, 1.0, lane) if scene.behind else (1.0, scene.level, 0.0)
+    x = driven[:, 0] - concrete.ego.x - side * CAR_LENGTH
+    y = driven[:, 1] - level * lane
+    along = np.interp(motion.time, clock, x) - (motion.x - side * motion.bodies)
+    across = np.interp(motion.time, clock, y) - (motion.y - first)
+    return np.mean(along**2), np.mean(across**2)

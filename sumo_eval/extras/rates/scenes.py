@@ -7,7 +7,7 @@ are mirrored.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from sumo_eval.extras.rates.encounters import APPROACH_WINDOW
@@ -251,19 +251,6 @@ def content_of(
     ranges: of the parameters that vary; constants: of the rest.
     """
     scene = SCENES[class_]
-    levels = max(2, math.floor(GRID_POINTS ** (1.0 / max(len(ranges), 1))))
-    parameters = [
-        {
-            "name": item.name,
-            "low": ranges[item.name][0],
-            "high": ranges[item.name][1],
-            "step": round((ranges[item.name][1] - ranges[item.name][0]) / (levels - 1), 6),
-            "unit": item.unit,
-            "about": item.about,
-        }
-        for item in scene.quantities
-        if item.name in ranges
-    ]
     speeds, bounds, vehicles = {}, [], []
     for it in scene.actors:
         # a speed is valid at points too that these constraints rule out, where zones are searched
@@ -279,7 +266,7 @@ def content_of(
         "about": scene.about,
         "source": source,
         "define": {"lane": lane_width, **constants, **speeds, **scene.define},
-        "parameter": parameters,
+        "parameter": _parameters(scene.quantities, ranges),
         "constraint": [
             {"require": require, "about": about} for require, about in (*bounds, *scene.constraints)
         ],
@@ -289,3 +276,25 @@ def content_of(
         "vehicle": vehicles,
         "zone": {"obstacle": scene.obstacle},
     }
+
+
+def _parameters(
+    quantities: Sequence[Quantity], ranges: Mapping[str, tuple[float, float]]
+) -> list[dict[str, Any]]:
+    """The file's parameters, whose grid has `GRID_POINTS` points at most.
+
+    ranges: name -> low and high, in the order of the quantities.
+    """
+    levels = max(2, math.floor(GRID_POINTS ** (1.0 / len(ranges))))
+    varying = [item for item in quantities if item.name in ranges]
+    return [
+        {
+            "name": item.name,
+            "low": low,
+            "high": high,
+            "step": round((high - low) / (levels - 1), 6),
+            "unit": item.unit,
+            "about": item.about,
+        }
+        for item, (low, high) in zip(varying, ranges.values(), strict=True)
+    ]
