@@ -52,7 +52,7 @@ from sumo_eval.settings import (
 )
 from sumo_eval.settings.config import read_checked
 from sumo_eval.settings.random_streams import random_stream
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray
 
 MILLION = 1e6  # km
 RESAMPLED = 60  # times that a scenario's events are resampled
@@ -189,7 +189,7 @@ def spaces_of(settings: CampaignSettings, folder: Path) -> tuple[EncounterSpace,
         logical = find_with(settings.simulation.vehicle, item.use, folder)
         met = logical.met
         if item.per_km is not None:
-            rate: tuple[float, int | None, float | None, str] = item.per_km, None, None, "as given"
+            rate: Any = item.per_km, None, None, "as given"
         elif met is not None and met.events:
             rate = met.events / met.vehicle_km, met.events, met.vehicle_km, met.where
         else:
@@ -270,21 +270,7 @@ def part_of(
     if not hits.any():
         none, zero = (0.0, 0.0, limit), np.zeros((2, 2, DRAWS))
         return ScenarioRate(space, estimate, none, none, zero, limit, stopped, lost)
-    stream = random_stream(seed, "rates", space.logical.name)
-    summed_rates = _summed_rates(space, search.points[hits], seed, stream)
-    terms = np.stack([search.weights[hits], search.weights[hits] * search.loss[hits]])
-    # of the log-normal distribution with this relative deviation
-    sigma = math.sqrt(math.log1p(estimate.deviation**2))
-    # Student's, as in the drives' own interval: else a sum would be narrower than its largest part.
-    # The permutation makes its shares evenly spaced: with few degrees of freedom, the limits of
-    # random ones would be random.
-    errors = [
-        stdtrit(degrees_of_freedom(row), (stream.permutation(DRAWS) + 0.5) / DRAWS) for row in terms
-    ]
-    # at most 50, so that exp stays finite; `most` limits such draws
-    noise = np.exp(np.minimum(sigma * np.stack(errors), 50.0))[:, None]
-    draws = MILLION * np.stack([summed_rates(row) for row in terms]) * noise / search.drawn
-    draws = np.minimum(draws, most)
+    draws = np.minimum(_drawn_rates(space, search, seed, hits, estimate.deviation), most)
     rates: list[Any] = []
     for row, own in zip(draws, (estimate.probability, estimate.loss), strict=True):
         # the drives' own interval is wider where few of them collided
@@ -293,6 +279,31 @@ def part_of(
         rates.append((value, min(lowest, low), min(max(highest, high), most)))
     collisions, loss = rates
     return ScenarioRate(space, estimate, collisions, loss, draws, limit, stopped, lost)
+
+
+def _drawn_rates(
+    space: EncounterSpace, search: RareEvents, seed: int, hits: BoolArray, deviation: float
+) -> FloatArray:
+    """Draws of collisions and of loss per million km, (2, 2, `DRAWS`), as in `ScenarioRate`.
+
+    hits: which drives of the search collided, (n,).
+    deviation: relative one of the estimated probability.
+    """
+    stream = random_stream(seed, "rates", space.logical.name)
+    summed_rates = _summed_rates(space, search.points[hits], seed, stream)
+    terms = np.stack([search.weights[hits], search.weights[hits] * search.loss[hits]])
+    # of the log-normal distribution with this relative deviation
+    sigma = math.sqrt(math.log1p(deviation**2))
+    # Student's, as in the drives' own interval: else a sum would be narrower than its largest part.
+    # The permutation makes its shares evenly spaced: with few degrees of freedom, the limits of
+    # random ones would be random.
+    errors = [
+        stdtrit(degrees_of_freedom(row), (stream.permutation(DRAWS) + 0.5) / DRAWS) for row in terms
+    ]
+    # at most 50, so that exp stays finite; the caller limits such draws
+    noise = np.exp(np.minimum(sigma * np.stack(errors), 50.0))[:, None]
+    drawn = MILLION * np.stack([summed_rates(row) for row in terms]) * noise / search.drawn
+    return np.asarray(drawn)
 
 
 def _summed_rates(
@@ -334,7 +345,7 @@ def _limits(draws: FloatArray) -> tuple[float, float]:
     among them.
     """
     lows, highs = np.quantile(draws, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0], axis=1)
-    return float(lows.min()), float(highs.max())
+    return lows.min(), highs.max()
 
 
 def summed(ads: str, controller: str, parts: Sequence[ScenarioRate]) -> AdsRate:
@@ -345,9 +356,9 @@ def summed(ads: str, controller: str, parts: Sequence[ScenarioRate]) -> AdsRate:
     its drives would have shown a collision with 95 %.
     """
     limit = max(part.limit for part in parts)
-    rates: list[Limits] = []
+    rates = []
     for index, kind in enumerate(("collisions", "loss")):
-        each: list[Limits] = [getattr(part, kind) for part in parts]
+        each = [getattr(part, kind) for part in parts]
         seen = [rate for rate in each if rate[0] > 0.0]
         rate = 0.0, 0.0, limit
         if len(seen) == 1:

@@ -41,8 +41,13 @@ def write_campaign(campaign: Campaign, folder: Path) -> tuple[Path, ...]:
         folder / PLAIN, json.dumps(content, indent=2, allow_nan=False) + "\n", "The campaign"
     )
     title = f"{campaign.settings.name}: collisions per million km"
-    pieces = parts(campaign, content)
-    write_parts(folder / PAGE, kicker="Crash rates", title=title, sentences=[], parts=pieces)
+    write_parts(
+        folder / PAGE,
+        kicker="Crash rates",
+        title=title,
+        sentences=[],
+        parts=parts(campaign, content),
+    )
     return folder / PAGE, folder / PLAIN
 
 
@@ -164,8 +169,11 @@ def parts(campaign: Campaign, content: Mapping[str, Any]) -> list[Piece]:
         for where, km, limit in recorded_drivers(campaign.spaces)
     ]
     unseen = (f"{rate.ads}: {words}" for rate in campaign.rates if (words := unseen_words(rate)))
-    about = "rate of encounters of each scenario, and its source"
-    basis = Fold("Basis of the rates", about, (table(content["scenarios"]), Text(BASIS)))
+    basis = Fold(
+        "Basis of the rates",
+        "rate of encounters of each scenario, and its source",
+        (table(content["scenarios"]), Text(BASIS)),
+    )
     notes = (Text(words, "note") for words in (*unseen, OUTSIDE))
     return [table(rates), *notes, basis, *map(_of_ads, campaign.rates, content["ads"])]
 

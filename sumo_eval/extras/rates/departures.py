@@ -40,7 +40,7 @@ class SceneDrive(NamedTuple):
 
     def cells(self) -> tuple[str, ...]:
         """The drive as words, of `HEAD`."""
-        most = int(self.apart.argmax())
+        most = self.apart.argmax()
         begin, count = self.reacted or (None, None)
         return (
             self.ads, self.scenario, self.point, f"{self.apart[most]:.2f}",
@@ -53,7 +53,7 @@ class SceneDrive(NamedTuple):
         reacts = "no actor reacts"
         if self.reacted is not None:
             reacts = f"{self.reacted[1]} react, from {self.reacted[0]:.1f} s on"
-        most = int(self.apart.argmax())
+        most = self.apart.argmax()
         return (
             f"{self.ads} in {self.scenario} ({self.point}): "
             f"up to {self.apart[most]:.1f} m, at {self.time[most]:.1f} s; "
@@ -96,8 +96,12 @@ def write_departures(run: Path, path: Path) -> list[SceneDrive]:
         Marks(f"{it.ads}, {it.scenario}, {it.point}", it.time, it.apart, colour, "-")
         for it, colour in zip(drives, cycle(COLOURS))
     ]
-    reacted = [it.reacted[0] for it in drives if it.reacted is not None]
-    panel = Panel(marks, "time, s", "distance from the recorded vehicle, m", verticals=reacted)
+    panel = Panel(
+        marks,
+        "time, s",
+        "distance from the recorded vehicle, m",
+        verticals=[it.reacted[0] for it in drives if it.reacted is not None],
+    )
     title = "Departure from the recorded vehicle"
     sentences = (
         "Distance of each ADS, at each time, from the vehicle that was recorded in its place.",

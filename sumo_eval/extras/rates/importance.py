@@ -71,8 +71,9 @@ class Met(NamedTuple):
         points = self.logical.from_unit(shares)
         for column, item in enumerate(self.logical.parameters):
             if item.distribution is not None:
-                share = shares[:, column]
-                points[:, column] = item.distribution.quantile(share, item.low, item.high)
+                points[:, column] = item.distribution.quantile(
+                    shares[:, column], item.low, item.high
+                )
         return points
 
     def base_density(self, points: FloatArray) -> FloatArray:
@@ -110,10 +111,10 @@ def how_met(logical: LogicalScenario) -> Met:
     plain = Met(logical, joint)
     drawn = plain.base(NORMALISED, random_stream(0, "normalised", logical.name))
     ratio = plain.density(drawn) / np.maximum(plain.base_density(drawn), 1e-300)
-    scale = float(ratio.mean())
+    scale = ratio.mean()
     if not (math.isfinite(scale) and scale > 0.0):
         raise InputError(f"Scenario `{logical.name}` must have possible points, got none.")
-    return plain._replace(scale=scale, heaviest=float(ratio.max()) / scale)
+    return plain._replace(scale=scale, heaviest=ratio.max() / scale)
 
 
 class Mixture(NamedTuple):
@@ -133,7 +134,7 @@ class Mixture(NamedTuple):
         """Density (n,) there."""
         whiten = np.linalg.inv(self.root)
         centres, white = self.centres @ whiten.T, unit @ whiten.T
-        norm = abs(float(np.linalg.det(whiten))) / (2.0 * math.pi) ** (unit.shape[1] / 2.0)
+        norm = abs(np.linalg.det(whiten)) / (2.0 * math.pi) ** (unit.shape[1] / 2.0)
         return np.asarray(bells(white, centres).mean(axis=1) * norm)
 
 
@@ -166,7 +167,7 @@ class RareEvents:
     def __init__(self, met: Met, budget: int, seed: int = 1) -> None:
         self.met, self.budget, self.seed = met, budget, seed
         self.loss, self.weights = np.empty(0), np.empty(0)
-        self.in_estimate: BoolArray = np.empty(0, dtype=np.bool_)
+        self.in_estimate = np.empty(0, dtype=np.bool_)
         self.drawn = self.drives = self._rounds = 0
         self._search = BoundarySearch(met.logical, seed)
 
@@ -222,16 +223,15 @@ class RareEvents:
             rows = np.concatenate([near, _pick(points, core, half, stream)])
         else:
             chosen = _pick(points, level**0.25 / drawn_with, ASKED, stream)
-            rows = _pick(chosen, 0.05 + self._danger(chosen), size, stream)
+            rows = _pick(
+                chosen, 0.05 + danger(self.met.logical, chosen, ZoneSettings()), size, stream
+            )
         rows = np.unique(rows, axis=0)
         return Draw(rows, np.zeros(len(rows)), 0)
 
     @property
     def _knows_both(self) -> bool:
         return bool(self.collided.any() and not self.collided.all())
-
-    def _danger(self, points: FloatArray) -> FloatArray:
-        return danger(self.met.logical, points, ZoneSettings())
 
     def _pool(self, stream: np.random.Generator) -> Pool:
         logical = self.met.logical
@@ -242,7 +242,7 @@ class RareEvents:
         density = self.met.density(points)
         points, density = points[density > 0.0], density[density > 0.0]
         near = middle + (points - middle) / STRETCHED
-        volume = float(np.prod(logical.high - logical.low))
+        volume = np.prod(logical.high - logical.low)
         mixed = self.met.base_density(points)
         mixed = mixed + self.met.base_density(near) / STRETCHED ** len(middle) + 1.0 / volume
         return points, density, mixed / 3.0
@@ -258,12 +258,13 @@ class RareEvents:
             share = stream.uniform(size=size)
             for number, mixture in enumerate(mixtures):
                 chosen = (share >= defensive) & ((np.arange(size) % len(mixtures)) == number)
-                unit = mixture.draw(size, stream)
-                rows = np.where(chosen[:, None], logical.from_unit(unit), rows)
+                rows = np.where(
+                    chosen[:, None], logical.from_unit(mixture.draw(size, stream)), rows
+                )
             density = self.met.density(rows)
             drawn += size
         rows, density = rows[density > 0.0], density[density > 0.0]
-        volume = float(np.prod(logical.high - logical.low))
+        volume = np.prod(logical.high - logical.low)
         proposal = defensive * self.met.base_density(rows)
         for number, mixture in enumerate(mixtures):
             part = (1.0 - defensive) * (len(range(number, size, len(mixtures))) / size)
@@ -285,9 +286,8 @@ class RareEvents:
             if not self.collided.any():
                 every = max(1, len(points) // ASKED)
                 points, density, drawn_with = (item[::every] for item in pool)
-                density = density * self._danger(points) ** 2
-            unit = self.met.logical.to_unit(points)
-            mixtures = [_fitted(unit, density / drawn_with, stream)]
+                density = density * danger(self.met.logical, points, ZoneSettings()) ** 2
+            mixtures = [_fitted(self.met.logical.to_unit(points), density / drawn_with, stream)]
         return [mixture for mixture in mixtures if mixture is not None]
 
     def _polished(self, pool: Pool, least: float, stream: np.random.Generator) -> Mixture | None:
@@ -351,7 +351,7 @@ def _fitted(unit: FloatArray, weight: FloatArray, stream: np.random.Generator) -
     effective = 1.0 / float((share**2).sum())
     if effective < k + 2:  # all depends on a few points: the few heaviest ones, alike
         share = np.zeros(len(share))
-        share[np.argsort(weight)[-min(4 * (k + 2), int((weight > 0).sum())) :]] = 1.0
+        share[np.argsort(weight)[-min(4 * (k + 2), (weight > 0).sum()) :]] = 1.0
         share /= share.sum()
         effective = 1.0 / float((share**2).sum())
         if effective < 2.0:
@@ -405,7 +405,7 @@ def _mean(terms: FloatArray, drawn: int) -> tuple[Limits, float]:
     Student's quantile, none above 1, and its relative error.
     """
     mean = float(terms.sum()) / drawn
-    variance = max(float((terms**2).sum()) / drawn - mean**2, 0.0) / max(drawn - 1, 1)
+    variance = max((terms**2).sum() / drawn - mean**2, 0.0) / max(drawn - 1, 1)
     relative = math.sqrt(variance) / mean if mean > 0.0 else math.inf
     student = float(stdtrit(degrees_of_freedom(terms), (1.0 + LEVEL) / 2.0))
     reach = student * math.sqrt(math.log1p(relative**2))
@@ -417,7 +417,7 @@ def degrees_of_freedom(terms: FloatArray) -> float:
     """Degrees of freedom of the error of a mean of terms (h,): as many as count effectively, less
     one; at least one.
     """
-    squares = float((terms**2).sum())
+    squares = (terms**2).sum()
     return max(float(terms.sum() ** 2) / squares - 1.0, 1.0) if squares > 0.0 else 1.0
 
 
@@ -433,6 +433,5 @@ def resampled(met: Met, count: int, seed: int) -> list[tuple[Any, float]]:
     stream = random_stream(seed, "events", met.logical.name)
     weights = stream.poisson(1.0, (count, len(met.joint.events))).astype(np.float64)
     return [
-        (replace(met.joint, weights=tuple((row + 1e-9).tolist())), float(row.mean()))
-        for row in weights
+        (replace(met.joint, weights=tuple((row + 1e-9).tolist())), row.mean()) for row in weights
     ]

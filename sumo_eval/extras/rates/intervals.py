@@ -47,8 +47,8 @@ def end_interval(values: FloatArray, *, upper: bool, level: float = LEVEL) -> tu
     ordered = np.sort(values)
     k = min(OUTERMOST, len(ordered) - 1)
     last, within = (ordered[-1], ordered[-1 - k]) if upper else (ordered[0], ordered[k])
-    beyond = float(last + (last - within) * ((1.0 - level) ** (-1.0 / k) - 1.0))
-    return (float(last), beyond) if upper else (beyond, float(last))
+    beyond = last + (last - within) * ((1.0 - level) ** (-1.0 / k) - 1.0)
+    return (last, beyond) if upper else (beyond, last)
 
 
 def rank_correlation(

@@ -12,8 +12,10 @@ def table(rows: Iterable[Mapping[str, Any]]) -> Table:
     """A table of rows by column; a column that a row lacks is empty there."""
     listed = list(rows)
     names = dict.fromkeys(name for row in listed for name in row)
-    cells = [[_cell(row.get(name)) for name in names] for row in listed]
-    return Table([name.replace("_", " ") for name in names], cells)
+    return Table(
+        [name.replace("_", " ") for name in names],
+        [[_cell(row.get(name)) for name in names] for row in listed],
+    )
 
 
 def _cell(value: Any) -> str:
