@@ -84,14 +84,12 @@ def on_page(panels: Sequence[Panel], columns: int, height: int) -> go.Figure:
     columns: panels in a row.
     height: of the figure, px.
     """
-    import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
     rows = -(-len(panels) // columns)  # rounded up
-    titles = [panel.title for panel in panels]
     # spaces between panels, as shares of the figure
     figure = make_subplots(
-        rows, columns, subplot_titles=titles,
+        rows, columns, subplot_titles=[panel.title for panel in panels],
         vertical_spacing=0.3 / rows, horizontal_spacing=0.2 / columns,
     )  # fmt: skip
     named = {""}  # marks that have their entry of the legend, or need none
@@ -100,38 +98,38 @@ def on_page(panels: Sequence[Panel], columns: int, height: int) -> go.Figure:
         if panel.chance is not None:
             x, y, z = panel.chance
             line = {"start": 0.5, "end": 0.5, "size": 1, "coloring": "heatmap"}
-            colours = [[0.0, SAFE], [1.0, HAZARDOUS]]
-            figure.add_trace(
-                go.Contour(
-                    x=x, y=y, z=z, contours=line, colorscale=colours, zmin=0.0, zmax=1.0,
-                    showscale=False, line={"color": INK, "width": 2}, hoverinfo="skip",
-                ),
-                **at,
+            figure.add_contour(
+                x=x, y=y, z=z, contours=line, colorscale=[[0.0, SAFE], [1.0, HAZARDOUS]],
+                zmin=0.0, zmax=1.0, showscale=False, line={"color": INK, "width": 2},
+                hoverinfo="skip", **at,
             )  # fmt: skip
-        for it in panel.marks:
-            legend = {
-                "name": it.name, "legendgroup": it.name, "showlegend": it.name not in named,
-            }  # fmt: skip
-            named.add(it.name)
-            if it.bars:
-                bars = go.Bar(x=it.x, y=it.y, marker={"color": it.colour}, opacity=0.55, **legend)
-                figure.add_trace(bars, **at)
-                continue
-            styles = (("lines", it.line), ("markers", it.marker))
-            mode = "+".join(shape for shape, style in styles if style)
-            figure.add_scatter(
-                x=it.x, y=it.y, mode=mode or "markers", text=it.words, **legend, **at,
-                line={"color": it.colour, "dash": _ON_PAGES[it.line]},
-                marker={"color": it.colour, "symbol": _ON_PAGES[it.marker]},
-                error_x=None if it.spread is None else {"type": "data", "array": it.spread},
-            )  # fmt: skip
+        for marks in panel.marks:
+            _add_marks(figure, marks, at, in_legend=marks.name not in named)
+            named.add(marks.name)
         for x in panel.verticals:
             figure.add_vline(x=x, line={"dash": "dot", "width": 1}, **at)
-        figure.update_xaxes(title_text=panel.x, range=panel.range_, **at).update_yaxes(
-            title_text=panel.y, **at
-        )
+        figure.update_xaxes(title_text=panel.x, range=panel.range_, **at)
+        figure.update_yaxes(title_text=panel.y, **at)
     figure.update_annotations(font_size=12)
     return figure.update_layout(height=height, bargap=0.0)
+
+
+def _add_marks(figure: go.Figure, marks: Marks, at: dict[str, int], *, in_legend: bool) -> None:
+    """Draw marks in one panel; at: its `row` and `col`, from 1."""
+    legend = {"name": marks.name, "legendgroup": marks.name, "showlegend": in_legend}
+    if marks.bars:
+        figure.add_bar(
+            x=marks.x, y=marks.y, marker={"color": marks.colour}, opacity=0.55, **legend, **at
+        )
+        return
+    styles = (("lines", marks.line), ("markers", marks.marker))
+    mode = "+".join(shape for shape, style in styles if style)
+    figure.add_scatter(
+        x=marks.x, y=marks.y, mode=mode or "markers", text=marks.words, **legend, **at,
+        line={"color": marks.colour, "dash": _ON_PAGES[marks.line]},
+        marker={"color": marks.colour, "symbol": _ON_PAGES[marks.marker]},
+        error_x=None if marks.spread is None else {"type": "data", "array": marks.spread},
+    )  # fmt: skip
 
 
 def draw(ax: Axes, panel: Panel, named: set[str]) -> None:
