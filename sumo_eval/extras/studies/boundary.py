@@ -82,8 +82,7 @@ def find_boundary(
     not_evaluated: Counter[str] = Counter()
     done, stopped = 0, "budget"
     while done < budget:
-        trials = ROUND if rounds else FIRST * len(logical.names)
-        points = search.ask(min(trials, budget - done))
+        points = search.ask(min(ROUND if rounds else FIRST * len(logical.names), budget - done))
         if not len(points):
             stopped = "no point left"
             break
@@ -174,8 +173,7 @@ def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalSce
         if (function := getattr(logical, name)) is not None
     }
     if logical.search is not None:
-        delay = _Filled(logical.search.delay, fixed)
-        functions["search"] = replace(logical.search, delay=delay)
+        functions["search"] = replace(logical.search, delay=_Filled(logical.search.delay, fixed))
     constraints = [Constraint(it.about, _Filled(it.holds, fixed)) for it in logical.constraints]
     return replace(
         logical,

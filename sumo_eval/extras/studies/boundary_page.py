@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +44,8 @@ def summary(boundary: FailureBoundary) -> dict[str, Any]:
         **last._asdict(),
         "not_evaluated": boundary.not_evaluated,
         "stopped": boundary.stopped,
-        "collision_share_of_space": float(np.mean(collides)),
-        "collision_share_of_exposure": float(exposure[collides].sum() / exposure.sum()),
+        "collision_share_of_space": np.mean(collides),
+        "collision_share_of_exposure": exposure[collides].sum() / exposure.sum(),
         "rounds": [item._asdict() for item in boundary.rounds],
     }
 
@@ -59,8 +59,9 @@ def write_boundary(
     held: the parameters that the search held fixed, by name.
     """
     names, search = boundary.logical.names, boundary.search
-    pairs = zip(search.points.tolist(), search.outcomes, strict=True)
-    trials = [[*row, int(hit)] for row, hit in pairs]
+    trials = [
+        [*row, int(hit)] for row, hit in zip(search.points.tolist(), search.outcomes, strict=True)
+    ]
     write_csv(folder / TRIALS, [*names, "collided"], trials)
     # one map at each of these shares of the third parameter's range; without a third, one map
     shares = PANELS if len(names) > 2 else (0.5,)
@@ -70,17 +71,21 @@ def write_boundary(
         for row, chance in zip(*chances_on(boundary, share), strict=True)
     ]  # an impossible point has an empty chance
     write_csv(folder / CHANCES, [*names, "chance"], chances)
-    content = {**summary(boundary), "held": held}
-    summary_text = json.dumps(content, indent=2, allow_nan=False) + "\n"
-    write_page(folder / SUMMARY, summary_text, "The boundary")
+    write_page(
+        folder / SUMMARY,
+        json.dumps({**summary(boundary), "held": held}, indent=2, allow_nan=False) + "\n",
+        "The boundary",
+    )
     # drawn from the files, which must be enough for `sumo-eval plot` to draw the maps again
     title, panels = edge_panels(folder)
-    line = "The line is where both outcomes are equally likely."
     write_study(
         folder / PAGE,
         kicker="The boundary of failure",
         title=title,
-        sentences=[*sentences(boundary, held), line],
+        sentences=[
+            *sentences(boundary, held),
+            "The line is where both outcomes are equally likely.",
+        ],
         figures={title: on_page(panels, len(panels), 560)},
         rows=[[*names, "collided"], *([f"{value:g}" for value in row] for row in trials)],
         least_width=MAP_WIDTH * len(panels) if len(panels) > 1 else 300,
@@ -138,7 +143,7 @@ def sentences(boundary: FailureBoundary, held: Mapping[str, float]) -> list[str]
     if held:
         words = ", ".join(f"{name} = {value:g}" for name, value in held.items())
         lines.append(f"Held fixed: {words}.")
-    if not boundary.search.outcomes.any() or boundary.search.outcomes.all():
+    if len(np.unique(boundary.search.outcomes)) < 2:
         lines.append(
             "Every trial ended alike: there is no boundary that these simulations could find."
         )
@@ -181,15 +186,28 @@ def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
         maps = np.split(chances, np.flatnonzero(np.diff(chances[:, 2])) + 1)
         third = np.array([rows[0, 2] for rows in maps])
         nearest = np.argmin(np.abs(trials[:, 2:3] - third), axis=1)
-    panels = []
-    for number, rows in enumerate(maps):
-        x, y = np.unique(rows[:, 0]), np.unique(rows[:, 1])
-        chance = x, y, rows[:, -1].reshape(len(y), len(x))
-        marks = []
-        for collided, words, marker in ((0, "no collision", "o"), (1, "collision", "X")):
-            at = trials[(trials[:, -1] == collided) & (nearest == number)]
-            marks.append(Marks(words, at[:, 0], at[:, 1], COLOURS[collided], marker=marker))
-        fixed = zip(items[2:], rows[0, 2:k], strict=True)
-        title = ", ".join(f"{it['name']} = {value:z.3g}" for it, value in fixed)
-        panels.append(Panel(marks, labels[0], labels[1], title, chance=chance))
+    panels = [
+        _edge_panel(rows, trials[nearest == number], items, labels)
+        for number, rows in enumerate(maps)
+    ]
     return f"{content['scenario'].replace('_', ' ')}: where {content['ads']} collides", panels
+
+
+def _edge_panel(
+    rows: FloatArray, trials: FloatArray, items: Sequence[dict[str, Any]], labels: Sequence[str]
+) -> Panel:
+    """One map with its trials.
+
+    rows: of the map in `chances.csv`; trials: rows of `trials.csv`.
+    items: the parameters.
+    labels: of the map's axes.
+    """
+    x, y = np.unique(rows[:, 0]), np.unique(rows[:, 1])
+    marks = []
+    for collided, words, marker in ((0, "no collision", "o"), (1, "collision", "X")):
+        at = trials[trials[:, -1] == collided]
+        marks.append(Marks(words, at[:, 0], at[:, 1], COLOURS[collided], marker=marker))
+    fixed = zip(items[2:], rows[0, 2 : len(items)], strict=True)
+    title = ", ".join(f"{it['name']} = {value:z.3g}" for it, value in fixed)
+    chance = x, y, rows[:, -1].reshape(len(y), len(x))
+    return Panel(marks, labels[0], labels[1], title, chance=chance)

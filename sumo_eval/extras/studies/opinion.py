@@ -63,17 +63,17 @@ def read_ratings(path: Path) -> pd.DataFrame:
 
     Raises InputError that names the file and the first wrong row.
     """
-    table = read_table(path, ("rater", "ads", "scenario", "score"))
+    names = ["rater", "ads", "scenario"]
+    table = read_table(path, (*names, "score"))
     checked_numbers(table, ["score"], path)
-    for name in ("rater", "ads", "scenario"):
-        table[name] = table[name].astype(str)
+    table = table.astype(dict.fromkeys(names, str))
     # each of the two loops raises at its first row, if it has one
     for row in np.flatnonzero(~table["score"].between(LEAST, MOST)).tolist():
         line, got = line_of_row(path, row), table["score"].iloc[row]
         raise InputError(
             f"`score` in row {line} of {path} must be within {LEAST:g}..{MOST:g}, got {got:g}."
         )
-    for row in np.flatnonzero(table.duplicated(["rater", "ads", "scenario"])).tolist():
+    for row in np.flatnonzero(table.duplicated(names)).tolist():
         line = line_of_row(path, row)
         raise InputError(f"Row {line} of {path} rates what its rater has rated in a row above.")
     return table
@@ -93,7 +93,7 @@ def compare_opinion(evaluation: Evaluation, ratings: pd.DataFrame) -> Opinion:
             RatedScore(score.ads, score.scenario, values.mean(), deviation, values.size, scores)
         )
 
-    correlations: dict[str, Agreement | None] = {}
+    correlations = {}
     for name in INDEXES:
         pairs = [(row.scores[name], row.opinion) for row in rows if row.scores[name] is not None]
         enough = len(pairs) >= 3
@@ -102,8 +102,9 @@ def compare_opinion(evaluation: Evaluation, ratings: pd.DataFrame) -> Opinion:
     # raters by what they rated, without those who left something out
     table = ratings.pivot_table(index="rater", columns=["ads", "scenario"], values="score").dropna()
     enough = min(table.shape) >= 2
-    between = _known(concordance(table.to_numpy())) if enough else None
-    return Opinion(tuple(rows), correlations, between)
+    return Opinion(
+        tuple(rows), correlations, _known(concordance(table.to_numpy())) if enough else None
+    )
 
 
 def _known(agreement: Agreement) -> Agreement | None:

@@ -99,16 +99,7 @@ def sensitivity(
             )
     base = score(run, [_COARSE_BANDS])
     chosen = constants or [name for name in known if name != "k3" or k3_counts(base.settings)]
-    changed = [name for name in chosen if name in _SETTING_OF]
-    variants = []  # (constant, value, the run scored with it)
-    for name in changed:
-        as_scored = float(operator.attrgetter(_SETTING_OF[name])(base.settings))
-        variants.append((name, as_scored, base))
-        for value in (as_scored * factor for factor in FACTORS):
-            again = score(run, [_COARSE_BANDS, f"{_SETTING_OF[name]}={value!r}"])
-            variants.append((name, value, again))
-            progress("sensitivity", len(variants), len(changed) * (1 + len(FACTORS)))
-
+    variants = _variants(run, base, [name for name in chosen if name in _SETTING_OF], progress)
     values_of_a = _VALUES_OF_A if "a" in chosen else ()
     rows = []
     for scenario in dict.fromkeys(result.scenario for result in base.scores):
@@ -123,6 +114,21 @@ def sensitivity(
                 scores = _scores(evaluation, scenario, field)
                 rows.append(_row((scenario, name, value, index), scores, before))
     return sorted(rows, key=lambda row: (row.scenario, row.constant, row.index, row.value))
+
+
+def _variants(
+    run: Path, base: Evaluation, names: Sequence[str], progress: Callable[[str, int, int], None]
+) -> list[tuple[str, float, Evaluation]]:
+    """Each constant and its values, as scored first, with the run scored with each value."""
+    variants = []
+    for name in names:
+        as_scored = float(operator.attrgetter(_SETTING_OF[name])(base.settings))
+        variants.append((name, as_scored, base))
+        for value in (as_scored * factor for factor in FACTORS):
+            again = score(run, [_COARSE_BANDS, f"{_SETTING_OF[name]}={value!r}"])
+            variants.append((name, value, again))
+            progress("sensitivity", len(variants), len(names) * (1 + len(FACTORS)))
+    return variants
 
 
 def k3_counts(settings: EvaluationSettings) -> bool:
@@ -167,7 +173,7 @@ def _row(key: tuple[str, str, float, str], now: Scores, before: Scores) -> Sensi
     if len(both) >= 2:
         # unchanged scores agree even where all tie, of which kendalltau is nan
         same = scores_before == scores_now
-        tau = 1.0 if same else float(stats.kendalltau(scores_before, scores_now).statistic)
+        tau = 1.0 if same else stats.kendalltau(scores_before, scores_now).statistic
     ranking = tuple(sorted(ranked, key=lambda ads: -now[ads]))
     return SensitivityRow(*key, tuple(now), tuple(now.values()), ranking, tau)
 
@@ -230,5 +236,6 @@ def _chart(chart: Mapping[str, Sequence[SensitivityRow]]) -> go.Figure:
             for ads, scores, colour in zip(part[0].ads, lines, itertools.cycle(COLOURS))
         ]
         panels.append(Panel(marks, title=title))
-    height = _PANEL_HEIGHT * math.ceil(len(panels) / _PANELS_ACROSS) + _MARGIN
-    return on_page(panels, _PANELS_ACROSS, height)
+    return on_page(
+        panels, _PANELS_ACROSS, _PANEL_HEIGHT * math.ceil(len(panels) / _PANELS_ACROSS) + _MARGIN
+    )

@@ -65,7 +65,7 @@ class BoundarySearch:
             )
         self.logical = logical
         self.points: FloatArray = np.empty((0, len(logical.names)))
-        self.outcomes: BoolArray = np.empty(0, dtype=np.bool_)
+        self.outcomes = np.empty(0, dtype=np.bool_)
         self._model: Any = None  # the classifier, once both outcomes have been seen
         self._learnt_at = 0  # number of trials from which the kernel's constants were learnt
         self._classes: BoolArray | None = None  # of the pool's points, by the latest model
@@ -103,30 +103,28 @@ class BoundarySearch:
             variance = variance - shared**2 / (shared[best] + LABEL_VARIANCE)
         return untried[chosen]
 
-    def tell(self, points: ArrayLike, outcomes: ArrayLike) -> None:
+    def tell(self, points: FloatArray, outcomes: ArrayLike) -> None:
         """Learn from the outcomes (n,), True or False, of points (n, k)."""
-        rows, hits = np.asarray(points, dtype=np.float64), np.asarray(outcomes, dtype=np.bool_)
-        self.points = np.concatenate([self.points, rows])
-        self.outcomes = np.concatenate([self.outcomes, hits])
+        self.points = np.concatenate([self.points, points])
+        self.outcomes = np.concatenate([self.outcomes, np.asarray(outcomes, dtype=np.bool_)])
         if self.outcomes.any() and not self.outcomes.all():
             self._fit()
 
-    def skip(self, points: ArrayLike) -> None:
+    def skip(self, points: FloatArray) -> None:
         """Note points (n, k) that could not be evaluated: `ask` does not give them again."""
-        self._skipped |= {tuple(row) for row in np.asarray(points, dtype=np.float64).tolist()}
+        self._skipped |= {tuple(row) for row in points.tolist()}
 
-    def probability(self, points: ArrayLike) -> FloatArray:
+    def probability(self, points: FloatArray) -> FloatArray:
         """Probability (n,) that the outcome at points (n, k) is True, by the trials so far."""
-        rows = np.asarray(points, dtype=np.float64)
         if self._model is None:
-            return np.full(len(rows), float(self.outcomes[0]) if len(self.outcomes) else 0.5)
-        mean, variance, _ = self._latent(self.logical.to_unit(rows))
+            return np.full(len(points), float(self.outcomes[0]) if len(self.outcomes) else 0.5)
+        mean, variance, _ = self._latent(self.logical.to_unit(points))
         # P(f > 0) of a normal f
         return np.asarray(norm.cdf(mean / np.sqrt(np.maximum(variance, LEAST_VARIANCE))))
 
-    def classify(self, points: ArrayLike) -> BoolArray:
+    def classify(self, points: FloatArray) -> BoolArray:
         """The likelier outcome (n,) at points (n, k)."""
-        return np.asarray(self.probability(points) >= 0.5)
+        return self.probability(points) >= 0.5
 
     @property
     def expected_change(self) -> float:
@@ -171,8 +169,9 @@ class BoundarySearch:
         with warnings.catch_warnings(), threadpool_limits(1):
             # the warning that a constant lies at its bound does not matter here
             warnings.simplefilter("ignore", ConvergenceWarning)
-            optimizer = "fmin_l_bfgs_b" if learn else None
-            model = GaussianProcessClassifier(kernel, optimizer=optimizer).fit(unit, self.outcomes)
+            model = GaussianProcessClassifier(
+                kernel, optimizer="fmin_l_bfgs_b" if learn else None
+            ).fit(unit, self.outcomes)
             # Where the variance of f is large, Newton's steps can overshoot, and scikit-learn stops
             # silently before the mode. Halve the variance until they converge, down to 1 at most.
             while not _at_mode(model) and model.kernel_.k1.constant_value > 2.0:
@@ -182,7 +181,7 @@ class BoundarySearch:
         self._model = model
         classes = self.classify(self._pool)
         if self._classes is not None:
-            self._changes.append(float(np.mean(classes != self._classes)))
+            self._changes.append(np.mean(classes != self._classes))
         self._classes = classes
 
     def _latent(

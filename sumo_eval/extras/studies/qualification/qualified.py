@@ -101,8 +101,10 @@ class Qualification(NamedTuple):
     @property
     def kinds(self) -> list[tuple[str, list[CheckResult]]]:
         """The kinds of checks in order, each with its results."""
-        groups = groupby(self.findings, key=lambda finding: finding.check.kind)
-        return [(kind, list(group)) for kind, group in groups]
+        return [
+            (kind, list(group))
+            for kind, group in groupby(self.findings, key=lambda finding: finding.check.kind)
+        ]
 
     def plain(self) -> dict[str, Any]:
         """The content of `qualification.json`."""

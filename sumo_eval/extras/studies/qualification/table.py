@@ -182,8 +182,11 @@ def _late(closing: float, delay: float, largest: float, rise: float, gap: float)
     vehicle = VehicleSettings(
         length=LENGTH, max_deceleration=largest, brake_build_up=rise, friction=2.0
     )
-    settings = SimulationSettings(time_limit=60.0, vehicle=vehicle)
-    return impact(behind(closing, 0.0, gap), LateBraking(delay), settings)
+    return impact(
+        behind(closing, 0.0, gap),
+        LateBraking(delay),
+        SimulationSettings(time_limit=60.0, vehicle=vehicle),
+    )
 
 
 def closed_forms() -> Rows:
@@ -227,8 +230,9 @@ def closed_forms() -> Rows:
 
 def _field(*place: float) -> float:
     """Field strength at (x, y), m, of a single sample: a vehicle at (0, 0), at 20 m/s along x."""
-    sample = Trajectory([0.0], [0.0], [0.0], heading=[0.0], speed=[20.0])
-    return float(trajectory_field([place], sample)[0])
+    return float(
+        trajectory_field([place], Trajectory([0.0], [0.0], [0.0], heading=[0.0], speed=[20.0]))[0]
+    )
 
 
 def _identical() -> float:
