@@ -102,8 +102,10 @@ class Asked:
                 raise unknown("case", self.case, self.evaluation.cases.case)
             return found
         rows = self.evaluated
-        with_index = [row for row in rows if row.index is not None]
-        return min(with_index or rows, key=lambda row: (row.index or 0.0, row.case))
+        return min(
+            [row for row in rows if row.index is not None] or rows,
+            key=lambda row: (row.index or 0.0, row.case),
+        )
 
     @property
     def evaluated(self) -> list[CaseResult]:
@@ -144,12 +146,11 @@ def driven_point(asked: Asked, ads: Sequence[str]) -> DrivenPoint:
         }
     if not runs:
         raise InputError(f"Case `{case.case}` has no trajectory to draw.")
-    logical = evaluation.scenarios[case.scenario]
     return DrivenPoint(
         case.scenario,
         point_words(case.values),
         runs,
         others,
         people,
-        logical.placed(case.values).road.line,
+        evaluation.scenarios[case.scenario].placed(case.values).road.line,
     )

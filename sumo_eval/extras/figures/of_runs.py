@@ -42,7 +42,8 @@ from sumo_eval.scoring.gate_settings import INDEXES
 from sumo_eval.scoring.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.scoring.map_view import View, choose_view, slice_points, telling_slice
 from sumo_eval.scoring.preventability import verdicts
-from sumo_eval.trajectory import Trajectory
+from sumo_eval.settings import FieldSettings
+from sumo_eval.trajectory import FloatArray, Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -150,8 +151,11 @@ def _map_panels(
         if view.panel is not None:
             item = zones.logical.parameters[view.panel]
             title = f"{label(item.name, '')} {view.panels[number]:g}{item.unit_suffix}"
-        x_range = axes[0].low, axes[0].high
-        panels.append(Panel(marks, labels[0], labels[1], title, chance=exact, range_=x_range))
+        panels.append(
+            Panel(
+                marks, labels[0], labels[1], title, chance=exact, range_=(axes[0].low, axes[0].high)
+            )
+        )
         learnt_maps.append(learnt)
     return panels, learnt_maps
 
@@ -191,15 +195,8 @@ def field(asked: Asked) -> Figure:
     ads = row.ads if asked.ads is None else asked.names[0]
     scene = driven_point(asked, [ads])
     settings = asked.evaluation.settings.method.anthropomorphic.field
-    ego, first_human = scene.runs[ads], list(scene.people.items())[:1]
-    drives = {ads: ego, **dict(first_human)}
-
-    # the field at 240 points along the ego's way by 60 across it, `reach` m to each side
-    reach = 1.5 * max(float(np.abs(drive.y).max()) for drive in drives.values()) + 3.0
-    x = np.linspace(float(ego.x[0]), float(ego.x[-1]), 240)
-    y = np.linspace(float(ego.y[0]) - reach, float(ego.y[0]) + reach, 60)
-    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    values = trajectory_fields(points, list(drives.values()), settings)
+    drives = {ads: scene.runs[ads], **dict(list(scene.people.items())[:1])}
+    x, y, values = _fields(list(drives.values()), settings)
     east, north = map_places(scene.line, x, y[:, None])[:2]
     # next to a standing vehicle the field has no bound: its largest 0.2 % have one colour
     lowest, tallest = np.quantile(values, [0.0, 0.998])
@@ -210,7 +207,7 @@ def field(asked: Asked) -> Figure:
             image = ax.pcolormesh(
                 east,
                 north,
-                strength.reshape(len(y), len(x)),
+                strength,
                 cmap="cividis",
                 vmin=lowest,
                 vmax=tallest,
@@ -227,6 +224,18 @@ def field(asked: Asked) -> Figure:
         figure.colorbar(image, ax=axes, label="field strength S", extend="max")
         add_title_and_legend(figure, f"{row.case}\n{scene.words}")
     return figure
+
+
+def _fields(drives: Sequence[Trajectory], settings: FieldSettings) -> tuple[FloatArray, ...]:
+    """x (240,) along the way of the first drive, y (60,) across it, m, and the field of each drive
+    there, (drives, 60, 240).
+    """
+    ego = drives[0]
+    reach = 1.5 * max(np.abs(drive.y).max() for drive in drives) + 3.0  # m to each side
+    x = np.linspace(ego.x[0], ego.x[-1], 240)
+    y = np.linspace(ego.y[0] - reach, ego.y[0] + reach, 60)
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    return x, y, trajectory_fields(points, drives, settings).reshape(-1, len(y), len(x))
 
 
 def _drives(scene: DrivenPoint, names: Sequence[str]) -> Iterator[tuple[str, Trajectory, str, Any]]:
@@ -292,7 +301,7 @@ def collisions(asked: Asked) -> Figure:
             ]).reshape(-1, 2)
             for ads in names
         }  # fmt: skip
-        most = max((float(pairs.max()) for pairs in severities.values() if len(pairs)), default=0.0)
+        most = max((pairs.max() for pairs in severities.values() if len(pairs)), default=0.0)
         marks = [Marks("", [0.0, most], [0.0, most], MUTED, "-")] if most else []
         for ads, pairs in severities.items():
             colour, marker, _ = look_of(ads, names)
@@ -402,7 +411,7 @@ def boundary(asked: Asked) -> Figure:
         )
         y = exact_target(zones.logical, points, zones.settings)
         order = np.argsort(y)
-        hit = np.array([row.collided for row in own], dtype=np.float64)[order]
+        hit = np.array([row.collided for row in own])[order]
         share = np.cumsum(hit) / max(hit.sum(), 1.0)
         # a staircase from (-1, 0): level until the next y, where it rises to the share
         x, stairs = np.repeat([-1.0, *y[order]], 2)[1:], np.repeat([0.0, *share], 2)[:-1]
