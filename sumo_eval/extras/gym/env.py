@@ -32,15 +32,22 @@ def _answers(interface: Interface, actions: Any, count: int) -> Floats:
     if interface.choices is None:
         values = np.asarray(actions, dtype=np.float64)
         if values.size != count * interface.width:
-            wanted = f"{count} x {interface.width} numbers"
-            raise must_be("The actions", "an environment", wanted, values.shape)
+            raise must_be(
+                "The actions",
+                "an environment",
+                f"{count} x {interface.width} numbers",
+                values.shape,
+            )
         return values.reshape(count, -1)
     index = np.asarray(actions).reshape(count)
     if index.dtype.kind not in "iu" or not ((index >= 0) & (index < interface.width)).all():
-        wanted = f"whole numbers from 0 to {interface.width - 1}"
-        raise must_be("The actions", "an environment", wanted, actions)
-    answers: Floats = np.eye(interface.width)[index]
-    return answers
+        raise must_be(
+            "The actions",
+            "an environment",
+            f"whole numbers from 0 to {interface.width - 1}",
+            actions,
+        )
+    return np.asarray(np.eye(interface.width)[index])
 
 
 class _WithEpisodes:

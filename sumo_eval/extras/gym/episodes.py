@@ -78,7 +78,7 @@ def usual_reward(it: Transition) -> Floats:
     worth = (progress - discomfort) * it.step
     worth -= np.where(it.ended == "contact", 20.0 + 2.0 * it.impact, 0.0)
     worth -= np.where(it.ended == "off_road", 20.0, 0.0)
-    return np.asarray(worth)
+    return worth
 
 
 class Episodes:
@@ -156,19 +156,7 @@ class Episodes:
             if isinstance(value, bool) or not isinstance(value, int | float | np.number):
                 raise must_be(f"`{name}`", "the options of reset", "a number", value)
         if sampler is not None:
-            if not callable(sampler):
-                raise must_be(
-                    "`sampler`", "an environment", "a function of a random generator", sampler
-                )
-            try:
-                given = {
-                    **{str(name): float(value) for name, value in sampler(generator).items()},
-                    **given,
-                }
-            except (TypeError, ValueError, AttributeError) as error:
-                raise InputError(
-                    f"The sampler must give a number for each parameter by name: {said(error)}."
-                ) from error
+            given = _sampled(sampler, generator) | given
         values = {name: float(value) for name, value in given.items()}
         free = [item for item in self.logical.parameters if item.name not in values]
         if not free:
@@ -208,46 +196,64 @@ class Episodes:
         """As many steps as a period has, with the commands held: the worth, and why an episode
         ended, "" otherwise.
         """
-        pack, interface = self.pack, self.interface
-        commands = interface.commands(answers)
+        commands = self.interface.commands(answers)
         if not np.isfinite(commands).all():
             raise must_be("The actions", "an environment", "finite numbers", answers)
         worth, reasons = np.zeros(self.count), np.full(self.count, "", dtype="U16")
         for _ in range(self._steps):
-            egos = pack.world.egos
-            running, before = egos["live"] != 0, egos["acceleration"].copy()
-            ended = pack.step(commands)
-            now, impact = np.full(self.count, "", dtype="U16"), np.zeros(self.count)
-            for row in ended.tolist():
-                now[row] = pack.reason(row)
-                if now[row] == "contact":
-                    impact[row] = self._impact(row)
-            it = Transition(
-                pack.observations(), commands, egos["speed"], egos["acceleration"],
-                (egos["acceleration"] - before) / pack.step_length, self._start_speeds, running,
-                now, impact,
-                pack.step_length,
-            )  # fmt: skip
+            it = self._transition(commands)
             worth += self._reward(it)
-            reasons[ended] = now[ended]
+            reasons = np.where(it.ended == "", reasons, it.ended)
 
         self._answered += 1
         if self._limit is not None:
-            egos = pack.world.egos
+            egos = self.pack.world.egos
             late = (self._answered >= self._limit) & (egos["live"] != 0)
             egos["live"][late], reasons[late] = 0, "step_limit"
         return worth, reasons
+
+    def _transition(self, commands: Floats) -> Transition:
+        """One step of the simulation; commands: (n, 2), m/s2 and rad."""
+        pack = self.pack
+        egos = pack.world.egos
+        running, before = egos["live"] != 0, egos["acceleration"].copy()
+        ended, impact = np.full(self.count, "", dtype="U16"), np.zeros(self.count)
+        for row in pack.step(commands).tolist():
+            ended[row] = pack.reason(row)
+            if ended[row] == "contact":
+                impact[row] = self._impact(row)
+        return Transition(
+            pack.observations(), commands, egos["speed"], egos["acceleration"],
+            (egos["acceleration"] - before) / pack.step_length, self._start_speeds, running,
+            ended, impact, pack.step_length,
+        )  # fmt: skip
 
     def _reward(self, it: Transition) -> Floats:
         given = self.reward(it)
         fits = np.shape(given) in ((), (self.count,))
         rewards = np.where(it.running, given, 0.0) if fits else np.full(self.count, np.nan)
         if not np.isfinite(rewards).all():
-            must = f"a finite number for each of {self.count} episodes"
-            raise must_be("The reward", "an environment", must, given)
+            raise must_be(
+                "The reward",
+                "an environment",
+                f"a finite number for each of {self.count} episodes",
+                given,
+            )
         return rewards
 
     def _impact(self, row: int) -> float:
         world = self.pack.world
-        both = world.egos[row], world.others[row, int(world.egos["struck"][row])]
+        both = world.egos[row], world.others[row, world.egos["struck"][row]]
         return math.dist(*(Body(*vehicle.tolist()[:7]).velocity for vehicle in both))
+
+
+def _sampled(sampler: Any, generator: np.random.Generator) -> dict[str, float]:
+    """A user's point: parameter -> value."""
+    if not callable(sampler):
+        raise must_be("`sampler`", "an environment", "a function of a random generator", sampler)
+    try:
+        return {str(name): float(value) for name, value in sampler(generator).items()}
+    except (TypeError, ValueError, AttributeError) as error:
+        raise InputError(
+            f"The sampler must give a number for each parameter by name: {said(error)}."
+        ) from error
