@@ -81,7 +81,7 @@ def collect(plan: StudyPlan) -> StudyResult:
     """Write the results of the study into its folder."""
     people, drives = participants(plan), plan.folder / DRIVES
     rows: list[dict[str, Any]] = []
-    left: list[DiscardedDrive] = []
+    left = []
     drawn: Counter[str] = Counter()
     for person in people:
         for case in plan.cases:
@@ -93,23 +93,24 @@ def collect(plan: StudyPlan) -> StudyResult:
                 left.append(kept)
                 continue
             file = f"{person.code}/{case.key}.csv"
-            columns = (getattr(kept, name) for name in ("time", *CHANNELS, "steering_wheel_angle"))
-            samples = zip(*(column.tolist() for column in columns), strict=True)
-            write_csv(drives / file, COLUMNS, ((person.code, *sample) for sample in samples))
+            _write_drive(drives / file, person.code, kept)
             drawn.update(filter(None, [entry["quality"].get("drawn")]))
             rows.append({"scenario": case.concrete.scenario, "file": file, **case.concrete.values})
         left += _broken_off(person)
     files = {drives / row["file"] for row in rows}
     for stale in {*drives.glob("*/*.csv")} - files:
         stale.unlink()
-    parameters = (name for case in plan.cases for name in case.concrete.values)
-    head = dict.fromkeys(("scenario", "file", *parameters))
+    head = dict.fromkeys(
+        ("scenario", "file", *(name for case in plan.cases for name in case.concrete.values))
+    )
     write_csv(drives / NAMED, head, ([row.get(name, "") for name in head] for row in rows))
     ratings = _write_answers(plan.folder, people, left)
     participating = len({path.parent for path in files})
     counts = len(people), participating, len(rows), ratings
-    names = "ratings.csv", "left_out.csv", "evaluation.toml"
-    paths = drives, *(plan.folder / name for name in names)
+    paths = (
+        drives,
+        *(plan.folder / name for name in ("ratings.csv", "left_out.csv", "evaluation.toml")),
+    )
     result = StudyResult(*counts, dict(drawn), tuple(left), paths)
     summary = {
         "study": plan.settings.name,
@@ -120,6 +121,13 @@ def collect(plan: StudyPlan) -> StudyResult:
     (drives / STUDY).write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     paths[-1].write_text(evaluation_of(plan, participating), encoding="utf-8")
     return result
+
+
+def _write_drive(path: Path, driver: str, drive: Trajectory) -> None:
+    """Write a drive as CSV, one sample a row."""
+    columns = (getattr(drive, name) for name in ("time", *CHANNELS, "steering_wheel_angle"))
+    samples = zip(*(column.tolist() for column in columns), strict=True)
+    write_csv(path, COLUMNS, ((driver, *sample) for sample in samples))
 
 
 def _write_answers(folder: Path, people: list[Participant], left: list[DiscardedDrive]) -> int:
@@ -197,12 +205,15 @@ def evaluation_of(plan: StudyPlan, people: int) -> str:
         least=max(math.ceil(MOST_OF_THEM * people), 2), too_thin="leave_out",
     )  # fmt: skip
     # exposure without tables of its own is from those of the drivers
-    tables = settings.drivers.recordings
     scenarios = tuple(
-        replace(it, exposure=replace(it.exposure, recordings=it.exposure.recordings or tables))
+        replace(it, exposure=replace(
+            it.exposure, recordings=it.exposure.recordings or settings.drivers.recordings))
         for it in settings.scenario
+    )  # fmt: skip
+    evaluation = replace(
+        settings, name=f"{settings.name} with people", drivers=drivers, scenario=scenarios
     )
-    name = f"{settings.name} with people"
-    evaluation = replace(settings, name=name, drivers=drivers, scenario=scenarios)
-    title = f"# The evaluation of {plan.run} with the people of the study `{plan.settings.name}`."
-    return f"{title}\n{to_toml(evaluation)}"
+    return (
+        f"# The evaluation of {plan.run} with the people of the study `{plan.settings.name}`.\n"
+        f"{to_toml(evaluation)}"
+    )

@@ -41,14 +41,14 @@ def drive_view(
     """The view of a drive: the road, and the bodies; positions come with every step."""
     vehicle = concrete.ego_vehicle(settings.vehicle)
     return {
-        "title": title, "lines": list(lines), "step": settings.step, "wanted": concrete.ego.speed,
+        "title": title, "lines": lines, "step": settings.step, "wanted": concrete.ego.speed,
         "scene": {
             "road": drawn_road(concrete.road),
             "extent": [concrete.ego.x - VIEW, concrete.road.length + VIEW],
             "ego": {"kind": "car", "length": vehicle.length, "width": vehicle.width},
             "others": [{"kind": it.body, "length": it.length,
-                "width": it.width} for it in concrete.actors],
-        },
+                "width": it.width} for it in concrete.actors]
+        }
     }  # fmt: skip
 
 
@@ -77,4 +77,4 @@ def replay(
 
 def sheet(title: str, *lines: str, **more: Any) -> dict[str, Any]:
     """A view of text, questions and buttons."""
-    return {"show": "sheet", "title": title, "lines": list(lines), **more}
+    return {"show": "sheet", "title": title, "lines": lines, **more}

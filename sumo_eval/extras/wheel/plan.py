@@ -120,8 +120,8 @@ class StudyPlan(NamedTuple):
                 driven = [case for case in self.cases
                     if case.concrete.scenario == scenario and ads in case.ads]  # fmt: skip
                 # sorted: a change would show participants who continue other replays
-                chosen = sorted(draw.permutation(len(driven))[: self.settings.replays].tolist())
-                replays += [(driven[place], ads) for place in chosen]
+                chosen = draw.permutation(len(driven))[: self.settings.replays]
+                replays += [(driven[place], ads) for place in sorted(chosen)]
         return [replays[place] for place in draw.permutation(len(replays))]
 
 

@@ -169,7 +169,7 @@ def reaction(recording: Recording, event: float, vehicle: VehicleSettings) -> fl
         ego.speed**2 * np.tan(ego.steering_wheel_angle / vehicle.steering_ratio) / vehicle.wheelbase
     )
     at = max(int(np.searchsorted(ego.time, event + 1e-9, side="right")) - 1, 0)
-    braked = ego.acceleration < min(float(ego.acceleration[at]), 0.0) - BRAKES
+    braked = ego.acceleration < min(ego.acceleration[at], 0.0) - BRAKES
     steered = np.abs(across - across[at]) > STEERS
     answers = np.flatnonzero((ego.time > event + 1e-9) & (braked | steered))
     return round(float(ego.time[answers[0]] - event), 4) if answers.size else None

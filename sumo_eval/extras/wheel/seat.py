@@ -194,8 +194,7 @@ def drive_person(
     """Let a person drive a concrete scenario; the recording has all that any ADS's has."""
     hands = Hands(concrete.ego_vehicle(settings.vehicle), settings.step)
     seat = Seat(desk, hands, settings.step, writer, show, held, paced=paced)
-    recording = simulate(concrete, seat, settings)
-    return with_quit(recording, seat.left), seat
+    return with_quit(simulate(concrete, seat, settings), seat.left), seat
 
 
 def warm_up(concrete: ConcreteScenario, settings: SimulationSettings) -> None:

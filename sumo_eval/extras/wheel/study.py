@@ -260,7 +260,7 @@ async def own_drive(
             )  # fmt: skip
             button = answer.get("button", "")
     questions = [scale(it) for it in plan.settings.question if it.after == "drive"]
-    answers: dict[str, Any] = {}
+    answers = {}
     if questions and recording.end_reason != "quit":
         end = ENDS.get(recording.end_reason, "The drive is over.")
         try:

@@ -112,8 +112,8 @@ def read_tape(path: Path) -> Tape:
     head, *values = json_lines(path, "tape") or [None]  # of an empty file
     if not isinstance(head, dict) or head.get("format") != FORMAT:
         raise InputError(f"{path} must be a tape of a drive of format {FORMAT}.")
-    rows: list[tuple[Any, ...]] = []
-    notes: list[Mapping[str, Any]] = []
+    rows = []
+    notes = []
     end = None
     for number, value in enumerate(values, 2):
         # a repetition needs the command only
@@ -127,8 +127,9 @@ def read_tape(path: Path) -> Tape:
         elif isinstance(value, dict) and isinstance(value.get("end"), dict):
             end = value["end"]
         else:
-            what = "a step, a note or the end of a drive"
-            raise must_be(f"Line {number}", str(path), what, value)
+            raise must_be(
+                f"Line {number}", str(path), "a step, a note or the end of a drive", value
+            )
     return Tape(head, tuple(rows), tuple(notes), end)
 
 
@@ -188,8 +189,7 @@ class Player:
 def drive_again(tape: Tape, concrete: ConcreteScenario) -> Recording:
     """The drive of a tape's commands in its concrete scenario."""
     player = Player(row[:2] for row in tape.rows)
-    recording = simulate(concrete, player, settings_of(tape.head))
-    return with_quit(recording, player.left)
+    return with_quit(simulate(concrete, player, settings_of(tape.head)), player.left)
 
 
 def with_quit(recording: Recording, left: str) -> Recording:
@@ -200,8 +200,9 @@ def with_quit(recording: Recording, left: str) -> Recording:
     """
     if not left:
         return recording
-    error = None if left == OWN_WISH else left
-    return replace(recording, end_reason="quit", error=error, error_place="")
+    return replace(
+        recording, end_reason="quit", error=None if left == OWN_WISH else left, error_place=""
+    )
 
 
 def digest(recording: Recording) -> str:

@@ -116,8 +116,9 @@ class Window:
         """None: the WebSocket."""
         host = request.headers.get_all("Host")
         if host not in [[own] for own in self._hosts]:
-            text = "This server answers to its own address only.\n"
-            return _response(HTTPStatus.MISDIRECTED_REQUEST, text)
+            return _response(
+                HTTPStatus.MISDIRECTED_REQUEST, "This server answers to its own address only.\n"
+            )
         # earlier versions of websockets refuse other methods themselves
         if getattr(request, "method", "GET") != "GET":
             return _response(HTTPStatus.METHOD_NOT_ALLOWED, "This server answers GET only.\n")
@@ -208,6 +209,7 @@ class Window:
 
     def _take(self, message: dict[str, Any]) -> None:
         ((kind, value),) = message.items()
+        desk = self._desk
         if kind == "answers":
             if self._answers.full():
                 raise MessageError(f"More than {MOST_ANSWERS} answers came without a question.")
@@ -222,11 +224,11 @@ class Window:
             self._hold(value)
         elif kind == "quit":
             self._leave(OWN_WISH)
-        elif self._desk is not None and kind == "input":
-            self._desk.newest = value
-        elif self._desk is not None and kind == "ready":
-            self._desk.due = clock.perf_counter() + self._countdown
-            self._desk.holds = ""
+        elif desk is not None and kind == "input":
+            desk.newest = value
+        elif desk is not None and kind == "ready":
+            desk.due = clock.perf_counter() + self._countdown
+            desk.holds = ""
 
     async def _post(self, peer: ServerConnection) -> None:
         """Send the newest messages whenever there are any."""
