@@ -219,8 +219,9 @@ def cosimulation(cases: int, rounds: int) -> list[Row]:
              "cases/s", bare[name] / own[name], "bare libsumo")
         for name in ways
     ]  # fmt: skip
-    rate = count / bare[baseline]
-    yardstick = Row(group, "bare libsumo, one at a time, as many steps", rate, "cases/s")
+    yardstick = Row(
+        group, "bare libsumo, one at a time, as many steps", count / bare[baseline], "cases/s"
+    )
     return [*rows, yardstick, _storing(concretes, recordings[baseline])]
 
 
@@ -254,7 +255,7 @@ def field_and_index(rounds: int) -> list[Row]:
             *simulate_many([concrete] * points, "lane_changer"),
         ]
     )
-    slices = slice_positions(float(ads.x[0]), logical.road.length - float(ads.x[0]), 0.5)
+    slices = slice_positions(ads.x[0], logical.road.length - ads.x[0], 0.5)
     places = slice_points(slices, lateral_position(ads, slices), logical.road).reshape(-1, 2)
     # the field at a place is a sum over samples of the trajectory, 0.02 s apart
     terms = len(places) * len(np.arange(0.0, ads.duration, 0.02))
