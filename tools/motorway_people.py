@@ -21,9 +21,12 @@ import numpy as np
 import pandas as pd
 
 from sumo_eval.drivers.recorded.events import GHOST_LATERAL_SPEED
+from sumo_eval.method.measures import course_of
 from sumo_eval.method.plausibility import Quantiles, extremes_of, quantiles_of
+from sumo_eval.scenario.concrete import Road
 from sumo_eval.trajectory import Trajectory
 
+ROAD = Road("motorway", 600.0, 2, 3.75, 0.0)  # straight
 LEAST_DURATION = 10.0  # s
 LENGTH = 4.5  # m, of a body whose length is not in the table: gaps are, and they decide
 OTHERS = {
@@ -79,7 +82,10 @@ def motorway_people(folder: Path) -> tuple[Quantiles, int]:
     """The table, rounded to three digits after the point, and how many drives were left out as
     ghosts.
     """
-    drives = [(who, extremes_of(ego, actors)) for _, who, ego, actors in motorway_drives(folder)]
+    drives = [
+        (who, extremes_of(course_of(ego, actors, None, ROAD)))
+        for _, who, ego, actors in motorway_drives(folder)
+    ]
     kept = [one for one in drives if not one[1]["max_lateral_speed"] > GHOST_LATERAL_SPEED]
     exact = quantiles_of([found for _, found in kept], [who for who, _ in kept])
     rounded = Quantiles(

@@ -33,6 +33,7 @@ import pandas as pd
 from sumo_eval.cosim.simulation import simulate_many
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.method.anthropomorphic import Pairing, indexes_by_group
+from sumo_eval.method.measures import course_of
 from sumo_eval.method.plausibility import MOTORWAY_PEOPLE, extremes_of, plausibility
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario, smooth_step
@@ -201,7 +202,10 @@ def evidence(people: list[Person], seed: int) -> pd.DataFrame:
         ):
             found = index.likeness
             assert found is not None
-            plausible = plausibility(extremes_of(drive, {"lead": ahead}), MOTORWAY_PEOPLE)
+            plausible = plausibility(
+                extremes_of(course_of(drive, {"lead": ahead}, None, person.concrete.road)),
+                MOTORWAY_PEOPLE,
+            )
             rows.append(
                 {
                     "scenario": number,

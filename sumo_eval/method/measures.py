@@ -15,6 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_eval.scenario.concrete import Road
+from sumo_eval.scenario.road.reference_line import curvatures
 from sumo_eval.trajectory import Collision, FloatArray, Trajectory, half_extents
 
 TOUCH = 1e-3
@@ -45,8 +47,6 @@ class CriticalityMeasures:
     max_deceleration: m/s2, 0 if the ego never braked.
     max_jerk: m/s3.
     delta_v: m/s, nan without a collision.
-    max_lateral_speed, max_lateral_acceleration: m/s and m/s2 across the road, to either side
-        (`smooth_motion`), nan in a case that is too short for the derivative.
 
     A frontal contact has min_ttc, min_thw, min_gap and pet 0, max_ittc and max_drac inf if the ego
     was closing. An ego that never closes on the lead vehicle has min_ttc inf, max_ittc and max_drac
@@ -62,8 +62,6 @@ class CriticalityMeasures:
     max_deceleration: float
     max_jerk: float
     delta_v: float
-    max_lateral_speed: float
-    max_lateral_acceleration: float
 
 
 class SmoothMotion(NamedTuple):
@@ -102,33 +100,41 @@ class Course(NamedTuple):
 
 
 def course_of(
-    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None
+    ego: Trajectory,
+    actors: Mapping[str, Trajectory],
+    collision: Collision | None,
+    road: Road,
 ) -> Course:
     """The course of a drive.
 
     ego: its trajectory.
     actors: the other vehicles by name.
     collision: the ego's first contact if any.
+    road: in whose frame they are.
     """
-    gap, closing = vehicle_ahead(ego, actors, collision)
-    headway = time_headway(gap, ego.speed * np.cos(ego.heading))
-    return Course(gap, closing, time_to_collision(gap, closing), headway, smooth_motion(ego))
+    gap, closing = vehicle_ahead(ego, actors, collision, road)
+    return Course(
+        gap,
+        closing,
+        time_to_collision(gap, closing),
+        time_headway(gap, speed_along(ego, road)),
+        smooth_motion(ego),
+    )
 
 
 def measures(
     ego: Trajectory,
     actors: Mapping[str, Trajectory],
     collision: Collision | None,
-    course: Course | None = None,
+    seen: Course,
 ) -> CriticalityMeasures:
     """The criticality measures of a case.
 
     ego: its trajectory.
     actors: the other vehicles by name.
     collision: the ego's first contact if any.
-    course: the drive's `course_of`, where it is known already.
+    seen: the drive's `course_of`.
     """
-    seen = course or course_of(ego, actors, collision)
     return CriticalityMeasures(
         min_ttc=(ttc := least(seen.ttc)),
         max_ittc=1.0 / ttc if ttc else np.inf,
@@ -139,8 +145,6 @@ def measures(
         max_deceleration=max(0.0, -float(ego.acceleration.min())),
         max_jerk=largest(np.abs(np.diff(ego.acceleration) / np.diff(ego.time))),
         delta_v=np.nan if collision is None else velocity_change(collision),
-        max_lateral_speed=largest(np.abs(seen.motion.lateral_speed)),
-        max_lateral_acceleration=largest(np.abs(seen.motion.lateral_acceleration)),
     )
 
 
@@ -234,8 +238,16 @@ def _slopes(values: FloatArray, samples: int = SLOPE_SAMPLES) -> FloatArray:
     return np.correlate(values, places / (CLOCK * np.sum(places**2)), mode="valid")
 
 
+def speed_along(drive: Trajectory, road: Road) -> FloatArray:
+    """Speed along the road's line, dx/dt, m/s, (n,); `drive.speed` is over the ground."""
+    return drive.speed * np.cos(drive.heading) / (1.0 - curvatures(road.line, drive.x) * drive.y)
+
+
 def vehicle_ahead(
-    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None
+    ego: Trajectory,
+    actors: Mapping[str, Trajectory],
+    collision: Collision | None,
+    road: Road,
 ) -> tuple[FloatArray, FloatArray]:
     """Gap d, m, and closing speed, m/s, to the nearest lead vehicle in the ego's path: (n,) each,
     nan without one.
@@ -244,16 +256,16 @@ def vehicle_ahead(
     actors: the other vehicles by name.
     collision: the ego's first contact if any; a frontal one is a gap of 0 at its time, because
         bodies at an angle touch a little before the gap closes.
+    road: in whose frame they are.
 
     d = x_other - x_ego - (l_ego + l_other)/2, bumper to bumper, at least 0; l_other and w_other of
     a turned body are its extents along and across the road. The ego counts as parallel to the road,
     as it did for the table of recorded drivers. Closing speed = v_ego - v_other along the road.
     """
     gap, closing = np.full(len(ego), np.inf), np.full(len(ego), np.nan)
-    own_speed = ego.speed * np.cos(ego.heading)
+    own_speed = speed_along(ego, road)
     for name, actor in actors.items():
-        speed_along = actor.speed * np.cos(actor.heading)
-        x, y, speed = _at(ego.time, actor, actor.x, actor.y, speed_along)
+        x, y, speed = _at(ego.time, actor, actor.x, actor.y, speed_along(actor, road))
         extents = half_extents(actor.heading, actor.length, actor.width)
         along, across = _at(ego.time, actor, *extents)
         distance = x - ego.x - ego.length / 2.0 - along
@@ -262,7 +274,7 @@ def vehicle_ahead(
         if collision is not None and (collision.other, collision.side) == (name, "front"):
             distance[(ego.time >= collision.time) & ~np.isnan(x)] = 0.0
         nearer = distance < gap
-        gap = np.where(nearer, distance, gap)
+        gap = np.minimum(gap, distance)
         closing = np.where(nearer, own_speed - speed, closing)
     return np.where(np.isinf(gap), np.nan, gap), closing
 

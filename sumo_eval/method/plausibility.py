@@ -22,8 +22,8 @@ from typing import Final
 import numpy as np
 
 from sumo_eval.errors import InputError
-from sumo_eval.method.measures import Course, course_of, largest, least
-from sumo_eval.trajectory import Collision, FloatArray, Trajectory
+from sumo_eval.method.measures import Course, largest, least
+from sumo_eval.trajectory import FloatArray
 
 USUAL_SHARE = 0.05
 """An extreme that at least this share of people reach is as plausible as any."""
@@ -109,25 +109,16 @@ road). Not for towns: no vehicle here stops, turns or meets pedestrians.
 """
 
 
-def extremes_of(
-    ego: Trajectory,
-    actors: Mapping[str, Trajectory],
-    collision: Collision | None = None,
-    course: Course | None = None,
-) -> dict[str, float]:
+def extremes_of(seen: Course) -> dict[str, float]:
     """The seven extremes of a drive.
 
-    ego: its trajectory.
-    actors: the other vehicles by name.
-    collision: the ego's first contact if any.
-    course: the drive's `course_of`, where it is known already.
+    seen: the drive's `course_of`.
 
     min_ttc, min_thw s; max_deceleration m/s2, 0 if it never braked; max_jerk m/s3; max_unrest m/s2;
     max_lateral_speed m/s; max_lateral_acceleration m/s2. min_ttc is inf where the ego never closes.
     nan: this drive has no such extreme, as without a lead vehicle, or in a drive too short for a
     derivative.
     """
-    seen = course or course_of(ego, actors, collision)
     motion = seen.motion
     return {
         "min_ttc": least(seen.ttc),

@@ -50,7 +50,7 @@ def driving_words(
     """
     if store.is_discarded(case.case) or not (case.evaluated or case.departed):
         return ["The ADS gave the case up, which counts as doing nothing."] if case.gave_up else []
-    scene = CaseDrives.of(case, fact, store)
+    scene = CaseDrives.of(case, fact, store, logical.road)
     margin = evaluation.settings.method.task.road_margin
     said = [*_incident(scene, fact), *task_words(scene, logical, margin)]
 

@@ -15,7 +15,7 @@ import numpy as np
 from sumo_eval.cases import CaseResult
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.driving_task import asked_way, first_departure, misses, times_at
-from sumo_eval.method.measures import STANDING
+from sumo_eval.method.measures import STANDING, course_of
 from sumo_eval.method.plausibility import Quantiles, extremes_of, least_plausible
 from sumo_eval.record.human_reference import PointJob, compute_points
 from sumo_eval.record.kept_results import KeptResults
@@ -45,6 +45,7 @@ LEAST_SPREADS = {"speed": 1.0, "y": 0.2}
 class CaseDrives:
     """Drive of a case, with all drives that it is compared with at its point.
 
+    road: in whose frame they are.
     drivers: drives of the human drivers.
     beside: these and the drive of the reference car, by name.
     """
@@ -52,17 +53,18 @@ class CaseDrives:
     case: CaseResult
     ego: Trajectory
     actors: Mapping[str, Trajectory]
+    road: Road
     drivers: tuple[Trajectory, ...]
     beside: Mapping[str, Trajectory]
 
     @classmethod
-    def of(cls, case: CaseResult, fact: Fact, store: Store) -> CaseDrives:
+    def of(cls, case: CaseResult, fact: Fact, store: Store, road: Road) -> CaseDrives:
         """The drives as they were recorded."""
         vehicles = store.trajectories(case.case)
         drives = store.driven_at(case.scenario, fact.point, "human", "task_reference")
         beside = {one.driver: store.trajectory(one.case) for one in drives}
         humans = tuple(beside[one.driver] for one in drives if one.role == "human")
-        return cls(case, vehicles.pop(EGO), vehicles, humans, beside)
+        return cls(case, vehicles.pop(EGO), vehicles, road, humans, beside)
 
     @property
     def low_factors(self) -> list[str]:
@@ -176,7 +178,7 @@ class Extreme(NamedTuple):
 
 def rarest_extreme(scene: CaseDrives, people: Quantiles) -> Extreme:
     """The extreme of a drive that fewest people reach."""
-    extremes = extremes_of(scene.ego, scene.actors)
+    extremes = extremes_of(course_of(scene.ego, scene.actors, None, scene.road))
     name, share = least_plausible(extremes, people)
     value, half = extremes[name], HALF_WINDOWS.get(name, 0.0)
     when = max(0.0, _reached(scene, name, value) - half)
@@ -192,8 +194,8 @@ def _reached(scene: CaseDrives, name: str, value: float) -> float:
     ego, low, high = scene.ego, 2, len(scene.ego.time)
     while low < high:
         middle = (low + high) // 2
-        part = extremes_of(_until(ego, middle), scene.actors)[name]
-        has = np.isclose(part, value, rtol=1e-6)
+        part = course_of(_until(ego, middle), scene.actors, None, scene.road)
+        has = np.isclose(extremes_of(part)[name], value, rtol=1e-6)
         low, high = (low, middle) if has else (middle + 1, high)
     return float(ego.time[low - 1] - ego.time[0])
 

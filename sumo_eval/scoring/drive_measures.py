@@ -13,7 +13,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
-from sumo_eval.cases import EVALUATED, CaseResult
+from sumo_eval.cases import EVALUATED
 from sumo_eval.method.conflict import conflicting
 from sumo_eval.method.measures import (
     CriticalityMeasures,
@@ -27,6 +27,7 @@ from sumo_eval.method.plausibility import EXTREMES, Quantiles, extremes_of, plau
 from sumo_eval.record.human_reference import method_sources
 from sumo_eval.record.kept_results import key_of
 from sumo_eval.record.store import EGO, Fact, Store, open_store
+from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.space import ScenarioRun
 from sumo_eval.trajectory import Collision
@@ -38,13 +39,13 @@ _AT_ONCE = 32  # drives that a process measures before it answers
 class _Request:
     """A drive to be measured.
 
-    lane_width: m.
+    road: in whose frame it was recorded.
     conflicting: the actor whose way conflicts with the ego's, "" for none.
     """
 
     case: str
     collision: Collision | None
-    lane_width: float
+    road: Road
     conflicting: str
 
 
@@ -56,16 +57,16 @@ def drive_measures(
     people: among which it is more or less plausible.
     files: a hash of those of the scenario.
     """
-    width, hash_of = space.logical.road.lane_width, space.store.case_hash
+    road, hash_of = space.logical.road, space.store.case_hash
     evaluated = [fact for fact in facts if fact.status in EVALUATED]
     keys = {
-        fact.case: key_of("drive", hash_of(fact.case), width, files, method_sources())
+        fact.case: key_of("drive", hash_of(fact.case), road, files, method_sources())
         for fact in evaluated
     }
 
     def requests(missing: Collection[str]) -> list[_Request]:
         return [
-            _Request(fact.case, fact.collision, width, _conflicting(space.logical, fact))
+            _Request(fact.case, fact.collision, road, _conflicting(space.logical, fact))
             for fact in evaluated
             if fact.case in missing
         ]
@@ -98,8 +99,8 @@ def _measured(request: _Request, store: Store) -> bytes:
     if EGO not in actors:
         raise store.no_trajectory(request.case)
     ego = actors.pop(EGO)
-    course = course_of(ego, actors, hit)
-    extremes = extremes_of(ego, actors, hit, course)
+    course = course_of(ego, actors, hit, request.road)
+    extremes = extremes_of(course)
     pet = math.nan
     if request.conflicting in actors:
         theirs = hit if hit is not None and hit.other == request.conflicting else None
@@ -107,7 +108,7 @@ def _measured(request: _Request, store: Store) -> bytes:
     return _NUMBERS.pack(
         *astuple(measures(ego, actors, hit, course)),
         *(extremes[name] for name in EXTREMES),
-        *astuple(lane_keeping(ego, request.lane_width)),
+        *astuple(lane_keeping(ego, request.road.lane_width)),
         pet,
     )
 
@@ -118,16 +119,15 @@ def finite(value: float) -> float | None:
 
 
 _MEASURED = tuple(item.name for part in (CriticalityMeasures, LaneKeeping) for item in fields(part))
-_COLUMNS = frozenset(item.name for item in fields(CaseResult))
 
 
 def _measures_in(data: bytes, people: Quantiles) -> dict[str, float | None]:
-    """The result of `_measured`, as far as a case has fields for it."""
+    """The result of `_measured` as fields of a case."""
     *numbers, pet = _NUMBERS.unpack(data)
     extremes = dict(zip(EXTREMES, numbers[_CRITICALITY:-_LANE], strict=True))
     found = zip(_MEASURED, numbers[:_CRITICALITY] + numbers[-_LANE:], strict=True)
     return {
-        **{name: finite(value) for name, value in found if name in _COLUMNS},
+        **{name: finite(value) for name, value in found},
         "plausibility": plausibility(extremes, people),
         "conflict_pet": finite(pet),
     }

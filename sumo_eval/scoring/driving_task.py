@@ -81,8 +81,9 @@ def tasks_of_drives(
             if fact.end_reason not in (None, "sim_error")
         }
         points.append(_Point(hits, others, road, margin, start.x, start.way))
-        hashes = [hash_of(case) for case in others]
-        common = key_of(hashes, road, margin, start.x, start.way, method_sources())
+        common = key_of(
+            [hash_of(case) for case in others], road, margin, start.x, start.way, method_sources()
+        )
         keys |= {case: key_of(common, hash_of(case), hit) for case, hit in hits.items()}
 
     def points_of(missing: Collection[str]) -> list[_Point]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sumo_eval.method.measures import CLOCK
+from sumo_eval.method.measures import CLOCK, course_of
 from sumo_eval.method.plausibility import (
     LEAST_PEOPLE,
     MOTORWAY_PEOPLE,
@@ -51,7 +51,8 @@ def plausible_people(
     for fact in store.facts("human", logical.name):
         if fact.status == "ok" and fact.controller != SYNTHETIC:
             ego = store.trajectory(fact.case)
-            drives.append(extremes_of(ego, _undisturbed(logical.concrete(**fact.values), ego)))
+            actors = _undisturbed(logical.concrete(**fact.values), ego)
+            drives.append(extremes_of(course_of(ego, actors, None, logical.road)))
             names.append(fact.log or fact.driver)
     if len(set(names)) < LEAST_PEOPLE:
         missing = PlausibleTo(

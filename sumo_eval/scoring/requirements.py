@@ -8,9 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from sumo_eval.cases import EVALUATED, CaseTable
-from sumo_eval.method.measures import time_headway, time_to_collision, vehicle_ahead
+from sumo_eval.method.measures import (
+    speed_along,
+    time_headway,
+    time_to_collision,
+    vehicle_ahead,
+)
 from sumo_eval.record.store import EGO, Fact
 from sumo_eval.results import RequirementMissed, ScenarioResult
+from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.requirement import Requirement
 from sumo_eval.scoring.space import ScenarioRun
@@ -21,16 +27,24 @@ SEPARATOR = "; "
 
 
 def series_of(
-    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None
+    ego: Trajectory,
+    actors: Mapping[str, Trajectory],
+    collision: Collision | None,
+    road: Road,
 ) -> dict[str, FloatArray]:
     """Values for requirements at each sample of the ego, by the names of
     `scenario.requirement.SERIES`; `gap`, `thw` and `ttc` are inf where no actor is ahead.
+
+    road: in whose frame they are.
     """
-    gap, closing = vehicle_ahead(ego, actors, collision)
-    along = ego.speed * np.cos(ego.heading)
+    gap, closing = vehicle_ahead(ego, actors, collision, road)
     # 0 at the first sample
     jerk = np.concatenate([[0.0], np.diff(ego.acceleration) / np.diff(ego.time)])
-    to_lead = {"gap": gap, "thw": time_headway(gap, along), "ttc": time_to_collision(gap, closing)}
+    to_lead = {
+        "gap": gap,
+        "thw": time_headway(gap, speed_along(ego, road)),
+        "ttc": time_to_collision(gap, closing),
+    }
     return {
         "time": ego.time,
         "x": ego.x,
@@ -80,7 +94,9 @@ def requirements_missed(fact: Fact, space: ScenarioRun) -> str | None:
         # x is the ego's centre, whose arrival at the end of the road ends the drive
         "reached_end": float(ego.x[-1] >= space.logical.road.length),
     }
-    series = series_of(ego, actors, fact.collision) | series_of_others(required.all, ego, actors)
+    series = series_of(ego, actors, fact.collision, space.logical.road) | series_of_others(
+        required.all, ego, actors
+    )
     return SEPARATOR.join(each.name for each in required.all if not each.holds(series, known))
 
 

@@ -11,10 +11,15 @@ from twins.contact import overlap
 from twins.measures import plain_measures
 
 from sumo_eval.cosim.contact import Body
-from sumo_eval.method.measures import conflict_pet, lane_keeping, measures, velocity_change
+from sumo_eval.method import measures as module
+from sumo_eval.method.measures import conflict_pet, course_of, lane_keeping, velocity_change
+from sumo_eval.method.plausibility import extremes_of
+from sumo_eval.scenario.concrete import Road
+from sumo_eval.scenario.road.reference_line import arc
 from sumo_eval.trajectory import Collision, Trajectory
 
 TIME = np.arange(0.0, 4.05, 0.1)
+ROAD = Road("straight", 600.0, 2, 3.5, 0.0)
 
 
 def constant(x, speed, *, y=0.0, time=TIME, heading=0.0, **body):
@@ -43,6 +48,10 @@ def front_contact(time, ego_speed, other_speed, *, heading=0.0, other="lead", si
         (0.0, 0.0, heading),
         (4.5, 0.0, 0.0),
     )
+
+
+def measures(ego, actors, collision, road=ROAD):
+    return module.measures(ego, actors, collision, course_of(ego, actors, collision, road))
 
 
 def test_constant_speeds_by_hand():
@@ -191,8 +200,9 @@ def scene(seed):
 
 @pytest.mark.parametrize("seed", range(24))
 def test_the_measures_are_the_plain_loops(seed):
-    found, plain = (of(*scene(seed)) for of in (measures, plain_measures))
-    np.testing.assert_allclose(astuple(found), plain, rtol=1e-9, atol=1e-9)
+    *_, speed, acceleration = extremes_of(course_of(*scene(seed), ROAD)).values()
+    found = [*astuple(measures(*scene(seed))), speed, acceleration]
+    np.testing.assert_allclose(found, plain_measures(*scene(seed)), rtol=1e-9, atol=1e-9)
 
 
 def test_the_scenes_define_every_measure_somewhere():
@@ -219,6 +229,13 @@ def test_moving_or_mirroring_the_world_moves_nothing(seed, dt, dx, dy, mirror):
     there = {name: moved(actor, dt, dx, dy, mirror) for name, actor in actors.items()}
     after = astuple(measures(moved(ego, dt, dx, dy, mirror), there, None))
     np.testing.assert_allclose(after, before, rtol=1e-6, atol=1e-6)
+
+
+def test_on_a_curve_speeds_are_those_along_its_line():
+    """20 m at 30 - 10 m/s over the ground, of which the line, 1.5 m aside, has 1 / 0.994."""
+    bend = replace(ROAD, line=(arc(400.0, 250.0),))
+    ego, lead = (constant(x, speed, y=1.5) for x, speed in ((0.0, 30.0), (104.5, 10.0)))
+    assert measures(ego, {"lead": lead}, None, bend).min_ttc == pytest.approx(0.994)
 
 
 @given(st.floats(1.0, 30.0), st.floats(0.0, 20.0), st.floats(0.0, 20.0), st.floats(130.0, 200.0))

@@ -11,18 +11,18 @@ from hypothesis import strategies as st
 from loaded import load
 from refusals import refusal
 
+from sumo_eval.method import plausibility as module
 from sumo_eval.method.anthropomorphic import operation_tolerance
-from sumo_eval.method.measures import smooth_motion
+from sumo_eval.method.measures import course_of, smooth_motion
 from sumo_eval.method.operations import most_operations
 from sumo_eval.method.plausibility import (
     EXTREMES,
     MOTORWAY_PEOPLE,
-    extremes_of,
     least_plausible,
     plausibility,
     quantiles_of,
 )
-from sumo_eval.scenario.concrete import smooth_step
+from sumo_eval.scenario.concrete import Road, smooth_step
 from sumo_eval.trajectory import Collision, Trajectory
 
 CALM = {
@@ -41,6 +41,10 @@ def drive(speeds, y=0.0, *, x=0.0, interval=0.1):
     time = interval * np.arange(speeds.size)
     xs = x + np.concatenate(([0.0], np.cumsum((speeds[1:] + speeds[:-1]) * interval / 2.0)))
     return Trajectory(time, xs, np.broadcast_to(y, time.shape), np.zeros(time.size), speeds)
+
+
+def extremes_of(ego, actors, hit=None):
+    return module.extremes_of(course_of(ego, actors, hit, Road("straight", 600.0, 2, 3.5, 0.0)))
 
 
 def test_the_extremes_of_a_steady_approach_by_hand():

@@ -42,7 +42,12 @@ def case(evaluation):
 
 def scene(case, ego, *drivers, **actors):
     return CaseDrives(
-        case, ego, actors, drivers, {f"driver_{place}": one for place, one in enumerate(drivers)}
+        case,
+        ego,
+        actors,
+        catalogue.load(case.scenario).road,
+        drivers,
+        {f"driver_{place}": one for place, one in enumerate(drivers)},
     )
 
 

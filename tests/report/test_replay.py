@@ -47,6 +47,7 @@ def test_the_page_computes_the_gap_and_ttc_of_the_method(contact):
         "gone": builders.drive(70.0, 0.0, 15.0, 2.0),
         "across": Trajectory(ego.time, 80.0 + 0.0 * ego.time, 10.0 * (1.0 - ego.time)),
     }
+    road = Road("bend", 400.0, 2, 3.5, 0.0, line=(arc(400.0, 250.0),))
     pose = (0.0, 0.0, 0.0)
     hit = (
         Collision(4.0, "lead", (20.0, 0.0), (12.0, 0.0), 1.0, "front", pose, pose)
@@ -57,10 +58,11 @@ def test_the_page_computes_the_gap_and_ttc_of_the_method(contact):
         "ego": plain(ego),
         "actors": [[name, plain(actor)] for name, actor in actors.items()],
         "contact": {"time": 4.0, "other": "lead", "side": "front"} if contact else None,
+        "road": {"line": drawn_line(road)},
     }
     script = f"""
         const replay = require({json.dumps(REPLAY_JS)});
-        const {{ gap, ttc }} = replay.ahead(given.ego, given.actors, given.contact);
+        const {{ gap, ttc }} = replay.ahead(given.ego, given.actors, given.contact, given.road);
         const word = (value) => (Number.isFinite(value) ? value : String(value));
         console.log(JSON.stringify({{ gap: Array.from(gap, word), ttc: Array.from(ttc, word) }}));
     """
@@ -68,7 +70,7 @@ def test_the_page_computes_the_gap_and_ttc_of_the_method(contact):
         name: np.array([float(value) for value in values])
         for name, values in node(script, given).items()
     }
-    gap, closing = vehicle_ahead(ego, actors, hit)
+    gap, closing = vehicle_ahead(ego, actors, hit, road)
     np.testing.assert_allclose(there["gap"], gap, atol=1e-9)
     np.testing.assert_allclose(there["ttc"], time_to_collision(gap, closing), rtol=1e-9)
     assert np.isfinite(gap).any()

@@ -13,11 +13,14 @@ from sumo_eval.nightly.gates import judge
 from sumo_eval.report.junit import run_suites
 from sumo_eval.report.tables import write_tables
 from sumo_eval.report.words import score_note
+from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.requirement import requirement
 from sumo_eval.scoring.gate_settings import GateSettings, LimitSettings
 from sumo_eval.scoring.requirements import series_of
 from sumo_eval.trajectory import Trajectory
+
+ROAD = Road("straight", 600.0, 2, 3.5, 0.0)
 
 SCENE = {
     "name": "approach",
@@ -61,7 +64,7 @@ def ahead():
 )  # fmt: skip
 def test_a_requirement_by_hand(text, holds):
     """TTC at the end 5 m / (8 - 4) m/s = 1.25 s, THW 5 / 8 s, jerk -2 m/s3."""
-    series = series_of(drive(), {"lead": ahead()}, None)
+    series = series_of(drive(), {"lead": ahead()}, None, ROAD)
     one = requirement("r", text, "", "a test", ["limit"])
     assert one.holds(series, {"limit": 2.5, "collided": 0.0, "reached_end": 0.0}) is holds
 
@@ -70,7 +73,7 @@ def test_without_a_lead_the_gap_is_infinite():
     one = requirement(
         "r", "min(gap) > 1000 and min(ttc) > 1000 and min(thw) > 1000", "", "a test", []
     )
-    assert one.holds(series_of(drive(), {}, None), {"collided": 0.0, "reached_end": 0.0})
+    assert one.holds(series_of(drive(), {}, None, ROAD), {"collided": 0.0, "reached_end": 0.0})
 
 
 @pytest.mark.parametrize(

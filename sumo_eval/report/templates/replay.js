@@ -51,11 +51,12 @@ const sumoReplay = (() => {
 
   /** Gap m and TTC s to the nearest vehicle ahead in the path, at each sample of the ego; NaN without one, Infinity where
    *  it does not close. The twin of `vehicle_ahead` and `time_to_collision` in sumo_eval/method/measures.py. */
-  function ahead(ego, actors, contact) {
+  function ahead(ego, actors, contact, road) {
+    const along = (speed, heading, x, y) => speed * Math.cos(heading) / (1 - (bends(road) ? lineAt(road.line, x)[3] * y : 0));
     const n = ego.time.length, gap = new Float64Array(n).fill(NaN), ttc = new Float64Array(n).fill(NaN);
     for (let k = 0; k < n; k++) {
       let nearest = Infinity, closing = NaN;
-      const time = ego.time[k] - ego.time[0], own = ego.speed[k] * Math.cos(ego.heading[k]);
+      const time = ego.time[k] - ego.time[0], own = along(ego.speed[k], ego.heading[k], ego.x[k], ego.y[k]);
       for (const [name, actor] of actors) {
         if (time < -1e-9 || time > duration(actor) + 1e-9) continue;
         const x = at(actor, "x", time), y = at(actor, "y", time);
@@ -64,7 +65,7 @@ const sumoReplay = (() => {
         if (contact && contact.other === name && contact.side === "front" && time >= contact.time - MS) distance = 0;
         if (distance < nearest) {
           nearest = distance;
-          closing = own - at(actor, "speed", time) * Math.cos(heading);
+          closing = own - along(at(actor, "speed", time), heading, x, y);
         }
       }
       if (nearest === Infinity) continue;
@@ -143,15 +144,15 @@ const sumoReplay = (() => {
   const WEIGHTS = [0.23692688505618908, 0.47862867049936647, 0.5688888888888889, 0.47862867049936647, 0.23692688505618908];
   const bends = (road) => Boolean(road.line && road.line.length);
 
-  /** [x, y, heading] of a road's line at s, m and rad. line: [[s, x, y, heading, curvature, rate]], where its stretches
-   *  begin. The twin of `line_at` in sumo_eval/scenario/road/reference_line.py. */
+  /** [x, y, heading, curvature] of a road's line at s, m, rad and 1/m. line: [[s, x, y, heading, curvature, rate]], where
+   *  its stretches begin. The twin of `line_at` in sumo_eval/scenario/road/reference_line.py. */
   function lineAt(line, s) {
     let low = 0, high = line.length;
     while (high - low > 1) {
       const middle = (low + high) >> 1;
       if (line[middle][0] <= s) low = middle; else high = middle;
     }
-    if (low === 0) return [s, 0, 0];
+    if (low === 0) return [s, 0, 0, 0];
     const [begin, x, y, heading, curvature, rate] = line[low], u = s - begin;
     const turned = (v) => heading + v * (curvature + rate * v / 2);
     let east = 0, north = 0;
@@ -162,9 +163,9 @@ const sumoReplay = (() => {
     });
     if (rate === 0 && curvature !== 0) { // an arc may be long: its chord
       const half = curvature * u / 2, chord = u * Math.sin(half) / half || u;
-      return [x + chord * Math.cos(heading + half), y + chord * Math.sin(heading + half), heading + 2 * half];
+      return [x + chord * Math.cos(heading + half), y + chord * Math.sin(heading + half), heading + 2 * half, curvature];
     }
-    return [x + u * east / 2, y + u * north / 2, turned(u)];
+    return [x + u * east / 2, y + u * north / 2, turned(u), curvature + rate * u];
   }
 
   /** [x, y, heading] on the map of a place along and across a road. */
@@ -839,7 +840,7 @@ const sumoReplay = (() => {
     function show(next) {
       stop();
       scene = next;
-      for (const view of scene.views) view.ahead = ahead(view.ego, view.actors, view.contact);
+      for (const view of scene.views) view.ahead = ahead(view.ego, view.actors, view.contact, scene.road);
       panes = scene.views.map((view, which) => {
         const pane = element("figure", "replay-view");
         const title = element("figcaption", "", view.name);
