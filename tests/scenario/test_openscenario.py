@@ -246,6 +246,9 @@ BAD = {
     "with its priority `overwrite` it ends while event `e` runs": {
         "events": CUT_IN + timed(BRAKE, 9)
     },
+    "over the distance of a lateral move the speed must stay the same": {
+        "events": CUT_IN.replace('"rate"', '"distance"') + timed(BRAKE, 9)
+    },
 }  # fmt: skip
 
 

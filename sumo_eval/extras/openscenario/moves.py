@@ -189,6 +189,10 @@ class Moves:
         unsure = self._unsure(entity, begin, _SPEEDS)
         if change <= SAME and not unsure:
             return Span(begin, begin.time)
+        if "across" in entity.begins and (
+            self._unsure(entity, begin, _ACROSS) or begin.time < entity.busy_until - SAME
+        ):
+            raise dynamics.fault(_STEADY)
         if unsure:
             return self._from_any_speed(dynamics, entity, begin, speed)
         step = is_step(dynamics)
@@ -196,8 +200,6 @@ class Moves:
         if rate == 0.0:  # it never gets there
             return Span(begin, NEVER)
         lasts = change / rate
-        if entity.begins.get("across") == begin:
-            raise dynamics.fault(_STEADY)
         entity.begins["speed"] = begin
         act = Act(played.SPEED, 0.0, 0.0, speed, 0.0, rate)
         if shape in _STRONGEST and not step:
@@ -382,7 +384,12 @@ class Moves:
             value = abs(offset - entity.moved) / value * _PEAKS[shape]
         elif kind == "distance":
             entity.begins["across"] = begin
-            if entity.pace <= 0.0 or _changes(entity, begin) or entity.begins.get("speed") == begin:
+            if (
+                entity.pace <= 0.0
+                or _changes(entity, begin)
+                or self._unsure(entity, begin, _SPEEDS)
+                or entity.begins.get("speed") == begin
+            ):
                 raise dynamics.fault(_STEADY)
             value /= entity.pace
         return self._across(element, entity, begin, offset, value, shape)
