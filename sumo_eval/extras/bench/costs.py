@@ -14,7 +14,7 @@ import os
 import platform
 import tempfile
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -190,12 +190,34 @@ def cosimulation(cases: int, rounds: int) -> list[Row]:
         for name, drives in recordings.items()
     }
 
-    # least seconds of each way, and of bare libsumo over the same steps
+    own, bare = _least_seconds(ways, concretes, steps, rounds)
+    count, baseline = len(concretes), "careful_driver, packed"
+    rows = [
+        Row(group, f"{name} ({np.mean(steps[name]):.0f} steps a case)", count / own[name],
+             "cases/s", bare[name] / own[name], "bare libsumo")
+        for name in ways
+    ]  # fmt: skip
+    yardstick = Row(
+        group, "bare libsumo, one at a time, as many steps", count / bare[baseline], "cases/s"
+    )
+    return [*rows, yardstick, _storing(concretes, recordings[baseline])]
+
+
+def _least_seconds(
+    ways: Mapping[str, Any],
+    concretes: Sequence[ConcreteScenario],
+    steps: Mapping[str, list[int]],
+    rounds: int,
+) -> tuple[dict[str, float], ...]:
+    """Least seconds of each way, and of bare libsumo over the same steps.
+
+    ways: name -> function that simulates all concrete scenarios.
+    steps: of each case, by way.
+    """
     own, bare = dict.fromkeys(ways, math.inf), dict.fromkeys(ways, math.inf)
     # bare libsumo runs in a new process, in which the harness has set up nothing
-    context = multiprocessing.get_context("spawn")
     with (
-        ProcessPoolExecutor(1, mp_context=context) as process,
+        ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as process,
         tempfile.TemporaryDirectory() as folder,
     ):
         command_lines = []
@@ -212,17 +234,7 @@ def cosimulation(cases: int, rounds: int) -> list[Row]:
                 calls = [set_speed] if name.startswith("user's function") else []
                 took = process.submit(bare_seconds, command_lines, steps[name], *calls).result()
                 bare[name] = min(bare[name], took)
-
-    count, baseline = len(concretes), "careful_driver, packed"
-    rows = [
-        Row(group, f"{name} ({np.mean(steps[name]):.0f} steps a case)", count / own[name],
-             "cases/s", bare[name] / own[name], "bare libsumo")
-        for name in ways
-    ]  # fmt: skip
-    yardstick = Row(
-        group, "bare libsumo, one at a time, as many steps", count / bare[baseline], "cases/s"
-    )
-    return [*rows, yardstick, _storing(concretes, recordings[baseline])]
+    return own, bare
 
 
 def _storing(concretes: Sequence[ConcreteScenario], recordings: Sequence[Recording]) -> Row:
