@@ -44,8 +44,7 @@ class RecordedExposure(NamedTuple):
 
     def density(self, values: Values) -> FloatArray:
         """p at values by name (arrays that broadcast)."""
-        columns = (np.asarray(values[name], dtype=np.float64) for name in self.names)
-        places = np.stack(np.broadcast_arrays(*columns))
+        places = np.stack(np.broadcast_arrays(*(values[name] for name in self.names)))
         kde = _stats().gaussian_kde(self.points.T, bw_method=self.factor)
         return np.reshape(kde(places.reshape(len(places), -1)), places.shape[1:])
 
@@ -57,7 +56,7 @@ class RecordedExposure(NamedTuple):
 
         kernel = np.atleast_2d(np.cov(self.points.T)) * self.factor**2
         whiten = np.linalg.inv(np.linalg.cholesky(kernel))
-        distance, _ = cKDTree(self.points @ whiten.T).query(np.asarray(points) @ whiten.T)
+        distance, _ = cKDTree(self.points @ whiten.T).query(points @ whiten.T)
         return np.asarray(distance <= SUPPORT)
 
 
@@ -147,7 +146,7 @@ def exposure_of(
 
 
 def fit_exposure(
-    points: FloatArray, names: Sequence[str], *, bandwidth: str = "scott"
+    events: FloatArray, names: Sequence[str], *, bandwidth: str = "scott"
 ) -> RecordedExposure:
     """A KDE over events (n, k).
 
@@ -156,7 +155,6 @@ def fit_exposure(
     Raises InputError for fewer than 5 events a parameter, which show no distribution, and for
     events on a line.
     """
-    events = np.asarray(points, dtype=np.float64)
     n, k = events.shape
     least = _EVENTS_A_PARAMETER * k
     if n < least:

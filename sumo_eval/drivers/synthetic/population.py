@@ -144,11 +144,11 @@ def draw_driver(index: int, seed: int, settings: PopulationSettings = AS_RECORDE
         index=index,
         idm=_draw_idm(stream, settings.headway_scale),
         free_speed=_within(
-            lambda: float(stream.normal(FREE_SPEED_MEAN, FREE_SPEED_DEVIATION)), *FREE_SPEED_BOUNDS
+            lambda: stream.normal(FREE_SPEED_MEAN, FREE_SPEED_DEVIATION), *FREE_SPEED_BOUNDS
         ),
         reaction_time=settings.reaction_scale * _draw(stream, REACTION),
         lane_offset=_within(
-            lambda: float(stream.normal(0.0, LANE_OFFSET_DEVIATION)),
+            lambda: stream.normal(0.0, LANE_OFFSET_DEVIATION),
             -LANE_OFFSET_BOUND,
             LANE_OFFSET_BOUND,
         ),
@@ -196,7 +196,7 @@ def _draw_idm(stream: np.random.Generator, headway_scale: float) -> IdmParameter
 
 
 def _draw(stream: np.random.Generator, fit: LogNormal) -> float:
-    return _within(lambda: math.exp(float(stream.normal(fit.mu, fit.sigma))), fit.low, fit.high)
+    return _within(lambda: math.exp(stream.normal(fit.mu, fit.sigma)), fit.low, fit.high)
 
 
 def _within(draw: Callable[[], float], low: float, high: float) -> float:
