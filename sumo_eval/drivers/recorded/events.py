@@ -301,11 +301,11 @@ def _start_kind(traffic: RecordedTraffic, start: int, row: int) -> str:
 def _outcome(traffic: RecordedTraffic, row: int, end: int) -> tuple[str, int]:
     """Kind and row of the end of an approach that begins at a row of a stretch up to `end`."""
     names, lane = traffic.names, traffic.lane
-    followed = np.flatnonzero(traffic.closing[row:end] < FOLLOWS_BELOW)
-    if followed.size:
-        return "follow", row + int(followed[0])
+    follows = traffic.closing[row:end] < FOLLOWS_BELOW
+    if follows.any():
+        return "follow", row + int(np.argmax(follows))
     if end < traffic.slices[names[row]].stop:
-        if lane[end] != lane[end - 1]:
+        if lane[end] != lane[row]:
             return "lane_change", end
         after = traffic.row_of(names[traffic.lead[row]], traffic.frame[end])
         if after is not None:
@@ -363,7 +363,7 @@ def _approach(
         onset = onsets[end] - time[row]
         at = max(round(onset / INTERVAL) + row, stretch.start)
         event |= {
-            "to_left": bool(traffic.lane[end] > traffic.lane[end - 1]),
+            "to_left": bool(traffic.lane[end] > traffic.lane[row]),
             "change_onset": onset,
             "headway_at_onset": gap[at] / max(speed[at], 0.1),
             "ttc_at_onset": None if traffic.closing[at] <= 0 else traffic.ttc[at],
