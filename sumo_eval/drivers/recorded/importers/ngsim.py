@@ -86,7 +86,7 @@ def _rows(path: Path) -> pd.DataFrame:
         )
         require_columns(rows, _NEEDED, path)
     else:
-        rows = read_table(path, (), sep=r"\s+", header=None, names=list(_ORIGINAL))
+        rows = read_table(path, (), sep=r"\s+", header=None, names=_ORIGINAL)
     checked_numbers(rows, _NEEDED, path, heading=int(has_heading))
     rows["place"] = rows["Location"].astype(str) if "Location" in rows else path.stem
     return rows.sort_values(["place", "Vehicle_ID", "Global_Time"], kind="stable")

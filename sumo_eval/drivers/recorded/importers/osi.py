@@ -71,10 +71,8 @@ def _moving_objects(path: Path) -> pd.DataFrame:
     if not path.name.endswith(ENDINGS):
         raise InputError(f"{path} must end in {', '.join(ENDINGS)}.")
     input_file(path, "file")
-    if path.suffix == ".parquet":
-        rows = _omega_prime(path)
-    else:
-        rows = pd.DataFrame(list(_objects(path)), columns=list(_COLUMNS))
+    is_table = path.suffix == ".parquet"
+    rows = _omega_prime(path) if is_table else pd.DataFrame(_objects(path), columns=_COLUMNS)
     if rows.empty:
         raise InputError(f"{path} must hold GroundTruth with moving objects, got none.")
     checked_numbers(rows, ["t", *_COLUMNS[2:8]], path, rows=range(1, len(rows) + 1))
