@@ -150,7 +150,7 @@ class AdsRate(NamedTuple):
     @property
     def lost(self) -> Counter[str]:
         """Number of drives that could not be evaluated, by why."""
-        return sum((Counter(part.not_evaluated) for part in self.parts), Counter[str]())
+        return sum((Counter(part.not_evaluated) for part in self.parts), Counter())
 
 
 class Campaign(NamedTuple):

@@ -96,7 +96,7 @@ def campaign(file: Path, out: Path | None, budget: int | None, workers: int | No
     with Progress() as progress:
         found = run_campaign(settings, file.parent, progress)
     say(sentences(found))
-    lost = sum((rate.lost for rate in found.rates), Counter[str]())
+    lost = sum((rate.lost for rate in found.rates), Counter())
     if lost:
         tell(lost_words(lost))
     say(map(str, write_campaign(found, out)))

@@ -212,7 +212,7 @@ def measure(encounters: Encounters, survey: EncounterSurvey, folder: Path, sourc
 
 def _intervals_at_once(
     columns: Mapping[str, FloatArray], events: int, kilometres: float
-) -> tuple[Any, Any, tuple[float, float]]:
+) -> tuple[Any, ...]:
     """`ends`, `correlations` and `rate_together` of `Measured`, which hold at once with 95 %.
 
     columns: parameter -> its values, (n,).

@@ -87,7 +87,7 @@ def compare_opinion(evaluation: Evaluation, ratings: pd.DataFrame) -> Opinion:
     rows = []
     for (ads, scenario), group in ratings.groupby(["ads", "scenario"], sort=False):
         score, values = evaluation.score(str(ads), str(scenario)), group["score"]
-        deviation = float(values.std()) if values.size > 1 else 0.0
+        deviation = values.std() if values.size > 1 else 0.0
         scores = {name: getattr(score, field) for name, field in INDEXES.items()}
         rows.append(
             RatedScore(score.ads, score.scenario, values.mean(), deviation, values.size, scores)

@@ -73,7 +73,7 @@ def participants(plan: StudyPlan) -> list[Participant]:
     for path in (plan.folder / "participants").glob("*/journal.jsonl"):
         done = {entry["step"]: entry for entry in json_lines(path, "journal")}
         if done:
-            number = int(next(iter(done.values()))["number"])
+            number = next(iter(done.values()))["number"]
             people.append(Participant(path.parent.name, number, path.parent, done))
     return sorted(people, key=lambda person: (person.number, person.folder))
 

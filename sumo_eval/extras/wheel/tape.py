@@ -238,15 +238,14 @@ def again(path: Path) -> Repetition:
     tape = read_tape(path)
     try:
         use, values = tape.head["use"], tape.head["values"].items()
-        point = {str(name): float(value) for name, value in values}
+        point = {name: float(value) for name, value in values}
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(
             f"The head of {path} must name a concrete scenario: {said(error)}."
         ) from error
     recording = drive_again(tape, find(str(use), path.parent).concrete(**point))
     steps = f"{len(tape.rows)} steps of {tape.head['simulation']['step']:g} s"
-    end = tape.end
-    same = None if end is None else digest(recording) == end.get("digest")
+    same = None if tape.end is None else digest(recording) == tape.end.get("digest")
     if same is None:
         words = "broke off: no bytes to compare with"
     elif same:
