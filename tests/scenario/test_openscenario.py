@@ -760,14 +760,11 @@ def test_a_speed_relative_to_a_later_event_is_refused(tmp_path):
     </ScenarioObject></Entities>"""
     there = """<Private entityRef="Third"><PrivateAction><TeleportAction><Position><LanePosition
     roadId="0" laneId="-1" s="90"/></Position></TeleportAction></PrivateAction></Private></Actions></Init>"""
-    events = (
-        timed(relative, 5)
-        + """</Maneuver></ManeuverGroup></Act><Act name="b">
-    <ManeuverGroup name="h"><Actors><EntityRef entityRef="Other"/></Actors><Maneuver name="n">"""
-    )
-    actor = '<Actors selectTriggeringEntities="false"><EntityRef entityRef="Other"/>'
+    then = """</Maneuver></ManeuverGroup></Act><Act name="b"><ManeuverGroup name="h"><Actors>
+    <EntityRef entityRef="Other"/></Actors><Maneuver name="n">"""
     path = changed(tmp_path, ("</Entities>", third), ("</Actions></Init>", there),
-        (actor, actor.replace("Other", "Third")), events=events + timed(BRAKE, 2, n=2))  # fmt: skip
+        ('s="false"><EntityRef entityRef="Other"', 's="false"><EntityRef entityRef="Third"'),
+        events=timed(relative, 5) + then + timed(BRAKE, 2, n=2))  # fmt: skip
     with refusal("`Other`, to which it is relative, has an earlier move below it"):
         read_file(path)
 
@@ -775,19 +772,17 @@ def test_a_speed_relative_to_a_later_event_is_refused(tmp_path):
 def test_an_oncoming_actor_on_a_curve_moves_as_the_road_says(tmp_path):
     """Its speed counts as driven, an offset of -1 m to the right of the road: 1 m further left for
     an ego that drives against it."""
-    turned = '<Orientation type="relative" h="3.141592653589793"/></LanePosition>'
-    ego = '<LanePosition roadId="0" laneId="1" s="900">' + turned
-    other = '<LanePosition roadId="0" laneId="-1" s="700"/>'
-    fast = CUT_IN[CUT_IN.index("<ByEntity") : CUT_IN.index("</ByEntityCondition>")]
-    end, begin = fast.index("<RelativeDistance"), fast.index("</EntityCondition>")
-    speed = '<SpeedCondition rule="greaterThan" value="14"/>'
-    by = fast[:end].replace("Ego", "Other") + speed + fast[begin:] + "</ByEntityCondition>"
+    ego = """<LanePosition roadId="0" laneId="1" s="900"><Orientation type="relative"
+    h="3.141592653589793"/></LanePosition>"""
+    by = """<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any"><EntityRef
+    entityRef="Other"/></TriggeringEntities><EntityCondition><SpeedCondition rule="greaterThan"
+    value="14"/></EntityCondition></ByEntityCondition>"""
     value = f"<ByValueCondition>{AT.format(1)}\n</ByValueCondition>"
-    path = changed(tmp_path, (EGO_PLACE, ego), (OTHER_PLACE, other), (value, by),
+    path = changed(tmp_path, (EGO_PLACE, ego),
+        (OTHER_PLACE, '<LanePosition roadId="0" laneId="-1" s="700"/>'), (value, by),
         events=timed(OFFSET, 1))  # fmt: skip
     (tmp_path / "road.xodr").write_text(ROAD.replace("<line/>", '<arc curvature="0.001"/>'))
     drive = simulate(only_case(path), "no_reaction")
-    assert not drive.error
     assert drive.actors["Other"].y[[0, -1]] == pytest.approx([3.5, 4.5])
 
 

@@ -70,8 +70,8 @@ _ROWS = {
     ("action", "played"): {
         "TeleportAction": "before the start",
         "SpeedAction": (
-            "every shape; by rate, time, distance; absolute, relative to how the ego or "
-            "another starts, or `continuous`"
+            "every shape; by rate, time, distance; absolute, relative to how the ego starts or "
+            "an actor drives, or `continuous`"
         ),
         "LaneChangeAction": "but step; by rate (peak speed), time, distance at one speed",
         "LaneOffsetAction": "sinusoidal, cubic, by maxLateralAcc",

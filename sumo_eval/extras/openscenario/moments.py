@@ -190,16 +190,16 @@ class Conditions:
         if all(group.known for group in live):
             if after.known:
                 return Moment(min(self._later(after, group, trigger).time for group in live))
-            first = min(live, key=lambda group: (group.time, -group.until))
-            return replace(self._later(after, first, trigger), past=True)
-        if len(live) > 1 and any(group.known or group.time > 0.0 for group in live):
+            found = min(live, key=lambda group: (group.time, -group.until))
+        elif len(live) > 1 and any(group.known or group.time > 0.0 for group in live):
             raise trigger.fault(
                 "groups of conditions of which some depend on the drive and some are times, or "
                 "have a delay, are not supported together"
             )
-        program = _joined([group.program for group in live], played.OR)
-        moment = self._later(after, replace(live[0], program=program), trigger)
-        return replace(moment, past=True)
+        else:
+            program = _joined([group.program for group in live], played.OR)
+            found = replace(live[0], program=program, past=all(group.past for group in live))
+        return replace(self._later(after, found, trigger), past=True)
 
     def _later(self, one: Moment, two: Moment, element: Node) -> Moment:
         """The later of two moments."""

@@ -396,16 +396,16 @@ class Moves:
 
     def _lane_offset(self, element: Node, entity: Entity, begin: Moment) -> Span:
         target = element.child("LaneOffsetTarget").only()
-        relative, kept = target.tag == "RelativeTargetLaneOffset", element.flag("continuous")
-        if relative:
+        kept = element.flag("continuous")
+        if target.tag == "RelativeTargetLaneOffset":
+            if kept:
+                raise target.fault("an offset that is kept to another entity is not supported")
             other = self._read(target, entity, begin, _ACROSS)
             y = other.frame.y + other.moved
         elif target.tag == "AbsoluteTargetLaneOffset":
             y = self._y(self._lane_now(entity, target).centre, element, entity)
         else:
             raise target.unsupported()
-        if relative and kept:
-            raise target.fault("an offset that is kept to another entity is not supported")
         offset = y + self.frame.way * target.number("value") - entity.frame.y
         dynamics = element.child("LaneOffsetActionDynamics")
         shape = self._shape(dynamics, "lateral move with `maxLateralAcc`", *_STRONGEST)
