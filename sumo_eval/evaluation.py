@@ -222,8 +222,9 @@ def discard_trajectories(evaluation: Evaluation) -> int:
         with open_store(facts, create=True) as store:
             critical: set[tuple[str, int]] = set()
             if keep == "critical":
-                numbers = {case: number for case, number, _ in store.names("ads")}
-                critical = critical_points(evaluation, numbers)
+                critical = critical_points(
+                    evaluation, {case: number for case, number, _ in store.names("ads")}
+                )
             gone = store.discard_trajectories(
                 lambda scenario, number: (scenario, number) in critical
             )

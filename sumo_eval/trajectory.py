@@ -139,7 +139,7 @@ def _channel(name: str, values: ArrayLike, n: int, *, nan_allowed: bool = False)
             f"`{name}` of a Trajectory must have the shape of `time` ({n},), got {array.shape}."
         )
     if not nan_allowed and not np.isfinite(array).all():
-        bad = int(np.argmin(np.isfinite(array)))
+        bad = np.argmin(np.isfinite(array))
         raise InputError(
             f"`{name}` of a Trajectory must be finite, got {array[bad]} at sample {bad}."
         )

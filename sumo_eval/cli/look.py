@@ -104,8 +104,12 @@ def replay(
 
         with open_store(run / FACTS) as store:
             vehicles = store.trajectories(fact.case)
-        bodies = {actor.name: actor.body for actor in logical.placed(fact.values).actors}
-        replay_in_gui(logical.road, vehicles, fact.collision, bodies=bodies)
+        replay_in_gui(
+            logical.road,
+            vehicles,
+            fact.collision,
+            bodies={actor.name: actor.body for actor in logical.placed(fact.values).actors},
+        )
         return
     out = out or run / f"replay-{file_stem(case)}.html"
     path = write_replay(run, logical, fact, out, beside=beside)

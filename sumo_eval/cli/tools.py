@@ -162,8 +162,11 @@ def _check_scenario(use: str) -> NoReturn:
 
     file, given = options_of(use)
     path = Path(file)
-    scenario = ScenarioSettings(path.name + use.removeprefix(file))
-    alone = EvaluationSettings("check", (scenario,), (AdsSettings("idm", "idm"),))
+    alone = EvaluationSettings(
+        "check",
+        (ScenarioSettings(path.name + use.removeprefix(file)),),
+        (AdsSettings("idm", "idm"),),
+    )
     # `check_file` below checks all points of the sample
     space = space_of(Resolved.of(alone, path.parent.resolve()), 0, looked_at=_MOST_POINTS)
     logical = space.logical
@@ -254,8 +257,10 @@ def _scenario_parts(
     if named:
         yield "qualification", lambda: f"{read_qualification(named, source)['checks']} checks"
     for entry in settings.scenario:
-        alone = replace(settings, scenario=(entry,))
-        yield f"scenario {entry.use}", partial(_points, alone, source, spaces)
+        yield (
+            f"scenario {entry.use}",
+            partial(_points, replace(settings, scenario=(entry,)), source, spaces),
+        )
 
 
 def _points(settings: EvaluationSettings, source: Path, spaces: list[Space]) -> str:
@@ -279,8 +284,12 @@ def _planned_parts(settings: EvaluationSettings, source: Path) -> Iterator[Part]
     from sumo_eval.settings import DriverSettings
 
     plant, drivers = settings.simulation.plant, settings.drivers
-    simulation = replace(settings.simulation, plant=None)
-    bare = replace(settings, ads=(), drivers=DriverSettings(), simulation=simulation)
+    bare = replace(
+        settings,
+        ads=(),
+        drivers=DriverSettings(),
+        simulation=replace(settings.simulation, plant=None),
+    )
     # all ADSs load in one call, which uses several processes; if it fails, each is checked alone,
     # so that the message names it
     all_load = False

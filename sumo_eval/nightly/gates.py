@@ -191,8 +191,9 @@ def _worst(
 
 
 def _number(quantity: str, value: float | None) -> str:
-    digits = {"collision_probability": 6} | {name: 1 + many for name, (_, many) in SCORES.items()}
-    return number(value, digits.get(quantity, 0))
+    if quantity in SCORES:
+        return number(value, 1 + SCORES[quantity][1])
+    return number(value, 6 if quantity == "collision_probability" else 0)
 
 
 # --- columns of cases.csv -------------------------------------------------------------------------

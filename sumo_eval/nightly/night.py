@@ -116,8 +116,9 @@ def run_night(
             base=None if base is None else base.night,
             wall_time=None if resume else time.monotonic() - clock,
         )
-        pin = new_pin(line, judged, lines, gate)
-        lines.add(line, done, judged.gates, shaky=judged.shaky, pin=pin)
+        lines.add(
+            line, done, judged.gates, shaky=judged.shaky, pin=new_pin(line, judged, lines, gate)
+        )
         write_night(history, line, result.word, judged, notes)
         notes += _discard(done)  # not before: a stopped night that continues needs the drivers'
         notes += _prune(history, lines, keep)
@@ -130,8 +131,11 @@ def _write_results(
     """Write tables, JUnit file and page of a night; path of the page."""
     comparison, gates = judged.bases.comparison, judged.gates
     write_tables(done)
-    suites = {**comparison_suites(comparison, gates), **run_suites(done)}
-    write_junit(suites, done.folder / JUNIT, score_parts(done))
+    write_junit(
+        {**comparison_suites(comparison, gates), **run_suites(done)},
+        done.folder / JUNIT,
+        score_parts(done),
+    )
     since = {limit: one.words for limit, one in judged.since.items()}
     beside = Beside(comparison, gates, since, tuple(notes))
     beside = replace(beside, levers=_levers(done, beside, progress))

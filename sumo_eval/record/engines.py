@@ -84,8 +84,13 @@ def run_in_children(
     batches = Batches(cases, workers, min(largest_batch(setup), setup.run.cases_per_child))
     work: Work[Batch] = Work(answer, setup, lambda batch: affinity(batch[0], setup), driven)
     with Pool(workers, setup.run, setup.run.cases_per_child) as pool:
-        settle = partial(_settled, batches=batches, setup=setup)
-        for outcomes in pool.run(work, batches.take, settle, stopping, batches.look_ahead):
+        for outcomes in pool.run(
+            work,
+            batches.take,
+            partial(_settled, batches=batches, setup=setup),
+            stopping,
+            batches.look_ahead,
+        ):
             if outcomes:
                 yield outcomes
 

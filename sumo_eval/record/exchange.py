@@ -59,8 +59,9 @@ class Run:
 
         # an ADS may be called `007` or `NA`
         options: Any = {"dtype": dict.fromkeys(_NAMES, str), "na_values": [""]}
-        file = _scored(self.folder, CASES)
-        return without_quotes(pd.read_csv(file, keep_default_na=False, **options))
+        return without_quotes(
+            pd.read_csv(_scored(self.folder, CASES), keep_default_na=False, **options)
+        )
 
     @property
     def scores(self) -> pd.DataFrame:
@@ -206,8 +207,7 @@ def _write_drives(
         for number, row in enumerate(_drive_rows(store)):
             values = row.pop("values")
             rows.append({**row, **{f"parameter_{name}": values.get(name) for name in names}})
-            table = _trajectory_table(row["case"], store.trajectories(row["case"]))
-            fit(table).to_csv(
+            fit(_trajectory_table(row["case"], store.trajectories(row["case"]))).to_csv(
                 trajectories_file, index=False, header=number == 0, float_format=_ROUND_TRIP
             )
             if len(rows) == _ROWS_AT_ONCE:

@@ -195,8 +195,7 @@ def _keys(
         hash_of = cache(store.case_hash)
         listed = []
         for job in jobs:
-            drivers = [hash_of(case) for case in job.drivers]
-            common = key_of(job.road, settings, drivers, method_sources())
+            common = key_of(job.road, settings, list(map(hash_of, job.drivers)), method_sources())
             keys: dict[_Name, bytes] = {
                 ("index", case): key_of(common, hash_of(case), "index") for case in job.ads
             }

@@ -8,7 +8,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, groupby, product
 from pathlib import Path
@@ -65,7 +65,7 @@ class Space:
     hazardous: BoolArray
     numbers: Sequence[int]
     weights: FloatArray
-    exposure: Mapping[str, Any] = field(default_factory=dict)
+    exposure: Mapping[str, Any]
 
     def concrete(self, number: int) -> ConcreteScenario:
         """The concrete scenario at a point; made on request, because a space can have a million
@@ -93,7 +93,7 @@ class Planner:
     run: Resolved
     harness: str
     identities: Mapping[str, str]
-    over_arrays: frozenset[str] = frozenset()
+    over_arrays: frozenset[str]
 
     @property
     def setup(self) -> Setup:

@@ -195,10 +195,9 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
     # All cases of the block were driven; `cases` are those that the run wants. The clip notes the
     # block's size (as `requested`, and as `applied`).
     size = Clip(IN_BLOCK, 1, 0.0, float(len(drives)), float(len(drives)))
-    wanted = [drives[case.point - block.first] for case in cases]
     sized = [
         drive if isinstance(drive, Alone) else replace(drive, clips=(*drive.clips, size))
-        for drive in wanted
+        for drive in (drives[case.point - block.first] for case in cases)
     ]
     return _marked(sized, cases, setup)
 

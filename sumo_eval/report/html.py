@@ -212,7 +212,7 @@ def _group(
         "looks": [verdict for verdict in LOOKS if verdict in given],
         "map_note": gathered_words(view),
         "outcomes": [outcome for outcome in OUTCOMES if outcome in outcomes],
-        "has_index": bool(np.isfinite(cases.index).any()),
+        "has_index": np.isfinite(cases.index).any(),
         **_left_out(logical, evaluation, shown, view),
         "share_of_space": percent(sum(zones.zone_shares)),
         "dangerous": [
@@ -273,9 +273,9 @@ def _row(found: Findings) -> dict[str, Any]:
         "explained_paper": [explain(found) for explain in EXPLAIN_PAPER],
         "factor_means": [means.get(name) for name in FACTORS],
         "likeness_means": [likeness.get(name) for name in LIKENESS_FACTORS],
-        "likened": int(np.count_nonzero(likened)),
-        "likened_hits": int(np.count_nonzero(likened & cases.incident)),
-        "indexed": int(np.count_nonzero(found.indexed)),
+        "likened": np.count_nonzero(likened),
+        "likened_hits": np.count_nonzero(likened & cases.incident),
+        "indexed": np.count_nonzero(found.indexed),
         "collisions": [
             (cases[place], float(avoided), float(lost), float(losses[place]))
             for place, avoided, lost in shares

@@ -82,13 +82,13 @@ def told_cases(evaluation: Evaluation, shown: Mapping[str, IntArray]) -> dict[st
     told: dict[str, list[Told]] = {zone.scenario: [] for zone in evaluation.zones}
     for one in findings(evaluation):
         missing, judged, shares = one.missing, verdicts(evaluation, one.score), one.collisions
-        collisions = zip(shares.places.tolist(), shares.avoided, shares.lost, strict=True)
-        parts = {place: (avoided, lost) for place, avoided, lost in collisions}
+        parts = zip(shares.avoided, shares.lost, strict=True)
+        part_of = dict(zip(shares.places.tolist(), parts, strict=True))
         losses = one.share_lost
         places = shown[one.score.scenario]
         for place in places[places < len(one.cases)].tolist():
             case = one.cases[place]
-            avoided, lost = parts.get(place, (np.nan, np.nan))
+            avoided, lost = part_of.get(place, (np.nan, np.nan))
             beside = {
                 "missing": why_missing(case) if missing[place] else None,
                 "avoided": finite(avoided),

@@ -156,8 +156,12 @@ def _ledger(found: Ledger) -> dict[str, Any]:
         (line, cause_of(line, found.score), list(line.worst(MOST_LEDGER_CASES)))
         for line in found.lines
     ]
-    words = ledger_words(found, 1)
-    return {"of": found, "sentences": ledger_sentences(found), "lines": lines, "words": words}
+    return {
+        "of": found,
+        "sentences": ledger_sentences(found),
+        "lines": lines,
+        "words": ledger_words(found, 1),
+    }
 
 
 def preventability_content(evaluation: Evaluation, _: Beside) -> Mapping[str, Any]:

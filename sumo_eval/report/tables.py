@@ -92,8 +92,11 @@ def checks_csv(evaluation: Evaluation, path: Path) -> None:
         for it in [one.case]
         for name, text in evaluation.checks[it.scenario].items()
     )
-    head = ("case", "scenario", "ads", "point", "check", "condition", "verdict")
-    write_csv(path, head, (map(cell, row) for row in rows))
+    write_csv(
+        path,
+        ("case", "scenario", "ads", "point", "check", "condition", "verdict"),
+        (map(cell, row) for row in rows),
+    )
 
 
 def scores_json(evaluation: Evaluation) -> dict[str, Any]:

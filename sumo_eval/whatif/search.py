@@ -85,8 +85,9 @@ class WhatIf:
         self._run = resolved_run(run)
         settings = self._run.settings
         # only contacts matter here: once the outcome is decided, the rest need not be driven
-        simulation = replace(settings.simulation, end_when_decided=True)
-        self._setup = Setup(simulation, settings.run, self._run.source)
+        self._setup = Setup(
+            replace(settings.simulation, end_when_decided=True), settings.run, self._run.source
+        )
         self._locators = {ads.name: ads.locator for ads in settings.ads}
         self._drives = 0
 
