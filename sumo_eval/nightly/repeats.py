@@ -114,13 +114,12 @@ def _floors(
     second = [rows[row.case] for row in first]
     names = [measure.quantity for measure in (*settings.near_miss.measure, *settings.shift.measure)]
     once, twice = CaseTable.of(first), CaseTable.of(second)
-    floors = {
+    return {
         name: floor_of(
             np.subtract(getattr(twice, name), getattr(once, name), dtype=np.float64), settings.noise
         )
         for name in names
-    }
-    return floors | {"severity": severity_floor(Ends.of(once), Ends.of(twice), settings.noise)}
+    } | {"severity": severity_floor(Ends.of(once), Ends.of(twice), settings.noise)}
 
 
 def bad_again(

@@ -202,10 +202,15 @@ def _drawn(
         for night, ads, limit in limits
         if ads in colours
     )
-    half = round(0.42 * (WIDTH - LEFT - RIGHT) / max(len(nights), 1), 2)
-    marked = tuple((height(tick), f"{tick:g}") for tick in ticks)
-    lines = tuple(map(line, names))
-    return TrendChart(title, unit, lines, tuple(gates), half, marked, _dates(nights))
+    return TrendChart(
+        title,
+        unit,
+        tuple(map(line, names)),
+        tuple(gates),
+        half=round(0.42 * (WIDTH - LEFT - RIGHT) / max(len(nights), 1), 2),
+        ticks=tuple((height(tick), f"{tick:g}") for tick in ticks),
+        dates=_dates(nights),
+    )
 
 
 def _dates(nights: Sequence[Night]) -> tuple[tuple[float, str], ...]:

@@ -435,18 +435,14 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
     import resource
 
     orders, results, output = ends
-    os.dup2(output, 1)
-    os.dup2(output, 2)
-    text = partial(open, mode="w", buffering=1, encoding="utf-8", errors="replace", closefd=False)
-    sys.stdout, sys.stderr = text(1), text(2)
+    _print_into(output)
     keep_open(orders, results)
     # own memory, without what is shared with others: an allocation fails before the supervisor has
     # to end the process
     own = os.getpid()
     limit = max(int(memory_limit * MEGABYTE - memory(own, 2)), 1)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
-    limited = [vars(resource)[name] for name in dir(resource) if "RLIMIT" in name]
-    limits = list(map(resource.getrlimit, limited))
+    limits = _resource_limits()
     tempfile.tempdir = scratch
     faulthandler.enable(file=2)
     c_library = ctypes.CDLL(None)
@@ -454,14 +450,10 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
     os.register_at_fork(after_in_parent=lambda: forks.append(True))
     threads = len(sys._current_frames())
     while (head := _read(orders, _LENGTH.size)) and (order := _read(orders, *_LENGTH.unpack(head))):
-        (task, item, shared), (deadline, number) = pickle.loads(order)  # noqa: S301 - the owner's
+        work, (deadline, number) = pickle.loads(order)  # noqa: S301 - the owner's
         os.makedirs(scratch, exist_ok=True)  # another ADS may have removed it
         faulthandler.dump_traceback_later(_WARNING_SHARE * deadline, file=2)
-        answer, refusal = None, ""
-        try:
-            answer = task(item, shared)
-        except InputError as error:
-            refusal = str(error)
+        refusal, answer = _answer(*work)
         faulthandler.cancel_dump_traceback_later()
         if os.getpid() != own:
             os._exit(COPY)
@@ -475,13 +467,36 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
             left
             or memory(own, 5) > _FULL * limit
             or len(sys._current_frames()) > threads
-            or list(map(resource.getrlimit, limited)) != limits
+            or _resource_limits() != limits
         )
         data = memoryview(frame([is_last, twice, refusal, answer], number))
         while data:
             data = data[os.write(results, data) :]
         if is_last:
             return
+
+
+def _print_into(pipe: int) -> None:
+    """Send all that this process prints into a pipe, line by line."""
+    os.dup2(pipe, 1)
+    os.dup2(pipe, 2)
+    text = partial(open, mode="w", buffering=1, encoding="utf-8", errors="replace", closefd=False)
+    sys.stdout, sys.stderr = text(1), text(2)
+
+
+def _resource_limits() -> list[tuple[int, int]]:
+    """All limits of this process, soft and hard."""
+    import resource
+
+    return [resource.getrlimit(vars(resource)[it]) for it in dir(resource) if "RLIMIT" in it]
+
+
+def _answer(task: Task, item: Any, shared: Any) -> tuple[str, Any]:
+    """Text of the InputError that refuses the item, or "", and what the task returns."""
+    try:
+        return "", task(item, shared)
+    except InputError as error:
+        return str(error), None
 
 
 def _read(descriptor: int, size: int) -> bytes:
