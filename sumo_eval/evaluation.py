@@ -147,14 +147,7 @@ def score(
     from there.
     """
     folder = Path(run)
-    for change in changes:
-        if "=" in change and not change.strip().startswith(_NOT_DRIVEN_BY):
-            raise InputError(
-                f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts "
-                "depend on it. Only `method`, `report`, `run.workers` and `run.incomplete` can; "
-                "run the evaluation again for the rest."
-            )
-    settings = with_changes(run_folder.read_settings(folder), changes)
+    settings = _settings_to_score(folder, changes)
     if resolved is None:
         resolved = Resolved.of(settings, run_folder.source_of(folder))
     if changes:
@@ -193,6 +186,18 @@ def score(
         found.ranking,
         resolved.scenarios,
     )
+
+
+def _settings_to_score(folder: Path, changes: Sequence[str]) -> EvaluationSettings:
+    """Settings of a run with changes, refused where a recorded fact depends on one."""
+    for change in changes:
+        if "=" in change and not change.strip().startswith(_NOT_DRIVEN_BY):
+            raise InputError(
+                f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts "
+                "depend on it. Only `method`, `report`, `run.workers` and `run.incomplete` can; "
+                "run the evaluation again for the rest."
+            )
+    return with_changes(run_folder.read_settings(folder), changes)
 
 
 def refuse_to_score(run: str | os.PathLike[str]) -> None:

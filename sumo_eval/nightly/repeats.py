@@ -82,8 +82,9 @@ def _sample(plan: Planner, number: int) -> list[Case]:
     for space, end in zip(spaces, ends, strict=True):
         first = end - len(space.numbers)
         places = np.sort(drawn[(drawn >= first) & (drawn < end)] - first)
-        points = [space.numbers[place] for place in places.tolist()]
-        cases += plan.ads(replace(space, numbers=points))
+        cases += plan.ads(
+            replace(space, numbers=[space.numbers[place] for place in places.tolist()])
+        )
     return cases
 
 

@@ -223,8 +223,13 @@ def planned(
     """
     for name, logical in run.scenarios.items():
         road = logical.road
-        vehicle = run.settings.simulation.vehicle
-        check_line(road.line, road.lanes, road.lane_width, f"scenario `{name}`", vehicle)
+        check_line(
+            road.line,
+            road.lanes,
+            road.lane_width,
+            f"scenario `{name}`",
+            run.settings.simulation.vehicle,
+        )
     plan = planner(run)
     progress("controllers checked", len(plan.identities), len(plan.identities))
     return plan, _spaces(run, progress, looked_at)
@@ -237,8 +242,10 @@ def compile_loops(
 
     One point of a scenario shows whether its actors react (`lively`).
     """
-    lively = {loops.PLAYED for space in spaces if _middle(space).lively}
-    loops.ready(loops.of_evaluation(settings) | lively, progress)
+    loops.ready(
+        loops.of_evaluation(settings) | {loops.PLAYED for space in spaces if _middle(space).lively},
+        progress,
+    )
 
 
 @contextmanager

@@ -495,8 +495,11 @@ class Store:
         time.
         """
         self.check_all()
-        where = "role = ? AND scenario = coalesce(?, scenario) ORDER BY scenario, point, driver"
-        return self._facts(where, role, scenario)
+        return self._facts(
+            "role = ? AND scenario = coalesce(?, scenario) ORDER BY scenario, point, driver",
+            role,
+            scenario,
+        )
 
     def _facts(self, where: str, *values: object) -> Iterator[Fact]:
         return map(_fact, self._read(_SELECT_FACTS + where, values))
