@@ -148,8 +148,7 @@ def score(
     """
     folder = Path(run)
     settings = _settings_to_score(folder, changes)
-    if resolved is None:
-        resolved = Resolved.of(settings, run_folder.source_of(folder))
+    resolved = resolved or Resolved.of(settings, run_folder.source_of(folder))
     if changes:
         refuse_unknown_axes(resolved.scenarios, settings.report)
     resolved = replace(resolved, settings=settings)

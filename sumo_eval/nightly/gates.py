@@ -94,19 +94,21 @@ def _judge(
             continue
         known = "not computed" if value is None or np.isnan(value) else _number(quantity, value)
         sentence = f"{quantity} is {known}; it must be at {words} {bound:g}"
-        slack = limit.tolerance * max(1.0, abs(bound))
-        ok = value is not None and sign * (value - bound) >= -slack
+        ok = value is not None and sign * (value - bound) >= -limit.tolerance * max(1.0, abs(bound))
         keys, worst = ((), ()) if ok or value is None else _worst(quantity, compared)
         if keys:
             more = len(keys) - MOST_NAMED
             sentence += f": {', '.join(f'{one.case} ({one.point})' for one in worst)}"
             sentence += f" and {count(more, 'other')}" if more > 0 else ""
-        own = quantity not in _CHANGES
-        yield result(ok, sentence, value, bound, keys[:MOST_KEYS], worst, own=own)
+        yield result(
+            ok, sentence, value, bound, keys[:MOST_KEYS], worst, own=quantity not in _CHANGES
+        )
     for bound, unit in ((limit.worse_by, ""), (limit.worse_by_percent, " %")):
-        if bound is not None and compared is None:
+        if bound is None:
+            continue
+        if compared is None:
             yield baseless(value=value)
-        elif bound is not None and compared is not None:
+        else:
             yield _judge_change(limit, score, compared, (bound, unit), confidence)
 
 

@@ -264,8 +264,12 @@ class History:
 
     def stopped(self) -> set[str]:
         """The nights that began and have no line: they were stopped, or failed."""
-        names = self._connection.execute("SELECT night FROM begun EXCEPT SELECT night FROM nights")
-        return {night for (night,) in names}
+        return {
+            night
+            for (night,) in self._connection.execute(
+                "SELECT night FROM begun EXCEPT SELECT night FROM nights"
+            )
+        }
 
     def stopped_last(self) -> list[str]:
         """Nights that began after the last one with a line, in the order of their beginning."""

@@ -259,8 +259,9 @@ def _importing(history: Path, night: Path) -> str:
 
 def _stopped(history: Path, lines: History) -> str | None:
     """The newest night that was stopped after it had begun to record, if nothing came after it."""
-    names = reversed(lines.stopped_last())
-    return next((name for name in names if is_run(history / NIGHTS / name)), None)
+    return next(
+        (name for name in reversed(lines.stopped_last()) if is_run(history / NIGHTS / name)), None
+    )
 
 
 def _clear_away(history: Path, lines: History, but: str | None = None) -> list[str]:
