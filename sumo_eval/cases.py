@@ -251,10 +251,10 @@ class CaseResult(CaseProperties):
     bimodal: whether they form two groups somewhere.
     manoeuvre, manoeuvre_share: of the ADS, and share of drivers who made it (mixture mode).
     exposure_note: whether the point lies outside the support of recorded events.
-    operation_tolerance, mixture_similarity, plausibility: three of the four factors of H_i: f_n+,
-        similarity in mixture mode, and plausibility, which every evaluated case has.
-    human_likeness: H_i, their product with f_L of all drivers; 0 with an incident that the ideal
-        vehicle avoids.
+    likeness_length_factor, operation_tolerance, mixture_similarity, plausibility: factors of H_i:
+        f_L among all drivers, f_n+, similarity in mixture mode, and plausibility, which every
+        evaluated case has.
+    human_likeness: H_i, their product; 0 with an incident that the ideal vehicle avoids.
 
     Measures, see `sumo_eval.method.measures`; None: not defined, or without a bound
     min_ttc s, max_ittc 1/s, min_thw s, min_gap m, max_drac m/s2, pet s, max_deceleration m/s2,
@@ -342,6 +342,7 @@ class CaseResult(CaseProperties):
     braking_time: float | None = None
     contact_cause: str = ""
     batched: str = ""
+    likeness_length_factor: float | None = None
 
     def _repr_html_(self) -> str:
         """The table for a notebook."""

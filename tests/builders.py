@@ -189,6 +189,7 @@ def _case(store, number, concrete, ads, zone):
             row, index=factors[1] * factors[2], length_factor=factors[0],
             operation_factor=factors[1],
             similarity=factors[2], operation_tolerance=0.75,
+            likeness_length_factor=factors[0],
             mixture_similarity=0.5 + 0.5 * factors[2],
             human_likeness=factors[0] * 0.75 * (0.5 + 0.5 * factors[2]) * row.plausibility,
             index_note=(IndexNote("two_groups", number + 3, 1101),),

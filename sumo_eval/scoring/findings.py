@@ -29,7 +29,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 FACTORS = {"length": "length_factor", "operations": "operation_factor", "similarity": "similarity"}
 """The factors of D_i: name -> field of CaseResult."""
 LIKENESS_FACTORS = {
-    "length": "length_factor",
+    "length": "likeness_length_factor",
     "operations": "operation_tolerance",
     "similarity": "mixture_similarity",
     "plausibility": "plausibility",

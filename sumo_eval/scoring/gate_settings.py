@@ -40,8 +40,9 @@ COLUMNS: Final = (*NUMBERS, "d_i", "departed", "incident_severity")
 HIGHER_COLUMNS: Final = frozenset((
     "min_ttc", "min_thw", "min_gap", "pet", "conflict_pet", "undisturbed_pet", "time_to_conflict",
     "index", "d_i", "length_factor", "operation_factor", "similarity",
-    "operation_tolerance", "mixture_similarity", "plausibility", "human_likeness",
-    "manoeuvre_share", "task_share", "beats_ideal", "human_low", "human_mean", "human_high",
+    "likeness_length_factor", "operation_tolerance", "mixture_similarity", "plausibility",
+    "human_likeness", "manoeuvre_share", "task_share", "beats_ideal",
+    "human_low", "human_mean", "human_high",
 ))  # fmt: skip
 """Columns of which more is better; in all other columns less is better."""
 

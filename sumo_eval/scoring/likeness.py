@@ -315,16 +315,22 @@ def beside_people(
     if (index := people.indexes.get(fact.case)) is not None:
         for name in ("length_factor", "operation_factor", "similarity"):
             row[name] = getattr(index, name)
-        row |= {"index": index.value, "index_note": index.notes}
-        row["bimodal"] = any(note.kind == "two_groups" for note in index.notes)
+        row |= {
+            "index": index.value,
+            "index_note": index.notes,
+            "bimodal": any(note.kind == "two_groups" for note in index.notes),
+        }
         if index.manoeuvre:
             row |= {"manoeuvre": words(index.manoeuvre), "manoeuvre_share": index.share}
         if (likeness := index.likeness) is not None:
-            row["operation_tolerance"] = likeness.operation_tolerance
-            row["mixture_similarity"] = likeness.similarity
+            row |= {
+                "likeness_length_factor": likeness.length_factor,
+                "operation_tolerance": likeness.operation_tolerance,
+                "mixture_similarity": likeness.similarity,
+            }
     if band is not None:
-        row |= {"human_low": min(band), "human_high": max(band)}
-        row["human_mean"] = float(np.mean(band))
+        mean = float(np.mean(band))
+        row |= {"human_low": min(band), "human_mean": mean, "human_high": max(band)}
     return row
 
 

@@ -14,7 +14,6 @@ from typing import Any, Literal
 import numpy as np
 
 from sumo_eval.cases import EVALUATED, GAVE_UP, CaseResult, CaseTable, Zone, counts
-from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.method.conflict import conflict_at
 from sumo_eval.method.driving_task import roadside_contact
@@ -44,6 +43,7 @@ from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_value
 from sumo_eval.scoring.contact_cause import cause_of_contact
 from sumo_eval.scoring.drive_measures import finite
 from sumo_eval.scoring.driving_task import TaskOfDrive
+from sumo_eval.scoring.findings import LIKENESS_FACTORS
 from sumo_eval.scoring.likeness import DriverComparison, Survey, beside_people, reference_notes
 from sumo_eval.scoring.requirements import requirements_missed
 from sumo_eval.scoring.space import ScenarioRun
@@ -266,20 +266,19 @@ def tabulate(
             **fields_of_row,
         )
         # needs properties of the row
-        index = people.indexes.get(fact.case)
-        yield replace(row, human_likeness=_human_likeness(row, index) if known.people else None)
+        yield replace(row, human_likeness=_human_likeness(row) if known.people else None)
 
 
-def _human_likeness(row: CaseResult, index: AnthropomorphicIndex | None) -> float | None:
+def _human_likeness(row: CaseResult) -> float | None:
     """H_i of a case: 0 with an incident in the safe zone that the ideal vehicle avoids; None where
     the case has no part in H.
     """
     if row.safe and row.incident and row.ideal_severity == 0.0:
         return 0.0
-    likeness = None if index is None else index.likeness
-    if likeness is None or row.plausibility is None or row.incident or not row.counts_for_index:
+    factors = [getattr(row, name) for name in LIKENESS_FACTORS.values()]
+    if None in factors or row.incident or not row.counts_for_index:
         return None
-    return likeness.value * row.plausibility
+    return float(math.prod(factors))
 
 
 def combine(

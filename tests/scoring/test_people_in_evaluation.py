@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -84,6 +85,11 @@ def test_recorded_people_are_the_reference_and_a_thin_one_is_filled_and_said(run
         == "Reference too thin: 0 of at least 4 recorded drivers; filled with 4 synthetic ones."
     )
     assert "Reference too thin in" in result.said
+    terms = "likeness_length_factor", "operation_tolerance", "mixture_similarity", "plausibility"
+    for row in rows:  # in mixture mode f_L of D_i is among other drivers than that of H
+        if float(row["human_likeness"] or 0.0):
+            product = math.prod(float(row[name]) for name in terms)
+            assert float(row["human_likeness"]) == pytest.approx(product)
     page = (out / "report.html").read_text()
     assert "The drivers themselves" in page
     assert "Reference too thin in" in page
