@@ -21,7 +21,7 @@ from sumo_eval.cosim.contact import Body, share_at_touch
 from sumo_eval.cosim.impossible import farthest_in
 from sumo_eval.method.criticality import ideal_impact_speed
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Start
-from sumo_eval.scenario.road.reference_line import Piece, map_places
+from sumo_eval.scenario.road.reference_line import Line, map_places
 from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import FloatArray
@@ -37,10 +37,6 @@ _AHEAD = 0.01  # m of road over which the direction of the ego's lane change is 
 _TRACKING_ERROR = 0.005
 # m, for curves, where two bodies are nearer on the map than their x and y say
 _CURVE = 1.0
-
-
-Line = tuple[Piece, ...]
-"""The line that a road follows; none: a straight one."""
 
 
 _Moving = Callable[[float], "_Shape"]

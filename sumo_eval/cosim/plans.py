@@ -18,7 +18,7 @@ from sumo_eval.cosim.contact import within_a_turn
 from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
 from sumo_eval.cosim.vehicle_model import Command, Pedals
 from sumo_eval.errors import ControllerError, said
-from sumo_eval.scenario.road.reference_line import Piece, curvatures
+from sumo_eval.scenario.road.reference_line import Line, curvatures
 from sumo_eval.settings import SimulationSettings
 
 _SAME_PLACE = 1e-6  # m, points closer than this are one place
@@ -75,7 +75,7 @@ class Executor:
         self,
         settings: SimulationSettings,
         note: Callable[[str, float, float], None],
-        line: tuple[Piece, ...] = (),
+        line: Line = (),
     ) -> None:
         self._line = line
         self._gains, self._vehicle, self._step = settings.tracker, settings.vehicle, settings.step

@@ -22,7 +22,7 @@ from sumo_eval.scenario import motion, played
 from sumo_eval.scenario.bodies import CAR
 from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.road.lanes import EVERYWHERE, Crossing, LaneSpan, missing_at
-from sumo_eval.scenario.road.reference_line import Piece
+from sumo_eval.scenario.road.reference_line import Line
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.text import point_words
 from sumo_eval.trajectory import FloatArray
@@ -67,9 +67,14 @@ class Road:
     run_out: float
     speed_limit: float = 60.0
     network: NetworkFile | None = None
-    line: tuple[Piece, ...] = ()
+    line: Line = ()
     spans: tuple[LaneSpan, ...] = ()
     crossings: tuple[Crossing, ...] = ()
+
+    @property
+    def end(self) -> float:
+        """x of the road's end, m."""
+        return self.length + self.run_out
 
     @property
     def shaped(self) -> bool:
@@ -364,8 +369,8 @@ class Actor:
         """Whether its motion depends on more than time, and is known only in the drive."""
         if self.model is not None or self.heading != 0.0 or self.on_map is not None:
             return True
-        brakes = sum([act.kind == played.SPEED for act in self.acts])
-        return brakes > 1 or not all(act.timed for act in self.acts)
+        kinds = [act.kind for act in self.acts]
+        return kinds.count(played.SPEED) > 1 or not all(act.timed for act in self.acts)
 
     @property
     def lateral_moves(self) -> tuple[Act, ...]:

@@ -17,7 +17,7 @@ import functools
 import itertools
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -32,7 +32,7 @@ from sumo_eval.scenario.road.fitted_line import WITHIN, fitted_line, onto_the_li
 from sumo_eval.scenario.road.lanes import LaneSpan
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import (
-    Piece,
+    Line,
     drawn_points,
     frame_places,
     length_of,
@@ -55,8 +55,13 @@ PARALLEL = 0.3  # m that a lane may be off its distance from the line of a curve
 _WITHOUT_RIGHT_OF_WAY = ("dead_end", "district", "internal", "unregulated")
 _CARS = {"passenger", "all"}  # SUMO's vehicle classes that include the ego's
 
+_Element = etree._Element
 Point = tuple[float, float]
 RigidMotion = Callable[[Point], Point]
+_Course = tuple[Line, list[set[int]], list[float]]
+"""How edges lie on a road: the line of its right-hand lane, each edge's lanes (0 for that lane),
+and begin and end of each edge along the line, m.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +78,10 @@ class _Lane:
     shape: tuple[Point, ...]
 
 
+_Lanes = Sequence[Sequence[_Lane]]
+"""The lanes of each driven edge, from the right."""
+
+
 def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     """Read a road of a SUMO network.
 
@@ -87,47 +96,49 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     owner = f"network {path.name}"
     network = NetworkFile(str(path), tuple(edges), hash_of(path, "network"))
     root = _parsed(network)
-    if not edges:
+    driven = _driven_edges(root, edges, owner)
+    lanes = [_checked_lanes(edge, owner) for edge in driven]  # of each edge
+    network = replace(network, first_lane=lanes[0][0].index)
+    _check_widths(lanes, edges, owner)
+    _check_junctions(root, driven[1:], owner)
+    links = [_links(root, one, other, owner) for one, other in itertools.pairwise(edges)]
+
+    straight = _along_x(lanes)
+    what = f"the road along {', '.join(edges)} of {owner}"
+    line, places, along = straight or _along_curves(lanes, links, what, owner)
+    spans = _spans(edges, places, along, owner)
+    if not 0.0 < end <= along[-1]:
+        raise must_be(
+            "The end of the case", owner, f"within the {along[-1]:.1f} m of its edges", end
+        )
+    stem = path.name.removesuffix(".net.xml").removesuffix(".xml")
+    return Road(
+        name=f"{stem}_{network.sha256[:8]}{bend_name(line, named=True)}",
+        length=end,
+        lanes=max(map(max, places)) + 1,
+        lane_width=lanes[0][0].width,
+        run_out=along[-1] - end,
+        speed_limit=SPEED_LIMIT,
+        network=network if straight else None,
+        line=line,
+        spans=spans,
+    )
+
+
+def _driven_edges(root: _Element, names: Sequence[str], owner: str) -> list[_Element]:
+    """The edges with these ids, in order."""
+    if not names:
         raise InputError(f"The road in {owner} must name the `edges` to drive along.")
     by_id = {
         str(edge.get("id")): edge
         for edge in root.iter("edge")
         if edge.get("function", "normal") == "normal"
     }
-    check_known(f"edge of {owner}", by_id, *edges)
-    lanes = [_checked_lanes(by_id[name], owner) for name in edges]  # of each edge
-    network = replace(network, first_lane=lanes[0][0].index)
-    width = lanes[0][0].width
-    if any(lane.width != width for of_edge in lanes for lane in of_edge):
-        widths = ", ".join(f"{lane.id} {lane.width:g} m" for of_edge in lanes for lane in of_edge)
-        raise InputError(
-            f"The lanes of edges {', '.join(edges)} of {owner} must have one width, got {widths}."
-        )
-    _check_junctions(root, [by_id[name] for name in edges[1:]], owner)
-    links = [_links(root, one, other, owner) for one, other in itertools.pairwise(edges)]
-    stem = path.name.removesuffix(".net.xml").removesuffix(".xml")
-    if not _is_straight(lanes):
-        return _bent_road(root, network, lanes, links, end, stem)
-
-    to_axis, places = _laid(lanes)
-    begins = [to_axis(of_edge[0].shape[0])[0] for of_edge in lanes]
-    ends = [to_axis(of_edge[0].shape[-1])[0] for of_edge in lanes]
-    places_of_edges = [{places[lane.id] for lane in of_edge} for of_edge in lanes]
-    spans = _spans(edges, places_of_edges, begins, ends, owner)
-    _check_end(end, ends[-1], owner)
-    return Road(
-        name=f"{stem}_{network.sha256[:8]}",
-        length=end,
-        lanes=max(places.values()) + 1,
-        lane_width=width,
-        run_out=ends[-1] - end,
-        speed_limit=SPEED_LIMIT,
-        network=network,
-        spans=spans,
-    )
+    check_known(f"edge of {owner}", by_id, *names)
+    return [by_id[name] for name in names]
 
 
-def _checked_lanes(edge: etree._Element, owner: str) -> list[_Lane]:
+def _checked_lanes(edge: _Element, owner: str) -> list[_Lane]:
     """Lanes of an edge for cars, at least one, each with a width and a shape."""
     lanes = _lanes(edge)
     if not lanes:
@@ -143,10 +154,50 @@ def _checked_lanes(edge: etree._Element, owner: str) -> list[_Lane]:
     return lanes
 
 
-def _laid(lanes: Sequence[Sequence[_Lane]]) -> tuple[RigidMotion, dict[str, int]]:
-    """How driven edges are laid along the x axis.
+def _check_widths(lanes: _Lanes, edges: Sequence[str], owner: str) -> None:
+    """Refuse lanes of different widths."""
+    every = list(itertools.chain(*lanes))
+    if any(lane.width != every[0].width for lane in every):
+        widths = ", ".join(f"{lane.id} {lane.width:g} m" for lane in every)
+        raise InputError(
+            f"The lanes of edges {', '.join(edges)} of {owner} must have one width, got {widths}."
+        )
 
-    lanes: of each edge.
+
+def _check_junctions(root: _Element, edges: Sequence[_Element], owner: str) -> None:
+    """Refuse junctions at which SUMO crashes: with incoming lanes, but no right of way.
+
+    edges: those that begin at the junctions in question.
+    """
+    begins = {edge.get("from") for edge in edges}
+    for junction in root.iter("junction"):
+        incoming = junction.get("id") in begins and junction.get("incLanes")
+        regulated = junction.get("type") not in _WITHOUT_RIGHT_OF_WAY
+        if incoming and regulated and junction.find("request") is None:
+            raise InputError(
+                f"Junction `{junction.get('id')}` of {owner} must have a <request> for each of its "
+                "connections, as netconvert writes it, or be of type `unregulated`: it has none."
+            )
+
+
+def _along_x(lanes: _Lanes) -> _Course | None:
+    """The course of straight edges, along the x axis; None: a lane is not parallel to the first
+    one's chord within `STRAIGHT`.
+    """
+    first = lanes[0][0]
+    # a ring, whose chord has no direction
+    if math.dist(first.shape[0], first.shape[-1]) < first.width:
+        return None
+    to_axis, places = _laid(lanes)
+    for lane in itertools.chain(*lanes):
+        if any(abs(to_axis(it)[1] - places[lane.id] * first.width) > STRAIGHT for it in lane.shape):
+            return None
+    along = [to_axis(of_edge[0].shape[end])[0] for of_edge in lanes for end in (0, -1)]
+    return (), [{places[lane.id] for lane in of_edge} for of_edge in lanes], along
+
+
+def _laid(lanes: _Lanes) -> tuple[RigidMotion, dict[str, int]]:
+    """How driven edges are laid along the x axis.
 
     Gives the rigid motion that does it, and each lane's place by its id: 0 for the road's
     right-hand lane, which comes to lie on the axis, 1 for the next one to the left.
@@ -168,14 +219,13 @@ def _laid(lanes: Sequence[Sequence[_Lane]]) -> tuple[RigidMotion, dict[str, int]
 def _spans(
     edges: Sequence[str],
     there: Sequence[set[int]],
-    begins: Sequence[float],
-    ends: Sequence[float],
+    along: Sequence[float],
     owner: str,
 ) -> tuple[LaneSpan, ...]:
     """Spans of outermost lanes that do not exist throughout.
 
     there: places of each edge's lanes, 0 for the road's right-hand lane.
-    begins, ends: of each edge along the road, m.
+    along: begin and end of each edge along the road, m.
     """
     count = max(set().union(*there)) + 1
     spans = []
@@ -189,8 +239,8 @@ def _spans(
                 f"Edge `{edges[min(gaps)]}` of {owner} must have the outermost lane that edges "
                 "before and behind it have."
             )
-        begin = begins[first] if first > 0 else -math.inf
-        end = ends[last] if last + 1 < len(edges) else math.inf
+        begin = along[2 * first] if first > 0 else -math.inf
+        end = along[2 * last + 1] if last + 1 < len(edges) else math.inf
         spans.append(LaneSpan(lane, begin, end))
 
     throughout = set(range(count)) - {span.lane for span in spans}
@@ -203,122 +253,74 @@ def _spans(
     return tuple(spans)
 
 
-def _check_junctions(root: etree._Element, edges: Sequence[etree._Element], owner: str) -> None:
-    """Refuse junctions at which SUMO crashes: with incoming lanes, but no right of way.
-
-    edges: those that begin at the junctions in question.
-    """
-    begins = {edge.get("from") for edge in edges}
-    for junction in root.iter("junction"):
-        incoming = junction.get("id") in begins and junction.get("incLanes")
-        regulated = junction.get("type") not in _WITHOUT_RIGHT_OF_WAY
-        if incoming and regulated and junction.find("request") is None:
-            raise InputError(
-                f"Junction `{junction.get('id')}` of {owner} must have a <request> for each of its "
-                "connections, as netconvert writes it, or be of type `unregulated`: it has none."
-            )
-
-
-def _check_end(end: float, length: float, owner: str) -> None:
-    if not 0.0 < end <= length:
-        raise must_be("The end of the case", owner, f"within the {length:.1f} m of its edges", end)
-
-
-def _is_straight(lanes: Sequence[Sequence[_Lane]]) -> bool:
-    """Whether all lanes are parallel to the first one's chord, within `STRAIGHT`."""
-    first, width = lanes[0][0], lanes[0][0].width
-    if math.dist(first.shape[0], first.shape[-1]) < width:  # a ring, whose chord has no direction
-        return False
-    to_axis, places = _laid(lanes)
-    return all(
-        abs(to_axis(point)[1] - places[lane.id] * width) <= STRAIGHT
-        for of_edge in lanes for lane in of_edge for point in lane.shape
-    )  # fmt: skip
-
-
 # -- a curved road ---------------------------------------------------------------------------------
 
 
-def _bent_road(
-    root: etree._Element,
-    network: NetworkFile,
-    lanes: Sequence[Sequence[_Lane]],
+def _along_curves(
+    lanes: _Lanes,
     links: Sequence[_Link],
-    end: float,
-    stem: str,
-) -> Road:
-    """The road along curved edges: its line follows a lane that all of them have.
+    what: str,
+    owner: str,
+) -> _Course:
+    """The course of curved edges, whose line follows a lane that all of them have.
 
-    lanes: of each edge. links: from each edge to the next one.
-    end: x at which cases end, m. stem: beginning of the road's name.
+    links: from each edge to the next one. what: the road, for messages.
     """
-    edges, width, owner = network.edges, lanes[0][0].width, f"network {Path(network.path).name}"
-    # lanes are numbered as on the first edge: by SUMO's index plus the shift of their edge
-    shifts = list(itertools.accumulate((link.shift for link in links), initial=0))
-    there = [
-        {shift + it.index for it in of_edge} for shift, of_edge in zip(shifts, lanes, strict=True)
-    ]
-    common = set.intersection(*there)
+    numbered, width = _numbered(lanes, links), lanes[0][0].width
+    places = list(map(set, numbered))
+    common = set.intersection(*places)
     if not common:
         raise InputError(f"The edges of {owner} must have a lane that goes through all of them.")
-    lane, lowest = min(common), min(set().union(*there))
+    path = _path(numbered, min(common), links)
+    line, begins = _right_lane(path, min(common) * width, what)
+    check_line(line, max(map(max, places)) + 1, width, what)
+    _check_parallel(numbered, line, begins, owner)
+    return line, places, _edge_ends(path, line, begins)
 
-    # shapes of the common lane: on each edge, and of its lanes within junctions from edge to edge
-    shapes = [
-        it.shape
+
+def _numbered(lanes: _Lanes, links: Sequence[_Link]) -> list[dict[int, _Lane]]:
+    """The lanes of each edge by their place on the road, 0 for its right-hand lane."""
+    # an edge's shift makes SUMO's index of a lane that of the same lane on the first edge
+    shifts = list(itertools.accumulate((link.shift for link in links), initial=0))
+    lowest = min(map(sum, zip(shifts, (of_edge[0].index for of_edge in lanes), strict=True)))
+    return [
+        {shift + lane.index - lowest: lane for lane in of_edge}
         for shift, of_edge in zip(shifts, lanes, strict=True)
-        for it in of_edge
-        if it.index + shift == lane
     ]
-    between = [
-        tuple(p for name in link.vias.get(lane - shift, ()) for p in _shape(root, name))
-        for link, shift in zip(links, shifts, strict=False)
-    ]
-    parts = [shapes[0]]
-    for via, shape in zip(between, shapes[1:], strict=True):
-        parts += [(parts[-1][-1], *via, shape[0]), shape]
-    way = [place for part in parts for place in part]
-    what = f"the road along {', '.join(edges)} of {owner}"
-    line, begins = _line_along(np.array(way), what)
-    # the road's right-hand lane does not exist throughout, and is parallel to the common lane
-    if lane > lowest:
+
+
+def _path(
+    numbered: Sequence[dict[int, _Lane]], lane: int, links: Sequence[_Link]
+) -> list[tuple[Point, ...]]:
+    """Centre line of a lane that all edges have: on each edge, and between two of them within
+    their junction.
+
+    numbered: lanes of each edge by their place on the road. lane: such a place.
+    """
+    path = [numbered[0][lane].shape]
+    for link, before, after in zip(links, numbered, numbered[1:], strict=False):
+        shape = after[lane].shape
+        within = link.ways.get(before[lane].index, ())
+        path += [(path[-1][-1], *within, shape[0]), shape]
+    return path
+
+
+def _right_lane(path: Sequence[Sequence[Point]], left: float, what: str) -> tuple[Line, Pose]:
+    """The line of the road's right-hand lane, and where it begins.
+
+    path: of a lane that is `left` m to the left of it.
+    """
+    line, begins = _line_along(np.concatenate(path), what)
+    # the road's right-hand lane does not exist throughout, and is parallel to the lane of the path
+    if left > 0.0:
         s = drawn_points(line, 0.0, length_of(line), 2.0)
-        x, y, _ = map_places(line, s, -width * (lane - lowest))
+        x, y, _ = map_places(line, s, -left)
         line, beside = _line_along(np.column_stack([x, y]), what)
         begins = begins.moved(*beside)
-    count = max(set().union(*there)) - lowest + 1
-    check_line(line, count, width, what)
-
-    # every lane must be parallel to the line
-    for of_edge, shift in zip(lanes, shifts, strict=True):
-        for it in of_edge:
-            _, across, _ = frame_places(line, *onto_the_line(np.array(it.shape), begins).T)
-            off = float(np.abs(across - width * (shift + it.index - lowest)).max())
-            if off > PARALLEL:
-                raise must_be(
-                    f"Lane `{it.id}`",
-                    owner,
-                    f"beside the first within {PARALLEL:g} m",
-                    f"{off:.2f} m",
-                )
-
-    # begin and end of each edge along the line; of a place that a ring passes more than once, the
-    # one near the distance driven until then
-    joints = onto_the_line(np.array([p for shape in shapes for p in (shape[0], shape[-1])]), begins)
-    driven = np.cumsum([0.0, *(sum(map(math.dist, part, part[1:])) for part in parts)])
-    near = driven * (length_of(line) / driven[-1])
-    along = frame_places(line, joints[:, 0], joints[:, 1], near=near)[0].tolist()
-    places_of_edges = [{number - lowest for number in of_edge} for of_edge in there]
-    spans = _spans(edges, places_of_edges, along[::2], along[1::2], owner)
-    _check_end(end, along[-1], owner)
-    return Road(
-        name=f"{stem}_{network.sha256[:8]}{bend_name(line, named=True)}", length=end, lanes=count,
-        lane_width=width,
-        run_out=along[-1] - end, speed_limit=SPEED_LIMIT, line=line, spans=spans,
-    )  # fmt: skip
+    return line, begins
 
 
-def _line_along(way: FloatArray, what: str) -> tuple[tuple[Piece, ...], Pose]:
+def _line_along(way: FloatArray, what: str) -> tuple[Line, Pose]:
     """The line along places of a polyline, and where it begins.
 
     way: (n, 2), m; of places within `_ONE_PLACE` the first counts, and always the last one.
@@ -341,18 +343,47 @@ def _line_along(way: FloatArray, what: str) -> tuple[tuple[Piece, ...], Pose]:
     return line, begins
 
 
+def _check_parallel(
+    numbered: Sequence[dict[int, _Lane]], line: Line, begins: Pose, owner: str
+) -> None:
+    """Refuse lanes that are not parallel to the line.
+
+    numbered: lanes of each edge by their place on the road.
+    """
+    for place, lane in itertools.chain(*(of_edge.items() for of_edge in numbered)):
+        _, across, _ = frame_places(line, *onto_the_line(np.array(lane.shape), begins).T)
+        off = float(np.abs(across - lane.width * place).max())
+        if off > PARALLEL:
+            must = f"beside the first within {PARALLEL:g} m"
+            raise must_be(f"Lane `{lane.id}`", owner, must, f"{off:.2f} m")
+
+
+def _edge_ends(path: Sequence[Sequence[Point]], line: Line, begins: Pose) -> list[float]:
+    """Begin and end of each edge along the line, m.
+
+    path: of a lane, on each edge and between two of them.
+    """
+    ends = [shape[end] for shape in path[::2] for end in (0, -1)]
+    driven = np.cumsum([0.0, *(sum(map(math.dist, part, part[1:])) for part in path)])
+    # of a place that a ring passes more than once, the one near the distance driven until then
+    x, y = onto_the_line(np.array(ends), begins).T
+    return list(
+        map(float, frame_places(line, x, y, near=driven * (length_of(line) / driven[-1]))[0])
+    )
+
+
 class _Link(NamedTuple):
     """Connection of the lanes of an edge to those of the next one.
 
     shift: index of a lane on the edge less that of its continuation on the next one.
-    vias: ids of the lanes within the junction, by the index on the edge before it.
+    ways: centre lines within the junction, by the lane's index on the edge before it.
     """
 
     shift: int
-    vias: dict[int, tuple[str, ...]]
+    ways: dict[int, list[Point]]
 
 
-def _links(root: etree._Element, one: str, other: str, owner: str) -> _Link:
+def _links(root: _Element, one: str, other: str, owner: str) -> _Link:
     found = _connections(root, {"from": one, "to": other})
     if not found:
         raise InputError(
@@ -366,30 +397,34 @@ def _links(root: etree._Element, one: str, other: str, owner: str) -> _Link:
     shifts = Counter(before - after for before, after, _ in indices)
     # the one of most lanes; of several the smallest
     shift = min(shifts, key=lambda it: (-shifts[it], abs(it)))
-    vias = {before: _vias(root, via) for before, after, via in indices if before - after == shift}
-    return _Link(shift, vias)
+    ways = {
+        before: _way_through(root, via) for before, after, via in indices if before - after == shift
+    }
+    return _Link(shift, ways)
 
 
-def _vias(root: etree._Element, via: str | None) -> tuple[str, ...]:
-    """Ids of the lanes that lead through a junction, in order.
+def _way_through(root: _Element, via: str | None) -> list[Point]:
+    """Centre line of the lanes that lead through a junction, in order.
 
-    via: the first of them; None: there is none.
+    via: id of the first of them; None: there is none.
     """
-    found: list[str] = []
-    while via is not None and via not in found:  # a faulty network may lead in a circle
-        found.append(via)
+    passed: list[str] = []
+    points: list[Point] = []
+    while via is not None and via not in passed:  # a faulty network may lead in a circle
+        passed.append(via)
+        points += _shape(root, via)
         edge, _, index = via.rpartition("_")
         further = _connections(root, {"from": edge, "fromLane": index})
         via = further[0].get("via") if further else None
-    return tuple(found)
+    return points
 
 
-def _connections(root: etree._Element, wanted: dict[str, str]) -> list[etree._Element]:
+def _connections(root: _Element, wanted: dict[str, str]) -> list[_Element]:
     """The connections with these attributes."""
     return [it for it in root.iter("connection") if wanted.items() <= set(it.attrib.items())]
 
 
-def _shape(root: etree._Element, name: str) -> tuple[Point, ...]:
+def _shape(root: _Element, name: str) -> tuple[Point, ...]:
     return next(
         (_points(it.get("shape", "")) for it in root.iter("lane") if it.get("id") == name), ()
     )
@@ -402,40 +437,48 @@ def _shape(root: etree._Element, name: str) -> tuple[Point, ...]:
 def laid_along_x(network: NetworkFile) -> str:
     """Text of the network, turned and moved so that its driven edges lie along x from x = 0."""
     root = _parsed(network)
-    driven = {
-        str(edge.get("id")): edge for edge in root.iter("edge") if edge.get("id") in network.edges
-    }
-    of_each = [_lanes(driven[name]) for name in network.edges]
-    to_axis, places = _laid(of_each)
+    driven = _driven_edges(root, network.edges, network.path)
+    to_axis, places = _laid([_lanes(edge) for edge in driven])
     for element in root.iter():
-        for key in ("shape", "customShape"):
-            text = element.get(key)
-            if text:
-                element.set(key, _text(tuple(to_axis(point) for point in _points(text))))
-        if element.tag == "junction" and element.get("x"):
-            x, y = to_axis((float(element.get("x", "0")), float(element.get("y", "0"))))
-            element.set("x", f"{x:.4f}")
-            element.set("y", f"{y:.4f}")
-    for edge in driven.values():
-        elements = {element.get("id"): element for element in edge.iter("lane")}
-        for lane in _lanes(edge):  # read again, because their shapes now lie along x
-            element = elements[lane.id]
-            # y exactly: the start of every vehicle is checked to a millimetre
-            y = places[lane.id] * lane.width
-            begin, end = lane.shape[0][0], lane.shape[-1][0]
-            element.set("shape", _text(((begin, y), (end, y))))
-            element.set("length", repr(end - begin))
-            element.set("speed", f"{SPEED_LIMIT:g}")
-            element.set("width", repr(lane.width))
+        _move(element, to_axis)
+    for edge in driven:
+        _straighten(edge, places)
     for location in root.findall("location"):  # the projection, which holds no longer
         root.remove(location)
     return etree.tostring(root.getroottree(), xml_declaration=True, encoding="UTF-8").decode()
 
 
+def _move(element: _Element, to_axis: RigidMotion) -> None:
+    """Move an element's shapes, and a junction's position."""
+    for key in ("shape", "customShape"):
+        if text := element.get(key):
+            element.set(key, _text([to_axis(point) for point in _points(text)]))
+    if element.tag == "junction" and element.get("x"):
+        place = to_axis((float(element.get("x", "0")), float(element.get("y", "0"))))
+        for key, value in zip("xy", place, strict=True):
+            element.set(key, f"{value:.4f}")
+
+
+def _straighten(edge: _Element, places: Mapping[str, int]) -> None:
+    """Lay the lanes of a driven edge exactly along x, with their length, width and speed limit.
+
+    places: of the lanes by their id, 0 for the road's right-hand lane.
+    """
+    elements = {element.get("id"): element for element in edge.iter("lane")}
+    for lane in _lanes(edge):  # read again, because their shapes now lie along x
+        # y exactly: the start of every vehicle is checked to a millimetre
+        y = places[lane.id] * lane.width
+        begin, end = lane.shape[0][0], lane.shape[-1][0]
+        elements[lane.id].attrib.update({
+            "shape": _text([(begin, y), (end, y)]), "length": repr(end - begin),
+            "speed": f"{SPEED_LIMIT:g}", "width": repr(lane.width),
+        })  # fmt: skip
+
+
 # -- elements of the file --------------------------------------------------------------------------
 
 
-def _parsed(network: NetworkFile) -> etree._Element:
+def _parsed(network: NetworkFile) -> _Element:
     path = Path(network.path)
     root = read_xml(path, "Network", LARGEST)
     if hash_of(path, "network") != network.sha256:
@@ -445,7 +488,7 @@ def _parsed(network: NetworkFile) -> etree._Element:
     return root
 
 
-def _lanes(edge: etree._Element) -> list[_Lane]:
+def _lanes(edge: _Element) -> list[_Lane]:
     """The lanes of an edge on which cars may drive, from the right."""
     return sorted(
         (
@@ -471,7 +514,7 @@ def _index(text: str, owner: str) -> int:
     return int(text)
 
 
-def _carries_cars(lane: etree._Element) -> bool:
+def _carries_cars(lane: _Element) -> bool:
     """Whether a passenger car may drive on a lane; where SUMO has `allow`, `disallow` is unused."""
     if (allowed := lane.get("allow")) is not None:
         return not _CARS.isdisjoint(allowed.split())

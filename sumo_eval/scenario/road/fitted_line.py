@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sumo_eval.scenario.road.pose import Pose
-from sumo_eval.scenario.road.reference_line import Piece, map_places
+from sumo_eval.scenario.road.reference_line import Line, Piece, map_places
 from sumo_eval.trajectory import FloatArray
 
 WITHIN = 0.25  # m that the line may be off the polyline
@@ -27,7 +27,7 @@ _SETTLED = 1e-3
 _SMOOTH = 0.05
 _DIGITS = 8  # of a curvature, 1/m; rounded, it is the same on all machines
 
-Fit = tuple[tuple[Piece, ...], Pose, float]
+Fit = tuple[Line, Pose, float]
 """Pieces of a line, its beginning, and the largest distance of the polyline's places from it, m."""
 
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.kernels import kernel
-from sumo_eval.scenario.road.reference_line import Piece, curvatures
+from sumo_eval.scenario.road.reference_line import Line, curvatures
 from sumo_eval.settings import About, Checked, Positive
 from sumo_eval.text import capitalised
 from sumo_eval.trajectory import FloatArray
@@ -176,7 +176,7 @@ INNERMOST = 0.9  # share of a curve's radius that a crossing road may reach towa
 
 
 def crossings_of(
-    tables: Sequence[CrossingTable], length: float, line: tuple[Piece, ...], where: str
+    tables: Sequence[CrossingTable], length: float, line: Line, where: str
 ) -> tuple[Crossing, ...]:
     """The roads that cross.
 

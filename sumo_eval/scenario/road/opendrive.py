@@ -26,9 +26,11 @@ from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.scenario.road.lanes import LaneSpan, missing
 from sumo_eval.scenario.road.parametric import Cubic, pieces_along
 from sumo_eval.scenario.road.pose import Pose
-from sumo_eval.scenario.road.reference_line import Piece, bends, length_of
+from sumo_eval.scenario.road.reference_line import Line, Piece, bends, length_of
 from sumo_eval.scenario.xml_file import read_xml
 from sumo_eval.text import capitalised, number_in
+
+_Element = etree._Element
 
 _JOINT = 0.01  # m and rad that a geometry may begin off the end of the one before it
 # m: a line parallel to a spiral is no spiral, and is made of spirals of at most this length
@@ -51,7 +53,7 @@ class ReadRoad:
     spans: of the lanes that do not exist throughout.
     """
 
-    line: tuple[Piece, ...]
+    line: Line
     lanes: int
     lane_width: float
     length: float
@@ -67,7 +69,7 @@ class _Stretch(NamedTuple):
     spans: of those that do not exist throughout.
     """
 
-    line: tuple[Piece, ...]
+    line: Line
     begin: Pose
     lanes: int
     width: float
@@ -106,7 +108,7 @@ def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadR
     )
 
 
-def _chain(roads: Sequence[etree._Element], owner: str) -> list[_Stretch]:
+def _chain(roads: Sequence[_Element], owner: str) -> list[_Stretch]:
     """The roads in order, each in the direction in which it meets the one before it.
 
     The first road is tried along its own direction, then against it.
@@ -139,7 +141,7 @@ def _chain(roads: Sequence[etree._Element], owner: str) -> list[_Stretch]:
     return chain
 
 
-def _stretch_or_none(road: etree._Element, owner: str, against: bool) -> _Stretch | None:
+def _stretch_or_none(road: _Element, owner: str, against: bool) -> _Stretch | None:
     """A road driven one way, None where it has no driving lane that way."""
     side = "left" if against else "right"
     driven = [
@@ -157,7 +159,7 @@ def _meet(before: _Stretch, begin: Pose) -> bool:
     return math.dist(end[:2], begin[:2]) <= _MEETS and abs(turned) <= _MEETS
 
 
-def _stretch(road: etree._Element, owner: str, *, against: bool) -> _Stretch:
+def _stretch(road: _Element, owner: str, *, against: bool) -> _Stretch:
     """A road driven along its reference line, or against it on its left-hand lanes."""
     rule = road.get("rule", "RHT")
     if rule != "RHT":
@@ -174,7 +176,7 @@ def _stretch(road: etree._Element, owner: str, *, against: bool) -> _Stretch:
     return _Stretch(beside(reference, offset, owner), begin.moved(0.0, offset), *lanes)
 
 
-def _number(element: etree._Element, name: str, owner: str, default: str = "nothing") -> float:
+def _number(element: _Element, name: str, owner: str, default: str = "nothing") -> float:
     """A finite number in an attribute; `default` counts where it is missing."""
     text = element.get(name, default)
     value = number_in(text)
@@ -189,7 +191,7 @@ _CURVATURES = {
 """Attributes that hold the curvature at the beginning and at the end of a geometry."""
 
 
-def reference_line(road: etree._Element, owner: str) -> tuple[tuple[Piece, ...], Pose]:
+def reference_line(road: _Element, owner: str) -> tuple[Line, Pose]:
     """The pieces of a reference line, and where it begins."""
     pieces: list[Piece] = []
     begin = None
@@ -216,7 +218,7 @@ def reference_line(road: etree._Element, owner: str) -> tuple[tuple[Piece, ...],
     return tuple(pieces), begin
 
 
-def _cubic(shape: etree._Element, length: float, owner: str) -> Cubic:
+def _cubic(shape: _Element, length: float, owner: str) -> Cubic:
     """The curve of a <paramPoly3>, which must begin where and as its geometry says."""
     along, left = (
         tuple(_number(shape, f"{letter}{axis}", owner) for letter in "abcd") for axis in "UV"
@@ -249,7 +251,7 @@ PROFILES = ("elevationProfile/elevation", "lateralProfile/superelevation")
 """Elements that give a road height and tilt, which the plane of the map does not have."""
 
 
-def lane_offset(road: etree._Element, owner: str, *, flat: bool = False) -> float:
+def lane_offset(road: _Element, owner: str, *, flat: bool = False) -> float:
     """Shift of a level road's lanes to the left of its reference line, m.
 
     flat: ignore heights and tilts.
@@ -281,7 +283,7 @@ class _Section(NamedTuple):
 
     begin: float
     end: float
-    lanes: list[etree._Element]
+    lanes: list[_Element]
 
     @property
     def driven(self) -> list[int]:
@@ -290,7 +292,7 @@ class _Section(NamedTuple):
 
 
 def _driving_lanes(
-    road: etree._Element, owner: str, length: float, *, against: bool
+    road: _Element, owner: str, length: float, *, against: bool
 ) -> tuple[float, tuple[int, float, tuple[LaneSpan, ...]]]:
     """Where the driving lanes lie, and the lanes: offset, (number, width, spans).
 
@@ -332,7 +334,7 @@ def _driving_lanes(
     return offset, (len(most), width, spans)
 
 
-def _sections(road: etree._Element, owner: str, length: float, side: str) -> list[_Section]:
+def _sections(road: _Element, owner: str, length: float, side: str) -> list[_Section]:
     """The lane sections of a road."""
     elements = road.findall("lanes/laneSection")
     if not elements:
@@ -393,7 +395,7 @@ def _outermost(sections: Sequence[_Section], outer: int, owner: str) -> tuple[_K
     return knots, ramps
 
 
-def _rank(lane: etree._Element) -> int:
+def _rank(lane: _Element) -> int:
     """Rank of a lane from the reference line outwards, from 1 on."""
     number = lane.get("id", "0")
     if not re.fullmatch(r"[+-]?\d{1,6}", number):
@@ -401,7 +403,7 @@ def _rank(lane: etree._Element) -> int:
     return abs(int(number))
 
 
-def _widths(lane: etree._Element, begin: float, end: float, owner: str) -> _Knots:
+def _widths(lane: _Element, begin: float, end: float, owner: str) -> _Knots:
     """Widths of a lane at the places between which it changes linearly.
 
     begin, end: s of its section, m.
@@ -475,7 +477,7 @@ def _span_of(
     )
 
 
-def beside(reference: tuple[Piece, ...], offset: float, owner: str) -> tuple[Piece, ...]:
+def beside(reference: Line, offset: float, owner: str) -> Line:
     """The line `offset` m to the left of another.
 
     A piece ds of curvature k becomes one of length (1 - k offset) ds, curvature k / (1 - k offset).

@@ -80,6 +80,10 @@ class Piece:
                 )
 
 
+Line = tuple[Piece, ...]
+"""The line that a road follows; empty: a straight one."""
+
+
 def arc(length: float, radius: float) -> Piece:
     """A piece of constant radius, m; positive: to the left."""
     if not (math.isfinite(radius) and radius != 0.0):
@@ -104,7 +108,7 @@ def bends(pieces: Sequence[Piece]) -> bool:
 
 
 @functools.lru_cache(maxsize=256)
-def knots_of(pieces: tuple[Piece, ...]) -> NDArray[Any]:
+def knots_of(pieces: Line) -> NDArray[Any]:
     """The line as `KNOT` records: the straight before it, its stretches, the straight behind it.
 
     Of a line without pieces there are none.
@@ -256,7 +260,7 @@ def _to_frame_rows(
 
 
 def map_places(
-    pieces: tuple[Piece, ...], s: ArrayLike, d: ArrayLike, heading: ArrayLike = 0.0
+    pieces: Line, s: ArrayLike, d: ArrayLike, heading: ArrayLike = 0.0
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(x, y, heading) on the map of places in the frame of a line, m and rad.
 
@@ -267,7 +271,7 @@ def map_places(
 
 
 def frame_places(
-    pieces: tuple[Piece, ...],
+    pieces: Line,
     x: ArrayLike,
     y: ArrayLike,
     heading: ArrayLike = 0.0,
@@ -294,13 +298,13 @@ def frame_places(
     return found[0], found[1], found[2]
 
 
-def curvatures(pieces: tuple[Piece, ...], s: ArrayLike) -> FloatArray:
+def curvatures(pieces: Line, s: ArrayLike) -> FloatArray:
     """Curvature of a line at s (any shape), 1/m, left positive."""
     return _each(pieces, (s, 0.0, 0.0), _to_map_rows)[3]
 
 
 def _each(
-    pieces: tuple[Piece, ...],
+    pieces: Line,
     places: Sequence[ArrayLike],
     rule: Callable[[NDArray[Any], FloatArray, FloatArray], None],
 ) -> list[FloatArray]:
@@ -319,9 +323,7 @@ def _each(
     return [found[:, k].reshape(shape) for k in range(4)]
 
 
-def drawn_points(
-    pieces: tuple[Piece, ...], begin: float, end: float, longest: float = 1.0
-) -> FloatArray:
+def drawn_points(pieces: Line, begin: float, end: float, longest: float = 1.0) -> FloatArray:
     """s of the corners of a polyline along a line, m, in order.
 
     begin, end: s of its ends, m.

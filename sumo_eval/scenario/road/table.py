@@ -10,7 +10,7 @@ from typing import Annotated
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.scenario.expression import checked_names, number
-from sumo_eval.scenario.road.reference_line import Piece, bends, length_of, tightest
+from sumo_eval.scenario.road.reference_line import Line, Piece, bends, length_of, tightest
 from sumo_eval.settings import About, Checked, Positive, VehicleSettings
 from sumo_eval.text import capitalised
 
@@ -43,7 +43,7 @@ def line_of(
     lane_width: float,
     length: float,
     where: str,
-) -> tuple[Piece, ...]:
+) -> Line:
     """The line of a road, () where all of it is straight.
 
     Raises InputError for one that cannot be driven.
