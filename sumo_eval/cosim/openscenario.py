@@ -15,7 +15,7 @@ import hashlib
 import itertools
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -76,42 +76,49 @@ def opendrive_xml(road: Road) -> str:
     The reference line of a straight road is its left edge. Of a curved one it is the right lane's
     centre, from which the lanes are offset: a line beside a spiral is not a spiral.
     """
-    length = road.length + road.run_out
-    left = road.span(road.lanes - 1)
+    length = road.end
     aside = 0.0 if road.bent else road.left_edge
-    places = [
-        0.0,
-        *sorted({it for span in road.spans for it in span.places if 0.0 < it < length}),
-        length,
-    ]
-    sections = list(itertools.pairwise(places))
-    lanes = E.lanes()
-    if left is not EVERYWHERE:  # the left edge moves with the end of the leftmost lane
-        for begin, end in sections:
-            first, last = (
-                road.left_edge - aside - road.lane_width * gone for gone in _gone(left, begin, end)
-            )
-            lanes.append(E.laneOffset(s=begin, a=first, b=(last - first) / (end - begin), c=0, d=0))
-    elif road.bent:
-        lanes.append(E.laneOffset(s=0, a=road.left_edge, b=0, c=0, d=0))
-    for begin, end in sections:
-        right = E.right()
-        for lane in reversed(range(road.lanes)):
-            first, last = (
-                road.lane_width * (1.0 - gone) for gone in _gone(road.span(lane), begin, end)
-            )
-            if first or last:
-                width = E.width(sOffset=0, a=first, b=(last - first) / (end - begin), c=0, d=0)
-                right.append(E.lane(width, id=-1 - len(right), type="driving", level="false"))
-        lanes.append(
-            E.laneSection(E.center(E.lane(id=0, type="none", level="false")), right, s=begin)
-        )
+    changes = {it for span in road.spans for it in span.places if 0.0 < it < length}
+    sections = list(itertools.pairwise([0.0, *sorted(changes), length]))
+    lanes = E.lanes(
+        *_left_edge(road, sections, aside), *(_section(road, *section) for section in sections)
+    )
     return document(E.OpenDRIVE(
         E.header(revMajor=1, revMinor=6, name=road.name),
         E.road(E.planView(*_plan(road, length, aside)), lanes, name=road.name, length=length, id=0,
             junction=-1),
         *(_crossing(road, crossing, number) for number, crossing in enumerate(road.crossings, 1)),
     ))  # fmt: skip
+
+
+def _left_edge(road: Road, sections: Sequence[tuple[float, float]], aside: float) -> Iterator[Any]:
+    """The road's left edge, where the reference line is another.
+
+    sections: begin and end of each, m.
+    aside: distance of the reference line to the left of the road's line, m.
+    """
+    left = road.span(road.lanes - 1)
+    if left is not EVERYWHERE:  # the left edge moves with the end of the leftmost lane
+        for begin, end in sections:
+            first, last = (
+                road.left_edge - aside - road.lane_width * gone for gone in _gone(left, begin, end)
+            )
+            yield E.laneOffset(s=begin, a=first, b=(last - first) / (end - begin), c=0, d=0)
+    elif road.bent:
+        yield E.laneOffset(s=0, a=road.left_edge, b=0, c=0, d=0)
+
+
+def _section(road: Road, begin: float, end: float) -> Any:
+    """A section with those lanes that exist in it, from the left."""
+    right = E.right()
+    for lane in reversed(range(road.lanes)):
+        first, last = (
+            road.lane_width * (1.0 - gone) for gone in _gone(road.span(lane), begin, end)
+        )
+        if first or last:
+            width = E.width(sOffset=0, a=first, b=(last - first) / (end - begin), c=0, d=0)
+            right.append(E.lane(width, id=-1 - len(right), type="driving", level="false"))
+    return E.laneSection(E.center(E.lane(id=0, type="none", level="false")), right, s=begin)
 
 
 def _gone(span: LaneSpan, begin: float, end: float) -> tuple[float, float]:
@@ -195,37 +202,10 @@ def openscenario_xml(
     vehicle, road, actors = settings.vehicle, concrete.road, concrete.actors
     # a polyline has at least two vertices
     known = {name: path for name, path in (driven or {}).items() if len(path) > 1}
-    ego = known.get(EGO)
-    # the motion of a lively actor depends on more than time
-    recorded = [actor.name for actor in actors if actor.lively and actor.name in known]
-    moved = tracks(
-        [concrete],
-        [(vehicle.length, vehicle.width)],
-        VERTEX_INTERVAL,
-        settings.time_limit,
-        in_python=True,  # a single case is over before machine code is ready
-    )
-    groups = [
-        _follow(actor.name, _on_the_road(rows, road), road)
-        for actor, rows in zip(actors, moved.others[0].tolist(), strict=True)
-        if actor.acts and not actor.lively and actor.name not in recorded
-    ]
-    for name in [*([] if ego is None else [EGO]), *recorded]:
-        columns = (
-            getattr(known[name], column).tolist() for column in ("time", "x", "y", "heading")
-        )
-        groups.append(_follow(name, zip(*columns, strict=True), road))
-    # an act must hold a group, even where no vehicle has a trajectory
-    nobody = E.ManeuverGroup(
-        E.Actors(selectTriggeringEntities="false"), maximumExecutionCount=1, name="nobody"
-    )
-    act = E.Act(*(groups or [nobody]), E.StartTrigger(_after(0.0, "begin")), name="others")
-    end = settings.time_limit if ego is None else float(ego.time[-1])
-    starts = [(EGO, concrete.ego, concrete.ego.heading),
-        *((actor.name, actor.start, actor.heading) for actor in actors)]  # fmt: skip
     unrecorded = ", ".join(it.name for it in actors if it.lively and it.name not in known)
     if unrecorded:
         remark = f"Not recorded, and so at one speed throughout: {unrecorded}. {remark}"
+    end = float(known[EGO].time[-1]) if EGO in known else settings.time_limit
     root = E.OpenSCENARIO(
         E.FileHeader(
             revMajor=1, revMinor=2, date="2022-01-01T00:00:00", author="sumo_eval",
@@ -239,8 +219,11 @@ def openscenario_xml(
             *(_entity(it.name, it.body, it.length, it.width, 10.0, 10.0) for it in actors),
         ),
         E.Storyboard(
-            E.Init(E.Actions(*(_begin(*start, road) for start in starts))),
-            E.Story(act, name="others"),
+            E.Init(E.Actions(
+                _begin(EGO, concrete.ego, concrete.ego.heading, road),
+                *(_begin(it.name, it.start, it.heading, road) for it in actors),
+            )),
+            E.Story(_act(concrete, settings, known), name="others"),
             E.StopTrigger(_after(end, "end")),
         ),
     )  # fmt: skip
@@ -250,58 +233,6 @@ def openscenario_xml(
         E.Properties(E.Property(name=CASE, value=case), E.Property(name=_SEAL, value=seal))
     )
     return document(root)
-
-
-def _seal(root: Any, road: bytes, case: str) -> str:
-    """The hash of a file without its properties, of its road and of its case."""
-    elements = [
-        (it.tag, sorted(it.attrib.items()))
-        for it in root.iter(etree.Element)
-        if it.tag not in ("Properties", "Property")
-    ]
-    return hashlib.sha256(repr(elements).encode() + road + case.encode()).hexdigest()
-
-
-def exported_case(root: Any, road: bytes) -> ConcreteScenario | None:
-    """The case of a file that `openscenario_xml` wrote; None of any other file.
-
-    road: the content of its OpenDRIVE file.
-
-    Raises InputError where either file was changed since.
-    """
-    held = {
-        it.get("name"): it.get("value", "")
-        for it in root.iterfind("FileHeader/Properties/Property")
-    }
-    if CASE not in held:
-        return None
-    if held.get(_SEAL) != _seal(root, road, held[CASE]):
-        raise InputError(
-            "an exported file and its road must be unchanged since; without the <Properties> of "
-            "its <FileHeader> it is read as any other file"
-        )
-    try:
-        case: ConcreteScenario = decoded(held[CASE].encode(), _RECORDS)
-        if not re.fullmatch(r"[\w.-]+", case.road.name):  # it becomes part of file names
-            raise ValueError(case.road.name)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise InputError("its exported case cannot be read") from error
-    return case
-
-
-def _begin(name: str, start: Start, heading: float, road: Road) -> Any:
-    """Place and speed of a vehicle at the start.
-
-    heading: rad to the left of the road.
-    """
-    return E.Private(
-        E.PrivateAction(E.TeleportAction(_position(road, start.x, start.y, heading))),
-        E.PrivateAction(E.LongitudinalAction(E.SpeedAction(
-            E.SpeedActionDynamics(dynamicsShape="step", value=0, dynamicsDimension="time"),
-            E.SpeedActionTarget(E.AbsoluteTargetSpeed(value=start.speed)),
-        ))),
-        entityRef=name,
-    )  # fmt: skip
 
 
 def _entity(name: str, body: str, length: float, width: float, accel: float, decel: float) -> Any:
@@ -343,6 +274,53 @@ def _entity(name: str, body: str, length: float, width: float, accel: float, dec
     return E.ScenarioObject(it, name=name)
 
 
+def _begin(name: str, start: Start, heading: float, road: Road) -> Any:
+    """Place and speed of a vehicle at the start.
+
+    heading: rad to the left of the road.
+    """
+    return E.Private(
+        E.PrivateAction(E.TeleportAction(_position(road, start.x, start.y, heading))),
+        E.PrivateAction(E.LongitudinalAction(E.SpeedAction(
+            E.SpeedActionDynamics(dynamicsShape="step", value=0, dynamicsDimension="time"),
+            E.SpeedActionTarget(E.AbsoluteTargetSpeed(value=start.speed)),
+        ))),
+        entityRef=name,
+    )  # fmt: skip
+
+
+def _act(
+    concrete: ConcreteScenario, settings: SimulationSettings, known: Mapping[str, Trajectory]
+) -> Any:
+    """The act in which vehicles follow trajectories.
+
+    known: recorded trajectories by vehicle.
+    """
+    road, actors = concrete.road, concrete.actors
+    moved = tracks(
+        [concrete],
+        [(settings.vehicle.length, settings.vehicle.width)],
+        VERTEX_INTERVAL,
+        settings.time_limit,
+        in_python=True,  # a single case is over before machine code is ready
+    )
+    # the motion of a lively actor depends on more than time
+    groups = [
+        _follow(actor.name, _on_the_road(rows, road), road)
+        for actor, rows in zip(actors, moved.others[0].tolist(), strict=True)
+        if actor.acts and not actor.lively
+    ]
+    for name in (EGO, *(actor.name for actor in actors if actor.lively)):
+        if path := known.get(name):
+            vertices = np.column_stack([path.time, path.x, path.y, path.heading]).tolist()
+            groups.append(_follow(name, vertices, road))
+    # an act must hold a group, even where no vehicle has a trajectory
+    nobody = E.ManeuverGroup(
+        E.Actors(selectTriggeringEntities="false"), maximumExecutionCount=1, name="nobody"
+    )
+    return E.Act(*(groups or [nobody]), E.StartTrigger(_after(0.0, "begin")), name="others")
+
+
 def _on_the_road(
     rows: list[list[float]], road: Road
 ) -> Iterator[tuple[float, float, float, float]]:
@@ -351,7 +329,7 @@ def _on_the_road(
     rows: as in `Tracks`.
     """
     for number, (x, y, heading, *_) in enumerate(rows):
-        if x > road.length + road.run_out:
+        if x > road.end:
             return
         yield round(number * VERTEX_INTERVAL, 6), x, y, heading
 
@@ -388,3 +366,40 @@ def _position(road: Road, x: float, y: float, heading: float) -> Any:
     """A position on the map, from one along and across the road."""
     x, y, heading = (float(it) for it in map_places(road.line, x, y, heading))
     return E.Position(E.WorldPosition(x=x, y=y, z=0, h=heading, p=0, r=0))
+
+
+def _seal(root: Any, road: bytes, case: str) -> str:
+    """The hash of a file without its properties, of its road and of its case."""
+    elements = [
+        (it.tag, sorted(it.attrib.items()))
+        for it in root.iter(etree.Element)
+        if it.tag not in ("Properties", "Property")
+    ]
+    return hashlib.sha256(repr(elements).encode() + road + case.encode()).hexdigest()
+
+
+def exported_case(root: Any, road: bytes) -> ConcreteScenario | None:
+    """The case of a file that `openscenario_xml` wrote; None of any other file.
+
+    road: the content of its OpenDRIVE file.
+
+    Raises InputError where either file was changed since.
+    """
+    held = {
+        it.get("name"): it.get("value", "")
+        for it in root.iterfind("FileHeader/Properties/Property")
+    }
+    if CASE not in held:
+        return None
+    if held.get(_SEAL) != _seal(root, road, held[CASE]):
+        raise InputError(
+            "an exported file and its road must be unchanged since; without the <Properties> of "
+            "its <FileHeader> it is read as any other file"
+        )
+    try:
+        case: ConcreteScenario = decoded(held[CASE].encode(), _RECORDS)
+        if not re.fullmatch(r"[\w.-]+", case.road.name):  # it becomes part of file names
+            raise ValueError(case.road.name)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise InputError("its exported case cannot be read") from error
+    return case
