@@ -48,7 +48,7 @@ def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
     for body in (ego, coming):
         x, y = front(body)
         right, left = float(road.right_edge_at(x)), float(road.left_edge_at(x))
-        on_lanes = right - reach <= y <= left + reach and 0.0 <= x <= road.length + road.run_out
+        on_lanes = right - reach <= y <= left + reach and 0.0 <= x <= road.end
         beside = not road.right_edge_at(body.x) <= body.y <= road.left_edge_at(body.x)
         if beside or not on_lanes:
             return True

@@ -223,7 +223,7 @@ class Traffic(Stage):
         road = self._road
         inside = (y > road.right_edge + LOSS_MARGIN) & (y < road.left_edge - LOSS_MARGIN)
         inside &= (np.cos(heading) > 0.0) & (begin >= 0.0)
-        inside &= begin < road.length + road.run_out - farthest_in(self._step)
+        inside &= begin < road.end - farthest_in(self._step)
         return np.asarray(inside & ~self._walks[number])
 
     def _shadow_lanes(

@@ -152,7 +152,7 @@ class World:
         self.egos, self.others = _egos(cases, settings.vehicle, placed), _others(cases)
         self.players = players([case.actors for case in cases])
         self.egos["scripted_until"] = [case.script_end + settings.step for case in cases]
-        self._end_of_lanes = cases[0].road.length + cases[0].road.run_out - _ARRIVED
+        self._end_of_lanes = cases[0].road.end - _ARRIVED
         self.none_leaves_before = 0.0  # s
         self.clips = np.zeros((n, len(WHATS)), CLIP)
         self.seen = np.zeros((n, m), MOVER)

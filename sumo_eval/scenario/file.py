@@ -109,7 +109,7 @@ def leaving(logical: LogicalScenario, points: FloatArray) -> Iterator[str]:
     k).
     """
     limit = SimulationSettings().time_limit if logical.time_limit is None else logical.time_limit
-    end = logical.road.length + logical.road.run_out
+    end = logical.road.end
     left: dict[str, list[tuple[float, str]]] = {}
     for concrete in logical.concretes(points):
         for name, time in leaves_at(concrete, end, limit):

@@ -35,7 +35,7 @@ def misplaced(
     road: Road, ego: Start, ego_body: EgoBody, actors: Sequence[Actor]
 ) -> Iterator[Misplaced]:
     """Vehicles with an impossible start, and paths that leave the map."""
-    end = road.length + road.run_out
+    end = road.end
     furthest = max([_BESIDE, *(crossing.reach for crossing in road.crossings)])
     for name, start, half, reach in (
         ("ego", ego, 0.0, 0.0),

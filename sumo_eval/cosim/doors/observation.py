@@ -122,7 +122,7 @@ def lane_borders(road: Road) -> tuple[LaneLine, ...]:
     half, found = 0.5 * road.lane_width, []
     for lane in range(road.lanes):
         span, y = road.span(lane), road.lane_centre(lane)
-        begin, end = max(span.begin, 0.0), min(span.end, road.length + road.run_out)
+        begin, end = max(span.begin, 0.0), min(span.end, road.end)
         found.append(
             LaneLine(*(((begin, y + beside), (end, y + beside)) for beside in (0.0, half, -half)))
         )

@@ -10,7 +10,7 @@ speed that it received. A case that is alone has the names that the user knows.
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from sumo_eval.cosim.sumo.sumo_files import EGO, departures, network_xml, vehicle_types
@@ -137,49 +137,48 @@ def shared_routes_xml(
     asked: ADSs ask SUMO; its driver model of the ego is awake, and every vehicle has a type of its
         own.
     """
-    types: dict[tuple[str, ...], str] = {}  # vehicles that differ in nothing share a type
+    # names of types by their attributes: vehicles that differ in nothing share a type
+    types: dict[tuple[tuple[str, str], ...], str] = {}
     others: list[str] = []
     names, count = vehicle_names(cases, asked=asked), len(cases)
     own_lanes = own_lanes or asked
     for case, concrete in enumerate(cases):
         route = name_in_sumo("along", suffix(case, count)) if asked else f"along{case}"
-        edges = edge_name(case, count, asked=asked)
-        vehicle = concrete.simulation(settings).vehicle
-        others.append(_element("route", {"id": route, "edges": edges}))
-        told = replace(concrete, road=plain(concrete.road)) if concrete.road.shaped else concrete
-        starts = departures(
-            told, vehicle.length, one_lane=not own_lanes and fits_one_lane(concrete)
+        others.append(
+            _element("route", {"id": route, "edges": edge_name(case, count, asked=asked)})
         )
-        described = zip(vehicle_types(concrete, vehicle), starts, strict=True)
-        for index, (kind, attributes) in enumerate(described):
-            name = kind.pop("id")
+        for index, (kind, departure) in enumerate(_vehicles(concrete, settings, own_lanes)):
+            name = names[case][index]
+            in_file = kind.pop("id")
             if (index or not asked) and (index == 0 or concrete.actors[index - 1].model is None):
                 kind["actionStepLength"] = str(_NEVER)
             if asked:
-                known = names[case][index]
-                types[(*kind, "id", *kind.values(), known)] = known
-            else:
-                known = types.setdefault(
-                    (*kind, *kind.values()), f"type{len(types)}" if count > 1 else name
-                )
-            own = {"id": names[case][index], "type": known, "route": route}
-            others.append(_element("vehicle", {**attributes, **own}))
+                kind["id"] = in_file = name
+            elif count > 1:
+                in_file = f"type{len(types)}"
+            own = {"type": types.setdefault((*kind.items(),), in_file), "route": route}
+            ids = [name]
             if not asked and concrete.reacts and has_shadow(concrete, index):
-                others.append(
-                    _element(
-                        "vehicle", {**attributes, **own, "id": shadow_name(names[case][index])}
-                    )
-                )
-    kinds = [
-        _element(
-            "vType",
-            {"id": name, **dict(zip(text[: len(text) // 2], text[len(text) // 2 :], strict=True))},
-        )
-        for text, name in types.items()
-    ]
+                ids.append(shadow_name(name))
+            others += [_element("vehicle", {**departure, "id": it, **own}) for it in ids]
+    kinds = [_element("vType", {"id": name, **dict(kind)}) for kind, name in types.items()]
     return "\n".join(
         ['<?xml version="1.0" encoding="UTF-8"?>', "<routes>", *kinds, *others, "</routes>", ""]
     )
+
+
+def _vehicles(
+    concrete: ConcreteScenario, settings: SimulationSettings, own_lanes: bool
+) -> Iterator[tuple[dict[str, str], dict[str, str]]]:
+    """Attributes of the type and of the departure of each vehicle of a case, the ego's first.
+
+    own_lanes: on the roads as they are.
+    """
+    vehicle = concrete.simulation(settings).vehicle
+    one_lane = not own_lanes and fits_one_lane(concrete)
+    plainly = replace(concrete, road=plain(concrete.road))
+    starts = departures(plainly, vehicle.length, one_lane=one_lane)
+    return zip(vehicle_types(concrete, vehicle), starts, strict=True)
 
 
 def _element(tag: str, attributes: Mapping[str, str]) -> str:

@@ -63,7 +63,7 @@ def sections(road: Road) -> tuple[RoadSection, ...]:
 
     SUMO does not support tapers: the lanes of a section have their full width throughout.
     """
-    last = road.length + road.run_out
+    last = road.end
     if not road.spans:
         return (RoadSection(_EDGE, 0.0, last, tuple(range(road.lanes)), -1, ""),)
     changes = {x for it in road.spans for x in (it.begin, it.end, it.parted_until, it.parted_from)}
@@ -151,26 +151,53 @@ def network_xml(road: Road) -> str:
     """
     if road.network is not None:
         return laid_along_x(road.network)
-    last, parts = road.length + road.run_out, sections(road)
+    parts = sections(road)
     nodes = ["begin", *(f"node{number}" for number in range(1, len(parts))), "end"]
+    edges, where = _edges_along(road, nodes)
+    for number, crossing in enumerate(road.crossings):
+        edge = f"crossing{number}"
+        begin, end, reach = f"{edge}_begin", f"{edge}_end", crossing.reach
+        where |= {begin: (crossing.at, -reach), end: (crossing.at, reach)}
+        shape = " ".join(_place(road, *where[name]) for name in (begin, end))
+        lane = _lane(road, f"{edge}_0", 0, 2.0 * reach, crossing.width, shape)
+        edges.append(_edge(edge, begin, end, [lane]))
+
+    joints = {
+        node: _joints(*pair) for node, *pair in zip(nodes[1:-1], parts, parts[1:], strict=False)
+    }
+    junctions = [
+        _junction(road, name, place, edges, len(joints.get(name, ())))
+        for name, place in where.items()
+    ]
+    connections = [
+        E.connection({"from": one, "to": other, "fromLane": str(first), "toLane": str(then),
+            "dir": "s", "state": "M"})
+        for (one, first), (other, then) in itertools.chain(*joints.values())
+    ]  # fmt: skip
+    bounds = _bounds(road)
+    return document(E.net(
+        E.location(
+            netOffset="0.00,0.00", convBoundary=bounds, origBoundary=bounds, projParameter="!"
+        ),
+        *edges, *junctions, *connections,
+        version="1.20", junctionCornerDetail="5", limitTurnSpeed="5.50",
+    ))  # fmt: skip
+
+
+def _edges_along(
+    road: Road, nodes: Sequence[str]
+) -> tuple[list[Any], dict[str, tuple[float, float]]]:
+    """Edges of the sections and their ramps, and x and y of their nodes, m.
+
+    nodes: names of those where sections begin or end.
+    """
+    last, parts = road.end, sections(road)
     middle = 0.5 * (road.left_edge + road.right_edge)
-    ends = [*(part.begin for part in parts), last]
-    # x and y of every node, and the lanes that lead there
-    where = {node: (x, middle) for node, x in zip(nodes, ends, strict=True)}
-    edges, into = [], dict[str, list[str]]()
-
-    def add(edge: str, begin: str, end: str, lanes: Sequence[float]) -> None:
-        """Add an edge between two nodes, with lanes at these y, m."""
-        first, until = where[begin][0], where[end][0]
-        into.setdefault(end, []).extend(f"{edge}_{index}" for index in range(len(lanes)))
-        edges.append(_edge(edge, begin, end, [
-            _lane(road, f"{edge}_{index}", index, until - first, road.lane_width,
-                _along(road, first, until, y))
-            for index, y in enumerate(lanes)
-        ]))  # fmt: skip
-
+    places = ((x, middle) for x in (*(part.begin for part in parts), last))
+    where = dict(zip(nodes, places, strict=True))
+    edges = []
     for part, (begin, end) in zip(parts, itertools.pairwise(nodes), strict=True):
-        add(part.edge, begin, end, [road.lane_centre(lane) for lane in part.lanes])
+        edges.append(_section_edge(road, part, part.edge, (begin, end), part.lanes))
         if part.ramp >= 0:
             y, ramp = road.lane_centre(part.ramp), part.ramp_edge
             if part.begin == 0.0:
@@ -179,34 +206,19 @@ def network_xml(road: Road) -> str:
             if part.end == last:
                 end = f"{ramp}_end"
                 where[end] = (last, y)
-            add(ramp, begin, end, [y])
-    for number, crossing in enumerate(road.crossings):
-        edge = f"crossing{number}"
-        begin, end, lane = f"{edge}_begin", f"{edge}_end", f"{edge}_0"
-        where |= {begin: (crossing.at, -crossing.reach), end: (crossing.at, crossing.reach)}
-        into[end] = [lane]
-        shape = " ".join(_place(road, *where[name]) for name in (begin, end))
-        drawn = _lane(road, lane, 0, 2.0 * crossing.reach, crossing.width, shape)
-        edges.append(_edge(edge, begin, end, [drawn]))
-    pairs = zip(nodes[1:-1], itertools.pairwise(parts), strict=True)
-    joints = {node: _joints(*pair) for node, pair in pairs}
-    junctions = [
-        _junction(road, name, place, into.get(name, ()), len(joints.get(name, ())))
-        for name, place in where.items()
-    ]
-    connections = [
-        E.connection({"from": one, "to": other, "fromLane": str(first), "toLane": str(then),
-            "dir": "s", "state": "M"})
-        for (one, first), (other, then) in itertools.chain(*joints.values())
-    ]  # fmt: skip
-    bounds = _bounds(road, last)
-    location = E.location(
-        netOffset="0.00,0.00", convBoundary=bounds, origBoundary=bounds, projParameter="!"
-    )
-    return document(E.net(
-        location, *edges, *junctions, *connections,
-        version="1.20", junctionCornerDetail="5", limitTurnSpeed="5.50",
-    ))  # fmt: skip
+            edges.append(_section_edge(road, part, ramp, (begin, end), (part.ramp,)))
+    return edges, where
+
+
+def _section_edge(
+    road: Road, part: RoadSection, name: str, nodes: tuple[str, str], lanes: Sequence[int]
+) -> Any:
+    """The edge of a section or of its ramp, between two nodes, with these lanes of the road."""
+    return _edge(name, *nodes, [
+        _lane(road, f"{name}_{index}", index, part.end - part.begin, road.lane_width,
+            _along(road, part.begin, part.end, road.lane_centre(lane)))
+        for index, lane in enumerate(lanes)
+    ])  # fmt: skip
 
 
 def _edge(name: str, begin: str, end: str, lanes: Sequence[Any]) -> Any:
@@ -220,12 +232,12 @@ def _lane(road: Road, name: str, index: int, length: float, width: float, shape:
 
 
 def _junction(
-    road: Road, name: str, place: tuple[float, float], lanes: Sequence[str], links: int
+    road: Road, name: str, place: tuple[float, float], edges: Sequence[Any], links: int
 ) -> Any:
     """A node of the network: a line across the road where edges end.
 
     place: x and y, m.
-    lanes: ids of the lanes that lead there.
+    edges: of the network.
     links: number of lanes that continue; none gives way to another.
     """
     x, y = _place(road, *place).split(",")
@@ -236,7 +248,8 @@ def _junction(
     return E.junction(
         *(E.request(index=index, response=none, foes=none, cont=0) for index in range(links)),
         id=name, type="priority" if links else "dead_end", x=x, y=y,
-        incLanes=" ".join(lanes), intLanes="",
+        incLanes=" ".join(lane.get("id") for it in edges if it.get("to") == name for lane in it),
+        intLanes="",
         shape=" ".join(_place(road, place[0], border) for border in borders),
     )  # fmt: skip
 
@@ -273,17 +286,16 @@ def _place(road: Road, x: float, y: float) -> str:
     return _polyline(road, np.array([x]), y) if road.bent else f"{_metres(x)},{_metres(y)}"
 
 
-def _bounds(road: Road, end: float) -> str:
-    """The box around a road up to `end`, m, and those that cross it."""
+def _bounds(road: Road) -> str:
+    """The box around a road and those that cross it."""
     if not road.bent:
         reach = max((it.reach for it in road.crossings), default=0.0)
-        corners = 0.0, min(road.right_edge, -reach), end, max(road.left_edge, reach)
+        corners = 0.0, min(road.right_edge, -reach), road.end, max(road.left_edge, reach)
         return ",".join(map(_metres, corners))
-    line = drawn_points(road.line, 0.0, end, _segment(road))
+    line = drawn_points(road.line, 0.0, road.end, _segment(road))
     edges = [map_places(road.line, line, edge)[:2] for edge in (road.right_edge, road.left_edge)]
     for it in road.crossings:
-        ends = np.array([-it.reach, it.reach])
-        edges.append(map_places(road.line, np.full(2, it.at), ends)[:2])
+        edges.append(map_places(road.line, np.full(2, it.at), np.array([-it.reach, it.reach]))[:2])
     box = np.hstack(edges)
     return ",".join(f"{value:.2f}" for value in (*box.min(axis=1), *box.max(axis=1)))
 
@@ -380,7 +392,7 @@ def departures(
     one_lane: the network has only lane 0 (`shared_files.fits_one_lane`).
     """
     vehicles, road = [], concrete.road
-    end = road.length + road.run_out
+    end = road.end
     starts = [(EGO, concrete.ego, ego_length)]
     for actor in concrete.actors:
         start, length = actor.start, actor.length
@@ -465,19 +477,14 @@ def _remarks(concrete: ConcreteScenario, origin: str) -> str:
 def view_xml(road: Road) -> str:
     """View of sumo-gui at the start of a case: the beginning of the road, slowed down."""
     # in per cent: at 100 sumo-gui shows the whole network
-    zoom = 100 * (road.length + road.run_out) / VIEW_LENGTH
+    zoom = 100 * road.end / VIEW_LENGTH
     middle = (road.left_edge + road.right_edge) / 2
     viewport = E.viewport(zoom=f"{zoom:g}", x=f"{VIEW_LENGTH / 2:g}", y=f"{middle:g}")
     return document(E.viewsettings(viewport, E.delay(value="50")))
 
 
 def configuration_xml(
-    network: str,
-    routes: str,
-    step: float,
-    *,
-    lane_change_duration: float,
-    view: str | None = None,
+    network: str, routes: str, step: float, *, lane_change_duration: float, view: str | None = None
 ) -> str:
     """A .sumocfg that opens the case in sumo-gui with the options that the harness uses.
 
@@ -486,7 +493,7 @@ def configuration_xml(
     network, routes, view: the files, relative to this one; without a view sumo-gui shows the whole
         network.
     """
-    options = {**SIMULATION_OPTIONS, "lanechange.duration": f"{lane_change_duration:g}"}
+    options = SIMULATION_OPTIONS | {"lanechange.duration": f"{lane_change_duration:g}"}
     return document(E.configuration(
         E.input(E("net-file", value=network), E("route-files", value=routes)),
         E.time(E.begin(value="0"), E("step-length", value=f"{step:g}")),
