@@ -191,42 +191,55 @@ def _share_inside(joint: Joint) -> float:
 @lru_cache(maxsize=512)
 def _prepared(joint: Joint) -> _Prepared:
     rows = np.array(joint.events)
-    n, k = rows.shape
-    shares = (
-        np.full(n, 1.0 / n) if not joint.weights else np.array(joint.weights) / sum(joint.weights)
-    )
+    weights = joint.weights or (1.0,) * len(rows)
+    shares = np.array(weights) / sum(weights)
     if joint.kind == "kde":
         covariance = np.atleast_2d(np.cov(rows.T, aweights=shares)) * joint.factor**2
         root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
         if joint.narrow:
             nearer, mean = 1.0 / np.sqrt(1.0 + joint.factor**2), shares @ rows
             rows, root = mean + nearer * (rows - mean), nearer * root
-        none = np.zeros((k, 0))
+        none = np.zeros((len(root), 0))
         return _Prepared(rows, shares, root, none, none, none)
-    from scipy.special import ndtr, ndtri
 
-    grids, densities, distributions = (np.zeros((k, GRID)) for _ in range(3))
-    scores = np.zeros((n, k))
-    for j in range(k):
-        grids[j] = np.linspace(joint.low[j], joint.high[j], GRID)
-        places, width = rows[:, j], joint.factor * _spread(rows[:, j])
-        if joint.narrow:
-            mean = shares @ places
-            nearer = 1.0 / np.sqrt(1.0 + width**2 / (shares @ (places - mean) ** 2))
-            places, width = mean + nearer * (places - mean), nearer * width
-        away = (grids[j][:, None] - places) / width
-        whole = ndtr(away) @ shares
-        mass = max(whole[-1] - whole[0], 1e-12)
-        distributions[j] = (whole - whole[0]) / mass
-        densities[j] = np.exp(-0.5 * away**2) @ shares / (width * np.sqrt(2.0 * np.pi) * mass)
-        # equal values have one score: the order of the events must not tie parameters together
-        _, place, times = np.unique(rows[:, j], return_inverse=True, return_counts=True)
-        scores[:, j] = ndtri((np.cumsum(times) - 0.5 * times)[place] / n)
-    correlation = _correlation(scores, shares)
+    correlation = _correlation(np.column_stack([_normal_scores(it) for it in rows.T]), shares)
     # that of parameters in one order is singular
     lift = max(LEAST_EIGENVALUE - float(np.linalg.eigvalsh(correlation)[0]), 0.0)
-    root = np.asarray(np.linalg.cholesky(correlation + lift * np.eye(k)), dtype=np.float64)
-    return _Prepared(rows, shares, root, grids, densities, distributions)
+    lifted = correlation + lift * np.eye(len(correlation))
+    root = np.asarray(np.linalg.cholesky(lifted), dtype=np.float64)
+    grids = np.linspace(joint.low, joint.high, GRID, axis=1)
+    marginals = [_marginal(joint, *it, shares) for it in zip(grids, rows.T, strict=True)]
+    return _Prepared(rows, shares, root, grids, *map(np.array, zip(*marginals, strict=True)))
+
+
+def _normal_scores(values: FloatArray) -> FloatArray:
+    """Normal scores (n,) of a parameter's values."""
+    from scipy.special import ndtri
+
+    # equal values have one score: the order of the events must not tie parameters together
+    _, place, times = np.unique(values, return_inverse=True, return_counts=True)
+    return np.asarray(ndtri((np.cumsum(times) - 0.5 * times)[place] / len(values)))
+
+
+def _marginal(
+    joint: Joint, grid: FloatArray, values: FloatArray, shares: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Density and distribution of a parameter on its grid.
+
+    values: (n,), of the events. shares: (n,), their weights.
+    """
+    from scipy.special import ndtr
+
+    width = joint.factor * _spread(values)
+    if joint.narrow:
+        mean = shares @ values
+        nearer = float(1.0 / np.sqrt(1.0 + width**2 / (shares @ (values - mean) ** 2)))
+        values, width = mean + nearer * (values - mean), nearer * width
+    away = (grid[:, None] - values) / width
+    whole = ndtr(away) @ shares
+    mass = max(whole[-1] - whole[0], 1e-12)
+    density = np.exp(-0.5 * away**2) @ shares / (width * np.sqrt(2.0 * np.pi) * mass)
+    return density, (whole - whole[0]) / mass
 
 
 def _correlation(scores: FloatArray, shares: FloatArray) -> FloatArray:
