@@ -397,10 +397,9 @@ class Replays(EgoControl):
 
     def __init__(self, replays: Sequence[Replay], terms: Terms) -> None:
         super().__init__(terms)
-        longest = max(len(it.commands) for it in replays)
         # x, y, heading and speed of egos that the vehicle model did not move, then acceleration
         # and steering of all egos
-        self._commands = np.zeros((len(replays), longest + 1, 6))
+        self._commands = np.zeros((len(replays), 1 + max(len(it.commands) for it in replays), 6))
         for row, it in enumerate(replays):
             self._commands[row, : len(it.commands), -it.commands.shape[1] :] = it.commands
         self._moved = np.array([it.commands.shape[1] > 2 for it in replays])

@@ -224,8 +224,7 @@ class _Hook:
         if self._native:
             self._calls.setSpeed(self.ego, -1)
         if self.ads.observes:
-            streams = [stream_of(self._seed, concrete)]
-            self._perception = Perception([settings.conditions], streams)
+            self._perception = Perception([settings.conditions], [stream_of(self._seed, concrete)])
             self._task, self._kinds = task_of(concrete), kinds_of(concrete)
             me: Any = proxy(self)  # no circle, see `OnTraci`
             self._act = lambda *_: me.ads.act(me._seen)
@@ -426,8 +425,8 @@ class _Hook:
                 Body(last_s, state[1], state[2], last_speed, *sizes), self.road, self._step
             ):
                 raise LeftTheRoadError
-            before = Body(last_x, last_y, last_heading, last_speed, *sizes)
-            raise impossible(calls, self.ego, front(before), now, self._step)
+            before = front(Body(last_x, last_y, last_heading, last_speed, *sizes))
+            raise impossible(calls, self.ego, before, now, self._step)
         if angle == 90.0:  # along the road, exactly: nearly every vehicle nearly always
             x, y, heading = front_x - self._half, front_y, 0.0
         else:

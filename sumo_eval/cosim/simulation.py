@@ -203,8 +203,8 @@ def _opened(
     if not on_traci and road.network is None:
         own = ads.is_policy  # it may ask SUMO for lanes, which must be those of the road alone
         network = network_xml(plain(road)) if own else shared_network_xml([concrete])
-        texts = network, shared_routes_xml([concrete], settings, own_lanes=own)
-        return running(*texts, settings, road, collisions="none")
+        routes = shared_routes_xml([concrete], settings, own_lanes=own)
+        return running(network, routes, settings, road, collisions="none")
     if isinstance(ads, NativeModel):
         return session(concrete, settings, ads.vtype_on(road))
     return session(concrete, settings, own_vehicle_type(_driven_object(ads), road))
@@ -249,9 +249,13 @@ def simulate_many(
         function every case gets a fresh object; a single object serves all cases in order.
     alone: counts the cases that are driven one by one, by reason.
     """
-    together = simulate_together(cases, controller, settings, terms=Terms(folder=folder))
     each = controller if isinstance(controller, list | tuple) else [controller] * len(cases)
-    for concrete, own_controller, driven in zip(cases, each, together, strict=True):
+    for concrete, own_controller, driven in zip(
+        cases,
+        each,
+        simulate_together(cases, controller, settings, terms=Terms(folder=folder)),
+        strict=True,
+    ):
         if isinstance(driven, Recording):
             yield driven
             continue
@@ -483,8 +487,8 @@ def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
             if start.x > ego.x and ego.speed > start.speed
         ]
         return min(times, default=math.inf)
-    speeds = [start.speed for start in (ego, *starts) if start.speed > 0.0]
-    return (concrete.road.length - ego.x) / min(speeds, default=math.inf)
+    slowest = min((it.speed for it in (ego, *starts) if it.speed > 0.0), default=math.inf)
+    return (concrete.road.length - ego.x) / slowest
 
 
 def _fits_beside_others(concrete: ConcreteScenario) -> bool:

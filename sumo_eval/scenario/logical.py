@@ -68,8 +68,9 @@ class Parameter:
             raise must_be(what, owner, "a number", value)
         number = float(value)
         if not self.low <= number <= self.high:
-            within = f"within {self.low:g}..{self.high:g}{self.unit_suffix}"
-            raise must_be(what, owner, within, number)
+            raise must_be(
+                what, owner, f"within {self.low:g}..{self.high:g}{self.unit_suffix}", number
+            )
         if self.values and number not in self.values:
             allowed = ", ".join(f"{known:g}" for known in self.values)
             raise must_be(what, owner, f"one of {allowed}{self.unit_suffix}", number)

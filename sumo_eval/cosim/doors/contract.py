@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -194,10 +195,10 @@ def _ends(cases: Sequence[ConcreteScenario], recordings: Sequence[Recording]) ->
     """Findings on how cases end: each case that does well, and each cause of a fault once, with its
     count.
     """
-    alike: dict[str, list[tuple[ConcreteScenario, Recording]]] = {}
+    alike = defaultdict[str, list[tuple[ConcreteScenario, Recording]]](list)
     for case, one in zip(cases, recordings, strict=True):
         cause = "" if one.error is None else without_numbers(one.error) + one.error_place
-        alike.setdefault(cause, []).append((case, one))
+        alike[cause].append((case, one))
     found = [
         Finding(
             "ok",

@@ -371,16 +371,17 @@ def _other_way(locator: str) -> str | None:
     scheme, colon, rest = locator.partition(":")
     plain = locator.partition("?")[0]
     suffix = Path(plain).suffix
-    if scheme.lower() in _BY_SCHEME and ":" in rest:
-        return f"{_adapter(_BY_SCHEME[scheme.lower()], rest)} drives it"
-    if colon and scheme.lower() in ("ros2", "ros"):
-        return "a node that `exec:` starts drives a ROS 2 stack (docs/ads/ros2.md)"
-    if colon and scheme.lower() in ("grpc", "http", "https", "tcp", "zmq"):
-        return (
-            "a class with `act(observation)` that asks the server drives it "
-            "(docs/ads/observation.md)"
-        )
     if colon:
+        scheme = scheme.lower()
+        if scheme in _BY_SCHEME and ":" in rest:
+            return f"{_adapter(_BY_SCHEME[scheme], rest)} drives it"
+        if scheme in ("ros2", "ros"):
+            return "a node that `exec:` starts drives a ROS 2 stack (docs/ads/ros2.md)"
+        if scheme in ("grpc", "http", "https", "tcp", "zmq"):
+            return (
+                "a class with `act(observation)` that asks the server drives it "
+                "(docs/ads/observation.md)"
+            )
         return None
     if suffix in (".onnx", ".fmu"):
         return f"`{suffix[1:]}:{locator}` drives it"

@@ -108,8 +108,9 @@ class Action(Checked):
         Checked.__post_init__(self)
         check_known("action", ACTIONS, self.name)
         if self.values is not None and (self.low is not None or not self.values):
-            wanted = "numbers, without `low` and `high`"
-            raise must_be("`values`", f"`{self.name}`", wanted, self.values)
+            raise must_be(
+                "`values`", f"`{self.name}`", "numbers, without `low` and `high`", self.values
+            )
         _check_range(self.name, self.low, self.high)
 
 
@@ -164,8 +165,7 @@ class Interface(Checked):
 
     def show(self, seen: Observations) -> NDArray[np.float32]:
         """The features of n cases, (n, number of features)."""
-        n = len(seen.number)
-        raw = np.empty((n, len(self.features)))
+        raw = np.empty((len(seen.number), len(self.features)))
         for column, (read, absent) in enumerate(self._readers):
             value = read(seen, self.frame)
             # readers give nan or inf for a vehicle that does not exist
@@ -211,8 +211,9 @@ class Interface(Checked):
 
     def to_toml(self) -> str:
         """The table as a file has it."""
-        file = _File(self.features, self.actions, self.frame, self.period)
-        return to_toml(file)  # type: ignore[arg-type]
+        return to_toml(
+            _File(self.features, self.actions, self.frame, self.period)  # type: ignore[arg-type]
+        )
 
 
 @dataclass(frozen=True, slots=True)

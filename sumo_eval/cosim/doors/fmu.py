@@ -225,8 +225,9 @@ class _Fmu:
         lists: Sequence[str],
     ) -> dict[str, tuple[Any, int]]:
         known = (*needed, *optional)
-        owner = f"output in the mapping of FMU `{self.path.name}`"
-        check_known(owner, (*known, *lists), *wiring.outputs)
+        check_known(
+            f"output in the mapping of FMU `{self.path.name}`", (*known, *lists), *wiring.outputs
+        )
         wired = {}
         for what in known:
             found = self._variables.get(what)
@@ -359,8 +360,7 @@ class _Fmu:
 
     def _factor(self, variable: Any) -> float:
         """Factor from the unit of a variable, or of its type, to the SI unit."""
-        unit = variable.unit or getattr(variable.declaredType, "unit", None)
-        return self._factors.get(unit, 1.0)
+        return self._factors.get(variable.unit or getattr(variable.declaredType, "unit", None), 1.0)
 
     def _kind(self, variable: Any) -> str:
         """The type by which the FMU is asked."""

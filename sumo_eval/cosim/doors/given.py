@@ -18,8 +18,7 @@ def load_given(file: str, folder: Path | None) -> Any:
     """
     import cloudpickle
 
-    path = Path(folder or Path.cwd(), file)
-    content = read_input(path, "ADS by value")
+    content = read_input(Path(folder or Path.cwd(), file), "ADS by value")
     try:
         return cloudpickle.loads(content)
     except KeyboardInterrupt:

@@ -193,8 +193,9 @@ def _no_such_lane(call: str, name: str, given: Mapping[str, object]) -> Breach |
     """
     try:
         if call in ("changeLane", "moveToXY"):
-            least = -1 if call == "moveToXY" else 0
-            return _no_such_index("laneIndex", given, least, _lanes(name) - 1)
+            return _no_such_index(
+                "laneIndex", given, -1 if call == "moveToXY" else 0, _lanes(name) - 1
+            )
         if call == "changeLaneRelative":
             here = libsumo.vehicle.getLaneIndex(name)
             if here >= 0:
