@@ -765,7 +765,7 @@ def test_a_speed_relative_to_a_later_event_is_refused(tmp_path):
     path = changed(tmp_path, ("</Entities>", third), ("</Actions></Init>", there),
         ('s="false"><EntityRef entityRef="Other"', 's="false"><EntityRef entityRef="Third"'),
         events=timed(relative, 5) + then + timed(BRAKE, 2, n=2))  # fmt: skip
-    with refusal("`Other`, to which it is relative, has an earlier move below it"):
+    with refusal("`Other`, on which it depends, may move before"):
         read_file(path)
 
 

@@ -157,17 +157,25 @@ class Moves:
         return other
 
     def _add(self, entity: Entity, begin: Moment, act: Act, lasts: float) -> Span:
-        for time, kinds, element in entity.reads:
-            later = begin.known and begin.time >= time
-            if act.kind in kinds and not (later or changes_nothing(act)):
-                raise element.fault(
-                    f"`{entity.name}`, to which it is relative, has an earlier move below it in "
-                    "the file, which is not supported"
-                )
+        if not changes_nothing(act):
+            self._check_reads(entity, begin, act)
         entity.acts.append(act._replace(begin=begin.time, program=begin.program))
         if begin.known:
             return Span(begin, begin.time + lasts)
         return Span(begin, NEVER, self._ended(entity))
+
+    def _check_reads(self, entity: Entity, begin: Moment, act: Act) -> None:
+        """Refuse a move that may begin before one above it that is planned from what held then."""
+        own = played.ENDED, self.numbers.get(entity.name)
+        earliest = begin.time if begin.known else -math.inf
+        if any(step[:2] == own for step in begin.program):
+            earliest = math.inf
+        for time, kinds, element in entity.reads:
+            if act.kind in kinds and earliest < time:
+                raise element.fault(
+                    f"`{entity.name}`, on which it depends, may move before by an event below it "
+                    "in the file, which is not supported"
+                )
 
     # -- speeds ------------------------------------------------------------------------------------
 
@@ -178,6 +186,7 @@ class Moves:
         if target.flag("continuous"):
             return self._match_speed(target, dynamics, entity, begin, speed)
         shape = dynamics.one_of("dynamicsShape", _SHAPES)
+        kind = dynamics.text("dynamicsDimension", "")
         # amid a change, its speed is between those two; the farther one bounds the time
         between = (entity.pace, entity.before) if _changes(entity, begin) else (entity.pace,)
         first = max(between, key=lambda it: abs(it - speed))
@@ -211,7 +220,10 @@ class Moves:
             act = Act(played.BY_TIME, table=tuple(map(tuple, table)))
         entity.before, entity.pace = first, speed
         entity.steady = begin.time + lasts if begin.known else 0.0
-        return self._add(entity, begin, act, lasts)
+        span = self._add(entity, begin, act, lasts)
+        if not (step or begin.known or (shape, kind) == ("linear", "rate")):
+            entity.reads.append((math.inf, _SPEEDS, dynamics))
+        return span
 
     def _unsure(self, entity: Entity, begin: Moment, kinds: tuple[int, ...]) -> bool:
         """Whether an earlier move of some kinds may still wait when another begins."""
