@@ -507,11 +507,8 @@ class CaseTable(CaseProperties):
 
     @classmethod
     def of(cls, rows: Iterable[CaseResult] | CaseTable) -> CaseTable:
-        """Make a table of records, in their order.
-
-        A table that has all rows of its chunks is returned as it is.
-        """
-        if isinstance(rows, CaseTable) and rows.rows is None:
+        """Make a table of records, in their order; a table is returned as it is."""
+        if isinstance(rows, CaseTable):
             return rows
         chunks = []
         for kind, group in groupby(rows, key=lambda row: (row.scenario, row.ads, *row.values)):

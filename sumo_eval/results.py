@@ -442,7 +442,9 @@ class Evaluation:
 
     def __post_init__(self) -> None:
         # a caller may give records instead of a table
-        object.__setattr__(self, "cases", CaseTable.of(self.cases))
+        # some rows of a table are made a table of their own, whose parts can be asked for
+        some = isinstance(self.cases, CaseTable) and self.cases.rows is not None
+        object.__setattr__(self, "cases", CaseTable.of(iter(self.cases) if some else self.cases))
 
     @property
     def source(self) -> Path:

@@ -84,6 +84,8 @@ def test_rows_come_back_as_they_were(rows):
     ]  # fmt: skip
     for some in (odd, odd[:1], [*odd, *rows[:2]]):
         assert list(CaseTable.of(some)) == some
+    part = CaseTable.of(odd)[1:]  # no row of which becomes a record
+    assert CaseTable.of(part) is part
     assert str(CaseTable.of(odd)[0].severity) == "-0.0"
     np.testing.assert_array_equal(
         CaseTable.of(odd).parameters(["c", "a b"]), [[2.0, 1.5], [np.inf, 0.1 + 0.2]]

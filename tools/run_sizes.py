@@ -98,7 +98,7 @@ def made_up_run(folder: Path, cases: int) -> Evaluation:
 def of_rows_alone(folder: Path, cases: int) -> Evaluation:
     """A made-up run with its rows, none of them read yet; its scores are those of two of them."""
     rows = made_up_rows(folder, cases)
-    two = combine("first", "cut_in", rows[:2], MethodSettings())
+    two = combine("first", "cut_in", list(rows[:2]), MethodSettings())
     return Evaluation(
         folder.name,
         folder,
@@ -150,15 +150,8 @@ def written_page(run: Evaluation) -> Path:
     """The page: without trajectories, of which it has at most 4.5 MB, since made-up rows have no
     drives.
     """
-    with (
-        patch(
-            "sumo_eval.report.sent_drives.worth_embedding",
-            lambda *_: Embedded(frozenset(), frozenset()),
-        ),
-        patch(
-            "sumo_eval.report.sent_drives._points_of", lambda _, names, __: dict.fromkeys(names, 0)
-        ),
-    ):
+    nothing = Embedded(frozenset(), frozenset())
+    with patch("sumo_eval.report.sent_drives.worth_embedding", lambda *_: nothing):
         return write_report(run, zone_partitions(run))
 
 
