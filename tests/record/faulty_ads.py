@@ -74,7 +74,7 @@ def chatters(traci, ego, now):
 def leaves_threads(traci, ego, now):
     """A thread that takes the process down when the case is over."""
     if now == 0.0:
-        threading.Thread(target=lambda: (time.sleep(0.2), os._exit(9)), daemon=True).start()
+        threading.Thread(target=lambda: (time.sleep(1.0), os._exit(9)), daemon=True).start()
     return Command(0.0)
 
 
