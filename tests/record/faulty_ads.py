@@ -129,3 +129,9 @@ class PrintsPid:
 
     def step(self, traci, ego, now):
         return Command(-5.0)
+
+
+class PrintsPidBesideAThread(PrintsPid):
+    def __init__(self):
+        super().__init__()
+        threading.Thread(target=time.sleep, args=(60.0,), daemon=True).start()

@@ -249,10 +249,13 @@ def test_the_least_memory_that_is_accepted_is_enough():
     assert outcome.status == "ok"
 
 
-def test_a_child_is_replaced_after_its_share_of_cases():
-    setup = limited(workers=1, cases_per_child=2)
-    pids = [outcome.log for outcome in run_cases(cases_of("faulty_ads.py:PrintsPid", 5), setup)]
-    assert [pids.count(pid) for pid in dict.fromkeys(pids)] == [2, 2, 1]
+@pytest.mark.parametrize(
+    ("ads", "share", "cases"), [("PrintsPid", 2, [2, 2, 1]), ("PrintsPidBesideAThread", 5, [1] * 5)]
+)
+def test_a_child_is_replaced_after_its_share_or_a_thread(ads, share, cases):
+    setup = limited(workers=1, cases_per_child=share)
+    pids = [outcome.log for outcome in run_cases(cases_of(f"faulty_ads.py:{ads}", 5), setup)]
+    assert [pids.count(pid) for pid in dict.fromkeys(pids)] == cases
     assert str(os.getpid()) not in pids
 
 
