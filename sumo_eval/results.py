@@ -261,7 +261,7 @@ class ScenarioResult:
     <score>_interval: 95 % interval of a score, from the points, the drivers and collisions that
         were not seen (`sumo_eval.scoring.confidence.intervals`). Its ends include the score with
         the missing cases counted as worst and as best. The worst of a missing safe case is a
-        collision, which leaves S without D. None: fewer than two cases count (`Outcome.counted`),
+        collision, which leaves S without D. None: fewer than two cases are `counted`,
         and none is missing.
     half_widths_by_source: half the width of the intervals of S and S+ that points (`cases`) alone
         and drivers alone cause.

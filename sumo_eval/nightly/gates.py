@@ -210,6 +210,7 @@ def _judge_cases(
     if compared is not None:
         before[compared.changed.paired.new_rows] = compared.comparable(name)[0]
     for beyond, scale, words in _column_bounds(limit, before, after):
+        # bounds on a change have the base's values as their scale, others the bound itself
         own, known = scale is not before, int(np.isfinite(beyond).sum())
         result = partial(GateResult, limit.quantity, score.ads, score.scenario, own=own)
         if known:

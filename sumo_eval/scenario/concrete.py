@@ -73,7 +73,7 @@ class Road:
 
     @property
     def end(self) -> float:
-        """x of the road's end, m."""
+        """x at which the road itself ends, behind `length`, m."""
         return self.length + self.run_out
 
     @property

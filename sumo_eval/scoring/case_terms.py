@@ -235,8 +235,8 @@ class _Missing(NamedTuple):
 
     lost: the case could not be evaluated, and the ADS did not give up.
     gone: the case was not evaluated, for whatever reason, and is without a collision.
-    unsure: the drive of the ideal vehicle, or of doing nothing.
-    untimed, unrated, unindexed, unlike: a t_i, ratio, D_i or human-likeness that there could be.
+    unsure: Ug or U0 is missing.
+    untimed, unrated, unindexed, unlike: a t_i, ratio, D_i or human-likeness is missing.
     """
 
     lost: BoolArray

@@ -126,15 +126,16 @@ def moved(
     values: Mapping[str, float],
     lever: Lever,
     value: float,
+    *,
     revealed: bool = False,
 ) -> ConcreteScenario | None:
     """The concrete scenario of a case with one lever at a value.
 
-    It keeps the recorded values, which name the case's streams of random numbers, unless they are
-    `revealed` to the ADS.
-
     None: the scenario has no such point.
-    """  # fmt: skip
+
+    revealed: whether the ADS receives the parameters. If not, the case keeps the recorded ones,
+        which name its streams of random numbers.
+    """
     if lever.name in logical.names:
         try:
             point = logical.concrete(**{**values, lever.name: value})

@@ -171,7 +171,7 @@ class WhatIf:
         cases = [
             Case(number, concrete, "ads", fact.driver, locator, seed=self._run.settings.seed)
             for number, (lever, value) in enumerate(asked)
-            if (concrete := moved(logical, fact.values, lever, value, revealed))
+            if (concrete := moved(logical, fact.values, lever, value, revealed=revealed))
         ]
         self._drives += len(cases)
         evaluated: list[Outcome | None] = [None] * len(asked)

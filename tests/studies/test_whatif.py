@@ -115,7 +115,7 @@ def test_law_a_lever_keeps_the_chance_of_its_case_unless_told(night):
     here, there = (moved(space, values, lever, value) for value in (lever.recorded, lever.high))
     assert here.actors != there.actors
     assert stream_of(1, here) == stream_of(1, there)
-    assert moved(space, values, lever, lever.high, True).values["lead_speed"] == lever.high
+    assert moved(space, values, lever, lever.high, revealed=True).values["lead_speed"] == lever.high
 
 
 def test_a_collision_gets_a_table_and_json(night):

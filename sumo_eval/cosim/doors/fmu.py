@@ -49,7 +49,7 @@ from sumo_eval.errors import (
     needs_extra,
     said,
 )
-from sumo_eval.input_file import input_file
+from sumo_eval.input_file import changed_at, input_file
 from sumo_eval.settings import FmuSettings
 
 SIGNALS = signal_names()
@@ -113,7 +113,7 @@ class _Fmu:
         self._library = fmpy
         input_file(path, "FMU")
         try:
-            self._folder, self.description = _unpacked(path, path.stat().st_mtime_ns)
+            self._folder, self.description = _unpacked(path, changed_at(path))
         except Exception as error:
             raise InputError(f"FMU {path} cannot be read: {said(error)}.") from error
         if self.description.fmiVersion not in ("2.0", "3.0"):

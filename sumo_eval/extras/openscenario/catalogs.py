@@ -25,7 +25,7 @@ class Catalogs:
     def _all(self) -> dict[str, list[Node]]:
         """The catalogs by name; several files may have one of a name."""
         catalogs: dict[str, list[Node]] = {}
-        for _, at in self.folders:
+        for _, at in self.folders:  # a file may be added there
             depends_on(at)
         # one folder may be named for several kinds of catalogs
         for file in dict.fromkeys(

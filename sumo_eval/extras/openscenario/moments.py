@@ -97,7 +97,7 @@ class Moment:
 
     time: s, inf for never; with a program it is the delay after its condition holds.
     until: s, when it cannot begin any more.
-    past: an element has begun: so it stays, also where its condition no longer holds.
+    past: whether an element starts then, and remains started when its condition fails again.
     """
 
     time: float
@@ -142,8 +142,8 @@ class Conditions:
     """Access of conditions to entities, their numbers among the actors, and elements of the
     storyboard above.
 
-    latch: adds a move that changes nothing and begins s after a program holds; the program of its
-        end.
+    latch: adds a move that changes nothing and begins a time, s, after a program holds; returns the
+        program of its end.
     """
 
     places: Places
@@ -462,7 +462,7 @@ class Conditions:
         return of_vehicle(played.ALONG, self._number(body, element), at_start)
 
     def _own(self, element: Node, one: Entity, direction: str) -> DriveNumber:
-        """The speed of a body where it points, m/s: above 0 also of an oncoming one."""
+        """The speed of a body in the direction in which it points, m/s."""
         along, share = self._along(element, one, direction), math.cos(one.frame.heading)
         if abs(share) < _ACROSS:
             raise element.fault("the speed of an entity that crosses the road is not supported")

@@ -148,7 +148,7 @@ class Moves:
         return known[element.tag](element, entity, moment)
 
     def _read(self, target: Node, mover: Entity, begin: Moment, kinds: tuple[int, ...]) -> Entity:
-        """The other entity of a move that takes what its moves of some kinds led to by then."""
+        """The entity to which a move is relative; notes when its moves of these kinds are read."""
         other = self.places.referred(target)
         if other is not mover:
             if kinds == _ACROSS and other.moved != 0.0:

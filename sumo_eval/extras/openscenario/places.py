@@ -75,12 +75,16 @@ class Entity:
     frame: the centre of its body along and across the road, once the road is known.
     on_map: its path is straight on the map, not along the road, which is curved.
 
-    acts: its moves by the file so far. waits: actions of Init that set its speed and were
-    not done. pace: its speed by its moves so far, m/s, from `steady` s on; before: the speed that
-    changes to it. moved: to the left of
-    its start, m. busy_until: end of its last lateral move, s. begins: the moment of its last change
-    of `speed`, and of its last lateral move by distance, `across`. reads: times, s, at which an
-    element takes what acts of some kinds lead to.
+    acts: its moves by the file so far.
+    waits: actions of Init that set its speed and were not done.
+    pace: its speed by its moves so far, m/s, from `steady` s on; before: the speed that changes to
+        it.
+    moved: to the left of its start, m.
+    busy_until: end of its last lateral move, s.
+    begins: the moment of its last change of `speed`, and of its last lateral move by distance,
+        `across`.
+    reads: moves that were planned from what its acts of some kinds lead to by a time: that time, s,
+        the kinds, and the element.
     """
 
     name: str
