@@ -44,7 +44,7 @@ def first_departure(ego: Trajectory, road: Road, margin: float) -> Departure | N
     road: a road that crosses it is drivable as well.
     margin: `road_margin`, width of a paved edge strip, m.
     """
-    away = np.flatnonzero(_off_road(*_corners(ego), road, margin).any(axis=0))
+    away = np.flatnonzero(off_road(*_corners(ego), road, margin).any(axis=0))
     if not away.size:
         return None
     return Departure(float(ego.time[away[0]]), float(ego.speed[away[0]]))
@@ -58,7 +58,7 @@ def _corners(ego: Trajectory) -> tuple[FloatArray, FloatArray]:
     return ego.x + along * cosine - aside * sine, ego.y + along * sine + aside * cosine
 
 
-def _off_road(x: FloatArray, y: FloatArray, road: Road, margin: float) -> BoolArray:
+def off_road(x: FloatArray, y: FloatArray, road: Road, margin: float) -> BoolArray:
     """Whether places (...) are more than `margin` m beyond the road and every road that crosses
     it.
     """

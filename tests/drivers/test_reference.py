@@ -32,19 +32,21 @@ LOGICAL = catalogue.load("front_vehicle_low_speed")
 MOTORWAY = sorted(file for name, file in scenario_files().items() if name.startswith("motorway_"))
 
 
-def write_people(path, speeds, *, seconds=60.0, same_driver=(), lead_step=0.0):
+def write_people(path, speeds, *, seconds=60.0, same_driver=(), lead_step=0.0, side=1):
     """A recording for each speed: somebody at it approaches a leader at 15 m/s (or faster by up to
     two steps), and overtakes at 12 s.
+
+    side: 1: on the left, -1: on the right.
     """
     parts = []
     for number, speed in enumerate(speeds):
-        ego = track("ego", 0.0, speed, move=(12.0, 5.0, 3.75), seconds=seconds)
+        ego = track("ego", 0.0, speed, move=(12.0, 5.0, 3.75 * side), seconds=seconds)
         slow = 15.0 + lead_step * (number % 3)
         lead = track("lead", 3.5 * speed + 10.0 * (speed - slow) + 5.0, slow, seconds=seconds)
         driver = "anna" if number in same_driver else ""
         parts.append(pd.concat([ego, lead]).assign(recording=f"r{number}", driver=driver))
     table = pd.concat(parts, ignore_index=True)
-    table["lane"] = np.round(table["y"] / 3.75).astype(int)
+    table["lane"] = np.round(table["y"] / 3.75).astype(int) + (side < 0)
     write_csv(Recordings(table), path)
     return path
 
@@ -91,6 +93,11 @@ def test_a_driver_counts_once_and_a_recording_that_ends_too_early_does_not(tmp_p
     assert len(found_in(settings_for(path), tmp_path).drives) == 2
     # 10 s of 550 m at 25 m/s, in the same file, which is read again once it has changed
     write_people(path, [25.0], seconds=20.0)
+    assert not found_in(settings_for(path), tmp_path).drives
+
+
+def test_a_recorded_drive_that_leaves_the_road_does_not_count(tmp_path):
+    path = write_people(tmp_path / "people.csv", [25.0], side=-1)
     assert not found_in(settings_for(path), tmp_path).drives
 
 

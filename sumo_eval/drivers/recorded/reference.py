@@ -19,6 +19,7 @@ from sumo_eval.drivers.recorded.matching import matching_events
 from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.errors import InputError, check_known
 from sumo_eval.input_file import changed_at
+from sumo_eval.method.driving_task import off_road
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import Counterpart
 from sumo_eval.settings import DriverSettings
@@ -95,8 +96,9 @@ def reference(
     """All drives recorded in a concrete scenario: named drives as they are, else events like it,
     nearest first.
 
-    An event counts when each parameter is within its tolerance, and when its recording covers
-    `settings.coverage` of the road or ends in standstill. A driver counts once. Positions begin at
+    An event counts when each parameter is within its tolerance, when its recording covers
+    `settings.coverage` of the road or ends in standstill, and when the drive fits on the road: a
+    recorded motorway may have had more lanes, or an exit. A driver counts once. Positions begin at
     the ego's start; lateral ones are stretched from the recorded lanes' width to the scenario's.
 
     recorded: the events as which the scenario occurs on the road; None: unknown.
@@ -118,7 +120,7 @@ def reference(
             continue
         drive = _aligned(track, event.start, concrete, people)  # type: ignore[arg-type]
         covers = drive.speed[-1] < _STANDS or drive.x.max() - concrete.ego.x >= least
-        if len(drive) > 1 and covers:
+        if len(drive) > 1 and covers and not off_road(drive.x, drive.y, concrete.road, 0.0).any():
             drives[name] = drive
     return Reference(tuple(drives.values()), tuple(drives))
 
