@@ -15,7 +15,7 @@ from scipy import stats
 from sumo_eval.errors import must_be
 
 EXACT = 8
-"""Number of pairs up to which p is counted over all orders, at most 8! = 40,320.
+"""Most pairs of which p is counted over all their orders: 8! = 40,320.
 
 For few pairs Student's t is wrong: four pairs in the same order would have p = 0.
 """
@@ -44,12 +44,8 @@ def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
     """
     first, second = np.asarray(scores, dtype=float), np.asarray(opinions, dtype=float)
     if first.shape != second.shape or first.ndim != 1 or first.size < 3:
-        raise must_be(
-            "The lists",
-            "a rank correlation",
-            "equally long, at least 3",
-            f"{first.shape} and {second.shape}",
-        )
+        shapes = f"{first.shape} and {second.shape}"
+        raise must_be("The lists", "a rank correlation", "equally long, at least 3", shapes)
     if not (np.ptp(first) > 0.0 and np.ptp(second) > 0.0):
         return Agreement(math.nan, math.nan, first.size)
     rho = stats.spearmanr(first, second)
@@ -58,7 +54,7 @@ def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
         mean_rank = 0.5 * (first.size + 1)
         ranks = stats.rankdata(first) - mean_rank
         orders = list(itertools.permutations(stats.rankdata(second) - mean_rank))
-        # proportional to |rho| of each order; the first is the order of the opinions themselves
+        # proportional to |rho| of each order; the first is the order of the opinions as given
         sums = np.abs(np.array(orders) @ ranks)
         p_value = float(np.mean(sums >= sums[0] - 1e-9))  # equal but for rounding counts
     return Agreement(float(rho.statistic), p_value, first.size)

@@ -24,7 +24,7 @@ Readings of the paper (docs/method.md) that this file is built on:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Literal, NamedTuple
@@ -224,8 +224,8 @@ def indexes_by_group(
     if not pairings:
         return [[] for _ in groups]
     vehicles = [_Vehicle.of(trajectory, road, settings) for trajectory in trajectories]
+    # fields are wanted on the part of the road where any driver was
     drivers = [vehicles[place] for pairing in pairings for place in pairing.drivers]
-    # where the far fields are wanted: wherever a driver was
     stretch = Stretch(
         west=min(driver.begin for driver in drivers),
         east=max(driver.begin + driver.reach for driver in drivers),
@@ -233,8 +233,8 @@ def indexes_by_group(
         north=road.left_edge,
     )
     points_per_slice = 2 * settings.points_per_side + 1
+    # about as many points as the longest comparison has; `SharedFields` chooses its method by them
     points = int(stretch.length / settings.slice_spacing) * points_per_slice
-    # by the number of points it chooses how to compute the fields
     shared = SharedFields([one.on_road for one in vehicles], stretch, settings.field, points)
     return [_indexes(group, vehicles, shared, road, settings) for group in groups]
 
@@ -268,28 +268,36 @@ class _Vehicle(NamedTuple):
     def of(cls, whole: Trajectory, road: Road, settings: AnthropomorphicSettings) -> _Vehicle:
         """Quantities of a recorded trajectory."""
         beyond = np.flatnonzero(whole.x >= road.length)
-        drive = whole
+        on_road = whole
         if beyond.size and beyond[0] + 1 < len(whole):
             kept = {name: getattr(whole, name)[: beyond[0] + 1] for name in CHANNELS}
-            drive = Trajectory(**kept, length=whole.length, width=whole.width)
-        on_its_way = not (_reached_the_end(drive, road) or _has_stopped(drive, settings))
-        left = _left_the_road(drive, road)
+            on_road = Trajectory(**kept, length=whole.length, width=whole.width)
+        unfinished = not (_reached_the_end(on_road, road) or _has_stopped(on_road, settings))
+        left = _left_the_road(on_road, road)
         return cls(
             whole=whole,
-            on_road=drive,
+            on_road=on_road,
             begin=float(whole.x[0]),
-            length=driven_length(drive, road, settings),
-            reach=_reach(drive, road, settings),
-            operations=count_operations(drive, settings),
-            most_operations=most_operations(drive, settings),
+            length=driven_length(on_road, road, settings),
+            reach=_reach(on_road, road, settings),
+            operations=count_operations(on_road, settings),
+            most_operations=most_operations(on_road, settings),
             manoeuvre=manoeuvre_of(whole, road, settings.manoeuvre_time),
-            still_driving=on_its_way and not left,
-            left_the_road=on_its_way and left,
+            still_driving=unfinished and not left,
+            left_the_road=unfinished and left,
         )
 
 
-_Where = tuple[float, float, float]
-"""Arguments of `slice_positions`: x of the first slice, length and spacing, m."""
+class _Slices(NamedTuple):
+    """Slices of a comparison: the arguments of `slice_positions`, m."""
+
+    start: float
+    length: float
+    spacing: float
+
+
+_Points = tuple[int, _Slices]
+"""Name of the sample points of an ADS (its index among the trajectories) at some slices."""
 
 
 class _Comparison(NamedTuple):
@@ -319,7 +327,7 @@ def _indexes(
     """The indexes of one group."""
     if not pairings:
         return []
-    # mixture mode always, for `Likeness`
+    # a D_i in the mode of the settings, and for `Likeness` one in mixture mode
     modes: tuple[Mode, Mode] = settings.mode, "mixture"
     choices = {
         (pairing, mode): _choice(pairing, mode, vehicles)
@@ -329,32 +337,28 @@ def _indexes(
     }
 
     @cache
-    def lateral(place: int, where: _Where) -> FloatArray:
-        return lateral_position(vehicles[place].on_road, slice_positions(*where))
+    def centres(place: int, slices: _Slices) -> FloatArray:
+        """Centres of a trajectory at slices, (m,), m."""
+        return lateral_position(vehicles[place].on_road, slice_positions(*slices))
 
-    # The sample points of an ADS, once for all pairings with the same slices. The fields of all
-    # trajectories of the group at all these points are one call, then split again.
+    # pairings of an ADS with the same slices share the sample points
     points = {
-        (pairing.ads, where): slice_points(
-            slice_positions(*where), lateral(pairing.ads, where), road, settings
+        (pairing.ads, slices): slice_points(
+            slice_positions(*slices), centres(pairing.ads, slices), road, settings
         )
-        for (pairing, _), (_, where) in choices.items()
+        for (pairing, _), (_, slices) in choices.items()
     }
     places = sorted({place for one in pairings for place in (one.ads, *one.drivers)})
-    row = {place: number for number, place in enumerate(places)}
-    all_points = np.concatenate(list(points.values()))
-    ends = np.cumsum([len(slices) for slices in points.values()])[:-1]
-    values = np.split(shared.at(all_points[:, 0, 0], all_points[..., 1], places), ends, axis=1)
-    fields = dict(zip(points, values, strict=True))
+    fields = _fields_at(points, places, shared)
 
     def index_of(pairing: Pairing, mode: Mode) -> AnthropomorphicIndex:
-        choice, where = choices[pairing, mode]
+        choice, slices = choices[pairing, mode]
         compared = (pairing.ads, *pairing.drivers)
         ads, *drivers = (vehicles[place] for place in compared)
-        y = np.array([lateral(place, where) for place in compared])
-        field = fields[pairing.ads, where][[row[place] for place in compared]]
+        y = np.array([centres(place, slices) for place in compared])
+        field = fields[pairing.ads, slices][[places.index(place) for place in compared]]
         return _index(
-            _Comparison(ads, drivers, choice, slice_positions(*where), y, field), road, settings
+            _Comparison(ads, drivers, choice, slice_positions(*slices), y, field), road, settings
         )
 
     indexes = []
@@ -367,14 +371,28 @@ def _indexes(
     return indexes
 
 
-def _choice(pairing: Pairing, mode: Mode, vehicles: Sequence[_Vehicle]) -> tuple[Choice, _Where]:
+def _fields_at(
+    points: Mapping[_Points, FloatArray], places: Sequence[int], shared: SharedFields
+) -> dict[_Points, FloatArray]:
+    """Eq. 9: fields of trajectories at all sample points, computed together.
+
+    points: of each ADS at its slices, (m, 7, 2), m.
+    places: indices of the k trajectories. Each array that comes back is (k, m, 7).
+    """
+    together = np.concatenate(list(points.values()))
+    ends = np.cumsum([len(each) for each in points.values()])[:-1]
+    fields = shared.at(together[:, 0, 0], together[..., 1], places)
+    return dict(zip(points, np.split(fields, ends, axis=1), strict=True))
+
+
+def _choice(pairing: Pairing, mode: Mode, vehicles: Sequence[_Vehicle]) -> tuple[Choice, _Slices]:
     """The drivers that count in a mode, and the slices of the comparison."""
     ads, drivers = vehicles[pairing.ads], [vehicles[place] for place in pairing.drivers]
     choice = everyone(len(drivers))
     if mode == "mixture":
         choice = chosen(ads.manoeuvre, [driver.manoeuvre for driver in drivers])
     mean_reach = float(np.array([driver.reach for driver in drivers])[choice.members].mean())
-    return choice, (ads.begin, min(ads.reach, mean_reach), pairing.spacing)
+    return choice, _Slices(ads.begin, min(ads.reach, mean_reach), pairing.spacing)
 
 
 def _index(one: _Comparison, road: Road, settings: AnthropomorphicSettings) -> AnthropomorphicIndex:
@@ -425,6 +443,7 @@ def _index(one: _Comparison, road: Road, settings: AnthropomorphicSettings) -> A
 
 
 def _likeness(pairing: Pairing, vehicles: Sequence[_Vehicle], similarity: float) -> Likeness:
+    """The human-likeness of a case, whose similarity in mixture mode is known."""
     ads, drivers = vehicles[pairing.ads], [vehicles[place] for place in pairing.drivers]
     return Likeness(
         _capped_ratio(ads.length, np.mean([driver.length for driver in drivers])),
@@ -587,32 +606,40 @@ def _centre_term(
 ) -> tuple[FloatArray, list[IndexNote]]:
     """Eq. 11: min(1, pt / pt_2sigma) at each slice, (m,), and notes."""
     ads, humans, choice = one.y[0], one.y[1:], one.choice
+    members = choice.members
     ends = np.array([driver.begin + driver.reach for driver in one.drivers])
     reached: BoolArray = one.x <= ends[:, None] + SAME_PLACE  # (k, m)
-    members, by_members = choice.members, reached[choice.members]
-    # Where too few drivers got that far, all count, with their last y. In mixture mode one driver
+    # Where too few members got that far, all of them count, with their last y. In mixture mode one
     # is enough, because its deviation is pooled with those of the other manoeuvres.
-    too_few = np.count_nonzero(by_members, axis=0) < (1 if choice.manoeuvre else 2)
+    too_few = np.count_nonzero(reached[members], axis=0) < (1 if choice.manoeuvre else 2)
     counted = reached | (too_few & members[:, None])
     mean, deviation = spread(humans, counted, choice, settings.pooled_drivers)
     floor = settings.centre_deviation_floor
     term = gaussian_similarity(ads, mean, np.maximum(deviation, floor))
 
-    # Two groups: a wide gap between neighbours with enough drivers on each side of it. nan, for a
-    # driver who does not count at the slice, sorts last and makes no gap.
-    ordered = np.sort(np.where(by_members | too_few, humans[members], np.nan), axis=0)
-    number = np.count_nonzero(by_members | too_few, axis=0)
-    below = np.arange(1, len(ordered))[:, None]
-    groups = (below >= SPLIT_MEMBERS) & (number - below >= SPLIT_MEMBERS)
-    split = np.any(groups & (np.diff(ordered, axis=0) > SPLIT_GAP * road.lane_width), axis=0)
+    of_members = np.where(counted[members], humans[members], np.nan)
     outside = (ads < road.right_edge_at(one.x)) | (ads > road.left_edge_at(one.x))
     return term, [
         *_note(deviation < floor, "centre_floor"),
-        *_note(split, "two_groups"),
-        *_note(~by_members.all(axis=0), "driver_not_so_far"),
+        *_note(_two_groups(of_members, SPLIT_GAP * road.lane_width), "two_groups"),
+        *_note(~reached[members].all(axis=0), "driver_not_so_far"),
         *_note(too_few, "drivers_hold_last_y"),
         *_note(outside, "ads_off_road"),
     ]
+
+
+def _two_groups(y: FloatArray, gap: float) -> BoolArray:
+    """Whether drivers form two groups at each slice, (m,): neighbours more than `gap` m apart, with
+    at least `SPLIT_MEMBERS` drivers on each side.
+
+    y: centres, (k, m), m; nan for a driver who does not count at the slice.
+    """
+    number = np.count_nonzero(np.isfinite(y), axis=0)
+    below = np.arange(1, len(y))[:, None]  # drivers on the lower side of each pair of neighbours
+    enough = (below >= SPLIT_MEMBERS) & (number - below >= SPLIT_MEMBERS)
+    # nan sorts last and makes no gap
+    split = enough & (np.diff(np.sort(y, axis=0), axis=0) > gap)
+    return np.asarray(split.any(axis=0))
 
 
 def _field_term(

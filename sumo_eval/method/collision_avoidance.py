@@ -1,4 +1,7 @@
-"""Collision avoidance of an ADS, Eqs. 14-17: severity, loss, weight and the index C."""
+"""Collision avoidance of an ADS, Eqs. 14-17: severity, loss, weight and the index C.
+
+`scoring/` computes U, L and r of every case here.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.method import checks, score_terms
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
-# zones come with scenarios and their files, which a loss or a severity does not need
+# not imported at run time: a loss or a severity needs no zones, which import scenarios and readers
 if TYPE_CHECKING:
     from sumo_eval.method.zone_partition import ZonePartition
 
@@ -22,9 +25,9 @@ SMALLEST_OVERLAP = 0.5  # w of Eq. 15 lies in [0.5, 1]
 LOSS_CLASSES = ((15.0, 1.0), (8.0, 0.7), (0.0, 0.4))  # Eq. 14: U above this, m/s -> L
 LEAST_LOSS = 0.1  # Eq. 14: L otherwise
 MARCH = 1.0 / 250.0  # unit-box lengths between the samples of a ray
-AT_ONCE = 32  # steps of the march that are evaluated in one go: most rays end within few
-BISECTIONS = 40  # halvings of a step of the march: to the last digits
-SAME_POINT = 1e-12  # unit-box lengths
+AT_ONCE = 32  # samples of each ray that are evaluated together; most rays need few
+BISECTIONS = 40  # halvings of the step in which a ray leaves the zone: to the last digits
+SAME_POINT = 1e-12  # unit-box lengths within which two points are one
 _not_negative = partial(checks.not_negative, "a collision")
 
 
@@ -127,58 +130,58 @@ def collision_avoidance_index(
         return 1.0
     if loss == "class":
         hit, best = collision_loss(hit), collision_loss(best)
-    everyone = np.ones(hit.shape, dtype=bool)
-    return float(
-        score_terms.collision_avoidance(
-            score_terms.ideal_ratio(hit, best), r, everyone, everyone, score_terms.once(hit.size)
-        )[0]
-    )
+    ratio, flags = score_terms.ideal_ratio(hit, best), np.ones(hit.shape, dtype=bool)
+    once = score_terms.once(hit.size)
+    return float(score_terms.collision_avoidance(ratio, r, flags, flags, once)[0])
 
 
 def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArray) -> FloatArray:
-    """Smallest t > 0, (n,), at which start + t direction (n, k) leaves the zone; unit-box
-    coordinates.
+    """Eq. 16: smallest t > 0, (n,), at which the ray start + t direction leaves the zone.
+
+    start: x*, (n, k), in the unit box.
+    direction: x_i - x*, (n, k), in the unit box.
 
     Marched in steps of MARCH (a gap in the zone narrower than that can be missed), then bisected.
     """
-    towards = np.where(direction > 0.0, 1.0 - start, start)  # distance to the box's face ahead
+    ahead = np.where(direction > 0.0, 1.0 - start, start)  # distance to the box's face ahead
     moves = np.abs(direction) > SAME_POINT
-    to_face = np.divide(towards, np.abs(direction), out=np.full(start.shape, np.inf), where=moves)
-    to_box = np.maximum(to_face.min(axis=1), 1.0)  # t = 1 is x_i itself, which is in the box
+    t_face = np.divide(ahead, np.abs(direction), out=np.full(start.shape, np.inf), where=moves)
+    t_box = np.maximum(t_face.min(axis=1), 1.0)  # t = 1 is x_i itself, which is in the box
 
     def inside(rays: IntArray, t: FloatArray) -> BoolArray:
+        """Whether each of these rays is in the zone at its t."""
         unit = np.clip(start[rays] + t[:, None] * direction[rays], 0.0, 1.0)
         points = partition.logical.from_unit(unit)
         return partition.hazardous(points) & partition.exists(points)
 
+    # the exit of each ray lies between `low`, inside, and `high`
     low: FloatArray = np.zeros(len(start))
-    high: FloatArray = to_box.copy()
-    marching = np.arange(len(start))
+    high: FloatArray = t_box.copy()
+    rays = marching = np.arange(len(start))  # marching: rays whose exit is not yet found
     # the same steps for each ray: r must not depend on the other points
     steps = math.ceil(math.sqrt(start.shape[1]) / MARCH)
     for first in range(1, steps + 1, AT_ONCE):
         shares = np.arange(first, min(first + AT_ONCE, steps + 1)) / steps
-        # column 0: last t inside so far; column j: the j-th sample
-        t = np.column_stack([low[marching], to_box[marching, None] * shares])
+        # t of each marching ray: the last one inside so far, then those of its samples
+        t = np.column_stack([low[marching], t_box[marching, None] * shares])
         samples = np.repeat(marching, len(shares)), t[:, 1:].ravel()
         stays = inside(*samples).reshape(-1, len(shares))
-        # samples inside before the first outside
-        stayed = np.argmin(np.column_stack([stays, np.zeros(len(t), dtype=bool)]), axis=1)
+        stayed = np.cumprod(stays, axis=1).sum(axis=1)  # samples inside before the first outside
         rows, leaves = np.arange(len(t)), stayed < len(shares)
         low[marching] = t[rows, stayed]
         high[marching[leaves]] = t[rows[leaves], stayed[leaves] + 1]
         marching = marching[~leaves]
         if marching.size == 0:
             break
-    every = np.arange(len(start))
     for _ in range(BISECTIONS):
         middle = (low + high) / 2.0
-        stays = inside(every, middle)
+        stays = inside(rays, middle)
         low, high = np.where(stays, middle, low), np.where(stays, high, middle)
     return high
 
 
 def _rows(point: Mapping[str, float] | ArrayLike, partition: ZonePartition) -> FloatArray:
+    """The `point` of `collision_weight` as a row or rows. Raises InputError as that does."""
     logical = partition.logical
     if not isinstance(point, Mapping):
         array = np.asarray(point, dtype=float)
@@ -197,6 +200,7 @@ def _rows(point: Mapping[str, float] | ArrayLike, partition: ZonePartition) -> F
 
 
 def _velocity(name: str, values: ArrayLike) -> FloatArray:
+    """Velocities as an array (..., 2). Raises InputError for anything else."""
     array = np.asarray(values, dtype=float)
     if array.ndim == 0 or array.shape[-1] != 2 or not np.all(np.isfinite(array)):
         raise must_be(f"`{name}`", "a collision", "finite with a last axis of 2 (vx, vy)", array)

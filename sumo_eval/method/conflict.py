@@ -32,26 +32,28 @@ from sumo_eval.scenario.undisturbed import meetings, tracks
 from sumo_eval.settings import VehicleSettings, ZoneSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, half_extents
 
-# s between two looks (instants at which bodies are compared) on conflicting ways; a contact between
-# two looks is found by interpolation
-STEP = 0.1
+# A look is an instant at which bodies are compared.
+STEP = 0.1  # s between looks on conflicting ways; contacts between two looks are interpolated
 HORIZON = 6.0  # s ahead in which a collision counts; one in 6 s has an ITTC of 0.17 1/s
 _LONGEST = 60.0  # s that are searched at most
-_FINER = 0.02  # s between two looks where ways do not conflict
+_FINER = 0.02  # s between looks where ways do not conflict
 _AT_ONCE = 500  # points searched together
 _ACROSS = 0.5  # sine of the angle to the road from which an actor crosses it
 
 _WAY = np.dtype([(name, "f8") for name in ("y", "offset", "begin", "length")])
-"""The ego's way: `y` at first, from x = `begin` on `offset` further to the left within `length`."""
+"""The ego's way, m: y at first; its lane change by `offset` to the left, from x = `begin` on, over
+`length`."""
 
 
 class Conflict(NamedTuple):
-    """Conflict of two undisturbed ways; all nan where the actor never comes into the ego's strip,
-    which is as wide as the ego.
+    """Conflict of the ego's way with an actor's, if neither vehicle reacts.
+
+    The ego's way is a strip as wide as the ego. All fields are nan where the actor never comes into
+    the strip.
 
     begin, end: x of the conflict area, the stretch of the strip that the actor passes over, m.
-    enters, leaves: when the actor's body comes into the strip and is out of it, s; it leaves at inf
-        where it stays, as where the ways join.
+    enters, leaves: times at which the actor's body comes into the strip and is out of it, s; it
+        leaves at inf where it stays, as where the ways join.
     time_to: time at which the ego's front is at `begin` at its speed, s.
     pet: time from the first vehicle's leaving the area until the second one enters it, s; 0 where
         both are there at once. Where the ways join, the area is the line x = `begin` alone.
@@ -74,8 +76,8 @@ def encounter(logical: LogicalScenario, points: FloatArray, settings: ZoneSettin
 
     Max ITTC is inf where ideal braking hits, 0 where the ego never closes on the obstacle in its
     way. The gap is inf where the obstacle is never in the way. Both are sampled every 0.02 s, so
-    the ITTC is below its peak by the motion of half a step. Of conflicting ways see
-    `conflict_criticality`.
+    the ITTC is below its peak by the motion of half a step. Where ways conflict,
+    `conflict_criticality` computes all three.
     """
     parts = (points[begin : begin + _AT_ONCE] for begin in range(0, len(points), _AT_ONCE))
     return np.concatenate(
@@ -84,6 +86,7 @@ def encounter(logical: LogicalScenario, points: FloatArray, settings: ZoneSettin
 
 
 def _encounters(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> FloatArray:
+    """`encounter` of points that are searched together."""
     search = logical.search
     assert search is not None
     size = ego_size(logical)
@@ -119,11 +122,12 @@ def crossing_conflict(
     size: length and width of the ego's body, m.
     """
     ego, (length, width) = concrete.ego, size
-    found = tracks([concrete], [size], STEP, min(_time_on_road(concrete), _LONGEST))
-    times: FloatArray = np.arange(found.others.shape[2], dtype=float) * STEP
-    track = found.others[0, other]
-    long, wide = (reach[0] for reach in _extents(found.others[:, other], concrete, other))
-    x, y = track[:, 0], track[:, 1]
+    until = min(_time_on_road(concrete), _LONGEST)
+    motion = tracks([concrete], [size], STEP, until).others[:, other]
+    times: FloatArray = np.arange(motion.shape[1], dtype=float) * STEP
+    (long,), (wide,) = _extents(motion, concrete, other)  # half the body's reach, m
+    x, y, heading = motion[0, :, :3].T
+    # distance of the body from the strip, m, negative inside
     apart = np.abs(y - ego.y_at(x)) - wide - 0.5 * width
     inside = np.flatnonzero(apart < 0.0)
     if not inside.size:
@@ -131,7 +135,7 @@ def crossing_conflict(
     first, last = int(inside[0]), int(inside[-1])
 
     def crossed(after: int) -> float:
-        """Time at which the actor's body is at the strip's edge, between two samples, s."""
+        """Time at which the actor's body is at the strip's edge, s; `after` is the next look."""
         share = apart[after - 1] / (apart[after - 1] - apart[after])
         return float(times[after - 1] + (times[after] - times[after - 1]) * share)
 
@@ -144,8 +148,9 @@ def crossing_conflict(
     begin, end = float((x - long)[inside].min()), float((x + long)[inside].max())
     ego_arrives, ego_clears = reached(begin - 0.5 * length), reached(end + 0.5 * length)
     actor_arrives, actor_clears = enters, leaves
-    # ways that join: the actor stays in the strip and drives along it, within 45 degrees
-    if math.isinf(leaves) and math.cos(track[last, 2]) > math.cos(0.25 * math.pi):
+    # Ways that join: the actor stays in the strip and drives along it, within 45 degrees. The area
+    # is then the line x = begin, where the actor's rear is when it enters the strip.
+    if math.isinf(leaves) and math.cos(heading[last]) > math.cos(0.25 * math.pi):
         actor_arrives = float(np.interp(begin, x + long, times, left=-math.inf))
         actor_clears, ego_clears = enters, reached(begin + 0.5 * length)
     pet = max(ego_arrives - actor_clears, actor_arrives - ego_clears, 0.0)
@@ -155,8 +160,8 @@ def crossing_conflict(
 def conflicting(logical: LogicalScenario, concrete: ConcreteScenario) -> int | None:
     """Number of the actor whose way conflicts with the ego's; None without one.
 
-    It is the obstacle of the scenario's zones, if their ways conflict by the file or the obstacle
-    crosses the road.
+    It is the obstacle of the scenario's zones, if the scenario's file has `conflict = true` or the
+    obstacle crosses the road.
     """
     search = logical.search
     if search is None:
@@ -201,29 +206,30 @@ def conflict_criticality(
     time to collision with any actor, inf where it hits one even so. Actors that react and come from
     behind do not count.
     """
-    strength = settings.deceleration
+    strength, waits = settings.deceleration, np.array(delays)
     speeds = np.array([concrete.ego.speed for concrete in placed])
-    until = _begins(placed, other) + np.array(delays) + speeds / strength + HORIZON
-    until = np.minimum(until, _LONGEST)
-    found = tracks(placed, [size] * len(placed), STEP, float(until.max()))
-    others, looks = found.others, np.arange(found.others.shape[2])
+    # long enough for the latest braking to a standstill
+    until = np.minimum(_begins(placed, other) + waits + speeds / strength + HORIZON, _LONGEST)
+    motion = tracks(placed, [size] * len(placed), STEP, float(until.max()))
+    others, looks = motion.others, np.arange(motion.others.shape[2])
     # A case ends at its own time: nothing may depend on the cases searched with it. From then on
     # its actors are out of reach, at x = inf.
     late = looks > np.ceil(until / STEP - 1e-9)[:, None]
     np.copyto(others[..., 0], np.inf, where=late[:, None])
-    # at a constant speed: only whether the bodies touch counts, so nothing is looked for ahead
+    # First at a constant speed. Only whether the bodies touch counts, so no look ahead is needed.
     unbraked = _braked(placed, looks, np.full(len(placed), np.inf), strength)
-    searched = _most_critical(placed, others, size, unbraked, 0)
-    at = np.flatnonzero(np.isinf(searched[0]))
-    searched[:2] = 0.0
-    if at.size:
-        some = [placed[i] for i in at.tolist()]
-        # an obstacle that makes no move by then is one from the start
-        first = found.begins[:, other]
-        brakes = np.where(first > until, 0.0, first) + np.array(delays)
-        egos = _braked(some, looks, brakes[at], strength)
-        searched[:, at] = _most_critical(some, others[at], size, egos, round(HORIZON / STEP))
-    return searched
+    result = _most_critical(placed, others, size, unbraked, 0)
+    touches = np.flatnonzero(np.isinf(result[0]))
+    result[:2] = 0.0
+    if touches.size:
+        some = [placed[i] for i in touches.tolist()]
+        # an obstacle that makes no move in this time is an obstacle from the start
+        first = motion.begins[:, other]
+        begins = np.where(first > until, 0.0, first) + waits
+        egos = _braked(some, looks, begins[touches], strength)
+        ahead = round(HORIZON / STEP)
+        result[:, touches] = _most_critical(some, others[touches], size, egos, ahead)
+    return result
 
 
 def _braked(
@@ -262,6 +268,7 @@ def _most_critical(
             for number in range(others.shape[1])
         ]
     ).transpose(1, 0, 2)
+    # such an actor neither closes in nor hits nor comes near
     each[:, _react_from_behind(placed)] = np.array([[0.0], [0.0], [np.inf]])
     return np.stack([each[0].max(axis=0), each[1].max(axis=0), each[2].min(axis=0)])
 
@@ -294,7 +301,7 @@ def _with_actor(
     ways = np.zeros(len(placed), _WAY)
     for i, concrete in enumerate(placed):
         way = concrete.ego.way
-        change = (0.0, 0.0, 1.0)  # no lane change; its length is divided by
+        change = (0.0, 0.0, 1.0)  # without a lane change; `_y_at` divides by the length
         if way is not None:
             change = (way.offset, way.begin, way.length(concrete.ego.speed))
         ways[i] = (concrete.ego.y, *change)
@@ -305,7 +312,8 @@ def _with_actor(
     _search_rows(ways, egos, bodies, horizon, result)
     inverse, touch, nearest = result.T
     hit = np.flatnonzero(touch >= 0.0)
-    at = touch[hit].astype(np.intp)
+    at = touch[hit].astype(np.intp)  # looks of the contacts
+    # the actor's velocity along the road, and to its left
     heading, speed, across = (track[hit, at, channel] for channel in (2, 3, 4))
     along = speed * np.cos(heading) - across * np.sin(heading)
     sideways = speed * np.sin(heading) + across * np.cos(heading)
@@ -351,7 +359,9 @@ def _apart(way: Any, x: float, other: Any) -> tuple[float, float]:
 
 @kernel
 def _share(before: float, after: float) -> float:
-    """Share of a step after which a distance that falls evenly below 0 reaches 0."""
+    """Share of a step at which a distance is 0: it is `before` at the beginning and falls evenly to
+    `after`, below 0.
+    """
     return before / (before - after) if before > 0.0 else 0.0
 
 
@@ -366,8 +376,11 @@ def _search_rows(
     """Write the result of each row: largest inverse TTC, 1/s, the look at which both touch (-1:
     never), and the smallest distance, m.
 
-    egos: x and speed.
-    others: as in `_apart`.
+    ways: `_WAY`, (n,).
+    egos: x and speed at T looks, (n, T, 2).
+    others: as in `_apart`, (n, T, 4).
+    horizon: number of looks ahead in which a collision counts.
+    result: (n, 3).
     """
     for i in range(len(ways)):
         way = ways[i]

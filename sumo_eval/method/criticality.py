@@ -145,10 +145,11 @@ def max_inverse_ttc(
     """
     strength = _not_negative("deceleration", deceleration, above_zero=True)
     rel = _closing_speed(ego_speed, lead_speed)
-    left = _finite("gap", gap) - rel * _not_negative("delay", delay)
+    left = _finite("gap", gap) - rel * _not_negative("delay", delay)  # when braking begins
     rel, left, strength = np.broadcast_arrays(rel, left, strength)
     c = left - rel**2 / (2.0 * strength)
     hit = (left <= 0.0) | (c <= 0.0)
+    # where it hits, 1 stands for the divisors, and the quotients do not count
     c = np.where(hit, 1.0, c)
     peak_in_braking = 2.0 * strength * c <= rel**2
     peak = np.where(peak_in_braking, np.sqrt(strength / (2.0 * c)), rel / np.where(hit, 1.0, left))
@@ -231,28 +232,30 @@ def ideal_impact_speed(
     delay: td, s.
     build_up: Tr, s of linear rise 0 -> am.
 
-    With D = v0 - v1 and d = d0 - D td left when braking begins: D if d <= 0. On the ramp (jerk j =
-    am/Tr) the gap D t - j t^3/6 = d is a cubic with the root t = 2 t* sin(q), sin(3q) = d / (2/3 D
-    t*), t* = sqrt(2 D/j), so the speed left is D (1 - 4 sin(q)^2). On the plateau sqrt((D - am
-    Tr/2)^2 - 2 am (d - D Tr + am Tr^2/6)).
+    D = v0 - v1 is the relative speed, d = d0 - D td the gap left when braking begins. For d <= 0
+    the result is D. If contact is on the ramp, with the jerk j = am/Tr, the cubic D t - j t^3/6 = d
+    has the root t = 2 t* sin(q), sin(3q) = d / (2/3 D t*), t* = sqrt(2 D/j), and the result is
+    D (1 - 4 sin(q)^2). If it is on the plateau, the result is
+    sqrt((D - am Tr/2)^2 - 2 am (d - D Tr + am Tr^2/6)).
 
     Raises InputError for numbers that are not finite, negative speeds or times, and am not above 0.
     """
     strength = _not_negative("deceleration", deceleration, above_zero=True)
     rel = _closing_speed(ego_speed, lead_speed)
-    left = _finite("gap", gap) - rel * _not_negative("delay", delay)
+    left = _finite("gap", gap) - rel * _not_negative("delay", delay)  # d
     ramp = _not_negative("build_up", build_up)
-    closing = np.maximum(rel, 0.0)
+    closing = np.maximum(rel, 0.0)  # D
 
     after_ramp = closing - strength * ramp / 2.0
     ramp_length = closing * ramp - strength * ramp**2 / 6.0
     on_plateau = np.sqrt(np.maximum(after_ramp**2 - 2.0 * strength * (left - ramp_length), 0.0))
 
-    stop_in_ramp = 2.0 / 3.0 * closing * np.sqrt(2.0 * closing * ramp / strength)
-    shares = np.ones(np.broadcast(left, stop_in_ramp).shape)
-    share = np.divide(left, stop_in_ramp, out=shares, where=stop_in_ramp > 0.0)
-    cubic_root = closing * (1.0 - 4.0 * np.sin(np.arcsin(np.clip(share, 0.0, 1.0)) / 3.0) ** 2)
-    on_ramp = np.where(share < 1.0, cubic_root, 0.0)
+    # gap closed on a ramp that lasts until equal speeds, and the share of it that is there
+    needed = 2.0 / 3.0 * closing * np.sqrt(2.0 * closing * ramp / strength)
+    plenty = np.ones(np.broadcast(left, needed).shape)
+    share = np.divide(left, needed, out=plenty, where=needed > 0.0)
+    at_root = closing * (1.0 - 4.0 * np.sin(np.arcsin(np.clip(share, 0.0, 1.0)) / 3.0) ** 2)
+    on_ramp = np.where(share < 1.0, at_root, 0.0)
 
     contact_on_ramp = np.where(after_ramp >= 0.0, left < ramp_length, True)
     braked = np.where(contact_on_ramp, on_ramp, on_plateau)
@@ -260,10 +263,11 @@ def ideal_impact_speed(
 
 
 Profile = Callable[[FloatArray], FloatArray]
-"""Times (..., m), s -> speeds, m/s, or distances driven since t = 0, m, of the same shape."""
+"""Motion of leads, from times (..., m), s, to their speeds, m/s, or to the distances that they have
+driven since t = 0, m, in the same shape."""
 
-_SHARES = 161  # moments looked at from the conflict's start to the ego's standstill
-_ZOOM = 21  # moments looked at between the neighbours of the most critical one
+_TIMES = 161  # times searched from the conflict's start to the ego's standstill
+_ZOOM = 21  # times searched between the neighbours of the most critical one
 _BISECTIONS = 40  # halvings of the interval in which contact begins
 
 
@@ -297,18 +301,15 @@ def searched_criticality(
 
     Raises InputError for numbers outside these meanings.
     """
-    strength = _not_negative("deceleration", deceleration, above_zero=True)
-    shape = np.shape(ego_speed)
-    v0, d0, wait = (
-        np.broadcast_to(array, shape)[:, None]
-        for array in (
-            _not_negative("ego_speed", ego_speed),
-            _finite("gap", gap),
-            _not_negative("delay", delay),
-        )
-    )
-    begin = np.broadcast_to(_not_negative("conflict_begin", conflict_begin), shape)[:, None]
-    strength = np.broadcast_to(strength, shape)[:, None]
+
+    def column(values: FloatArray) -> FloatArray:
+        """Values as (n, 1)."""
+        return np.broadcast_to(values, np.shape(ego_speed))[:, None]
+
+    v0, d0 = column(_not_negative("ego_speed", ego_speed)), column(_finite("gap", gap))
+    wait = column(_not_negative("delay", delay))
+    begin = column(_not_negative("conflict_begin", conflict_begin))
+    strength = column(_not_negative("deceleration", deceleration, above_zero=True))
     lead_speed, lead_distance = lead
     braking_time = v0 / strength
 
@@ -320,17 +321,17 @@ def searched_criticality(
         return speed - lead_speed(time), d0 + lead_distance(time) - driven
 
     standstill = wait + braking_time  # time of the ego's standstill, s
-    times = begin + np.linspace(0.0, 1.0, _SHARES) * np.maximum(standstill - begin, 0.0)
+    times = begin + np.linspace(0.0, 1.0, _TIMES) * np.maximum(standstill - begin, 0.0)
     closing, distance = relative(times)
     passed = distance[:, 0] < -passing_length
     touching = distance <= 0.0
     hit = touching.any(axis=1) & ~passed
 
-    # The instant of contact lies between the first touching moment and the one before it.
+    # contact begins between the first time at which they touch and the time before that
     first = np.argmax(touching, axis=1)
     rows = np.arange(len(v0))
     after, before = times[rows, first], times[rows, np.maximum(first - 1, 0)]
-    for _ in range(_BISECTIONS if hit.any() else 0):
+    for _ in range(_BISECTIONS if hit.any() else 0):  # without a hit, nothing to look for
         middle = (before + after) / 2.0
         touches = relative(middle[:, None])[1][:, 0] <= 0.0
         before, after = np.where(touches, before, middle), np.where(touches, middle, after)
@@ -341,10 +342,8 @@ def searched_criticality(
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = np.where((closing > 0.0) & ~touching, closing / distance, 0.0)
         peak = np.argmax(inverse, axis=1)
-        low, high = (
-            times[rows, np.maximum(peak - 1, 0)],
-            times[rows, np.minimum(peak + 1, _SHARES - 1)],
-        )
+        low = times[rows, np.maximum(peak - 1, 0)]
+        high = times[rows, np.minimum(peak + 1, _TIMES - 1)]
         near = low[:, None] + np.linspace(0.0, 1.0, _ZOOM) * (high - low)[:, None]
         closing, distance = relative(near)
         closer = np.where((closing > 0.0) & (distance > 0.0), closing / distance, 0.0).max(axis=1)
@@ -361,4 +360,5 @@ def _closing_speed(ego_speed: ArrayLike, lead_speed: ArrayLike) -> FloatArray:
 
 
 def _braking_time(time: ArrayLike, delay: ArrayLike) -> FloatArray:
+    """Time since braking began, s; 0 during the delay."""
     return np.maximum(_not_negative("time", time) - _not_negative("delay", delay), 0.0)

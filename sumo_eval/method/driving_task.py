@@ -2,6 +2,7 @@
 driven in time.
 
 Both follow from recorded trajectories, so a run recorded earlier has them as well.
+`scoring.driving_task` computes them for every case.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory, h
 PLACE_SPACING = 1.0  # m between the places of a way at which times are compared
 SHORT_OF_THE_END = 5.0
 """m by which the asked way ends before the shortest reference: vehicles stop a few metres apart."""
-EXCUSE_AHEAD, EXCUSE_BESIDE, EXCUSE_SPEED = 10.0, 3.5, 1.0
-"""A road user excuses an ego that stands if it is at most this far ahead and to the side, m between
-bodies (3.5 m: a lane), and moves at most this fast along the road, m/s."""
+EXCUSE_AHEAD = 10.0  # m; most distance ahead, between bodies, of a road user that excuses standing
+EXCUSE_BESIDE = 3.5  # m; and most to the side: a lane
+EXCUSE_SPEED = 1.0  # m/s; and most speed along the road
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +83,10 @@ def roadside_contact(departure: Departure, overlap: float) -> Collision:
 
 
 def is_excused(ego: Trajectory, actors: Mapping[str, Trajectory]) -> bool:
-    """Whether an ego that stands at the end of its drive has had, since it last moved, a road user
-    close ahead that hardly moves along the road (`EXCUSE_AHEAD`, `EXCUSE_BESIDE`, `EXCUSE_SPEED`).
+    """Whether an ego stands at the end of its drive because of a road user.
+
+    That is so if, at any time since the ego last moved, a road user was close ahead and hardly
+    moved along the road (`EXCUSE_AHEAD`, `EXCUSE_BESIDE`, `EXCUSE_SPEED`).
     """
     if ego.speed[-1] >= STANDING:
         return False
@@ -102,8 +105,8 @@ def _excuses(actor: Trajectory, since: float, front: float, left: float, right: 
     long, wide = half_extents(actor.heading, actor.length, actor.width)
 
     ahead = (actor.x + long >= front) & (actor.x - long - front <= EXCUSE_AHEAD)
-    gap_left, gap_right = actor.y - wide - left, right - actor.y - wide
-    beside = np.maximum(gap_left, gap_right) <= EXCUSE_BESIDE
+    to_the_left, to_the_right = actor.y - wide - left, right - actor.y - wide  # gaps, m
+    beside = np.maximum(to_the_left, to_the_right) <= EXCUSE_BESIDE
     creeps = np.abs(actor.speed * np.cos(actor.heading)) <= EXCUSE_SPEED
     return bool((ahead & beside & creeps & (actor.time >= since)).any())
 

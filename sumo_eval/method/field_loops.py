@@ -1,6 +1,9 @@
 """The compiled loops of the trajectory field: the direct sum of Eq. 9, and far samples interpolated
 over boxes.
 
+Terms of the loops: a sample of a trajectory has the field s = exp(k2 v cos theta) / max(r, 1)^k1 at
+distance r (`trajectory_field`). Boxes, nodes and levels are those of `shared_fields`.
+
 Importing this file imports numba, which takes a while: `trajectory_field` and `shared_fields` do so
 at first use. Contraction rounds a * b + c once instead of twice; nothing that reorders a sum is
 allowed, so each run gives the same bytes on the same machine.
@@ -21,12 +24,12 @@ from sumo_eval.trajectory import FloatArray, IntArray
 Loops = TypeVar("Loops", bound=Callable[..., Any])
 
 COINCIDENT = 1e-9  # m; nearer than this a direction is only the rounding of the coordinates
-POINTS_AT_ONCE = 256  # a block of points stays in the first-level cache
-LANES = 16  # a block is filled up to a multiple of what vector instructions take at once
+POINTS_AT_ONCE = 256  # points of a block, which stays in the first-level cache
+LANES = 16  # a block is filled up to a multiple of this, for vector instructions
 
-QUICK_EXPONENT = 0.2  # the quick terms' exponential is good for this much
-# exp(f) where |f| <= QUICK_EXPONENT, from 1 to f^8: the polynomial through its values at the
-# Chebyshev points; 6e-15.
+QUICK_EXPONENT = 0.2  # largest |f| of the polynomial `EXP`
+# Coefficients of a polynomial for exp(f), from 1 to f^8, through its values at the Chebyshev points
+# of |f| <= QUICK_EXPONENT; its error is 6e-15.
 EXP = tuple(
     np.polynomial.Chebyshev.interpolate(np.exp, 8, [-QUICK_EXPONENT, QUICK_EXPONENT])
     .convert(kind=np.polynomial.Polynomial)
@@ -44,17 +47,19 @@ def compiled(loops: Loops) -> Loops:
 
 @compiled
 def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatArray:
-    """Eq. 9 as loops.
+    """Eq. 9: S of a trajectory at points, (n,).
 
-    points: (n, 2).
-    samples: rows of x, y, k2 vx, k2 vy, k2 v, weight, (k, 6). Returns (n,).
+    points: (n, 2), m.
+    samples: rows of x, y, m, k2 vx, k2 vy, k2 v and weight, (k, 6), from `samples_of`.
+    k1: decay with distance.
 
-    Every inner loop is over points and becomes vector instructions. Points that lie together are
-    quickest, because a sample more than 1 m away from all points of a block needs no decisions:
-    with u = 1/sqrt(r) its field is u exp(f), f = (k2 v r) u^2 for k1 = 0.5. u comes from single
-    precision and one Newton step in double; what is held is u over the root of two, for which the
-    step costs one multiplication less. While one sample's polynomial is summed the next one's roots
-    are found: the processor does both at a time.
+    Every inner loop is over the points of a block and becomes vector instructions. A sample more
+    than 1 m away from all points of a block is quick, because it needs no decisions. With u =
+    1/sqrt(r) its field for k1 = 0.5 is u exp(f), f = (k2 v r) u^2, with the vectors v and r. A
+    first `guess` of u is computed in single precision and improved by one Newton step in double
+    precision. The loop holds u / sqrt(2), for which the step has one multiplication less. While it
+    sums one sample's polynomial it computes the next sample's guess: the processor does both at a
+    time.
     """
     field = np.empty(points.shape[0])
     px, py, total = np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE)
@@ -63,6 +68,7 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
     for first in range(0, points.shape[0], POINTS_AT_ONCE):
         n = min(POINTS_AT_ONCE, points.shape[0] - first)
         filled = (n + LANES - 1) // LANES * LANES
+        # the block's points, the last one repeated, and its bounds
         west, east = math.inf, -math.inf
         south, north = math.inf, -math.inf
         for i in range(filled):
@@ -71,9 +77,11 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
             south, north = min(south, y), max(north, y)
             px[i], py[i], total[i] = x, y, 0.0
         wide = east - west + north - south > QUICK_DISTANCE
+        # slow samples are added at once, quick ones are listed
         count = 0
         for j in range(samples.shape[0]):
             x, y, ahead = samples[j, 0], samples[j, 1], samples[j, 4]
+            # distance of the sample from the block's bounds, m
             apart = max(max(west - x, x - east), max(south - y, y - north))
             if (
                 k1 == 0.5
@@ -108,7 +116,7 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
                     next_guess = math.sqrt(math.sqrt(QUARTER / np.float32(next_square)))
                     u = np.float64(guess[i])
                     u2 = u * u
-                    u += u * (0.25 - square[i] * (u2 * u2))
+                    u += u * (0.25 - square[i] * (u2 * u2))  # Newton's step
                     f = (along_x * (px[i] - x) + along_y * (py[i] - y)) * (u * u)
                     e = e4 + f * (e5 + f * (e6 + f * (e7 + f * e8)))
                     total[i] += u * (e0 + f * (e1 + f * (e2 + f * (e3 + f * e))))
@@ -129,10 +137,16 @@ def _add_terms(
     total: FloatArray,
     filled: int,
 ) -> None:
-    """Add one sample's field at the points of a block.
+    """Eq. 9: add one sample's field at the points of a block to `total`.
 
-    exp(f) is its Taylor polynomial to f^12 on |f| <= 0.35 (remainder 2e-16) after halving f often
-    enough, squared as often; at k2 = 0.005 s/m that is never up to 70 m/s.
+    px, py: x and y of the points, m.
+    samples: as in `magnitude_sum`.
+    j: row of the sample.
+    filled: number of points.
+
+    exp(f) is the Taylor polynomial to f^12 on |f| <= 0.35 (remainder 2e-16). A larger f is halved
+    until it is in this range, and the result squared as often. At k2 = 0.005 s/m this happens above
+    70 m/s only.
     """
     growth, nearness = np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE)
     x, y, weight = samples[j, 0], samples[j, 1], samples[j, 5]
@@ -170,15 +184,17 @@ def _add_terms(
 
 @compiled
 def far_values(samples: FloatArray, grid: Any, near: IntArray, k1: float) -> FloatArray:
-    """The field of far samples in the smallest boxes along x, (2**levels, p, q): at p nodes along
-    x, as Chebyshev series of q terms across.
+    """Eq. 9: the field of far samples in the smallest boxes along x, (2**levels, p, q): at p nodes
+    along x, as Chebyshev series of q terms across.
 
-    samples: as in `magnitude_sum`, by x.
+    samples: as in `magnitude_sum`, sorted by x.
     grid: `shared_fields.Grid`, with p nodes in each box.
     near: the first and last (exclusive) of the samples that are near each box, level after level,
-        (2**(levels + 1) - 1, 2); all others are far from it. Each box takes over what its parent
-        knows of the samples that are far from the parent, and adds those that are far from itself
-        alone.
+        (2**(levels + 1) - 1, 2); all others are far from the box.
+    k1: decay with distance.
+
+    Each box interpolates the field of the samples that are far from its parent from the parent's
+    nodes. To this it adds the samples that are far from itself, but near the parent.
     """
     bounds, nodes, halves = grid.bounds, grid.nodes, grid.halves
     counts, across, finer = grid.counts, grid.across, grid.finer
@@ -186,12 +202,13 @@ def far_values(samples: FloatArray, grid: Any, near: IntArray, k1: float) -> Flo
     places = np.empty((p * q, 2))
     values = np.zeros((1, p, q))
     for level in range(levels + 1):
-        boxes, n = 2**level, counts[level]
+        boxes, n = 2**level, counts[level]  # n: nodes across
         width = (bounds[1] - bounds[0]) / boxes
+        # the parents' values, at this level's nodes across
         inherited = _across(values, counts[max(level - 1, 0)], finer[level], n)
         values = np.zeros((boxes, p, q))
         for box in range(boxes):
-            parent, place = box // 2, boxes - 1 + box
+            parent, place = box // 2, boxes - 1 + box  # place: of the box in `near`
             left, right = near[place, 0], near[place, 1]
             first, last = 0, samples.shape[0]
             if level > 0:
@@ -206,6 +223,7 @@ def far_values(samples: FloatArray, grid: Any, near: IntArray, k1: float) -> Flo
                 for c in range(n):
                     places[a * n + c, 0] = west + 0.5 * width * (1.0 + nodes[a])
                     places[a * n + c, 1] = across[level, c]
+            # the samples near the parent, west and east of those near the box
             for begin, end in ((first, left), (right, last)):
                 if end > begin:
                     added = magnitude_sum(places[: p * n], samples[begin:end], k1)
@@ -217,9 +235,10 @@ def far_values(samples: FloatArray, grid: Any, near: IntArray, k1: float) -> Flo
 
 @compiled
 def _across(values: FloatArray, count: int, finer: FloatArray, n: int) -> FloatArray:
-    """Values at `count` nodes across to those at n others.
+    """Values at n nodes across, or n terms of a series, from those at `count` nodes.
 
     values: (boxes, p, q).
+    finer: the matrix that does this, (q, q).
     """
     found = np.zeros(values.shape)
     for box in range(values.shape[0]):
@@ -235,13 +254,14 @@ def put_field(
     rows: Any, samples: FloatArray, near: IntArray, far: FloatArray, k1: float,
     field: FloatArray,
 ) -> None:  # fmt: skip
-    """Put the field at rows of points across into `field`, (s, k): near samples summed, far ones
-    interpolated.
+    """Eq. 9: put the field at s rows of k points across the road into `field`, (s, k). Near samples
+    are summed, far ones interpolated.
 
     rows: `shared_fields.PointRows`.
     samples: as in `far_values`.
-    near: of the smallest boxes.
+    near: as in `far_values`, of the smallest boxes alone.
     far: from `far_values`.
+    k1: decay with distance.
 
     Every inner loop is over the rows of a box and becomes vector instructions.
     """

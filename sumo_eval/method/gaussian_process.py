@@ -1,8 +1,8 @@
 """Covariance of the zones' Gaussian process, Eq. 7, and the search for its hyperparameters by
-marginal likelihood.
+marginal likelihood, for `zone_surface`.
 
-A smooth part with a length scale for each coordinate and a common noise: K = sf^2 exp(-|(x -
-x')/sl|^2 / 2) + sn^2 I, and a variance of its own for each training value. The likelihood is
+K = sf^2 exp(-|(x - x')/sl|^2 / 2) + sn^2 I: a smooth part with a length scale sl for each
+coordinate, and a common noise. Each training value has a variance of its own too. The likelihood is
 Rasmussen & Williams (2006), Alg. 2.1 and Eq. 5.9. scikit-learn's regressor has the same (the tests
 compare), in four times the time: it solves K X = I for the inverse and builds the (n, n) derivative
 for each hyperparameter.
@@ -66,8 +66,9 @@ class MarginalLikelihood:
 
     def __init__(self, points: FloatArray, target: FloatArray, variances: FloatArray) -> None:
         self._points, self._target, self._variances = points, target, variances
-        # Squared distances along each coordinate, (k, n n), twice above the diagonal and 0 below: a
-        # sum with `inner`, of which only this triangle is right, is that over both.
+        # Squared distances along each coordinate, (k, n n), doubled above the diagonal and 0 below.
+        # `inner` is right in this triangle only; by symmetry the sum of the products over it is the
+        # sum over both triangles.
         apart = (points.T[:, :, None] - points.T[:, None, :]) ** 2
         self._squares = 2.0 * np.triu(apart).reshape(points.shape[1], -1)
 
@@ -80,7 +81,7 @@ class MarginalLikelihood:
         y, n = self._target, len(self._target)
         k = covariance(self._points, parameters)
         k[np.diag_indices_from(k)] += self._variances
-        # k is symmetric; its transpose is in Fortran's order without a copy
+        # the transpose of the symmetric k is in Fortran's order, which LAPACK needs, without a copy
         factor, failed = lapack.dpotrf(k.T, lower=1, clean=1)
         if failed:
             return np.inf, np.zeros(len(theta))
@@ -96,7 +97,7 @@ class MarginalLikelihood:
         inner -= inverse.T  # right on and above the diagonal only
         diagonal = inner.diagonal().copy()
         by_noise = parameters.noise * float(diagonal.sum())
-        # dK / d log sf^2 = K - sn^2 I - diag(variances). Over K itself: weights^T y - n.
+        # dK / d log sf^2 = K - sn^2 I - diag(variances). The trace with K alone is weights^T y - n.
         by_signal = float(y @ weights) - n - by_noise - float(diagonal @ self._variances)
         # dK / d log sl = K (x - x')^2 / sl^2
         inner *= k
@@ -123,10 +124,10 @@ def most_likely(
     """
     low, high = bounds.T
     stream = np.random.RandomState(seed)  # the legacy generator, as in scikit-learn
-    found = []
-    for start_at in (start.logarithms, *(stream.uniform(low, high) for _ in range(restarts))):
-        found.append(
-            minimize(likelihood, start_at, method="L-BFGS-B", jac=True, bounds=Bounds(low, high))
-        )
-    failures = [str(result.message) for result in found if not result.success]
-    return np.asarray(min(found, key=lambda result: float(result.fun)).x), failures
+    starts = start.logarithms, *(stream.uniform(low, high) for _ in range(restarts))
+    results = [
+        minimize(likelihood, theta, method="L-BFGS-B", jac=True, bounds=Bounds(low, high))
+        for theta in starts
+    ]
+    failures = [str(result.message) for result in results if not result.success]
+    return np.asarray(min(results, key=lambda result: float(result.fun)).x), failures

@@ -1,5 +1,7 @@
-"""Human band of a concrete scenario: each driver's D_i against all other drivers, the yardstick
-beside every D_i of an ADS.
+"""Comparisons behind the human band of a concrete scenario (each driver's D_i against all other
+drivers) and behind the effect of the choice of drivers on an ADS's D_i.
+
+`record.human_reference` computes them.
 """
 
 from __future__ import annotations
@@ -32,18 +34,19 @@ def left_out_pairings(
     exchanges: Sequence[tuple[int, int]],
     settings: AnthropomorphicSettings,
 ) -> list[Pairing]:
-    """An ADS against all drivers and, if that leaves two, against all but one, for each, then with
-    one driver counted twice instead of another, for each exchange: the effect of the choice of
-    drivers on its D_i and its human-likeness.
+    """An ADS against all drivers. With more than two, also against all but one, for each driver,
+    and then with one driver counted twice instead of another, for each exchange.
 
-    ads: its place.
-    drivers: their places.
-    exchanges: places among `drivers` of the one left out and of the one that counts twice.
+    ads: index of its trajectory.
+    drivers: indices of theirs.
+    exchanges: positions in `drivers` of the one left out and of the one that counts twice.
     settings: `[method.anthropomorphic]`.
+
+    This measures the effect of the choice of drivers on the D_i and the human-likeness of the ADS.
     """
     sets = [tuple(drivers)]
     if len(drivers) > 2:
         fewer = _all_but_one(drivers)
-        exchanged = [tuple(sorted((*fewer[out], drivers[twice]))) for out, twice in exchanges]
-        sets += fewer + exchanged
-    return [Pairing(ads, others, _spacing(settings), likeness=True) for others in sets]
+        sets += fewer
+        sets += [tuple(sorted((*fewer[out], drivers[twice]))) for out, twice in exchanges]
+    return [Pairing(ads, members, _spacing(settings), likeness=True) for members in sets]

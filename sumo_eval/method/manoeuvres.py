@@ -27,13 +27,13 @@ Manoeuvre = tuple[int, ...]
 
 
 class Choice(NamedTuple):
-    """The manoeuvre of an ADS among those of the drivers.
+    """The manoeuvre of an ADS among those of k drivers.
 
     manoeuvre: the ADS's; empty in gaussian mode.
-    members: which drivers made the same one, (k,); all where none did.
+    members: which drivers made the ADS's manoeuvre, (k,); all where none did.
     groups: every driver's manoeuvre as a number, (k,).
-    share: of the drivers who made it.
-    usual: share over that of the most usual manoeuvre, 0..1.
+    share: of the drivers who made the ADS's manoeuvre, 0..1.
+    usual: this share over that of the most usual manoeuvre, 0..1.
     """
 
     manoeuvre: Manoeuvre
@@ -56,7 +56,7 @@ def manoeuvre_of(trajectory: Trajectory, road: Road, keeping_time: float) -> Man
 
 
 def chosen(own: Manoeuvre, theirs: Sequence[Manoeuvre]) -> Choice:
-    """Drivers that an ADS is compared with, by the manoeuvres of both sides."""
+    """Drivers that an ADS is compared with, by its `own` manoeuvre and `theirs`."""
     counts = Counter(theirs)
     numbers = {manoeuvre: number for number, manoeuvre in enumerate(sorted(counts))}
     groups = np.array([numbers[manoeuvre] for manoeuvre in theirs])
@@ -74,20 +74,20 @@ def everyone(drivers: int) -> Choice:
 def spread(
     values: FloatArray, counted: BoolArray, choice: Choice, pooled_drivers: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Eq. 11: mean and deviation of the members' values, (...).
+    """Eq. 11: mean and deviation of the members' values, in the values' unit, (...) each.
 
-    values: of all drivers, (k, ...).
-    counted: which values exist, (k, ...).
+    values: of all k drivers at each place, (k, ...).
+    counted: which of these values exist, (k, ...).
     choice: which drivers are members.
-    pooled_drivers: weight of the pooled variance, in drivers; none in gaussian mode.
+    pooled_drivers: weight of the pooled variance, in drivers.
 
-    The members' own variance is completed by the variance within manoeuvres, pooled over all of
-    them, which counts as much as `pooled_drivers` drivers: one or two members alone say little of
-    how much such drivers differ.
+    In mixture mode the members' own variance is completed by the variance within manoeuvres, pooled
+    over all manoeuvres, which counts as much as `pooled_drivers` drivers: one or two members alone
+    say little of how much such drivers differ.
     """
 
     def moments(flags: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Mean of some drivers' values, sum of squared distances from it, degrees of freedom."""
+        """Mean of the flagged drivers' values, sum of squares about it, degrees of freedom."""
         inside = counted & flags.reshape(-1, *[1] * (values.ndim - 1))
         number = np.count_nonzero(inside, axis=0)
         mean = np.sum(values, axis=0, where=inside) / np.maximum(number, 1)
@@ -95,13 +95,13 @@ def spread(
         return mean, squares, np.maximum(number - 1, 0)
 
     mean, own, freedom = moments(choice.members)
+    # 1e-9: without any freedom the squares are 0, and so is the deviation
     if not choice.manoeuvre:
         return mean, np.sqrt(own / np.maximum(freedom, 1e-9))
-    groups = [moments(choice.groups == group)[1:] for group in np.unique(choice.groups)]
-    pooled = sum(square for square, _ in groups) / np.maximum(sum(free for _, free in groups), 1)
-    return mean, np.sqrt(
-        (own + pooled_drivers * pooled) / np.maximum(freedom + pooled_drivers, 1e-9)
-    )
+    by_group = [moments(choice.groups == group)[1:] for group in np.unique(choice.groups)]
+    squares, degrees = map(sum, zip(*by_group, strict=True))
+    pooled = pooled_drivers * squares / np.maximum(degrees, 1)
+    return mean, np.sqrt((own + pooled) / np.maximum(freedom + pooled_drivers, 1e-9))
 
 
 def words(manoeuvre: Manoeuvre) -> str:

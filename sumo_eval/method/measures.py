@@ -1,5 +1,5 @@
 """Criticality measures of one recorded case, in the terms that traffic safety and type approval
-use.
+use. `scoring.drive_measures` puts them into cases.csv.
 
 Everything is measured along the road, x, at the ego's samples. A vehicle is in the ego's path where
 the two bodies overlap across the road, |y_other - y_ego| < (w_ego + w_other)/2, and ahead where its
@@ -23,13 +23,13 @@ TOUCH = 1e-3
 """Bodies nearer than this touch, m: the last sample before a contact is not the place to divide by
 a gap."""
 CLOCK = 0.1
-"""Samples of `smooth_motion` lie this far apart, s, whatever the recording's own rate."""
+"""Time between two samples of `smooth_motion`, s, whatever the recording's own rate."""
 SLOPE_SAMPLES = 11
-"""Samples of the straight line that is a derivative in `smooth_motion`: 1 s, so that a tracker's
+"""Samples of the line whose slope is a derivative in `smooth_motion`: 1 s, so that a tracker's
 noise of a few centimetres adds less than 0.1 m/s and 0.2 m/s2."""
 UNREST_SAMPLES, UNREST_CHANGES = 7, 20
-"""Unrest: slopes over 7 samples (0.6 s), and their 20 changes in 2 s; noise of 0.05 m/s adds less
-than 2 m/s2."""
+"""Unrest is the sum of 20 changes (2 s) of the slope over 7 samples (0.6 s): noise of 0.05 m/s adds
+less than 2 m/s2."""
 STANDING = 0.1
 """Below this speed, m/s, a vehicle stands."""
 
@@ -206,15 +206,16 @@ def smooth_motion(drive: Trajectory) -> SmoothMotion:
     acceleration, lateral_speed = _slopes(speed), _slopes(y)
     jerk, lateral_acceleration = _slopes(acceleration), _slopes(lateral_speed)
     unrest = _unrest(speed)
+    # number of samples at which the vehicle stands, before each sample
     stood = np.concatenate([[0], np.cumsum(speed < STANDING)])
-    moves, moves_long, moves_on = (
-        stood[clock.size - values.size + 1 :] == stood[: values.size]
-        if values.size
-        else np.zeros(0, dtype=bool)
-        for values in (acceleration, jerk, unrest)
-    )
+
+    def moving(values: FloatArray) -> FloatArray:
+        """Those of the derivatives in whose window the vehicle stands at no sample."""
+        window = clock.size - values.size + 1
+        return np.asarray(values[stood[window:] == stood[: values.size]])
+
     return SmoothMotion(
-        acceleration[moves], jerk[moves_long], lateral_speed, lateral_acceleration, unrest[moves_on]
+        moving(acceleration), moving(jerk), lateral_speed, lateral_acceleration, moving(unrest)
     )
 
 
@@ -335,27 +336,25 @@ def post_encroachment_time(
     """
     if collision is not None and collision.side == "front":
         return 0.0
-    least = np.inf
-    place = ego.x + ego.length / 2.0
+    pet = np.inf
+    front = ego.x + ego.length / 2.0
     for actor in actors.values():
-        rear = np.maximum.accumulate(
-            actor.x - actor.length / 2.0
-        )  # a place is left when it is passed for the first time
-        after = np.searchsorted(rear, place, side="right")
+        # the furthest x so far: a place is left when it is passed for the first time
+        rear = np.maximum.accumulate(actor.x - actor.length / 2.0)
+        # first sample of the actor whose rear is beyond each place
+        after = np.searchsorted(rear, front, side="right")
         passed = (after > 0) & (after < len(actor))
-        if not passed.any():
-            continue
-        end, reached = after[passed], place[passed]
-        share = (reached - rear[end - 1]) / (rear[end] - rear[end - 1])
+        end = after[passed]
+        share = (front[passed] - rear[end - 1]) / (rear[end] - rear[end - 1])
         left_at = actor.time[end - 1] + share * (actor.time[end] - actor.time[end - 1])
         y = actor.y[end - 1] + share * (actor.y[end] - actor.y[end - 1])
         overlaps = np.abs(y - ego.y[passed]) < (ego.width + actor.width) / 2.0
         times = (ego.time[passed] - left_at)[overlaps]
-        least = min(least, float(times[times >= 0.0].min(initial=np.inf)))
-    return least if np.isfinite(least) else float("nan")
+        pet = min(pet, float(times[times >= 0.0].min(initial=np.inf)))
+    return pet if np.isfinite(pet) else float("nan")
 
 
-_FINER = 0.005  # s, to which a PET is found between the samples
+_FINER = 0.005  # s between the times at which `conflict_pet` looks between the samples
 
 
 def conflict_pet(ego: Trajectory, other: Trajectory, collision: Collision | None = None) -> float:
@@ -366,8 +365,9 @@ def conflict_pet(ego: Trajectory, other: Trajectory, collision: Collision | None
     collision: a contact between them if any; 0 then.
 
     Either may come first, at whatever angle. nan: they passed over no common place. Bodies are
-    rectangles. The samples are looked at in pairs, then 0.005 s around the closest pair, where
-    places are linear.
+    rectangles. Each sample of one is compared with each of the other. Of the pairs that overlap,
+    the one with the least time between them is searched again in steps of 0.005 s, with poses
+    interpolated between the samples.
     """
     if collision is not None:
         return 0.0
@@ -396,20 +396,24 @@ def _poses(one: Trajectory, times: FloatArray) -> FloatArray:
 def _separation(
     first: FloatArray, second: FloatArray, one: Trajectory, other: Trajectory
 ) -> FloatArray:
-    """How far rectangles at poses (n, 3) and (m, 3) are apart along the one of their sides'
-    directions along which they are furthest, m, (n, m); negative where they overlap.
+    """Distance of rectangles, m, (n, m), along the direction of one of their sides in which it is
+    largest; negative where they overlap.
+
+    first, second: x, y and heading of the rectangles, (n, 3) and (m, 3).
+    one, other: whose length and width the first and the second ones have.
     """
     dx, dy = (second[None, :, k] - first[:, None, k] for k in (0, 1))
     turned = second[None, :, 2] - first[:, None, 2]
     c, s = np.abs(np.cos(turned)), np.abs(np.sin(turned))
     apart = np.full(turned.shape, -np.inf)
-    for heading, mine, its in ((first[:, None, 2], one, other), (second[None, :, 2], other, one)):
+    for heading, own, far in ((first[:, None, 2], one, other), (second[None, :, 2], other, one)):
+        # along and across the own sides: distance of the centres less half of both reaches
         ahead, aside = np.cos(heading), np.sin(heading)
         along = np.abs(dx * ahead + dy * aside) - 0.5 * (
-            mine.length + its.length * c + its.width * s
+            own.length + far.length * c + far.width * s
         )
         across = np.abs(dy * ahead - dx * aside) - 0.5 * (
-            mine.width + its.length * s + its.width * c
+            own.width + far.length * s + far.width * c
         )
         apart = np.maximum(apart, np.maximum(along, across))
     return apart

@@ -23,10 +23,10 @@ from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
 DEFAULTS = AnthropomorphicSettings()
 
-RELEASED = 0.8  # of a level: pedals were moved back
-SAME_PEAK = 1.0 - 1e-9  # of a level: rounding makes no peaks of its own
+RELEASED = 0.8  # share of a level at or below which the pedals were moved back
+SAME_PEAK = 1.0 - 1e-9  # share of a level above which a sample is at the level, despite rounding
 MANOEUVRE_SPEED = 0.12  # m/s; a vehicle that keeps its lane wanders more slowly
-MANOEUVRE_SHIFT = 1.0  # m; and less far
+MANOEUVRE_SHIFT = 1.0  # m; a vehicle that keeps its lane wanders less far
 # s; lateral speed is a mean over this time, because recorded positions are noisy
 MANOEUVRE_WINDOW = 1.0
 
@@ -37,54 +37,51 @@ def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings =
     trajectory: of the ADS or of a driver.
     settings: `[method.anthropomorphic]`.
 
-    An operation of the pedals is |acceleration| > 0.5 m/s2 until the signal has stayed neutral for
-    0.5 s, so drive and then brake is one; one that still runs at the end counts. One of steering is
-    a lateral manoeuvre, or, with `steering_rule = "wheel"`, |steering wheel angle| > 10 deg (or
-    what gives a lateral acceleration) likewise.
+    An operation of the pedals begins where |acceleration| > 0.5 m/s2 and ends once the signal has
+    been neutral for 0.5 s. So acceleration and braking right after it are one operation. An
+    operation that still runs at the end counts. A steering operation is a lateral manoeuvre. With
+    `steering_rule = "wheel"` it is a turn of the steering wheel, which begins at 10 degrees (or at
+    the angle for a given lateral acceleration) and ends in the same way.
 
-    Raises InputError for that rule where a trajectory has no steering wheel angle: both sides are
-    counted alike or not at all.
+    Raises InputError under the rule "wheel" where a trajectory has no steering wheel angle: both
+    sides are counted alike or not at all.
     """
-    used = np.abs(trajectory.acceleration) > settings.acceleration_threshold
-    return len(_operations(used, trajectory.time, settings)) + _steering_operations(
-        trajectory, settings
-    )
+    active = np.abs(trajectory.acceleration) > settings.acceleration_threshold
+    pedals = _operations(active, trajectory.time, settings)
+    return len(pedals) + _steering_operations(trajectory, settings)
 
 
 def most_operations(trajectory: Trajectory, settings: AnthropomorphicSettings = DEFAULTS) -> int:
     """f_n+ of H: n of Eq. 12 at that level of |acceleration|, from 0.5 m/s2 on, at which it is
     largest.
 
-    Eq. 12 takes an oscillation without neutral time for one operation, so that a stronger one may
-    have fewer. Here it never has: levels are the signal's peaks, and grow with it. Between two
-    operations at a level the signal also falls to 0.8 of it, which the rounding of a constant
-    acceleration does not.
+    Eq. 12 counts an oscillation without neutral time as one operation, so a stronger oscillation
+    may have fewer operations than a weaker one. Here it never has: the levels are the signal's
+    peaks, and grow with it. Between two operations at a level the signal also falls to 0.8 of the
+    level, so the rounding of a constant acceleration makes no operations.
     """
-    used = np.abs(trajectory.acceleration)
-    beside = np.concatenate(([-np.inf], used, [-np.inf]))
-    peaks = used[
-        (used >= beside[:-2]) & (used >= beside[2:]) & (used > settings.acceleration_threshold)
+    signal = np.abs(trajectory.acceleration)
+    padded = np.concatenate(([-np.inf], signal, [-np.inf]))
+    # samples not below their neighbours
+    peak = (signal >= padded[:-2]) & (signal >= padded[2:])
+    levels = np.unique(signal[peak & (signal > settings.acceleration_threshold)])
+    at_levels = [
+        _operations(signal > SAME_PEAK * one, trajectory.time, settings, signal <= RELEASED * one)
+        for one in levels
     ]
-    counts = [
-        len(
-            _operations(
-                used > SAME_PEAK * level, trajectory.time, settings, used <= RELEASED * level
-            )
-        )
-        for level in np.unique(peaks)
-    ]
-    return max(counts, default=0) + _steering_operations(trajectory, settings)
+    return max(map(len, at_levels), default=0) + _steering_operations(trajectory, settings)
 
 
 def _steering_operations(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int:
+    """Number of steering operations by the rule of the settings."""
     if settings.steering_rule == "manoeuvre":
         return _lateral_manoeuvres(trajectory, settings)
     known = np.isfinite(trajectory.steering_wheel_angle)
     if not known.any():
         raise InputError(
-            '`steering_rule = "wheel"` of the anthropomorphic index needs the steering wheel '
-            "angle of the ADS and of "
-            'all drivers, and a trajectory has none; "manoeuvre" counts both alike without it.'
+            '`steering_rule = "wheel"` of the anthropomorphic index needs the steering wheel angle '
+            "of the ADS and of all drivers, and a trajectory has none; "
+            '"manoeuvre" counts both alike without it.'
         )
     turned = np.abs(trajectory.steering_wheel_angle[known]) > _wheel_threshold(
         trajectory.speed[known], settings
@@ -107,18 +104,21 @@ def _operations(
     settings: AnthropomorphicSettings,
     released: BoolArray | None = None,
 ) -> list[tuple[int, int]]:
-    """First and last active sample of each operation: active samples without `neutral_time` of
-    neutral between them.
+    """Indices of the first and the last active sample of each operation.
 
-    released: samples of which one must lie between two operations.
+    active: whether the signal is above its threshold, (n,).
+    time: of the samples, (n,), s.
+    released: samples of which at least one must lie between two operations, (n,); None: no such
+        condition.
+
+    Two operations are at least `neutral_time` of neutral signal apart.
     """
     samples = np.flatnonzero(active)
     if samples.size == 0:
         return []
-    neutral_from = time[samples[:-1] + 1]
-    ended = (np.diff(samples) > 1) & (
-        time[samples[1:]] - neutral_from >= settings.neutral_time - SAME_TIME
-    )
+    # of each active sample but the last: whether its operation ends with it
+    neutral = time[samples[1:]] - time[samples[:-1] + 1]
+    ended = (np.diff(samples) > 1) & (neutral >= settings.neutral_time - SAME_TIME)
     if released is not None:
         ended &= np.diff(np.cumsum(released)[samples]) > 0
     first = samples[np.append(True, ended)]
@@ -131,6 +131,7 @@ def _lateral_manoeuvres(trajectory: Trajectory, settings: AnthropomorphicSetting
     time, y = trajectory.time, trajectory.y
     if time.size < 2:
         return 0
+    # mean lateral speed over the window around each sample, m/s
     before = np.maximum(time - MANOEUVRE_WINDOW / 2, time[0])
     after = np.minimum(time + MANOEUVRE_WINDOW / 2, time[-1])
     rate = (np.interp(after, time, y) - np.interp(before, time, y)) / (after - before)

@@ -40,8 +40,8 @@ EXTREMES: Final[Mapping[str, int]] = {
 }
 """Which extremes count; 1 where more is more extreme, -1 where less is."""
 LEVELS: Final = (0.01, 0.02, 0.03, 0.04, 0.05, 0.1, 0.25, 0.5)
-"""Shares of people at which a table holds values, after the share of the single most extreme
-one."""
+"""Shares of people at which a table holds values. Before them it has the most extreme person's
+share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,15 +68,16 @@ class Quantiles:
 
         1 where the table does not know the extreme, where the value is nan (a drive without it, as
         without a lead vehicle) and where it is milder than the table's last. Beyond the most
-        extreme person the share falls to 0 over as far as it is from the table's second value to
-        that person: one more person could have gone there.
+        extreme person the share falls to 0. It is 0 as far beyond that person as the table's second
+        value is on this side: one more person could have gone there.
         """
         if name not in self.values or math.isnan(value):
             return 1.0
         side, values = EXTREMES[name], np.asarray(self.values[name])
         if (value - values[-1]) * side < 0.0:
             return 1.0
-        reached = np.append(2.0 * values[0] - values[1], values)
+        reached = np.append(2.0 * values[0] - values[1], values)  # the first with share 0
+        # times -side, values ascend, as `interp` needs them
         return float(np.interp(-side * value, -side * reached, (0.0, *self.shares[name])))
 
 
@@ -192,16 +193,20 @@ def quantiles_of(
 def _table(
     extreme: FloatArray, weights: FloatArray
 ) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-    """Shares and the values that they reach, of extremes (n,) of which more is more extreme;
-    weights add up to 1.
+    """Shares of people, ascending, and the value that each share reaches; None where fewer than two
+    values differ.
+
+    extreme: of n drives, (n,), where more is more extreme.
+    weights: of the drives, (n,), together 1.
     """
     order = np.argsort(-extreme, kind="stable")
     reached, share = extreme[order], np.cumsum(weights[order])
-    # of equal ones: every person who is as extreme is counted
-    last = np.append(reached[1:] < reached[:-1], True)
-    reached, share = reached[last & np.isfinite(reached)], share[last & np.isfinite(reached)]
+    # the last of equal values has the share of all who are as extreme
+    kept = np.append(reached[1:] < reached[:-1], True) & np.isfinite(reached)
+    reached, share = reached[kept], share[kept]
     if reached.size < 2:
         return None
     between = [level for level in LEVELS if share[0] < level <= share[-1]]
-    levels = np.array([share[0], *(between or share[-1:])])  # a slope needs two
+    # `share` interpolates between two values at least
+    levels = np.array([share[0], *(between or share[-1:])])
     return tuple(levels.tolist()), tuple(np.interp(levels, share, reached).tolist())

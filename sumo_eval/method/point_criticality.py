@@ -1,13 +1,13 @@
 """Criticality of points of a parameter space under ideal braking, Eqs. 5-7.
 
 Each point is solved in closed form where its scenario has one, and searched over time elsewhere.
+`zone_partition` learns the zones from it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
@@ -64,8 +64,8 @@ def criticality(
     no smooth surface follows a jump.
     """
     n = len(points)
-    # hazardous where nothing is to spare, worst where most lacks: m for an impact speed
     if logical.margin is not None:
+        # A scenario with a margin, m, has no impact speed: what the margin lacks stands for it.
         margin = np.asarray(logical.margin(logical.columns(points)))
         lacks = margin <= 0.0
         y = np.tanh(margin / PASSING_SCALE)
@@ -91,9 +91,9 @@ def criticality(
         )
     y = squared_time_target(inverse, impact, settings)
     if approach is not None and math.isfinite(approach.passing_length):
-        passed_by = -_gap_at_conflict(approach, settings) - approach.passing_length
-        past = np.tanh(passed_by / PASSING_SCALE)
-        y = np.where(passed_by > 0.0, past, np.maximum(y, past))
+        free = -_gap_at_conflict(approach, settings) - approach.passing_length  # p
+        y_passed = np.tanh(free / PASSING_SCALE)
+        y = np.where(free > 0.0, y_passed, np.maximum(y, y_passed))
     return Criticality(inverse, impact, gap, y)
 
 
@@ -106,8 +106,8 @@ def squared_time_target(
     impact_speed: u, (n,), m/s, under the zones' braking a.
     settings: `[method.zones]`: a, ITTC*, scale.
 
-    Where it hits, T^2 := -(u/a)^2, which continues T^2 smoothly through contact: both are 2c/a, c
-    the gap left over. Not closing: T = inf, y = 1.
+    Where it hits, T^2 := -(u/a)^2, which continues T^2 smoothly through contact: both are 2c/a with
+    the gap c that is left over. An ego that is not closing has T = inf and y = 1.
     """
     inverse, u = np.broadcast_arrays(
         np.asarray(inverse_ttc, float), np.asarray(impact_speed, float)
@@ -133,20 +133,25 @@ def _gap_at_conflict(approach: Approach, settings: ZoneSettings) -> FloatArray:
 
 
 def _searched(approach: Approach, n: int, settings: ZoneSettings) -> tuple[FloatArray, FloatArray]:
-    """Max ITTC and impact speed of `n` points without a closed form."""
+    """Max ITTC, 1/s, and impact speed, m/s, of `n` points without a closed form, (n,) each."""
     inverse, impact = np.empty(n), np.empty(n)
-    names = [item.name for item in fields(approach) if item.name != "passing_length"]
-    values = _broadcast(n, *(getattr(approach, name) for name in names))
-    arrays = dict(zip(names, values, strict=True))
-    for rows in (slice(start, start + SEARCHED_AT_ONCE) for start in range(0, n, SEARCHED_AT_ONCE)):
-        part = {name: array[rows] for name, array in arrays.items()}
+    arrays = list(
+        _broadcast(
+            n, approach.ego_speed, approach.gap, approach.delay,
+            approach.obstacle_speed, approach.obstacle_deceleration, approach.conflict_begin,
+        )
+    )  # fmt: skip
+    for first in range(0, n, SEARCHED_AT_ONCE):
+        rows = slice(first, first + SEARCHED_AT_ONCE)
+        ego_speed, gap, delay = (array[rows] for array in arrays[:3])
+        speed, slowing, begin = (array[rows] for array in arrays[3:])
         inverse[rows], impact[rows] = searched_criticality(
-            part["ego_speed"],
-            part["gap"],
-            _lead(part["obstacle_speed"][:, None], part["obstacle_deceleration"][:, None]),
+            ego_speed,
+            gap,
+            _lead(speed[:, None], slowing[:, None]),
             deceleration=settings.deceleration,
-            delay=part["delay"],
-            conflict_begin=part["conflict_begin"],
+            delay=delay,
+            conflict_begin=begin,
             passing_length=approach.passing_length,
         )
     return inverse, impact
@@ -158,11 +163,13 @@ def _broadcast(n: int, *values: ArrayLike) -> Iterator[FloatArray]:
 
 
 def _lead(speed: FloatArray, slowing: FloatArray) -> tuple[Profile, Profile]:
-    """Speed and distance at times of leads, (n, 1); those that decelerate brake from the start
-    on.
+    """Functions from times to the speed and the driven distance of n leads.
+
+    speed: at the start, (n, 1), m/s.
+    slowing: their deceleration from the start on, (n, 1), m/s2; 0: they keep their speed.
     """
     brakes = slowing > 0.0
-    if not brakes.any():  # the same, for a third of the time
+    if not brakes.any():  # the same, in a third of the time
         return lambda _: speed, lambda time: speed * time
     strength = np.where(brakes, slowing, 1.0)
     return (
@@ -202,7 +209,7 @@ def exactly_hazardous(
 
 
 def asks_some(logical: LogicalScenario) -> bool:
-    """Whether the criticality of a point is searched for in time."""
+    """Whether criticality in a scenario is searched over time, and not in closed form."""
     if logical.approach is None:
         return logical.search is not None
     middle = np.array([[0.5 * (one.low + one.high) for one in logical.parameters]])

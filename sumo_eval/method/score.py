@@ -1,4 +1,4 @@
-"""The combined score S, Eq. 18."""
+"""The combined score S, Eq. 18, and the terms of S+ for the report."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from sumo_eval.errors import must_be
 from sumo_eval.settings import ScoreSettings
 
-ROUNDING = 1e-9  # what a mean of shares may be off by
+ROUNDING = 1e-9  # how far beyond 0..1 rounding may put an index
 
 
 class Score(NamedTuple):
@@ -110,10 +110,10 @@ def population_scale(
         raise must_be("`share`", "`population_scale`", "within 0..1 and above 0", share)
     if centre not in ("median", "mean"):
         raise must_be("`centre`", "`population_scale`", "'median' or 'mean'", centre)
-    stands_for_all = middle(values, centre)
-    if stands_for_all == 0.0:
-        raise must_be(f"The {centre}", "the population's indexes", "greater than 0", stands_for_all)
-    return share / stands_for_all
+    typical = middle(values, centre)
+    if typical == 0.0:
+        raise must_be(f"The {centre}", "the population's indexes", "greater than 0", typical)
+    return share / typical
 
 
 def middle(values: Sequence[float], centre: Literal["median", "mean"]) -> float:
@@ -122,5 +122,6 @@ def middle(values: Sequence[float], centre: Literal["median", "mean"]) -> float:
 
 
 def _index(name: str, value: float) -> None:
+    """Raise InputError unless an index is within 0..1."""
     if not -ROUNDING <= value <= 1.0 + ROUNDING:
         raise must_be(f"`{name}`", "the score", "within 0..1", value)

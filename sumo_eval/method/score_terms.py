@@ -1,11 +1,11 @@
 """The arithmetic of every score, over one sample of cases or over many: Eqs. 13, 17 and 18, and T,
 A', H and S+, which order ADSs.
 
-Every function takes what each case brings, arrays (n,), nan where a case has no part in it, and
-`counts`, (m, n): how often each case stands in each of m samples. A row of ones is the evaluation
-itself; a bootstrap draws the other rows. (m,) values come back, nan where a sample holds nothing to
-compute the value from. No function looks at anything but its arguments, so a score, its interval
-and a difference between two scores are one arithmetic.
+Every function takes arrays (n,) with a quantity of each case, nan where a case has no part in it,
+and `counts`, (m, n): how often each case occurs in each of m samples. A row of ones is the
+evaluation itself; a bootstrap draws further rows. Each score comes back as (m,), nan where a sample
+holds nothing to compute it from. A score, its interval and a difference between two scores are so
+computed by the same functions, from their arguments alone. `scoring.case_terms` calls them.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ def once(n: int) -> FloatArray:
 
 
 class AskedTerms:
-    """Counts that record which terms a score sums, in order; every sum comes out as one 0.
+    """Counts that record the terms which a score sums, in order; each sum that they return is 0.
 
-    Every score is a function of sums over cases, and which sums it needs does not depend on the
-    data. So the terms of some of the cases can be made and summed, in however many samples, those
-    of the next ones added, and the score be made of the sums (`KnownSums`): what is in memory does
-    not grow with the cases.
+    A score is a function of sums over cases, and which sums it needs does not depend on the data.
+    So its terms are recorded for some of the cases at a time, and summed in all samples. The sums
+    of all parts are added. Then `KnownSums` gives them to the score in place of counts, so the
+    memory in use does not grow with the number of cases.
     """
 
     def __init__(self) -> None:
@@ -197,8 +197,8 @@ def avoided_share(
     sample are 0, every point weighs the same. nan where no point of a sample is known. An ADS that
     is no worse in any case and better in one never has a lower A.
     """
-    stakes = _Stakes.of(severity, ideal, unreacting, weights)
-    weighs = counts @ stakes.weight > 0.0
+    stakes = Stakes.of(severity, ideal, unreacting, weights)
+    weighs = counts @ stakes.weight > 0.0  # in a sample without any weight every point weighs 1
     numerator, denominator = (
         np.where(weighs, counts @ (stakes.weight * part), counts @ part)
         for part in (stakes.lost, stakes.at_stake)
@@ -208,8 +208,14 @@ def avoided_share(
     return np.where(_drawn(stakes.known, counts), share, np.nan)
 
 
-class _Stakes(NamedTuple):
-    """Terms of A, (n,): max(0, U_i - Ug_i), max(0, U0_i - Ug_i) and w_i, 0 where one is unknown."""
+class Stakes(NamedTuple):
+    """Terms of A, (n,) each, 0 where one of a point's terms is unknown.
+
+    lost: max(0, U_i - Ug_i), m/s.
+    at_stake: max(0, U0_i - Ug_i), m/s.
+    weight: w_i.
+    known: whether all three are known.
+    """
 
     lost: FloatArray
     at_stake: FloatArray
@@ -219,8 +225,8 @@ class _Stakes(NamedTuple):
     @classmethod
     def of(
         cls, severity: ArrayLike, ideal: ArrayLike, unreacting: ArrayLike, weights: ArrayLike
-    ) -> _Stakes:
-        """Terms of each point."""
+    ) -> Stakes:
+        """Terms of each point, from the arguments of `avoided_share`."""
         lost, at_stake = excess(severity, ideal), excess(unreacting, ideal)
         known: BoolArray = np.isfinite(lost) & np.isfinite(at_stake) & np.isfinite(weights)
         lost, at_stake, weight = (np.where(known, each, 0.0) for each in (lost, at_stake, weights))
@@ -237,10 +243,10 @@ def avoided_share_losses(
     nan where a point is not known. Where nothing was at stake but something was lost, A is 0 and
     the points share the 1 by what each lost.
     """
-    stakes = _Stakes.of(severity, ideal, unreacting, weights)
+    stakes = Stakes.of(severity, ideal, unreacting, weights)
     weight = stakes.weight if stakes.weight.any() else stakes.known.astype(np.float64)
     taken = weight * stakes.lost
-    # nothing at stake: the sum of what was lost; nothing lost either: any number but 0
+    # with nothing at stake divide by the sum of what was lost, without a loss by 1
     whole = float(np.sum(weight * stakes.at_stake)) or float(np.sum(taken)) or 1.0
     return np.where(stakes.known, taken / whole, np.nan)
 

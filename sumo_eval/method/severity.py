@@ -93,8 +93,8 @@ class InjuryCurve(NamedTuple):
     """logit P = intercept + speed * closing speed in km/h + age * age in years.
 
     intercept, speed, age: coefficients of a person that is hit.
-    usual_age: years, where `method.collision.age` is not set; with it the risk is 10 % at the speed
-        for which the source publishes 10 %.
+    usual_age: years, for a setting `method.collision.age` of None. At this age the risk is 10 % at
+        the speed for which the source publishes 10 %.
     fastest: km/h above which a score has a note that the curve may not hold.
     """
 
@@ -146,9 +146,9 @@ class Severity(NamedTuple):
 
     name: as in the settings.
     unit: of V.
-    of: takes a collision and the name of its case for errors, returns V. Raises InputError where a
-        user's function fails, returns anything but a finite number within 0..1, or returns two
-        different numbers for one contact.
+    of: takes a collision and the name of its case (for error messages), returns V. Raises
+        InputError where a user's function fails, returns anything but a finite number within 0..1,
+        or returns two different numbers for one contact.
     beyond: takes a collision, returns why it is outside the range of which V is known, or "".
     sha256: of the file that holds a user's function, so that scores identify it; empty for any
         other severity.
@@ -228,6 +228,7 @@ EXAMPLE: Final = Collision(
 
 
 def _hash_of(function: object) -> str:
+    """SHA-256 of the file that holds a function; empty without a file."""
     while isinstance(function, partial):  # its own module is functools
         function = function.func
     module = sys.modules.get(getattr(function, "__module__", ""))
@@ -236,6 +237,7 @@ def _hash_of(function: object) -> str:
 
 
 def _injury(chosen: str, settings: CollisionSettings) -> Severity:
+    """The severity of an injury-risk curve."""
     who, age = chosen.removeprefix(_INJURY), settings.age
     injury_risk(who, 0.0, age)  # raises InputError for an unknown curve or age
 

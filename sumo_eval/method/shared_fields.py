@@ -2,21 +2,23 @@
 every point.
 
 Away from a sample the field is a smooth function of the place. So the road is divided into boxes,
-halved again and again. What lies further than its own length from a box is summed at that box's
-nodes only, and a polynomial through the nodes gives it at every point of the box; what is near is
-summed at the points themselves.
+halved again and again. A sample further from a box than the box's length is far. Far samples are
+summed at the box's nodes only, and a polynomial through the nodes gives their field at every point
+of the box. Near samples are summed at the points themselves.
 
-The result is that of `trajectory_field.trajectory_fields` to 1e-11, relative. The summand is
+The result is that of `trajectory_field.trajectory_fields` to 1e-11, relative. How fast a polynomial
+converges depends on the singularities of the function: the larger the Bernstein ellipse (sum of its
+half-axes, for the interval -1..1) without any, the fewer nodes are needed. A sample's field is
 singular at the sample itself (along x) and above and below it in the complex plane of y. Far
-samples of a box of length L begin one length away, in a strip of half-width h <= L/3.2. So these
-places lie on Bernstein ellipses of
+samples of a box of length L begin one length away, in a strip of half-width h <= L/3.2. So the
+ellipses have
 
 - along x: 3 + sqrt(8) = 5.8, for which 16 nodes are enough,
-- across: L/h + sqrt((L/h)^2 + 1) >= 6.5, for which at most 14 are.
+- across: L/h + sqrt((L/h)^2 + 1) >= 6.5, for which at most 14 nodes are enough.
 
-They leave 6.5e-12 of each sample's field, about; found is 2.6e-12 (k1 = 0.5) to 6e-12 (k1 = 1).
-Where that does not hold (large constants, vectors, points off it), or does not pay, the plain sum
-is taken.
+The error is then about 6.5e-12 of each sample's field; measured are 2.6e-12 (k1 = 0.5) to 6e-12
+(k1 = 1). Where this does not hold (large constants, vectors, points off the stretch), or saves
+nothing, the plain sum is used. `anthropomorphic` computes all fields here.
 """
 
 from __future__ import annotations
@@ -34,13 +36,13 @@ from sumo_eval.settings import FieldSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray, Trajectory
 
 NODES = 16  # in a box, along x
-REACH = 1.0  # lengths of a box from which on a sample is far from it
-# least length of a box over the strip's half-width; shorter ones cost more than they save
+REACH = 1.0  # distance from which on a sample is far from a box, in lengths of the box
+# least length of a box over the strip's half-width; shorter boxes cost more than they save
 SLENDER = 3.2
-LEFT = 6.5e-12  # of a sample's field, about, is what the nodes across leave
+LEFT = 6.5e-12  # error that the nodes across leave, as a share of a sample's field
 LARGEST_K1 = 1.0  # a field that decays faster is summed plainly
-LARGEST_EXPONENT = 0.5  # and so is one that grows faster with speed ahead: k2 v
-NARROWEST = 0.5  # m; a narrower strip is treated as if it were this half-wide
+LARGEST_EXPONENT = 0.5  # largest k2 v; a field that grows faster with speed is summed plainly
+NARROWEST = 0.5  # m, least half-width of a strip
 
 
 class Stretch(NamedTuple):
@@ -88,13 +90,16 @@ class Stretch(NamedTuple):
 class Grid(NamedTuple):
     """Boxes of a stretch of road, halved again and again, and the nodes in each.
 
-    bounds: of all boxes together, x.
-    nodes: p Chebyshev points on -1..1, the x of a box.
-    halves: (2, p, p), values at the nodes of a box to values at those of its halves.
-    counts: how many nodes each level has across, (levels + 1,), at most q.
-    across: their y, (levels + 1, q).
-    finer: (levels + 2, q, q), values at the nodes across of one level to those of the next; last,
-        to the series.
+    Level 0 is the whole stretch, each further level has twice as many boxes.
+
+    bounds: least and largest x of the stretch, m.
+    nodes: p Chebyshev points along a box, on -1..1.
+    halves: matrices from values at the nodes of a box to values at those of its two halves,
+        (2, p, p).
+    counts: number of nodes across on each level, (levels + 1,), at most q.
+    across: y of these nodes, (levels + 1, q), m.
+    finer: matrices from values at the nodes across to values at those of the next level; the last
+        one to a Chebyshev series, (levels + 2, q, q).
     """
 
     bounds: FloatArray
@@ -106,13 +111,13 @@ class Grid(NamedTuple):
 
 
 class PointRows(NamedTuple):
-    """Rows of points across, box after box.
+    """Rows of points across the road, box after box.
 
     points: (s, k, 2), m.
-    order: which row of the field each is, (s,).
-    starts: the first row of each box, and s.
-    shares: of the values at the nodes of its box in those at a row, (p, s).
-    across: y of the points on -1..1, the strip, (k, s).
+    order: row of each in the field that is asked for, (s,).
+    starts: the first row of each box, and s at the end.
+    shares: weights that make the value at a row of the values at the p nodes of its box, (p, s).
+    across: y of the points, where the strip is -1..1, (k, s).
     """
 
     points: FloatArray
@@ -123,8 +128,8 @@ class PointRows(NamedTuple):
 
 
 def prepare() -> None:
-    """Have the compiled loops there before they are needed: loaded, and on a machine's first time
-    compiled, for 4 s.
+    """Load the compiled loops before they are needed; the first time on a machine they are
+    compiled, which takes 4 s.
     """
     time = np.arange(0.0, 20.0, 0.1)
     drive = Trajectory(time, 20.0 * time, np.zeros_like(time), speed=np.full_like(time, 20.0))
@@ -136,11 +141,11 @@ def prepare() -> None:
 
 
 class _BoxedSamples(NamedTuple):
-    """A trajectory for its sums by boxes.
+    """Samples of a trajectory, and their field by boxes.
 
-    samples: by x.
+    samples: as in `far_values`, sorted by x.
     near: the first and last (exclusive) of those near each of the smallest boxes.
-    far: the sum of all others there.
+    far: field of all other samples in each of these boxes, from `far_values`.
     """
 
     samples: FloatArray
@@ -151,11 +156,14 @@ class _BoxedSamples(NamedTuple):
 class SharedFields:
     """The fields of some trajectories on a stretch of road, for many requests.
 
-    Far samples are summed once for a trajectory. Their sum depends on the trajectory and the
-    stretch alone, not on the requested points.
+    trajectories: of the vehicles.
+    stretch: part of the road where fields are asked for; points off it are slower.
+    constants: k1, k2, sample interval and superposition of Eqs. 9-10.
+    points: expected number of points of a request. This decides whether boxes are used, for every
+        request alike, so that no result depends on earlier requests.
 
-    points: how many a request is expected to have. This decides whether boxes are used, for every
-        request alike, so that no answer depends on earlier ones.
+    Far samples of a trajectory are summed once, because their sum depends on the trajectory and the
+    stretch alone.
     """
 
     def __init__(
@@ -171,34 +179,36 @@ class SharedFields:
         self._prepare = functools.cache(self._prepared)
 
     def at(self, x: FloatArray, y: FloatArray, places: Sequence[int]) -> FloatArray:
-        """Eq. 9 for m of the trajectories at s rows of k points across the road, (m, s, k).
+        """Eq. 9: S of m trajectories at s rows of k points across the road, (m, s, k).
 
         x: of the rows, (s,), m.
-        y: (s, k), m.
+        y: of the points, (s, k), m.
+        places: indices of the trajectories, (m,).
 
         Errors as in `trajectory_fields`.
         """
         from sumo_eval.method.field_loops import put_field
 
-        inside, everywhere = self._stretch.holds(x, y), np.full(len(x), True)
+        inside = self._stretch.holds(x, y)
         points = np.stack((np.broadcast_to(x[:, None], y.shape), y), axis=-1)
-        into = None
+        rows = None
         if self._by_boxes and inside.any():
-            into = _point_rows(self._stretch, points, np.flatnonzero(inside))
+            rows = _point_rows(self._stretch, points, np.flatnonzero(inside))
         fields = np.empty((len(places), *y.shape))
         for place, field in zip(places, fields, strict=True):
-            one = None if into is None else self._prepare(place)
-            if one is not None:
-                put_field(into, one.samples, one.near, one.far, float(self._constants.k1), field)
-            rest = everywhere if one is None else ~inside
-            if rest.any():
+            boxed = None if rows is None else self._prepare(place)
+            if boxed is not None:
+                k1 = float(self._constants.k1)
+                put_field(rows, boxed.samples, boxed.near, boxed.far, k1, field)
+            plainly = ~inside | (boxed is None)
+            if plainly.any():
                 drives = [self._trajectories[place]]
-                plain = trajectory_fields(points[rest].reshape(-1, 2), drives, self._constants)
-                field[rest] = plain.reshape(-1, y.shape[1])
+                plain = trajectory_fields(points[plainly].reshape(-1, 2), drives, self._constants)
+                field[plainly] = plain.reshape(-1, y.shape[1])
         return fields
 
     def _prepared(self, place: int) -> _BoxedSamples | None:
-        """One trajectory; None where the field grows too fast with its speed for boxes."""
+        """A trajectory by boxes; None where its field grows too fast with speed for them."""
         from sumo_eval.method.field_loops import far_values
 
         constants, boxes = self._constants, _boxes(self._stretch)
@@ -209,11 +219,16 @@ class SharedFields:
         first = np.searchsorted(samples[:, 0], boxes.west)
         near = np.column_stack((first, np.searchsorted(samples[:, 0], boxes.east, side="right")))
         far = far_values(samples, boxes.grid, near, float(constants.k1))
-        return _BoxedSamples(samples, near[-(2**self._stretch.levels) :], far)
+        smallest = 2**self._stretch.levels  # boxes of the last level
+        return _BoxedSamples(samples, near[-smallest:], far)
 
 
 def _point_rows(stretch: Stretch, points: FloatArray, rows: IntArray) -> PointRows:
-    """Some rows of points (s, k, 2), all inside the stretch, box after box."""
+    """Rows of points, box after box.
+
+    points: (s, k, 2), m.
+    rows: indices of those that are inside the stretch.
+    """
     number = 2**stretch.levels
     order = rows[np.argsort(points[rows, 0, 0], kind="stable")]
     points = points[order]
@@ -227,20 +242,20 @@ def _point_rows(stretch: Stretch, points: FloatArray, rows: IntArray) -> PointRo
 
 
 def _pays(points: int, stretch: Stretch) -> bool:
-    """Whether less is summed by boxes than at the points."""
+    """Whether boxes need fewer terms of samples than the plain sum at n `points`."""
     levels = stretch.levels
     if levels == 0:
         return False
-    # each box sums, at its nodes and at its points, the samples over this many of its lengths
-    reached = 1.0 + 2.0 * REACH
+    # each box sums, at its nodes and at its points, the samples within this many of its lengths
+    near = 1.0 + 2.0 * REACH
     nodes = NODES * sum(_boxes(stretch).grid.counts.tolist())
-    return bool(reached * (nodes + points / 2**levels) < points)
+    return bool(near * (nodes + points / 2**levels) < points)
 
 
 class _Boxes(NamedTuple):
     """The boxes of a stretch.
 
-    west, east: between which x a sample is near each box, level after level.
+    west, east: x between which a sample is near each box, level after level, m.
     """
 
     grid: Grid
@@ -253,19 +268,21 @@ def _boxes(stretch: Stretch) -> _Boxes:
     lengths = [stretch.length / 2**level for level in range(stretch.levels + 1)]
     counts, places, finer = _across([length / stretch.half for length in lengths])
     bounds, across = np.array([stretch.west, stretch.east]), stretch.middle + stretch.half * places
-    begins = [bounds[0] + length * np.arange(2**level) for level, length in enumerate(lengths)]
-    placed = list(zip(begins, lengths, strict=True))
+    # length of each box, and where it begins, level after level
+    length = np.concatenate([np.full(2**level, one) for level, one in enumerate(lengths)])
+    number = np.concatenate([np.arange(2**level) for level in range(len(lengths))])
+    begin = bounds[0] + length * number
     return _Boxes(
         Grid(bounds, *_nodes()[:2], counts, across, finer),
-        np.concatenate([begin - REACH * length for begin, length in placed]),
-        np.concatenate([begin + (1.0 + REACH) * length for begin, length in placed]),
+        begin - REACH * length,
+        begin + (1.0 + REACH) * length,
     )
 
 
 @functools.cache
 def _nodes() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Chebyshev points; values there to values at those of the left and the right half, (2, p, p);
-    and to the coefficients of a Chebyshev series, (p, p).
+    """Chebyshev points, (p,), and matrices from values there to values at the points of the left
+    and the right half, (2, p, p), and to the coefficients of a Chebyshev series, (p, p).
     """
     nodes = chebyshev.chebpts1(NODES)
     series = _to_series(nodes)
@@ -274,21 +291,19 @@ def _nodes() -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _to_series(nodes: FloatArray) -> FloatArray:
-    """Values at n nodes to the coefficients of a Chebyshev series, (n, n)."""
+    """Matrix from values at n nodes to the coefficients of a Chebyshev series, (n, n)."""
     inverse = np.linalg.inv(chebyshev.chebvander(nodes, len(nodes) - 1))
     return np.array(inverse, dtype=float)
 
 
 def _across(slender: Sequence[float]) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Nodes across for each level of boxes: how many, where on -1..1, and the matrices that make
-    values there values at the nodes of the next level, or last a Chebyshev series; as `far_values`
-    takes them.
+    """`counts`, `across` (on -1..1) and `finer` of a `Grid`: the nodes across of each level.
 
     slender: length over half-width of the boxes of each level.
     """
-    # the longer a box, the fewer nodes it needs
-    bernstein = [REACH * ratio + math.hypot(REACH * ratio, 1.0) for ratio in slender]
-    counts = np.array([math.ceil(-math.log(LEFT) / math.log(number)) for number in bernstein])
+    # the longer a box, the larger the ellipse, and the fewer nodes it needs
+    ellipses = [REACH * ratio + math.hypot(REACH * ratio, 1.0) for ratio in slender]
+    counts = np.array([math.ceil(-math.log(LEFT) / math.log(size)) for size in ellipses])
     most = counts.max()
     nodes = [chebyshev.chebpts1(count) for count in counts.tolist()]
     places, finer = np.zeros((len(counts), most)), np.zeros((len(counts) + 1, most, most))

@@ -88,8 +88,10 @@ def trajectory_fields(
 
 
 def samples_of(trajectory: Trajectory, k2: float, interval: float) -> FloatArray:
-    """Samples of a trajectory for the kernels: rows of x, y, k2 vx, k2 vy, k2 v, weight; a
-    standing vehicle is one row with a weight.
+    """Samples of a trajectory for the kernels: rows of x, y, k2 vx, k2 vy, k2 v and weight.
+
+    The weight is the number of samples that a row stands for: samples of a standing vehicle, which
+    are equal, are one row.
     """
     motion = _resampled(trajectory, interval)
     begins = np.flatnonzero(np.append(True, np.any(motion[1:] != motion[:-1], axis=1)))
@@ -122,7 +124,12 @@ def _resampled(trajectory: Trajectory, interval: float) -> FloatArray:
 
 
 def _vector_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatArray:
-    """The size of the sum of vectors at points (n, 2); samples as `samples_of` makes them."""
+    """Eq. 10: |sum of s r/|r|| at points, (n,).
+
+    points: (n, 2), m.
+    samples: from `samples_of`.
+    k1: decay with distance.
+    """
     total = np.zeros(points.T.shape)
     for sample in samples:
         away = points.T - sample[:2, None]
@@ -134,6 +141,7 @@ def _vector_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatArra
 
 
 def _checked_points(points: ArrayLike) -> FloatArray:
+    """Points as an array (n, 2). Raises InputError for anything else."""
     owner = "the trajectory field"
     # A fresh array, because numba compiles once more for a read-only one.
     places = np.array(finite(owner, "points", points), order="C")

@@ -205,14 +205,14 @@ def partition(
     """
     from scipy.ndimage import generate_binary_structure, label
 
-    axes, thinned = _own_axes(logical)
-    notes = list(thinned) if points is None else []
-    training = mesh(axes) if points is None else _user_points(logical, points)
+    axes, coarse = _own_axes(logical)
+    if points is None:
+        training, notes, rounds = mesh(axes), list(coarse), 1 + settings.refinements
+    else:  # used as they are, without refinement
+        training, notes, rounds = _user_points(logical, points), [], 1
 
     refined, grid, feasible = _dense_grid(logical, axes, settings)
     unit = logical.to_unit(grid)
-    # training points of a caller are used as they are, without refinement
-    rounds = 1 + settings.refinements if points is None else 1
     learnt = _learn(logical, training, grid, feasible, settings, rounds)
     notes += learnt.notes
 
@@ -239,7 +239,7 @@ def partition(
         zone[regions.ravel() == region] = number
     surface = learnt.surface
     # The search for the most dangerous points asks this partition which points belong to a zone.
-    # They, the boundary and the notes are filled in afterwards.
+    # These points, the boundary and the notes are filled in afterwards.
     zones = ZonePartition(
         logical=logical,
         settings=settings,
@@ -282,7 +282,7 @@ def refuse_impossible_zones(logical: LogicalScenario, settings: ZoneSettings) ->
     exactly_hazardous(logical, grid[feasible][:: 8 if asks_some(logical) else 1], settings)
     training = mesh(axes)
     criticality(logical, training, settings)
-    coordinates(logical, training)
+    coordinates(logical, training)  # raises where the scenario's own ones fail
 
 
 def _dense_grid(
@@ -425,15 +425,15 @@ def _own_axes(logical: LogicalScenario) -> tuple[list[list[float]], tuple[str, .
     """
     counts = [_own_count(parameter) for parameter in logical.parameters]
     own = math.prod(counts)
-    most = OWN_GRID_POINTS.bit_length() - 1  # with two values of each
+    most = OWN_GRID_POINTS.bit_length() - 1  # parameters, with two values of each: 2**most points
     if len(counts) > most:
         raise InputError(
             f"Scenario `{logical.name}` must have at most {most} parameters, since its zones are "
             f"learnt from a grid, got {len(counts)}: give some of them a fixed value."
         )
-    # take a value from the longest axis until the grid is small enough
+    # Take a value from the longest axis until the grid is small enough. An axis that alone is too
+    # long is cut at once.
     while math.prod(counts) > OWN_GRID_POINTS:
-        # an axis longer than the whole grid may be is cut at once
         counts[counts.index(max(counts))] = min(max(counts) - 1, OWN_GRID_POINTS)
     axes = [
         _axis(parameter, count) for parameter, count in zip(logical.parameters, counts, strict=True)
@@ -447,7 +447,7 @@ def _own_axes(logical: LogicalScenario) -> tuple[list[list[float]], tuple[str, .
 
 
 def _own_count(parameter: Parameter) -> int:
-    """Number of values from low in steps, and high."""
+    """Number of values of a parameter from its low on at its steps, and its high."""
     extent = decimal(parameter.high) - decimal(parameter.low)
     return math.ceil(extent / decimal(parameter.step)) + 1
 
@@ -490,6 +490,7 @@ def _rows(points: ArrayLike) -> FloatArray:
 
 
 def _user_points(logical: LogicalScenario, points: ArrayLike) -> FloatArray:
+    """Training points of a caller, sorted, each once. Raises InputError as `partition` does."""
     array = np.asarray(points, dtype=float)
     owner = f"scenario `{logical.name}`"
     if (

@@ -41,10 +41,10 @@ class Surface:
     length_scales: sl, (m,).
     signal_deviation: sf.
     noise_deviation: sn.
-    level: 0, or the constant +1 (safe) or -1 (hazardous) with n = 0 where every training point
-        agrees.
-    coordinates: points (n, k) of the parameters' unit box -> x, where the scenario names better
-        ones.
+    level: 0. Where all training points are on one side, n is 0 and y is this constant: +1 (safe) or
+        -1 (hazardous).
+    coordinates: function from points (n, k) of the parameters' unit box to x; None: x are these
+        points.
     """
 
     points: FloatArray
@@ -124,6 +124,7 @@ def fit(
             "such."
         ]
 
+    # along each coordinate: the widest gap between its values, at least that of an even grid
     spacing = np.array([np.diff(np.unique([0.0, *column, 1.0])).max() for column in unit.T])
     spacing = np.maximum(spacing, n ** (-1.0 / k))
     bounds = np.log(
@@ -148,12 +149,11 @@ def fit(
         k_training[np.diag_indices_from(k_training)] += tolerance
         factor = cholesky(k_training, lower=True, check_finite=False)
         weights = cho_solve((factor, True), target, check_finite=False)
-    notes = _bound_notes(logical, theta, bounds)
+    notes = []
     if failures:
-        notes.insert(
-            0,
+        notes.append(
             f"{len(failures)} of {settings.restarts + 1} searches for the GP's hyperparameters "
-            f"stopped early: {failures[0]}.",
+            f"stopped early: {failures[0]}."
         )
     surface = Surface(
         points=unit,
@@ -163,7 +163,7 @@ def fit(
         noise_deviation=math.sqrt(rounded.noise),
         coordinates=better,
     )
-    return surface, notes
+    return surface, notes + _bound_notes(logical, theta, bounds)
 
 
 def _bound_notes(logical: LogicalScenario, theta: FloatArray, bounds: FloatArray) -> list[str]:
