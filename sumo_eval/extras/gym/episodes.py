@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -230,16 +231,18 @@ class Episodes:
 
     def _reward(self, it: Transition) -> Floats:
         given = self.reward(it)
-        fits = np.shape(given) in ((), (self.count,))
-        rewards = np.where(it.running, given, 0.0) if fits else np.full(self.count, np.nan)
-        if not np.isfinite(rewards).all():
-            raise must_be(
-                "The reward",
-                "an environment",
-                f"a finite number for each of {self.count} episodes",
-                given,
-            )
-        return rewards
+        with suppress(TypeError, ValueError):  # no numbers, or too many
+            # complex numbers, texts and objects are refused, as "same_kind" does not cast them
+            numbers = np.asarray(given).astype(np.float64, casting="same_kind")
+            rewards = np.where(it.running, numbers, 0.0)
+            if rewards.shape == it.running.shape and np.isfinite(rewards).all():
+                return rewards
+        raise must_be(
+            "The reward",
+            "an environment",
+            f"a finite number for each of {self.count} episodes",
+            given,
+        )
 
     def _impact(self, row: int) -> float:
         world = self.pack.world
