@@ -4,14 +4,13 @@ each space.
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sumo_eval.report.page import CONFIDENCE, write_page
+from sumo_eval.report.page import CONFIDENCE, write_json
 from sumo_eval.report.verdict import Beside
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
@@ -25,8 +24,7 @@ CELL = 17  # pixels of a bucket in the picture
 
 def write_confidence(confidence: Confidence, folder: Path) -> Path:
     """Write `confidence.json` into a run's folder and return its path."""
-    text = json.dumps(confidence_json(confidence), indent=2, allow_nan=False)
-    return write_page(folder / CONFIDENCE, f"{text}\n", "The confidence")
+    return write_json(folder / CONFIDENCE, confidence_json(confidence), "The confidence")
 
 
 def confidence_json(confidence: Confidence) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import functools
+import json
 import shlex
 from collections.abc import Iterable
 from importlib.resources import files
@@ -37,6 +38,11 @@ def write_page(path: Path, page: str, what: str) -> Path:
     except OSError as error:
         raise InputError(f"{what} {path} cannot be written: {error}.") from error
     return path
+
+
+def write_json(path: Path, content: Any, what: str) -> Path:
+    """Write content without nan as JSON and return the file's path; what: as in `write_page`."""
+    return write_page(path, json.dumps(content, indent=2, allow_nan=False) + "\n", what)
 
 
 def template(name: str) -> jinja2.Template:

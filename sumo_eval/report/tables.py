@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
 from dataclasses import asdict, fields
@@ -13,7 +12,7 @@ from pydantic_core import from_json, to_json
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.checks import checked_cases
-from sumo_eval.report.page import write_csv, write_page
+from sumo_eval.report.page import write_csv, write_json
 from sumo_eval.report.words import (
     exposure_note_words,
     index_note_words,
@@ -77,8 +76,7 @@ def write_tables(evaluation: Evaluation) -> None:
     """Write scores.json and cases.csv into the evaluation's folder; checks.csv where a scenario has
     requirements.
     """
-    scores = json.dumps(scores_json(evaluation), indent=2, allow_nan=False)
-    write_page(evaluation.folder / "scores.json", f"{scores}\n", "The scores")
+    write_json(evaluation.folder / "scores.json", scores_json(evaluation), "The scores")
     cases_csv(evaluation, evaluation.folder / "cases.csv")
     if evaluation.checks:
         checks_csv(evaluation, evaluation.folder / CHECKS)

@@ -103,7 +103,7 @@ class _Rule(NamedTuple):
 
     form: outermost part of the annotation, e.g. dict of dict[str, float]; None of a plain type.
     optional: whether None is accepted.
-    choices: accepted values of a Literal; empty: the annotation is none.
+    choices: accepted values of a Literal; empty for other annotations.
     kind, kind_words: as in `_KINDS`.
     bounds: (test of a value and the limit, limit, words before the limit).
     inner: rules of the kinds of a union, of a table's keys and values, or of a list's items.

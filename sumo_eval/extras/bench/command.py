@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
@@ -42,6 +41,7 @@ def bench(small: bool, only: tuple[str, ...], cases: int, file: Path | None) -> 
     Processor time of one core. How to read the table: docs/benchmarks.md.
     """
     from sumo_eval.extras.bench.costs import benchmark
+    from sumo_eval.report.page import write_json
 
     found = benchmark(
         cases=8 if small else cases,
@@ -51,7 +51,7 @@ def bench(small: bool, only: tuple[str, ...], cases: int, file: Path | None) -> 
     )
     if file is not None:
         plain = {**found, "rows": [row._asdict() for row in found["rows"]]}
-        file.write_text(json.dumps(plain, indent=2) + "\n", encoding="utf-8")
+        write_json(file, plain, "The figures")
     machine = ", ".join(f"{name} {value}" for name, value in found["machine"].items())
     tell(machine)
     for row in found["rows"]:

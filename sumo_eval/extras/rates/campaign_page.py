@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from sumo_eval.extras.rates.campaign import (
 )
 from sumo_eval.extras.rates.importance import DEFENSIVE, Limits
 from sumo_eval.extras.rates.page import amount, interval, table
-from sumo_eval.report.page import write_page
+from sumo_eval.report.page import write_json
 from sumo_eval.report.study_page import Fold, Piece, Table, Text, write_parts
 
 PAGE, PLAIN = "campaign.html", "campaign.json"
@@ -37,9 +36,7 @@ BASIS = (
 def write_campaign(campaign: Campaign, folder: Path) -> tuple[Path, ...]:
     """Write `campaign.html` and `campaign.json` into a folder; return their paths."""
     content = plain(campaign)
-    write_page(
-        folder / PLAIN, json.dumps(content, indent=2, allow_nan=False) + "\n", "The campaign"
-    )
+    write_json(folder / PLAIN, content, "The campaign")
     title = f"{campaign.settings.name}: collisions per million km"
     write_parts(
         folder / PAGE,

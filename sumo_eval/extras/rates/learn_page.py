@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from sumo_eval.extras.rates.intervals import kolmogorov_by_chance
 from sumo_eval.extras.rates.learned import Learnt, Lesson
 from sumo_eval.extras.rates.page import interval, table
 from sumo_eval.extras.rates.scenes import SCENES
-from sumo_eval.report.page import write_page
+from sumo_eval.report.page import write_json, write_page
 from sumo_eval.report.study_page import Chart, Fold, Piece, Table, Text, write_parts
 from sumo_eval.report.words import count
 from sumo_eval.scenario.joint import Joint
@@ -57,7 +56,7 @@ def write_lesson(lesson: Lesson, folder: Path) -> tuple[Path, ...]:
     """
     page, data, campaign = (folder / name for name in (PAGE, JSON, CAMPAIGN))
     content = plain(lesson)
-    write_page(data, json.dumps(content, indent=2, allow_nan=False) + "\n", "The lesson")
+    write_json(data, content, "The lesson")
     campaign.unlink(missing_ok=True)
     names = [name for name, learnt in lesson.learnt.items() if learnt.logical is not None]
     if names:

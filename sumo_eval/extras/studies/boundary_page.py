@@ -12,7 +12,7 @@ import numpy as np
 from sumo_eval.errors import InputError
 from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.studies.boundary import FailureBoundary
-from sumo_eval.report.page import write_csv, write_page
+from sumo_eval.report.page import write_csv, write_json
 from sumo_eval.report.study_page import write_study
 from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings.random_streams import random_stream
@@ -71,11 +71,7 @@ def write_boundary(
         for row, chance in zip(*chances_on(boundary, share), strict=True)
     ]  # an impossible point has an empty chance
     write_csv(folder / CHANCES, [*names, "chance"], chances)
-    write_page(
-        folder / SUMMARY,
-        json.dumps({**summary(boundary), "held": held}, indent=2, allow_nan=False) + "\n",
-        "The boundary",
-    )
+    write_json(folder / SUMMARY, {**summary(boundary), "held": held}, "The boundary")
     # drawn from the files, which must be enough for `sumo-eval plot` to draw the maps again
     title, panels = edge_panels(folder)
     write_study(

@@ -19,6 +19,7 @@ from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.studies.tables import aligned
 from sumo_eval.method.agreement import Agreement, concordance, rank_correlation, rank_interval
 from sumo_eval.report.opinion_section import OPINION, opinion_content
+from sumo_eval.report.page import write_json
 from sumo_eval.report.study_page import write_study
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.gate_settings import INDEXES
@@ -184,7 +185,7 @@ def opinion_panels(run: Path) -> list[Panel]:
 
 def write_opinion(opinion: Opinion, run: Path, page: Path) -> None:
     """Write the comparison into the run's folder, whose report then shows it, and as a page."""
-    (run / OPINION).write_text(json.dumps(opinion_json(opinion), indent=2) + "\n", encoding="utf-8")
+    write_json(run / OPINION, opinion_json(opinion), "The comparison")
     title = "People's opinion and the scores"
     write_study(
         page, kicker=run.name, title=title, sentences=(),

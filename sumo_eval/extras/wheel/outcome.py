@@ -7,7 +7,6 @@ its recorded bytes is left out and reported.
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from dataclasses import asdict, fields, replace
@@ -21,7 +20,7 @@ from sumo_eval.extras.wheel.study import Participant, participants
 from sumo_eval.extras.wheel.tape import digest, drive_again, read_tape
 from sumo_eval.record.run_folder import read_manifest, read_settings
 from sumo_eval.report.export_case import absolute
-from sumo_eval.report.page import write_csv
+from sumo_eval.report.page import write_csv, write_json
 from sumo_eval.report.people import STUDY, drawn_words
 from sumo_eval.settings.config import to_toml
 from sumo_eval.trajectory import Trajectory
@@ -118,7 +117,7 @@ def collect(plan: StudyPlan) -> StudyResult:
         "left_out": [it._asdict() for it in left],
         "quality": asdict(plan.settings.quality),
     }
-    (drives / STUDY).write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    write_json(drives / STUDY, summary, "The summary")
     paths[-1].write_text(evaluation_of(plan, participating), encoding="utf-8")
     return result
 

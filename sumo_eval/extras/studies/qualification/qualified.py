@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
@@ -13,7 +12,7 @@ from typing import Any, NamedTuple
 from sumo_eval.errors import SumoEvalError
 from sumo_eval.extras.studies.qualification.table import Answer, Check
 from sumo_eval.record.run_folder import versions_and_machine
-from sumo_eval.report.page import template, write_page
+from sumo_eval.report.page import template, write_json, write_page
 
 FORMAT_VERSION = 1
 ENTRIES = ("kind", "name", "source", "expected", "found", "bound", "unit", "passed", "error")
@@ -171,7 +170,5 @@ def write_qualification(found: Qualification, folder: Path) -> tuple[Path, Path]
         found=found, kinds=found.kinds, purpose=PURPOSE, domain=DOMAIN, limits=LIMITS, shown=shown,
     )  # fmt: skip
     write_page(page, text, "The qualification")
-    write_page(
-        plain, json.dumps(found.plain(), indent=2, allow_nan=False) + "\n", "The qualification"
-    )
+    write_json(plain, found.plain(), "The qualification")
     return page, plain
