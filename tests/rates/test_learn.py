@@ -376,10 +376,11 @@ def test_vehicle_from_a_ramp_moves_from_the_right_as_in_its_file():
 
 
 def test_no_learnt_vehicle_is_faster_than_roads_allow():
-    ranges = {"ego_speed": (20.0, 56.0), "closing_speed": (-15.0, 10.0), "headway": (0.5, 4.0)}
+    ranges = {"headway": (0.5, 4.0), "closing_speed": (-15.0, 10.0), "ego_speed": (20.0, 56.0)}
     content = content_of(
         "t", "braking", ranges, {"deceleration": 1.0, "duration": 4.0}, 3.5, "made up"
     )
+    assert {it["name"]: (it["low"], it["high"]) for it in content["parameter"]} == ranges
     logical = scenario_from(content, "t", Path())
     # the lead's speed is ego_speed - closing_speed: 60 and 60.1 m/s; SUMO lets nobody depart above
     # 60

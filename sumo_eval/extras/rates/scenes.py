@@ -283,10 +283,9 @@ def _parameters(
 ) -> list[dict[str, Any]]:
     """The file's parameters, whose grid has `GRID_POINTS` points at most.
 
-    ranges: name -> low and high, in the order of the quantities.
+    ranges: name -> low and high.
     """
     levels = max(2, math.floor(GRID_POINTS ** (1.0 / len(ranges))))
-    varying = [item for item in quantities if item.name in ranges]
     return [
         {
             "name": item.name,
@@ -296,5 +295,7 @@ def _parameters(
             "unit": item.unit,
             "about": item.about,
         }
-        for item, (low, high) in zip(varying, ranges.values(), strict=True)
+        for item in quantities
+        if item.name in ranges
+        for low, high in [ranges[item.name]]
     ]
