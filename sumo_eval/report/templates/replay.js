@@ -49,14 +49,18 @@ const sumoReplay = (() => {
     return otherX <= x || beside ? Infinity : Math.max(0, otherX - x - (ego.length + other.length * c + other.width * s) / 2);
   }
 
+  /** Speed of a vehicle along the road's line, m/s. */
+  function speedAlong(road, speed, heading, x, y) {
+    return speed * Math.cos(heading) / (1 - (bends(road) ? lineAt(road.line, x)[3] * y : 0));
+  }
+
   /** Gap m and TTC s to the nearest vehicle ahead in the path, at each sample of the ego; NaN without one, Infinity where
    *  it does not close. The twin of `vehicle_ahead` and `time_to_collision` in sumo_eval/method/measures.py. */
   function ahead(ego, actors, contact, road) {
-    const along = (speed, heading, x, y) => speed * Math.cos(heading) / (1 - (bends(road) ? lineAt(road.line, x)[3] * y : 0));
     const n = ego.time.length, gap = new Float64Array(n).fill(NaN), ttc = new Float64Array(n).fill(NaN);
     for (let k = 0; k < n; k++) {
       let nearest = Infinity, closing = NaN;
-      const time = ego.time[k] - ego.time[0], own = along(ego.speed[k], ego.heading[k], ego.x[k], ego.y[k]);
+      const time = ego.time[k] - ego.time[0], own = speedAlong(road, ego.speed[k], ego.heading[k], ego.x[k], ego.y[k]);
       for (const [name, actor] of actors) {
         if (time < -1e-9 || time > duration(actor) + 1e-9) continue;
         const x = at(actor, "x", time), y = at(actor, "y", time);
@@ -65,7 +69,7 @@ const sumoReplay = (() => {
         if (contact && contact.other === name && contact.side === "front" && time >= contact.time - MS) distance = 0;
         if (distance < nearest) {
           nearest = distance;
-          closing = own - along(at(actor, "speed", time), heading, x, y);
+          closing = own - speedAlong(road, at(actor, "speed", time), heading, x, y);
         }
       }
       if (nearest === Infinity) continue;
@@ -946,7 +950,7 @@ const sumoReplay = (() => {
   }
 
   return {
-    player, ahead, gapTo, at, onMap, drawChase, drawBody, CAMERAS, still, moment, named, mapped, bends, within, crossingRings, roomOf, bodyParts, bodyAt,
+    player, ahead, speedAlong, gapTo, at, onMap, drawChase, drawBody, CAMERAS, still, moment, named, mapped, bends, within, crossingRings, roomOf, bodyParts, bodyAt,
   };
 })();
 

@@ -662,7 +662,9 @@ const sumoDrive = (() => {
       let gap = Infinity, closing = 0;
       for (const [number, ox, oy, turned, their] of others) {
         const free = sumoReplay.gapTo(scene.ego, x, y, scene.others[number - 1], ox, oy, turned);
-        if (free < gap) [gap, closing] = [free, speed * Math.cos(heading) - their * Math.cos(turned)];
+        if (free >= gap) continue;
+        gap = free;
+        closing = sumoReplay.speedAlong(scene.road, speed, heading, x, y) - sumoReplay.speedAlong(scene.road, their, turned, ox, oy);
       }
       const ttc = closing > 0.1 ? gap / closing : Infinity;
       const part = (share) => (this.latency.length ? this.within(share).toFixed(0) : "–");
