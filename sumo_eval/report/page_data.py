@@ -177,7 +177,7 @@ _SHOWN = (
     "ads", "zone", "exposure", "status", "outcome", "error", "error_place", "impact_speed",
     "overlap", "side",
     "severity", "loss", "ideal_severity", "no_reaction_severity", "human_likeness",
-    "operation_tolerance",
+    "likeness_length_factor", "operation_tolerance",
     "mixture_similarity", "plausibility", "weight", "index", "length_factor", "operation_factor",
     "similarity", "clips",
 )  # fmt: skip

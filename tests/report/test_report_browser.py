@@ -37,6 +37,10 @@ def plain(trajectory):
     }
 
 
+def look_at(page, case):
+    page.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(case)}), null)")
+
+
 def turning():
     """Turns once around, so that headings jump by 2 pi, and ends off the 0.1 s grid."""
     time = np.append(np.arange(0.0, 8.0, 0.1), 8.04)
@@ -219,10 +223,10 @@ def test_hostile_names_stay_text_in_the_charts(opened):
 def test_a_case_of_every_kind_can_be_shown(opened, evaluation, most):
     kinds = {(case.status, case.zone): case.case for case in evaluation.cases}
     for key in [*kinds.values()][:most]:
-        opened.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(key)}), null)")
+        look_at(opened, key)
         opened.run("new Promise((resolve) => setTimeout(resolve, 0))")
     crashed = next(case for case in evaluation.cases if case.status == "crashed")
-    opened.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(crashed.case)}), null)")
+    look_at(opened, crashed.case)
     opened.wait("document.getElementById('case-error').textContent.includes('exit code -11')")
     assert opened.run("document.getElementById('case-charts').hidden")
     assert opened.problems == []
@@ -269,7 +273,7 @@ def test_a_case_that_the_page_lacks_is_said_to_be_elsewhere(opened):
 @needs_chromium
 def test_choosing_another_ads_keeps_the_point(opened, evaluation):
     case = next(case for case in evaluation.cases if case.ads == builders.CALM and case.collided)
-    opened.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(case.case)}), null)")
+    look_at(opened, case.case)
     words = ", ".join(f"{name} {value:g}" for name, value in case.values.items())
     opened.wait(
         f"document.getElementById('case-name').textContent === {json.dumps(f'calm: {words}')}"
@@ -334,7 +338,7 @@ def test_the_preventability_map_shows_the_verdicts_of_the_chosen_ads(opened, eva
 @needs_chromium
 def test_the_case_panel_tells_the_criticality_measures_in_words(opened, evaluation):
     case = [case for case in evaluation.cases if case.ads == builders.CALM and case.collided][-1]
-    opened.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(case.case)}), null)")
+    look_at(opened, case.case)
     opened.wait(
         "document.getElementById('case-facts').textContent.includes('delta-v at "
         "contact-3.75\u00a0m/s')"
@@ -345,6 +349,16 @@ def test_the_case_panel_tells_the_criticality_measures_in_words(opened, evaluati
     place = list(evaluation.cases_of(case.ads, case.scenario)).index(case)
     judged = verdicts(evaluation, evaluation.score(case.ads, case.scenario))[place]
     assert f"verdict{LOOKS[str(judged)].words}" in text
+
+
+@needs_chromium
+def test_the_case_panel_has_every_factor_of_h(opened, evaluation):
+    case = next(case for case in evaluation.cases if case.human_likeness)
+    look_at(opened, case.case)
+    opened.wait(
+        "document.getElementById('case-facts').textContent.includes('length factor in H"
+        f"{case.likeness_length_factor:.3f}')"
+    )
 
 
 @pytest.mark.campaign

@@ -675,13 +675,16 @@
     if (item.human_likeness !== null) {
       rows.push(["human-likeness in H", fixed(item.human_likeness, 3)]);
       if (item.outcome !== "collision") {
-        rows.push(["operations factor in H", fixed(item.operation_tolerance, 3)], ["similarity in H", fixed(item.mixture_similarity, 3)]);
+        rows.push(
+          ["length factor in H", fixed(item.likeness_length_factor, 3)],
+          ["operations factor in H", fixed(item.operation_tolerance, 3)], ["similarity in H", fixed(item.mixture_similarity, 3)],
+        );
       }
     }
     if (item.plausibility !== null) rows.push(["plausibility", fixed(item.plausibility, 3)]);
     if (item.index !== null) {
       rows.push(
-        ["D_i", fixed(item.index, 3)], ["length factor", fixed(item.length_factor, 3)],
+        ["D_i", fixed(item.index, 3)], ["length factor in D_i", fixed(item.length_factor, 3)],
         ["operations factor in D_i", fixed(item.operation_factor, 3)], ["similarity in D_i", fixed(item.similarity, 3)],
       );
     }
