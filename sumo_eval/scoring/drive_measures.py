@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
-from pathlib import Path
 
 from sumo_eval.cases import EVALUATED
 from sumo_eval.method.conflict import conflicting
@@ -26,7 +25,7 @@ from sumo_eval.method.measures import (
 from sumo_eval.method.plausibility import EXTREMES, Quantiles, extremes_of, plausibility
 from sumo_eval.record.human_reference import method_sources
 from sumo_eval.record.kept_results import key_of
-from sumo_eval.record.store import EGO, Fact, Store, open_store
+from sumo_eval.record.store import EGO, Fact, Store
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.space import ScenarioRun
@@ -71,7 +70,7 @@ def drive_measures(
             if fact.case in missing
         ]
 
-    found = space.results("drive", keys, requests, _measured_part, _AT_ONCE)
+    found = space.results("drive", keys, requests, _measured, _AT_ONCE)
     return {case: _measures_in(found[case], people) for case in keys}
 
 
@@ -83,18 +82,12 @@ def _conflicting(logical: LogicalScenario, fact: Fact) -> str:
     return "" if other is None else concrete.actors[other].name
 
 
-def _measured_part(part: tuple[Path, Sequence[_Request]]) -> list[tuple[str, bytes]]:
-    path, requests = part
-    with open_store(path, checked=True) as store:
-        return [(request.case, _measured(request, store)) for request in requests]
-
-
 _CRITICALITY, _LANE = len(fields(CriticalityMeasures)), len(fields(LaneKeeping))
 _NUMBERS = struct.Struct(f"<{_CRITICALITY + len(EXTREMES) + _LANE + 1}d")
 
 
-def _measured(request: _Request, store: Store) -> bytes:
-    """Measures of a drive as numbers, in the order of the fields."""
+def _measured(request: _Request, store: Store) -> Iterator[tuple[str, bytes]]:
+    """A case with the measures of its drive as numbers, in the order of the fields."""
     actors, hit = store.trajectories(request.case), request.collision
     if EGO not in actors:
         raise store.no_trajectory(request.case)
@@ -105,11 +98,14 @@ def _measured(request: _Request, store: Store) -> bytes:
     if request.conflicting in actors:
         theirs = hit if hit is not None and hit.other == request.conflicting else None
         pet = conflict_pet(ego, actors[request.conflicting], theirs)
-    return _NUMBERS.pack(
-        *astuple(measures(ego, actors, hit, course)),
-        *(extremes[name] for name in EXTREMES),
-        *astuple(lane_keeping(ego, request.road.lane_width)),
-        pet,
+    yield (
+        request.case,
+        _NUMBERS.pack(
+            *astuple(measures(ego, actors, hit, course)),
+            *(extremes[name] for name in EXTREMES),
+            *astuple(lane_keeping(ego, request.road.lane_width)),
+            pet,
+        ),
     )
 
 

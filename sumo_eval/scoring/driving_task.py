@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from pathlib import Path
 
 from sumo_eval.coded import decoded, encoded
 from sumo_eval.method.driving_task import (
@@ -20,7 +19,7 @@ from sumo_eval.method.driving_task import (
 from sumo_eval.method.measures import STANDING
 from sumo_eval.record.human_reference import method_sources
 from sumo_eval.record.kept_results import key_of
-from sumo_eval.record.store import EGO, Fact, Store, open_store
+from sumo_eval.record.store import EGO, Fact, Store
 from sumo_eval.scenario.concrete import Road, Way
 from sumo_eval.scoring.space import ScenarioRun
 
@@ -89,17 +88,12 @@ def tasks_of_drives(
     def points_of(missing: Collection[str]) -> list[_Point]:
         return [point for point in points if not point.drives.keys().isdisjoint(missing)]
 
-    found = space.results("task", keys, points_of, _tasks_of_part, _AT_ONCE)
+    found = space.results("task", keys, points_of, _tasks, _AT_ONCE)
     return {case: decoded(data, _RECORDS) for case, data in found.items()}
 
 
-def _tasks_of_part(part: tuple[Path, Sequence[_Point]]) -> list[tuple[str, bytes]]:
-    path, points = part
-    with open_store(path, checked=True) as store:
-        return [(case, encoded(task)) for point in points for case, task in _tasks(point, store)]
-
-
-def _tasks(point: _Point, store: Store) -> Iterator[tuple[str, TaskOfDrive]]:
+def _tasks(point: _Point, store: Store) -> Iterator[tuple[str, bytes]]:
+    """Every case at a point with its `TaskOfDrive`."""
     beside = [store.trajectory(case) for case in point.references]
     clean = [drive for drive in beside if first_departure(drive, point.road, point.margin) is None]
     asked = asked_way(point.begin, clean)
@@ -111,7 +105,7 @@ def _tasks(point: _Point, store: Store) -> Iterator[tuple[str, TaskOfDrive]]:
             # only then are the actors worth reading
             excused = not incident and ego.speed[-1] < STANDING and _excused(case, store)
             share = task_share(ego, asked, point.way, incident=incident, excused=excused)
-        yield case, TaskOfDrive(departure, share)
+        yield case, encoded(TaskOfDrive(departure, share))
 
 
 def _excused(case: str, store: Store) -> bool:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import TypeVar
@@ -13,12 +14,14 @@ from sumo_eval.record.cases import Role
 from sumo_eval.record.kept_results import KeptResults, Kind
 from sumo_eval.record.progress import Progress
 from sumo_eval.record.spread import Spread
-from sumo_eval.record.store import Fact, Store
+from sumo_eval.record.store import Fact, Store, open_store
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.settings import EvaluationSettings, MethodSettings, ScenarioSettings
 
 Job = TypeVar("Job")
+Work = Callable[[Job, Store], Iterable[tuple[str, bytes]]]
+"""A job, and the facts to read: its cases, each with its result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,20 +68,27 @@ class ScenarioRun:
         kind: Kind,
         keys: Mapping[str, bytes],
         jobs_of: Callable[[Collection[str]], Sequence[Job]],
-        work: Callable[[tuple[Path, Sequence[Job]]], Sequence[tuple[str, bytes]]],
+        work: Work[Job],
         at_once: int,
     ) -> dict[str, bytes]:
         """Results by case: those that the run keeps under the keys, all others computed in
         processes and kept.
 
         jobs_of: cases without a result -> jobs.
-        work: path of the facts and some jobs, at most `at_once` -> cases, each with its result.
+        at_once: jobs that a process does before it answers.
         """
         parts = {case: self.kept.get(kind, key) for case, key in keys.items()}
         found = {case: data for case, data in parts.items() if data is not None}
         jobs = jobs_of(keys.keys() - found.keys())
         starts = range(0, len(jobs), at_once)
-        some = [(self.store.path, jobs[first : first + at_once]) for first in starts]
-        new = dict(chain.from_iterable(self.spread(work, some) if some else ()))
+        some = [jobs[first : first + at_once] for first in starts]
+        do_jobs = partial(_do_jobs, self.store.path, work)
+        new = dict(chain.from_iterable(self.spread(do_jobs, some) if some else ()))
         self.kept.put((kind, keys[case], 0, data) for case, data in new.items())
         return found | new
+
+
+def _do_jobs(path: Path, work: Work[Job], jobs: Sequence[Job]) -> list[tuple[str, bytes]]:
+    """Results of some jobs, from the facts at a path."""
+    with open_store(path, checked=True) as store:
+        return list(chain.from_iterable(work(job, store) for job in jobs))
