@@ -8,12 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from sumo_eval.cases import EVALUATED, CaseTable
-from sumo_eval.method.measures import (
-    speed_along,
-    time_headway,
-    time_to_collision,
-    vehicle_ahead,
-)
+from sumo_eval.method.measures import course_of
 from sumo_eval.record.store import EGO, Fact
 from sumo_eval.results import RequirementMissed, ScenarioResult
 from sumo_eval.scenario.concrete import Road
@@ -37,14 +32,10 @@ def series_of(
 
     road: in whose frame they are.
     """
-    gap, closing = vehicle_ahead(ego, actors, collision, road)
+    course = course_of(ego, actors, collision, road)
     # 0 at the first sample
     jerk = np.concatenate([[0.0], np.diff(ego.acceleration) / np.diff(ego.time)])
-    to_lead = {
-        "gap": gap,
-        "thw": time_headway(gap, speed_along(ego, road)),
-        "ttc": time_to_collision(gap, closing),
-    }
+    to_lead = {"gap": course.gap, "thw": course.thw, "ttc": course.ttc}
     return {
         "time": ego.time,
         "x": ego.x,

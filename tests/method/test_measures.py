@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from road_scenes import ROAD
 from twins.contact import overlap
 from twins.measures import plain_measures
 
@@ -14,12 +15,10 @@ from sumo_eval.cosim.contact import Body
 from sumo_eval.method import measures as module
 from sumo_eval.method.measures import conflict_pet, course_of, lane_keeping, velocity_change
 from sumo_eval.method.plausibility import extremes_of
-from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.road.reference_line import arc
 from sumo_eval.trajectory import Collision, Trajectory
 
 TIME = np.arange(0.0, 4.05, 0.1)
-ROAD = Road("straight", 600.0, 2, 3.5, 0.0)
 
 
 def constant(x, speed, *, y=0.0, time=TIME, heading=0.0, **body):

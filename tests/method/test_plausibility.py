@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from loaded import load
 from refusals import refusal
+from road_scenes import ROAD
 
 from sumo_eval.method import plausibility as module
 from sumo_eval.method.anthropomorphic import operation_tolerance
@@ -22,7 +23,7 @@ from sumo_eval.method.plausibility import (
     plausibility,
     quantiles_of,
 )
-from sumo_eval.scenario.concrete import Road, smooth_step
+from sumo_eval.scenario.concrete import smooth_step
 from sumo_eval.trajectory import Collision, Trajectory
 
 CALM = {
@@ -44,7 +45,7 @@ def drive(speeds, y=0.0, *, x=0.0, interval=0.1):
 
 
 def extremes_of(ego, actors, hit=None):
-    return module.extremes_of(course_of(ego, actors, hit, Road("straight", 600.0, 2, 3.5, 0.0)))
+    return module.extremes_of(course_of(ego, actors, hit, ROAD))
 
 
 def test_the_extremes_of_a_steady_approach_by_hand():

@@ -7,20 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from refusals import refusal
+from road_scenes import ROAD
 
 from sumo_eval import evaluate
 from sumo_eval.nightly.gates import judge
 from sumo_eval.report.junit import run_suites
 from sumo_eval.report.tables import write_tables
 from sumo_eval.report.words import score_note
-from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.requirement import requirement
 from sumo_eval.scoring.gate_settings import GateSettings, LimitSettings
 from sumo_eval.scoring.requirements import series_of
 from sumo_eval.trajectory import Trajectory
-
-ROAD = Road("straight", 600.0, 2, 3.5, 0.0)
 
 SCENE = {
     "name": "approach",
