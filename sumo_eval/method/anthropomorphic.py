@@ -412,7 +412,7 @@ def _index(one: _Comparison, road: Road, settings: AnthropomorphicSettings) -> A
     similarity = choice.usual * float(terms.mean())  # `usual` is 1 in gaussian mode
 
     of_slices = terms.mean(axis=1)
-    worst = int(np.argmin(of_slices))
+    worst = np.argmin(of_slices)
     return AnthropomorphicIndex(
         length_factor * operation_factor * similarity,
         length_factor,

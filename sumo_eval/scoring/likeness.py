@@ -67,8 +67,9 @@ def references(drives: Iterable[Fact], settings: DriverSettings) -> dict[int, Po
     for point, facts in by_point.items():
         recorded = sum(fact.controller == RECORDED for fact in facts)
         cases, drivers = zip(*((fact.case, fact.driver) for fact in facts), strict=True)
-        note_and_usable = _usable(len(facts), recorded, settings)
-        result[point] = PointReference(cases, drivers, recorded, *note_and_usable)
+        result[point] = PointReference(
+            cases, drivers, recorded, *_usable(len(facts), recorded, settings)
+        )
     return result
 
 

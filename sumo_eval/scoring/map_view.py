@@ -105,7 +105,7 @@ def telling_slice(view: View, cases: CaseTable) -> dict[int, float]:
     # sorted slices, and each case's number among them
     slices, slice_of = np.unique(points, axis=0, return_inverse=True)
     collisions = np.bincount(slice_of.ravel(), cases.collided, len(slices))
-    return dict(zip(view.fixed, slices[int(np.argmax(collisions))].tolist(), strict=True))
+    return dict(zip(view.fixed, slices[np.argmax(collisions)].tolist(), strict=True))
 
 
 def tile_counts(

@@ -162,12 +162,9 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
         left_out |= compared.left_out
         present |= compared.present
     tables = [rows.rows(ads.name, space.name) for ads in space.settings.ads]
-    notes = [
-        remark.notes(name, space, plausible.notes, table)
-        for (name, remark), table in zip(remarks.items(), tables, strict=True)
-    ]
     scores = [  # 6  Eqs. 13, 17, 18; T, A', H, S+
-        _combined(space, known, *of_ads) for of_ads in zip(remarks, tables, notes, strict=True)
+        _combined(space, known, name, table, remark.notes(name, space, plausible.notes, table))
+        for (name, remark), table in zip(remarks.items(), tables, strict=True)
     ]
 
     points = as_driven(space.points, known.points, whole=not space.settings.run.only)

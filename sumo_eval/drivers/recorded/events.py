@@ -127,11 +127,11 @@ class RecordedTraffic:
         bodies = (self.length[ahead] + self.length[behind]) / 2
         return self.x[ahead] - self.x[behind] - bodies
 
-    def row_of(self, vehicle: str, frame: int) -> int | None:
-        """The row of a vehicle at a frame; None where it is not recorded."""
-        part = self.slices[vehicle]
-        row = part.start + frame - self.frame[part.start]
-        return row if part.start <= row < part.stop else None
+    def row_at(self, frame: int, row: int) -> int | None:
+        """The row at a frame of a row's vehicle; None where it is not recorded."""
+        part = self.slices[self.names[row]]
+        there = row + frame - self.frame[row]
+        return there if part.start <= there < part.stop else None
 
     def onset_of(self, row: int, change: RecordedLaneChange) -> tuple[int, float]:
         """Row of a vehicle when another's lane change begins, or its first, and a scenario's t = 0.
@@ -300,14 +300,14 @@ def _start_kind(traffic: RecordedTraffic, start: int, row: int) -> str:
 
 def _outcome(traffic: RecordedTraffic, row: int, end: int) -> tuple[str, int]:
     """Kind and row of the end of an approach that begins at a row of a stretch up to `end`."""
-    names, lane = traffic.names, traffic.lane
+    lane = traffic.lane
     follows = traffic.closing[row:end] < FOLLOWS_BELOW
     if follows.any():
         return "follow", row + int(np.argmax(follows))
-    if end < traffic.slices[names[row]].stop:
+    if end < traffic.slices[traffic.names[row]].stop:
         if lane[end] != lane[row]:
             return "lane_change", end
-        after = traffic.row_of(names[traffic.lead[row]], traffic.frame[end])
+        after = traffic.row_at(traffic.frame[end], traffic.lead[row])
         if after is not None:
             return "leader_left" if lane[after] != lane[end] else "cut_in", end
     return "censored", end - 1
@@ -388,7 +388,7 @@ def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -
         begin, start = traffic.onset_of(behind, change)
         onset = dict.fromkeys(("obstacle_speed", "gap"), np.nan)
         if near:
-            ahead = traffic.row_of(names[revealed], traffic.frame[begin])
+            ahead = traffic.row_at(traffic.frame[begin], revealed)
             if ahead is not None:
                 onset = {"obstacle_speed": speed[ahead], "gap": traffic.apart(begin, ahead)}
         braking = traffic.acceleration[now : min(now + 100, stop)]

@@ -61,7 +61,7 @@ class Recordings(NamedTuple):
     @property
     def vehicles(self) -> int:
         """Number of tracks."""
-        return int(self.table[["recording", "vehicle"]].drop_duplicates().shape[0])
+        return len(self.table[["recording", "vehicle"]].drop_duplicates())
 
 
 def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
