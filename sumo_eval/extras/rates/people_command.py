@@ -42,7 +42,7 @@ def import_(form: str, paths: tuple[Path, ...], out: Path) -> None:
     """Import files or folders of FORMAT into one canonical table.
 
     FORMAT: highd, ind, exid, round, unid, ngsim, commonroad, sumo_fcd, openacc, dlr_highway, osi,
-        map, csv.
+    map, csv.
     """
     from sumo_eval.drivers.recorded.importing import import_recordings
     from sumo_eval.drivers.recorded.recordings import write_csv
