@@ -197,14 +197,29 @@ def kept_code() -> Any:
     return KeptCode
 
 
+@functools.cache
 def _numba() -> Any:
     """Load numba and make all kernels known to it."""
     # sines and powers of Intel's SVML library differ from plain Python's in their last bits
     os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
     numba = importlib.import_module("numba")
+    _name_apart()
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=_name_apart)
     while _unregistered:
         _register(_unregistered.pop())
     return numba
+
+
+def _name_apart() -> None:
+    """Give the functions that this process compiles names that no other process gives.
+
+    A name in machine code is the function's own, a count and types. Counts begin at 1 in numba, so
+    that two rules that one function made, compiled by two processes, may have one name; a process
+    that loads both would run the first in place of the second.
+    """
+    functions = importlib.import_module("numba.core.bytecode").FunctionIdentity
+    functions._unique_ids = itertools.count(int.from_bytes(os.urandom(6)))
 
 
 def _register(function: Callable[..., Any]) -> None:

@@ -386,6 +386,42 @@ def test_processes_that_compile_at_once_keep_whole_files(tmp_path):
         assert answers == [f"2 {hits} {has_compiled}\n"] * 2
 
 
+TWO_RULES = """
+import math, sys
+import numpy as np
+from sumo_eval.kernels import kernel, rows
+
+def loop_of(number):
+    @kernel
+    def rule(x):  # too long to be put into the loop
+        for n in range(9):
+            x += math.sin(x) + math.cos(x * n) + math.exp(-x * x) + math.atan2(x, n + 1.0)
+            if x > 3.0:
+                x = math.sqrt(x) + math.tan(x) + math.sinh(x / 10.0) + math.tanh(x)
+        return 0.0 * x + number
+    @rows
+    def loop(values):
+        for i in range(len(values)):
+            values[i] = rule(values[i]) + 0.0 * rule(values[i] + 1.0) + 0.0 * rule(values[i] + 2.0)
+    return loop
+
+values = np.zeros(len(sys.argv) - 1)
+for i, number in enumerate(sys.argv[1:]):
+    loop_of(float(number))(values[i : i + 1])
+print(*values)
+"""
+
+
+@needs_numba
+def test_rules_compiled_by_two_processes_stay_two(tmp_path):
+    (tmp_path / "rules.py").write_text(TWO_RULES)
+    for numbers in ("1.0", "2.0", "1.0 2.0"):
+        command = [sys.executable, "rules.py", *numbers.split()]
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True)
+        assert done.stdout.decode().split() == numbers.split()
+
+
 OF_A_USER = """
 import numba, numpy as np
 from sumo_eval.record import loops
