@@ -25,10 +25,10 @@ from sumo_eval.scenario.road.reference_line import line_at, to_frame
 Records = NDArray[Any]
 
 # Kinds and operations keep their numbers, which identities of drives contain.
-# kinds of moves across the line: all up to COSINE
+# Kinds of moves across the line. They have the smallest numbers: `kind <= COSINE` asks for them.
 SMOOTH, CONSTANT = motion.SMOOTH, motion.CONSTANT
 SINUS, COSINE = motion.SINUS, motion.COSINE
-# kinds of moves along it
+# kinds of moves along the line
 SPEED = 10  # to a speed, with limited acceleration and jerk
 BY_TIME, BY_PLACE = 11, 12  # speeds by time, by position
 PATH = 13  # along points
@@ -40,8 +40,9 @@ WAITS, KNOWN, BEGUN = 0, 1, 2
 EGO = -1  # in place of the index of an actor
 AT_ONCE, HANDED_OVER = 1, 2  # SUMO drives a vehicle from the start, or from a FOLLOW on
 
-# operations of a condition's program, on a stack; those up to ENDED, and DEPARTED, put a value
-# on it
+# Operations of a condition's program, which works on a stack. Those up to ENDED, and DEPARTED, put
+# a value on top of it. NEGATE and ABSOLUTE change the top value. Every other operation replaces
+# the two top values by one.
 VALUE, TIME = 0, 1
 X, Y = 2, 3
 ALONG, ACROSS = 4, 5
@@ -56,9 +57,9 @@ ABSOLUTE = 18
 BELOW, AT_MOST = 19, 20
 AND, OR = 21, 22
 DEPARTED = 23
-DEEPEST = 24  # values on the stack of a condition
-# columns of the stack: a value before the step and now, at its two ends, and of a condition the
-# share of the step at which it became true
+DEEPEST = 24  # values on the stack of a condition, at most
+# Columns of the stack: a value at the start of the step and at its end; of a condition, which has
+# the values 1 and 0, also the share of the step at which it became true.
 BEFORE, NOW, SHARE = 0, 1, 2
 
 
@@ -104,13 +105,16 @@ path, points: index and number of the points of its path in `TABLE`; no points: 
 slides: 1 if it keeps its heading while it moves across the line.
 model: 0 while its script drives it, else `AT_ONCE` or `HANDED_OVER`.
 on_map: 1 if x, y and heading are on the map of a curved road, 0 if along and across the road.
-match: 0 while it follows no vehicle, else 1 + the index of the first of five rows of `TABLE`:
-    (index of the vehicle, factor of its speed)
-    (speed added to that, m/s; 0: this speed is kept, 1: a position, 2: a position within limits)
-    (the position: m ahead of that vehicle; headway, s: the position is that many seconds of the
-        own speed further back; below 0: further ahead, by seconds of that vehicle's speed)
-    (limits of acceleration and of deceleration, m/s2)
-    (limit of speed, m/s; unused)
+match: 0 while it follows no vehicle, else 1 + the index of the first of its rows of `TABLE`: three
+    pairs of numbers, five where limits hold
+    1. number of the followed vehicle (`EGO`: the ego), and a factor
+    2. a speed to add, m/s: the wanted speed is the factor times the followed vehicle's, plus this;
+        and what is kept: 0: that speed, 1: a position, 2: a position within the limits of 4 and 5
+    3. the position, m ahead of the followed vehicle; and a headway, s. Above 0: the position is
+        further back by the headway times the own speed. Below 0: it is further ahead, by the
+        headway's amount times the wanted speed.
+    4. limits of acceleration and of deceleration, m/s2
+    5. limit of speed, m/s; unused
 """
 
 
@@ -183,12 +187,13 @@ def _wide(records: Records, width: int) -> Records:
 
 
 class Cast(NamedTuple):
-    """All vehicles of n cases, and the records of the played ones; of one case, without the first
-    axis.
+    """All vehicles of n cases, and the records of the played ones.
 
-    egos: (n,); of one case (1,).
+    egos: (n,).
     others, plays: (n, m).
     acts, pieces, table, program: as in `Players`.
+
+    As `case_of` gives it for one case: egos (1,), all else without the first axis.
     """
 
     egos: Records
@@ -269,10 +274,11 @@ def _speed_up(pieces: Any, v: float, act: Any) -> int:
 @kernel
 def _follow_profile(pieces: Any, v: float, x: float, act: Any, table: Any) -> int:
     """Write the pieces of constant acceleration through the knots of a profile; their number."""
-    k, at = 0, (0.0 if act.kind == BY_TIME else x)  # at: s since `begin`, or m along the line
+    # last: the knot before, s since `begin` of a profile by time, x m of one by position
+    k, last = 0, (0.0 if act.kind == BY_TIME else x)
     for q in range(act.first, act.first + act.count):
         knot, speed = table[q].one, table[q].two
-        apart = knot - at
+        apart = knot - last
         if apart <= 0.0:
             continue
         if act.kind == BY_TIME:
@@ -284,7 +290,7 @@ def _follow_profile(pieces: Any, v: float, x: float, act: Any, table: Any) -> in
         if math.isinf(duration):
             return _put(pieces, k, duration, 0.0, 0.0, 0.0)
         k = _put(pieces, k, duration, (speed - v) / duration, 0.0, speed)
-        at, v = knot, speed
+        last, v = knot, speed
     return k
 
 
@@ -329,11 +335,12 @@ def place(
 ) -> None:
     """Put a played vehicle where it is at a time.
 
-    On a curve, scripts are along and across the road too, where a metre along the road's line is
-    1 - curvature y metres of ground: heading and speed become those over the ground. A position on
-    the map becomes one of the road, sought near the last one; the heading does not jump by 2 pi.
+    On a curved road most scripts are along and across the road. At the offset y a metre along the
+    road's line is 1 - curvature y metres of ground: heading and speed become those over the ground.
+    A vehicle that is played on the map (`on_map`) gets the road coordinates of its position. The
+    search for them begins at its last x, and its heading does not jump by 2 pi.
 
-    line: the road's; without knots it is straight.
+    line: knots of the road's line; none: it is straight.
     """
     s, v, a = driven(play, pieces, time)
     x, y, heading = on_line(play, table, s)
@@ -354,17 +361,23 @@ def place(
         return
     if play.on_map:
         at = to_frame(line, x, y, other.heading, last_x)
-        other.x, other.y, heading = at[0], at[1], at[2]
-        turns = math.floor((last_heading - heading) / (2.0 * math.pi) + 0.5)
-        other.heading = heading + 2.0 * math.pi * turns
+        other.x, other.y = at.x, at.y
+        # whole turns to add, so that the heading stays the nearest to the last one
+        turns = math.floor((last_heading - at.heading) / (2.0 * math.pi) + 0.5)
+        other.heading = at.heading + 2.0 * math.pi * turns
     else:
         _over_ground(other, line)
 
 
 @kernel
 def _over_ground(other: Any, line: Any) -> None:
-    """Turn heading and speeds along and across the line into those over the ground."""
-    inner = 1.0 - line_at(line, other.x)[3] * other.y
+    """Turn heading and speeds along and across the line into those over the ground.
+
+    Of the unit vector (cos, sin) of the heading the part along the line is stretched by `inner`:
+    metres of ground for each metre of the line. `stretched` is the length of the result, (c, s) its
+    direction.
+    """
+    inner = 1.0 - line_at(line, other.x).curvature * other.y
     c, s = math.cos(other.heading) * inner, math.sin(other.heading)
     stretched = math.sqrt(c * c + s * s)
     c, s = c / stretched, s / stretched
@@ -482,8 +495,10 @@ def _number(cast: Any, j: int, act: Any, it: Any, end: int, time: float) -> floa
 
 @kernel
 def _compare(stack: Any, k: int, margin_before: float, margin: float, equal: int) -> None:
-    """Write to row k of the stack whether a margin was positive and is, and at which share of the
-    step it became so.
+    """Write to row k of the stack whether a margin is positive at both ends of the step, and at
+    which share of the step it became so.
+
+    The margin changes linearly. Where it is infinite or undefined, the share is 1.
 
     equal: 1 if a margin of 0 counts as well.
     """
@@ -506,7 +521,7 @@ def _joint_share(stack: Any, k: int, op: int) -> float:
     first, second = stack[k, SHARE], stack[k + 1, SHARE]
     if op == AND:
         return float(max(first, second))
-    # the share of a condition that does not hold means nothing
+    # of a condition that does not hold the share does not count
     if stack[k + 1, NOW] == 0.0:
         return float(first)
     return float(min(first, second) if stack[k, NOW] > 0.0 else second)
@@ -532,7 +547,7 @@ def holds_from(cast: Any, j: int, act: Any, now: float, before: float, stack: An
         reads_value = op < ENDED or op == DEPARTED
         if reads_value or op == ENDED:
             k += 1
-        elif op not in (NEGATE, ABSOLUTE):  # two values become one
+        elif op not in (NEGATE, ABSOLUTE):  # two values, now in rows k and k + 1, become one
             k -= 1
         if op == ENDED:
             end = cast.acts[it.one][it.two].end
@@ -559,11 +574,12 @@ def departed(act: Any, table: Any, x: float, y: float, time: float) -> float:
     """Distance of x, y from the position of the recorded ego at a time, m; after the end of its
     recording, from the last position.
 
-    act: a move whose rows of `table` are positions of the recorded ego, `duration` s apart.
+    act: a `FOLLOW`, whose rows of `table` are the positions of the recorded ego. Its `duration` is
+        the time from one position to the next, s.
     """
-    at = min(max(time / act.duration, 0.0), act.count - 1.0)
-    first = min(int(at), act.count - 2)
-    share = at - first
+    place = min(max(time / act.duration, 0.0), act.count - 1.0)  # of the recording, in positions
+    first = min(int(place), act.count - 2)
+    share = place - first
     one, two = table[act.first + first], table[act.first + first + 1]
     dx = x - (one.one + share * (two.one - one.one))
     dy = y - (one.two + share * (two.two - one.two))
@@ -672,26 +688,26 @@ def _end_path(play: Any, acts: Any, pieces: Any, table: Any, before: float, now:
 
 @kernel
 def _match(cast: Any, j: int, now: float, line: Any) -> None:
-    """Move actor j to `now` as its `MATCH` demands (the rows of `TABLE` are explained at `PLAY`).
+    """Move actor j to `now` as its `MATCH` demands (`PLAY` explains its rows of `TABLE`).
 
     Its speed has changed linearly since the last step.
     """
     play, table, own = cast.plays[j], cast.table[j], cast.others[j]
     first = play.match - 1
-    added, keeps = table[first + 1].one, table[first + 1].two
+    added, kept = table[first + 1].one, table[first + 1].two
     distance, headway = table[first + 2].one, table[first + 2].two
 
     other = _body_of(cast, int(table[first].one), NOW)
     since = now - play.since
     speed = max(table[first].two * _of(other, ALONG) + added, 0.0)
     if len(line) and not play.on_map:
-        speed /= 1.0 - line_at(line, own.x)[3] * own.y
+        speed /= 1.0 - line_at(line, own.x).curvature * own.y
     ahead = 0.5 * (play.v + speed) * since  # distance to drive in this step, m
-    if keeps > 0.0:  # a position
+    if kept > 0.0:  # a position
         ahead = other.x + distance - on_line(play, table, play.s)[0]
         if headway < 0.0:
             ahead -= headway * speed
-        if keeps > 1.0:
+        if kept > 1.0:  # within limits
             speed = _approach(play, speed, ahead, headway, since, table)
             ahead = 0.5 * (play.v + speed) * since
         elif headway > 0.0:
@@ -811,10 +827,13 @@ def players(cases: Sequence[Sequence[Any]]) -> Players:
         return array.reshape(*shape, array.shape[1])
 
     plays = np.array([_play_of(actor) for actor in actors], PLAY).reshape(shape)
-    acts, table = records(ACT, [it[0] for it in lists]), records(TABLE, [it[1] for it in lists])
+    acts, table, program = (
+        records(kind, [rows[place] for rows in lists])
+        for place, kind in enumerate((ACT, TABLE, PROGRAM))
+    )
     # a profile needs one piece for each knot, a change of speed two
     pieces = np.zeros((*shape, table.shape[2] + 2), PIECE)
-    return Players(plays, acts, pieces, table, records(PROGRAM, [it[2] for it in lists]))
+    return Players(plays, acts, pieces, table, program)
 
 
 def _records_of(actor: Any) -> tuple[list[Any], list[Any], list[Any]]:
@@ -826,7 +845,7 @@ def _records_of(actor: Any) -> tuple[list[Any], list[Any], list[Any]]:
         begin, state = (math.inf, WAITS) if act.program else (act.begin, KNOWN)
         numbers = act.duration, act.speed, act.offset, act.acceleration, act.jerk
         rows = act.kind, len(table), len(act.table), len(program), len(act.program)
-        # `begin` of a move with a condition is its delay
+        # in the order of `ACT`; `begin` of a move with a condition is its delay
         acts.append((begin, *numbers, act.begin, math.inf, *rows, state))
         table += act.table
         program += [(value, op, one, two) for op, one, two, value in act.program]
