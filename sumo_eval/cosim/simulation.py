@@ -27,7 +27,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 from sumo_eval.cosim.compiled import Compiled
@@ -78,19 +78,21 @@ from sumo_eval.trajectory import Alone, Recording
 
 __all__ = ["probable_end", "simulate", "simulate_many", "simulate_together"]
 
-_T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
 
-# cases that are sorted into batches at once; their recordings wait in memory to be in order
+# cases that are sorted into batches at once: their recordings stay in memory until all of them are
+# driven, because they are yielded in the order of the cases
 SORTED_AT_ONCE = 4096
 # cases in one simulation: enough to share a step's fixed cost, few enough for the processor's
 # caches
 TOGETHER = 512
 HOOKS_TOGETHER = 128  # fewer of hooks, since SUMO itself moves all their vehicles
-# a hook that keeps state shows it in its first cases as a rule; the share finds later changes
+# Cases of a hook that are driven alone as well and compared: its first ones, in which state that it
+# keeps mostly shows, and a share of all, which finds later changes.
 _COMPARED_FIRST, _COMPARED_LATER = 3, 0.01  # cases; share of the cases
 
 USUAL = SimulationSettings()  # the defaults, validated once and not for every case
+# reasons to drive a case alone; `trajectory.Alone` explains them
 ON_TRACI = Alone("on_traci")
 ONE_OBJECT = Alone("one_object")
 NOT_TOGETHER = Alone("not_together")
@@ -202,12 +204,19 @@ def _opened(
     road = concrete.road
     if not on_traci and road.network is None:
         own = ads.is_policy  # it may ask SUMO for lanes, which must be those of the road alone
-        network = network_xml(plain(road)) if own else shared_network_xml([concrete])
-        routes = shared_routes_xml([concrete], settings, own_lanes=own)
-        return running(network, routes, settings, road, collisions="none")
-    if isinstance(ads, NativeModel):
-        return session(concrete, settings, ads.vtype_on(road))
-    return session(concrete, settings, own_vehicle_type(_driven_object(ads), road))
+        return running(
+            network_xml(plain(road)) if own else shared_network_xml([concrete]),
+            shared_routes_xml([concrete], settings, own_lanes=own),
+            settings,
+            road,
+            collisions="none",
+        )
+    kind = (
+        ads.vtype_on(road)
+        if isinstance(ads, NativeModel)
+        else own_vehicle_type(_driven_object(ads), road)
+    )
+    return session(concrete, settings, kind)
 
 
 def _check_intervals(settings: SimulationSettings) -> None:
@@ -297,15 +306,15 @@ def simulate_together(
 
     for window in _chunks(list(range(len(cases))), SORTED_AT_ONCE):
         drives: dict[int, Recording | Alone] = {}
-        alike: dict[tuple[object, ...] | None, list[int]] = {}
+        by_kind: dict[tuple[object, ...] | None, list[int]] = {}  # indices of the cases
         for index in window:
             kind = _kind(cases[index], manners[index], basis)
-            alike.setdefault(kind, []).append(index)
-        for kind, members in alike.items():
+            by_kind.setdefault(kind, []).append(index)
+        for kind, members in by_kind.items():
             if kind is None:
                 drives.update({index: manners[index].alone or NOT_TOGETHER for index in members})
                 continue
-            # what the kind has in common; a case's own changes are per row
+            # settings of all cases of the kind; the world applies each case's own changes
             common = replace(cases[members[0]], changes=()).simulation(basis)
             by_end = sorted(
                 members,
@@ -356,8 +365,10 @@ def _kind(
         shared = vehicle if manner.over_arrays else vehicle.max_deceleration
     return (
         concrete.scenario, kind_of(concrete),
+        # what SUMO sees of the actors
         tuple([(it.body, it.model is None, it.follows_at_once) for it in lively]),
         manner.driven,
+        # a hook asks for actors by their names
         () if manner.hook is None else tuple([it.name for it in concrete.actors]),
         shared,
     )  # fmt: skip
@@ -370,18 +381,31 @@ def _drive_batch(
     terms: Terms,
     settings: SimulationSettings,
 ) -> Sequence[Recording | Alone]:
-    """The recording of each case of one kind, or why it has to be driven alone."""
-    made = [manner.make() for manner in manners]
-    if manners[0].hook is not None:
-        return _hooks_together(cases, manners[0], made, seeds, terms, settings)
-    return _together(cases, _control(made, seeds, terms), settings)
+    """The recording of each case of one kind, or why it has to be driven alone.
+
+    Some cases of a hook are driven alone as well and compared.
+    """
+    control = _control([manner.make() for manner in manners], seeds, terms)
+    hook = manners[0].hook
+    if hook is None:
+        return _together(cases, control, settings)
+    if hook not in _KEEPS_STATE:
+        before = kept_state(hook)
+        drives = _together(cases, control, settings)
+        changed = first_change(before, kept_state(hook)) or _difference(
+            cases, manners[0], seeds, terms, settings, drives
+        )
+        if changed is None:
+            return drives
+        _KEEPS_STATE[hook] = Alone("keeps_state", changed)
+    return [_KEEPS_STATE[hook]] * len(cases)
 
 
 class _Manner(NamedTuple):
     """Manner in which an ADS drives its cases.
 
-    driven: type of what drives, or `id` of a policy over arrays; only equal ones share a
-        simulation.
+    driven: type of what drives, or of a policy over arrays its `id`; only cases with equal ones
+        share a simulation.
     make: gives what drives one case.
     alone: why it is driven alone; None: it may share a simulation.
     over_arrays: one policy drives all cases at once.
@@ -410,6 +434,7 @@ def _manner(
 
     if isinstance(controller, Replay):
         return _Manner(Replay, lambda: controller)
+    # found: the user's class, function or object
     found, name, entry = located(controller, folder)
     if not entry.batch:
         return alone(Alone("asked", "batch=false"))
@@ -440,7 +465,7 @@ def _manner(
         all_of_them = wrap(ads)
         if not batches:
             return alone(Alone("batch"))
-        # the `id`: of several policies in a list each drives its own cases
+        # `id`, not type: in a list of controllers, each such policy drives its own cases
         return _Manner(id(ads.target), lambda: all_of_them, over_arrays=True)
     if one_case:
         return _Manner(type(ads), lambda: ads)
@@ -468,7 +493,7 @@ def _asks_traci(target: Any) -> bool:
     return any(isinstance(it, ModuleType) and it.__name__ in ("traci", "libsumo") for it in values)
 
 
-def _chunks(items: list[_T], size: int) -> Iterator[list[_T]]:
+def _chunks(items: list[int], size: int) -> Iterator[list[int]]:
     return (items[begin : begin + size] for begin in range(0, len(items), size))
 
 
@@ -492,8 +517,9 @@ def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
 
 
 def _fits_beside_others(concrete: ConcreteScenario) -> bool:
-    """Whether SUMO finds the vehicles of a case on the same lanes beside others as alone: not on
-    lanes that end, on the map, or turned against the road.
+    """Whether SUMO finds the vehicles of a case on the same lanes in a batch as alone.
+
+    Not where lanes end, where an actor has a place on the map, or where it heads against the road.
     """
     return not concrete.road.shaped and all(
         abs(it.heading) <= 0.5 * math.pi and it.on_map is None for it in concrete.actors
@@ -504,28 +530,6 @@ _COMPARED: WeakKeyDictionary[Any, int] = WeakKeyDictionary()
 """By hook: how many of its cases were driven together and alone."""
 _KEEPS_STATE: WeakKeyDictionary[Any, Alone] = WeakKeyDictionary()
 """By hook that keeps state: why all its cases are driven alone."""
-
-
-def _hooks_together(
-    cases: Sequence[ConcreteScenario],
-    manner: _Manner,
-    made: Sequence[Adapter],
-    seeds: Sequence[int],
-    terms: Terms,
-    settings: SimulationSettings,
-) -> Sequence[Recording | Alone]:
-    """The recording of each case of a hook, some of which were compared with those alone."""
-    hook = manner.hook
-    if hook not in _KEEPS_STATE:
-        before = kept_state(hook)
-        drives = _together(cases, _control(made, seeds, terms), settings)
-        changed = first_change(before, kept_state(hook))
-        if changed is None:
-            changed = _difference(cases, manner, seeds, terms, settings, drives)
-        if changed is None:
-            return drives
-        _KEEPS_STATE[hook] = Alone("keeps_state", changed)
-    return [_KEEPS_STATE[hook]] * len(cases)
 
 
 def _difference(
@@ -543,7 +547,7 @@ def _difference(
     """
     batched = [index for index, drive in enumerate(drives) if isinstance(drive, Recording)]
     compared = _COMPARED.get(manner.hook, 0)
-    # those still missing of a hook's first few, or a share of this batch; at least one
+    # as many as are still missing of the hook's first few, or a share of this batch; at least one
     wanted = max(_COMPARED_FIRST - compared, round(_COMPARED_LATER * len(batched)), 1)
     chosen = batched[:: max(len(batched) // wanted, 1)][:wanted]
     _COMPARED[manner.hook] = compared + len(chosen)

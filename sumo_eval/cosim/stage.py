@@ -1,10 +1,12 @@
 """SUMO's side of the cases that are driven: what it receives before a step, what it shows after it,
 whether both agree.
 
-SUMO steps the ego and every actor of every case. Where no ADS asks it, it receives all of them in
-the first step and in every tenth, and must then show each at its place.
+SUMO steps the ego and every actor of every case. Where no ADS asks SUMO, it receives the vehicles
+in the first step and in every tenth alone, and must then show each at its place.
 
-A vehicle's number is its index row by row, the ego first.
+A vehicle's number is its index row by row, the ego first: row * (1 + m) + column.
+
+`cosim/loop.py` calls a stage at every step; `cosim/traffic.py` has the one for vehicles that react.
 """
 
 from __future__ import annotations
@@ -66,11 +68,13 @@ class Stage:
         count, road = len(world.cases), world.cases[0].road
         self._alone = count == 1
         self._bent, self._road, self._step = road.bent, road, world.settings.step
-        # in a curve a place on the map takes SUMO fifty times as long as one on a lane
+        # whether SUMO receives places on lanes: in a curve it takes fifty times as long for a place
+        # on the map
         self._on_lanes = self._bent and not as_read
         # the speed that SUMO received last, m/s along the line, by vehicle
         self._told: dict[str, float] = {}
-        # a network has several edges, and an ADS may move a vehicle to any lane
+        # Whether SUMO has to look for the lane of a place, and even for the edge: a user's network
+        # has several edges, and an ADS may move a vehicle to any lane.
         finds_lane = road.network is not None or as_read
         any_edge = finds_lane and self._alone
         self._edges = [
@@ -97,7 +101,7 @@ class Stage:
         self._width: int = 1 + world.others.shape[1]  # vehicles of a row
         self._flat = [name for case in world.rows.tolist() for name in self.names[case]]
         self._edge = [self._edges[case] for case in world.rows.tolist()]
-        # the memory of both arrays: a single number of it is read ten times as fast
+        # memory views: to read a single number of one takes a tenth as long as of an array
         self._cells: Any = world.shown.reshape(-1).data
         self._present: Any = world.others["present"].data
         self.without(world)
@@ -106,7 +110,8 @@ class Stage:
         """Continue without the rows that have ended."""
         self._live = np.flatnonzero(world.egos["live"])
         self._names: list[str] = []  # of vehicles that are read at once; empty: to be found again
-        # row and place of the actors that `read` has to read: without `read_at_once` the only row's
+        # (row, index) of the actors that `read` has to read: those of the only row, until
+        # `read_at_once` leaves others
         self._unread = [(0, j) for j in range(self._width - 1)]
 
     def take_charge(self, world: World) -> None:
@@ -183,13 +188,13 @@ class Stage:
             self._move(number, body["front_x"], body["front_y"], angle, body["speed"])
 
     def _tell_lanes(self, world: World, count: int) -> None:
-        """Hand over the motion of this step in a curve, as places on lanes.
+        """Hand over the motion of this step on a curved road, as places on lanes.
 
-        SUMO moves a vehicle by the mean of its old and new speed, so it is put that much behind its
-        place. A vehicle that is described on the map, far beside the lanes, or drives against them
-        gets a place on the map.
+        SUMO's step then moves a vehicle by the mean of its old and new speed. So it is put that
+        much behind its place at the step's end. A vehicle of `_on_map`, which drives straight on
+        the map or against the lanes, gets a place on the map.
         """
-        calls, end = self.calls, self._road.length + self._road.run_out
+        calls, end = self.calls, self._road.end
         for number, x, y, angle, speed, s, d, along in world.tell[:count].tolist():
             number = int(number)
             name = self._flat[number]
@@ -239,11 +244,10 @@ class Stage:
 
     def _find_names(self, world: World) -> list[str]:
         """Names of the egos and of the actors that are present, in rows that have not ended."""
-        there = np.pad(  # True for the ego, in front
-            world.others["present"][self._live] == 1, ((0, 0), (1, 0)), constant_values=True
-        )
+        # True for the ego, in front
+        is_there = np.insert(world.others["present"][self._live] == 1, 0, True, axis=1)
         numbers = self._live[:, None] * self._width + np.arange(self._width)
-        self._numbers = numbers[there]
+        self._numbers = numbers[is_there]
         self._odd = np.zeros_like(self._numbers)
         self._names = [self._flat[number] for number in self._numbers.tolist()]
         return self._names
@@ -307,8 +311,7 @@ class Stage:
     def _is_past_the_road(self, world: World, row: int, other: int) -> bool:
         """Whether a script has brought its vehicle's front bumper beyond the last lane."""
         body = world.others[row, other]
-        end = self._road.length + self._road.run_out - LOSS_MARGIN
-        return bool(body["x"] + 0.5 * body["length"] > end)
+        return bool(body["x"] + 0.5 * body["length"] > self._road.end - LOSS_MARGIN)
 
     def compare(self, world: World) -> None:
         """Fail the cases in which SUMO shows a vehicle elsewhere than it received it."""
@@ -336,11 +339,11 @@ class Stage:
         actors = (others["told"] == 2) & (others["present"] == 1)  # 2: received in this step
         received = np.column_stack([egos["placed"] != SUMO, actors])
         received &= (egos["reason"] == 0)[:, None]
-        end = road.length + road.run_out - LOSS_MARGIN
-        received &= (x - half >= 0.0) & (x + half < end)
+        received &= (x - half >= 0.0) & (x + half < road.end - LOSS_MARGIN)
         reach = 0.5 * joined(egos, others, "width") - LOSS_MARGIN
         beside = (front_y <= road.right_edge - reach) | (front_y >= road.left_edge + reach)
-        # off a straight road SUMO shows other places than it received
+        # beside a straight road SUMO shows other places than it received; beside a curved one
+        # `bend_tolerance` allows for that
         return np.asarray(received & (self._bent | ~beside))
 
     def _fail(self, world: World, row: int, vehicle: int, words: str) -> None:

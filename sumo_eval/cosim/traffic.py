@@ -2,10 +2,12 @@
 at every step.
 
 A vehicle that SUMO receives is put where it was at the start of a step, with the speed that it has
-at the end. SUMO's step then moves it to where it is at the end, where followers see it. For SUMO a
-body is in one lane only. So a vehicle has two bodies here: one in the lane of its front's centre,
-and a shadow in the lane over whose line it reaches (`SimulationSettings.seen_over_line`). A shadow
-that is not needed stands beside the road, where it is on no lane and no vehicle sees it.
+at the end. SUMO's step then moves it to where it is at the end, where followers see it.
+
+For SUMO a body is in one lane only. So a vehicle has two bodies here: one in the lane of its
+front's centre, and a shadow in the neighbouring lane into which it reaches, by more than
+`SimulationSettings.seen_over_line`. A shadow that is not needed stands beside the road, where it is
+on no lane and no vehicle sees it.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ from sumo_eval.scenario.played import HANDED_OVER
 from sumo_eval.scenario.road.reference_line import curvatures
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
-# m by which SUMO's position in a curve may differ: twice `tolerance`, as lanes are polylines of 1 m
+# m by which SUMO's position in a curve may differ: more than `tolerance`, as lanes are polylines
 _TOLERANCE_IN_A_CURVE = 0.1
 _ITS_OWN_SPEED_MODE = 31  # SUMO's default: as its model says
 
@@ -67,12 +69,11 @@ class Traffic(Stage):
     def __init__(
         self, traci: Any, world: World, *, asked: bool = False, as_read: bool = False
     ) -> None:
-        self._on_foot = [  # of each case, the ego first
+        # whether each vehicle is a pedestrian or a cyclist, of each case, the ego first
+        self._on_foot = [
             [False, *(actor.body in VULNERABLE for actor in case.actors)] for case in world.cases
         ]
-        self._road = world.cases[0].road
         self._handed: set[str] = set()  # vehicles that SUMO has begun to drive within their case
-        self._shadows = not as_read and self._road.lanes > 1
         super().__init__(traci, world, asked=asked, as_read=as_read)
 
     def keep(self, world: World) -> None:
@@ -81,14 +82,15 @@ class Traffic(Stage):
         self._find_reacting(world)
         self._walks = np.array([walks for case in cases for walks in self._on_foot[case]])
         self._shadow_of = [
-            shadow_name(name) if self._shadows and has_shadow(world.cases[case], j) else ""
+            "" if self.as_read or not has_shadow(world.cases[case], j) else shadow_name(name)
             for case in cases
             for j, name in enumerate(self.names[case])
         ]
         self._has_shadow = np.array(self._shadow_of) != ""
         super().keep(world)
-        lanes = range(self._road.lanes)
-        self._lanes = [[f"{edge}_{lane}" for lane in lanes] for edge in self._edge]
+        self._lanes = [
+            [f"{edge}_{lane}" for lane in range(self._road.lanes)] for edge in self._edge
+        ]
 
     def _number(self, row: Any, actor: Any) -> Any:
         """Index of an actor, or of several, in flat order (row by row, the ego first)."""
@@ -176,20 +178,23 @@ class Traffic(Stage):
         now, before = (world.egos, world.others), (world.egos["before"], world.others["before"])
 
         def of_all(state: tuple[Any, Any], name: str) -> FloatArray:
+            """A field of the vehicles that SUMO receives, in the order of `told`."""
             return joined(*state, name).ravel()[number]
 
-        front_y, angle, speed = told[:, 2:5].T
-        s, d, ds_dt = told[:, 5:].T
         half = 0.5 * of_all(now, "length")
+        # of each: y of its front and its speed along the road at the step's end, and the position
+        # of its front along the lane at the step's start
         if self._bent:
-            # SUMO will move it by the mean of the speed that it received last and this one
-            y, along, heading = d, ds_dt, of_all(now, "heading")
+            s, y, along = told[:, 5:].T
+            heading = of_all(now, "heading")
             names = (self._flat[n] for n in number.tolist())
             # m/s, that each received last; of one that received none, this step's
             last = [self._told.get(name, v) for name, v in zip(names, along, strict=True)]
+            # SUMO moves it by the mean of the speed that it received last and this one
             begin = s - 0.5 * (np.array(last) + along) * self._step
         else:
-            y, heading = front_y, (STRAIGHT - angle) / DEGREES
+            y, angle, speed = told[:, 2:5].T
+            heading = (STRAIGHT - angle) / DEGREES
             along = speed * np.cos(heading)
             begin = of_all(before, "x") + half * np.cos(of_all(before, "heading"))
         on_lanes = self._on_lanes_from(number, begin, y, heading)
@@ -202,23 +207,19 @@ class Traffic(Stage):
         for k in np.flatnonzero(~on_lanes).tolist():
             self._move(int(number[k]), *told[k, 1:5].tolist())
             self._hide_shadow(int(number[k]))
-        columns = (
-            number,
-            lane,
-            shadow_lane,
-            begin,
-            y,
-            np.maximum(along, 0.0),
-            of_all(before, "speed"),
-        )
+        along, speed_before = np.maximum(along, 0.0), of_all(before, "speed")
+        # the fields of `_OnLane`
+        columns = number, lane, shadow_lane, begin, y, along, speed_before
         for values in zip(*(column[on_lanes].tolist() for column in columns), strict=True):
             self._put_on_lane(_OnLane(*values))
 
     def _on_lanes_from(
         self, number: IntArray, begin: FloatArray, y: FloatArray, heading: FloatArray
     ) -> BoolArray:
-        """Whether each vehicle can be put on a lane: it does not walk, is on the lanes, heads in
-        their direction, and is further than a step from the network's end.
+        """Whether each vehicle can be put on a lane.
+
+        It must not walk or cycle, must be on the lanes, head in their direction, and be further
+        than a step from the network's end.
         """
         road = self._road
         inside = (y > road.right_edge + LOSS_MARGIN) & (y < road.left_edge - LOSS_MARGIN)

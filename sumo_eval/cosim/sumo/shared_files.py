@@ -1,10 +1,13 @@
-"""SUMO files of cases of which only the harness asks SUMO, mostly many together: every case on a
-road of its own, all roads in the same place, so that no digit of a position differs from the
-one that the case has alone. Vehicles of different roads do not see each other.
+"""SUMO's network and route files of a batch of cases, or of one case in a batch of its own.
 
-SUMO's own driver models decide nothing in a case: the harness says what every vehicle does. Here
-they are not even asked (`actionStepLength`), which takes two thirds off a step; a vehicle keeps the
-speed that it received. A case that is alone has the names that the user knows.
+Every case is on a road of its own. All roads are in the same place, so that every position has the
+digits that it has when its case is alone. Vehicles of different roads do not see each other.
+
+The harness says what vehicles do, SUMO's own driver models decide nothing. So they are switched off
+(`actionStepLength`), which takes two thirds off a step: a vehicle keeps the speed that it received.
+They stay on for actors with a SUMO model, and for the ego of an ADS that asks SUMO.
+
+A case that is alone has the names that the user knows. `asked`, here: an ADS asks SUMO by names.
 """
 
 from __future__ import annotations
@@ -18,21 +21,18 @@ from sumo_eval.scenario.bodies import VULNERABLE
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.settings import SimulationSettings
 
-_NEVER = 1e6  # s until SUMO's driver models would decide something; beyond every time limit
+_NEVER = 1e6  # s until SUMO's driver model decides something: beyond every time limit
 
 
 def edge_name(case: int, count: int, *, asked: bool) -> str:
-    """The road of case number `case` of `count`.
-
-    asked: ADSs ask SUMO, by names.
-    """
+    """Id in SUMO of the road's edge, of case number `case` of `count`."""
     if asked:
         return name_in_sumo("road", suffix(case, count))
     return "road" if count == 1 else f"road{case}"
 
 
 def suffix(case: int, count: int) -> str:
-    """Part of the names of a case of which an ADS asks SUMO, beside others."""
+    """Ending of the names of a case in a batch whose ADSs ask SUMO; "" of a case that is alone."""
     return "" if count == 1 else f"~{case}~"
 
 
@@ -45,11 +45,7 @@ def name_in_sumo(name: str, suffix: str) -> str:
 
 
 def vehicle_names(cases: Sequence[ConcreteScenario], *, asked: bool) -> list[list[str]]:
-    """The vehicles' names in SUMO: of each case the ego's, then those of its actors in their
-    order.
-
-    asked: ADSs ask SUMO, by names.
-    """
+    """The vehicles' names in SUMO: of each case the ego's, then those of its actors in order."""
     if asked or len(cases) == 1:
         return [
             [
@@ -65,11 +61,11 @@ def vehicle_names(cases: Sequence[ConcreteScenario], *, asked: bool) -> list[lis
 
 
 def fits_one_lane(concrete: ConcreteScenario) -> bool:
-    """Whether a case can have one lane here, as wide as its road, on the right-hand lane's centre
-    line.
+    """Whether a single lane, as wide as the road, can stand for its lanes in SUMO.
 
-    No vehicle changes lanes by itself, and looking whether one might takes a third of SUMO's step.
-    A curved road keeps its lanes, and one on which an actor reacts or waits for what happens.
+    Its centre line is the right-hand lane's. No vehicle changes lanes by itself, and to look for
+    lane changes takes a third of SUMO's step. A curved road keeps its lanes, and so does a
+    `lively` case.
     """
     return not (concrete.road.bent or concrete.lively)
 
@@ -97,7 +93,7 @@ def shadow_name(name: str) -> str:
 def shared_network_xml(cases: Sequence[ConcreteScenario], *, asked: bool = False) -> str:
     """A road for each case in one network, all between the same two junctions.
 
-    asked: ADSs ask SUMO, which has all lanes then.
+    asked: every road has all its lanes.
     """
     road, tail = plain(cases[0].road), ""
     edges, lanes = [], []
@@ -106,6 +102,7 @@ def shared_network_xml(cases: Sequence[ConcreteScenario], *, asked: bool = False
         head, edge, tail = _parts(road, not asked and fits_one_lane(concrete))
         edges.append(edge.replace('"road', f'"{name}'))
         lanes += [f"{name}_{lane}" for lane in range(edge.count("<lane "))]
+    # the list of lanes at the end junction, written for one road, has to name those of all
     start, _, end = tail.partition('incLanes="road')
     return "".join([head, *edges, start, 'incLanes="', " ".join(lanes), end[end.index('"') :]])
 
@@ -133,9 +130,8 @@ def shared_routes_xml(
 ) -> str:
     """Vehicle types, routes and departures of all cases.
 
-    own_lanes: on the roads as they are.
-    asked: ADSs ask SUMO; its driver model of the ego is awake, and every vehicle has a type of its
-        own.
+    own_lanes: the roads have all their lanes, as with `asked`.
+    asked: SUMO's driver model of the ego is on, and every vehicle has a type of its own.
     """
     # names of types by their attributes: vehicles that differ in nothing share a type
     types: dict[tuple[tuple[str, str], ...], str] = {}
@@ -150,7 +146,8 @@ def shared_routes_xml(
         for index, (kind, departure) in enumerate(_vehicles(concrete, settings, own_lanes)):
             name = names[case][index]
             in_file = kind.pop("id")
-            if (index or not asked) and (index == 0 or concrete.actors[index - 1].model is None):
+            # of the ego (index 0) unless its ADS asks SUMO, and of actors without a SUMO model
+            if concrete.actors[index - 1].model is None if index else not asked:
                 kind["actionStepLength"] = str(_NEVER)
             if asked:
                 kind["id"] = in_file = name
@@ -158,7 +155,7 @@ def shared_routes_xml(
                 in_file = f"type{len(types)}"
             own = {"type": types.setdefault((*kind.items(),), in_file), "route": route}
             ids = [name]
-            if not asked and concrete.reacts and has_shadow(concrete, index):
+            if not asked and has_shadow(concrete, index):
                 ids.append(shadow_name(name))
             others += [_element("vehicle", {**departure, "id": it, **own}) for it in ids]
     kinds = [_element("vType", {"id": name, **dict(kind)}) for kind, name in types.items()]
@@ -170,10 +167,7 @@ def shared_routes_xml(
 def _vehicles(
     concrete: ConcreteScenario, settings: SimulationSettings, own_lanes: bool
 ) -> Iterator[tuple[dict[str, str], dict[str, str]]]:
-    """Attributes of the type and of the departure of each vehicle of a case, the ego's first.
-
-    own_lanes: on the roads as they are.
-    """
+    """Attributes of the type and of the departure of each vehicle of a case, the ego's first."""
     vehicle = concrete.simulation(settings).vehicle
     one_lane = not own_lanes and fits_one_lane(concrete)
     plainly = replace(concrete, road=plain(concrete.road))
