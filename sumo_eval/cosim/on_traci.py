@@ -1,9 +1,9 @@
-"""ADSs that need a simulation of their own: TraCI code, step listeners, programs, FMUs, SUMO's own
-models. One case.
+"""ADSs that drive through TraCI: hooks (TraCI code), step listeners, programs, FMUs, SUMO's own
+models.
 
-Such an ADS may command SUMO itself, a step, several or always; then SUMO moves the ego, and the
-harness watches that it moves as a vehicle can. What is called through TraCI is guarded
-(`traci_module`).
+In any step such an ADS may return a command, or let SUMO move the ego. Then the harness checks that
+the ego moves as a vehicle can. Calls through TraCI are guarded (`doors/traci_module.py`).
+`cosim/simulation.py` says which of these ADSs share a simulation.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from weakref import proxy
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.cosim import records
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.controller import Adapter, NativeModel, ObjectController
 from sumo_eval.cosim.doors.observation import (
@@ -52,7 +51,16 @@ from sumo_eval.cosim.loop import (
     with_time,
 )
 from sumo_eval.cosim.plans import HOLD, Executor, checked_answer
-from sumo_eval.cosim.records import COMMAND, MODEL, STRAIGHT, SUMO, numbers_of
+from sumo_eval.cosim.records import (
+    COMMAND,
+    MAP,
+    MODEL,
+    NEXT,
+    STRAIGHT,
+    SUMO,
+    first_number,
+    numbers_of,
+)
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, LEFT_BATCH, Stage
 from sumo_eval.cosim.step_rules import goes_straight
 from sumo_eval.cosim.sumo.shared_files import suffix
@@ -64,31 +72,25 @@ from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.road.reference_line import curvatures, frame_places
 
 _SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
-_ALONG = 0.5  # rad, beside the road's line, within which SUMO finds a vehicle on a lane of its own
+_ALONG = 0.5  # rad off the road's direction: up to it SUMO finds the lane on which a vehicle is
 _PLACE_TOLERANCE = 1e-3  # m
-# of the motion on a bend, by which SUMO's polylines and its stretching of lanes change it
+# share of a step's motion in a curve by which SUMO's may differ: its lanes are polylines, stretched
 _CHORD_SHARE = 0.03
 
-
-def _number_of(field: str) -> int:
-    """Index of a field's first number among the numbers of an ego's record."""
-    return int(records.EGO.fields[field][1] // 8)  # type: ignore[index]
-
-
-_FRONT_X, _FRONT_Y = _number_of("front_x"), _number_of("front_y")
-_MAP = _number_of("map")
-_LANE_SPEED = _number_of("next") + 3  # speed as SUMO counts it, without the sideways part
+# indices among the numbers of an ego
+_FRONT_X, _FRONT_Y = first_number("front_x"), first_number("front_y")
+_LANE_SPEED = NEXT.start + 3  # its speed as SUMO counts it, along the lane
 
 
 class OnTraci(EgoControl):
-    """The hooks of all rows; one that is alone has the simulation to itself.
+    """Controls egos by the hooks of all rows; a single one has the simulation to itself.
 
-    Beside others a row with anything out of the ordinary leaves its batch, and is driven alone.
+    In a batch, a row with anything out of the ordinary leaves, and is driven alone.
     """
 
     def __init__(self, ads: Sequence[Adapter], seeds: Sequence[int], terms: Terms) -> None:
         super().__init__(terms)
-        # a circle would keep a batch's arrays until Python looks for circles
+        # a proxy: a circle of references would keep a batch's arrays until Python looks for circles
         self._hooks = [_Hook(proxy(self), *it, terms) for it in zip(ads, seeds, strict=True)]
         self._alone = len(ads) == 1
 
@@ -133,7 +135,8 @@ class OnTraci(EgoControl):
             return
         guard = GUARD
         if rows is None:
-            rows = np.flatnonzero(world.egos["live"] > (world.egos["reason"] != 0)).tolist()
+            drives_on = (world.egos["live"] != 0) & (world.egos["reason"] == 0)
+            rows = np.flatnonzero(drives_on).tolist()
         for row in rows:
             hook = self._rows[row]
             guard.names = hook.names
@@ -210,8 +213,8 @@ class _Hook:
     def watch(self, world: World, row: int) -> None:
         """Look at this row of the world's arrays from now on."""
         self._row, self._mine = row, world.egos[row : row + 1]
-        # One number at a time: of a memory view that takes a tenth as long as of an array.
-        # first a body's numbers, and the acceleration
+        # Memory views: to read one number of them takes a tenth as long as of an array.
+        # _state: the numbers of an ego, first those of a `BODY` (x, y, heading, speed, ...)
         self._state: Any = self._mine.view(np.float64).reshape(-1).data
         self._placed = self._mine["placed"].data
         self._stale = self._mine["stale"].data
@@ -227,7 +230,7 @@ class _Hook:
             self._perception = Perception([settings.conditions], [stream_of(self._seed, concrete)])
             self._task, self._kinds = task_of(concrete), kinds_of(concrete)
             me: Any = proxy(self)  # no circle, see `OnTraci`
-            self._act = lambda *_: me.ads.act(me._seen)
+            self._act = lambda *_: me.ads.act(me._seen)  # `_look` has written `_seen`
         briefing = make_briefing(concrete, settings, self._terms)
         error = error_of(self.ads.reset, briefing, TRACI, EGO)
         if error is not None:
@@ -235,8 +238,9 @@ class _Hook:
         self._driver._check_clock(world, time)
 
     def _blamed(self, error: BaseException, when: str, time: float) -> None:
-        """Put an exception of the user's code in words; a refused call is reported by the check of
-        the clock.
+        """Raise an exception of the user's code as a ControllerError.
+
+        A refused call is not raised: the caller's `_check_clock` reports it.
         """
         self._world.keep_fault(self._case, error, self.target, self._terms.folder)
         if isinstance(error, RefusedCallError):
@@ -248,8 +252,9 @@ class _Hook:
         raise ControllerError(f"The ADS raised {when}: {said(error)}.") from error
 
     def step(self, world: World, time: float) -> None:
-        """One step of the ADS: an exception, an unusable answer or a slow one is its fault, and
-        ends the case so.
+        """One step of the ADS.
+
+        Raises ControllerError for an exception of its code, an unusable answer and a slow one.
         """
         if self.ads.observes:
             self._look(world, time)
@@ -261,6 +266,7 @@ class _Hook:
                 command = self._arriving(world, command, took)
             if command is not None:
                 self._take_over(world, command)
+            # else nothing changes, as in nearly every step: SUMO moves the ego already
             elif self._placed[0] != SUMO or GUARD.moded or self._plant is not None:
                 self._leave_to_sumo()
         except self._traci.TraCIException as error:
@@ -277,9 +283,9 @@ class _Hook:
     def _arriving(
         self, world: World, command: Command | None, took: float | None
     ) -> Command | None:
-        """The command that reaches the vehicle.
+        """The command that reaches the vehicle, delayed; None: SUMO moves the ego.
 
-        What an ADS tells SUMO itself cannot be held back.
+        Calls by which the ADS lets SUMO move it are not delayed: a note records that.
         """
         due, given = self._mine["command"], command is not None
         if command is not None:
@@ -344,6 +350,7 @@ class _Hook:
     # -- motion ------------------------------------------------------------------------------------
 
     def _leave_to_sumo(self) -> None:
+        """Let SUMO move the ego, within its limits, from this step on."""
         world = self._world
         if self._plant is not None:
             world.note(self._case, "vehicle_model_not_used", 1.0, 0.0)
@@ -358,10 +365,12 @@ class _Hook:
                 self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
 
     def _take_over(self, world: World, command: Command) -> None:
+        """Let the vehicle model or the plant move the ego, as commanded."""
         ego, state = self._mine, self._state
         if self._placed[0] == SUMO:
             self._calls.setSpeedMode(self.ego, EXACT_SPEED_MODE)
-            # it has had its hands on the wheel, and the wheel straight, from the start
+            # an ADS that commands the first step has a straight steering wheel at the start: 0, not
+            # nan, in the first sample
             if world.steps == 0:
                 world.samples[self._row, 0, 0, 6] = 0.0
             ego["steering"][0] = 0.0
@@ -396,7 +405,7 @@ class _Hook:
         state[_LANE_SPEED] = state[3]
         front_x, front_y = state[_FRONT_X], state[_FRONT_Y]
         x, y = self._calls.getPosition(self.ego)
-        # which no nan is
+        # `not <=`: true of nan as well
         if not (abs(x - front_x) <= _PLACE_TOLERANCE and abs(y - front_y) <= _PLACE_TOLERANCE):
             raise SimulationError(
                 f"SUMO put the ego's front bumper at ({x:.3f}, {y:.3f}) m instead of "
@@ -405,13 +414,14 @@ class _Hook:
             )
 
     def _read_driven_ego(self, now: float) -> None:
-        """The ego as SUMO moved it, with its ground speed: SUMO counts the motion along and across
-        the lane apart.
+        """Take in the ego as SUMO moved it.
+
+        Its speed becomes that over the ground. SUMO counts the motion along the lane and across it
+        apart, and on a curved road the first along the road's line.
         """
-        calls, state = self._calls, self._state
+        calls, state, at = self._calls, self._state, MAP
         front_x, front_y = calls.getPosition(self.ego)
         angle, speed = calls.getAngle(self.ego), calls.getSpeed(self.ego)
-        at = _MAP
         last_s, last_speed = state[0], state[3]
         last_x, last_y, last_heading = state[at], state[at + 1], state[at + 2]
         if not (
@@ -427,22 +437,13 @@ class _Hook:
                 raise LeftTheRoadError
             before = front(Body(last_x, last_y, last_heading, last_speed, *sizes))
             raise impossible(calls, self.ego, before, now, self._step)
-        if angle == 90.0:  # along the road, exactly: nearly every vehicle nearly always
-            x, y, heading = front_x - self._half, front_y, 0.0
-        else:
-            heading = math.remainder(math.radians(90.0 - angle), math.tau)
-            x, y = (
-                front_x - self._half * math.cos(heading),
-                front_y - self._half * math.sin(heading),
-            )
-        if last_heading == 0.0:
-            moved_x, moved_y = front_x - last_x - self._half, front_y - last_y
-        else:
-            moved_x = front_x - last_x - self._half * math.cos(last_heading)
-            moved_y = front_y - last_y - self._half * math.sin(last_heading)
-        stretch = 1.0
+        heading = math.remainder(math.radians(STRAIGHT - angle), math.tau)
+        x, y = front_x - self._half * math.cos(heading), front_y - self._half * math.sin(heading)
+        # motion of the front bumper
+        moved_x = front_x - last_x - self._half * math.cos(last_heading)
+        moved_y = front_y - last_y - self._half * math.sin(last_heading)
+        stretch = 1.0  # metres on the map for each metre along the line
         state[at], state[at + 1], state[at + 2] = x, y, heading
-        # SUMO counts along the line, and on the map a vehicle beside it drives less or more
         if self._bent:
             line = self.road.line
             place = tuple(float(it) for it in frame_places(line, x, y, heading, near=last_s))
@@ -452,11 +453,10 @@ class _Hook:
         self._check_native_motion(moved_x, moved_y, speed, now)
         acceleration = (speed - state[_LANE_SPEED]) / self._step
         state[_LANE_SPEED] = speed
-        if self._stale[0]:
+        if self._stale[0]:  # the first step in which SUMO moves it: it may turn it into the lane
             self._stale[0] = 0
-            if abs(math.remainder(heading - last_heading, math.tau)) > 1e-3 + abs(
-                last_speed * self._step * self._bend
-            ):
+            turned = abs(math.remainder(heading - last_heading, math.tau))
+            if turned > 1e-3 + abs(last_speed * self._step * self._bend):
                 self._world.note(self._case, "heading", last_heading, heading)
         turned_or_moved = self._bent or moved_y != 0.0 or heading != 0.0
         across = calls.getLateralSpeed(self.ego) if turned_or_moved else 0.0
@@ -473,10 +473,12 @@ class _Hook:
         state[3], state[7] = speed, acceleration
 
     def _went_straight(self) -> bool:
-        """Read an ego that SUMO moved along a straight lane, as nearly always; else leave it."""
+        """Take in an ego that SUMO moved straight along a straight lane, as nearly always; return
+        whether it did.
+        """
         ego, calls = self.ego, self._calls
         (x, y), speed = calls.getPosition(ego), calls.getSpeed(ego)
-        state, at = self._state, _MAP
+        state, at = self._state, MAP
         before = state[_LANE_SPEED]
         x -= self._half
         if (
@@ -493,11 +495,11 @@ class _Hook:
         return True
 
     def _check_native_motion(self, ahead: float, across: float, speed: float, now: float) -> None:
-        """TraCI calls can move the ego in ways no vehicle can.
+        """Refuse motion that no vehicle can do, as TraCI calls may cause it.
 
-        ahead, across: of the front bumper in the step, m.
-
+        ahead, across: motion of the front bumper in the step, m.
         speed: along the lane, m/s.
+        now: time, s.
         """
         step, limits, sideways = self._step, self._limits, _SIDEWAYS_SPEED * self._step
         lowest, highest = -limits.max_deceleration, limits.max_acceleration
@@ -528,7 +530,7 @@ class _Hook:
             )  # fmt: skip
 
     def _unphysical(self, what: str, requested: float, possible: float, sentence: str) -> None:
-        """An ADS is refused what no vehicle can do; of SUMO's own models it is put on record."""
+        """Raise ControllerError for impossible motion; of SUMO's own models only record it."""
         if not self._native:
             raise ControllerError(sentence)
         if what == "jump" and not requested < FASTEST * self._step:

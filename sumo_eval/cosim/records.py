@@ -1,8 +1,10 @@
 """Numbers of a case: the records of bodies, egos, actors and what rules see of them.
 
-A row is a case: its ego in `EGO`, its m actors in `OTHER`. x, y and heading of a body are those of
-the road's frame, along and across it; what rules see of it is a `MOVER`. On a curved road every
-body stands on the map as well (`map`).
+The loop of `cosim` and the rules of `ads` and `drivers` share them.
+
+A row is a case: its ego in `EGO`, its m actors in `OTHER`. x, y and heading of a body are along and
+across the road; the same on the map is its `map`, on a straight road the same numbers. What rules
+see of a body is a `MOVER`.
 """
 
 from __future__ import annotations
@@ -88,23 +90,32 @@ EGO = np.dtype(
 )  # fmt: skip
 """The ego of a case.
 
-The first fields are those of a `Body`. placed: who moves it, SUMO, the vehicle model or a plant.
-stale: SUMO has it elsewhere by now; of one that SUMO moves: it does since this step. next: of a
-plant; its speed also of an ego that SUMO moves, m/s along its lane. reason: why the case has ended,
-a place in `REASONS`. share: of the step at which it touched number `struck`. samples: how many
-there are. begun: the step of the
-world at which the case began.
+The first fields are those of a `Body`.
+before: at the start of the step.
+next: the state that a plant gave; of an ego that SUMO moves only its speed, m/s along its lane.
+stood: for how long it has stood, s. scripted_until: when the actors' scripts are over, s.
+placed: what moves it: `SUMO`, `MODEL` or `PLANT`.
+stale: 1 if SUMO has not received its last motion; of an ego that SUMO moves: if it does so only
+    since this step.
+reason: why the case has ended, a place in `REASONS`; 0: it has not.
+share: of the step at which it touched actor number `struck`.
+settled: 1 if its ADS will do nothing new.
+samples: how many there are. begun: the step of the world at which the case began.
 slip, yaw_rate: of the dynamic vehicle model, rad and rad/s.
 way: as in `_WAY`."""
 
-_COMMAND = EGO.fields["command"][1] // 8  # type: ignore[index]
-COMMAND = slice(_COMMAND, _COMMAND + 2)
+
+def first_number(field: str) -> int:
+    """Index of a field's first number among the numbers of an ego (`numbers_of`)."""
+    return int(EGO.fields[field][1] // 8)  # type: ignore[index]
+
+
+COMMAND = slice(first_number("command"), first_number("command") + 2)
 """Place of the command in the numbers of an ego."""
-_ON_MAP = EGO.fields["map"][1] // 8  # type: ignore[index]
-MOTION = [*range(_ON_MAP, _ON_MAP + 3), 3, 7, 8]
+MAP = first_number("map")
+MOTION = [MAP, MAP + 1, MAP + 2, *map(first_number, ("speed", "acceleration", "steering"))]
 """Places of x, y and heading on the map, speed, acceleration and steering: as in `_NEXT`."""
-_AHEAD = EGO.fields["next"][1] // 8  # type: ignore[index]
-NEXT = slice(_AHEAD, _AHEAD + 6)
+NEXT = slice(first_number("next"), first_number("next") + 6)
 """Place of a plant's next state."""
 
 OTHER = np.dtype(
@@ -114,11 +125,12 @@ OTHER = np.dtype(
         ("map", _MAP),
     ]
 )  # fmt: skip
-"""Another vehicle.
+"""An actor.
 
-acceleration: along its heading, m/s2; rate: of its speed over the last step, m/s2. told: 1 where it
-was moved in this step, 2 where SUMO has heard of it. strays: 1 once it has been beside the lanes,
-from where SUMO moves no vehicle.
+rate: of its speed over the last step, m/s2. acceleration: along its heading, m/s2.
+present: 0 once it has left the network.
+told: 0 if SUMO moved it by itself in this step, 1 if not, 2 if SUMO also received it.
+strays: 1 once it has been beside the lanes, from where SUMO moves no vehicle.
 """
 
 CLIP = np.dtype([*flags("count"), *fields("first", "requested", "applied")])
@@ -129,7 +141,7 @@ _ROAD = [
     *flags("lanes", "bent", "shaped"),
     *fields(*(f"{side}_{name}" for side in ("right", "left") for name in PLACES)),
 ]
-"""Where the outermost lanes are: as in `road.lanes`."""
+"""A road; by the fields of `PLACES` where the outermost lane of each side is (`road.lanes`)."""
 LIMITS = fields(
     "length", "width", "wheelbase", "steering_ratio", "max_steering_wheel_angle_deg",
     "max_steering_wheel_rate_deg",
@@ -146,17 +158,17 @@ SCENARIO = np.dtype(
 )  # fmt: skip
 """Values that all rows share; `road`, `vehicle` and `step` as in a `Briefing`.
 
-There are two: the second has a cycle as its step, in which a rule that jumps decides once.
+There are always two of them. The second has a cycle of decisions as its `step`: see `CYCLE`.
 """
 CYCLE = 0.05
-"""s from one decision to the next, or a step where that is longer.
+"""Cycle of decisions, s; a step where that is longer.
 
-A rule that releases the brake below a threshold exceeds it again at once: the finer the step, the
-more often. So what it does depends on when it looks: once a cycle, as a control unit does. The step
-of the simulation may be any part of that.
+A rule that releases the brake below a threshold exceeds the threshold again at once: the finer the
+step, the more often. So such a rule decides once a cycle, as a control unit does. The step of the
+simulation may be any part of a cycle.
 """
 
-SUMO, MODEL, PLANT = 0, 1, 2  # who moves the ego
+SUMO, MODEL, PLANT = 0, 1, 2  # what moves the ego
 REASONS: tuple[EndReason | None, ...] = (
     None, "contact", "standstill", "road_end", "off_road", "time_limit", "decided", "ads_error",
     "ads_timeout",
@@ -167,14 +179,13 @@ OFF_ROAD, TIME_LIMIT, DECIDED = range(4, 7)
 ADS_ERROR, SIM_ERROR = 7, 9
 
 TO_ITS_END: tuple[EndReason, ...] = ("road_end", "time_limit")
-"""Why cases end in which everything could happen that was to: a condition that never held then is
-reported."""
+"""Reasons of cases that ran to their end: a condition that never held in one is reported."""
 
 WHATS = (*LIMITED, "actor_off_its_script")
 OFF_SCRIPT = len(LIMITED)
-SCRIPT_TOLERANCE = 0.05  # m, what another vehicle may be off its script
+SCRIPT_TOLERANCE = 0.05  # m that SUMO may show an actor off its script
 STRAIGHT = 90.0  # deg clockwise from north, SUMO's angle along the road
-ALONG = 1e-9  # rad, a heading smaller than this is none
-# rad, an ego in a curve that keeps its lane turns less than that against the road
+ALONG = 1e-9  # rad, a smaller heading counts as 0
+# rad off the road's direction, less than which an ego in a curve keeps its lane
 ALONG_A_BEND = 0.01
 DEGREES = 180.0 / math.pi
