@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sumo_eval.settings import ConditionSettings
 
-# s; 0.3 / 0.1 is 2.999.. or 3.000..: a delay of whole steps must not become one step more
+# s: by rounding, a delay of whole steps, as 0.3 s of 0.1 s, must not become one step more
 _ROUNDING = 1e-9
 
 
@@ -57,7 +57,7 @@ class Actuation:
             its last command was dropped is kept.
         given: whether there are new commands; else, or where they are dropped, the last ones hold.
         """
-        slots = len(self._given)
+        slots = len(self._given)  # of the ring: the longest delay in steps, and the present step
         if self._budget is not None:
             if took is not None:
                 self._dropped = took > self._budget

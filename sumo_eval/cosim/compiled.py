@@ -34,8 +34,9 @@ def _show_rows(movers: Records, bodies: Records, line: Records, rear: float) -> 
 def each_row(rule: Callable[..., None]) -> Callable[..., None]:
     """Loop of a rule: calls it for every live row.
 
-    rule: kernel of the ego, the `MOVER` records of the actors, the row's own record, its record of
-        each actor, a `MOVER` of each actor for the rule's predictions, the two `SCENARIO` records.
+    rule: kernel with six arguments: the ego; the actors, as `MOVER`s; the rule's own record of the
+        row; its record of each actor; a `MOVER` of each actor, for the rule's predictions; the two
+        `SCENARIO` records.
     """
 
     @compiled_rows
@@ -72,8 +73,8 @@ def _numbers(thing: Any, layout: Layout) -> tuple[Any, ...]:
 
 
 def unknown(count: int, others: int, layout: Layout) -> Records:
-    """Memories of vehicles that no rule has seen yet, (count, others): nan in every field that is a
-    number.
+    """Records of actors that no rule has seen yet, (count, others): nan in every field of
+    `records.fields`, 0 in every one of `records.flags`.
     """
 
     def row(layout: Layout) -> tuple[Any, ...]:
@@ -86,7 +87,7 @@ def unknown(count: int, others: int, layout: Layout) -> Records:
 
 
 def check_numbers(ads: str, rule: Any) -> None:
-    """Raises InputError unless each field of an ADS, a dataclass, is finite and at least 0.
+    """Raise InputError unless each field of an ADS, a dataclass, is finite and at least 0.
 
     A subclass may hold anything in other attributes.
     """
@@ -102,7 +103,7 @@ class Compiled:
     loop: the rule over rows (`each_row`); writes the egos' commands, and whether they have settled.
     memory: layout of what the rule remembers of a case, 0 at first.
     known: layout of what it remembers of each actor, nan at first.
-    numbers: layout of `p` in the memory, which holds the attributes of the object.
+    numbers: layout of the rule's parameters, attributes of the object: the field `p` of the memory.
     """
 
     loop: ClassVar[Callable[..., None]]

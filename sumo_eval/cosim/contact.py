@@ -87,9 +87,10 @@ def widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
     cos_between, sin_between = abs(ca * cb + sa * sb), abs(ca * sb - sa * cb)
     la, wa = 0.5 * a.length, 0.5 * a.width
     lb, wb = 0.5 * b.length, 0.5 * b.width
+    # from a's centre to b's, along and across each body
     along_a, across_a = dx * ca + dy * sa, dy * ca - dx * sa
     along_b, across_b = dx * cb + dy * sb, dy * cb - dx * sb
-    # half the extents of b along a's length and along a's width, and of a along b's
+    # half the extents of b along a's length and along a's width; then of a along b's
     reach_b, span_b = lb * cos_between + wb * sin_between, lb * sin_between + wb * cos_between
     reach_a, span_a = la * cos_between + wa * sin_between, la * sin_between + wa * cos_between
     gap, offset = abs(along_a) - la - reach_b, along_a
@@ -156,11 +157,11 @@ def share_at_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body)
 
 @kernel
 def keeps_apart(ego: Body, other: Body) -> bool:
-    """Whether two bodies that continue straight along the road at their speeds never touch.
+    """Whether two bodies that continue straight along the road at their speeds surely never touch.
 
-    ego: of heading 0, straight along the road.
+    False: they touch, or it is not sure.
 
-    May be False where they do not touch, never True where they do.
+    ego: its heading counts as 0.
     """
     if other.heading != 0.0 or other.across != 0.0:
         return False
@@ -203,7 +204,7 @@ def bumper_overlap(ego: Body, other: Body) -> float:
 
 
 def struck_side(ego: Body, other: Body) -> Side:
-    """Touched face of the ego; at a corner, the one towards which the other moves faster."""
+    """Face of the ego that is touched; at a corner, the one into which the other moves faster."""
     corners = [corner for corner in other.corners() if _inside(ego, corner)]
     corners += [corner for corner in ego.corners() if _inside(other, corner)]
     # no corner is inside where bodies cross like a plus: the other's centre decides
@@ -217,7 +218,8 @@ def struck_side(ego: Body, other: Body) -> Side:
         "right": 0.5 * ego.width + left,
     }
     nearest = min(depths.values())
-    # at a corner of the ego two faces are touched, equally deep up to what both bodies have grown
+    # at a corner of the ego two faces are touched: their depths differ by as much as both bodies
+    # have grown, at most
     candidates = [side for side, depth in depths.items() if depth <= nearest + 2.0 * _GROWN]
     closing = (other.velocity[0] - ego.velocity[0], other.velocity[1] - ego.velocity[1])
     c, s = math.cos(ego.heading), math.sin(ego.heading)

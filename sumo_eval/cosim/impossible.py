@@ -1,5 +1,7 @@
 """Limits of what SUMO may show of a vehicle: beyond them it is on no lane, has jumped, or is
 faster than any vehicle.
+
+The loop, the stages and TraCI's ADSs check what SUMO shows by them.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ LOWEST_SPEED = -1.0  # m/s; SUMO's speeds are 0 or above, a lost vehicle's is fa
 LOST = 1e9  # m and m/s; a vehicle that is on no lane has the position and the speed -1073741824
 LIMIT_TOLERANCE = 1e-6  # m/s2, rounding of a change of speed at a limit of acceleration
 JUMP_TOLERANCE = 0.01  # m, motion of one step that speed cannot explain
-LOSS_MARGIN = 0.05  # m; a vehicle counts as off the road this much before SUMO loses it
+LOSS_MARGIN = 0.05  # m before the place where SUMO loses a vehicle: there it counts as off the road
 
 
 def farthest_in(step: float) -> float:

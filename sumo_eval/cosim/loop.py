@@ -55,11 +55,12 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import SENTENCE, words_of
 from sumo_eval.trajectory import Alone, EndReason, FloatArray, IntArray
 
-_LONGEST_WORDS = SENTENCE - 20  # characters of an adapter's message, to which the time is added
+# characters of an error message, to which `at 12.34 s.` or the like is added: 20 at most
+_LONGEST_WORDS = SENTENCE - 20
 _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
-ASKS_SUMO = Alone("asks_sumo")
+ASKS_SUMO = Alone("asks_sumo")  # why a case is driven alone
 _STANDS = 1e-3  # m in a step; an ego that drives less does not turn
-KEPT = 0.75  # rows of ended cases are dropped when the share of live rows is below this
+KEPT = 0.75  # rows of ended cases are dropped when the share of live rows falls below this
 
 
 class Terms(NamedTuple):
@@ -118,9 +119,11 @@ class EgoControl:
             self._closed(world, row, self._terms.plant.close, "sim_error")
 
     def _pass_on(self, world: World, took: float | None) -> None:
-        """Replace the commands by those that reach the vehicles, or by the plant's next state.
+        """Replace the commands by those that reach the vehicles; with a plant, also ask it for its
+        next state.
 
-        took: wall time of the ADS's step, of one case, s; None: it was not asked.
+        took: wall time of the ADS's step, of one case, s; None: the ADS was not called in this
+            step.
         """
         self.actuation.pass_on(world.egos["command"], world.rows, world.steps, took)
         if self._terms.plant is not None:
@@ -188,9 +191,12 @@ def note_unlimited(world: World) -> None:
 
 
 def drive(world: World, driver: EgoControl, stage: Stage) -> None:
-    """Step until every case has ended."""
+    """Step until every case has ended.
+
+    driver: controls the egos of all rows.
+    """
     settings = world.settings
-    step, every = settings.step, round(settings.record_interval / settings.step)
+    step, every = settings.step, round(settings.record_interval / settings.step)  # steps
     moved = 0  # 1 while a step is under way: an error then takes it back
     try:
         driver.begin(world, stage)
@@ -204,6 +210,7 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
             now, sampling = after * step, after % every == 0
             if sampling:
                 world.room_for_samples()
+            # count: rows of `world.tell`; gone: numbers of actors that left their last lane
             count, gone = world.move(closely=stage.closely(world.steps), as_read=stage.as_read)
             moved = 1
             stage.put_aside(gone)
@@ -258,7 +265,7 @@ def break_off(world: World, error: Exception, moved: int = 0) -> None:
     """
     if isinstance(error, ControllerError | SimulationError):
         world.fail(0, _fault(error), words_of(error, SENTENCE))
-    elif not world.errors:  # else the ADS has just been found to have closed it
+    elif not world.errors:  # else the case has its error: the ADS closed the simulation
         world.fail(
             0,
             "sim_error",
@@ -278,8 +285,10 @@ def _end_rows(world: World, driver: EgoControl, stage: Stage) -> None:
     for row in np.flatnonzero((egos["reason"] != 0) & (egos["live"] != 0)).tolist():
         case = int(world.rows[row])
         if REASONS[int(egos["reason"][row])] == "ads_error" and case not in world.errors:
-            value, steering = egos["command"][row].tolist()
-            name, value = ("steering", steering) if np.isfinite(value) else ("acceleration", value)
+            acceleration, steering = egos["command"][row].tolist()
+            name, value = "acceleration", acceleration
+            if np.isfinite(acceleration):
+                name, value = "steering", steering
             world.fail(
                 row,
                 "ads_error",
@@ -348,11 +357,11 @@ class Rules(EgoControl):
         super().begin(world, stage)
         stage.take_charge(world)
         note_unlimited(world)  # a rule sees the world
-        own: Any = type(self._ads[0])
-        if knows_the_scripts(self._ads[0]):
-            self._arrays = own.foreseeing(self._ads, world.cases, world.each)
+        kind: Any = type(self._ads[0])
+        if knows_the_scripts(self._ads[0]):  # the ideal vehicle of Eq. 17
+            self._arrays = kind.foreseeing(self._ads, world.cases, world.each)
         else:
-            self._arrays = own.arrays(self._ads, world.scenario, world.seen.shape[1])
+            self._arrays = kind.arrays(self._ads, world.scenario, world.seen.shape[1])
         # a call without rows: the kernel is compiled or loaded here, not within a timed step
         self._loop(world.egos[:0], world.seen[:0], *self._arrays, world.scenario, 0.0)
         self._egos: Records | None = None
@@ -362,6 +371,7 @@ class Rules(EgoControl):
         """Call the kernel once for all rows."""
         asked = clock.perf_counter()
         arguments = (world.egos, world.seen, *self._arrays, world.scenario, time)
+        # machine code is for arrays of one layout: find it again after `World.keep` replaced them
         if self._egos is not world.egos:
             self._code, self._egos = bound(self._loop, *arguments), world.egos
         self._code(*arguments)
@@ -397,11 +407,12 @@ class Replays(EgoControl):
 
     def __init__(self, replays: Sequence[Replay], terms: Terms) -> None:
         super().__init__(terms)
-        # x, y, heading and speed of egos that the vehicle model did not move, then acceleration
-        # and steering of all egos
+        # (n, steps, 6): x, y, heading, speed, acceleration, steering. Replays of two columns have
+        # the last two alone: the vehicle model moved the ego.
         self._commands = np.zeros((len(replays), 1 + max(len(it.commands) for it in replays), 6))
         for row, it in enumerate(replays):
             self._commands[row, : len(it.commands), -it.commands.shape[1] :] = it.commands
+        # whether the ego was moved by SUMO or a plant
         self._moved = np.array([it.commands.shape[1] > 2 for it in replays])
         self._until = np.array([it.until for it in replays])
 
@@ -426,6 +437,7 @@ class Replays(EgoControl):
         rows, egos = world.rows, world.egos
         brakes = world.steps >= self._until[rows]
         replays, numbers, command = ~brakes, numbers_of(egos), egos["command"]
+        # of the egos that do not brake yet, (k, 6)
         now = self._commands[rows, min(world.steps, self._commands.shape[1] - 1)][replays]
         numbers[replays, NEXT], numbers[replays, COMMAND] = now, now[:, -2:]
         egos["placed"] = np.where(self._moved[rows] & replays, PLANT, MODEL)
@@ -474,6 +486,8 @@ class Policies(EgoControl):
         self._limited = self._limited[rows]
         if self._perception is not None:
             self._perception.keep(rows)
+        # the first 8 numbers of a record: the 7 of a `BODY`, then acceleration of an ego, rate of
+        # the speed of an actor
         self._ego_values = numbers_of(world.egos)[:, :8]
         self._commands = numbers_of(world.egos)[:, COMMAND]
         self._other_values = numbers_of(world.others)[:, :, :8]
@@ -484,8 +498,8 @@ class Policies(EgoControl):
     ) -> None:
         """Fail the rows for which a call raised an error.
 
-        A policy in a batch that called TraCI, or found no more memory beside others, is not failed:
-        its cases are driven alone, later.
+        In a batch, a policy that called TraCI or ran out of memory is not failed: its cases are
+        driven alone, later.
 
         when: `in reset` or `at 1.50 s`, for the message.
         target: the user's code, for the place of the error.
@@ -564,13 +578,14 @@ class OneEach(Policies):
         now, terms = clock.perf_counter, self._terms
         if self._alone:
             GUARD.heard()
+        # a single row is live, and need not be looked for
         for row in np.flatnonzero(world.egos["live"]).tolist() if len(egos) > 1 else (0,):
             case = int(world.rows[row])
-            policy = self._policies[case]
+            policy, executor = self._policies[case], self._executors[case]
             asked = now()
             try:
-                if world.steps % terms.every:
-                    command = self._executors[case].command(None, egos[row], time)
+                if world.steps % terms.every:  # between two calls
+                    command = executor.command(None, egos[row], time)
                     commands.append((command.acceleration, command.steering))
                     commanded_rows.append(row)
                     continue
@@ -580,11 +595,12 @@ class OneEach(Policies):
                         time, self._road, egos[row], look, self._tasks[case], self._kinds[case]
                     )
                 )
-                executor = self._executors[case]
+                # nearly every answer of nearly every policy: an acceleration, m/s2
                 if terms.every == 1 and type(action) is float and -math.inf < action < math.inf:
                     executor.release()
                     answer = action, 0.0
                 else:
+                    # None: the plan that is in force still holds
                     wanted = None if action is None and executor.holds_plan else as_command(action)
                     command = executor.command(wanted, egos[row], time)
                     answer = command.acceleration, command.steering

@@ -1,8 +1,10 @@
 """The point of no return of a contact: the last step from which full braking still avoids it.
 
-The ADS is not asked again. Its recorded commands, or where SUMO or a plant moved it, are replayed
-up to a step, then the ego brakes as strongly as it can, with the wheel straight. Steering away is
-not considered.
+The ADS is not called again. Its recorded commands are replayed up to a step; where SUMO or a plant
+moved the ego, its recorded motion. Then the ego brakes as strongly as it can, with the wheel
+straight. Steering away is not considered.
+
+`record/worker.py` adds it to the recordings of a batch.
 """
 
 from __future__ import annotations
@@ -29,8 +31,8 @@ from sumo_eval.trajectory import (
     Recording,
 )
 
-BRAKES = 0.5  # m/s2, commanded deceleration from which an ADS is said to brake
-_LATE = 64  # steps before a contact among which most points of no return lie
+BRAKES = 0.5  # m/s2, commanded deceleration from which on an ADS counts as braking
+_LATE = 64  # steps: most points of no return are fewer than this before the contact
 _SAME = 1e-6  # s and m/s, contacts that differ by less are one
 
 
@@ -66,8 +68,12 @@ def with_no_return(
 
 
 def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) -> dict[int, float]:
-    """Last step from which braking avoids each contact, found by bisection."""
-    # what the conditions did is in the commands
+    """Last step from which braking avoids each contact, found by bisection.
+
+    `UNKNOWN` where the replay of all commands has another contact, `NEVER` where braking from the
+    start does not avoid it.
+    """
+    # without conditions: their effect is in the recorded commands
     plain = replace(settings, conditions=ConditionSettings(), plant=None, end_when_decided=True)
 
     def braked(steps: Mapping[int, int]) -> dict[int, Collision | Alone | None]:
@@ -77,20 +83,21 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
         hits = (it if isinstance(it, Alone) else it.collision for it in found)
         return dict(zip(steps, hits, strict=True))
 
+    # steps from which braking avoids a contact, or does not; the last that does is between them
+    low: dict[int, int] = {}
+    high = {i: len(it.commands) for i, it in contacts.items()}
+
     def narrow(steps: Mapping[int, int]) -> None:
         for i, hit in braked(steps).items():
             (low if _avoids(hit, contacts[i].hit) else high)[i] = steps[i]
 
-    last = dict.fromkeys(contacts, UNKNOWN)
-    low: dict[int, int] = {}
-    high = {i: len(it.commands) for i, it in contacts.items()}
-    known = [i for i, hit in braked(high).items() if _is_same(hit, contacts[i].hit)]
-    # most points of no return are some seconds before the contact
+    replayed = [i for i, hit in braked(high).items() if _is_same(hit, contacts[i].hit)]
+    # first `_LATE` steps before the contact; if that does not avoid it, from the start
     for before in (_LATE, math.inf):
-        narrow({i: int(max(high[i] - before, 0)) for i in known if i not in low})
+        narrow({i: int(max(high[i] - before, 0)) for i in replayed if i not in low})
     while wide := [i for i in low if high[i] - low[i] > 1]:
         narrow({i: (low[i] + high[i]) // 2 for i in wide})
-    return last | dict.fromkeys(known, NEVER) | low
+    return dict.fromkeys(contacts, UNKNOWN) | dict.fromkeys(replayed, NEVER) | low
 
 
 def _is_same(hit: Collision | Alone | None, was: Collision) -> bool:
@@ -103,7 +110,9 @@ def _is_same(hit: Collision | Alone | None, was: Collision) -> bool:
 
 
 def _avoids(hit: Collision | Alone | None, was: Collision) -> bool:
-    """Whether the contact is gone: one that runs into the braking ego is another."""
+    """Whether a replay avoids the contact. If a vehicle runs into the braking ego from behind, that
+    is another contact.
+    """
     if isinstance(hit, Collision):
         return hit.side == "rear" and was.side != "rear"
     return hit is None

@@ -7,6 +7,8 @@ where this package has it.
 
 The header holds the case to the last bit, with a seal over the file and its road: unchanged, the
 file imports as that case.
+
+`sumo-eval export` writes both files; `extras/openscenario` reads the case (`exported_case`).
 """
 
 from __future__ import annotations
@@ -55,6 +57,7 @@ def _actor(name: str, start: Start, acts: Iterable[Any], *rest: Any) -> Actor:
     return Actor(name, start, tuple(Act(*act) for act in acts), *rest)
 
 
+# what makes the records of an encoded case, by their class names
 _RECORDS: dict[str, Any] = {
     it.__name__: it
     for it in (ConcreteScenario, Crossing, EgoBody, LaneSpan, Model, NetworkFile, Piece, Road,
@@ -126,7 +129,7 @@ def _gone(span: LaneSpan, begin: float, end: float) -> tuple[float, float]:
 
     begin, end: of the section, in which the lane's edge is straight, m.
     """
-    # the edge may turn at either end: take the share just inside, and round it
+    # at either end the lane's edge may turn or jump: take the share just inside, and round it
     inside = 1e-6 * (end - begin)
     return tuple(
         float(missing_at(span, place).round(5)) for place in (begin + inside, end - inside)
@@ -149,13 +152,14 @@ def _crossing(road: Road, crossing: Crossing, number: int) -> Any:
 
 
 def _geometry(road: Road, s: float, aside: float, turned: float, length: float, shape: Any) -> Any:
-    """A piece of a reference line that begins `aside` m beside the road's line at s, turned from
-    it, rad.
+    """A piece of a reference line that begins `aside` m to the left of the road's line at s.
+
+    turned: 0 for a piece of the road itself, rad; else the direction of a crossing road, whose own
+        s is 0 here.
     """
     x, y, heading = map_places(road.line, s, aside)
     return E.geometry(
         shape,
-        # a line that is turned is that of a crossing road, whose own s begins here
         s=0 if turned else s,
         x=float(x),
         y=float(y),
@@ -191,12 +195,11 @@ def openscenario_xml(
 ) -> str:
     """The scenario.
 
+    road_file: the OpenDRIVE file, relative.
+    remark: where it comes from, for the header.
     driven: recorded trajectories by vehicle. The ego follows its own until that ends, and so do
         actors whose moves depend on what happens. None: the ego keeps its speed, because the other
         simulator chooses the controller that drives it.
-
-    road_file: the OpenDRIVE file, relative.
-    remark: where it comes from, for the header.
     """
     settings = concrete.simulation(settings)
     vehicle, road, actors = settings.vehicle, concrete.road, concrete.actors
@@ -297,17 +300,17 @@ def _act(
     known: recorded trajectories by vehicle.
     """
     road, actors = concrete.road, concrete.actors
-    moved = tracks(
+    scripted = tracks(
         [concrete],
         [(settings.vehicle.length, settings.vehicle.width)],
         VERTEX_INTERVAL,
         settings.time_limit,
         in_python=True,  # a single case is over before machine code is ready
     )
-    # the motion of a lively actor depends on more than time
+    # the motion of a lively actor depends on more than time: it follows its recorded trajectory
     groups = [
         _follow(actor.name, _on_the_road(rows, road), road)
-        for actor, rows in zip(actors, moved.others[0].tolist(), strict=True)
+        for actor, rows in zip(actors, scripted.others[0].tolist(), strict=True)
         if actor.acts and not actor.lively
     ]
     for name in (EGO, *(actor.name for actor in actors if actor.lively)):
@@ -358,6 +361,7 @@ def _follow(name: str, vertices: Iterable[tuple[float, float, float, float]], ro
 
 
 def _after(time: float, name: str) -> Any:
+    """Condition that is true from a time on, s."""
     condition = E.ByValueCondition(E.SimulationTimeCondition(value=time, rule="greaterOrEqual"))
     return E.ConditionGroup(E.Condition(condition, name=name, delay=0, conditionEdge="none"))
 

@@ -97,11 +97,11 @@ class Pack:
         world.egos["command"]["acceleration"] = commands[:, 0]
         world.egos["command"]["steering"] = commands[:, 1]
         stage, steps = self._stage, world.steps
-        told, gone = world.move(closely=stage is not None and stage.closely(steps))
+        count, gone = world.move(closely=stage is not None and stage.closely(steps))
         if stage is not None:
             stage.put_aside(gone)
-            stage.tell(world, told)
-            # rows restarted since the last step; at step 0 SUMO has all vehicles at their start
+            stage.tell(world, count)
+            # rows that restarted since the last step; before step 0 SUMO has all at their starts
             for row in np.flatnonzero(world.egos["begun"] == steps).tolist() if steps else ():
                 stage.begin_again(world, row)
             stage.step()

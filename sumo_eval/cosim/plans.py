@@ -1,7 +1,9 @@
 """Plans, speeds and pedals, which an ADS may ask for, and how they are carried out.
 
-A stated tracker drives plans, a first-order law takes up speeds, a linear map reads pedals. One
-`Executor` a case holds what was asked for until it is replaced.
+A tracker follows plans (`Executor._along` states its law), a first-order law takes up speeds, a
+linear map reads pedals. One `Executor` a case holds what was asked for until it is replaced.
+
+`cosim/loop.py` and `cosim/on_traci.py` carry out the answers of ADSs by it.
 """
 
 from __future__ import annotations
@@ -120,8 +122,8 @@ class Executor:
             if wanted < 0.0:  # it brakes to a standstill: no vehicle here drives backwards
                 self._note("negative_speed", wanted, 0.0)
             acceleration = (wanted - ego[3]) / self._gains.speed_time
-        # The usual case, fast. An object of the ADS's own class is copied instead: its attributes
-        # may have other values when they are read again.
+        # the usual case, fast: the command as it is. Objects of an ADS's own class are copied, as
+        # their attributes may have other values when they are read again.
         if (
             type(held) is Command
             and speed is None
@@ -176,6 +178,7 @@ class Executor:
         dx, dy = plan[0] - x, plan[1] - y
         self._note("plan_error", 0.0, math.sqrt(dx * dx + dy * dy))
         behind = dx * math.cos(direction) + dy * math.sin(direction)
+        # dv_plan/dt, m/s2
         planned = (track.at(time + self._step)[3] - plan_speed) / self._step
         acceleration = (
             planned + gains.speed_gain * (plan_speed - speed) + gains.position_gain * behind
@@ -230,7 +233,8 @@ class _FollowedPlan:
             at + half * math.sin(psi) for at, psi in zip(y, self._heading, strict=True)
         ]
         self._tangent = _directions(self._front_x, self._front_y, self._heading[0])
-        # segments of the last answers, from which a search goes forward only
+        # segments of the last answers of `at` and of `beside`: a search begins there, and goes
+        # forward only
         self._segment_in_time = self._segment_in_place = 0
 
     def at(self, time: float) -> tuple[float, float, float, float]:
@@ -265,7 +269,7 @@ class _FollowedPlan:
         the left of the place; None where the path has no length.
         """
         xs, ys = self._front_x, self._front_y
-        beside = None
+        nearest = None
         # from the segment of the last answer on, the first whose end is not behind the place
         for i in range(self._segment_in_place, len(xs) - 1):
             along_x, along_y = xs[i + 1] - xs[i], ys[i + 1] - ys[i]
@@ -273,12 +277,12 @@ class _FollowedPlan:
             if square > _SAME_PLACE * _SAME_PLACE:
                 share = ((x - xs[i]) * along_x + (y - ys[i]) * along_y) / square
                 across = along_x * (ys[i] - y) - along_y * (xs[i] - x)  # cross product
-                beside = i, share, across / math.sqrt(square)
+                nearest = i, share, across / math.sqrt(square)
                 if share <= 1.0:
                     break
-        if beside is None:
+        if nearest is None:
             return None
-        i, share, left = beside
+        i, share, left = nearest
         self._segment_in_place = i
         share = min(max(share, 0.0), 1.0)
         theta = self._tangent[i]

@@ -52,15 +52,15 @@ from sumo_eval.trajectory import FloatArray
 
 @kernel
 def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
-    """Write into `mover` what a sensor shows of a vehicle: its centre, its speeds and extents by
-    the road's axes.
+    """Write into `mover` what rules see of a vehicle: its centre, its speeds and half extents along
+    and across the road.
 
-    line: the road's, of no knots if straight.
+    line: knots of the road's line; none: it is straight.
     rear: m from the centre back to the rear axle, which follows the lane. In a curve the body is
         turned out of the lane's direction by atan(rear * curvature). Its extents are those of a
         body turned back by that angle, so that it takes the same width as on a straight.
     """
-    curvature = line_at(line, body.x)[3]
+    curvature = line_at(line, body.x).curvature
     # m driven at the offset y for each metre of the line
     inner, speed = 1.0 - curvature * body.y, body.speed
     length, width = body.length, body.width
@@ -122,7 +122,7 @@ def _tell(tell: Any, count: int, number: int, body: Any, line: Any, along: float
     number: of the vehicle.
     along: dx/dt, m/s.
     """
-    near = body.x + 0.5 * body.length
+    near = body.x + 0.5 * body.length  # m, about its front: the search along the line begins there
     s, d = to_frame(line, body.front_x, body.front_y, body.map.heading, near)[:2]
     angle = STRAIGHT - body.map.heading * DEGREES
     values = float(number), body.front_x, body.front_y, angle, body.speed, s, d, along
@@ -213,9 +213,10 @@ def move_rows(
 ) -> int:  # fmt: skip
     """Move all vehicles by one step; return how many rows of `tell` there are.
 
-    tell: receives what is to be sent to SUMO, a row a vehicle: its number, x and y of the front
-        bumper's centre on the map, angle and speed, that place along and across the line, dx/dt.
-    line: the road's, of no knots if it is straight.
+    tell: receives what is to be sent to SUMO, a row a vehicle: its number (row by row, each ego
+        first); x and y of the front bumper's centre on the map, SUMO's angle, speed; the front's
+        x and y along and across the road, dx/dt.
+    line: knots of the road's line; none: it is straight.
     steps: of the world, this one included.
     closely: 0: SUMO receives nothing, 1: all, 2: egos, and actors that it cannot move by itself.
     """
@@ -228,7 +229,7 @@ def move_rows(
 def _move_egos(
     cast: Cast, clips: Records, tell: FloatArray, scenario: Records, line: Records, closely: int
 ) -> int:
-    """Move the egos by one step as commanded, and copy the actors' motion to `before`; return how
+    """Move the egos by one step as commanded, and copy all vehicles' motion to `before`; return how
     many rows of `tell` there are.
 
     An ego is stale while SUMO has not received its last motion.
@@ -251,10 +252,10 @@ def _move_egos(
             else:
                 move(ego, ego.map, wanted, steering, limits, step, clips[i])
         elif ego.placed == PLANT:
-            ahead, at = ego.next, ego.map
-            at.x, at.y, at.heading = ahead.x, ahead.y, ahead.heading
-            ego.speed, ego.acceleration = ahead.speed, ahead.acceleration
-            ego.steering = ahead.steering
+            state, at = ego.next, ego.map
+            at.x, at.y, at.heading = state.x, state.y, state.heading
+            ego.speed, ego.acceleration = state.speed, state.acceleration
+            ego.steering = state.steering
         if ego.placed != SUMO:
             near = before.x + before.speed * step  # where the search along the line begins
             place = to_frame(line, ego.map.x, ego.map.y, ego.map.heading, near)
@@ -284,7 +285,8 @@ def goes_straight(
     speed, before: at the step's end and start, m/s.
     """
     gained, half = (speed - before) / step, 0.5 * step
-    # from the motion at the mean speed to that at the start's or the end's speed
+    # off: m from the motion at the mean speed. It may reach the motions at the start's speed and at
+    # the end's, which are `half * abs(speed - before)` from that.
     off, most = abs(ahead - half * (speed + before)), half * abs(speed - before) + JUMP_TOLERANCE
     return (
         aside == 0.0
@@ -419,7 +421,7 @@ def see_rows(
     """Finish a step after SUMO's: positions, contact, ends, samples, what rules see next; return
     how many cases have ended.
 
-    line: the road's, of no knots if it is straight.
+    line: knots of the road's line; none: it is straight.
     steps: of the world, this one included.
     sampling: not 0 if this step is recorded.
     as_read: not 0 if the actors are where SUMO shows them, not where their scripts put them.
@@ -438,7 +440,7 @@ def see_rows(
             continue
         now = (steps - ego.begun) * step
         before, body = _body(ego.before.map, ego.before, ego), _body(ego.map, ego, ego)
-        first = 2.0  # share of the step at the first touch; above 1: none
+        first = 2.0  # share of the step at the first touch; 2: no touch
         for j in range(len(others[i])):
             other = others[i][j]
             if other.present == 0:
@@ -455,9 +457,10 @@ def see_rows(
             share = share_at_touch(
                 before, body, _body(was.map, was, other), _body(other.map, other, other)
             )
+            # below 0: they do not touch
             if 0.0 <= share < first:
                 first, ego.struck = share, j
-        # a touch beyond the road's end does not count: the case ends there
+        # a touch beyond `length` does not count: the case ends there
         touched_at = ego.before.x + first * (ego.x - ego.before.x)
         if first <= 1.0 and not touched_at > scenario[0].road.length:
             ego.reason, ego.share = CONTACT, first
@@ -483,8 +486,8 @@ def see_rows(
 
 @kernel
 def _at_work(other: Any, play: Any, acts: Any, now: float, scenario: Any) -> bool:
-    """Whether SUMO cannot move an actor by itself: it is in a move, turned, or has been beside the
-    lanes.
+    """Whether SUMO cannot move an actor by itself: it is in a move, turned against the road, or has
+    been beside the lanes once.
     """
     road, reach = scenario.road, 0.5 * other.width - LOSS_MARGIN
     if not road.right_edge - reach <= other.y <= road.left_edge + reach:

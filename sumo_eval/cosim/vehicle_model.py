@@ -18,11 +18,8 @@ from sumo_eval.kernels import kernel
 
 GRAVITY = 9.81  # m/s2
 KINEMATIC_UP_TO = 0.4 * GRAVITY  # m/s2 across, up to which tyres may be taken not to slip
-_SLOWEST_SLIP = (
-    # m/s, below which the dynamic model rolls as the kinematic one: its slip angles divide by the
-    # speed
-    2.0
-)
+# m/s, below which the dynamic model moves as the kinematic one: its slip angles divide by the speed
+_SLOWEST_SLIP = 2.0
 _PARTS = 10  # of a step, in each of which the dynamic model is integrated once
 _GRANTED = 1e-9  # m/s2, a request met as closely as this is granted
 _SAME = 1e-12  # m/s2, accelerations closer than this are one
@@ -91,7 +88,7 @@ LIMITED = (
     "acceleration_rate",
     "beyond_kinematic",
 )  # fmt: skip
-"""Quantities that the vehicle model may have to limit, by the number of the clip."""
+"""Quantities that the vehicle model may have to limit. An index here is the number of a clip."""
 _STEERING_ANGLE, _STEERING_RATE, _LATERAL_FRICTION = range(3)
 _ACCELERATION, _FRICTION, _SPEED = range(3, 6)
 _ACCELERATION_RATE, _BEYOND_KINEMATIC = 6, 7
@@ -160,11 +157,14 @@ def slip_rates(
     """Rates of side slip, rad/s, and yaw rate, rad/s2, of the dynamic single-track model; and the
     largest share that linear tyres would use of an axle's limit.
 
+    Force of an axle across, N: F = mu C Fz alpha, with the load transfer of the acceleration in Fz.
+    Source: single-track model of commonroad-vehicle-models (Althoff, Koschi, Manzinger: CommonRoad,
+    IV 2017).
+
+    slip: side slip, rad. yaw_rate: rad/s. acceleration: along the vehicle, m/s2.
     wheel: angle of the front wheels on the road, rad.
-    grip: friction coefficient that limits forces; with inf tyres stay linear, and the rates are
-        those of the single-track model of commonroad-vehicle-models (Althoff, Koschi, Manzinger:
-        CommonRoad, IV 2017): F = mu C Fz alpha with the load transfer of the acceleration. Forces
-        across have what the friction circle leaves them beside the acceleration.
+    grip: friction coefficient of the friction circle, which limits F to what the acceleration
+        leaves; inf: tyres stay linear, as in the source.
     """
     front = limits.front_share * limits.wheelbase
     rear = limits.wheelbase - front
@@ -177,26 +177,20 @@ def slip_rates(
     stiffness = limits.friction * limits.cornering_stiffness
     alpha_front = wheel - slip - front * yaw_rate / speed
     alpha_rear = rear * yaw_rate / speed - slip
-    linear_front, linear_rear = (
-        stiffness * load_front * alpha_front,
-        stiffness * load_rear * alpha_rear,
-    )
+    force_front = stiffness * load_front * alpha_front
+    force_rear = stiffness * load_rear * alpha_rear
     used = 0.0
     if not math.isinf(grip):
         along = acceleration / GRAVITY
-        left = math.sqrt(max(grip * grip - along * along, 0.0))
+        left = math.sqrt(max(grip * grip - along * along, 0.0))  # coefficient left for F
         limit_front, limit_rear = left * load_front, left * load_rear
-        used = (
-            1.0
-            if left == 0.0
-            else max(abs(linear_front) / limit_front, abs(linear_rear) / limit_rear)
-        )
-        linear_front, linear_rear = (
-            side_force(linear_front, limit_front),
-            side_force(linear_rear, limit_rear),
-        )
-    yaw_acceleration = (front * linear_front - rear * linear_rear) / limits.yaw_inertia
-    return (linear_front + linear_rear) / (limits.mass * speed) - yaw_rate, yaw_acceleration, used
+        used = 1.0
+        if left != 0.0:
+            used = max(abs(force_front) / limit_front, abs(force_rear) / limit_rear)
+        force_front = side_force(force_front, limit_front)
+        force_rear = side_force(force_rear, limit_rear)
+    yaw_acceleration = (front * force_front - rear * force_rear) / limits.yaw_inertia
+    return (force_front + force_rear) / (limits.mass * speed) - yaw_rate, yaw_acceleration, used
 
 
 @kernel
@@ -244,13 +238,14 @@ def move_dynamic(
         behind = (1.0 - limits.front_share) * limits.wheelbase
         ego.slip, ego.yaw_rate = math.atan(behind * bend), faster * bend
         return
-    # of the middle between the axles, the centre of gravity
+    # m from the body's centre, in the middle between the axles, ahead to the centre of gravity
     ahead = (0.5 - limits.front_share) * limits.wheelbase
     heading = at.heading
     x, y = at.x + ahead * math.cos(heading), at.y + ahead * math.sin(heading)
     part, way = step / _PARTS, distance / _PARTS
     most = 0.0
     for k in range(_PARTS):
+        # Heun's method: rates at the part's begin, then (names with a 2) at its predicted end
         share, next_share = k / _PARTS, (k + 1) / _PARTS
         v, v2 = speed + share * (faster - speed), speed + next_share * (faster - speed)
         turned = (wheel + share * (end - wheel)) / limits.steering_ratio
@@ -263,11 +258,11 @@ def move_dynamic(
         slipping2, turning2, used = slip_rates(
             v2, slip2, yaw2, turned2, after, limits, limits.friction
         )
-        before, course = yaw_rate, heading + slip
+        before, course = yaw_rate, heading + slip  # course: direction of motion, rad
         slip += 0.5 * part * (slipping + slipping2)
         yaw_rate += 0.5 * part * (turning + turning2)
         heading += 0.5 * part * (before + yaw_rate)
-        course = 0.5 * (course + heading + slip)
+        course = 0.5 * (course + heading + slip)  # the part's mean
         x, y = x + way * math.cos(course), y + way * math.sin(course)
     if most > 1.0:
         held = limits.friction * GRAVITY
@@ -283,6 +278,7 @@ def _steer(
     """Steering wheel angle at the end of the step, mean curvature and highest lateral acceleration
     within the step.
     """
+    # m/s2 along the vehicle, of which brakes and drive cannot get rid within the step
     carried = max(abs(ego.acceleration) - limits.brake_jerk * step, 0.0)
     fastest = ego.speed + step * max(ego.acceleration, min(wanted, limits.max_acceleration), 0.0)
     grip = grip_steering_wheel_angle(fastest, limits, carried)
@@ -367,7 +363,8 @@ def drive(
         duration = left if jerk == 0.0 else (goal - a) / jerk
         duration = min(duration, left)
         reached = a + jerk * duration
-        if v + 2.0 * min(a, reached) * duration <= 0.0:  # else it is far from standing still
+        # it may come to stand: twice the largest deceleration throughout would stop it
+        if v + 2.0 * min(a, reached) * duration <= 0.0:
             stop = _time_to_stop(v, a, jerk, duration)
             if stop >= 0.0:
                 distance += v * stop + 0.5 * a * (stop * stop) + jerk * (stop * stop * stop) / 6.0
@@ -386,7 +383,9 @@ def drive(
 
 @kernel
 def _ramp(a: float, target: float, limits: Any) -> tuple[float, float]:
-    """Next acceleration on the way from `a` to `target`, m/s2, and its rate, m/s3 (0: there)."""
+    """Next acceleration on the way from `a` to `target`, m/s2, and the rate towards it, m/s3; 0:
+    `target` is reached.
+    """
     if abs(a - target) < _SAME:
         return a, 0.0
     if target < a:
@@ -417,6 +416,8 @@ def _time_to_stop(v: float, a: float, jerk: float, duration: float) -> float:
 def _along_arc(at: Any, distance: float, curvature: float, wheelbase: float) -> None:
     """Move centre and heading to where the rear axle has rolled `distance` along an arc of
     `curvature`.
+
+    at: x, y and heading of the centre, which is half a wheelbase ahead of the rear axle.
     """
     c, s = math.cos(at.heading), math.sin(at.heading)
     if curvature == 0.0:

@@ -80,8 +80,9 @@ _ARRIVED = 0.101  # m; SUMO removes a vehicle whose front is nearer to the end o
 
 
 def described(road: Road, vehicle: VehicleSettings, settings: SimulationSettings) -> Records:
-    """Two `SCENARIO` records (one for a step, one for a cycle of decisions) for all rows with this
-    road and vehicle.
+    """Two `SCENARIO` records for all rows with this road and vehicle.
+
+    They differ in `step`: the second has a cycle of decisions there (`records.CYCLE`).
     """
     records = np.zeros(2, SCENARIO)
     for name in ("length", "right_edge", "left_edge", "lane_width", "lanes", "bent", "shaped"):
@@ -158,11 +159,12 @@ class World:
         self.seen = np.zeros((n, m), MOVER)
         self.shown = np.zeros((n, m, 4))
         self.tell = np.zeros((n * (1 + m), 8))
-        self._sampled, self._room = 1, 64
+        self._sampled, self._room = 1, 64  # samples taken of a vehicle, at most; room for as many
         self.samples = np.zeros((n, 1 + m, self._room, len(CHANNELS)))
-        self._batched = "batched" if placed == SUMO and n > 1 else ""
-        models = placed == MODEL and settings.plant is None  # the vehicle model moves all
+        self._batched = "batched" if placed == SUMO and n > 1 else ""  # `Recording.batched`
+        models = placed == MODEL and settings.plant is None  # the vehicle model moves all egos
         self._numbers = numbers_of(self.egos)
+        # what moved the egos, in each step: indices among an ego's numbers, and their values
         self._kept = np.r_[COMMAND] if models else np.array(MOTION)
         self._commands = np.zeros((n, self._room, 2 if models else 6))
         self._codes: dict[Any, Any] = {}  # the rules of a step as machine code for these arrays
@@ -198,19 +200,20 @@ class World:
         """Move all vehicles to the end of the coming step; the number of rows of `tell`, and the
         vehicles that have left.
 
-        closely: SUMO receives all vehicles.
-        as_read: SUMO itself moves those that only keep their speed.
+        closely: SUMO receives the vehicles in this step.
+        as_read: the actors are where SUMO shows them.
         """
+        # quiet: SUMO moves by itself those that only keep their speed
         steps, quiet = self.steps + 1, as_read and self.timed and not len(self.line)
         told = self._run(
             move_rows, self.cast, self.clips, self.tell, self.scenario, self.line, steps,
-            closely + (closely and quiet),
+            closely * (1 + quiet),
         )  # fmt: skip
         now = steps * self.settings.step
         return self.let_leave(now, told, as_read) if self.may_leave(now) else (told, ())
 
     def keep_commands(self) -> None:
-        """Keep what moved the egos in this step, for the point of no return of a contact."""
+        """Keep what moved the egos in this step, from which `no_return` drives a contact again."""
         if self.steps >= self._commands.shape[1]:
             self._commands = np.concatenate([self._commands, np.zeros_like(self._commands)], 1)
         # `take`: indexing a single row by a list takes seven times as long
@@ -236,6 +239,7 @@ class World:
         """
         if now < self.none_leaves_before:
             return False
+        # the foremost front bumper is behind this x
         near = float((self.others["x"] + self.others["length"]).max(initial=-math.inf))
         self.none_leaves_before = now + (self._end_of_lanes - near) / FASTEST - self.settings.step
         return now > self.none_leaves_before
@@ -256,10 +260,11 @@ class World:
         gone &= (others["told"] > 0) | (not as_read)
         gone &= (self.egos["live"] == 1)[:, None] & (self.egos["reason"] == 0)[:, None]
         others["present"][gone] = 0
-        for row in np.argwhere(gone)[:, 0].tolist():
+        rows, actors = np.nonzero(gone)
+        for row in rows.tolist():
             self.note(int(self.rows[row]), "actor_left_the_network", now, now)
 
-        numbers = np.flatnonzero(np.pad(gone, ((0, 0), (1, 0))))
+        numbers = rows * (1 + gone.shape[1]) + 1 + actors  # as in `tell`: each row's ego first
         kept = self.tell[:told][~np.isin(self.tell[:told, 0], numbers)]
         self.tell[: len(kept)] = kept
         return len(kept), numbers.tolist()
@@ -291,7 +296,7 @@ class World:
     def keep_fault(self, case: int, error: BaseException, driver: Any, folder: Path | None) -> None:
         """Keep the traceback of an exception for the log, and its place in the user's code.
 
-        A refused or late answer that no line of the user's led to has none worth keeping.
+        Not for a refused or late answer that no line of the user's code led to.
         """
         place = fault_place(error, driver, folder)
         if place or not isinstance(error, ControllerError):
@@ -333,10 +338,11 @@ class World:
 
     def keep(self, rows: IntArray) -> None:
         """Drop all rows but these; keep their order."""
-        held = ("rows", "egos", "others", "clips", "seen", "shown", "samples", "_commands")
-        for name in held:
+        for name in (
+            "rows", "egos", "others", "clips", "seen", "shown", "samples", "_commands"
+        ):  # fmt: skip
             setattr(self, name, getattr(self, name)[rows])
-        if len(self.scenario) > 2:
+        if len(self.scenario) > 2:  # two records for each row
             self.scenario = self.scenario.reshape(-1, 2)[rows].reshape(-1)
         self.players, self._codes = self.players.of(rows), {}
         self._numbers = numbers_of(self.egos)
@@ -351,13 +357,14 @@ class World:
         assert reason is not None
         if reason in TO_ITS_END:
             acts = self.players.acts[row]
-            # departing from a recording is optional
+            # not a `FOLLOW`: SUMO need not take over an actor
             waiting = (acts["state"] == WAITS) & (acts["kind"] != FOLLOW)
             used = np.arange(waiting.shape[1]) < self.players.plays["acts"][row][:, None]
             if count := int((waiting & used).sum()):
                 self.note(case, "trigger_never_fired", float(count), 0.0, count=count)
         way, concrete = ego["way"], self.cases[case]
         actors, vehicle = concrete.actors, self.settings.vehicle
+        # m from the middle of the lane that it had to change to
         aside = abs(float(ego["y"]) - float(way["start"] + way["offset"]))
         if way["asked"] and aside > 0.5 * concrete.road.lane_width and ego["x"] >= way["by"]:
             self.note(case, "goal_missed", float(way["by"]), float(ego["y"]))
@@ -479,6 +486,10 @@ def write_way(ego: Any, way: Way, y: float, speed: float) -> None:
 def _put_in_curve(egos: Records, road: Road, vehicle: VehicleSettings) -> None:
     """Turn egos that begin in a curve as if they had driven it before: the rear axle along it, the
     steering wheel turned.
+
+    The rear axle is on the circle of the lane's curvature k, the centre is h = wheelbase / 2 ahead.
+    So the centre is sqrt(1 / k^2 + h^2) from the circle's centre: further out by
+    k h^2 / (1 + sqrt(1 + (k h)^2)).
     """
     line, half = curvatures(road.line, egos["x"]), 0.5 * vehicle.wheelbase
     bend = line / (1.0 - line * egos["y"])

@@ -1,4 +1,4 @@
-"""The yardstick of the benchmark: libsumo alone, as the plainest script drives it."""
+"""The yardstick of `extras/bench`: libsumo alone, as the plainest script drives it."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ def bare_seconds(
     steps: Sequence[int],
     hook: Callable[[Any, str, float], None] = _nothing,
 ) -> float:
-    """Processor time of one simulation after the other, s: start, as many steps as given, each
-    after a call of the hook, close.
+    """Processor time of simulations, s: of each the start, its steps, each after a call of the
+    hook, and the close.
+
+    steps: of each simulation.
     """
     began = time.process_time()
     for command_line, count in zip(command_lines, steps, strict=True):

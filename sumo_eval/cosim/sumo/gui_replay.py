@@ -1,6 +1,6 @@
 """A recorded case in sumo-gui: SUMO draws, the recording says where every vehicle is.
 
-No controller runs.
+No controller runs. `sumo-eval replay` calls it.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def replay_in_gui(
             path.write_text(text, encoding="utf-8")
             command += [option, str(path)]
         try:
-            # it says there how often it tried to connect
+            # traci prints each try to connect
             with contextlib.redirect_stdout(io.StringIO()):
                 traci.start(command)
         except (OSError, traci.TraCIException, traci.FatalTraCIError) as error:

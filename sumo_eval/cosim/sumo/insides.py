@@ -1,4 +1,4 @@
-"""libsumo, and the insides of it and of Xerces that this package borrows. Tried with SUMO 1.28.
+"""libsumo, and the internals of it and of Xerces that this package uses. Tested with SUMO 1.28.
 
 - `vehicles`, `direct`, `simulation_step`, `simulation_time`: the functions that libsumo's Python
   ones wrap. 40 cut-ins one by one take 1.2 s of processor time in place of 1.5 s.
@@ -43,12 +43,12 @@ linker knows it."""
 
 @functools.cache
 def keep_xml_parser() -> bool:
-    """Set up Xerces, which SUMO reads its files with, once for the process; whether it was found.
+    """Set up Xerces, with which SUMO reads its files, once for the process; whether it was found.
 
     SUMO sets it up in every start and takes it down in every close, and that is half of what both
-    cost. Xerces counts: one set-up more than closes keeps its tables (character
+    cost. Xerces counts set-ups and closes: with one set-up more it keeps its tables (character
     classes, codings), which nothing writes to. Where the library has another name or place, SUMO
-    continues to do it by itself.
+    sets it up each time as before.
     """
     if kernels.PLAIN:
         return False
@@ -78,16 +78,17 @@ def _borrows(traci: Any) -> bool:
 
 
 def vehicles(traci: Any) -> Any:
-    """The calls of a simulation's vehicle domain that every step makes; of libsumo the functions
-    themselves: the Python ones that it wraps them in cost as much again.
+    """The calls of a simulation's vehicle domain that every step makes.
+
+    Of libsumo they are its compiled functions: its Python functions around them cost as much again.
     """
     return _DIRECT if _borrows(traci) else traci.vehicle
 
 
 def direct(call: str, wrapper: Callable[..., Any], domain: str = "vehicle") -> Callable[..., Any]:
-    """The function that a call of one of libsumo's domains wraps, at half the cost.
+    """The compiled function that a call of one of libsumo's domains wraps, at half the cost.
 
-    wrapper: the call itself, which stays where it is more than that.
+    wrapper: the call itself, which is returned where it is not libsumo's own plain wrapper.
     """
     plain = getattr(wrapper, "__module__", "") == "libsumo.libsumo"
     wrapped = getattr(_LIBSUMO, f"{domain}_{call}", wrapper) if plain else wrapper

@@ -30,10 +30,11 @@ LOOPBACK = "127.0.0.1"
 CLIENTS = 2
 _NEW_USERS, _NEW_NETWORK = 0x10000000, 0x40000000  # CLONE_NEWUSER, CLONE_NEWNET
 _SET_FLAGS, _UP_AND_RUNNING = 0x8914, 0x1 | 0x40  # SIOCSIFFLAGS; IFF_UP, IFF_RUNNING
-_WORD = b"made"
-# of a TraCI message: length, command's length, command
+_WORD = b"made"  # with which the child sends its sockets
+# a TraCI message: its length (4 bytes), the command's length (1 byte), the command (1 byte)
 _COMMAND, _SET_ORDER, _STEP = slice(5, 6), b"\x03", b"\x02"
-_CLOSE, _CLOSED = b"\0\0\0\x06\x02\x7f", b"\0\0\0\x0b\x07\x7f" + bytes(5)  # asked, answered
+# request to close, and its answer
+_CLOSE, _CLOSED = b"\0\0\0\x06\x02\x7f", b"\0\0\0\x0b\x07\x7f" + bytes(5)
 
 
 class PrivateServer:
@@ -77,7 +78,7 @@ class PrivateServer:
         """End the process and its connections."""
         for one in self.sockets:
             with suppress(OSError):  # it was not connected, or is closed
-                one.shutdown(socket.SHUT_RDWR)  # wakes whoever waits for it
+                one.shutdown(socket.SHUT_RDWR)  # wakes a thread that waits for it
         self.process.kill()
         self.process.wait()
         self.sockets[0].close()  # the other one is the relay's to close
@@ -118,7 +119,7 @@ class Relay:
                     for one in select.select(list(other), [], [])[0]:
                         data = one.recv(65_536)
                         if one is client:
-                            tail = (tail + data)[-len(_CLOSE) :]  # it may come in pieces
+                            tail = (tail + data)[-len(_CLOSE) :]  # `_CLOSE` may come in pieces
                             self.has_left = not data or tail == _CLOSE
                             self.has_asked |= data[_COMMAND] == _STEP and not self.has_order
                             self.has_order |= data[_COMMAND] == _SET_ORDER
@@ -137,7 +138,7 @@ def _into_own_network(report: socket.socket) -> Callable[[], None]:
     def prepare() -> None:
         import fcntl
 
-        # not allowed here: the reader of the sockets reads the end of the file
+        # where a namespace is not allowed, `PrivateServer` receives no sockets and makes its own
         with suppress(OSError):
             users, group = os.geteuid(), os.getegid()
             if ctypes.CDLL(None, use_errno=True).unshare(_NEW_USERS | _NEW_NETWORK) != 0:

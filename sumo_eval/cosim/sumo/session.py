@@ -39,7 +39,7 @@ POSITION_TOLERANCE = 1e-3  # m
 # m, on a curve, which SUMO has as a polyline: twice the most that a chord of 1 m is off the arc
 CHORD_TOLERANCE = 0.05
 SPEED_TOLERANCE = 1e-3  # m/s
-NOWHERE = -1e6  # m; SUMO shows a vehicle without a place at an x far below this
+NOWHERE = -1e6  # m; SUMO shows a vehicle that is on no lane at an x far below this
 _COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)  # of XML
 
 
@@ -81,8 +81,8 @@ def running(
     at the end.
 
     network, routes: the files' texts.
-    road: that of a single case; None: of a batch.
-    collisions: SUMO's `collision.action`; "none" where roads of cases overlap on the map.
+    road: that of a single case; None: a batch has many.
+    collisions: SUMO's `collision.action`; "none" for a batch, whose roads overlap on the map.
 
     The caller checks that the vehicles stand where they should (`check_start`).
     """
@@ -199,7 +199,7 @@ def _arguments(
         **SIMULATION_OPTIONS,
         "collision.action": collisions,
     }
-    # random generators: one a lane; SUMO's 64 take longer to seed
+    # SUMO's 64 random generators take longer to seed than one for each lane
     if road is not None and road.network is None:
         options["thread-rngs"] = str(road.lanes)
     return ["sumo", *(part for name, value in options.items() for part in (f"--{name}", value))]
@@ -232,11 +232,11 @@ def check_start(
     road, calls = concrete.road, vehicles(traci)
     starts: list[tuple[Any, ...]] = [(EGO, concrete.ego, settings.vehicle.length, None)]
     starts += [(it.name, it.start, it.length, it.on_map) for it in concrete.actors]
-    for known, (name, start, length, on_map) in zip(
+    for in_sumo, (name, start, length, on_map) in zip(
         names or [it[0] for it in starts], starts, strict=True
     ):
         try:
-            (x, y), speed = calls.getPosition(known), calls.getSpeed(known)
+            (x, y), speed = calls.getPosition(in_sumo), calls.getSpeed(in_sumo)
         except traci.TraCIException:
             x, y, speed = -math.inf, 0.0, 0.0
         if x < NOWHERE:
@@ -246,13 +246,13 @@ def check_start(
         front = start.x + length / 2
         if road.bent and not concrete.reacts:
             meant, tolerance = map_places(road.line, front, start.y), bend_tolerance(road, start.y)
-            # both are the distance on the map: along the line, a metre is another length beside it
+            # one distance, on the map: beside the line, a metre along it is another length
             ahead = left = math.hypot(x - float(meant[0]), y - float(meant[1]))
             x, y = (float(it) for it in frame_places(road.line, x, y, near=front)[:2])
         else:
-            if road.bent:  # SUMO's drivers know places along their lanes
-                x, lane = calls.getLanePosition(known), calls.getLaneIndex(known)
-                y = road.lane_width * lane + calls.getLateralLanePosition(known)
+            if road.bent:  # vehicles that SUMO drives have places along their lanes
+                x, lane = calls.getLanePosition(in_sumo), calls.getLaneIndex(in_sumo)
+                y = road.lane_width * lane + calls.getLateralLanePosition(in_sumo)
             ahead, left = abs(x - length / 2 - start.x), abs(y - start.y)
             tolerance = POSITION_TOLERANCE
         if not (ahead <= tolerance and left <= tolerance):  # `not <=`: true of nan as well

@@ -162,6 +162,7 @@ def network_xml(road: Road) -> str:
         lane = _lane(road, f"{edge}_0", 0, 2.0 * reach, crossing.width, shape)
         edges.append(_edge(edge, begin, end, [lane]))
 
+    # by node between two sections: the lanes that continue there
     joints = {
         node: _joints(*pair) for node, *pair in zip(nodes[1:-1], parts, parts[1:], strict=False)
     }
@@ -187,9 +188,9 @@ def network_xml(road: Road) -> str:
 def _edges_along(
     road: Road, nodes: Sequence[str]
 ) -> tuple[list[Any], dict[str, tuple[float, float]]]:
-    """Edges of the sections and their ramps, and x and y of their nodes, m.
+    """Edges of the sections and their ramps; and x and y of all their nodes by name, m.
 
-    nodes: names of those where sections begin or end.
+    nodes: names of those where sections begin or end, in order.
     """
     last, parts = road.end, sections(road)
     middle = 0.5 * (road.left_edge + road.right_edge)
@@ -237,8 +238,8 @@ def _junction(
     """A node of the network: a line across the road where edges end.
 
     place: x and y, m.
-    edges: of the network.
-    links: number of lanes that continue; none gives way to another.
+    edges: all of the network.
+    links: number of lanes that continue; none of them gives way to another.
     """
     x, y = _place(road, *place).split(",")
     none = "0" * links
@@ -265,7 +266,8 @@ def _segment(road: Road) -> float:
 
 def _joints(one: RoadSection, other: RoadSection) -> list[tuple[tuple[str, int], tuple[str, int]]]:
     """Lanes that continue from one section to the next: (edge, index) in both."""
-    # of each lane of the road; a section without a ramp has the lane -1, which does not continue
+    # edge and index of each of the road's lanes; a section without a ramp has a lane -1 here, which
+    # does not continue
     before, after = (
         {lane: (part.edge, index) for index, lane in enumerate(part.lanes)}
         | {part.ramp: (part.ramp_edge, 0)}
@@ -325,7 +327,7 @@ def routes_xml(
     routes = E.routes(*map(E.vType, vehicle_types(concrete, vehicle, ego_type)))
     routes.addprevious(etree.Comment(_remarks(concrete, origin)))
     way, y = concrete.ego.way, concrete.ego.y
-    # y at the start and after all lane changes, the ego's first
+    # y at the start, and after all lane changes if there are any; the ego's first
     goals = [(y, None if way is None else y + way.offset)] + [
         (it.start.y, it.y(math.inf) if it.lateral_moves else None) for it in concrete.actors
     ]
@@ -403,10 +405,10 @@ def departures(
         starts.append((actor.name, start, length))
     for name, start, length in starts:
         front = start.x + length / 2  # SUMO's position is the front bumper
-        # In a curve a position along the road is exact on lane 0 alone (`network_xml`). Beside
-        # SUMO's own drivers a vehicle needs its real lane.
-        single = one_lane or (road.bent and not concrete.reacts)
-        lane = 0 if single else lane_at(road, start.y)
+        # In a curve a position along the road is exact on lane 0 alone (`network_xml`). So every
+        # vehicle departs there, but not where vehicles react: SUMO's drivers ask for real lanes.
+        in_lane_0 = one_lane or (road.bent and not concrete.reacts)
+        lane = 0 if in_lane_0 else lane_at(road, start.y)
         attributes = _texts(
             id=name, type=name, route="along", depart="0", departLane=str(lane), departPos=front,
             departSpeed=start.speed,
@@ -414,11 +416,9 @@ def departures(
             insertionChecks="none",
         )  # fmt: skip
         if road.network is not None:
-            # SUMO counts from the edge's right-hand lane: lane 1 where lane 0 does not exist
-            number = lane + road.network.first_lane
-            if road.spans and 0 not in road.lanes_at(front):
-                number -= 1
-            attributes["departLane"] = str(number)
+            # SUMO counts from the edge's right-hand lane, which is lane 1 where lane 0 is missing
+            missing = road.spans and 0 not in road.lanes_at(front)
+            attributes["departLane"] = str(lane + road.network.first_lane - bool(missing))
         elif road.spans and not one_lane:
             attributes |= _departure(road, name, lane, front)
         if start.y != road.lane_centre(lane):
@@ -428,10 +428,10 @@ def departures(
 
 
 def _departure(road: Road, name: str, lane: int, front: float) -> dict[str, str]:
-    """Attributes of a vehicle that departs from one of several sections, in the section's lane
+    """Attributes of a vehicle that departs on a road of several sections, in the section's lane
     nearest to `lane`; none beyond the road's end.
 
-    front: position of its front bumper, m.
+    front: x of its front bumper, m.
     """
     for index, section in enumerate(sections(road)):
         if front <= section.end:
