@@ -1,8 +1,8 @@
 """Bodies of other road users: standard sizes, and the class under which SUMO knows them.
 
-Sizes are SUMO's own defaults for the class where it has one (Vehicle_Type_Parameter_Defaults), of
-the car the project's; a child's are those of Euro NCAP's child target (EPTc), rounded. A scenario
-may give its own.
+Sizes are SUMO's defaults for the class (its page Vehicle_Type_Parameter_Defaults). The car's are
+the project's own, a child's those of Euro NCAP's child target (EPTc), rounded. A scenario file may
+give others.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ CAR = "car"
 
 
 class Standard(NamedTuple):
-    """length, width: m.
+    """A standard body.
+
+    length, width: m.
     sumo_class: SUMO's vClass.
     shape: how sumo-gui draws it.
     """
@@ -35,4 +37,4 @@ BODIES = {
 }
 """Bodies by the name that a scenario file gives them."""
 VULNERABLE = ("bicycle", "pedestrian", "child")
-"""Bodies that a road need not carry: they may stand and move beside its lanes."""
+"""Bodies that may stand and move beside the lanes of a road."""

@@ -25,11 +25,15 @@ SCENARIOS: Final = tuple(scenario_files())
 
 
 def find(use: str, folder: Path | None = None) -> LogicalScenario:
-    """A logical scenario by its shipped name, or `file.toml`, a file of another installed format,
-    `module:name`, `file.py:name` relative to `folder`.
+    """A logical scenario by `use`, one of:
 
-    After the name of a shipped one or of a file options may stand:
-    `cut_in?lateral_acceleration=1.5`.
+    - the name of a shipped one: `cut_in`
+    - a scenario file: `file.toml`, or a file of another installed format
+    - a Python object: `module:name` or `file.py:name`
+
+    The first two may have options behind: `cut_in?lateral_acceleration=1.5`.
+
+    folder: where relative paths start.
     """
     plain, given = options_of(use)
     if reader := _reader_of(plain):
@@ -54,7 +58,7 @@ def _reader_of(file: str) -> Callable[..., LogicalScenario] | None:
 
 
 def is_file(use: str) -> bool:
-    """Whether a `use` names a file with a scenario of its own, not a shipped one and no Python."""
+    """Whether a `use` names a scenario file: not a shipped scenario, not a Python object."""
     return _reader_of(use.partition("?")[0]) is not None
 
 
@@ -69,6 +73,7 @@ def load(name: str) -> LogicalScenario:
         _, dot, ending = plain.rpartition(".")
         if not dot or ending == "toml":  # `find` reads files
             raise unknown("logical scenario", plain, files)
+        # OpenSCENARIO's reader ships: only an installation from before it lacks the entry point
         again = " It is one of sumo_eval's own: `pip install -e .` once more." * (ending == "xosc")
         raise InputError(
             f"Unknown logical scenario `{plain}`: no installed package reads `.{ending}` files, "

@@ -33,7 +33,8 @@ class NetworkFile:
     """A user's SUMO network.
 
     path: of the .net.xml, absolute.
-    edges: edges that the scenario uses, in driving order; together they are straight.
+    edges: edges that the scenario uses, in driving order. A road keeps its network only where they
+        are straight together (`sumo_network.read_road`).
     sha256: of the file's content; a road of a changed file is not the same road.
     first_lane: SUMO's index of the first edge's right-hand lane for cars; above 0 where a pavement
         lies to the right of it.
@@ -193,7 +194,7 @@ class Start:
         begin = self.way.begin
         x = np.linspace(begin, begin + self.way.length(self.speed), _PIECES + 1)
         pieces = np.hypot(np.diff(x), np.diff(self.y_at(x)))
-        along = begin - self.x + np.append(0.0, np.cumsum(pieces))  # the path from the start to x
+        along = begin - self.x + np.append(0.0, np.cumsum(pieces))  # m of path from the start to x
         detour = np.interp(driven, along, along - (x - self.x))
         return np.asarray(self.x + driven - detour)
 
@@ -284,11 +285,10 @@ def _check_above_zero(
 
 
 def keeps_on(acts: Sequence[Act]) -> Act:
-    """An act that changes no motion, but makes the vehicle `lively`.
+    """An act that changes no motion, but makes the vehicle `lively`: its script moves it, not SUMO,
+    and it may start beside the lanes.
 
-    SUMO does not move it then, and it may start beside the lanes.
-
-    acts: the other acts of the vehicle; with any, this one never begins.
+    acts: the other acts of the vehicle. With any, this one begins at inf: never.
     """
     return Act(played.KEEP, math.inf if acts else 0.0)
 
@@ -333,8 +333,8 @@ class Model:
 class Actor:
     """An actor: keeps its speed along the road until one of its acts begins.
 
-    The methods are right for an actor that is not `lively`. They leave out the acts of a `lively`
-    one: it then keeps its first speed.
+    Positions and speeds by its methods are right unless it is `lively`. For a `lively` actor they
+    leave out the acts: it keeps its first speed there.
 
     length, width: m.
     slides: it keeps its heading while it moves across the road, as the rectangles behind UN R157's
@@ -399,6 +399,7 @@ class Actor:
 
     def __post_init__(self) -> None:
         stands = self._stands_from
+        # a lateral move lasts longer than the braking, if there is one
         if -math.inf < stands < self.script_end:
             wanted = f"over when it stands, at {stands:.2f} s"
             raise must_be(

@@ -31,13 +31,14 @@ class Distribution:
 
     @classmethod
     def of(cls, name: str, arguments: Mapping[str, float], owner: str) -> Distribution:
-        """A checked one.
+        """A checked distribution.
 
+        owner: the parameter, for messages.
         Raises InputError for a name that scipy.stats does not have and for wrong arguments.
         """
         stats = _stats()
-        every = (it for it, found in vars(stats).items() if isinstance(found, stats.rv_continuous))
-        check_known(f"distribution of {owner}", sorted(every), name)
+        names = (it for it, value in vars(stats).items() if isinstance(value, stats.rv_continuous))
+        check_known(f"distribution of {owner}", sorted(names), name)
         shapes = re.findall(r"\w+", getattr(stats, name).shapes or "")
         allowed = [*shapes, "loc", "scale"]
         check_known(f"argument of distribution `{name}` of {owner}", allowed, *arguments)
@@ -45,7 +46,7 @@ class Distribution:
             if shape not in arguments:
                 raise InputError(f"Distribution `{name}` of {owner} must be given `{shape}`.")
         found = cls(name, tuple(sorted((key, float(value)) for key, value in arguments.items())))
-        if not np.isfinite(found._frozen().ppf(0.5)):
+        if not np.isfinite(found._frozen().ppf(0.5)):  # no median
             raise InputError(
                 f"Distribution `{name}` of {owner} does not exist with {dict(found.arguments)}."
             )

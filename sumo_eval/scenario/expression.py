@@ -63,7 +63,7 @@ _ALIKE = (
     ("NotEq", operator.ne),
 )  # fmt: skip
 _UFUNCS = {"sqrt": np.sqrt, "exp": np.exp, "log": np.log, "tanh": np.tanh}
-# on floats: by 0 as numpy does it, not an exception; min and max of a nan are nan
+# The versions on floats do as numpy: a division by 0 is inf or nan, min and max of a nan are nan.
 _OPERATIONS: dict[str, _Operation] = {
     **{name: _Operation(function, function, 2) for name, function in _ALIKE},
     "Div": _Operation(np.divide, lambda a, b: a / b if b else _divide(a, b), 2),
@@ -223,7 +223,7 @@ def parsed(text: str, what: str) -> ast.expr:
     except UNREADABLE as error:
         reason = error.msg if isinstance(error, SyntaxError) else "it is too deep or malformed"
         raise InputError(f"{what} cannot be read: {reason}.") from None
-    # level by level, without recursion, which a deep tree would exhaust, here and later
+    # level by level: recursion, which the functions below use, would fail on a deeper tree
     level: list[ast.AST] = [tree]
     for _ in range(DEEPEST + 1):
         level = [
@@ -281,7 +281,7 @@ def _check(node: ast.expr, text: str, *, condition: bool | None = None) -> None:
             "have. It has numbers, names, + - * / **, comparisons, and, or, not, and the "
             f"functions {', '.join(ARITHMETIC)}."
         )
-    count = _OPERATIONS[name].takes
+    count = _OPERATIONS[name].takes  # None: two or more
     if len(parts) != count if count else len(parts) < 2:
         wanted = f"given {count or 'at least 2'} values"
         raise must_be(f"`{name[:-2]}`", f"expression `{text}`", wanted, len(parts))
@@ -351,9 +351,9 @@ def _work(node: ast.expr, *, plain: bool = False) -> _Work:
             return operator.itemgetter(name)
         return lambda values: np.asarray(values[name], dtype=np.float64)
     name, parts = operation(node)
-    done, inner = _OPERATIONS[name], [_work(part, plain=plain) for part in parts]
-    function = done.on_floats if plain else done.on_arrays
-    if done.takes in (2, None):  # of two values, or of more by twos from the left
+    applied, inner = _OPERATIONS[name], [_work(part, plain=plain) for part in parts]
+    function = applied.on_floats if plain else applied.on_arrays
+    if applied.takes in (2, None):  # of more than two values, two by two from the left
         return reduce(lambda a, b: lambda values: function(a(values), b(values)), inner)
     return lambda values: function(*[part(values) for part in inner])
 

@@ -38,8 +38,8 @@ def scenario_from(
 ) -> LogicalScenario:
     """The logical scenario in a plain mapping.
 
-    `where` names it in errors; `folder`: where its paths start.
-
+    where: how errors call it.
+    folder: where its paths start.
     given: as in `read_scenario`.
     """
     table, options = _with_options(validated(content, ScenarioFile, where), given or {})
@@ -58,8 +58,7 @@ def _with_options(
     for item in table.option:
         if item.name not in given:
             continue
-        unit = "" if item.unit == "1" else f" {item.unit}"
-        wanted = f"a finite number{unit and ' of'}{unit}"
+        wanted = "a finite number" + ("" if item.unit == "1" else f" of {item.unit}")
         wanted += "" if item.above is None else f" above {item.above:g}"
         try:
             value = float(given[item.name])
@@ -68,6 +67,7 @@ def _with_options(
         if not (math.isfinite(value) and (item.above is None or value > item.above)):
             raise must_be(f"`{item.name}`", owner, wanted, given[item.name])
         values[item.name], then = value, item.given
+        # the value as a part of the scenario's name, which has no `-`, `.` and `+`
         word = f"{value:g}".replace("-", "minus_").replace(".", "_").replace("+", "")
         table = replace(
             table,
@@ -125,9 +125,9 @@ def leaving(logical: LogicalScenario, points: FloatArray) -> Iterator[str]:
 
 
 def check_points(logical: LogicalScenario, points: FloatArray) -> None:
-    """Place every vehicle at every point (n, k), and work out the approach there.
+    """Place every vehicle at every point (n, k), and evaluate the zone rule there.
 
-    InputError at the first fault.
+    Raises InputError at the first fault.
     """
     for concrete in logical.concretes(points):
         concrete.simulation(SimulationSettings())  # a parameter may be a setting, with bounds

@@ -1,4 +1,7 @@
-"""Tables and keys of a scenario file, each with its unit; each table builds its own value."""
+"""Tables and keys of a scenario file, each with its unit; each table builds its own value.
+
+`scenario/file.py` reads files by them, `scenario/schema.py` describes them.
+"""
 
 from __future__ import annotations
 
@@ -75,7 +78,7 @@ class ParameterTable(Checked):
     ] = None
 
     def read(self, where: str) -> Parameter:
-        """The axis.
+        """The axis of the space.
 
         where: how errors call the file.
         """
@@ -193,10 +196,11 @@ class RoadTable(Checked):
                 raise InputError(f"`road.{key}` of {where} is of a `{source}`, and there is none.")
         if self.network is not None:
             road = read_road(folder / self.network, self.edges, end)
-            # shadows of bodies have lanes in ours alone
+            # shadows of bodies (`cosim/traffic.py`) need a network that is written for the road
             return replace(road, network=None) if reacts else road
 
         crossings: tuple[Crossing, ...] = ()
+        # hashed: shape that the name does not tell: different roads have different names
         if self.opendrive is not None:
             path = folder / self.opendrive
             shape = read_opendrive(path, self.opendrive_road)
@@ -220,8 +224,7 @@ class RoadTable(Checked):
             raise must_be("`end.x`", where, f"at most the road's length {shape.length:g} m", end)
         if hashed:
             name += f"_{hashlib.sha256(repr(hashed).encode()).hexdigest()[:6]}"
-        run_out = shape.length - end
-        return Road(name, end, shape.lanes, shape.lane_width, run_out, line=shape.line,
+        return Road(name, end, shape.lanes, shape.lane_width, shape.length - end, line=shape.line,
                     spans=shape.spans, crossings=crossings)  # fmt: skip
 
 
@@ -289,6 +292,7 @@ class SampleTable(Checked):
             factor_to(units[name], self.units.get(name, units[name]), f"column `{name}` of {owner}")
             for name in columns
         ]
+        # `set` may use the parameters of `each` and of the rows
         given = [*self.each, *columns]
         inner = replace(names, known=given)
         derived = {
@@ -422,6 +426,7 @@ class RecordedTable(Checked):
             if not within > 0.0:
                 raise must_be(f"`recorded.tolerance.{name}`", where, "above 0", within)
         columns = tuple((name, self.columns.get(name, name)) for name in names)
+        # columns of the tables that `drivers/recorded/events.py` makes
         start = self.start or ("t" if self.event == "approach" else "start")
         return Counterpart(
             self.event, columns, tuple(tolerance.items()), start, tuple(self.only.items())
@@ -512,6 +517,7 @@ class ScenarioFile(Checked):
         )  # fmt: skip
         names.distinct((item.name for item in requirements), "requirement")
         self._check_used(names, definitions, requirements)
+        # zones by search: there is no closed form of what happens
         searched = place.lively or road.shaped or self.ego.goal_lane is not None
         zones: dict[str, Any] = {"notes": ("It declares no zones, so every point counts as safe.",)}
         if self.zone != "none":
@@ -584,7 +590,7 @@ class ScenarioFile(Checked):
     def _check_used(
         self, names: Names, definitions: Definitions, requirements: Sequence[Requirement]
     ) -> None:
-        """A parameter that nothing depends on would only repeat cases. InputError naming it."""
+        """Raise InputError for a parameter that nothing depends on: it would only repeat cases."""
         zone = self.zone
         texts = [] if zone == "none" else [zone.delay, zone.gap, zone.conflict_begin, zone.margin]
         texts += [text for item in self.sample for text in item.set.values()]
@@ -594,6 +600,7 @@ class ScenarioFile(Checked):
         ]
         for item in requirements:
             expressions += item.expressions
+        # names in the expressions, and in the definitions that they need
         needed = definitions.needed_by(*expressions)
         used = set().union(
             *(it.names for it in expressions), *(it.names for _, it in needed.entries)
@@ -613,8 +620,8 @@ class ScenarioFile(Checked):
         folder: Path,
         constraints: tuple[Constraint, ...],
     ) -> dict[str, Any]:
-        """`exposure` of the logical scenario and what it is in words; nothing where all points
-        count the same.
+        """Keywords of the logical scenario: `exposure`, and in words what it is; none where all
+        points count the same.
         """
         density = None if self.exposure is None else names.expression(self.exposure, "`exposure`")
         joint = None if self.joint is None else self.joint.read(parameters, names.where, folder)

@@ -1,4 +1,6 @@
-"""Check that all vehicles start on the road, on a lane, and clear of each other."""
+"""Check that all vehicles start on the road, on a lane, and clear of each other, and that their
+paths stay on the map. Readers of scenario files call it at every point of a sample.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +15,16 @@ from sumo_eval.scenario.concrete import Actor, EgoBody, Road, Start
 
 STANDARD_EGO = EgoBody(4.5, 1.8)
 """The ego's body where a scenario has none of its own."""
-_TOUCH = 1e-6  # m: bodies that only touch are not inside each other
-# m beside the road at which somebody may still be who comes from there, or stands there
+_TOUCH = 1e-6  # m: bodies that overlap by less only touch
+# m beside the road up to which actors may be that come from there or stand there
 _BESIDE = 300.0
 
 
 class Misplaced(NamedTuple):
-    """what: `Vehicle `NAME``, or its path.
-    name: whose.
+    """A vehicle with an impossible start or path, as parts of an error message.
+
+    what: the vehicle or its path: "Vehicle `lead`".
+    name: of the vehicle.
     must: where it must be.
     got: where it is, m.
     """
@@ -37,6 +41,7 @@ def misplaced(
     """Vehicles with an impossible start, and paths that leave the map."""
     end = road.end
     furthest = max([_BESIDE, *(crossing.reach for crossing in road.crossings)])
+    # half: half its length, m; reach: m that it may be beside the lanes
     for name, start, half, reach in (
         ("ego", ego, 0.0, 0.0),
         *((it.name, it.start, it.length / 2, _reach(it, furthest)) for it in actors),

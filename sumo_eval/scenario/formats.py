@@ -71,7 +71,7 @@ def expanded(entries: Entries, folder: Path) -> Entries:
 
 
 def _form_of(use: str) -> Format | None:
-    """The format of an entry's file or catalogue; None for a shipped name, TOML and Python."""
+    """The format of an entry's file or catalogue; None for a shipped scenario, TOML and Python."""
     plain = use.partition("?")[0]  # without its options
     # what cannot be a catalogue's name imports no package of another format
     if "." in plain or ":" in plain or plain in scenario_files():

@@ -1,8 +1,7 @@
-"""Formulas of a scenario file: read, checked against the names that are known, worked out at
-points.
+"""Formulas of a scenario file: read, checked against the names that are known, evaluated at points.
 
-They are plain data throughout: two readings of one file are equal, and all of it can be sent to
-another process.
+The tables of scenario files make them. They are plain data throughout: two readings of one file are
+equal, and all of it can be sent to another process.
 """
 
 from __future__ import annotations
@@ -108,7 +107,7 @@ class ExposureDensity:
 
     def __call__(self, values: Values) -> FloatArray:
         """The density, up to a factor."""
-        shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
+        shape = np.broadcast_shapes(*map(np.shape, values.values()))
         density: FloatArray = (
             np.ones(shape) if self.joint is None else of_values(self.joint, values)
         )
@@ -119,6 +118,7 @@ class ExposureDensity:
                 )
         if self.expression is not None:
             factor = self.expression.value(self.definitions.extend(values))
+            # wrong: undefined at points that exist
             wrong = undefined = ~(np.isfinite(factor) & (factor >= 0.0))
             for constraint in self.constraints:
                 wrong = wrong & constraint.holds(values)
@@ -179,9 +179,9 @@ class Names:
     where: how errors call the file.
     owner: how they call the scenario.
     known: parameters, options and definitions.
-    vehicles: numbers of manoeuvres by name, of each of the other vehicles by name.
-    departs: whether the ego has recorded places.
-    scene: what the scene has been found to depend on so far.
+    vehicles: of each actor, by its name: the indices of its acts, by the names of its manoeuvres.
+    departs: whether the ego has recorded positions, so that a condition may use `departed`.
+    scene: expressions that the scene depends on, as read so far.
     """
 
     where: str
@@ -211,7 +211,7 @@ class Names:
 
         others: limits of keys, instead of those in their annotations.
         """
-        # every class can be hashed
+        # the cache hashes the class, of which mypy does not know that it can be hashed
         keys = _formulas(type(table))  # type: ignore[arg-type]
         return LimitedFormulas(
             tuple(

@@ -25,11 +25,12 @@ from sumo_eval.text import point_words
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 Values = Mapping[str, FloatArray]
+"""Values of the parameters by name."""
 # digits that drawn values keep after the leading digit of their range (range 100 m: to 1e-4 m), so
 # that machines which differ in the last bit draw the same points
 DIGITS = 6
 ONLY = "only"
-"""Name of the parameter that a scenario file without parameters gets: it changes nothing."""
+"""Name of the only parameter of a scenario that has none of its own; it changes nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +110,7 @@ class Constraint:
 
     about: str
     holds: Callable[[Values], BoolArray]
-    # not compared: constraints with the same `holds` have the same `room`
+    # not compared between constraints: the same `holds` has the same `room`
     room: Callable[[Values], FloatArray] | None = field(default=None, compare=False)
 
 
@@ -145,7 +146,7 @@ class Approach:
 
 
 def at_once(values: Values) -> FloatArray:
-    """The delay of an ego that brakes with the first move, s."""
+    """The delay of an ego that brakes as soon as the actor makes its first move: 0 s."""
     return np.zeros(())
 
 

@@ -49,7 +49,7 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
     try:
         with input_file(path, f"file of {what}").open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file)
-            # an empty file has a head without titles
+            # (number of the line, its cells); of an empty file a head without cells
             (_, head), *lines = [(reader.line_num, row) for row in reader if row] or [(0, [])]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"The {what} {path} cannot be read: {error}.") from error
@@ -75,7 +75,7 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
             f"The {what} {path} must have every column once, got {shown(double[0])} twice."
         )
     names = list(units)
-    # not "": it is the title of a pandas index
+    # "" is no name of a column: pandas writes its index under it
     if further and further in header and further not in units:
         names.append(further)
     table = []

@@ -59,10 +59,13 @@ _OVER_TIME: dict[str, Callable[[FloatArray], Any]] = {
 class Requirement:
     """A checked requirement.
 
+    text: as written, e.g. `min(x(lead) - x) > 2`.
     about: what it means, in the user's words.
-    outer: its condition, with a placeholder for each value over time.
-    parts: of each value over time: placeholder, function of `_OVER_TIME`, and its argument.
-    asks: of each quantity of an actor in these arguments: placeholder, name in `OF_OTHERS`, actor.
+    outer: its condition, with a placeholder for each value over time: `over_time_0 > 2`.
+    parts: of each value over time: its placeholder, function of `_OVER_TIME`, and argument:
+        (`over_time_0`, `min`, `x_of_lead - x`).
+    asks: of each quantity of an actor in these arguments: placeholder, name in `OF_OTHERS`, actor:
+        (`x_of_lead`, `x`, `lead`).
     """
 
     name: str
@@ -96,7 +99,10 @@ class Requirement:
 
 @dataclass(frozen=True, slots=True)
 class Requirements:
-    """All requirements of a scenario; numbers: the definitions that they use."""
+    """All requirements of a scenario.
+
+    numbers: the definitions of the file, which they may use.
+    """
 
     all: tuple[Requirement, ...]
     numbers: Definitions
@@ -160,7 +166,7 @@ def requirement(
 
 
 class _Parts(ast.NodeTransformer):
-    """Puts placeholders for values over time, and within these for quantities of actors.
+    """Replaces values over time by placeholders, and within these the quantities of actors.
 
     text, owner, vehicles: as in `requirement`.
     parts, asks: what the placeholders stand for, as in `Requirement`.
@@ -191,7 +197,7 @@ class _Parts(ast.NodeTransformer):
         return self.generic_visit(node)
 
     def _of_other(self, node: ast.Call) -> ast.AST:
-        """A placeholder for `x(lead)`; other calls are of the language, and stay."""
+        """A placeholder for `x(lead)`; any other call is a function of the language, and stays."""
         match node:
             case ast.Call(func=ast.Name(id=function), args=[ast.Name(id=vehicle)], keywords=[]) if (
                 function in OF_OTHERS

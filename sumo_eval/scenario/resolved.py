@@ -14,7 +14,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.vehicle_tables import Placement
 from sumo_eval.settings import EvaluationSettings, ScenarioSettings, VehicleSettings
 
-WHOLE = (1, 1)
+WHOLE = (1, 1)  # the only one of one shard: all points
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,9 @@ class Resolved:
 
 
 def find_with(vehicle: VehicleSettings, use: str, folder: Path) -> LogicalScenario:
-    """A scenario, with its gaps from the bumpers of this vehicle, where it prescribes no ego."""
+    """A scenario by its name, file or locator. Where it prescribes no body of the ego, its gaps are
+    from the bumpers of this vehicle.
+    """
     logical, length = catalogue.find(use, folder), vehicle.length
     place, body = logical.place, EgoBody(length, vehicle.width)
     if logical.ego_body or length == STANDARD_EGO.length or not isinstance(place, Placement):

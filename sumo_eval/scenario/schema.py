@@ -28,9 +28,9 @@ def _schema(root: type) -> dict[str, Any]:
         table = schema if cls is root else schema["$defs"][cls.__name__]
         for name, entry in table["properties"].items():
             meaning = about(cls, name)
-            parts = [meaning.text, f"({meaning.unit})" if meaning.unit else ""]
             if meaning.text:
-                entry["description"] = " ".join(part for part in parts if part)
+                unit = f" ({meaning.unit})" if meaning.unit else ""
+                entry["description"] = meaning.text + unit
     return schema
 
 

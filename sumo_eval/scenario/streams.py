@@ -1,5 +1,5 @@
-"""Streams of traffic: where their vehicles start and how fast they want to drive, drawn once from a
-declared seed.
+"""Streams of traffic, `[[stream]]` of a scenario file: where their vehicles start and how fast they
+want to drive, drawn once from a declared seed.
 """
 
 from __future__ import annotations
@@ -77,6 +77,7 @@ class StreamTable(Checked):
         begin, end, mean = numbers["begin"], numbers["end"], 1000.0 / numbers["density"]
         if not begin < end:
             raise must_be("`begin`", owner, f"below `end` ({end:g} m)", begin)
+        # least distance between two vehicles, front to front, m, and the distance that one needs
         least, room = mean * (1.0 - self.spacing_spread), body.length + numbers["min_gap"]
         if least < room:
             most = 1000.0 * (1.0 - self.spacing_spread) / room

@@ -1,9 +1,10 @@
-"""Conditions on what happens: `ttc(ego, child) < 2 and y(child) > 1`, made into steps that a kernel
-can do.
+"""Conditions on what happens, such as `ttc(ego, child) < 2 and y(child) > 1`, as steps for a kernel
+(`played.holds_from`).
 
-Numbers of the point (parameters, definitions, options) may stand in one beside numbers of the
-moment: `time`, s since the start, `departed`, m between the ego and where the recorded one was at
-the time, and the functions below. What it says in plain numbers is worked out once for a case.
+`scenario/vehicle_tables.py` reads the key `when` of a manoeuvre by it. A condition may have numbers
+of the point (parameters, definitions, options), which are evaluated once for a case, and numbers of
+the moment: `time`, s since the start; `departed`, m between the ego and the recorded ego at that
+time; and the functions below.
 """
 
 from __future__ import annotations
@@ -51,13 +52,13 @@ _NUMBERS = "of numbers, names, + - * /, min, max, abs, `time` and " + ", ".join(
 EGO_NAME = "ego"
 
 Step = tuple[int, int, int, Expression | None]
+"""An operation of `Act.program`: op, one, two, and in place of a value its expression."""
 
 
 def trigger(text: str, owner: str, names: Names, *, departs: bool) -> list[Step]:
-    """The condition in a text: what a kernel does for it, with the expressions of the numbers that
-    a point decides.
+    """The steps of the condition in a text.
 
-    departs: whether it may ask how far the ego is from a recorded one.
+    departs: whether it may use `departed`.
     Raises InputError naming what is wrong, and the nearest word.
     """
     tree = parsed(text, f"Condition `{text[:200]}` of {owner}")
@@ -69,6 +70,8 @@ def trigger(text: str, owner: str, names: Names, *, departs: bool) -> list[Step]
 
 @dataclass(frozen=True, slots=True)
 class _Writer:
+    """Writes the steps of one condition; arguments as in `trigger`."""
+
     text: str
     owner: str
     names: Names
@@ -94,9 +97,10 @@ class _Writer:
         if name.endswith("()") and (len(parts) != 1 if name == "abs()" else len(parts) < 2):
             wanted = "one value" if name == "abs()" else "at least 2 values"
             raise self._wrong(node, f"given {wanted}")
-        if name in ("Gt", "GtE"):
+        if name in ("Gt", "GtE"):  # `a > b` is written as `b < a`
             parts = parts[::-1]
         steps, *further = [self.steps(it, condition=joins, depth=depth + 1) for it in parts]
+        # the operation follows the second part and every later one, or a single part
         for more in further or [[]]:
             steps += [*more, (op, 0, 0, None)]
         return steps
@@ -145,6 +149,7 @@ class _Writer:
         return f"`{self.text}` of {self.owner}"
 
     def _of_the_moment(self, node: ast.expr) -> bool:
+        """Whether a node holds `time`, `departed` or a function of vehicles."""
         moment = {"time", "departed"}.difference(self.names.known)
         arithmetic = {f"{name}()" for name in ARITHMETIC}
         return any(
@@ -155,6 +160,7 @@ class _Writer:
         )
 
     def _vehicle(self, name: str) -> int:
+        """Number of a vehicle by its name."""
         if name == EGO_NAME:
             return played.EGO
         if name not in self.names.vehicles:

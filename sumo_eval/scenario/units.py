@@ -1,4 +1,6 @@
-"""Units of parameters, options and columns: which there are, and how other ones become them."""
+"""Units of parameters, options and columns of scenario files and CSV files: the known units, and
+conversions of others into them.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,7 @@ _CONVERSIONS = {
     "ms": ("s", 0.001), "min": ("s", 60.0), "h": ("s", _HOUR),
     "g": ("m/s2", 9.80665), "%": ("1", 0.01),
 }  # fmt: skip
-"""Other units: the one that is meant, and by how much their numbers are multiplied."""
+"""Other units: the known unit that each becomes, and the factor for its numbers."""
 
 _WITH_UNIT = re.compile(r"\s*([-+]?\d+(?:\.\d*)?)\s*([^\s\d.][^()]*?)\s*")
 
@@ -111,8 +113,9 @@ def check_uses(table: Any, units: Mapping[str, str], where: str) -> None:
 
 
 def _names_in(table: Any) -> Iterator[tuple[Any, str, str]]:
-    """Every text in a table and in those below it: the table that holds it, its key, and the
-    text.
+    """Every text in a table and in the tables that it holds: its table, its key, and the text.
+
+    Keys may hold tuples of texts or of tables, and tuples of these.
     """
     for field in fields(table):
         value = getattr(table, field.name)

@@ -67,7 +67,7 @@ _MANOEUVRES: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Act
 `when`), and the function that makes its act of its numbers.
 """
 _ENDLESS = Limits(above=0.0, endless=True)
-# rad off the road's direction, up to which `places` along the road are distances driven
+# rad: a vehicle with a heading up to this may have a speed by `places`, which are along the road
 _AHEAD = 0.1
 
 
@@ -162,6 +162,7 @@ class EgoTable(Checked):
 
         Raises InputError for an impossible one.
         """
+        # lane: in which the ego starts; first, last: x between which both lanes are side by side
         lane = min(max(round(y / road.lane_width), 0), road.lanes - 1)
         if abs(lane - goal) != 1:
             raise must_be(
@@ -176,7 +177,7 @@ class EgoTable(Checked):
                 f"The ego of {owner} must have a `change_by`: neither its lane nor the other one "
                 "ends."
             )
-        # parted: a ramp, not yet or no longer beside the other lanes
+        # parted: a ramp, which no lane change reaches
         first = max(own.parted_until, other.parted_until, own.begin, other.begin, 0.0)
         last = min(own.end, other.end, own.parted_from, other.parted_from, road.length)
         if not first <= begin <= by - LEAST_CHANGE or by > last:
@@ -299,7 +300,7 @@ class ManoeuvreTable(Checked):
         what = f"`{self.do}` of {vehicle}"
         owner = f"{what} in {names.where}"
         needed, allowed, _ = _MANOEUVRES[self.do]
-        for item in fields(self)[4:]:  # all but do, name, begin and when
+        for item in fields(self)[4:]:  # the first four, do, name, begin and when, any may have
             key, absent = item.name, getattr(self, item.name) in (None, ())
             if absent and key in needed:
                 raise InputError(f"{owner} must have `{key}`.")
@@ -363,13 +364,17 @@ class Move:
     when: tuple[Step, ...]
 
     def act(self, known: Mapping[str, float], vehicle: str) -> Act:
-        """Its act where these names have these values, unless it is a `follow`."""
+        """Its act where these names have these values; not for a `follow`, see `Vehicle.actor`.
+
+        vehicle: name, for messages.
+        """
         table, numbers = self.table, self.numbers.at(known)
         pairs = tuple((one.at(known), two.at(known)) for one, two in self.pairs)
         act = _MANOEUVRES[table.do][2](**numbers)
         if table.do == "sinus" and act.offset:
-            phase = 2.0 * math.pi * (table.cycles or 1.0)  # rad, in all
-            # A w^2 / 2 is the largest acceleration of a swing by A (1 - cos wt) / 2
+            phase = 2.0 * math.pi * (table.cycles or 1.0)  # rad, of all swings
+            # A swing by A (1 - cos wt) / 2 has the largest acceleration A w^2 / 2, which is given.
+            # So w is sqrt(2 acceleration / A), and the duration phase / w.
             act = act._replace(duration=phase / math.sqrt(2.0 * act.acceleration / abs(act.offset)))
         if table.do == "speed_profile":
             knots = [knot[0] for knot in pairs]
@@ -377,7 +382,8 @@ class Move:
             if not all(a < b for a, b in itertools.pairwise([0.0, *knots])):
                 owner = f"`speed_profile` of vehicle `{vehicle}`"
                 raise must_be(what, owner, "above 0 and ascending", knots)
-            act = act._replace(kind=played.BY_PLACE) if table.places else act
+            if table.places:
+                act = act._replace(kind=played.BY_PLACE)
         return act._replace(table=pairs, program=self.program(known), name=table.name)
 
     def program(self, known: Mapping[str, float]) -> tuple[tuple[int, int, int, float], ...]:
@@ -453,8 +459,9 @@ class VehicleTable(Checked):
 
     @property
     def endings(self) -> dict[str, int]:
-        """Index of the act of each manoeuvre with a name. A `follow` from the start has no act: it
-        never ends.
+        """By name of a manoeuvre, index of its act.
+
+        A `follow` from the start has no act: it never ends.
         """
         acts = enumerate(self.scripted)
         return {it.name: index for index, it in acts if it.name and (it.when or it.do != "follow")}
@@ -530,8 +537,10 @@ class Vehicle:
             speed, heading = math.sqrt(speed * speed + across * across), math.atan2(across, speed)
         if "gap" in numbers:
             x = ego.x + numbers["gap"] + apart
+        elif "x" in numbers:
+            x = numbers["x"]
         else:
-            x = numbers["x"] if "x" in numbers else ego.x - numbers["gap_behind"] - apart
+            x = ego.x - numbers["gap_behind"] - apart
         start, on_map = Start(x, numbers["y"], speed), None
         if table.on_map:  # its numbers are on the map: start and heading along the road follow
             on_map = start.x, start.y, heading
@@ -548,12 +557,12 @@ class Vehicle:
         if self.moves and (name := self.moves[-1].table.model) is not None:
             given, program = self.moves[-1].numbers.at(known), self.moves[-1].program(known)
             model = sumo_model(name, given.get("speed", speed), given)
-            if program:  # it has `when`: SUMO takes over by an act; else SUMO drives from the start
-                places = ego_table.recorded
+            # With `when`, SUMO takes over by an act; else it drives from the start. For `departed`
+            # the act has the recorded ego's positions, and the time between two as its duration.
+            if program:
+                begin, recorded = given["begin"], ego_table.recorded
                 acts.append(
-                    Act(
-                        played.FOLLOW, given["begin"], RECORDED_EVERY, table=places, program=program
-                    )
+                    Act(played.FOLLOW, begin, RECORDED_EVERY, table=recorded, program=program)
                 )
         elif table.lively and all(act.timed for act in acts):
             acts.append(keeps_on(acts))

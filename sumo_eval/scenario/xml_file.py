@@ -1,4 +1,6 @@
-"""XML files of others: no network, no entities."""
+"""Reader of XML files from outside, SUMO networks, OpenDRIVE and OpenSCENARIO: no network access,
+no entities.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,7 @@ def read_xml(path: Path, what: str, largest: int = LARGEST) -> Element:
         root = etree.fromstring(content, parser, base_url=str(path))
     except etree.XMLSyntaxError as error:
         raise InputError(f"{what} {path} is not XML: {shown(str(error))}.") from error
-    # in an encoding in which the bytes above are others
+    # a declaration in an encoding in which `_DECLARES` does not find it
     if root.getroottree().docinfo.internalDTD is not None:
         raise InputError(
             f"{what} {path} must not declare a document type or entities: none is ever expanded "

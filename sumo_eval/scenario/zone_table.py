@@ -53,15 +53,18 @@ class ZoneTable(Checked):
     def read(
         self, names: Names, definitions: Definitions, place: Placement, *, searched: bool
     ) -> dict[str, Any]:
-        """`margin`, `search` or `approach` of the logical scenario, and its `zone_coordinates`."""
+        """`margin`, `search` or `approach` of the logical scenario, and its `zone_coordinates`.
+
+        searched: zones by a search, because no closed form exists.
+        """
         found: dict[str, Any] = {}
         if self.coordinates:
-            told = [
+            formulas = [
                 names.expression(it, f"zone.coordinates `{name}`")
                 for name, it in self.coordinates.items()
             ]
             found["zone_coordinates"] = ZoneCoordinates(
-                tuple(self.coordinates), Formulas.of(definitions, *told)
+                tuple(self.coordinates), Formulas.of(definitions, *formulas)
             )
         numbers = {
             key: names.expression(value, f"`zone.{key}`")
@@ -88,13 +91,13 @@ class ZoneTable(Checked):
         brakes = [
             move.numbers["deceleration"] for move in obstacle.moves if move.table.do == "brake"
         ]
-        formulas = Formulas.of(
+        approach = Formulas.of(  # in the order of the fields of `Approach`
             definitions, place.numbers["speed"], obstacle.numbers["speed"],
             numbers.get("gap") or obstacle.numbers["gap"], numbers["delay"],
             *(brakes[:1] or [Expression("0.0")]),
             numbers["conflict_begin"],
         )  # fmt: skip
-        return found | {"approach": ZoneRule(formulas, self.passing_length or math.inf)}
+        return found | {"approach": ZoneRule(approach, self.passing_length or math.inf)}
 
     def _refuse(self, why: str, where: str, *further: str) -> None:
         """Refuse keys that say nothing here."""
@@ -124,8 +127,7 @@ class ZoneRule:
 
     def __call__(self, values: Values) -> Approach:
         """The approach at every point."""
-        formulas = self.formulas(values)
         return Approach(  # type: ignore[misc]
-            *formulas,  # type: ignore[arg-type]
+            *self.formulas(values),  # type: ignore[arg-type]
             passing_length=self.passing_length,
         )
