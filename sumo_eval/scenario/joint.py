@@ -6,12 +6,14 @@ Two kinds over the same events, both cut to the box of the space:
 - copula: each parameter by a one-dimensional KDE of its own, cut to its range; together by the
   correlation of their normal scores (a Gaussian copula).
 
-A sum of kernels is wider than the events, by sqrt(1 + h^2) for a bandwidth h, and has too often
-what is rare among events whose tails are normal. The narrow form of either kind draws events and
-kernels together about the events' mean by that factor, and varies as much as the events do
-(Silverman, Density Estimation, 1986, 6.4.1). It has too rarely what lies in a long tail.
+A sum of kernels is wider than the events, by sqrt(1 + h^2) for a bandwidth h. So rare values get
+too high a density where the events' tails are those of a normal distribution. The narrow form of
+either kind divides the distances from the events' mean, and the kernels' width, by that factor. It
+varies as much as the events do (Silverman, Density Estimation, 1986, 6.4.1), but gives values in a
+long tail too low a density.
 
-scipy.stats is not needed: what is used of scipy is loaded when a density is asked for.
+`[joint]` of a scenario file and the fitted exposure of recorded drivers make these densities.
+scipy is imported only once a density is asked for.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 JointKind = Literal["kde", "copula"]
 GRID = 1025  # places at which a copula's one-dimensional densities are kept
-# draws by which the share of a KDE within its box is found, and after which it counts as none
+# draws that estimate the share of a KDE within its box; if as many have none there, none is assumed
 MASS_DRAWS = 32_768
 LEAST_EIGENVALUE = 1e-9  # of a copula's correlation
 LEAST_SHARE = 1e-9  # of probability: normal scores lie within +-6
@@ -203,7 +205,7 @@ def _prepared(joint: Joint) -> _Prepared:
         return _Prepared(rows, shares, root, none, none, none)
 
     correlation = _correlation(np.column_stack([_normal_scores(it) for it in rows.T]), shares)
-    # that of parameters in one order is singular
+    # the correlation is singular where two parameters put the events in the same order
     lift = max(LEAST_EIGENVALUE - float(np.linalg.eigvalsh(correlation)[0]), 0.0)
     lifted = correlation + lift * np.eye(len(correlation))
     root = np.asarray(np.linalg.cholesky(lifted), dtype=np.float64)
@@ -233,6 +235,7 @@ def _marginal(
     width = joint.factor * _spread(values)
     if joint.narrow:
         mean = shares @ values
+        # factor of the narrow form
         nearer = float(1.0 / np.sqrt(1.0 + width**2 / (shares @ (values - mean) ** 2)))
         values, width = mean + nearer * (values - mean), nearer * width
     away = (grid[:, None] - values) / width
@@ -251,8 +254,8 @@ def _correlation(scores: FloatArray, shares: FloatArray) -> FloatArray:
 
 
 def _spread(values: FloatArray) -> float:
-    """Deviation of values, by the quartiles where that is less: a tail must not smear the
-    middle.
+    """Standard deviation of values; if less, that of a normal distribution with their quartiles,
+    1.34 deviations apart. A long tail must not make the kernels in the middle wide.
     """
     low, high = np.quantile(values, [0.25, 0.75])
     deviation = float(values.std(ddof=1))

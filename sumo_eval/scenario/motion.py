@@ -1,8 +1,8 @@
-"""Closed forms of other vehicles' moves: across the road, and braking, of one vehicle at one
-instant.
+"""Closed forms of actors' moves: across the road, and braking, of one vehicle at one instant.
 
-`move` and `brake` are acts (`scenario.played`), or records with the same fields. The `duration` of
-a move is above 0, the `begin` of a brake finite.
+Kernels (`scenario/played.py`) and methods of an `Actor` use them. Here a `move` across the road and
+a `brake` are acts (`scenario.played`), or records with the same fields. The `duration` of a move is
+above 0, the `begin` of a brake finite.
 """
 
 from __future__ import annotations
@@ -37,11 +37,12 @@ def quintic_bend(s: Any) -> Any:
 
 @kernel
 def swing(move: Any, time: float) -> tuple[float, float, float]:
-    """Offset m, speed m/s and acceleration m/s2 of swings to one side and back, then to the other,
-    each A (1 - cos wt) / 2.
+    """Offset m, speed m/s and acceleration m/s2 of swings, each to one side and back: first to the
+    side of `offset`, then to the other, and so on.
 
-    A is `offset`, and A w^2 / 2 the largest acceleration, `acceleration`. The move begins at rest;
-    it ends at rest only if `duration` is a whole number of swings of 2 pi / w.
+    A swing is A (1 - cos wt) / 2 with A = `offset`. Its largest acceleration A w^2 / 2 is the
+    move's `acceleration`, which gives w. The move begins at rest; it ends at rest only if
+    `duration` is a whole number of swings of 2 pi / w.
     """
     since = time - move.begin
     if not 0.0 < since < move.duration:
@@ -71,7 +72,8 @@ def lateral_motion(move: Any, time: float) -> tuple[float, float, float]:
         curvature = move.offset / (move.duration * move.duration)
         return move.offset * quintic(s), rate * quintic_rate(s), curvature * quintic_bend(s)
 
-    # A (1 - cos pi s) / 2; pi s and w since are one angle, rounded in two ways: bits depend on it
+    # A (1 - cos pi s) / 2. The angles pi s and w since are the same, but rounded in two ways:
+    # recorded digits depend on which of them is used where.
     half, w = 0.5 * move.offset, math.pi / move.duration
     speed = 0.5 * math.pi * move.offset / move.duration * math.sin(math.pi * s)
     going = 0.0 <= since < move.duration

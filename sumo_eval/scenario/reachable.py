@@ -35,6 +35,7 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
     time_limit: s.
     """
     ego, road = concrete.ego, concrete.road
+    # range of a value by operation and vehicle
     known = {
         (played.TIME, 0): (0.0, time_limit),
         (played.X, played.EGO): (ego.x, road.length + _PAST),
@@ -50,7 +51,8 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
         for index, act in enumerate(actor.acts)
     }
     keeps = {place for place, act in acts.items() if act.kind == played.KEEP}
-    # a move that waits for the end of one that never ends never begins; repeat until no more follow
+    # Moves that never end: those that keep the speed, and those that never begin. A move that waits
+    # for the end of one of them never begins either: repeat until no more follow.
     endless: set[tuple[int, int]] = set()
     while True:
         never = {
@@ -79,14 +81,14 @@ def leaves_at(
         return
     ego_time = (road.length - ego.x) / max(ego.speed, _CREEPS)  # to the end of the case, unhindered
     step = time_limit / _LOOKS
-    # a body of no size: conditions that measure from it are a few metres off
+    # an ego of no size: conditions that measure from its body are a few metres off
     tracked = tracks([concrete], [(0.0, 0.0)], step, time_limit).others[0, :, :, 0]
     for actor, x in zip(concrete.actors, tracked, strict=True):
         beyond = x > end - 0.5 * actor.length
         if not beyond.any():
             continue
         time, speed = float(np.argmax(beyond)) * step, actor.start.speed
-        # the ego behind it has not reached the end of the case when the vehicle leaves
+        # a slower vehicle ahead holds the ego up: the case has not ended when this vehicle leaves
         held_up = speed < ego.speed and end - actor.length - _HEADWAY * speed < road.length
         if time < ego_time or held_up:
             yield actor.name, time

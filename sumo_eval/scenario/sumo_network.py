@@ -59,8 +59,11 @@ _Element = etree._Element
 Point = tuple[float, float]
 RigidMotion = Callable[[Point], Point]
 _Course = tuple[Line, list[set[int]], list[float]]
-"""How edges lie on a road: the line of its right-hand lane, each edge's lanes (0 for that lane),
-and begin and end of each edge along the line, m.
+"""How edges lie on a road.
+
+1. the line of its right-hand lane
+2. of each edge: its lanes as lanes of the road, 0 for the right-hand one
+3. begin and end of the first edge along the line, m, begin and end of the next one, and so on
 """
 
 
@@ -197,12 +200,11 @@ def _along_x(lanes: _Lanes) -> _Course | None:
 
 
 def _laid(lanes: _Lanes) -> tuple[RigidMotion, dict[str, int]]:
-    """How driven edges are laid along the x axis.
-
-    Gives the rigid motion that does it, and each lane's place by its id: 0 for the road's
-    right-hand lane, which comes to lie on the axis, 1 for the next one to the left.
+    """The rigid motion that lays driven edges along the x axis, and by its id each lane's place: 0
+    for the road's right-hand lane, which comes to lie on the axis, 1 for the next one to the left.
     """
-    # at first y = 0 is the first edge's right-hand lane; lanes to the right of it may open later
+    # `to_axis` lays the first edge's right-hand lane on the axis. Where a lane to the right of that
+    # one opens later (`lowest` below 0), `moved` lays that one there instead.
     to_axis, width = _onto_x(lanes[0][0]), lanes[0][0].width
     places = {
         lane.id: round(to_axis(lane.shape[0])[1] / width) for of_edge in lanes for lane in of_edge
@@ -224,12 +226,12 @@ def _spans(
 ) -> tuple[LaneSpan, ...]:
     """Spans of outermost lanes that do not exist throughout.
 
-    there: places of each edge's lanes, 0 for the road's right-hand lane.
-    along: begin and end of each edge along the road, m.
+    there, along: the second and the third part of a `_Course`.
     """
     count = max(set().union(*there)) + 1
     spans = []
     for lane in sorted({0, count - 1}):
+        # numbers of the edges that have it
         with_lane = [number for number, places in enumerate(there) if lane in places]
         if len(with_lane) == len(edges):
             continue
@@ -280,7 +282,8 @@ def _along_curves(
 
 def _numbered(lanes: _Lanes, links: Sequence[_Link]) -> list[dict[int, _Lane]]:
     """The lanes of each edge by their place on the road, 0 for its right-hand lane."""
-    # an edge's shift makes SUMO's index of a lane that of the same lane on the first edge
+    # An edge's shift plus SUMO's index of a lane is the index of the same lane on the first edge;
+    # `lowest` is the smallest such sum.
     shifts = list(itertools.accumulate((link.shift for link in links), initial=0))
     lowest = min(map(sum, zip(shifts, (of_edge[0].index for of_edge in lanes), strict=True)))
     return [
@@ -364,8 +367,9 @@ def _edge_ends(path: Sequence[Sequence[Point]], line: Line, begins: Pose) -> lis
     path: of a lane, on each edge and between two of them.
     """
     ends = [shape[end] for shape in path[::2] for end in (0, -1)]
+    # length of the path up to each of these ends
     driven = np.cumsum([0.0, *(sum(map(math.dist, part, part[1:])) for part in path)])
-    # of a place that a ring passes more than once, the one near the distance driven until then
+    # a ring passes a place more than once: look for the place near that length, scaled to the line
     x, y = onto_the_line(np.array(ends), begins).T
     return list(
         map(float, frame_places(line, x, y, near=driven * (length_of(line) / driven[-1]))[0])
@@ -389,13 +393,14 @@ def _links(root: _Element, one: str, other: str, owner: str) -> _Link:
         raise InputError(
             f"Edge `{one}` of {owner} must lead to edge `{other}`: no lane of it does."
         )
-    ends = f"A lane of the connection from edge `{one}` to edge `{other}` in {owner}"
+    what = f"A lane of the connection from edge `{one}` to edge `{other}` in {owner}"
+    # lane before, lane after, id of the lane through the junction
     indices = [
-        (_index(it.get("fromLane", "0"), ends), _index(it.get("toLane", "0"), ends), it.get("via"))
+        (_index(it.get("fromLane", "0"), what), _index(it.get("toLane", "0"), what), it.get("via"))
         for it in found
     ]
     shifts = Counter(before - after for before, after, _ in indices)
-    # the one of most lanes; of several the smallest
+    # that of most lanes; of several such the smallest
     shift = min(shifts, key=lambda it: (-shifts[it], abs(it)))
     ways = {
         before: _way_through(root, via) for before, after, via in indices if before - after == shift

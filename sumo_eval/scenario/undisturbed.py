@@ -34,7 +34,7 @@ CHANNELS = ("x", "y", "heading", "speed", "across")
 """Road coordinates of the centre, m; direction, rad; speeds along it and to its left, m/s."""
 _STATE = [(name, "f8") for name in CHANNELS]
 _BODY = [*_STATE, ("length", "f8"), ("width", "f8"), ("before", _STATE)]  # state one look before
-# brakes_from: a time, s
+# brakes_from: time at which ideal braking begins, s; inf: not known yet
 _OF_EGO = [(name, "f8") for name in ("start_x", "start_y", "start_speed", "brakes_from")]
 _EGO = np.dtype([*_BODY, *_OF_EGO])
 _OTHER = np.dtype([*_BODY, ("acceleration", "f8")])
@@ -237,7 +237,8 @@ def _meet_rows(
             if math.isinf(ego.brakes_from):
                 ego.brakes_from = _braking_from(case.plays[obstacle], braking.delays[i])
             _look(case, now, max(k - 1, 0) * step, braking.deceleration, stack, line)
-            # c, s: of the obstacle's heading; centres as near as long, wide: bodies overlap
+            # c, s: of the obstacle's heading. Bodies overlap where their centres are less than
+            # `long` m apart along the road and less than `wide` m across it.
             c, s = math.cos(other.heading), math.sin(other.heading)
             long = 0.5 * (ego.length + other.length * abs(c) + other.width * abs(s))
             wide = 0.5 * (ego.width + other.length * abs(s) + other.width * abs(c))

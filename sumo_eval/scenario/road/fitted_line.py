@@ -1,5 +1,7 @@
 """The reference line of a road along the polyline of a SUMO network: its curvature is linear from
 knot to knot.
+
+`scenario/sumo_network.py` reads curved roads by it.
 """
 
 from __future__ import annotations
@@ -19,11 +21,11 @@ _KNOTS = (10.0, 5.0, 2.5, 1.25)  # m between knots, tried in order until the lin
 _SAMPLES = 2.0  # m, at most, between places of the polyline that the line is fitted to
 _STEP = 1.25  # m, at most, of an integration step; two steps or more from knot to knot
 _ROUNDS = 12  # Gauss-Newton rounds, at most
-# the rounds end when one shifts the beginning by less, m, and changes each curvature times the
-# length by less, rad
+# The rounds end after one that shifts the beginning by less than this, m, and changes each
+# curvature by less than this, rad, over the line's length.
 _SETTLED = 1e-3
-# a second difference of curvatures, times this and the square of the knots' distance, counts in the
-# least squares like a place so far off the line, m
+# Weight of smoothness in the least squares: a second difference of the curvatures counts like a
+# place that is off the line by so many m: _SMOOTH * square of the knots' distance * difference.
 _SMOOTH = 0.05
 _DIGITS = 8  # of a curvature, 1/m; rounded, it is the same on all machines
 
@@ -77,8 +79,9 @@ class _Grid(NamedTuple):
     s: ends of the steps, (count + 1,).
     middle: s of their middles, (count,).
     knots: s of the knots, (k,).
-    turned: heading at the middles, less the first, is turned @ curvatures; (count, k), m.
-    smooth: smooth @ curvatures are their second differences times weights, (k - 2, k), m.
+    turned: (count, k), m. turned @ (curvatures at the knots) = headings at the middles, less the
+        first heading.
+    smooth: (k - 2, k), m2. smooth @ (curvatures at the knots) = their weighted second differences.
     """
 
     length: float
@@ -123,10 +126,13 @@ def _fitted(places: FloatArray, apart: float) -> Fit:
         s, to_left, off = _feet(grid, line, places, s)
         # the beginning is shifted across the line alone, so that it stays beside the first place
         across = np.array([-np.sin(first[2]), np.cos(first[2])])
+        # rows @ (shift, turn, changes of curvatures) shall be `wanted`: a row for each place, by
+        # how much it is off the line, and one for each second difference
         rows = np.hstack([to_left @ across[:, None], *_derivatives(grid, line, s, to_left)])
         rows = np.vstack([rows, np.hstack([np.zeros((len(grid.smooth), 2)), grid.smooth])])
         wanted = np.concatenate([np.einsum("ij,ij->i", off, to_left), -grid.smooth @ curvature])
-        # least squares by the R of QR: its last column is the side of `wanted`
+        # least squares by QR of rows and `wanted` side by side: R of the rows, and in the last
+        # column Q' wanted
         triangle = np.asarray(np.linalg.qr(np.column_stack([rows, wanted]), mode="r"))
         shift, turn, *bend = np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1])
         first = first + np.array([*(shift * across), turn])

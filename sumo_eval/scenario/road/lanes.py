@@ -146,6 +146,7 @@ def spans_of(
                 f"in order within 0..{length:g} m",
                 f"{first:g}..{last:g} m",
             )
+        # an on-ramp must begin with the road, an exit ramp continue to its end
         for key, possible in (
             ("ramp_until", table.begin is None), ("ramp_from", table.end is None)
         ):  # fmt: skip

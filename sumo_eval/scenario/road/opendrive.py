@@ -118,10 +118,11 @@ def _chain(roads: Sequence[_Element], owner: str) -> list[_Stretch]:
         for element in roads:
             name = f"road `{element.get('id')}` of {owner}"
             directions = (False, True) if chain else (first_against,)
-            # generators: faults on a side that is not driven are never read
+            # Generators: the second direction is read only where the first does not meet, so that
+            # faults of lanes that are not driven stay unread.
             stretches = (_stretch_or_none(element, name, against) for against in directions)
             meeting = (it for it in stretches if it and (not chain or _meet(chain[-1], it.begin)))
-            chain += itertools.islice(meeting, 1)  # no road that meets: the chain stays too short
+            chain += itertools.islice(meeting, 1)  # where none meets, the chain stays too short
         if len(chain) == len(roads):
             break
     else:  # in neither direction
@@ -143,12 +144,8 @@ def _chain(roads: Sequence[_Element], owner: str) -> list[_Stretch]:
 
 def _stretch_or_none(road: _Element, owner: str, against: bool) -> _Stretch | None:
     """A road driven one way, None where it has no driving lane that way."""
-    side = "left" if against else "right"
-    driven = [
-        lane
-        for lane in road.iterfind(f"lanes/laneSection/{side}/lane")
-        if lane.get("type") in DRIVEN
-    ]
+    lanes = road.iterfind(f"lanes/laneSection/{'left' if against else 'right'}/lane")
+    driven = any(lane.get("type") in DRIVEN for lane in lanes)
     return _stretch(road, owner, against=against) if driven else None
 
 
@@ -200,7 +197,7 @@ def reference_line(road: _Element, owner: str) -> tuple[Line, Pose]:
         if begin is None:
             begin = place
         _check_joint(pieces, begin, place, owner)
-        # of an empty <geometry> itself, which is refused below as a shape that is not supported
+        # an empty <geometry> stands for its shape, and is refused below as none that is supported
         shape = next(geometry.iterfind("*"), geometry)
         kind = str(shape.tag)
         length = _number(geometry, "length", owner)
@@ -367,6 +364,7 @@ def _inner_lanes(
                 continue
             name = f"lane {lane.get('id')}"
             knots = _widths(lane, section.begin, section.end, owner)
+            # a constant width is one entry of two equal knots
             width, at_end, *more = (value for _, value in knots)
             if width != at_end or more:
                 raise must_be(f"The width of {name}", owner, "constant", f"{width:g}..{at_end:g} m")
@@ -447,7 +445,7 @@ def _span_of(
             "constant where a road is driven against its direction", [value for _, value in knots],
         )  # fmt: skip
 
-    # s at which it begins to open, is whole, begins to narrow, and is gone
+    # from s = `opens` to `begin` it opens, from `end` to `closes` it narrows
     gone = [s for s, value in knots if abs(value) <= _SAME]
     begin, end = min(whole), max(whole)
     before, behind = [s for s in gone if s <= begin], [s for s in gone if s >= end]
@@ -460,6 +458,7 @@ def _span_of(
             what = "one that opens once and ends once, each along a straight edge"
             raise must_be("The outermost lane", owner, what, f"{value:g} m wide at s = {s:g}")
 
+    # ends of its sections that are an on-ramp, begins of those that are an exit ramp
     on = [ramp_end for _, ramp_end, kind in ramps if kind == "onRamp"]
     off = [ramp_begin for ramp_begin, _, kind in ramps if kind == "offRamp"]
     from_start = not before and begin <= _SAME

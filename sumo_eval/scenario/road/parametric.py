@@ -4,6 +4,7 @@ length.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -16,7 +17,7 @@ from sumo_eval.trajectory import FloatArray
 NEAR = 1e-4  # m that the pieces may lie beside the cubic
 _FIRST = 10.0  # m that pieces are long at most, before it is known how near they lie
 _MOST = 12  # times that they are halved
-# m that the cubic may be longer or shorter than its file says; it is stretched to what it says
+# m that the cubic's length may differ from the file's; the pieces get the file's
 _BESIDE = 0.01
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
@@ -76,20 +77,18 @@ def pieces_along(cubic: Cubic, length: float, owner: str) -> list[Piece]:
             what = "The length of a <paramPoly3>"
             raise must_be(what, owner, f"its curve's, {own:.3f} m", f"{length:g} m")
         heading, curvature = cubic.heading(ends), cubic.curvature(ends)
+        # curvature to add to a piece, so that it turns as far as its part of the cubic
         missing = np.diff(heading) / lengths - 0.5 * (curvature[:-1] + curvature[1:])
         stretch = length / own
         begins, behind = (curvature[:-1] + missing) / stretch, (curvature[1:] + missing) / stretch
-        found = [
-            Piece(*numbers)
-            for numbers in zip(
-                *(it.tolist() for it in (lengths * stretch, begins, behind)), strict=True
-            )
-        ]
+        numbers = (it.tolist() for it in (lengths * stretch, begins, behind))
+        found = list(itertools.starmap(Piece, zip(*numbers, strict=True)))
+        # how far the ends of the pieces are off the cubic
         s = np.concatenate([[0.0], np.cumsum(lengths)]) * stretch
         x, y, _ = map_places(tuple(found), s, 0.0)
         u, v = (along - along[0] for along in cubic.at(ends))
-        c, n = math.cos(heading[0]), math.sin(heading[0])
-        off = np.abs([x - (u * c + v * n), y - (v * c - u * n)]).max()
+        cos, sin = math.cos(heading[0]), math.sin(heading[0])
+        off = np.abs([x - (u * cos + v * sin), y - (v * cos - u * sin)]).max()
         if off <= NEAR + abs(own - length):
             return found
         count *= 2

@@ -1,4 +1,4 @@
-"""Places on the map, and places seen from other places."""
+"""Places on the map, and places seen from other places, for readers of roads."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Pose(NamedTuple):
     heading: float
 
     def moved(self, ahead: float, left: float = 0.0, turned: float = 0.0) -> Pose:
-        """The place so far ahead and to the left of it."""
+        """The place `ahead` m ahead, `left` m to the left, and turned by `turned`, rad."""
         c, s = math.cos(self.heading), math.sin(self.heading)
         return Pose(
             self.x + ahead * c - left * s, self.y + ahead * s + left * c, self.heading + turned
@@ -30,7 +30,7 @@ class Pose(NamedTuple):
         return self.moved(*(float(it) for it in map_places(tuple(line), s, t)))
 
     def seen_from(self, origin: Pose) -> Pose:
-        """It in the axes of another: x ahead, y to the left."""
+        """The place in the axes of another, `origin`: x ahead of that, y to its left."""
         dx, dy = self.x - origin.x, self.y - origin.y
         c, s = math.cos(origin.heading), math.sin(origin.heading)
         turned = math.remainder(self.heading - origin.heading, math.tau)

@@ -26,15 +26,15 @@ from sumo_eval.errors import must_be
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.trajectory import FloatArray
 
-# a spiral is cut into stretches from knot to knot, each at most
-_TURN = 0.2  # rad of turn
-_LONGEST = 200.0  # m long
-_FAR = 1e9  # m before the beginning, where the straight before the line begins
+# A spiral is cut into stretches from knot to knot, each with at most this turn and this length.
+_TURN = 0.2  # rad
+_LONGEST = 200.0  # m
+_FAR = 1e9  # m: length of the straight before the line, as a stretch of its own
 
 # Newton's method for the foot of a perpendicular
-_CLOSE = 1e-7  # m: it ends after a step as short, whose error is about its square
+_CLOSE = 1e-7  # m: the method ends after a step as short: the error left is about its square
 _TRIES = 20  # steps, at most
-# bounds the steps near the centre of a curve, where 1 - curvature d is 0
+# least value of 1 - curvature d, by which a step is divided: at a curve's centre it is 0
 _LEAST = 0.05
 
 _NODES = (-0.906179845938664, -0.5384693101056831, 0.0, 0.5384693101056831, 0.906179845938664)
@@ -48,12 +48,24 @@ _WEIGHTS = (
 """Gauss-Legendre quadrature of five points on -1..1: on a stretch that turns 0.2 rad its error is
 below 1e-15."""
 
-KNOT = np.dtype([(name, "f8") for name in ("s", "x", "y", "heading", "curvature", "rate")])
-"""Where a stretch begins.
 
-s: along the line, m. x, y, heading: on the map, m and rad.
-curvature: 1/m, there; rate: its change along the stretch, 1/m2.
-"""
+class _Knot(NamedTuple):
+    """Begin of a stretch.
+
+    s: along the line, m. x, y, heading: on the map, m and rad.
+    curvature: 1/m, there; rate: its change along the stretch, 1/m2.
+    """
+
+    s: float
+    x: float
+    y: float
+    heading: float
+    curvature: float
+    rate: float
+
+
+KNOT = np.dtype([(name, "f8") for name in _Knot._fields])
+"""A `_Knot` as a record, for kernels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,9 +125,9 @@ def knots_of(pieces: Line) -> NDArray[Any]:
 
     Of a line without pieces there are none.
     """
-    knots: list[tuple[float, ...]] = []
+    knots: list[_Knot] = []
     if pieces:
-        knots.append((-_FAR, -_FAR, 0.0, 0.0, 0.0, 0.0))
+        knots.append(_Knot(-_FAR, -_FAR, 0.0, 0.0, 0.0, 0.0))
     s = x = y = heading = 0.0
     for piece in pieces:
         rate = (piece.end - piece.begin) / piece.length
@@ -123,23 +135,12 @@ def knots_of(pieces: Line) -> NDArray[Any]:
         count = 1 if rate == 0.0 else math.ceil(max(most_turn / _TURN, piece.length / _LONGEST))
         for part in range(count):
             curvature = piece.begin + rate * (piece.length * part / count)
-            knots.append((s, x, y, heading, curvature, rate))
+            knots.append(_Knot(s, x, y, heading, curvature, rate))
             s += piece.length / count
-            x, y, heading = stretch_at(_Knot(*knots[-1]), piece.length / count)[:3]
+            x, y, heading = stretch_at(knots[-1], piece.length / count)[:3]
     if pieces:
-        knots.append((s, x, y, heading, 0.0, 0.0))
+        knots.append(_Knot(s, x, y, heading, 0.0, 0.0))
     return np.array(knots, dtype=KNOT)
-
-
-class _Knot(NamedTuple):
-    """A `KNOT` as plain numbers."""
-
-    s: float
-    x: float
-    y: float
-    heading: float
-    curvature: float
-    rate: float
 
 
 class Position(NamedTuple):
@@ -209,10 +210,11 @@ def to_map(line: Any, s: float, d: float, heading: float) -> Position:
 def to_frame(line: Any, x: float, y: float, heading: float, near: float) -> Position:
     """In the frame of a line (knots), s, d and heading of a place on the map.
 
-    near: an s, m, from which Newton's method begins to look for the foot of the perpendicular.
+    near: an s, m, from which Newton's method begins to look for the foot of the perpendicular from
+        the place to the line.
 
-    There the place lies 0 m ahead of the line's point at s. The derivative of that distance by s is
-    -(1 - curvature d).
+    Seen from the line's point at s, the place is `ahead` m along the line and d m to the left. At
+    the foot `ahead` is 0. Its derivative by s is -(1 - curvature d).
     """
     if not len(line):
         return Position(x, y, heading, 0.0)
@@ -284,7 +286,7 @@ def frame_places(
         this s, m, a number or (n,). None: the nearest one, by points of the line every 5 m.
     """
 
-    def rule(line: NDArray[Any], places: FloatArray, found: FloatArray) -> None:
+    def find_feet(line: NDArray[Any], places: FloatArray, found: FloatArray) -> None:
         begins = np.full(len(places), 0.0 if near is None else near)
         if near is None:
             grid = np.arange(0.0, length_of(pieces) + 5.0, 5.0)
@@ -294,7 +296,7 @@ def frame_places(
                 begins[i] = grid[np.argmin(squares)]
         _to_frame_rows(line, places, begins, found)
 
-    found = _each(pieces, (x, y, heading), rule)
+    found = _each(pieces, (x, y, heading), find_feet)
     return found[0], found[1], found[2]
 
 

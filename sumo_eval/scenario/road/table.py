@@ -85,15 +85,14 @@ def check_line(
     owner: str,
     vehicle: VehicleSettings | None = None,
 ) -> None:
-    """The ego must be able to turn as tightly as any lane does.
+    """Raise InputError unless the ego can turn as tightly as every lane does.
 
-    Raises InputError.
-
-    vehicle: the ego's; None where no evaluation is known: one of the usual settings.
+    vehicle: settings of the ego; None, where no evaluation is known: the defaults.
     """
     vehicle = vehicle or VehicleSettings()
     wheel = math.radians(vehicle.max_steering_wheel_angle_deg) / vehicle.steering_ratio
     least = vehicle.wheelbase / math.tan(wheel) if wheel < 0.5 * math.pi else 0.0
+    # a line is curved most at an end of a piece
     for curvature in (end for piece in pieces for end in (piece.begin, piece.end) if end):
         radius = abs(1.0 / curvature)
         inner = radius - lane_width * (lanes - 1) if curvature > 0.0 else radius
