@@ -46,10 +46,10 @@ IntArray = NDArray[np.intp]
 
 
 def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
-    """The points of all rounds that `request.rounds` tells of; without any, those of the first,
-    evenly over the cells.
+    """The points of all rounds in `request.rounds`; without any, those of the first round, evenly
+    over the cells.
 
-    count: points of all rounds together, at most. round: of one.
+    `request.count`: points of all rounds together, at most. `request.round`: of one.
     """
     owner, budget = owner_of(logical), request.wanted(logical)
     size = size_of_round(budget, request.round, owner)
@@ -60,7 +60,8 @@ def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
             f"points, got {budget}: "
             f"{len(possible)} of its candidates are possible. Larger rounds have more candidates."
         )
-    capacity = np.array([len(cell) for cell in cells], dtype=np.float64)
+    capacity = capacity_of_cells(logical, size, request.seed)
+    # points of each round in each cell
     counts = request.rounds or (
         spread(size_of_next(budget, size, 0), np.ones(len(cells)), np.full(len(cells), np.inf)),
     )
@@ -106,8 +107,8 @@ def size_of_round(budget: int, size: int | None, owner: str) -> int:
 
 
 def cells_of_round(size: int) -> int:
-    """Number of cells of the space for rounds of this size: half of the points go where they tell
-    most.
+    """Number of cells of the space for rounds of this size: the largest power of 2 with which
+    `LEAST_IN_CELL` points in every cell take at most half of a round.
     """
     return min(1 << max(size // (2 * LEAST_IN_CELL), 1).bit_length() - 1, MOST_CELLS)
 
@@ -117,24 +118,27 @@ def size_of_next(budget: int, size: int, done: int) -> int:
     too small for another.
     """
     left = budget - done
-    return size if left >= 2 * size else left if left >= LEAST_IN_CELL * cells_of_round(size) else 0
+    if left >= 2 * size:
+        return size
+    return left if left >= LEAST_IN_CELL * cells_of_round(size) else 0
 
 
 def spread(points: int, attention: FloatArray, room: FloatArray) -> tuple[int, ...]:
     """Points of each cell, (H,), `points` in all: in proportion to `attention`, but at least
     `LEAST_IN_CELL`.
 
-    attention: V_h s_h, its share of the space times the deviation within it, (H,). With n points
-        the cell's part of the variance is (V_h s_h)^2 / n, so one more takes (V_h s_h)^2 / (n (n +
-        1)) of it; each point goes where it takes most (Wright 2012: Neyman's allocation in whole
-        numbers).
-    room: how many a cell has, (H,).
+    attention: V_h s_h, a cell's share of the space times the deviation within it, (H,). With n
+        points the cell's part of the variance is (V_h s_h)^2 / n, and one more point reduces it by
+        (V_h s_h)^2 / (n (n + 1)). Each point goes where it reduces most (Wright 2012: Neyman's
+        allocation in whole numbers).
+    room: number of points that a cell can give, (H,).
     """
     largest = float(attention.max())
     wanted = np.round(attention / largest, 9) if largest > 0.0 else np.ones(len(attention))
     counts = [LEAST_IN_CELL] * len(attention)
 
     def gain(cell: int) -> tuple[float, int, int]:
+        """Key of a cell in the heap, which has the smallest key first."""
         return (
             -float(wanted[cell]) / math.sqrt(counts[cell] * (counts[cell] + 1)),
             counts[cell],

@@ -1,5 +1,5 @@
 """Combination testing: few points of a grid that still hold every possible combination of t
-parameters' values.
+parameters' values. The methods `pairwise` and `combinations` of `sampling`.
 """
 
 from __future__ import annotations
@@ -29,9 +29,7 @@ def pairwise(logical: LogicalScenario, request: Request) -> Drawn:
 
 
 def combinations(logical: LogicalScenario, request: Request) -> Drawn:
-    """Every possible combination of values of `strength` parameters (2 unless given), in few
-    points.
-    """
+    """Every possible combination of values of `strength` parameters (default 2), in few points."""
     most = len(logical.parameters)
     strength = min(2, most) if request.strength is None else request.strength
     if not 1 <= strength <= most:
@@ -68,6 +66,7 @@ def _covering(logical: LogicalScenario, request: Request, strength: int) -> Draw
     else:
         values = [list(range(size)) for size in sizes]
         rows = list(covertable.make(values, strength=strength, salt=str(request.seed)))
+    # numbers of the chosen points in the grid; codes: numbers of the combinations in every point
     chosen = np.ravel_multi_index(tuple(np.array(rows, dtype=np.intp).T), tuple(sizes))
     codes = tuples_of(levels, sizes, strength)
     added = _complete(chosen[feasible[chosen]], np.flatnonzero(feasible), codes)
@@ -93,6 +92,7 @@ def _complete(have: Numbers, candidates: Numbers, codes: Sequence[Numbers]) -> N
     Greedy: each time the point that holds most missing combinations, the first of equals.
     """
     codes = [code[candidates] for code in codes]
+    # for each choice of axes, by number of a combination: whether it still has to be held
     missing = []
     for code in codes:
         wanted = np.zeros(int(code.max(initial=0)) + 1, dtype=np.bool_)

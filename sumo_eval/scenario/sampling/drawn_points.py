@@ -46,14 +46,15 @@ def sequence(name: str) -> Callable[[LogicalScenario, Request], Drawn]:
 
 
 def by_exposure(logical: LogicalScenario, request: Request) -> Drawn:
-    """`count` points as often as the scenario's exposure has them; each counts once a draw."""
+    """`count` points drawn with the scenario's exposure as density. A point counts as many times as
+    it was drawn.
+    """
     points, share = _drawn(logical, request, "exposure", lambda rows: np.ones(len(rows)))
     return Drawn(points, exposure=1.0 / share, notes=_fewer(len(points), request))
 
 
 def by_exposure_and_danger(logical: LogicalScenario, request: Request) -> Drawn:
-    """`count` points, the more dangerous ones more often; each counts by how much too often it was
-    drawn.
+    """`count` points, the more dangerous ones more often; each counts the less for that.
 
     Drawn with a density in proportion to exposure * danger, so a point's exposure is 1 / danger, up
     to a factor.
@@ -82,7 +83,7 @@ def steadily(k: int, count: int) -> FloatArray:
         and no scipy.
     """
     phi = 2.0
-    for _ in range(60):
+    for _ in range(60):  # fixed-point iteration: to the last bit
         phi = (1.0 + phi) ** (1.0 / (k + 1))
     return (0.5 + np.outer(np.arange(count), phi ** -np.arange(1.0, k + 1))) % 1.0
 
@@ -93,9 +94,9 @@ def _drawn(
     """Points drawn in proportion to exposure times attention, and the attention that each got,
     divided by how often it was drawn.
 
-    Candidates come evenly from the parameters' distributions (evenly over the range without one),
-    so that what is left to weigh is only the part of the exposure that they do not have, and the
-    attention.
+    Candidates come evenly from the parameters' distributions, or evenly over the range without one.
+    So a candidate's weight has only the rest of the exposure, without these distributions, times
+    the attention.
     """
     count = request.wanted(logical)
     stream = request.stream(logical, label)
@@ -116,9 +117,9 @@ def _drawn(
         raise must_be("The exposure", f"scenario `{logical.name}`", must, weight.sum())
     if np.ptp(weight) <= 1e-9 * weight.max():
         return points[:count], more[:count]
-    # Systematic: every 1/count of the sum picks the candidate it falls on; a heavy one may be
-    # picked twice. Shuffled, because points that lie evenly apart in a Sobol sequence do not lie
-    # evenly in space.
+    # Systematic sampling: the candidates' weights stand side by side, and picks at equal distances
+    # take the candidates they fall on, a heavy one perhaps twice. First the candidates are
+    # shuffled, because neighbours in a Sobol sequence are not neighbours in space.
     order = stream.permutation(len(points))
     points, more, weight = points[order], more[order], weight[order]
     picks = (stream.uniform() + np.arange(count)) / count

@@ -17,9 +17,7 @@ EXPOSURE = "exposure"
 
 
 def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
-    """The rows of a CSV file with a column for each parameter, and, if it likes, one called
-    `exposure`.
-    """
+    """The rows of a CSV file: a column for each parameter, and optionally one named `exposure`."""
     if request.file is None:
         raise InputError(f"`file` of {owner_of(logical)} is missing.")
     path = (request.folder or Path.cwd()) / request.file
@@ -65,7 +63,7 @@ def from_function(logical: LogicalScenario, request: Request, locator: str) -> D
 
 
 def _check_box(logical: LogicalScenario, points: np.ndarray, owner: str) -> None:
-    """Points that leave the space are a mistake of the list, unlike points that a constraint
+    """Raise InputError for a point outside the ranges: a mistake, unlike one that a constraint
     excludes.
     """
     outside = np.argwhere((points < logical.low) | (points > logical.high))

@@ -35,8 +35,10 @@ class Request:
     folder: where relative paths start.
     seed: of the evaluation.
     danger: points (n, k) -> how dangerous each is, 0..1.
-    round, aim, until: points of a round, what rounds go after, and the width at which they end.
-    rounds: how many points each round took from each cell of the space.
+    round: number of points of a round (method `adaptive`, with the next three).
+    aim: the quantity that rounds shall make more certain: `s_plus` or `boundary`.
+    until: half the width of its interval at which the rounds end.
+    rounds: of each round so far, its number of points from each cell of the space.
     """
 
     levels: Levels = None
@@ -63,7 +65,7 @@ class Request:
         )
 
     def wanted(self, logical: LogicalScenario) -> int:
-        """`count`, which has to be there."""
+        """`count`. Raises InputError if it is missing or out of bounds."""
         if type(self.count) is int and 1 <= self.count <= MAX_POINTS:
             return self.count
         must = f"a whole number from 1 to {MAX_POINTS:,}"
@@ -86,8 +88,8 @@ class Drawn:
     exposure: (n,) how much each counts; None: the scenario's own exposure.
     notes: sentences on requests that it could not fulfil.
     stands_for: (n,) how many points of an even sample each stands for; None: one.
-    stratum: (n,) points with one number may stand for each other; None: the method says it
-        (`sumo_eval.scoring.confidence.resamples.strata`).
+    stratum: (n,) number of each point's stratum, within which resampling exchanges points; None:
+        strata by the method (`sumo_eval.scoring.confidence.resamples.strata`).
     """
 
     points: FloatArray

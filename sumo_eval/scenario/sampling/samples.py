@@ -80,7 +80,7 @@ them takes."""
 
 
 def all_methods() -> dict[str, Method]:
-    """Ours and those of the installed formats."""
+    """The methods of this package and of the installed formats."""
     return {
         **METHODS,
         **{name: method for form in formats() for name, method in form.samplings.items()},
@@ -98,8 +98,8 @@ def sample(
     """Choose points of a space.
 
     method: a name in METHODS, the name of one of the scenario's own samples, or the locator of a
-        function `(space, n, rng) -> points`. None: the grid where levels or steps are given, else
-        what the scenario has as its default.
+        function `(space, n, rng) -> points`. None: the grid where levels or steps are given, the
+        file where one is given, else the scenario's default.
     levels, steps: short for a request of no more than these.
     Raises InputError for an unknown method, for a key that the method does not take, and for what
     makes no points.
@@ -107,8 +107,8 @@ def sample(
     request = request or Request(levels=levels, steps=steps)
     keys = request.given
     if method is None:
-        method = "grid" if keys & {"levels", "steps"} else "file" if "file" in keys else None
-        method = method or logical.default_sample
+        method = "file" if "file" in keys else logical.default_sample
+        method = "grid" if keys & {"levels", "steps"} else method
     prescribed = {item.name: item for item in logical.samples}
     if method in prescribed:
         if keys:
@@ -151,6 +151,7 @@ def _refusals(logical: LogicalScenario, refused: FloatArray) -> str:
 
 
 def _rows(values: Any, chosen: BoolArray) -> Any:
+    """These rows of an array; None of None."""
     return None if values is None else values[chosen]
 
 
@@ -170,6 +171,6 @@ def central_point(logical: LogicalScenario) -> FloatArray:
     """
     points = sample(logical).points
     distance = np.linalg.norm(logical.to_unit(points) - 0.5, axis=-1)
-    # rounded: equals must stay equal
+    # rounded, so that the last bit of a machine does not decide between points that are as near
     point: FloatArray = points[np.argmin(np.round(distance, 12))]
     return point
