@@ -24,6 +24,7 @@ from sumo_eval.report.words import (
     MEASURES,
     STRUCK,
     because,
+    count,
     end_reason,
     explain_s,
     explain_s_plus,
@@ -144,9 +145,9 @@ def _collision(
     whole = worth(findings.settings.method.score)
     yield (
         f"Eq. 17: of 1 - C = {1.0 - (findings.score.c or 0.0):z.4f} this case took "
-        f"r (1 - {what}) / sum r = "
-        f"{number(case.weight, 4)} x {1.0 - part.value:z.4f} / {part.total:z.4f} = "
-        f"{part.takes:z.4f} ({part.cases} collisions), {whole.c * part.takes:z.2f} points of S"
+        f"r (1 - {what}) / sum r = {number(case.weight, 4)} x {1.0 - part.value:z.4f} / "
+        f"{part.total:z.4f} = {part.takes:z.4f} ({count(part.cases, 'collision')}), "
+        f"{whole.c * part.takes:z.2f} points of S"
     )
 
 
@@ -196,9 +197,9 @@ def _likeness(
     whole = worth(findings.settings.method.score)
     yield (
         f"Eq. 13: share of {of} p / sum p = {case.exposure:z.6g} / {part.total:z.6g} = "
-        f"{part.share:z.5f} ({part.cases} cases); of D = {number(findings.score.d, 4)} this case "
-        f"gives {part.gives:z.5f} and took {part.takes:z.5f}, {whole.d * part.takes:z.2f} points "
-        "of S"
+        f"{part.share:z.5f} ({count(part.cases, 'case')}); of D = {number(findings.score.d, 4)} "
+        f"this case gives {part.gives:z.5f} and took {part.takes:z.5f}, "
+        f"{whole.d * part.takes:z.2f} points of S"
     )
     for note in index.notes:
         yield f"note: {notes_sentence([note])}"
@@ -216,7 +217,7 @@ def _without_likeness(case: CaseResult) -> str:
 def _factors(index: AnthropomorphicIndex) -> Iterator[str]:
     parts = index.ingredients
     yield (
-        f"Eq. 12: f_L = min(1, L / mean L of {parts.drivers} drivers) = min(1, "
+        f"Eq. 12: f_L = min(1, L / mean L of {count(parts.drivers, 'driver')}) = min(1, "
         f"{parts.ads_length:z.2f} / {parts.mean_length:z.2f}) = {index.length_factor:z.4f}"
     )
     ratio = (
@@ -228,7 +229,7 @@ def _factors(index: AnthropomorphicIndex) -> Iterator[str]:
         f"Eq. 12: f_n = min(1, mean n of the drivers / n) = {ratio} = {index.operation_factor:z.4f}"
     )
     yield (
-        f"Eq. 11: mean of min(1, pt/pt_2s) min(1, pv/pv_2s) over {parts.slices} slices = "
+        f"Eq. 11: mean of min(1, pt/pt_2s) min(1, pv/pv_2s) over {count(parts.slices, 'slice')} = "
         f"{index.similarity:z.4f} (path alone {parts.centre_similarity:z.4f}, field alone "
         f"{parts.field_similarity:z.4f}; "
         f"lowest {parts.lowest:z.4f} at x = {parts.lowest_at:z.1f} m)"
@@ -292,7 +293,7 @@ def _task(case: CaseResult, findings: Findings) -> Iterator[str]:
     yield (
         f"T: t_i = {case.task_share:z.4f}{why}, mean over the way of min(1, time of the slowest of "
         f"{beside} / own time); of 1 - T = {1.0 - (score.task_share or 0.0):z.4f} this case took "
-        f"{part.takes:z.4f} ({part.cases} cases)"
+        f"{part.takes:z.4f} ({count(part.cases, 'case')})"
     )
 
 
@@ -318,7 +319,7 @@ def _human(case: CaseResult, findings: Findings) -> Iterator[str]:
     )
     if part.total > 0.0:
         yield (
-            f"H: share of the mean {part.share:z.5f} ({part.cases} cases); of H = "
+            f"H: share of the mean {part.share:z.5f} ({count(part.cases, 'case')}); of H = "
             f"{number(findings.score.human_likeness, 4)} this case gives {part.gives:z.5f} "
             f"and took {part.takes:z.5f}"
         )

@@ -11,6 +11,7 @@ from drivers.real_data import needs_recordings, recording
 from sumo_eval.method.anthropomorphic import IndexNote, anthropomorphic_index, indexes_by_group
 from sumo_eval.method.leave_one_out import band_pairings
 from sumo_eval.method.manoeuvres import chosen, manoeuvre_of, spread
+from sumo_eval.report.explain import _factors
 from sumo_eval.scenario.concrete import Road, smooth_step
 from sumo_eval.settings import AnthropomorphicSettings
 from sumo_eval.trajectory import Trajectory
@@ -80,6 +81,8 @@ def test_the_ads_is_compared_with_those_who_did_as_it_did_times_how_usual_that_i
     assert follows.similarity == pytest.approx(alone.similarity / 3.0, rel=0.1)
     of_both = [(it.ingredients.drivers, it.ingredients.mean_operations) for it in (follows, alone)]
     assert of_both[0] == of_both[1], "the means that `explain` shows are those of f_L and f_n"
+    one = anthropomorphic_index(FOLLOWERS[0], [*OVERTAKERS, FOLLOWERS[0]], ROAD, MIXTURE)
+    assert "mean L of 1 driver)" in next(_factors(one))
     manoeuvres = [manoeuvre_of(one, ROAD, MIXTURE.manoeuvre_time) for one in people]
     assert (chosen((0,), manoeuvres).usual, chosen((0, 1), manoeuvres).usual) == (2 / 6, 1.0)
 
