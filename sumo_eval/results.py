@@ -89,6 +89,7 @@ class Counted:
     """Note that counts cases, collisions or points: `number` of `of` are of the kind `what`.
 
     actors_left: cases that lasted longer than an actor was on the road.
+    actors_moved: cases in which the ADS moved an actor off its script.
     outside_support: cases in which no recorded event is like the concrete scenario.
     struck_from_behind: cases in which a vehicle that reacts ran into the ego's rear: its own fault,
         and not a collision of the ADS.
@@ -99,6 +100,7 @@ class Counted:
 
     what: Literal[
         "actors_left",
+        "actors_moved",
         "outside_support",
         "struck_from_behind",
         "gentler_than_ideal",

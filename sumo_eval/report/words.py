@@ -644,6 +644,8 @@ def exposure_note_words(case: CaseResult) -> str:
 _COUNTED = {
     "actors_left": "In {cases} an actor reached the end of the network and left it; the case "
     "continued without it (clip `actor_left_the_network`).",
+    "actors_moved": "In {cases} the ADS moved an actor off its script (clip "
+    "`actor_off_its_script`): do not compare these cases with those of other ADSs.",
     "outside_support": "{number} of {of} cases lie outside the support of the recorded exposure.",
     "struck_from_behind": "In {cases} an actor that reacts ran into the ego's rear: its own fault, "
     "counted apart, no collision for C and A (`method.collision.rear_end`). Its t_i is 0: any "

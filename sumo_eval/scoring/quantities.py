@@ -69,7 +69,7 @@ class Remarks:
         self._blocks: Counter[int] = Counter()  # size of the fixed batch -> drives
         self._beyond: Counter[str] = Counter()  # why the severity is out of its range -> collisions
         self._batched: Counter[str] = Counter()  # `Fact.batched` -> drives
-        self._left = 0  # drives in which an actor left the network
+        self._clips: Counter[str] = Counter()  # kind of a clip -> drives
         self._safe: set[int] = set()  # points with a drive of a reference
         self._struck: set[int] = set()  # points at which one of them collides
 
@@ -81,7 +81,7 @@ class Remarks:
         """
         for fact in facts:
             clips = {clip.what: clip for clip in fact.clips}
-            self._left += LEFT_THE_NETWORK in clips
+            self._clips.update(clips.keys())
             self._batched[fact.batched] += 1
             if IN_BLOCK in clips:
                 self._blocks[int(clips[IN_BLOCK].requested)] += 1
@@ -102,10 +102,10 @@ class Remarks:
         for scenario, role, _, status, number, _ in space.store.counts():
             if (scenario, role) == (space.name, "human"):
                 ended[status] = number
-        left_out = [(status, number) for status, number in sorted(ended.items()) if status != "ok"]
-        if left_out:
-            lost = sum(number for _, number in left_out)
-            yield DrivesLeftOut(lost, ended.total(), tuple(left_out))
+        drives = ended.total()
+        del ended["ok"]
+        if ended:
+            yield DrivesLeftOut(ended.total(), drives, tuple(sorted(ended.items())))
         yield from plausible
         if alone := space.store.simulated_alone(space.name, ads):
             yield DrivenAlone(tuple(alone.items()))
@@ -113,8 +113,10 @@ class Remarks:
             yield Compared(self._batched["compared"], together)
         if self._blocks:
             yield DrivenInBlocks(self._blocks.total(), tuple(sorted(self._blocks)))
-        if self._left:
-            yield Counted("actors_left", self._left, len(cases))
+        if left := self._clips[LEFT_THE_NETWORK]:
+            yield Counted("actors_left", left, len(cases))
+        if moved := self._clips["actor_off_its_script"]:
+            yield Counted("actors_moved", moved, len(cases))
         if self._struck:
             yield Counted("references_collide", len(self._struck), len(self._safe))
         yield from reference_notes(cases)
@@ -324,7 +326,6 @@ def combine(
     if safe_hits > voiding:
         notes.append(Counted("ideal_collides_too", safe_hits - voiding, safe_hits))
     human_likeness = values["human_likeness"]
-    with_likeness = _number(safe & np.isfinite(cases.human_likeness))
     total = score_of(c, d, method.score)
     plus = plus_of(values["task_share"], values["avoidance_grade"], human_likeness, method.score)
     scores: dict[str, Any] = {f"{name}_interval": ends for name, ends in bounds.items()}
@@ -341,7 +342,9 @@ def combine(
         else _without_mean(safe_cases, voiding, _number(safe & indexed), people=people),
         h_reason=None
         if human_likeness is not None
-        else _without_mean(safe_cases, 0, with_likeness, people=people),
+        else _without_mean(
+            safe_cases, 0, _number(safe & np.isfinite(cases.human_likeness)), people=people
+        ),
         c_points=total.c_points,
         d_points=total.d_points,
         a_points=plus.a_points,
@@ -367,9 +370,8 @@ def _references_missing(cases: CaseTable) -> Iterator[ReferenceMissing]:
         alike: dict[str, list[int]] = {}
         for place in np.flatnonzero(reasons != "").tolist():
             alike.setdefault(without_numbers(str(reasons[place])), []).append(place)
-        for places in sorted(alike.values(), key=len, reverse=True):
-            first = cases[places[0]]
-            yield ReferenceMissing(who, str(reasons[places[0]]), len(places), first.case)
+        for first, *more in sorted(alike.values(), key=len, reverse=True):
+            yield ReferenceMissing(who, str(reasons[first]), 1 + len(more), cases[first].case)
 
 
 def _without_mean(safe: int, voiding: int, known: int, *, people: bool) -> NotComputed:
@@ -379,10 +381,10 @@ def _without_mean(safe: int, voiding: int, known: int, *, people: bool) -> NotCo
     voiding: number of collisions each of which alone voids the mean.
     known: number of safe cases with a value.
     """
-    if people and voiding:
-        return NotComputed("collisions", voiding)
     if not people:
         return NotComputed("no_drivers")
+    if voiding:
+        return NotComputed("collisions", voiding)
     if not safe:
         return NotComputed("no_safe_case")
     return NotComputed("no_exposure" if known else "nothing_compared")

@@ -2,6 +2,7 @@
 caught by it."""
 
 import contextlib
+import io
 import itertools
 import locale
 import math
@@ -271,6 +272,14 @@ def test_trap_5_a_bad_file_quotes_sumos_log_and_keeps_the_console_clean(
     assert (captured.out, captured.err) == ("", "")
     monkeypatch.undo()
     # the next case works
+    assert simulate(case(), lambda *_: None, HALF_SECOND).end_reason == "time_limit"
+
+
+@pytest.mark.parametrize("closed", [None, io.StringIO()])
+def test_trap_5_session_starts_with_stderr_closed(monkeypatch, closed):
+    if closed is not None:
+        closed.close()
+    monkeypatch.setattr(sys, "stderr", closed)
     assert simulate(case(), lambda *_: None, HALF_SECOND).end_reason == "time_limit"
 
 

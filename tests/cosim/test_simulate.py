@@ -267,6 +267,7 @@ def test_a_file_and_name_relative_to_a_folder_with_its_neighbours(tmp_path, monk
         ("raises.py:Ads", "RuntimeError: not today"),
         ("needs.py:Ads", "making one without arguments failed: TypeError"),
         ("quits.py:Ads", "making one without arguments failed: SystemExit: 2"),
+        ("lazy.py:Ads", "`lazy.py:Ads` cannot be loaded: RuntimeError: no weights."),
     ],
 )
 def test_what_cannot_be_a_controller_is_refused_before_a_run(
@@ -279,6 +280,9 @@ def test_what_cannot_be_a_controller_is_refused_before_a_run(
         "class Ads:\n    def __init__(self, map_file): pass\n    step = None\n"
     )
     (tmp_path / "quits.py").write_text("class Ads:\n    def __init__(self): raise SystemExit(2)\n")
+    (tmp_path / "lazy.py").write_text(
+        "class Ads:\n    @property\n    def act(self): raise RuntimeError('no weights')\n"
+    )
     with refusal(re.escape(sentence)):
         simulate(case(), locator, folder=tmp_path)
 

@@ -7,6 +7,7 @@ from loaded import load
 import sumo_eval
 from sumo_eval.cosim import Command
 from sumo_eval.cosim.doors.controller import SHIPPED
+from sumo_eval.report.terminal import closing_lines
 
 NO_ORDER = {"no_reaction"}
 GIVING_UP = {"RaisesInDanger", "EndsInDanger"}
@@ -36,10 +37,23 @@ class RaisesBesideTheRoad:
         return Command(0.0, -0.3)
 
 
+class PushesTheLead:
+    def step(self, traci, ego, time):
+        traci.vehicle.setSpeed("lead", 30.0)
+
+
+USE = {"use": "front_vehicle_low_speed", "sampling": {"levels": 2}}
+SETTINGS = {"name": "both", "scenario": [USE], "drivers": {"count": 2}}
+
+
+def test_ads_that_moves_an_actor_is_reported(tmp_path):
+    settings = SETTINGS | {"simulation": {"conditions": {"interference": "record"}}}
+    done = sumo_eval.evaluate(settings, tmp_path, ads=[PushesTheLead], engine="serial")
+    assert any("In 3 cases the ADS moved an actor" in line for line in closing_lines(done))
+
+
 def test_who_leaves_the_road_and_gives_up_has_both_incidents(tmp_path):
-    use = {"use": "front_vehicle_low_speed", "sampling": {"levels": 2}}
-    settings = {"name": "both", "scenario": [use], "drivers": {"count": 2}}
-    done = sumo_eval.evaluate(settings, tmp_path, ads=[RaisesBesideTheRoad], engine="serial")
+    done = sumo_eval.evaluate(SETTINGS, tmp_path, ads=[RaisesBesideTheRoad], engine="serial")
     for case in done.cases:
         assert case.gave_up
         assert case.incident_severity == case.departure_speed

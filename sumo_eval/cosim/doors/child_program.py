@@ -122,8 +122,8 @@ class ChildProgram:
         return f"[the first {left_out} bytes are left out]\n{text}" if left_out else text
 
     def ended(self, closed: str) -> ControllerError:
-        """The error of a program that ended, or still runs and has closed its output or
-        connection.
+        """The error of a program that ended, or still runs and has closed its input,
+        output or connection.
         """
         try:
             how = f"with status {self.process.wait(_PATIENCE)}"

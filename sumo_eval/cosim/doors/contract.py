@@ -114,23 +114,23 @@ def check_controller(
     driven = cases[: len(first)]
     findings += _ends(driven, first)
     clock = _projected(driven, first, settings, step_timeout, case_timeout)
-    words = f"{len(driven)} of {len(cases)} cases were driven: they took more than {_PATIENCE:g} s"
-    left_out = [] if len(driven) == len(cases) else [Finding("note", words)]
+    if len(driven) < len(cases):
+        text = f"{len(driven)} of {len(cases)} cases were driven: they took over {_PATIENCE:g} s"
+        clock.insert(0, Finding("note", text))
     if any(finding.kind == "FAIL" for finding in findings):
-        return [*findings, *left_out, *clock]
+        return findings + clock
     findings.append(Finding("ok", "commands are finite numbers"))
     findings.append(_in_range(first))
     findings += _planned(first)
     again = drive(driven)
-    findings += _counted(
-        [_same(case, one, two) for case, one, two in zip(driven, first, again, strict=False)]
-    )
+    # fewer a second time if patience has run out
+    findings += _counted(list(map(_same, driven, first, again)))
     if len(again) < len(driven):
         findings.append(
             Finding("note", f"{len(again)} of the {len(driven)} cases were driven a second time")
         )
     findings.append(_latency((*first, *again), settings.step))
-    return [*findings, *left_out, *clock]
+    return findings + clock
 
 
 def _projected(
@@ -161,33 +161,39 @@ def _projected(
     lost = [
         case for case, one in zip(cases, recordings, strict=True) if one.wall_time > case_timeout
     ]
-    driven = sum(max(recording.simulated_time, settings.step) for recording in recordings)
-    pace = sum(recording.wall_time for recording in recordings) / driven
+    pace = sum(recording.wall_time for recording in recordings) / sum(
+        max(recording.simulated_time, settings.step) for recording in recordings
+    )
     at_limit = pace * settings.time_limit
     reach = (
         f"a case may simulate {case_timeout / pace:.0f} s at {pace:.2g} s of wall time a "
         "simulated second"
     )
     mend = "answer sooner, ask the ADS less often, or allow more: [run] case_timeout"
+    text = ""
     if lost:
         text = (
             f"`run` would lose {len(lost)} of these {count} cases to case_timeout = "
-            f"{case_timeout:g} s, e.g. {lost[0].scenario} ({lost[0].label}); {reach}"
+            f"{case_timeout:g} s, e.g. {lost[0].scenario} ({lost[0].label})"
         )
-        found.append(Finding("FAIL", text, mend))
-    elif longest > _MARGIN * case_timeout or at_limit > case_timeout:
+    elif at_limit > case_timeout:
         text = (
             f"`run` would lose a case that lasts until the time limit of {settings.time_limit:g} s"
             f": {at_limit:.0f} s of wall time, and case_timeout is {case_timeout:g} s"
         )
-        near = (
+    elif longest > _MARGIN * case_timeout:
+        text = (
             f"the slowest case here took {longest:.0f} s of the case_timeout = {case_timeout:g} s"
         )
-        found.append(Finding("note", f"{text if at_limit > case_timeout else near}; {reach}", mend))
+    if text:
+        found.append(Finding("FAIL" if lost else "note", f"{text}; {reach}", mend))
     if not found:
-        limits = f"step_timeout = {step_timeout:g} s or case_timeout = {case_timeout:g} s"
-        slowest = f"{_time(worst)} the slowest step, {_time(longest)} the slowest case"
-        found.append(Finding("ok", f"`run` would lose none of these cases to {limits}: {slowest}"))
+        text = (
+            f"`run` would lose none of these cases to step_timeout = {step_timeout:g} s or "
+            f"case_timeout = {case_timeout:g} s: {_time(worst)} the slowest step, "
+            f"{_time(longest)} the slowest case"
+        )
+        found.append(Finding("ok", text))
     return found
 
 
@@ -222,13 +228,13 @@ def _fault(case: ConcreteScenario, recording: Recording, count: int, cases: int)
         "ads_timeout": "answer sooner, or allow more: [run] step_timeout",
         "sim_error": "SUMO's own words are above; check the vehicle, the parameters and the FMU",
     }.get(recording.end_reason, "fix what the message names")
-    mend = next(
-        (hint for told, hint in _HINTS.items() if re.search(told, recording.error or "")), mend
-    )
+    error, log = f"{recording.error}", recording.log
+    mend = next((hint for told, hint in _HINTS.items() if re.search(told, error)), mend)
     if recording.error_place:
-        return Finding("FAIL", f"{where}: {recording.error} At {recording.error_place}.", mend)
-    log = f"\n{last_lines(recording.log, _LINES)}" if recording.log.strip() else ""
-    return Finding("FAIL", f"{where}: {recording.error}{log}", mend)
+        error += f" At {recording.error_place}."
+    elif log.strip():
+        error += f"\n{last_lines(log, _LINES)}"
+    return Finding("FAIL", f"{where}: {error}", mend)
 
 
 def _worst(recordings: Sequence[Recording], whats: Collection[str]) -> dict[str, Clip]:

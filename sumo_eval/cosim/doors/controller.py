@@ -32,6 +32,7 @@ from sumo_eval.errors import (
     check_known,
     did_you_mean,
     must_be,
+    said,
     unknown,
 )
 from sumo_eval.scenario.concrete import Road, Way
@@ -319,7 +320,12 @@ def load_controller(controller: ControllerLike, folder: Path | None = None) -> A
     """
     with seen_as_traci():
         found, name, entry = located(controller, folder)
-        return adapted(found, name, entry.options)
+        try:
+            return adapted(found, name, entry.options)
+        except InputError:
+            raise
+        except Exception as error:  # a property of the user's class
+            raise InputError(f"ADS `{name}` cannot be loaded: {said(error)}.") from error
 
 
 def located(controller: ControllerLike, folder: Path | None) -> tuple[Any, str, Entry]:

@@ -105,7 +105,7 @@ class JsonLinesProgram(Adapter):
                 self._wait([], [self._stdin])
                 text = text[os.write(self._stdin, text) :]
         except BrokenPipeError:
-            raise self._program.ended("output") from None
+            raise self._program.ended("input") from None
         while b"\n" not in self._unread:
             self._wait([self._stdout], [])
             self._unread += self._read()

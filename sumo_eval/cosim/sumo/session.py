@@ -291,7 +291,7 @@ def _stderr_into(path: Path) -> Iterator[None]:
     except OSError:  # a process without a console has nothing to keep clean
         yield
         return
-    if sys.stderr is not None:
+    with suppress(AttributeError, ValueError):  # None, or closed by an ADS
         sys.stderr.flush()
     try:
         with path.open("wb") as file:
