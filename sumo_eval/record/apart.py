@@ -1,5 +1,5 @@
-"""The contract of an ADS (see `cosim.contract`) checked where its code can do no harm: in a child
-of its own.
+"""Check of an ADS's contract (`cosim.doors.contract`) in a child process, where its code can do no
+harm. For `sumo-eval check`.
 """
 
 from __future__ import annotations
@@ -24,14 +24,13 @@ _LONGEST = 100_000  # characters of one
 def check_apart(
     locator: str, cases: Sequence[ConcreteScenario], run: RunSettings
 ) -> tuple[list[Finding], str]:
-    """Every point of the contract, and what the ADS printed.
-
-    Without cases: only that it can be loaded and made.
+    """Findings on every point of the contract, and what the ADS printed.
 
     locator: its relative path starts in the current folder.
+    cases: what it drives; if empty, it is only loaded.
     run: time limits of its steps and cases.
 
-    Raises InputError when it cannot.
+    Raises InputError if it cannot be loaded.
     """
     limits = RunSettings(case_timeout=_TIMEOUT)
     with Pool(1, limits) as pool:
@@ -40,8 +39,8 @@ def check_apart(
         rows = ((clean(text, _LONGEST, lines=True) for text in row) for row in ended.result)
         return [Finding(*row) for row in rows], ended.log
     happened = what_happened(ended, limits, "The check", "drove it")
-    rule = "an ADS must not end, hang or write into the process that it is loaded in"
-    return [Finding("FAIL", happened, rule)], ended.log
+    mend = "an ADS must not end, hang or write into the process that it is loaded in"
+    return [Finding("FAIL", happened, mend)], ended.log
 
 
 def _checked(

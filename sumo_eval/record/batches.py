@@ -48,7 +48,7 @@ LEAST = 32
 _BATCHES_AHEAD = 4
 _MOST_AHEAD = 16_384  # cases that are held ready, at most
 _SHARES = 2  # batches for each worker into which the last cases are divided
-_LOOSE = 256  # ended cases of an ADS on TraCI that wait to be compressed, to 20 bytes each
+_LOOSE = 256  # ended cases of an ADS on TraCI that are compressed together, to 20 bytes each
 _CUT = 4  # factor by which batches of a kind get smaller after a lost one
 
 
@@ -98,9 +98,10 @@ class Batches:
         self._running -= 1
 
     def _next(self) -> Batch:
-        """Cases of the first kind, by the time at which they end, the latest first: so no process
-        has long cases at the end, and cases of a batch, which lasts as long as its longest, end at
-        about the same time.
+        """Cases of the first kind, those that probably end latest first.
+
+        So no process has long cases at the end of the run. A batch lasts as long as its longest
+        case, and its cases end at about the same time.
         """
         kind, queue = next(iter(self._ahead.items()))
         number = min(self._share, self._largest_of.get(kind, self._largest))
@@ -137,7 +138,7 @@ class Batches:
         return min(max(share, LEAST), self._largest)
 
     def _make_ready(self, number: int) -> int:
-        """Hold `number` more of the waiting cases ready; the number there were."""
+        """Hold up to `number` more of the waiting cases ready. Returns how many there were."""
         cases = list(islice(self._waiting, number))
         for case in cases:
             self._last = self._add(case)
@@ -150,8 +151,8 @@ class Batches:
         return kind
 
     def record_success(self, batch: Batch) -> None:
-        """Every case of a batch has its result: the next batches of the kind are larger, up to the
-        size before a failure.
+        """Make the next batches of the kind larger, up to the size before a failure: every case of
+        this batch has its result.
         """
         kind = _kind(batch[0])
         size = self._largest_of.get(kind, 1)
@@ -161,8 +162,8 @@ class Batches:
     def record_failure(
         self, batch: Batch, why: Sequence[Alone], printed: str, *, too_slow: bool = False
     ) -> None:
-        """A batch was lost: its cases run alone, and the next batches of the kind are smaller, in
-        the end single cases.
+        """Run the cases of a lost batch alone, and make the next batches of the kind smaller, down
+        to single cases.
 
         why: for each case the reason.
         printed: output of the batch, for the log of the first case.

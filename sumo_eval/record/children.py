@@ -7,9 +7,10 @@ group of its own, so that a Ctrl-C at the terminal does not reach it. The kernel
 owner's end of the lifeline closes (a watching thread could not run while C code holds the
 interpreter's lock). The pool gives a child that runs users' code a supervisor instead.
 
-This file borrows two insides of multiprocessing, tried with Python 3.11; SUMO_EVAL_PLAIN=1 leaves
-them out. A worker of Dask can start children only without the daemon flag of its own process. A
-refused command ends the fork server by its process id; else that would load for another 2 s.
+This file uses two private parts of multiprocessing, tried with Python 3.11. SUMO_EVAL_PLAIN=1
+leaves them out. `Child.start` clears the daemon flag of a Dask worker, which could start no child
+with it. `cool_down` ends the fork server by its process id when a command is refused: the server
+would otherwise load for another 2 s.
 """
 
 from __future__ import annotations
@@ -115,7 +116,7 @@ def warm_up() -> None:
     """
     child_context()  # names what the fork server loads
     with _users_code_out_of_sight(), _children_environment():
-        pass  # entering the second has started it
+        pass  # `_children_environment` has started the fork server
 
 
 def cool_down() -> None:

@@ -66,7 +66,9 @@ def as_plain(results: Results, reads: list[File] | None) -> list[Any]:
     reads: files that their process has newly read.
     """
     fields = attrgetter("status", "recording", "error", "log", "error_place", "batched")
-    rows: Any = results and [it if isinstance(it, Alone) else fields(it) for it in results]
+    if results is None:
+        return [reads, None]
+    rows = [result if isinstance(result, Alone) else fields(result) for result in results]
     return [reads, plain(rows)]
 
 

@@ -27,8 +27,8 @@ _LOG_OF_DASK = "distributed.client"
 
 
 def run_batch(cases: Batch, setup: Setup, harness: str) -> list[Outcome] | str:
-    """On a worker: the outcomes of a batch, or the end of a message that says why this worker would
-    not make the same facts.
+    """On a worker of the cluster: the outcomes of a batch. A worker that would not make the same
+    facts returns the end of an error message instead.
 
     harness: `harness_identity` of the process that collects the facts.
     """

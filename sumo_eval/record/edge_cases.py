@@ -1,5 +1,5 @@
-"""Concrete scenarios at the edges of a space, where an ADS that works in the middle of it is most
-likely not to.
+"""Concrete scenarios at the edges of a space, where an ADS is most likely to fail. For
+`sumo-eval check`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from sumo_eval.scenario.sampling.samples import central_point, sample
 from sumo_eval.settings import ZoneSettings
 from sumo_eval.settings.random_streams import random_stream
 
-_CORNERS = 10  # parameters at most whose corners are all looked at
+_CORNERS = 10  # most parameters of a space whose corners (2 ** 10) are all looked at
 
 
 def edge_cases(logical: LogicalScenario, seed: int) -> list[ConcreteScenario]:

@@ -107,7 +107,7 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
     if setup.run.engine == "serial":
         refuse_to_share(affinity_of_ads(locator, setup) for kind, locator in named if kind == "ADS")
         if not hasattr(os, "fork"):
-            return {it[1]: locator_identity(it, setup.folder) for it in named}
+            return {pair[1]: locator_identity(pair, setup.folder) for pair in named}
     identities: dict[str, str] = {}
     with Pool(setup.run.workers, setup.run) as pool:
         for ended in pool.each(Work(locator_identity, setup.folder), named):

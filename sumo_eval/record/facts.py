@@ -320,6 +320,7 @@ def in_rounds(run: Resolved, folder: Path | None) -> Resolved:
         if sampling.method != "adaptive" or sampling.count is None:
             return entry
         if earlier is not None and not sampling.rounds:
+            # equal if only the end of the sample has changed
             continued = replace(sampling, round=earlier.round, rounds=earlier.rounds)
             with_new_end = replace(earlier, count=sampling.count, until=sampling.until)
             if sampling.round in (None, earlier.round) and with_new_end == continued:
@@ -395,13 +396,14 @@ def parse_shard(text: str) -> tuple[int, int]:
 def verify(
     folder: Path, share: float, *, workers: int | None = None, progress: Progress = quiet
 ) -> tuple[int, list[str]]:
-    """Simulate a share of a run's drives again: how many, and a sentence for each that is not the
-    same to the bit.
+    """Simulate a share of a run's drives again.
+
+    Returns the number of chosen drives, and a message for each that is not the same to the bit.
     """
-    if not 0.0 < share <= 1.0:  # nor nan
+    if not 0.0 < share <= 1.0:  # refuses nan, too
         raise must_be("`share`", "`verify`", "above 0, at most 1", share)
     run = resolve(None, folder, resume=True, workers=workers, engine="processes")
-    # refuses a folder that is not a run: for that `resolve` takes the paper's evaluation
+    # Refuses a folder that is not a run. `resolve` did not: it used the paper's evaluation.
     run_folder.read_settings(folder)
     plan = planner(run)
     with open_store(folder / run_folder.FACTS) as store:
@@ -449,6 +451,7 @@ def _spaces(run: Resolved, progress: Progress = quiet, looked_at: int | None = N
     for number in range(len(run.scenarios)):
         spaces.append(space_of(run, number, looked_at))
         progress("zones", len(spaces), len(run.scenarios))
+    # only for its checks: scoring would otherwise refuse the weights after hours of simulation
     scenario_weights(list(run.scenarios), run.settings.method.ranking)
     return spaces
 

@@ -1,10 +1,8 @@
-"""Frames: how a process that runs users' code hands a result up.
+"""Frames: the form in which a process that runs users' code sends a result to the pool.
 
-Numbered, checked, and nothing that executes.
-
-A frame is a header and plain values as `marshal` writes them. The header has the item's number, so
-that another item's result is not mistaken for it, and a checksum: only what was written whole is
-read. Reading is incremental.
+A frame is a header and plain values as `marshal` writes them; nothing in it executes. The header
+has the item's number, so that another item's result is not mistaken for it, and a checksum, so that
+only a whole frame is read. `FrameReader` takes the bytes in pieces, as they arrive.
 """
 
 from __future__ import annotations
@@ -26,43 +24,47 @@ class FrameError(Exception):
 
 
 def frame(values: Any, number: int) -> bytes:
-    """Lists, texts, bytes, numbers and None as the bytes that answer the item with this number."""
+    """Bytes of the frame that answers an item.
+
+    values: lists, texts, bytes, numbers and None.
+    number: of the item.
+    """
     body = marshal.dumps(values)
     return _HEADER.pack(_MAGIC, number, len(body), zlib.crc32(body)) + body
 
 
 class FrameReader:
-    """Puts the one frame that answers an item together from the bytes that come."""
+    """Puts the one frame that answers an item together from the bytes that arrive."""
 
     def __init__(self, number: int) -> None:
         self._number = number
-        self._came = bytearray()
+        self._received = bytearray()
 
     @property
     def has_begun(self) -> bool:
         """Whether anything of the frame is here."""
-        return bool(self._came)
+        return bool(self._received)
 
     def feed(self, data: bytes) -> Any:
         """The values when the frame is complete, else None.
 
         Raises FrameError as soon as it cannot become one.
         """
-        self._came += data
-        if len(self._came) < _HEADER.size:
+        self._received += data
+        if len(self._received) < _HEADER.size:
             return None
-        magic, number, *rest = _HEADER.unpack_from(self._came)
+        magic, number, *rest = _HEADER.unpack_from(self._received)
         size, checksum = rest
         if magic != _MAGIC:
             raise FrameError("wrote something that is not a result to the pipe for results")
         if number != self._number:
             raise FrameError("answered for another case than its own")
-        missing = _HEADER.size + size - len(self._came)
+        missing = _HEADER.size + size - len(self._received)
         if missing < 0:
             raise FrameError("wrote more than one result for the case")
         if missing:
             return None
-        body = bytes(self._came[_HEADER.size :])
+        body = bytes(self._received[_HEADER.size :])
         if zlib.crc32(body) != checksum:
             raise FrameError("gave a result that does not fit its checksum")
         return marshal.loads(body)  # noqa: S302 - cannot execute, and is whole

@@ -24,14 +24,13 @@ from sumo_eval.settings import AdsSettings
 def entry_of(ads: Any, run: Path, *, resume: bool) -> AdsSettings:
     """The `[[ads]]` entry of something that is given.
 
-    run: the run folder that is to be.
+    run: folder of the run, which need not exist yet.
     """
     if isinstance(ads, AdsSettings):
         return ads
-    own: Any = ads if inspect.isclass(ads) or inspect.isfunction(ads) else type(ads)
-    name = own.__name__.strip("<>")
-    place = _place(ads)
-    if place:
+    has_name = inspect.isclass(ads) or inspect.isfunction(ads)
+    name = (ads if has_name else type(ads)).__name__.strip("<>")  # `<lambda>` without brackets
+    if has_name and (place := _place(ads)):
         return AdsSettings(name, place)
     try:
         data: bytes = cloudpickle.dumps(ads)
@@ -52,7 +51,7 @@ def _place(ads: Any) -> str:
     """`/path/my_ads.py:Name` of a class or a function at the top of a file that others can read;
     else "".
     """
-    if not (inspect.isclass(ads) or inspect.isfunction(ads)) or ads.__module__ == "__main__":
+    if ads.__module__ == "__main__":
         return ""
     home, name = ads.__module__, ads.__qualname__
     module = sys.modules.get(home)

@@ -1,7 +1,8 @@
-"""Importing this loads what child processes run, and the compiled loops that every run needs, where
-this machine has them: processes forked from one that has imported it have them at once. Who else
-drives is loaded by the process that needs it, in the twentieth of a second, and what is not
-compiled yet is compiled by it.
+"""Module that the fork server imports (`record.children`), so that each child has at once what it
+runs: `record.worker`, and the compiled loops that every run needs, if this machine has them.
+
+A child loads the loop of any other ADS when it needs it, in 0.05 s, and compiles it first if this
+machine has not.
 """
 
 import gc
@@ -13,14 +14,16 @@ from types import TracebackType
 def _report_others(
     kind: type[BaseException], error: BaseException, trace: TracebackType | None
 ) -> None:
-    """Leave a process that cannot be made to the owner, which reports it or has ended."""
+    """Print the traceback of an error, unless the system refused a process: the owner reports
+    that, or has ended.
+    """
     if not issubclass(kind, OSError | EOFError):
         sys.__excepthook__(kind, error, trace)
 
 
 def _load() -> None:
-    """Without looks for garbage: all of it stays, and is left out when a child looks for its
-    own.
+    """Load all of it. Garbage collection is off meanwhile, because all of it stays; the collections
+    of children leave it out (`gc.freeze`).
     """
     gc.disable()
     import sumo_eval.record.worker  # noqa: F401

@@ -19,11 +19,12 @@ _LOCKED_BYTE = 1 << 20  # Windows locks bytes: one behind all words, so that oth
 
 @contextmanager
 def held(path: Path, words: str, folder: str, busy: Callable[[str], str]) -> Iterator[None]:
-    """Hold the lock file `path`, made with its folder if need be and taken away at the end.
+    """Hold the lock file `path`. It and its folder are made if they do not exist; the file is
+    removed at the end.
 
-    words: written into it, who has it.
-    folder: begins the InputError where there can be no such file, `The run folder out`.
-    busy: makes the message where another process holds it, from the words that this one wrote.
+    words: name of its owner, written into it.
+    folder: begins the InputError if the file cannot be made, e.g. `The run folder out`.
+    busy: makes the error message if another process holds it, from that owner's `words`.
     """
     with writing(folder):  # makes an InputError of an OSError
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -28,8 +28,8 @@ def narrowed(run: Resolved) -> Resolved:
         known = _places(case, run.scenarios, settings)
         check_known("case of the evaluation", known, case)
         places.append(known[case])
-    scenarios, drivers = {scenario for scenario, *_ in places}, {ads for *_, ads in places}
-
+    scenarios = {scenario for scenario, *_ in places}
+    chosen_ads = {ads for *_, ads in places}
     kept = [(entry, logical) for entry, logical in run.entries if logical.name in scenarios]
     gone, method, report = run.scenarios.keys() - scenarios, settings.method, settings.report
     weights = {name: it for name, it in method.ranking.weights.items() if name not in gone}
@@ -39,13 +39,13 @@ def narrowed(run: Resolved) -> Resolved:
         method=replace(method, ranking=replace(method.ranking, weights=weights)),
         report=replace(report, axes=axes),
         scenario=tuple(entry for entry, _ in kept),
-        ads=tuple(ads for ads in settings.ads if ads.name in drivers),
+        ads=tuple(ads for ads in settings.ads if ads.name in chosen_ads),
     )
     return replace(run, settings=settings, scenarios={logical.name: logical for _, logical in kept})
 
 
 def _places(case: str, scenarios: Iterable[str], settings: EvaluationSettings) -> dict[str, Place]:
-    """Places of the cases that a name may mean, by their keys."""
+    """Places of the cases whose key a text may be, by key."""
     # a name may hold a number, too: `ncap-2026-ccrs-0003-idm`
     numbers = map(int, re.findall(r"-(\d{4,})(?=-)", case) or ["0"])
     return {

@@ -283,7 +283,9 @@ class _Child:
         self._log = BoundedLog()
         self._to_send = memoryview(b"")
         self._reader = FrameReader(0)  # of no item: the child must not answer yet
-        self._answer: Any = None  # content of its frame: [is last, twice, refusal, result]
+        # Content of its frame: [whether the child ends now, whether a forked copy of it drove the
+        # item as well, text of a refusal, result].
+        self._answer: Any = None
         self._fault = ""  # of its frame, in words
         self._ended: Report | None = None
         self._reported = False
@@ -374,6 +376,7 @@ class _Child:
         if self.deadline <= clock.monotonic():
             if begun:
                 return "garbled", "began a result and did not end it"
+            # `overdue` needs no words
             return "died" if self._results.closed else "overdue", _CLOSED
         return None
 

@@ -18,5 +18,5 @@ def quiet(stage: str, done: int, total: int, failed: int = 0) -> None:
 
 
 def never() -> bool:
-    """Goes on to the end."""
+    """Does not stop: work continues to its end."""
     return False

@@ -17,10 +17,10 @@ _LARGEST = 10_000_000  # bytes of a file
 
 
 def read_qualification(named: str, source: Path) -> dict[str, Any]:
-    """Entry that a manifest keeps of a `qualification.json`: when, on what, how many checks, which
-    failed, and its hash.
+    """Entry of a run's manifest for a `qualification.json`: its hash, when and on which machine it
+    was made, the number of checks, and those that failed.
 
-    named: as the evaluation has it, relative to `source`; a folder with the file in it will do.
+    named: as the evaluation has it, relative to `source`; or a folder that contains it.
     Raises InputError for anything but a qualification.
     """
     path = source / named
@@ -30,8 +30,8 @@ def read_qualification(named: str, source: Path) -> dict[str, Any]:
     text = read_input(path, "qualification", _LARGEST)
     try:
         content = json.loads(text)
-        checks = [(str(one["name"]), one["passed"] is True) for one in content["checks"]]
-        found = {
+        checks = [(str(it["name"]), it["passed"] is True) for it in content["checks"]]
+        entry = {
             "file": str(path.resolve()),
             "sha256": hashlib.sha256(text).hexdigest(),
             "created": str(content["created"]),
@@ -46,7 +46,7 @@ def read_qualification(named: str, source: Path) -> dict[str, Any]:
         ) from None
     if not checks:
         raise InputError(f"{owner} holds no checks.")
-    return found
+    return entry
 
 
 def _texts(table: Mapping[str, Any]) -> dict[str, str]:

@@ -76,9 +76,9 @@ class _Watch:
         if before is None:
             return
         before.active = False  # after a Ctrl-C amid a case it is still active
-        for path, found in before._known:
-            if found != WRITTEN:  # what the earlier run has read may still be in memory
-                self._note(path, found if content(path, _state(path)) == found else UNKNOWN)
+        for path, digest in before._known:
+            if digest != WRITTEN:  # what the earlier run has read may still be in memory
+                self._note(path, digest if content(path, _state(path)) == digest else UNKNOWN)
 
     def opens(self, path: Any, flags: int) -> None:
         """Note a file that is opened now.
@@ -114,14 +114,14 @@ class _Watch:
         if place in self._written or self._states.get(place, NEVER) == state:
             return
         self._states[place] = state
-        found = content(place, state)
-        if found is None:
+        digest = content(place, state)
+        if digest is None:
             return
         if place.endswith(_PYTHON):
             self._add_root(os.path.dirname(place))
             self._add_root(os.path.dirname(os.path.realpath(place)))  # of a link to it
         # `state[0]`: time of the last change, ns
-        self._note(place, found if state is None or state[0] <= since * 1e9 else UNKNOWN)
+        self._note(place, digest if state is None or state[0] <= since * 1e9 else UNKNOWN)
 
     def write(self, place: str) -> None:
         """Note that a file is written: its content does not count."""
@@ -139,12 +139,12 @@ class _Watch:
         new, self._new = self._new, []
         inside = os.path.join(self.folder, "")
         return [
-            (os.path.relpath(place, self.folder) if place.startswith(inside) else place, found)
-            for place, found in new
+            (os.path.relpath(place, self.folder) if place.startswith(inside) else place, digest)
+            for place, digest in new
         ]
 
-    def _note(self, place: str, found: str) -> None:
-        file = (place, found)
+    def _note(self, place: str, digest: str) -> None:
+        file = (place, digest)
         if file not in self._known:
             self._known.add(file)
             self._new.append(file)
@@ -309,7 +309,7 @@ class OneVersion:
     """Files that the ADSs of one run have read; refuses a second version of a file."""
 
     def __init__(self, known: Iterable[FileOfAds]) -> None:
-        self._files = {(locator, path): found for locator, path, found in known}
+        self._files = {(locator, path): digest for locator, path, digest in known}
         self._reported = {locator for locator, _ in self._files}
 
     def add(self, ads: str, locator: str, files: Collection[File] | None) -> list[FileOfAds]:
@@ -326,18 +326,18 @@ class OneVersion:
         self._reported.add(locator)
         new = []
         # WRITTEN replaces everything and so comes first; UNKNOWN replaces a hash
-        for path, found in sorted(files, key=lambda file: file[1] != WRITTEN):
+        for path, digest in sorted(files, key=lambda file: file[1] != WRITTEN):
             before = self._files.get((locator, path))
-            if before in (found, WRITTEN) or (before == UNKNOWN and found != WRITTEN):
+            if before in (digest, WRITTEN) or (before == UNKNOWN and digest != WRITTEN):
                 continue
-            if before is not None and found not in (WRITTEN, UNKNOWN):
+            if before is not None and digest not in (WRITTEN, UNKNOWN):
                 raise InputError(
                     f"ADS `{ads}` was changed while the run went on: its processes have read two "
                     f"versions of {clean(path)}. What was driven before is kept; --resume drives "
                     "again what depends on it."
                 )
-            self._files[locator, path] = found
-            new.append((locator, path, found))
+            self._files[locator, path] = digest
+            new.append((locator, path, digest))
         return new
 
 

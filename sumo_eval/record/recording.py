@@ -31,7 +31,7 @@ from sumo_eval.record.identity import (
     with_fingerprint,
 )
 from sumo_eval.record.kept import packed
-from sumo_eval.record.progress import Progress, Stopping, never
+from sumo_eval.record.progress import Progress, Stopping
 from sumo_eval.record.reads import OneVersion, changed
 from sumo_eval.record.store import RECORDED, Store
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -217,7 +217,7 @@ def record(
     plan: Planner,
     store: Store,
     progress: Progress,
-    stopping: Stopping = never,
+    stopping: Stopping,
 ) -> None:
     """Simulate the cases of an evaluation that are not recorded yet.
 

@@ -1,8 +1,8 @@
-"""JSON files of a run folder that carry a hash of their own content, so that one that was edited or
-damaged is found.
+"""JSON files of a run folder that carry a hash of their own content, by which an edited or damaged
+file is noticed. For `record.run_folder`.
 
-A program that can write such a file can also write a hash that fits: what is found is a slip, a
-flipped bit, a cut file.
+A slip, a flipped bit and a cut file are noticed. A forged file is not: a program that can write it
+can also write a hash that fits.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ FIX = "Take the file from a copy of the run, or run the evaluation again into a 
 
 
 def sealed(content: Mapping[str, Any]) -> str:
-    """The text of a file with this content, and the hash of it as its last entry, `seal`."""
-    # a scenario may have that name
+    """The text of a file with this content and its hash, the last entry."""
+    # a scenario in `content` may have the name `seal`: then the hash is under `seal~`
     name = SEAL + "~" * (SEAL in content)
     return json.dumps({**content, name: _hash(content)}, indent=2) + "\n"
 
 
 def read_sealed(path: Path, version: int | None = None) -> dict[str, Any]:
-    """The content of a file that `sealed` made the text of.
+    """The content of a file that `sealed` wrote, without its hash.
 
     Raises InputError for one that is not as it was written.
 

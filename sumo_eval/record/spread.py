@@ -1,4 +1,4 @@
-"""Work that only computes, spread over child processes; nothing of a user's runs in it."""
+"""Computations spread over child processes, in which no users' code runs. For scores and zones."""
 
 from __future__ import annotations
 
@@ -29,12 +29,10 @@ class Spread(Protocol):
 
 @contextmanager
 def spread_over(workers: int, prepare: Callable[[], object]) -> Iterator[Spread]:
-    """Child processes for any number of rounds of work; `workers` = 1: this process.
+    """Child processes for any number of rounds of work, which end with this process.
 
-    They die with this process.
-
-    They begin at once, with `prepare`, so that a caller with something else to do first need not
-    wait for them.
+    workers: number of processes; 1: this process computes.
+    prepare: what each begins with at once, while the caller does something else.
     """
     if workers == 1:
         yield map
@@ -69,9 +67,11 @@ def _results(
 
 @contextmanager
 def alongside(work: Callable[[], object]) -> Iterator[Callable[[], bool]]:
-    """`work` in a child process meanwhile, waited for at the end, ended where this ends early.
+    """Do `work` in a child process while the block runs. The end of the block waits for it; an
+    exception in the block ends it.
 
-    Gives the function that returns whether it has failed. A caller that then does it here sees why.
+    Gives the function that returns whether `work` has failed. The caller may then repeat it in this
+    process to get its error.
     """
     context = child_context()
     lifeline, held = context.Pipe(duplex=False)

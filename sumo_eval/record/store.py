@@ -300,9 +300,11 @@ class Store:
     def discard_trajectories(self, stays: Callable[[str, int], bool]) -> int:
         """Delete the trajectories at all points except those that stay; all of it or nothing.
 
-        All else stays, with a new hash beside the old one, under which results computed from the
-        trajectories are found.
-        stays: whether those of a scenario and point stay.
+        Rows of facts stay. Each case gets a new hash; the old one is kept in `let_go`, because the
+        cache has the results computed from the trajectories under it.
+
+        stays: whether the trajectories of a scenario and point stay.
+
         Returns how many cases lost theirs.
         """
         content, cases = self.content, 0
@@ -636,9 +638,9 @@ class Store:
 def open_store(
     path: Path, *, create: bool = False, checked: bool = False, whole: bool = False
 ) -> Iterator[Store]:
-    """A facts file, checked and closed at the end of the block.
+    """A facts file, checked first, and closed at the end of the block.
 
-    checked: another process has just done that.
+    checked: another process has just checked it, so this one does not.
     whole: all of it is checked, also where it was vouched for.
 
     A file that has not changed since this process checked it is not checked again.
@@ -714,6 +716,7 @@ def _real(value: float) -> float | None:
     return None if math.isnan(value) else float(value) + 0.0
 
 
+# what the facts have of a case without a recording
 _NONE: Any = None
 _NO_RECORDING = KeptRecording({}, None, _NONE, (), Latency(*5 * [math.nan]), math.nan, math.nan)
 

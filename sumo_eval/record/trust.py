@@ -29,7 +29,7 @@ an absolute path.
 _given: set[Code] = set()  # trusted in this process
 # folders of runs and hashes of their code; the state folder has the same, if it can be written
 _trusted: set[tuple[str, str]] = set()
-_asked = False  # whether the user says `--trust`
+_asked = False  # whether the user has given `--trust`
 
 
 def code_of(settings: EvaluationSettings, source: Path, *, driving: bool = True) -> set[Code]:
@@ -67,7 +67,7 @@ def give(settings: EvaluationSettings, source: Path) -> None:
 def trust_what_is_opened(said: bool) -> None:
     """Trust every run that is opened from now on.
 
-    said: whether the user says `--trust`.
+    said: whether the user has given `--trust`.
     """
     global _asked
     _asked = said
@@ -142,7 +142,5 @@ def _hash(code: set[Code]) -> str:
 
 def _note(place: str) -> Path:
     """The file in the user's state folder that holds the hash of a run's code."""
-    state = os.environ.get("XDG_STATE_HOME") or os.path.join(
-        os.path.expanduser("~"), ".local", "state"
-    )
+    state = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
     return Path(state, "sumo_eval", "runs", hashlib.sha256(place.encode()).hexdigest()[:32])

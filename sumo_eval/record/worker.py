@@ -100,23 +100,6 @@ def _ended(case: Case, recording: Recording, loaded: str = "") -> Outcome:
     )
 
 
-def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:
-    """The simulation with the ideal vehicle's own brakes, on a road that can hold them; only its
-    collision counts.
-    """
-    vehicle = settings.vehicle
-    return replace(
-        settings,
-        end_when_decided=True,
-        vehicle=replace(
-            vehicle,
-            max_deceleration=settings.ideal_deceleration,
-            brake_build_up=settings.ideal_build_up,
-            friction=max(vehicle.friction, settings.ideal_deceleration / GRAVITY),
-        ),
-    )
-
-
 def _simulate(case: Case, setup: Setup) -> Recording:
     settings = _settings(case, setup)
     if case.role != "ads":
@@ -131,9 +114,9 @@ def _simulate(case: Case, setup: Setup) -> Recording:
         seed=case.seed,
         period=split_entry(case.controller)[1].period,
     )
-    (marked,) = _marked([drive], [case], setup)
-    assert isinstance(marked, Recording)
-    return marked
+    (recording,) = _with_no_return([drive], [case], setup)
+    assert isinstance(recording, Recording)
+    return recording
 
 
 def _control(case: Case, settings: SimulationSettings) -> Any:
@@ -191,7 +174,7 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
     if block is None:
         # a case of an ADS that draws from these generators must begin with their seed: alone
         drew = _states_of_global_generators() != before
-        return [Alone("draws")] * len(cases) if drew else _marked(drives, cases, setup)
+        return [Alone("draws")] * len(cases) if drew else _with_no_return(drives, cases, setup)
     # All cases of the block were driven; `cases` are those that the run wants. The clip notes the
     # block's size (as `requested`, and as `applied`).
     size = Clip(IN_BLOCK, 1, 0.0, float(len(drives)), float(len(drives)))
@@ -199,26 +182,39 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
         drive if isinstance(drive, Alone) else replace(drive, clips=(*drive.clips, size))
         for drive in (drives[case.point - block.first] for case in cases)
     ]
-    return _marked(sized, cases, setup)
+    return _with_no_return(sized, cases, setup)
 
 
-def _marked(
+def _with_no_return(
     drives: Sequence[Recording | Alone], cases: Sequence[Case], setup: Setup
 ) -> list[Recording | Alone]:
-    """Recordings of an ADS; if the run asks for it, each contact with its point of no return."""
+    """Recordings of an ADS; each contact with its point of no return, if the run asks for it."""
     if not setup.no_return:
         return list(drives)
     return with_no_return(drives, [case.concrete for case in cases], setup.simulation)
 
 
 def _settings(case: Case, setup: Setup) -> SimulationSettings:
-    """Settings of the simulation of a case. The run's conditions and vehicle model apply only to
-    ADSs under test, the ideal vehicle's brakes only to the ideal vehicle.
+    """Settings of the simulation of a case.
+
+    The run's conditions and vehicle model apply only to ADSs under test. Of the ideal vehicle only
+    the collision counts: it has brakes of its own, on a road that can hold them.
     """
     if case.role == "ads":
         return setup.simulation
     settings = replace(setup.simulation, conditions=ConditionSettings(), plant=None)
-    return _ideal_vehicle(settings) if case.role == "ideal" else settings
+    if case.role != "ideal":
+        return settings
+    return replace(
+        settings,
+        end_when_decided=True,
+        vehicle=replace(
+            settings.vehicle,
+            max_deceleration=settings.ideal_deceleration,
+            brake_build_up=settings.ideal_build_up,
+            friction=max(settings.vehicle.friction, settings.ideal_deceleration / GRAVITY),
+        ),
+    )
 
 
 def _seed_global_generators(case: Case) -> None:
