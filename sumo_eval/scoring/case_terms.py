@@ -1,5 +1,6 @@
 """Contributions of each case to the scores, as arrays, and all scores of one sample of the cases
-or of many.
+or of many. `scoring.quantities` makes the scores of a run here, `scoring.confidence` their
+intervals.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ COMPUTED = (
     "avoidance_grade", "s_plus", "collision_probability",
 )  # fmt: skip
 """Values that `scores_of` computes, by the names of `ScenarioResult`."""
-_SEVEREST = 100.0  # m/s: past every class of severity
+_SEVEREST = 100.0  # m/s, in the severest class of Eq. 14
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,14 +49,19 @@ class CaseTerms:
 
     exposure: p_i.
     weight: r_i.
-    severity: U_i of the worst incident, 0 without one, nan where the harness failed.
-    ideal: Ug_i and unreacting: U0_i in the same concrete scenarios, likewise; with `loss = "class"`
-        the classes L of all three, 0.1 without an incident.
-    ratio: Ug_i/U_i (Lg/L) of a contact. collided, evaluated, incident, counted (also where the ADS
-        gave up): flags.
-    index: D_i, likeness: human-likeness, of the safe cases that have one.
-    task: t_i of the cases that T is the mean of.
-    voids: collisions after which there is no D.
+    severity: U_i of the worst incident, 0 without one, nan where the harness failed; with
+        `loss = "class"` its class L, 0.1 without an incident.
+    ideal: Ug_i in the same concrete scenario, or its class.
+    unreacting: U0_i in the same concrete scenario, or its class.
+    ratio: Ug_i/U_i of a contact, or that of the classes.
+    collided: whether the case is a collision.
+    evaluated: whether it was driven to an end that can be evaluated.
+    index: D_i of a safe case that has one.
+    likeness: human-likeness of a safe case that has one.
+    voids: whether it is a collision after which there is no D.
+    incident: whether it has an incident.
+    counted: whether it was evaluated or the ADS gave up.
+    task: t_i of a case in the mean T.
     """
 
     exposure: FloatArray
@@ -121,22 +127,15 @@ def scores_of(
     *,
     exposed: bool | None = None,
 ) -> dict[str, FloatArray]:
-    """Every score of `COMPUTED` in each sample, (m,), nan where it does not exist.
+    """Every score of `COMPUTED` in each of m samples, (m,), nan where it does not exist.
 
-    counts: (m, n), see `score_terms`.
-
-    hits: how often each case's collision stands in each sample, (m, n), which C is made of; then a
-        sample without the collisions in the safe zone that leave no D has one. Without hits that is
-        a fact of all cases.
-    exposed: whether any case has an exposure, where these are not all of them.
+    counts: of the cases in each sample, (m, n), see `score_terms`.
+    hits: counts by which C and the existence of D are computed in each sample, (m, n). None: C by
+        `counts`, and D exists in all samples or in none, by the cases in `terms`.
+    exposed: whether any case has an exposure; None: by the cases in `terms`.
     """
-    c = score_terms.collision_avoidance(
-        terms.ratio,
-        terms.weight,
-        terms.collided,
-        terms.evaluated,
-        counts if hits is None else hits,
-    )
+    collisions = terms.ratio, terms.weight, terms.collided, terms.evaluated
+    c = score_terms.collision_avoidance(*collisions, counts if hits is None else hits)
     d = score_terms.exposure_mean(terms.index, terms.exposure, counts)
     voided = terms.voids.any() if hits is None else hits @ terms.voids.astype(np.float64) > 0.0
     d = np.where(voided, np.nan, d)
@@ -167,11 +166,8 @@ def scores_of(
 def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, float | None]:
     """Every score of `COMPUTED` of the cases themselves; None where it does not exist."""
     counts = score_terms.once(len(terms.exposure))
-    found = scores_of(terms, counts, method, counts)
-    return {name: None if np.isnan(value[0]) else float(value[0]) for name, value in found.items()}
-
-
-Ends = tuple[float, float]
+    values = scores_of(terms, counts, method, counts)
+    return {name: None if np.isnan(value[0]) else float(value[0]) for name, value in values.items()}
 
 
 def missing_bounds(
@@ -181,31 +177,32 @@ def missing_bounds(
     method: MethodSettings,
     *,
     people: bool,
-) -> dict[str, Ends]:
-    """Worst and best of the scores with every missing case counted in; empty where none of them
-    moves.
+) -> dict[str, tuple[float, float]]:
+    """Least and largest value of each score that missing cases leave open, without the scores that
+    they cannot move.
 
-    T, A, A', regret, H, S+: a case that could not be evaluated counts as doing nothing, or as the
-    ideal vehicle where that is harder; at best as the ideal vehicle. Where the ideal vehicle's own
-    drive is missing, at worst it avoids, or the point has no part in A as in the score itself,
-    whichever is lower; at best it hits as hard as the ADS. Where that of doing nothing is missing,
-    it hits at worst as hard as the ADS, at best as hard as anywhere else. A safe case without a
-    human-likeness that could have one counts 0, and 1; one with a collision of which it is unknown
-    whether the ideal vehicle avoids it counts 0, and not at all.
-
-    C: a missing case is at worst a collision of ratio 0, which never raises Eq. 17's mean; at best
-    one of ratio 1, which never lowers it, but none where U in m/s is compared and the ideal vehicle
-    avoids: a contact has a U above 0, but its loss may be 0. D: a safe case without a collision
-    that has no D_i counts 0, and 1. S: a missing safe case may have been a collision, after which
-    there is no D.
-
+    cases, terms: of an ADS.
     values: the scores as they are.
     people: whether there are drivers to be like.
+
+    What is missing, and what stands for it at worst and at best:
+    - T, A, A', regret, H, S+, a case that could not be evaluated: doing nothing, or the ideal
+      vehicle where that hits harder; at best the ideal vehicle.
+    - The ideal vehicle's drive: it avoids, or the point has no part in A, whichever gives the lower
+      A; at best it hits as hard as the ADS.
+    - The drive of doing nothing: it hits as hard as the ADS; at best as hard as the hardest one.
+    - The human-likeness of a safe case: 0; at best 1. After a collision of which it is unknown
+      whether the ideal vehicle avoids it: 0; at best the case has no part in H.
+    - C, a case: a collision of ratio 0, which never raises Eq. 17's mean; at best one of ratio 1,
+      which never lowers it. At best there is none where U in m/s is compared and the ideal vehicle
+      avoids, because a contact has a U above 0 (but its loss may be 0).
+    - D, the D_i of a safe case without a collision: 0; at best 1.
+    - S: as C and D. A missing safe case may have been a collision, after which there is no D.
     """
     missing = _missing(cases, terms, people=people)
     worst = _at_worst(cases, terms, missing, method)
     best = _at_best(terms, worst, missing, method)
-    found = [
+    extremes = [
         point_values(one, method)
         for one in (worst, _without_what_lifts(worst, missing.unsure, method), best)
     ]
@@ -213,11 +210,12 @@ def missing_bounds(
         "task_share", "avoided_share", "avoided_share_exposure", "avoidance_grade", "regret",
         "human_likeness", "s_plus",
     )  # fmt: skip
+    # cases by which each score may move
     moves = {"c": missing.unrated, "d": missing.unindexed}
     moves |= dict.fromkeys(ordering, missing.lost | missing.unsure | missing.unlike)
-    bounds: dict[str, Ends] = {}
+    bounds = {}
     for name, which in moves.items():
-        ends = [value for value in (one[name] for one in found) if value is not None]
+        ends = [value for one in extremes if (value := one[name]) is not None]
         if ends and which.any():
             bounds[name] = min(ends), max(ends)
     if "c" in bounds or "d" in bounds:
@@ -231,12 +229,15 @@ def missing_bounds(
 
 
 class _Missing(NamedTuple):
-    """Flags (n,) of the cases that lack something.
+    """Flags of the cases that lack something, (n,) each.
 
     lost: the case could not be evaluated, and the ADS did not give up.
     gone: the case was not evaluated, for whatever reason, and is without a collision.
     unsure: Ug or U0 is missing.
-    untimed, unrated, unindexed, unlike: a t_i, ratio, D_i or human-likeness is missing.
+    untimed: t_i is missing.
+    unrated: the ratio is missing.
+    unindexed: D_i is missing.
+    unlike: the human-likeness is missing.
     """
 
     lost: BoolArray
@@ -249,6 +250,7 @@ class _Missing(NamedTuple):
 
 
 def _missing(cases: CaseTable, terms: CaseTerms, *, people: bool) -> _Missing:
+    """Flags of the cases of an ADS."""
     no_ideal = np.isnan(terms.ideal)
     lost, gone = ~terms.counted, ~terms.collided & ~terms.evaluated
     return _Missing(
@@ -266,16 +268,16 @@ def _at_worst(
     cases: CaseTable, terms: CaseTerms, missing: _Missing, method: MethodSettings
 ) -> CaseTerms:
     """The terms with what is missing at its worst, as `missing_bounds` says."""
-    gentlest = _filled(terms.ideal, 0.0)
-    idle = np.maximum(_filled(terms.unreacting, _hardest(terms)), gentlest)
-    hit = np.where(missing.lost, idle, terms.severity)
-    avoidable = np.where(missing.gone, _SEVEREST, cases.severity)
-    ratio = ratios(avoidable, np.zeros(len(cases)), method)
+    ideal = _filled(terms.ideal, 0.0)
+    idle = np.maximum(_filled(terms.unreacting, _hardest(terms)), ideal)
+    severity = np.where(missing.lost, idle, terms.severity)
+    # that of a collision which the ideal vehicle avoids
+    ratio = ratios(np.where(missing.gone, _SEVEREST, cases.severity), np.zeros(len(cases)), method)
     return replace(
         _with_shares(terms, missing, missing.unlike, 0.0),
-        severity=hit,
-        ideal=gentlest,
-        unreacting=_filled(terms.unreacting, hit),
+        severity=severity,
+        ideal=ideal,
+        unreacting=_filled(terms.unreacting, severity),
         ratio=np.where(missing.unrated, ratio, terms.ratio),
         evaluated=terms.evaluated | missing.gone,
         weight=np.where(missing.unrated, _filled(terms.weight, 1.0), terms.weight),
@@ -287,6 +289,7 @@ def _at_best(
 ) -> CaseTerms:
     """The terms with what is missing at its best, as `missing_bounds` says."""
     severity = np.where(missing.lost, worst.ideal, terms.severity)
+    # whether a collision can have the ratio 1; a loss, which has no unit, may be 0
     may_touch = (terms.ideal != 0.0) | (not method.collision.unit)
     return replace(
         _with_shares(terms, missing, missing.unlike & ~terms.incident, 1.0),
@@ -300,7 +303,9 @@ def _at_best(
 
 
 def _with_shares(terms: CaseTerms, missing: _Missing, unlike: BoolArray, value: float) -> CaseTerms:
-    """The terms with one value for every missing t_i, D_i and human-likeness."""
+    """The terms with one value for every missing t_i and D_i, and for the human-likeness of the
+    cases in `unlike`.
+    """
     return replace(
         terms,
         index=np.where(missing.unindexed, value, terms.index),
@@ -310,28 +315,30 @@ def _with_shares(terms: CaseTerms, missing: _Missing, unlike: BoolArray, value: 
 
 
 def _filled(values: FloatArray, instead: float | FloatArray) -> FloatArray:
+    """The values, (n,), with others in place of nan."""
     return np.where(np.isnan(values), instead, values)
 
 
 def _hardest(terms: CaseTerms) -> float:
-    """The hardest known collision of doing nothing, m/s (a loss); 0 without one."""
+    """U of the hardest known collision of doing nothing, m/s, or its class; 0 without one."""
     return float(np.nanmax(terms.unreacting, initial=0.0))
 
 
 def _without_what_lifts(terms: CaseTerms, unsure: BoolArray, method: MethodSettings) -> CaseTerms:
-    """These terms without those points among the unsure ones that lift A.
+    """The terms without those points among the unsure ones that lift A.
 
-    A falls with every round, so that it ends.
+    A point lifts A if it lost a smaller share of what was at stake there than all points did. A
+    falls when such points are left out, so further points may then lift it: the rounds end once
+    these points stay the same.
     """
+    taken = score_terms.excess(terms.severity, terms.ideal)
+    stake = score_terms.excess(terms.unreacting, terms.ideal)
     kept = terms
     for _ in range(len(unsure)):
         avoided = point_values(kept, method)["avoided_share"]
         if avoided is None:
             return terms
-        taken = score_terms.excess(terms.severity, terms.ideal)
-        lifts = unsure & (
-            taken < (1.0 - avoided) * score_terms.excess(terms.unreacting, terms.ideal)
-        )
+        lifts = unsure & (taken < (1.0 - avoided) * stake)
         if np.array_equal(lifts, unsure & np.isnan(kept.ideal)):
             break
         kept = replace(terms, ideal=np.where(lifts, np.nan, terms.ideal))

@@ -26,7 +26,7 @@ from sumo_eval.record.store import open_store
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
 from sumo_eval.scoring.comparability import Difference, differences, refuse_unless_comparable
-from sumo_eval.scoring.confidence.paired_differences import COMPARED, paired_differences
+from sumo_eval.scoring.confidence.paired_differences import COMPARED, Run, paired_differences
 from sumo_eval.scoring.gate_settings import HARSHER_BY, OF_U, TIMED, GateSettings, change_of_u
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -80,13 +80,13 @@ class Paired:
 
 @dataclass(frozen=True, slots=True)
 class Unpaired:
-    """Numbers of cases of an ADS in a logical scenario that have no partner.
+    """Cases of an ADS in a logical scenario that have no partner.
 
     ads: its name in the base; in the new run where the base has no such ADS.
-    lost: cases that only the base has.
-    added: cases that only the new run has.
-    of: all cases of the base.
-    examples: keys of lost cases.
+    lost: number of cases that only the base has.
+    added: number of cases that only the new run has.
+    of: number of all cases of the base.
+    examples: keys of lost cases, at most `MOST_EXAMPLES`.
     """
 
     ads: str
@@ -210,9 +210,9 @@ class AdsComparison:
         in two units.
         """
         sides = self.changed.paired.base, self.changed.paired.new
-        # adding nan makes the whole column nan
-        nan_or_0 = 0.0 if self.one_unit or column not in OF_U else np.nan
-        before, after = (getattr(cases, column).astype(np.float64) + nan_or_0 for cases in sides)
+        # a value and nan add up to nan
+        unknown = 0.0 if self.one_unit or column not in OF_U else np.nan
+        before, after = (getattr(cases, column).astype(np.float64) + unknown for cases in sides)
         return before, after
 
 
@@ -306,18 +306,20 @@ def side_by_side(
 ) -> Comparison:
     """Compare the cases that two runs have in common, if any; differences of their settings are
     listed and not refused.
+
+    pairs: as in `compare`.
     """
     olds, news = base.ads_names, new.ads_names
     partners = _partners(olds, news, pairs or {})
-    single = not partners and len(olds) == len(news) == 1
-    supposed = {news[0]: olds[0]} if single else {}
+    supposed = {}
+    if not partners and len(olds) == len(news) == 1:
+        supposed = {news[0]: olds[0]}
     partners |= supposed
     compared = []
     for score in new.scores:
-        old = partners.get(score.ads)
-        if old is not None:
-            tables = [base.cases_of(old, score.scenario), new.cases_of(score.ads, score.scenario)]
-            paired = _paired(*tables)
+        if (old := partners.get(score.ads)) is not None:
+            cases = base.cases_of(old, score.scenario), new.cases_of(score.ads, score.scenario)
+            paired = _paired(*cases)
             if len(paired.new_rows):
                 compared.append(_compare_ads(base, new, paired, settings))
     return Comparison(
@@ -373,23 +375,24 @@ def _compare_ads(
     base: Evaluation, new: Evaluation, paired: Paired, settings: GateSettings
 ) -> AdsComparison:
     """The cases of an ADS in a scenario, pair by pair."""
-    first, tables = paired.new[0], (paired.base, paired.new)
-    old, latest = (run.settings.method.collision for run in (base, new))
-    one_unit = old.regret_unit == latest.regret_unit
-    terms = [case_terms(tables[k], run.settings.method) for k, run in enumerate((base, new))]
-    then, now = (
-        counts(it) | {"requirements_missed": int(np.sum(it.requirements_missed != ""))}
-        for it in tables
+    case, tables = paired.new[0], (paired.base, paired.new)
+    methods = base.settings.method, new.settings.method
+    old, now = (method.collision for method in methods)
+    one_unit = old.regret_unit == now.regret_unit
+    runs = [(case_terms(*of_run), of_run[1]) for of_run in zip(tables, methods, strict=True)]
+    numbers, new_numbers = (
+        counts(cases) | {"requirements_missed": int(np.sum(cases.requirements_missed != ""))}
+        for cases in tables
     )
-    units = old.unit, latest.unit
+    units = old.unit, now.unit
     return AdsComparison(
-        first.ads,
+        case.ads,
         paired.base[0].ads,
-        first.scenario,
+        case.scenario,
         identical_pairs(paired, base.folder, new.folder),
-        _changes(paired, terms, settings, units, one_unit=one_unit),
-        _quantity_changes(terms, base, new, settings, one_unit=one_unit),
-        {name: (then[name], now[name]) for name in then},
+        _changes(paired, [terms for terms, _ in runs], settings, units, one_unit=one_unit),
+        _quantity_changes(runs, settings, one_unit=one_unit),
+        {name: (numbers[name], new_numbers[name]) for name in numbers},
         units,
     )
 
@@ -467,6 +470,7 @@ def _changes(
     one_unit: whether the regret has the same unit in both.
     """
     old, now = paired.base, paired.new
+    # of each pair the index of its change, -1: none yet; and the size of that change
     kind, by = np.full(len(old), -1, dtype=np.intp), np.full(len(old), np.nan)
 
     def mark(flags: BoolArray, change: Change, size: FloatArray | None = None) -> None:
@@ -476,15 +480,16 @@ def _changes(
         if size is not None:
             by[unmarked] = size[unmarked]
 
+    left, leaves = (it.off_road | it.departed for it in (old, now))
     flips: tuple[tuple[BoolArray, BoolArray, Change, Change], ...] = (
         (~old.evaluated, ~now.evaluated, "not evaluated any more", "evaluated again"),
         (old.collided, now.collided, "new collision", "collision gone"),
-        (*(it.off_road | it.departed for it in (old, now)), "left the road", "back on the road"),
+        (left, leaves, "left the road", "back on the road"),
     )
     for before, after, worse, better in flips:
         mark(after & ~before, worse)
         mark(before & ~after, better)
-    # adding nan: a difference of U in two units does not count
+    # a value and nan add up to nan: a difference of U in two units does not count
     harsher = now.severity - old.severity + (0.0 if units[0] == units[1] else np.nan)
     likeness, index = now.human_likeness - old.human_likeness, now.index - old.index
     least_of_u = change_of_u(settings.harsher_by, HARSHER_BY, units[1])
@@ -508,14 +513,13 @@ def _changes(
 
 
 def _quantity_changes(
-    terms: Sequence[CaseTerms],
-    base: Evaluation,
-    new: Evaluation,
-    settings: GateSettings,
-    *,
-    one_unit: bool,
+    runs: Sequence[Run], settings: GateSettings, *, one_unit: bool
 ) -> dict[str, QuantityChange]:
-    runs = list(zip(terms, (base.settings.method, new.settings.method), strict=True))
+    """The scores of both runs and their differences, by name.
+
+    runs: the base and the new run: terms of the paired cases, and settings of the scores.
+    one_unit: whether the regret has the same unit in both.
+    """
     old, now = (point_values(*run) for run in runs)
     resampled = paired_differences(runs[0], runs[1], settings.resamples, settings.seed)
     tail = (1.0 - settings.confidence) / 2.0
@@ -523,10 +527,9 @@ def _quantity_changes(
     for name, score in COMPARED.items():
         before, after = old[score], now[score]
         same_unit = one_unit or name != "regret"
-        difference = None
+        changes[name] = QuantityChange(before, after, None)
         if same_unit and before is not None and after is not None:
-            difference = after - before
-        drawn = np.empty(0) if difference is None else resampled.get(name, np.empty(0))
-        ends = np.quantile(drawn, (tail, 1.0 - tail)).tolist() if drawn.size else [None, None]
-        changes[name] = QuantityChange(before, after, difference, *ends)
+            drawn = resampled.get(name, np.empty(0))
+            ends = np.quantile(drawn, (tail, 1.0 - tail)).tolist() if drawn.size else ()
+            changes[name] = QuantityChange(before, after, after - before, *ends)
     return changes

@@ -107,13 +107,14 @@ def braking_before(ego: Trajectory, contact: float) -> ObservedBraking | None:
 class Behind(NamedTuple):
     """Place at which a drive fell furthest behind the slowest reference.
 
-    what: a lane change due there was missed, the ego stood there, it came no further (short), or it
-        was late.
-    way: of the place from the ego's start, m.
+    what: `missed`: a lane change due there was missed. `stood`: the ego stood there. `short`: it
+        came no further. `late`: it was late there.
+    way: distance of the place from the ego's start, m.
     time: of the ego there, s.
     of: distance that was asked for, m; for `late`, time of the slowest reference there, s; nan for
         `missed`.
-    drivers: number of drivers among the references; car: whether the reference car is one.
+    drivers: number of drivers among the references.
+    car: whether the reference car is one of these.
     """
 
     what: Literal["missed", "stood", "short", "late"]
@@ -201,6 +202,7 @@ def _reached(scene: CaseDrives, name: str, value: float) -> float:
 
 
 def _until(drive: Trajectory, samples: int) -> Trajectory:
+    """The first samples of a drive."""
     channels = (getattr(drive, name)[:samples] for name in CHANNELS)
     return Trajectory(*channels, length=drive.length, width=drive.width)
 
@@ -242,6 +244,7 @@ def furthest(scene: CaseDrives) -> Furthest:
 
 
 def _furthest(scene: CaseDrives, places: FloatArray, channel: Literal["speed", "y"]) -> Furthest:
+    """Where one of both differs most, among places x, (n,), m."""
     own = _at_places(scene.ego, places, channel)
     theirs = np.array([_at_places(one, places, channel) for one in scene.drivers])
     spread = np.maximum(theirs.std(axis=0, ddof=1), LEAST_SPREADS[channel])
@@ -253,6 +256,7 @@ def _furthest(scene: CaseDrives, places: FloatArray, channel: Literal["speed", "
 
 
 def _at_places(drive: Trajectory, places: FloatArray, channel: str) -> FloatArray:
+    """A channel of a drive at places x, (n,)."""
     reached = np.maximum.accumulate(drive.x)
     return np.asarray(np.interp(places, reached, getattr(drive, channel)))
 

@@ -53,8 +53,8 @@ def drive_measures(
 ) -> dict[str, dict[str, float | None]]:
     """Fields of every evaluated case that follow from its trajectories, by case.
 
-    people: among which it is more or less plausible.
-    files: a hash of those of the scenario.
+    people: whose driving its plausibility is computed from.
+    files: a hash of the scenario's files.
     """
     road, hash_of = space.logical.road, space.store.case_hash
     evaluated = [fact for fact in facts if fact.status in EVALUATED]
@@ -75,14 +75,14 @@ def drive_measures(
 
 
 def _conflicting(logical: LogicalScenario, fact: Fact) -> str:
-    if logical.search is None:
-        return ""
+    """Name of the actor whose way conflicts with the ego's; empty without one."""
     concrete = logical.placed(fact.values)
     other = conflicting(logical, concrete)
     return "" if other is None else concrete.actors[other].name
 
 
 _CRITICALITY, _LANE = len(fields(CriticalityMeasures)), len(fields(LaneKeeping))
+# a drive's measures as they are kept: criticality, extremes, lane keeping, PET of conflicting ways
 _NUMBERS = struct.Struct(f"<{_CRITICALITY + len(EXTREMES) + _LANE + 1}d")
 
 
@@ -96,8 +96,8 @@ def _measured(request: _Request, store: Store) -> Iterator[tuple[str, bytes]]:
     extremes = extremes_of(course)
     pet = math.nan
     if request.conflicting in actors:
-        theirs = hit if hit is not None and hit.other == request.conflicting else None
-        pet = conflict_pet(ego, actors[request.conflicting], theirs)
+        contact = hit if hit is not None and hit.other == request.conflicting else None
+        pet = conflict_pet(ego, actors[request.conflicting], contact)
     yield (
         request.case,
         _NUMBERS.pack(

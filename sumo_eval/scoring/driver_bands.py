@@ -14,14 +14,18 @@ from sumo_eval.scoring.findings import findings, mean_of
 
 @dataclass(frozen=True, slots=True)
 class DriverBand:
-    """An ADS's safe cases with a D_i beside their drivers; means by exposure, None without any.
+    """D_i of the drivers, over an ADS's safe cases with a D_i.
 
-    low, mean, high: of the least human driver, of all, of the most human one.
-    below: cases of `banded`, those with a band, in which the ADS is below every driver.
+    low, mean, high: D_i of the least human driver, of all drivers and of the most human one: mean
+        over the cases by exposure, None without any.
+    below: number of cases in which the ADS is below every driver.
+    banded: number of cases with a band of the drivers.
     drivers: fewest and most drivers of a case.
-    recorded: share of recorded drivers.
-    thin, outside, bimodal, unlike: cases with too few recorded drivers, outside the support of the
-        exposure, with drivers in two groups, with a manoeuvre that no driver made.
+    recorded: share of recorded drivers, 0..1.
+    thin: number of cases with too few recorded drivers.
+    outside: number of cases outside the support of the exposure.
+    bimodal: number of cases with drivers in two groups.
+    unlike: number of cases with a manoeuvre that no driver made.
     """
 
     score: ScenarioResult
@@ -49,7 +53,7 @@ def driver_bands(evaluation: Evaluation) -> Iterator[DriverBand]:
         )
         known = own.drivers[np.isfinite(own.drivers)].astype(int)
         everybody, recorded = known.sum(), np.nansum(own.recorded_drivers)
-        counts = (
+        flags_of = (  # thin, outside, bimodal, unlike
             [note is not None for note in own.reference_note], own.exposure_note != "",
             own.bimodal, own.manoeuvre_share == 0.0,
         )  # fmt: skip
@@ -58,7 +62,7 @@ def driver_bands(evaluation: Evaluation) -> Iterator[DriverBand]:
             int(np.sum(own.index < own.human_low)), int(np.isfinite(own.human_mean).sum()),
             (int(known.min()), int(known.max())) if len(known) else (),
             float(recorded / everybody) if everybody else 0.0,
-            *(int(np.sum(flags)) for flags in counts),
+            *(int(np.sum(flags)) for flags in flags_of),
         )  # fmt: skip
 
 

@@ -23,12 +23,14 @@ from sumo_eval.record.store import EGO, Fact, Store
 from sumo_eval.scenario.concrete import Road, Way
 from sumo_eval.scoring.space import ScenarioRun
 
-_AT_ONCE = 16  # points that a process works on before it answers
+_AT_ONCE = 16  # points of one request to a process
 
 
 @dataclass(frozen=True, slots=True)
 class TaskOfDrive:
-    """departure: None where the drive stayed on the road.
+    """Result of one drive.
+
+    departure: None where the drive stayed on the road.
     share: t_i; None without a reference.
     """
 
@@ -38,10 +40,14 @@ class TaskOfDrive:
 
 @dataclass(frozen=True, slots=True)
 class _Point:
-    """Request at one point.
+    """Request for all drives at one point.
 
-    drives: cases, and whether each holds a contact.
-    references: cases without one.
+    drives: whether each drive had a contact, by case.
+    references: cases of the references' drives, which had none.
+    road: of the scenario.
+    margin: `road_margin`, m.
+    begin: x of the ego's start, m.
+    way: the lane change that the point asks for; None without one.
     """
 
     drives: Mapping[str, bool]
@@ -62,7 +68,8 @@ def tasks_of_drives(
 
     references: the drives of drivers and of the reference car there.
     """
-    hash_of, road, margin = space.store.case_hash, space.logical.road, space.method.task.road_margin
+    hash_of = space.store.case_hash
+    road, margin = space.logical.road, space.method.task.road_margin
     beside: dict[int, list[str]] = {}
     for fact in references:
         if fact.status == "ok":
@@ -80,6 +87,7 @@ def tasks_of_drives(
             if fact.end_reason not in (None, "sim_error")
         }
         points.append(_Point(hits, others, road, margin, start.x, start.way))
+        # a result depends on the point's references and on its own drive
         common = key_of(
             [hash_of(case) for case in others], road, margin, start.x, start.way, method_sources()
         )
@@ -102,13 +110,14 @@ def _tasks(point: _Point, store: Store) -> Iterator[tuple[str, bytes]]:
         departure = first_departure(ego, point.road, point.margin)
         if asked is not None:
             incident = hit or departure is not None
-            # only then are the actors worth reading
+            # the actors are read only if they could excuse the ego
             excused = not incident and ego.speed[-1] < STANDING and _excused(case, store)
             share = task_share(ego, asked, point.way, incident=incident, excused=excused)
         yield case, encoded(TaskOfDrive(departure, share))
 
 
 def _excused(case: str, store: Store) -> bool:
+    """`is_excused` of a recorded drive."""
     actors = store.trajectories(case)
     return is_excused(actors.pop(EGO), actors)
 

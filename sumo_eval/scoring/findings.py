@@ -162,11 +162,13 @@ class Findings:
         """The collisions, the one that took most from C first (Eq. 17)."""
         places = np.flatnonzero(self.cases.collided)
         hits = self.cases[places]
-        found = self.ratios[places]
-        known, lost = np.isfinite(found), np.full(len(places), np.nan)
-        lost[known] = mean_shares(np.nan_to_num(hits.weight[known])) * (1.0 - found[known])
+        ratio = self.ratios[places]
+        # without a ratio a collision has no part in C, and nothing is known to be lost
+        known = np.isfinite(ratio)
+        lost = np.where(known, self.shares(known, hits.weight) * (1.0 - ratio), np.nan)
+        # known losses before unknown ones, the largest first, then by name (the last key is first)
         order = np.lexsort((hits.case, -np.nan_to_num(lost), np.isnan(lost)))
-        return CollisionShares(places[order], found[order], lost[order])
+        return CollisionShares(places[order], ratio[order], lost[order])
 
     @property
     def indexed(self) -> BoolArray:
@@ -186,9 +188,10 @@ class Findings:
     def harm(self, case: CaseResult) -> Harm:
         """The terms of a case in A."""
         terms, here = self.terms, self.cases.case == case.case
-        harms = terms.severity, terms.ideal, terms.unreacting
-        over = (terms.weight * excess(one, terms.ideal) for one in (harms[0], harms[2]))
-        return Harm(*(float(one[here][0]) for one in (*harms, *over, self.share_lost)))
+        u, ideal, nothing = terms.severity, terms.ideal, terms.unreacting
+        lost, at_stake = (terms.weight * excess(one, ideal) for one in (u, nothing))
+        columns = u, ideal, nothing, lost, at_stake, self.share_lost
+        return Harm(*(float(one[here][0]) for one in columns))
 
     def part(
         self, case: CaseResult, counted: BoolArray, weights: FloatArray, values: FloatArray
@@ -199,10 +202,10 @@ class Findings:
         return Part(len(known), math.fsum(known), float(share[0]), float(value[0]))
 
     def shares(self, counted: BoolArray, weights: FloatArray) -> FloatArray:
-        """Share of each case in a mean over those that are counted, (n,)."""
-        found = np.zeros(len(counted))
-        found[counted] = mean_shares(np.nan_to_num(weights[counted]))
-        return found
+        """Share of each case in a mean over those that are counted, (n,); 0 for any other."""
+        shares = np.zeros(len(counted))
+        shares[counted] = mean_shares(np.nan_to_num(weights[counted]))
+        return shares
 
     @property
     def factor_means(self) -> dict[str, float]:
@@ -264,10 +267,11 @@ class PeopleBehind:
 
 
 def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
-    """The recorded people of every scenario; empty where the evaluation asks for none."""
+    """The recorded drivers of every scenario; empty where the evaluation asks for none."""
     drivers = evaluation.settings.drivers
     if drivers.source != "recorded":
         return []
+    # fewest recorded drivers of a reference that counts
     fewest = drivers.least if drivers.too_thin == "leave_out" else 1
     found = []
     for name in dict.fromkeys(score.scenario for score in evaluation.scores):
@@ -277,6 +281,7 @@ def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
             continue
         people = np.nan_to_num(cases.recorded_drivers[safe])
         points, place = np.unique(point_numbers([cases])[0][safe], return_inverse=True)
+        # drivers at each point, of which each ADS has a case
         most = np.zeros(len(points))
         np.maximum.at(most, place, np.where(people >= fewest, people, 0.0))
         found.append(PeopleBehind(name, len(points), int(np.count_nonzero(most)), int(most.sum())))

@@ -1,5 +1,5 @@
-"""Dependencies of scores: the recorded facts, the settings, the sources of this package, and files
-that users name.
+"""Keys of cached scores: hashes of all that the scores depend on, which are the recorded facts, the
+settings, the sources of this package, and files that users name.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _LARGEST = 8 << 20  # bytes of a file whose text may name others
 def sources(*rooms: str) -> str:
     """A hash of the files of this package that scores come from, or of some rooms alone.
 
-    The versions of what they compute with, and of the packages that read scenarios, are in it.
+    It includes the versions of the libraries that compute, and of the packages that read scenarios.
     """
     files = [
         file
@@ -58,34 +58,37 @@ def scores_key(
     severity: str,
     exposures: Mapping[str, Any],
 ) -> bytes:
-    """Under what the scores of a run are kept.
+    """Key under which the scores of a run are kept.
 
-    content: the hash over its facts.
-    severity: of a user's function.
+    content: hash of its facts.
+    source: folder of the evaluation, where relative paths start.
+    severity: hash of a user's function of severity.
+    exposures: notes on the exposure of each scenario.
     """
     named = [space_key(entry, source) for entry in settings.scenario]
     parts = ("scenario", "ads", "seed", "drivers", "simulation", "method")
     chosen = tuple(getattr(settings, part) for part in parts)
-    # the files may be newer than the code that runs: an update meanwhile
+    # COLUMNS too: after an update the files may be newer than the code that runs
     return key_of("scores", COLUMNS, content, chosen, named, severity, exposures, sources())
 
 
 def space_key(entry: ScenarioSettings, source: Path) -> str:
-    """A hash of the files that a user's scenario and its sample come from; of a shipped one it is
-    the package's own.
+    """A hash of the files that a user's scenario and its sample come from. A shipped scenario has
+    none: `sources` covers it.
     """
     found = hashlib.blake2b()
     sampling = entry.sampling
     for locator in (options_of(entry.use)[0], sampling.method, sampling.file):
         for file in _files_of(locator, source) if locator else []:
+            # a missing file matches no earlier state
             content = file.read_bytes() if file.is_file() else os.urandom(16)
             found.update(str(file).encode() + b"\0" + content)
     return found.hexdigest()
 
 
 def _files_of(locator: str, source: Path) -> list[Path]:
-    """The file that a locator names and those that its text names; the neighbours of a Python one
-    too.
+    """The file that a locator names, and files that its text names; for Python also all Python
+    files of its folder.
     """
     found: set[Path] = set()
     place, colon, _ = locator.rpartition(":")

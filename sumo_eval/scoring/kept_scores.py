@@ -1,4 +1,4 @@
-"""The scores of a run as its folder keeps them, and rows of cases as they are put there."""
+"""The scores of a run and its rows of cases, as the cache in the run's folder keeps them."""
 
 from __future__ import annotations
 
@@ -14,15 +14,17 @@ from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.results import Ranking, ScenarioResult, ZoneResult
 from sumo_eval.trajectory import Alone
 
-# bytes of rows that other settings than the last gave, before the oldest go
+# bytes of rows that are kept for earlier settings; beyond this the oldest are deleted
 _MOST_OF_OTHERS = 256 << 20
 _in_use: set[bytes] = set()  # keys of scores that this process has handed out
 
 
 @dataclass(frozen=True, slots=True)
 class KeptChunk:
-    """Rows of one ADS in one scenario that are kept together, and their place among those of a
-    scoring.
+    """Rows of one ADS in one scenario that are kept together.
+
+    rows: their number.
+    place: number of this chunk among all chunks of a scoring.
     """
 
     scenario: str
@@ -107,17 +109,17 @@ def kept_scores(kept: KeptResults, key: bytes) -> Scores | None:
 
 
 def keep_scores(kept: KeptResults, key: bytes, scores: Scores) -> Scores:
-    """Put scores whose rows are there, and take the oldest of other settings out where they take
-    much room.
+    """Keep scores whose rows are kept already, and return them as `kept_scores` will.
 
-    A later call returns the same.
+    Deletes the oldest rows of other settings where all of these take more than `_MOST_OF_OTHERS`.
     """
     kept.put([("evaluation", key, 0, encoded(scores))])
     _in_use.add(key)
-    others = [(other, size) for other, size in kept.sizes("rows") if other not in _in_use]
-    sizes = itertools.accumulate(size for _, size in reversed(others))
-    newest_first = zip(reversed(others), sizes, strict=True)
-    kept.forget([other for (other, _), size in newest_first if size > _MOST_OF_OTHERS])
+    # the newest first, each with the sum of sizes so far
+    others = [pair for pair in reversed(kept.sizes("rows")) if pair[0] not in _in_use]
+    sums = itertools.accumulate(size for _, size in others)
+    pairs = zip(others, sums, strict=True)
+    kept.forget([other for (other, _), total in pairs if total > _MOST_OF_OTHERS])
     found = kept_scores(kept, key)
     assert found is not None, "it was put there just now"
     return found

@@ -99,10 +99,10 @@ def ledger_plus(found: Findings) -> Ledger:
     lines = _scaled(FULL, [whole])
     terms = _task_lines, _avoided_lines, _human_lines
     for term, lost in zip(terms, losses.tolist(), strict=True):
-        own = list(term(found))
-        # points for 1 of T, A or H, so that the lines of a term cost its Shapley value
-        taken = -math.fsum(line.index for line in own)
-        lines += _scaled(lost / taken if taken > 0.0 else 0.0, own)
+        of_term = list(term(found))
+        # the scale is points for 1 of T, A or H, so that a term's lines cost its Shapley value
+        taken = -math.fsum(line.index for line in of_term)
+        lines += _scaled(lost / taken if taken > 0.0 else 0.0, of_term)
     return Ledger("S+", score, tuple(lines))
 
 
@@ -114,6 +114,7 @@ def ledger(found: Findings) -> Ledger:
 
 
 def _scaled(scale: float, lines: _Lines) -> list[LedgerLine]:
+    """The lines with this scale."""
     return [replace(line, scale=scale) for line in lines]
 
 
@@ -135,6 +136,7 @@ def _line(
 
 
 def _task_lines(found: Findings) -> _Lines:
+    """Losses in T, each case by the first cause that applies."""
     cases = found.cases
     if found.score.task_share is None:
         yield _line(found, "T", NOT_COMPUTED, alone=-1.0)
@@ -159,9 +161,11 @@ def _first_of(
     lost: FloatArray,
     counts: BoolArray,
 ) -> _Lines:
-    """A line for each group: the cases of it that lost something and are in no group before it.
+    """A line for each group, with the cases that lost something and are in no group before it.
 
-    counts: which cases lost something worth counting, (n,).
+    groups: cause -> whether each case belongs to it, (n,).
+    lost: loss of each case in the index, (n,).
+    counts: whether each case lost something worth counting, (n,).
     """
     left = lost > 0.0
     for cause, belongs in groups.items():
@@ -173,6 +177,7 @@ def _first_of(
 
 
 def _avoided_lines(found: Findings) -> _Lines:
+    """Losses in A, each case by the first cause that applies."""
     cases = found.cases
     if found.score.avoided_share is None:
         yield _line(found, "A", NOT_COMPUTED, alone=-1.0)
@@ -189,6 +194,7 @@ def _avoided_lines(found: Findings) -> _Lines:
 
 
 def _human_lines(found: Findings) -> _Lines:
+    """Losses in H: by incidents, then by the factors of all other cases."""
     cases, counted = found.cases, found.likened
     if found.score.human_likeness is None:
         yield _line(found, "H", NOT_COMPUTED, alone=-1.0)
@@ -202,6 +208,7 @@ def _human_lines(found: Findings) -> _Lines:
 
 
 def _collision_lines(found: Findings) -> _Lines:
+    """C = 1, and losses in C by collisions (Eqs. 14-17)."""
     whole = "C = 1, no collision or none worse than the ideal vehicle's"
     yield _line(found, "C", whole, alone=1.0, equation="17")
     if found.score.c is None:
@@ -222,6 +229,7 @@ def _collision_lines(found: Findings) -> _Lines:
 
 
 def _likeness_lines(found: Findings) -> _Lines:
+    """D = 1, and losses in D by the factors of D_i (Eqs. 11-13)."""
     cases, whole = found.cases, "D = 1, within the drivers' own spread everywhere"
     yield _line(found, "D", whole, alone=1.0, equation="13")
     if found.score.d is None:
@@ -240,16 +248,15 @@ def _factor_lines(
 ) -> _Lines:
     """A line for each factor of D_i, or of a case's human-likeness.
 
+    places: rows of the cases.
     weights: each case's share of the mean, (n,).
     """
     if not len(places):
         return
     cases = found.cases
-    factors, equation, product = (
-        (FACTORS, "11–13", cases.index)
-        if term == "D"
-        else (LIKENESS_FACTORS, "", cases.human_likeness)
-    )
+    factors, equation, product = LIKENESS_FACTORS, "", cases.human_likeness
+    if term == "D":
+        factors, equation, product = FACTORS, "11–13", cases.index
     share = weights[places]
     values = np.column_stack([getattr(cases, field)[places] for field in factors.values()])
     losses = product_losses(values)

@@ -32,7 +32,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 FEWEST_DRIVERS = 2  # a standard deviation needs two
 FEWEST_FOR_A_BAND = 3  # two must remain when a driver is compared with the rest
-_AT_ONCE = 8_192  # points whose zone and weight are computed at a time: 65,536 took 0.3 GB
+_AT_ONCE = 8_192  # points whose zone and weight are computed at a time; 65,536 need 0.3 GB
 JACKKNIFED = 16  # most cases of an ADS in a scenario for which drivers are left out one by one
 
 
@@ -40,7 +40,7 @@ JACKKNIFED = 16  # most cases of an ADS in a scenario for which drivers are left
 class PointReference:
     """The human drivers of one concrete scenario, with the drives that ended well.
 
-    cases: keys of these drives.
+    cases: names of these drives' cases.
     drivers: driver of each drive.
     recorded: number of recorded drivers among them.
     note: on a reference with too few recorded drivers; None: it has enough.
@@ -134,13 +134,14 @@ def as_driven(chosen: Sample, driven: FloatArray, *, whole: bool) -> Sample:
     whole: whether all points of the sample must have been driven.
     """
     there = ~np.isnan(driven[:, 0])
-    spare = len(chosen.points) - len(driven)
+    spare = len(chosen.points) - len(driven)  # chosen points that were not driven
     if (
         spare >= 0
         and not (whole and spare)
         and np.array_equal(chosen.points[: len(driven)][there], driven[there])
     ):
         return chosen
+    # a point that was not driven gets the values of the first one that was
     known = sample_of(np.where(there[:, None], driven, driven[there][0]), chosen.method)
     return known if len(chosen.points) else replace(known, notes=chosen.notes)
 
@@ -163,9 +164,9 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
         space.progress(f"{space.name}: weights of the points", done, len(values))
     if space.points.stands_for is not None:
         weights = weights * space.points.stands_for[:points]
-    usable, compared = np.zeros(points, dtype=np.bool_), False
+    usable, any_drivers = np.zeros(points, dtype=np.bool_), False
     for point, drivers, recorded in space.store.drivers_at_points(space.name):
-        usable[point], compared = _usable(drivers, recorded, space.settings.drivers)[1], True
+        usable[point], any_drivers = _usable(drivers, recorded, space.settings.drivers)[1], True
 
     driven, with_index = _points_of_ads(space, usable & ~hazardous)
     all_values = np.full((points, values.shape[1]), np.nan)
@@ -174,9 +175,9 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
         hazardous,
         weights,
         all_values,
-        space.logical.has_drivers or compared,
-        {name: np.array(its, dtype=np.intp) for name, its in driven.items()},
-        {name: jackknifed(its) for name, its in with_index.items()},
+        space.logical.has_drivers or any_drivers,
+        {name: np.array(of_ads, dtype=np.intp) for name, of_ads in driven.items()},
+        {name: jackknifed(of_ads) for name, of_ads in with_index.items()},
     )
 
 
@@ -239,10 +240,11 @@ def compare_with_people(
     compared: Mapping[int, PointReference],
     unhit: Mapping[str, Sequence[Fact]],
 ) -> DriverComparison:
-    """Compare every evaluated case at a usable point with the drivers there, and these with each
-    other.
+    """Eqs. 9-12: D_i of every evaluated case at a point with a usable reference, and of the drivers
+    there.
 
-    compared: the drivers of `points`.
+    points: numbers of the points.
+    compared: drivers of these points.
     unhit: drives of each ADS at the safe ones of these points, without contact.
     """
     settings = space.settings
@@ -257,7 +259,7 @@ def compare_with_people(
                     left_out[fact.point].append(fact.case)
     jobs = {}
     for point, reference in usable.items():
-        band = len(reference.cases) >= FEWEST_FOR_A_BAND
+        band = len(reference.cases) >= FEWEST_FOR_A_BAND  # whether to compare the drivers
         if cases[point] or band:
             jobs[point] = PointJob(
                 reference.cases,
@@ -282,11 +284,14 @@ def compare_with_people(
         progress,
         space.kept,
     )
-    bands = zip(jobs, (result.band for result in results), strict=True)
     return DriverComparison(
         compared,
         {case: index for result in results for case, index in result.indexes.items()},
-        {point: band for point, band in bands if band is not None},
+        {
+            point: result.band
+            for point, result in zip(jobs, results, strict=True)
+            if result.band is not None
+        },
         {case: found for result in results for case, found in result.left_out.items()},
         {case: usable[point].drivers for point in jobs for case in left_out[point]},
     )

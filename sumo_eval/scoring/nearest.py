@@ -1,4 +1,4 @@
-"""Cases of a run by their parameters: those nearest to given values."""
+"""Cases of a run by their parameters: those nearest to given values, for the command line."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ def nearest(
 
     Distance: in the unit box, over the parameters that are given.
 
-    ads, scenario: only those; None: every ADS, and the first scenario that has all of these
-        parameters.
+    values: of some parameters.
+    ads: only this ADS; None: every ADS.
+    scenario: its name; None: the first scenario that has all of these parameters.
     Raises InputError for one that the run does not have.
     """
     scenarios = evaluation.scenarios

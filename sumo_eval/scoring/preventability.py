@@ -79,7 +79,7 @@ def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
         ("undecided", _incident(cases) & np.isnan(beside)),
         ("not evaluated", ~cases.counted),
     )
-    for verdict, holds in rules:  # of several that hold it is the last
+    for verdict, holds in rules:  # of several that hold the last one counts
         found[holds] = verdict
     return found
 
@@ -95,10 +95,11 @@ def _incidents_at(cases: CaseTable, reference: CaseTable) -> FloatArray:
     """
     if not len(reference):
         return np.full(len(cases), np.nan)
-    at, its = point_numbers([cases, reference])
-    found = np.full(int(max(at.max(initial=0), its.max(initial=0))) + 1, np.nan)
-    found[its] = np.where(reference.counted, _incident(reference).astype(np.float64), np.nan)
-    return found[at]
+    points, reference_points = point_numbers([cases, reference])
+    last = max(points.max(initial=0), reference_points.max(initial=0))
+    incidents = np.full(int(last) + 1, np.nan)  # by number of the point
+    incidents[reference_points] = np.where(reference.counted, _incident(reference), np.nan)
+    return incidents[points]
 
 
 def preventability(evaluation: Evaluation) -> tuple[Preventability, ...]:

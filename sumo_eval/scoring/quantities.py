@@ -54,7 +54,7 @@ from sumo_eval.trajectory import NO_RETURN, BoolArray
 _RECORDED = {item.name for item in fields(CaseResult)} & {item.name for item in fields(Fact)} - {
     "clips"
 }
-"""Fields that a row takes from its fact unchanged; clips become one text (`tabulate`)."""
+"""Fields that a row takes from its fact unchanged. `tabulate` makes one text of the clips."""
 STRUCK_FROM_BEHIND = "struck_from_behind"
 """Clip of a collision in which a vehicle that reacts ran into the ego's rear; `applied`: time that
 the ego had been in the lane, s."""
@@ -70,8 +70,8 @@ class Remarks:
         self._beyond: Counter[str] = Counter()  # why the severity is out of its range -> collisions
         self._batched: Counter[str] = Counter()  # `Fact.batched` -> drives
         self._clips: Counter[str] = Counter()  # kind of a clip -> drives
-        self._safe: set[int] = set()  # points with a drive of a reference
-        self._struck: set[int] = set()  # points at which one of them collides
+        self._safe: set[int] = set()  # safe points with a drive of a reference
+        self._struck: set[int] = set()  # safe points at which such a drive collides
 
     def add(self, facts: Sequence[Fact], references: Sequence[Fact], severity: Severity) -> None:
         """Count some drives.
@@ -98,7 +98,7 @@ class Remarks:
         plausible: notes on the drivers of the plausibility.
         cases: all cases of the ADS.
         """
-        ended: Counter[str] = Counter()
+        ended = Counter[str]()  # status -> drives of human drivers
         for scenario, role, _, status, number, _ in space.store.counts():
             if (scenario, role) == (space.name, "human"):
                 ended[status] = number
@@ -145,9 +145,10 @@ def harm_at(
     idle: Sequence[Fact],
     tasks: Mapping[str, TaskOfDrive],
 ) -> dict[int, dict[str, Any]]:
-    """Point -> fields that all cases there share: r, Ug, U0, and PET and time to the conflict if no
-    vehicle reacts.
+    """Point -> fields that all cases there share: r (Eq. 16), Ug (Eq. 17), U0, and PET and time to
+    the conflict if no vehicle reacts.
 
+    known: weights of the points.
     idle: the drives of `no_reaction` at these points.
     tasks: departures, by case.
     """
@@ -174,7 +175,7 @@ def _reference(
     """Fields on the drive of a reference: Ug or U0, 0 where it avoids the contact. If it could not
     be evaluated, U is None and a second field has the reason.
 
-    least: severity of its departure from the road, m/s, which U is at least.
+    least: least U, m/s: that of its departure from the road.
     """
     if fact.status not in EVALUATED:
         return {f"{who}_severity": None, f"{who}_error": fact.error or fact.status}
@@ -308,10 +309,11 @@ def combine(
     c, d = values["c"], values["d"]
     safe, collided, indexed = cases.safe, cases.collided, np.isfinite(cases.index)
     safe_cases, safe_hits = _number(safe), _number(safe & collided)
+    # cases that are missing from a mean; from D only where there may be one
     lacks, voiding = cases.missing, _number(cases.voids_index)
     if not voiding and people:
         lacks = lacks | (cases.counts_for_index & ~indexed)
-    # + drops zones with 0
+    # their number by zone; + drops zones with 0
     missing = +Counter[Zone]({"safe": _number(lacks & safe), "hazardous": _number(lacks & ~safe)})
     bounds = missing_bounds(cases, terms, values, method, people=people) if missing else {}
     if missing:

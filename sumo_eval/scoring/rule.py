@@ -168,6 +168,11 @@ class Ends:
         return self.collided | self.departed | self.gave_up | self.not_evaluated | self.missed
 
 
+def both_ends(one: AdsComparison) -> tuple[Ends, Ends]:
+    """Ends of the paired cases in the base and in the new run."""
+    return Ends.of(one.changed.paired.base), Ends.of(one.changed.paired.new)
+
+
 ENDS = {
     "collided": "collided", "departed": "left the road", "gave_up": "gave up",
     "not_evaluated": "not evaluated", "missed": "missed a requirement",
@@ -203,8 +208,8 @@ class Worse:
 
 
 def worse_ends(base: Ends, new: Ends, severity_by: float) -> dict[str, BoolArray]:
-    """Part one: flags (n,) of the cases that ended worse, by the name of the end in `ENDS`, and as
-    `severity` of a higher U.
+    """Part one: flags of the cases that ended worse, (n,), by end: a name of `ENDS`, or `severity`
+    for a higher U.
 
     An end counts if the case did not have it in the base. A case is flagged once.
 
@@ -243,12 +248,11 @@ def severity_limit(settings: GateSettings, repeats: Repeats, units: tuple[str, s
 
 def newly_bad(one: AdsComparison, settings: GateSettings, repeats: Repeats) -> dict[str, Worse]:
     """Part one: the pairs that ended worse, by the names of `worse_ends`, with their U."""
-    base, new = (Ends.of(cases) for cases in (one.changed.paired.base, one.changed.paired.new))
+    base, new = both_ends(one)
     ends = worse_ends(base, new, severity_limit(settings, repeats, one.units))
-    before, after = base.severity, new.severity
-    return {
-        name: Worse.of(one, flags, after - before, (before, after)) for name, flags in ends.items()
-    }
+    values = base.severity, new.severity
+    rise = new.severity - base.severity
+    return {name: Worse.of(one, flags, rise, values) for name, flags in ends.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -303,7 +307,8 @@ def tally(
         by = worsening(before, after, measure)
         limit = tolerance(before, measure, floor) * (1.0 + LAST_DIGIT)
         if near and measure.zone is not None:
-            sign = 1.0 if measure.higher_is_better else -1.0  # below the limit is inside then
+            # the sign makes the worse value the smaller one
+            sign = 1.0 if measure.higher_is_better else -1.0
             there &= np.fmin(sign * before, sign * after) < sign * measure.zone
         flags = there & (by > limit)
         kept = float(kept_margin(before, after, measure)[flags].min(initial=kept))
@@ -381,7 +386,7 @@ def only_improved(comparison: Comparison, settings: GateSettings) -> bool:
     measures = [measure for measure in watched if measure.quantity not in TIMED]
     better = False
     for one in comparison.ads:
-        base, new = (Ends.of(cases) for cases in (one.changed.paired.base, one.changed.paired.new))
+        base, new = both_ends(one)
         least = 0.0 if one.one_unit else math.inf  # U in two units cannot be compared
         if any(flags.any() for flags in worse_ends(base, new, least).values()):
             return False

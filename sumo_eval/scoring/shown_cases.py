@@ -1,4 +1,4 @@
-"""Choice of cases for a page, where a run has more than a page can hold."""
+"""Choice of the cases on the report's page, where a run has more than a page can hold."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from sumo_eval.trajectory import FloatArray
 
 # cases that the page has, of all ADSs and scenarios together: with more it would be over 10 MB
 MOST_SHOWN = 5_000
-# a case that is named elsewhere, not evaluated, with an incident; others at most 1
+# weight in the choice of a named case, one that was not evaluated, and the least one of an incident
+# (at most HIT + 1); any other case weighs at most 1
 _NAMED, _LOST, HIT = 5.0, 4.0, 2.0
 
 
 def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str, IntArray]:
-    """Cases that the page has, by scenario: their places among those of each of its ADSs.
+    """Cases on the page: of each scenario their indices among the cases of any of its ADSs.
 
-    Half of them tell most: not evaluated, incidents by U, the least human-like; the other half lie
-    evenly among the rest.
+    named: cases of failed limits, which come first, with the worst case and the least human-like
+        one.
 
-    named: cases of failed limits; with the worst case and the least human-like one they tell more
-        than all others.
+    Half of the cases weigh most (`telling`): not evaluated, incidents by U, then the least
+    human-like. The other half lie evenly among the rest.
     """
     cases = {
         zone.scenario: [
@@ -37,25 +38,26 @@ def shown_cases(evaluation: Evaluation, named: Collection[str] = ()) -> dict[str
     if sum(len(table) for tables in cases.values() for table in tables) <= MOST_SHOWN:
         return {name: np.arange(number) for name, number in most.items()}
     order = [one.ads for one in ranked(evaluation)]
-    first = worst_case(evaluation, order), least_human(evaluation, order[0])
-    named = {*named, *(one.case for one in first if one)}
+    extremes = worst_case(evaluation, order), least_human(evaluation, order[0])
+    named = {*named, *(one.case for one in extremes if one)}
     quota = max(MOST_SHOWN // max(len(evaluation.scores), 1), 2)
-    found = {}
+    shown = {}
     for name, tables in cases.items():
-        tells = np.zeros(most[name])
+        weights = np.zeros(most[name])
         for table in tables:
-            tells[: len(table)] = np.maximum(tells[: len(table)], telling(table, named))
-        few = min(quota, len(tells))
-        told, rest = np.split(np.argsort(-tells, kind="stable"), [few // 2])
-        evenly = np.sort(rest)[np.arange(few - few // 2) * len(rest) // (few - few // 2 or 1)]
-        found[name] = np.sort(np.concatenate([told, evenly]))
-    return found
+            weights[: len(table)] = np.maximum(weights[: len(table)], telling(table, named))
+        number = min(quota, len(weights))
+        first, rest = np.split(np.argsort(-weights, kind="stable"), [number // 2])
+        further = number - number // 2
+        evenly = np.sort(rest)[np.arange(further) * len(rest) // max(further, 1)]
+        shown[name] = np.sort(np.concatenate([first, evenly]))
+    return shown
 
 
 def telling(cases: CaseTable, named: Collection[str] = ()) -> FloatArray:
-    """Weight of each case in a choice: how much it tells a reader, (n,)."""
+    """Weight of each case in a choice, (n,): how much it tells a reader."""
     severity = np.nan_to_num(cases.incident_severity)
     harm = HIT + severity / max(float(severity.max(initial=0.0)), 1.0)
-    tells = np.where(cases.incident, harm, np.nan_to_num(1.0 - cases.human_likeness))
-    tells = np.where(cases.evaluated, tells, _LOST)
-    return np.where(np.isin(cases.case, list(named)), _NAMED, tells)
+    weights = np.where(cases.incident, harm, np.nan_to_num(1.0 - cases.human_likeness))
+    weights = np.where(cases.evaluated, weights, _LOST)
+    return np.where(np.isin(cases.case, list(named)), _NAMED, weights)

@@ -71,21 +71,22 @@ class ScenarioRun:
         work: Work[Job],
         at_once: int,
     ) -> dict[str, bytes]:
-        """Results by case: those that the run keeps under the keys, all others computed in
-        processes and kept.
+        """Results by case, from the cache, or computed in processes and kept.
 
-        jobs_of: cases without a result -> jobs.
+        kind: of the results.
+        keys: of the results, by case.
+        jobs_of: function from cases without a result to jobs.
         at_once: jobs that a process does before it answers.
         """
-        parts = {case: self.kept.get(kind, key) for case, key in keys.items()}
-        found = {case: data for case, data in parts.items() if data is not None}
-        jobs = jobs_of(keys.keys() - found.keys())
+        cached = {case: self.kept.get(kind, key) for case, key in keys.items()}
+        results = {case: data for case, data in cached.items() if data is not None}
+        jobs = jobs_of(keys.keys() - results.keys())
         starts = range(0, len(jobs), at_once)
-        some = [jobs[first : first + at_once] for first in starts]
+        parts = [jobs[first : first + at_once] for first in starts]
         do_jobs = partial(_do_jobs, self.store.path, work)
-        new = dict(chain.from_iterable(self.spread(do_jobs, some) if some else ()))
+        new = dict(chain.from_iterable(self.spread(do_jobs, parts) if parts else ()))
         self.kept.put((kind, keys[case], 0, data) for case, data in new.items())
-        return found | new
+        return results | new
 
 
 def _do_jobs(path: Path, work: Work[Job], jobs: Sequence[Job]) -> list[tuple[str, bytes]]:

@@ -77,9 +77,9 @@ class Scoring:
 
     def scores(self, rows: RowWriter) -> Scores:
         """The paper's six steps in every scenario, then the ranking of the ADSs."""
-        # One thread: these matrices gain little from more, several wait for each other where the
-        # machine is busy (five times the processor time at a load of six), and sums may differ by a
-        # bit with their number.
+        # One thread: these matrices gain little from more threads, which wait for each other on a
+        # busy machine (five times the processor time), and with their number sums may differ by a
+        # bit.
         with threadpool_limits(1):
             done = [score_scenario(self._space(*named), rows) for named in self.run.entries]
         zones = tuple(zones for zones, _ in done)
@@ -97,10 +97,11 @@ class Scoring:
             return True
         points = defaultdict[str, set[str]](set)
         for case, _, ads in self.store.names("ads"):
-            points[ads].add(case.removesuffix(ads))  # scenario and number of the point
+            points[ads].add(case.removesuffix(ads))  # what is left names scenario and point
         return len(set(map(frozenset, points.values()))) == 1
 
     def _space(self, entry: ScenarioSettings, logical: LogicalScenario) -> ScenarioRun:
+        """One scenario of the run."""
         settings = self._settings_in(logical.name)
         reference = settings.method.task.task_reference
         return ScenarioRun(
@@ -123,8 +124,8 @@ class Scoring:
         """The points that the settings choose now; none, with a note, where a file that they need
         is gone or has a mistake.
 
-        Recordings need not be there and are not read: where the choice needs their density, it has
-        no points, without a note.
+        Scoring reads no recordings. Where the choice needs a density from recordings there are no
+        points, and no note.
         """
         settings, source = self.run.settings, self.run.source
         recorded = entry.exposure.kind == "recorded"
@@ -135,10 +136,8 @@ class Scoring:
             return choose_points(logical, entry, source, settings, density)
         except InputError as error:
             none = sample_of(np.empty((0, len(logical.names))), entry.sampling.method or "")
-            why = (
-                f"The settings choose no points any more, so those that were driven count: {error}"
-            )
-            return none if recorded else replace(none, notes=(why,))
+            why = "The settings choose no points any more, so those that were driven count"
+            return none if recorded else replace(none, notes=(f"{why}: {error}",))
 
 
 Scored = list[tuple[ScenarioResult, ScoreIntervals | None]]
@@ -151,22 +150,26 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
     # 1  safe and hazardous zones, Eqs. 1-8
     key = zones_key(space.entry, space.settings, space.source)
     zones = kept_zones(space.logical, method.zones, space.kept, key)
-    known = survey(space, zones, key)  # 2  the ADSs in every concrete scenario
+    # 2  the ADSs in every concrete scenario
+    known = survey(space, zones, key)
     plausible = plausible_people(space.logical, space.store, method.plausibility)
     remarks = {ads.name: Remarks() for ads in space.settings.ads}
     left_out: dict[str, LeftOut] = {}
     present: dict[str, Sequence[str]] = {}
     for first in range(0, len(known.weights), POINTS_AT_ONCE):
         some = range(first, min(first + POINTS_AT_ONCE, len(known.weights)))
-        compared = score_points(space, known, some, plausible.people, remarks, rows)  # 3 to 5
+        # 3 to 5  D_i, losses and weights of the cases, Eqs. 9-12 and 14-16
+        compared = score_points(space, known, some, plausible.people, remarks, rows)
         left_out |= compared.left_out
         present |= compared.present
     tables = [rows.rows(ads.name, space.name) for ads in space.settings.ads]
-    scores = [  # 6  Eqs. 13, 17, 18; T, A', H, S+
+    # 6  C, D and S, Eqs. 13, 17, 18; T, A', H, S+
+    scores = [
         _combined(space, known, name, table, remark.notes(name, space, plausible.notes, table))
         for (name, remark), table in zip(remarks.items(), tables, strict=True)
     ]
 
+    # intervals, and the summary of the zones
     points = as_driven(space.points, known.points, whole=not space.settings.run.only)
     places = [known.driven[name] for name in remarks]  # of each ADS the points of its cases
     deviations = [
@@ -204,13 +207,13 @@ def _exchangeable(space: ScenarioRun, points: Sample) -> Strata:
 
 
 def _on_points(space: ScenarioRun, points: Sample, places: Sequence[IntArray]) -> Iterator[str]:
-    """Sentences on points that are not those of the settings, or not all of them.
+    """Sentences for a run whose points are not those of the settings, or not all of them.
 
     points: those that were driven.
     places: of each ADS the numbers of the points of its cases.
     """
     chosen = space.points
-    # what recordings would choose is not known
+    # the choice by recordings is not known
     if points is not chosen and len(chosen.points) and space.entry.exposure.kind != "recorded":
         yield "The settings choose other points now, so those that were driven count."
     if space.settings.run.only:
@@ -229,10 +232,12 @@ def score_points(
     remarks: Mapping[str, Remarks],
     rows: RowWriter,
 ) -> DriverComparison:
-    """Steps 3 to 5 at some points: add every ADS's cases there to `rows`, and what is to be noted
-    on them to `remarks`.
+    """Steps 3 to 5 at some points: add every ADS's cases there to `rows`, and notes on them to
+    `remarks`.
 
-    people: those whose driving makes a case plausible.
+    known: zones and weights of all points.
+    points: numbers of the points.
+    people: whose driving the plausibility is computed from.
     """
     drives: dict[str, list[Fact]] = {ads.name: [] for ads in space.settings.ads}
     for fact in space.facts_at(points, "ads"):
@@ -241,17 +246,21 @@ def score_points(
     drivers = space.facts_at(points, "human")
     unreacting = space.facts_at(points, "no_reaction")
     cars = space.facts_at(points, "task_reference") if space.car else []
-    unhit = {  # 3  the cases that may have a D_i: safe, without a collision
+    # 3  the cases that may have a D_i: safe, without a collision
+    unhit = {
         name: [fact for fact in facts if not known.hazardous[fact.point] and fact.collision is None]
         for name, facts in drives.items()
     }
+    # 4  D_i, Eqs. 9-12
     by_point = references(drivers, space.settings.drivers)
-    compared = compare_with_people(space, known, points, by_point, unhit)  # 4  D_i, Eqs. 9-12
+    compared = compare_with_people(space, known, points, by_point, unhit)
     egos = [*unreacting, *(fact for facts in drives.values() for fact in facts)]
     # not in the paper: departures and t_i
     tasks = tasks_of_drives(egos, [*drivers, *cars], space)
-    harm = harm_at(space, known, points, unreacting, tasks)  # 5  U, L, Ug, r, Eqs. 14-16
-    files = (  # stands for all that a scenario's measures depend on
+    # 5  U, L, Ug, r, Eqs. 14-16
+    harm = harm_at(space, known, points, unreacting, tasks)
+    # a hash of the files that a scenario's measures depend on
+    files = (
         f"{space.entry.use} {space_key(space.entry, space.source)} "
         f"{sources('scenario', 'settings')}"
     )

@@ -14,10 +14,10 @@ from sumo_eval.scoring.map_view import View, slice_points
 from sumo_eval.trajectory import FloatArray
 
 LATTICE_POINTS = 32_000  # about, of the lattice of a whole space
-# where the criticality of each point is searched: 3 ms a point
-SEARCHED_CELLS, SEARCHED_LATTICE_POINTS = 16, 1_500
-LEAST_LATTICE, MOST_LATTICE = 4, 73  # points on each axis of it
+LEAST_LATTICE, MOST_LATTICE = 4, 73  # points on each axis of the lattice
 MAP_CELLS = 72  # cells on each axis of a zone map's background
+# both where the criticality of each point is searched, which takes 3 ms
+SEARCHED_CELLS, SEARCHED_LATTICE_POINTS = 16, 1_500
 
 Levels = NDArray[np.int16]
 
@@ -25,8 +25,9 @@ Levels = NDArray[np.int16]
 class ZoneLevels(NamedTuple):
     """The zones at points, (n,) each.
 
-    gp, exact: what the GP learnt and the closed form, 32000 y: 0 is the boundary, above it is safe.
-    rooms: that of each constraint; impossible is where one of them is below 0.
+    gp: y of the GP, times 32000; 0 is the boundary, above it is safe.
+    exact: y of the criterion itself, in the same way.
+    rooms: of each constraint its room (`rooms_of`); a point is impossible where one is below 0.
     """
 
     gp: Levels

@@ -1,5 +1,5 @@
 """Confidence in an evaluation: intervals, risk, coverage and further cases, put together from its
-scores and rows.
+scores and rows. `report.confidence` shows it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FURTHER = 20  # cases that are proposed
 class Risk:
     """Exposure-weighted collision probability and expected loss L (Eq. 14) of an encounter.
 
-    effective_cases: how many equally frequent cases would tell as much (Kish).
+    effective_cases: number of equally frequent cases with the same information (Kish).
     """
 
     collision_probability: Interval
@@ -122,8 +122,8 @@ def intervals_of(score: ScenarioResult) -> dict[str, Interval]:
 
 
 def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
-    """Points of S by which each case moves it, (n,): the first-order effect of its weight on C and
-    D.
+    """Points of S by which each case moves it, (n,), with its share of the mean C or D: to first
+    order.
     """
     moved, whole = np.zeros(len(terms.exposure)), worth(method.score)
     hit = np.isfinite(terms.ratio) & np.isfinite(terms.weight)
@@ -152,12 +152,13 @@ def risk_of(evaluation: Evaluation, score: ScenarioResult) -> Risk | None:
 def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] = ()) -> Risk:
     """Collision probability and expected loss, with intervals from a bootstrap over the cases.
 
-    exposure: p (n,) of the evaluated cases.
-    loss: L (n,), 0 without a collision.
+    exposure: p_i of the evaluated cases, (n,).
+    loss: L of Eq. 14, (n,), 0 without a collision.
     name: of the random stream.
 
-    Where no case with exposure, or every one, collided, all replicates are alike. Then the other
-    end is the exact binomial limit for n effective cases: 1 - ((1 - level) / 2)^(1 / n) away.
+    Where no case with exposure collided, or each of them, all replicates are alike. Then the end of
+    the interval that is not the value is the exact binomial limit for n effective cases, at a
+    distance of 1 - ((1 - level) / 2)^(1 / n).
     """
     n = len(exposure)
     if n < 2 or not exposure.sum() > 0.0:
@@ -169,7 +170,7 @@ def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] 
     for part in resamples(one_list(n), REPLICATES, seed, ("risk", *name)):
         sums += part.counts @ terms[part.places]
     over, hits, losses = sums.T
-    drawn = over > 0.0
+    drawn = over > 0.0  # replicates with exposure
     effective = float(exposure.sum() ** 2 / np.sum(exposure**2))
     tail = (1.0 - LEVEL) / 2.0
     unseen = 1.0 - tail ** (1.0 / effective)

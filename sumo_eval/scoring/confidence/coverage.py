@@ -1,4 +1,4 @@
-"""Coverage of a space by its sample."""
+"""Coverage of a space by its sample, for `assessment`."""
 
 from __future__ import annotations
 
@@ -14,15 +14,17 @@ from sumo_eval.scenario.logical import LogicalScenario, Parameter
 from sumo_eval.scenario.sampling.drawn_points import steadily
 from sumo_eval.trajectory import FloatArray
 
-BUCKETS = 5  # of each parameter's range
-COUNTED = 2**15  # evenly spread points that stand for the space
+BUCKETS = 5  # equal parts of each parameter's range
+COUNTED = 2**15  # number of evenly spread points that stand for the space
 RESOLVED = 0.1  # unit-box lengths within which both sides of the boundary need a case
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairCoverage:
-    """Cases in the buckets of two parameters: counts (buckets of y, buckets of x); -1 where no
-    point is possible.
+    """Number of cases in each pair of buckets of two parameters.
+
+    x, y: names of the parameters.
+    counts: (buckets of y, buckets of x); -1 where no point is possible.
     """
 
     x: str
@@ -32,10 +34,12 @@ class PairCoverage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpaceCoverage:
-    """buckets: name -> (hit, possible).
-    pairs: the same of every pair of parameters, as counts.
-    empty_radius, empty_centre: largest ball of the unit box, centred at a possible point, without a
-        case.
+    """Coverage of one space.
+
+    buckets: parameter -> number of its buckets with a case, and of those that are possible.
+    pairs: cases by every pair of parameters.
+    empty_radius, empty_centre: largest ball without a case that is centred at a possible point;
+        radius in unit-box lengths, centre by parameter.
     boundary_resolved: share of the zone boundary with a case within 0.1 unit-box lengths on each
         side; None without a boundary.
     exposure_inside: share of all encounters whose parameters lie in the ranges, by the parameters'
@@ -59,34 +63,37 @@ class SpaceCoverage:
 def space_coverage(zones: ZonePartition, points: FloatArray) -> SpaceCoverage:
     """Coverage by cases at `points` (n, k) of the space that `zones` partitions."""
     logical = zones.logical
-    everywhere = logical.from_shares(steadily(len(logical.names), COUNTED))
-    # a narrow space may hold no other point
-    everywhere = np.concatenate([everywhere[logical.feasible(everywhere)], points])
-    place, known = _buckets(logical, points), _buckets(logical, everywhere)
+    possible = logical.from_shares(steadily(len(logical.names), COUNTED))
+    # with the points, because of a narrow space none of the evenly spread ones may be possible
+    possible = np.concatenate([possible[logical.feasible(possible)], points])
+    hit, reachable = _buckets(logical, points), _buckets(logical, possible)
     sizes = [len(item.values) or BUCKETS for item in logical.parameters]
-    hits = [[len(np.unique(column)) for column in each.T] for each in (place, known)]
+    buckets = {
+        name: (len(np.unique(hit[:, column])), len(np.unique(reachable[:, column])))
+        for column, name in enumerate(logical.names)
+    }
     pairs = []
     for x, y in itertools.combinations(range(len(sizes)), 2):
         counts = np.full((sizes[y], sizes[x]), -1.0)
-        counts[known[:, y], known[:, x]] = 0.0
-        np.add.at(counts, (place[:, y], place[:, x]), 1.0)
+        counts[reachable[:, y], reachable[:, x]] = 0.0
+        np.add.at(counts, (hit[:, y], hit[:, x]), 1.0)
         pairs.append(PairCoverage(logical.names[x], logical.names[y], counts))
     unit = logical.to_unit(points)
-    distance = np.asarray(KDTree(unit).query(logical.to_unit(everywhere))[0])
+    distance = np.asarray(KDTree(unit).query(logical.to_unit(possible))[0])
     emptiest = int(np.argmax(distance))
     return SpaceCoverage(
-        buckets=dict(zip(logical.names, zip(*hits, strict=True), strict=True)),
+        buckets=buckets,
         pairs=tuple(pairs),
         empty_radius=float(distance[emptiest]),
-        empty_centre=dict(zip(logical.names, everywhere[emptiest].tolist(), strict=True)),
+        empty_centre=dict(zip(logical.names, possible[emptiest].tolist(), strict=True)),
         boundary_resolved=_resolved(zones, points),
         exposure_inside=_inside(logical.parameters),
     )
 
 
 def _buckets(logical: LogicalScenario, points: FloatArray) -> np.ndarray:
-    """Number of the bucket (n, k) of each point on each axis; listed values are buckets of their
-    own.
+    """Index of the bucket of each point along each parameter, (n, k). Each of a parameter's listed
+    values is a bucket of its own.
     """
     columns = []
     for column, item in enumerate(logical.parameters):
@@ -100,6 +107,7 @@ def _buckets(logical: LogicalScenario, points: FloatArray) -> np.ndarray:
 
 
 def _resolved(zones: ZonePartition, points: FloatArray) -> float | None:
+    """`boundary_resolved` of `SpaceCoverage`."""
     boundary = zones.boundary
     if not len(boundary):
         return None
@@ -111,6 +119,7 @@ def _resolved(zones: ZonePartition, points: FloatArray) -> float | None:
 
 
 def _inside(parameters: tuple[Parameter, ...]) -> float | None:
+    """`exposure_inside` of `SpaceCoverage`."""
     shares = [
         item.distribution.inside(item.low, item.high)
         for item in parameters

@@ -25,16 +25,21 @@ from sumo_eval.record.store import RECORDED
 from sumo_eval.settings import DriverSettings, PopulationSettings
 from sumo_eval.trajectory import FloatArray
 
-INCLINATION = "share who overtake"  # the name of the error that the rounding makes
+INCLINATION = "share who overtake"  # name of the error by the rounding
 _SYNTHETIC = re.compile(r"driver_(\d+)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriverDeviations:
-    """Standard errors of D (index) and H (likeness) by driver, (k,), with their signs: the error of
-    a score is the sum over drivers of so much times a standard normal number.
+    """Errors of D and H by the choice of k drivers.
 
-    freedom: degrees of freedom. Empty: not known.
+    The error of a score is the sum over the drivers of their deviations, each times a random number
+    of the driver (`intervals.driver_deviates`).
+
+    names: of the drivers; none: the deviations are not known.
+    index: standard deviation of D by each driver, with its sign, (k,).
+    likeness: the same of H, (k,).
+    freedom: degrees of freedom.
     """
 
     names: tuple[str, ...]
@@ -53,10 +58,11 @@ def driver_deviations(
     settings: DriverSettings,
     seed: int,
 ) -> DriverDeviations:
-    """Of one ADS in one scenario.
+    """The deviations of one ADS in one scenario.
 
-    left_out: what some of its cases get without each driver;
-    present: who drove there, both by case.
+    cases: of the ADS.
+    left_out: results of some of these cases without each of their drivers, by case.
+    present: the drivers of these cases, by case.
 
     The same driver is left out of all cases at once, because it is the same person.
     """
@@ -65,41 +71,41 @@ def driver_deviations(
     names = sorted({name for case in chosen for name in present[case]})
     if len(names) < 3 or not weights.any():  # a deviation needs two that stay
         return NO_DEVIATIONS
-    found, drove = [left_out[case] for case in chosen], [list(present[case]) for case in chosen]
+    results, drivers = [left_out[case] for case in chosen], [list(present[case]) for case in chosen]
     plausible = np.nan_to_num(cases.plausibility[there])
 
     def mean(values: ArrayLike) -> FloatArray:
-        """Over the cases, of values (..., cases)."""
+        """Mean over the cases, by exposure, of values (..., cases)."""
         return np.asarray((np.array(values) @ weights) / weights.sum())
 
+    # of each case without each driver; a driver that it does not have changes nothing
     index = [
         [
-            one.without[who.index(name)] if name in who else one.everyone
-            for one, who in zip(found, drove, strict=True)
+            one.without[of_case.index(name)] if name in of_case else one.everyone
+            for one, of_case in zip(results, drivers, strict=True)
         ]
         for name in names
     ]
-    likeness = np.array(
+    likeness = [
         [
-            [
-                one.likeness_without[who.index(name)] if name in who else one.likeness
-                for one, who in zip(found, drove, strict=True)
-            ]
-            for name in names
+            one.likeness_without[of_case.index(name)] if name in of_case else one.likeness
+            for one, of_case in zip(results, drivers, strict=True)
         ]
-    )
-    index_change = mean([one.exchanged - one.everyone for one in found])
-    likeness_change = mean(plausible * [one.likeness_exchanged - one.likeness for one in found])
+        for name in names
+    ]
+    index_change = mean([one.exchanged - one.everyone for one in results])
+    likeness_change = mean(plausible * [one.likeness_exchanged - one.likeness for one in results])
     likened = cases.safe & np.isfinite(cases.human_likeness)
     whole, calm = (
         sum(cases.exposure[part].tolist()) for part in (likened, likened & ~cases.incident)
     )
     groups = [_group(name, settings, seed) for name in names]
-    share = settings.population.overtake_share if groups.count(None) == 0 else 1.0
+    share = 1.0 if None in groups else settings.population.overtake_share
     errors, likeness_errors = (
         stratified_deviations(mean(values), groups, share, float(change))
-        for values, change in ((index, index_change), (likeness * plausible, likeness_change))
+        for values, change in ((index, index_change), (plausible * likeness, likeness_change))
     )
+    # drivers move H only in cases without an incident: their share of H
     compared = calm / whole if whole else 0.0
     freedom = max(len(names) - len(set(groups)), 1)
     return DriverDeviations((*names, INCLINATION), errors, compared * likeness_errors, freedom)
@@ -108,13 +114,15 @@ def driver_deviations(
 def exchanges(
     names: Sequence[str], settings: DriverSettings, seed: int
 ) -> tuple[tuple[int, int], ...]:
-    """Other results that rounding the number of overtaking drivers could give, as near as the
-    drivers who are there can show it: places of one who is left out and of one of the other group
-    who counts twice.
+    """Exchanges of drivers that imitate the other result of rounding the number of overtakers: the
+    index of a driver that is left out, and of one of the other group that counts twice.
 
-    With overtakers rounded up each of them leaves once, with followers rounded up each follower;
-    who counts twice goes round. Empty unless all drivers are synthetic, and some of them overtake
-    and some follow.
+    names: of the drivers.
+    settings: population of the synthetic drivers.
+
+    If the overtakers were rounded up, each of them is left out once, else each follower. Those of
+    the other group count twice in order, again and again. Empty unless all drivers are synthetic,
+    and some overtake and some follow.
     """
     groups = [_group(name, settings, seed) for name in names]
     if set(groups) != {True, False}:
@@ -131,16 +139,22 @@ def exchanges(
 def stratified_deviations(
     without: FloatArray, groups: Sequence[bool | None], share: float = 1.0, change: float = 0.0
 ) -> FloatArray:
-    """Errors of a value from what it is without each of n drivers, (n + 1,): each driver's, and
-    that of the rounding.
+    """Errors of a value by each of n drivers, and by the rounding of the number of overtakers,
+    (n + 1,).
 
-    In a group h of n_h drivers: sqrt(n_h/(n_h - 1)) (n - 1)/n (value without driver j - their mean
-    in the group); their squares add up to the variance of a stratified sample, and to the plain
-    jackknife's if there is one group. The number of those who overtake (True) is n times `share`,
-    rounded at random: a deviation of sqrt(f (1 - f)) drivers, f its fraction, times `change`: what
-    one driver instead of one of the other group does to the value, told by one who counts
-    twice (`exchanges`). Leaving out alone does not tell it: no driver replaces them, and with
-    one of two followers gone it speaks of a population that is never drawn.
+    without: the value without each driver, (n,).
+    groups: of each driver.
+    share: of drivers who overtake (group True), before rounding.
+    change: of the value by one driver more of one group instead of the other (`exchanges`).
+
+    By driver j in a group h of n_h drivers: sqrt(n_h/(n_h - 1)) (n - 1)/n (value without j - mean
+    of these values in the group). The squares add up to the variance of a stratified sample; with
+    one group to that of the plain jackknife.
+
+    By the rounding: n `share` is rounded at random, so the number of overtakers has the deviation
+    sqrt(f (1 - f)), f the fraction of n `share`; this times `change`. The values without a driver
+    cannot give `change`: with one of two followers left out and not replaced, they belong to a
+    population that is never drawn.
     """
     n = len(without)
     errors = np.zeros(n + 1)
@@ -157,7 +171,7 @@ def stratified_deviations(
 
 
 def _group(name: str, settings: DriverSettings, seed: int) -> bool | None:
-    """Whether a synthetic driver overtakes; None for everybody else."""
+    """Whether a synthetic driver overtakes; None for any other driver."""
     found = _SYNTHETIC.fullmatch(name)
     if found is None or settings.source not in ("synthetic", RECORDED):
         return None

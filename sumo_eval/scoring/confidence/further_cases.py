@@ -1,4 +1,6 @@
-"""Further cases that would tell most: where neighbouring cases differ much, and count much."""
+"""Proposed further cases: points where neighbouring cases differ much in their effect on S, so that
+one more case narrows its interval most. `assessment` proposes them.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +14,17 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.drawn_points import steadily
 from sumo_eval.trajectory import FloatArray
 
-NEIGHBOURS = 6
-CANDIDATES = 8_192
+NEIGHBOURS = 6  # cases beside each one by which the spread there is estimated
+CANDIDATES = 8_192  # evenly spread points among which further ones are chosen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FurtherCases:
-    """points: (N, k), the most telling first.
-    shrink: what the sampled cases' part of the interval on S would be multiplied by, 0..1.
+    """Proposed cases.
+
+    points: (N, k), the one that narrows the interval most first.
+    shrink: factor by which all of them would narrow the sampled cases' part of the interval of S,
+        0..1.
     """
 
     points: FloatArray
@@ -29,25 +34,27 @@ class FurtherCases:
 def further_cases(
     logical: LogicalScenario, points: FloatArray, influence: FloatArray, count: int
 ) -> FurtherCases:
-    """`count` further points for cases at `points` (n, k), whose `influence` (n,) is how many
-    points of S each moves.
+    """At most `count` further points for the cases of an ADS.
 
-    Each case stands for the part of the space nearest to it, with the error that its neighbours'
-    spread s_i shows; with m cases in that part the error's variance is s_i^2 / m. The next case
-    goes where one more lowers the sum most (Neyman's allocation), and within the part to the place
-    farthest from all cases.
+    points: of the cases, (n, k).
+    influence: points of S by which each case moves it, (n,).
+
+    Each case stands for its cell, the part of the space that is nearest to it. The spread s_i of
+    its neighbours' influence gives the cell's error: with m cases in the cell its variance is
+    s_i^2 / m. The next case goes to the cell where one more lowers the sum of the variances most
+    (Neyman's allocation), and there to the candidate farthest from all cases.
     """
     unit = logical.to_unit(points)
     tree = KDTree(unit)
-    neighbours = np.arange(1, min(NEIGHBOURS + 1, len(points)) + 1)
+    neighbours = np.arange(1, min(NEIGHBOURS + 1, len(points)) + 1)  # the first is the case itself
     variance = np.var(influence[np.asarray(tree.query(unit, k=neighbours)[1])], axis=1)
     candidates = logical.from_shares(steadily(len(logical.names), CANDIDATES))
     candidates = candidates[logical.feasible(candidates)]
     where = logical.to_unit(candidates)
     distance, cell = (np.asarray(part) for part in tree.query(where))
-    held = np.ones(len(points))
+    held = np.ones(len(points))  # cases in each cell, with those that are chosen
     chosen: list[int] = []
-    free = np.bincount(cell, minlength=len(points)) > 0
+    free = np.bincount(cell, minlength=len(points)) > 0  # cells with candidates
     for _ in range(min(count, len(candidates))):
         gain = np.where(free, variance * (1.0 / held - 1.0 / (held + 1.0)), -1.0)
         best = int(np.argmax(gain))

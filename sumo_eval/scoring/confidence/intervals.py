@@ -1,33 +1,30 @@
 """Intervals of every score from two sources: which points were driven, and which drivers H and D
-compare with.
+compare with. `scoring.confidence.scored` puts them into the results.
 
-A bootstrap. Each replicate draws the points again (`resamples`), the same ones for every ADS, and
-adds to D and H an error of the drivers' own size, which a jackknife over drivers has measured
-(`sumo_eval.scoring.confidence.drivers`). What was never seen is counted too: a sample in which k of
-n hazardous points hold a collision does not prove that other points hold none. The end of an
-interval on the bad side therefore carries e unseen collisions, e from an exponential distribution
-of mean 1, as hard as those of doing nothing: together with the drawn ones a gamma distribution of
-shape k + 1, as in the exact interval of a Poisson count. Its 95 % point for k = 0 is 3.0, the rule
-of three. A sum loses with each of them. C is a mean over collisions, so the first of them makes it
-what collisions leave: it loses that with the chance that an evaluation of as many points sees any.
-
-Points of a method that leaves no part of the space out are balanced over it: their mean place is
-the box's, so what a score's terms owe to a trend along a parameter is not an error of theirs.
-Replicates are balanced in the same way (`Balance`), except the few cases that collided, which no
-method spreads: C is a mean over them, and a collision in the safe zone leaves no D, so a replicate
-without any of these has one, and S with it.
-
-T, A' and S+ fall steeply at their good end, so their lower ends carry one more case instead, as bad
-as doing nothing (t = 0, lost = the mean at stake), that weighs e cases, e from an exponential
-distribution of mean 0.5. It is a case of the scenario: every ADS receives the same one, so that it
-cancels in a difference as far as two ADSs have it in common.
-
-The limits of an interval are percentiles of the resamples. With few cases they are widened, by as
-much as Student's t is wider than the normal distribution (Hesterberg 2015). A collision keeps its
-weight r (Eq. 16) in every resample.
-
-Everything random has a stream named by scenario, driver or ADS, never by a place in a list, so the
-interval of an ADS does not depend on what else is evaluated.
+- Bootstrap. Each replicate draws the points again (`resamples`), the same ones for every ADS. To D
+  and H it adds an error of the drivers, whose size a jackknife over drivers has measured
+  (`sumo_eval.scoring.confidence.drivers`).
+- Balance. Some methods of sampling leave no part of the space out. Their points have the mean place
+  of the box, so a trend of a score's terms along a parameter makes no error. Their replicates are
+  balanced in the same way (`Balance`). Cases that collided are few, no method spreads them, and
+  they are drawn without balance: C is a mean over them, and D exists only in a replicate without a
+  collision in the safe zone, and S with it.
+- Unseen collisions. If k of n hazardous points hold a collision, other points may hold one too. The
+  end of an interval on the bad side therefore has e unseen collisions, as hard as those of doing
+  nothing, where e is exponential with mean 1. With the drawn ones this is a gamma distribution of
+  shape k + 1, as in the exact interval of a Poisson count. Its 95 % point for k = 0 is 3.0, the
+  rule of three. A sum loses with each unseen collision. C, a mean over collisions, has lost all
+  that collisions can take with the first one, so it loses that with the probability that as many
+  points show any.
+- One more case. T, A' and S+ fall steeply at their good end. Their lower ends have one more case
+  instead, as bad as doing nothing (t = 0, lost = the mean at stake). It weighs e cases, where e is
+  exponential with mean 0.5. Every ADS receives the same case, so in a difference of two ADSs it
+  cancels as far as it has the same effect on both.
+- Limits. They are percentiles of the replicates. With few cases they are widened by as much as
+  Student's t is wider than the normal distribution (Hesterberg 2015). A collision keeps its weight
+  r (Eq. 16) in every replicate.
+- Random streams are named by scenario, driver or ADS, never by a place in a list, so the interval
+  of an ADS does not depend on what else is evaluated.
 """
 
 from __future__ import annotations
@@ -60,10 +57,10 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 LEVEL = 0.95
 REPLICATES = 2_000
-ONE_MORE = 0.5  # cases that the one more, as bad as doing nothing, weighs in the mean
+ONE_MORE = 0.5  # mean weight of the one more case, in cases
 UNSEEN = 3.0  # rule of three: with none seen among n, at most 3/n with 95 % confidence
 SCORED = tuple(name for name in COMPUTED if name != "collision_probability")
-BAD_SIDE_UP = frozenset({"regret"})  # more is worse
+BAD_SIDE_UP = frozenset({"regret"})  # scores of which more is worse
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,11 +75,11 @@ class Interval:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged:
-    """One ADS in one scenario.
+    """The n cases of one ADS in one scenario.
 
     points: which of the scenario's points each case is, (n,), none twice.
-    hazardous: (n,).
-    drivers: what the choice of drivers does to its D and H.
+    hazardous: whether each is in a hazardous zone, (n,).
+    drivers: errors of D and H by the choice of drivers.
     """
 
     ads: str
@@ -94,11 +91,13 @@ class Judged:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoreIntervals:
-    """limits: low and high of each score that exists, by its name among the scores.
+    """The intervals of one ADS in one scenario, and what its rank needs.
+
+    limits: low and high of each score that exists, by its name in `ScenarioResult`.
     sources: half-width of S and S+ by each source alone, by score.
     worse, better: S+ of every replicate, with and without one more case, (m,).
     freedom: degrees of freedom of S+.
-    missing: how far missing cases may move S+, down and up.
+    missing: how far missing cases may move S+, down (at most 0) and up.
     """
 
     limits: Mapping[str, tuple[float, float]]
@@ -121,7 +120,9 @@ def score_intervals(
 ) -> list[ScoreIntervals]:
     """The intervals of all ADSs in one scenario.
 
-    groups: of all its points (`strata`).
+    groups: lists of all points of the scenario (`strata`).
+    method: settings of the scores.
+    scenario: name of the random streams.
     """
     sums = [_Sums(one, groups.points, replicates, method) for one in judged]
 
@@ -135,22 +136,22 @@ def score_intervals(
 
 
 class _Sums:
-    """All sums over cases that the scores of one ADS's replicates are made of, added up part by
-    part of the cases.
+    """Sums over the cases of one ADS, in each of m replicates, of which its scores are made.
 
-    The terms of a part of the cases are made once for all replicates, and the scores once of the
-    sums.
+    `add` adds the cases at some of the points, `intervals` computes all scores from the sums. So no
+    table of all cases and replicates is in memory.
 
-    points: how many the scenario has.
+    points: number of points of the scenario.
     """
 
     def __init__(self, one: Judged, points: int, replicates: int, method: MethodSettings) -> None:
         self._one, self._method, self._replicates = one, method, replicates
-        # which case stands at each of the points, -1 where none does
+        # case at each of the points, -1: none
         self._rows = np.full(points, -1)
         self._rows[one.points] = np.arange(len(one.points))
         self._exposed = bool(one.terms.exposure.any())
         self._unseen = UnseenCollisions.of(one, method)
+        # sums with balanced and with drawn counts, (m, terms)
         self._balanced: Any = 0.0
         self._drawn: Any = 0.0
 
@@ -165,8 +166,10 @@ class _Sums:
         self._drawn += drawn @ np.column_stack(hits)
 
     def _asked(self, rows: IntArray | slice) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Terms of these cases whose sums are needed, with balanced and with drawn counts: which,
-        and in which order, is the same for any cases.
+        """Terms of these cases that are summed with balanced counts, those of the scores and then
+        those of unseen collisions, and terms that are summed with drawn counts.
+
+        Number and order of the terms are the same for any cases.
         """
         asked, hits = AskedTerms(), AskedTerms()
         self._scores(rows, asked, hits)
@@ -175,6 +178,7 @@ class _Sums:
     def _scores(
         self, rows: IntArray | slice, counts: Counts, hits: Counts
     ) -> dict[str, FloatArray]:
+        """The scores of these cases in each replicate."""
         terms = self._one.terms.part(rows)
         return scores_of(terms, counts, self._method, hits, exposed=self._exposed)
 
@@ -182,10 +186,11 @@ class _Sums:
         """The intervals, once all points have been added."""
         one, method, m = self._one, self._method, self._replicates
         sums = self._balanced.T
-        plain_terms = len(sums) - len(self._unseen.terms)
-        plain = self._scores(slice(0, 0), KnownSums(sums[:plain_terms]), KnownSums(self._drawn.T))
+        of_scores = len(sums) - len(self._unseen.terms)  # the first sums
+        plain = self._scores(slice(0, 0), KnownSums(sums[:of_scores]), KnownSums(self._drawn.T))
 
         def stream(*names: str) -> np.random.Generator:
+            """A random stream by its names."""
             return random_stream(seed, "intervals", *names)
 
         unseen = stream("unseen", scenario, one.ads).standard_exponential(m)
@@ -193,7 +198,7 @@ class _Sums:
         deviates = driver_deviates(one.drivers, seed, m)
 
         def with_drivers(scores: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-            """The scores with errors of D and H, which stay within 0..1."""
+            """The scores with the drivers' errors of D and H, which stay within 0..1."""
             index, likeness = deviates @ one.drivers.index, deviates @ one.drivers.likeness
             d = np.clip(scores["d"] + index, 0.0, 1.0)
             human = np.clip(scores["human_likeness"] + likeness, 0.0, 1.0)
@@ -201,12 +206,13 @@ class _Sums:
 
         better = with_drivers(plain)
         worse = dict(better)
-        for name, lost in self._unseen.losses(sums[plain_terms:], unseen).items():
+        for name, lost in self._unseen.losses(sums[of_scores:], unseen).items():
             worse[name] = better[name] + lost if name in BAD_SIDE_UP else better[name] - lost
         worse = _with_one_more(worse, better, one.terms, weight, method)
 
         values, free = point_values(one.terms, method), _freedom(one, groups)
         limits = self._limits(values, worse, better, free)
+        # the scores themselves in every replicate: what varies then are the drivers alone
         fixed = {
             name: np.full(m, np.nan if value is None else value) for name, value in values.items()
         }
@@ -228,7 +234,7 @@ class _Sums:
         """Low and high of each score that exists."""
         terms, lost, limits = self._one.terms, dict[str, FloatArray](), {}
         if not terms.collided.any():
-            # none was seen: what they would cost is known, and nothing of it is drawn
+            # no collision was seen: the rule of three gives the losses, without any draw
             whole = np.array([once(len(each)) @ each for each in self._unseen.terms])
             lost = self._unseen.losses(whole, np.array([UNSEEN]))
         for name in SCORED:
@@ -245,11 +251,10 @@ class _Sums:
 
 
 def driver_deviates(drivers: DriverDeviations, seed: int, replicates: int) -> FloatArray:
-    """Student's t numbers, (m, k), one column a driver: each driver's are its own in every scenario
-    and for every ADS.
+    """Student's t numbers, (m, k), a column for each driver.
 
-    That is why the drivers' part of two ADSs' scores cancels in their difference as far as it is
-    common.
+    A driver has the same numbers in every scenario and for every ADS. So the drivers' errors of two
+    ADSs' scores cancel in their difference as far as they are common.
     """
     normal = [
         random_stream(seed, "intervals", "driver", name).standard_normal(replicates)
@@ -258,12 +263,13 @@ def driver_deviates(drivers: DriverDeviations, seed: int, replicates: int) -> Fl
     if not normal:
         return np.zeros((replicates, 0))
     share = random_stream(seed, "intervals", "spread of drivers").uniform(size=replicates)
+    # t is a normal number over the root of chi^2 / freedom
     wider = np.sqrt(drivers.freedom / chdtri(drivers.freedom, share))
     return np.column_stack(normal) * wider[:, None]
 
 
 def _summed(scores: Mapping[str, FloatArray], method: MethodSettings) -> dict[str, FloatArray]:
-    """The scores with S and S+ of what they are made of."""
+    """The scores, with S and S+ computed again from their parts."""
     s = paper_score(scores["c"], scores["d"], method.score)
     plus = ordering_score(
         scores["task_share"], scores["avoidance_grade"], scores["human_likeness"], method.score
@@ -278,12 +284,13 @@ def _with_one_more(
     weight: FloatArray,
     method: MethodSettings,
 ) -> dict[str, FloatArray]:
-    """The scores with one more case as bad as doing nothing, which weighs e of n cases: its share
-    is e / (n + e).
+    """The scores `worse`, with one more case as bad as doing nothing in T, A' and S+.
 
-    T loses that share, and 1 - A is drawn that far towards 1 where anything is at stake.
+    better: the scores without it.
+    weight: e, the weight of this case, in cases, (m,).
 
-    weight: e, (m,).
+    Its share of a mean over n cases is e / (n + e). T loses that share of itself. 1 - A moves by
+    that share of its distance towards 1, where anything is at stake.
     """
     known, stake = _known_stake(terms)
     timed, compared = int(np.isfinite(terms.task).sum()), int(known.sum()) if stake.any() else 0
@@ -301,15 +308,15 @@ def _with_one_more(
 class UnseenCollisions:
     """Cost of collisions that an ADS's cases do not show, for its scores.
 
-    A free point is a hazardous one without a collision (any evaluated one, if none is hazardous).
-    An unseen collision is as hard there as that of `no_reaction`. A, regret: it loses max(0, U0 -
-    Ug). C: evaluations that see any have Ug/U0, all other ones 1; after a collision that was seen,
-    C is a mean over collisions, which unseen ones do not lower for sure. Where all cases that count
-    weigh nothing, every one weighs the same.
+    points: number of hazardous points.
+    terms: two arrays for each score of `losses`, of each case, (n,). The sum of the first over the
+        sum of the second is the score's loss if every free point held a collision.
 
-    points: how many hazardous points there are.
-    terms: of each case, (n,); of each two the first sum over the second is what a score would lose
-        if every free point held a collision.
+    A free point is a hazardous one without an incident (any evaluated one, if none is hazardous).
+    An unseen collision there is as hard as that of `no_reaction`. A and regret lose max(0, U0 - Ug)
+    by it. C is Ug/U0 after the first unseen collision and 1 without one. After a collision that was
+    seen C is a mean over collisions, and unseen ones need not lower it, so it has no loss. Where
+    all cases that count have the weight 0, each has the weight 1.
     """
 
     points: int
@@ -320,7 +327,9 @@ class UnseenCollisions:
         """Unseen collisions of an ADS, from all its cases."""
         terms = one.terms
         known, stake = _known_stake(terms)
-        among = known & one.hazardous if (known & one.hazardous).any() else known
+        among = known & one.hazardous
+        if not among.any():
+            among = known
         weight, exposure = (
             np.where(known, weights if (weights * known).any() else 1.0, 0.0)
             for weights in map(np.nan_to_num, (terms.weight, terms.exposure))
@@ -336,22 +345,22 @@ class UnseenCollisions:
         return cls(points, tuple(losses) if points else ())
 
     def losses(self, sums: FloatArray, unseen: FloatArray) -> dict[str, FloatArray]:
-        """The mean loss, (m,), by score, to n collisions in expectation: p = unseen/points is the
-        chance of a point.
+        """The mean loss of each score, (m,), by its name.
 
         sums: of the terms, (k, m).
-        unseen: (m,).
+        unseen: expected number of unseen collisions, (m,).
 
-        p * whole where each costs its part; (1 - (1 - p)^points) * whole where the first one costs
-        it (C).
+        A point has an unseen collision with probability p = unseen / points. Of the loss if every
+        free point held one, a score loses the share p; C, which loses all of it by the first
+        collision, the share 1 - (1 - p)^points.
         """
         chance = np.minimum(unseen / max(self.points, 1), 1.0)
         names = ("avoided_share", "avoided_share_exposure", "regret", "c")
-        found = {}
+        losses = {}
         for name, over, under in zip(names, sums[::2], sums[1::2], strict=False):
             whole = np.divide(over, under, out=np.zeros(over.shape), where=under > 0.0)
-            found[name] = (1.0 - (1.0 - chance) ** self.points if name == "c" else chance) * whole
-        return found
+            losses[name] = (1.0 - (1.0 - chance) ** self.points if name == "c" else chance) * whole
+        return losses
 
 
 def _known_stake(terms: CaseTerms) -> tuple[BoolArray, FloatArray]:
@@ -364,8 +373,8 @@ def _known_stake(terms: CaseTerms) -> tuple[BoolArray, FloatArray]:
 
 
 def _freedom(one: Judged, groups: Strata) -> dict[str, int]:
-    """Degrees of freedom of each score's error: points that have a part in it, less one in each
-    group.
+    """Degrees of freedom of each score's error: the number of points with a part in it, less one
+    for each group.
     """
     group = groups.numbers()
 
@@ -388,8 +397,10 @@ def _freedom(one: Judged, groups: Strata) -> dict[str, int]:
 
 
 def percentiles(low: FloatArray, high: FloatArray, freedom: float) -> tuple[float, float] | None:
-    """Percentiles, widened for n degrees of freedom: by the quantile of t in place of the
-    normal one.
+    """Low end of an interval from `low` and high end from `high`, (m,) each; None where one of them
+    has no number.
+
+    The percentiles are those of Student's t with this freedom in place of the normal distribution.
     """
     low, high = low[np.isfinite(low)], high[np.isfinite(high)]
     if not (len(low) and len(high)):
@@ -399,5 +410,6 @@ def percentiles(low: FloatArray, high: FloatArray, freedom: float) -> tuple[floa
 
 
 def _half(values: FloatArray, freedom: int) -> float:
+    """Half the width of the interval of replicates (m,)."""
     ends = percentiles(values, values, freedom)
     return 0.0 if ends is None else (ends[1] - ends[0]) / 2.0

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from sumo_eval.cases import CaseTable, IntArray
-from sumo_eval.method.score_terms import excess, grade_slope
+from sumo_eval.method.score_terms import Stakes, grade_slope
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.adaptive import (
@@ -32,10 +32,11 @@ ADAPTIVE = "adaptive"
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Rounds so far.
+    """State of the rounds of an adaptive sample.
 
-    further: points of the next one, 0 where there is none.
-    sentence: for readers of the report.
+    rounds: number of rounds so far.
+    further: number of points of the next round; 0: there is none.
+    sentence: the state, for readers of the report.
     """
 
     rounds: int
@@ -54,11 +55,15 @@ def standing(
 ) -> Standing:
     """State of a scenario's rounds.
 
-    scores, rows, places: of each ADS its result, its cases, and which of the points each is.
+    points: of all rounds so far.
+    scores: results of the ADSs.
+    rows: cases of each ADS.
+    places: of each ADS the indices of its cases' points.
     """
     budget = sampling.count or 0
     size = size_of_round(budget, sampling.round, f"the sampling of scenario `{scenario}`")
     rounds, done = max(len(sampling.rounds), 1), len(points.points)
+    # half the widest interval
     if sampling.aim == "boundary":
         pairs = zip(rows, places, strict=True)
         half = max(
@@ -69,12 +74,11 @@ def standing(
     else:
         half = max((_half_width(score) for score in scores), default=math.inf)
         width, unit = f"{half:.2f}", " points of S+"
-    wide = (
-        f"half the widest 95 % interval is {width}{unit}"
-        if math.isfinite(half)
-        else "an ADS has no interval"
-    )
+    wide = "an ADS has no interval"
+    if math.isfinite(half):
+        wide = f"half the widest 95 % interval is {width}{unit}"
     further = size_of_next(budget, size, done)
+    # why there are no more rounds
     why = f"{wide}; it was stopped, `--resume` drives more rounds"
     if sampling.until is not None and half <= sampling.until:
         further, why = 0, f"{wide}, no more than the {sampling.until:g} asked for"
@@ -88,17 +92,20 @@ def standing(
 def further_round(
     logical: LogicalScenario, sampling: SamplingSettings, points: Sample, done: Evaluation
 ) -> SamplingSettings:
-    """The sampling of a scored run with one more round; as it is where it has come to its end.
+    """The sampling of a scored run with one more round; unchanged if it has come to its end.
 
-    More points come from cells whose cases differ more (Neyman): in what they move S+ by, or in
-    whether they collide.
+    points: of all rounds so far.
+    done: the scored run.
+
+    A cell gets the more points, the more its cases differ (Neyman's allocation): in how far they
+    move S+, or under the aim "boundary" in whether they collide.
     """
     assert points.stratum is not None
     assert points.stands_for is not None
-    method, everybody = done.settings.method, np.arange(len(points.points))
+    method = done.settings.method
     scores = done.scores_in(logical.name)
     rows = [done.cases_of(score.ads, logical.name) for score in scores]
-    places = [everybody for _ in scores]
+    places = [np.arange(len(points.points))] * len(scores)  # every ADS drove every point
     stands = standing(sampling, points, scores, rows, places, method, logical.name)
     if not stands.further:
         return sampling
@@ -116,33 +123,37 @@ def further_round(
             else plus_influence(terms, points.stands_for, method)
         )
         variance += variance_in_cells(moved, points.stratum % cells, cells)
-    taken = np.bincount(points.stratum, minlength=stands.rounds * cells).reshape(
-        stands.rounds, cells
-    )
+    # a stratum is a cell in a round: points of each round, by cell
+    taken = np.bincount(points.stratum, minlength=stands.rounds * cells).reshape(-1, cells)
     row = spread(stands.further, np.sqrt(variance), capacity - taken.sum(axis=0))
     return replace(sampling, rounds=(*(tuple(map(int, before)) for before in taken), row))
 
 
 def variance_in_cells(values: FloatArray, cell: IntArray, cells: int) -> FloatArray:
-    """s_h^2: the variance of values (n,) in each cell, (H,).
+    """s_h^2: the variance of values in each cell, (cells,).
 
-    Of few points, the variance that is seen may be 0 by chance; the mean variance of all cells
-    counts as one more point, so that none of them is given up.
+    values: (n,).
+    cell: of each value its cell, (n,).
+
+    The variance of few values may be 0 by chance. The mean variance of all cells counts as one more
+    value in each cell, so that the next round still has points there.
     """
     number = np.maximum(np.bincount(cell, minlength=cells), 1)
     mean = np.bincount(cell, values, cells) / number
     squares = np.bincount(cell, (values - mean[cell]) ** 2, cells)
     common = float(squares.sum()) / max(len(values) - cells, 1)
-    found: FloatArray = (squares + common) / number
-    return found
+    return np.asarray((squares + common) / number)
 
 
 def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSettings) -> FloatArray:
-    """How many points of S+ a case would move that stands for one point, (n,): first order, its sum
-    weighted by `stands_for` is 0 except for a constant in A and in H.
+    """Points of S+ by which each case moves it, (n,), if it stands for one point: to first order.
 
-    S+ = T A' (a + b H): a case moves T by p (t - T) / sum(p), H likewise, and A by w ((1 - A) stake
-    - lost) / sum(w stake), each times the slope of S+ along it.
+    terms: of the cases of an ADS.
+    stands_for: number of points that each case stands for, (n,).
+
+    S+ = T A' (a + b H). A case moves T by p (t - T) / sum(p), H likewise, and A by
+    w ((1 - A) stake - lost) / sum(w stake). Each is multiplied by the slope of S+ along it. The sum
+    weighted by `stands_for` is 0 except for a constant in A and in H.
     """
     values = point_values(terms, method)
     task, human = values["task_share"] or 0.0, values["human_likeness"] or 0.0
@@ -150,14 +161,12 @@ def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSetti
     manner = method.score.a + method.score.b * human
     n, moved = len(stands_for), np.zeros(len(stands_for))
 
-    lost, stake = excess(terms.severity, terms.ideal), excess(terms.unreacting, terms.ideal)
-    known = np.isfinite(lost) & np.isfinite(stake) & np.isfinite(terms.weight)
-    weight = np.where(known, np.nan_to_num(terms.weight), 0.0)
-    at_stake = float(weight @ np.where(known, stake, 0.0))
+    stakes = Stakes.of(terms.severity, terms.ideal, terms.unreacting, terms.weight)
+    at_stake = float(stakes.weight @ stakes.at_stake)
     if at_stake > 0.0 and avoided is not None:
-        part = (1.0 - avoided) * np.where(known, stake, 0.0) - np.where(known, lost, 0.0)
+        part = (1.0 - avoided) * stakes.at_stake - stakes.lost
         slope = task * manner * grade_slope(avoided, method.task.sharpness)
-        moved += slope * n * weight / stands_for * part / at_stake
+        moved += slope * n * stakes.weight / stands_for * part / at_stake
 
     for value, slope, cases in (
         (human, task * grade * method.score.b, terms.likeness),
@@ -171,17 +180,19 @@ def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSetti
 
 
 def _half_width(score: ScenarioResult) -> float:
+    """Half the width of the interval of S+; inf without one."""
     ends = score.s_plus_interval
     return math.inf if ends is None else (ends[1] - ends[0]) / 2.0
 
 
 def _collided_half_width(terms: CaseTerms, points: Sample, place: IntArray) -> float:
-    """Half the 95 % interval of the share of the space that collides: of a stratified mean, round
-    by round.
+    """Half the 95 % interval of the share of the space in which an ADS collides.
 
-    Of each cell's n points in a round the variance of their mean is s^2 / n; the round's weight is
-    its share of all points, and rounds are uncorrelated, since each has the space's mean as its
-    expectation whatever came before.
+    place: index of each case's point.
+
+    The share is a stratified mean, with the cells of each round as strata. The variance of the mean
+    of n points in a cell is s^2 / n. A round's weight is its share of all points. Rounds are
+    uncorrelated, because the expectation of each is the mean of the space, whatever came before.
     """
     assert points.stratum is not None
     assert points.stands_for is not None

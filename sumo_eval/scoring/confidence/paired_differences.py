@@ -1,12 +1,12 @@
-"""Paired bootstrap: how far C, D, S and the collision probability would move with other concrete
-scenarios.
+"""Paired bootstrap: how far the differences between two runs' scores would move with other concrete
+scenarios, for `scoring.comparison`.
 
-A resample draws concrete scenarios with replacement and takes from both runs what they did there,
-so what both have in common cancels. Whether D exists is a fact of the whole run (step 3 of the
-method) and is not drawn again.
+A replicate draws concrete scenarios with replacement and takes the cases of both runs there, so
+their common part cancels. Whether D exists is a fact of the whole run (step 3 of the method) and is
+not drawn again.
 
-Of more than `MOST_DRAWN` scenarios `BLOCKS` blocks are drawn, put together by chance: a mean has
-the same variance.
+More than `MOST_DRAWN` scenarios are put together in `BLOCKS` random blocks, and blocks are drawn: a
+mean has the same variance.
 """
 
 from __future__ import annotations
@@ -27,11 +27,14 @@ COMPARED = {name: field for name, (field, _) in SCORES.items()} | {
 """Quantities by which two runs are compared, with their names among the scores."""
 
 Run = tuple[CaseTerms, MethodSettings]
+"""Terms of a run's cases, and the settings of its scores."""
 
 
 def paired_differences(base: Run, new: Run, replicates: int, seed: int) -> dict[str, FloatArray]:
-    """New minus base of every quantity that both have, one value a replicate in which both
-    exist.
+    """New minus base of every quantity that both runs have: a value for each replicate in which
+    both exist.
+
+    base, new: their cases at the same points, in the same order.
     """
     runs = (base, new)
     tables = [_terms(run, seed) for run in runs]
@@ -53,7 +56,7 @@ def paired_differences(base: Run, new: Run, replicates: int, seed: int) -> dict[
 
 
 def _terms(run: Run, seed: int) -> FloatArray:
-    """Terms that the scores sum, of each case or block, (n, k)."""
+    """The k terms that the scores of a run sum, of each case or block, (n, k)."""
     asked, n = AskedTerms(), len(run[0].collided)
     _scores(run, slice(0, n), asked)
     if n <= MOST_DRAWN:
@@ -64,5 +67,6 @@ def _terms(run: Run, seed: int) -> FloatArray:
 
 
 def _scores(run: Run, rows: slice, counts: Counts) -> dict[str, FloatArray]:
+    """The scores of some cases of a run in each sample."""
     terms, method = run
     return scores_of(terms.part(rows), counts, method, exposed=bool(terms.exposure.any()))

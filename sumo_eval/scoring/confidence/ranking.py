@@ -59,11 +59,10 @@ def rank(
         for above, below in itertools.combinations(ranked, 2)
     ]
     apart = {(pair.above, pair.below): pair.told_apart for pair in pairs}
-    rows, place = [], 0
-    ones_above = [None, *ranked]
-    for number, (above, name) in enumerate(zip(ones_above, ranked, strict=False), start=1):
-        if above is None or apart[above, name]:
-            place = number
+    rows, place = [], 1
+    for number, name in enumerate(ranked):
+        if number and apart[ranked[number - 1], name]:
+            place = number + 1
         weighted_results = [results_of[name][scenario] for scenario in means.weights]
         rows.append(
             RankedAds(
@@ -90,7 +89,7 @@ class _Means:
     weights: Mapping[str, float]
 
     def of(self, values: Iterable[Any]) -> Any:
-        """The mean of values, one a scenario in the order of `weights`: numbers or arrays."""
+        """The mean of values (numbers or arrays), one for each scenario as in `weights`."""
         weights = self.weights.values()
         weighted = zip(weights, values, strict=True)
         return sum(weight * value for weight, value in weighted) / sum(weights)
@@ -106,7 +105,7 @@ class _Means:
     def spread(self, ads: str, replicates: Replicates) -> _Spread | None:
         """The mean S+ of one ADS in every replicate; None where a scenario has no replicates.
 
-        A replicate without safe points has no S+, of no ADS: there it counts 0 for all.
+        In a replicate without safe points no ADS has an S+: it counts 0 for all of them.
         """
         known: list[Any] = [replicates.get((ads, scenario)) for scenario in self.weights]
         if None in known:

@@ -1,13 +1,13 @@
 """Number of times that each point of a scenario occurs in each replicate of a bootstrap over the
 points.
 
-Points that may stand for each other are a list (`Strata`), and each replicate draws from every list
-as many points as it has. Points of a method that leaves no part of the space out are balanced over
-it as well (`Balance`).
+Points that may stand for each other form a list (`Strata`), and each replicate draws from every
+list as many points as the list has. Points of a method that leaves no part of the space out are
+balanced over it as well (`Balance`).
 
-All replicates of some points are drawn before those of the next ones (`Resamples`): what a
-replicate costs a point is the same among a thousand points and among a million, and no table of all
-points is ever there.
+`resamples` draws all replicates of some points, then those of the next ones. So time grows in
+proportion to the points, and no table of all points and replicates is in memory. `intervals`,
+`assessment` and `paired_differences` sum the terms of scores over the parts.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from sumo_eval.cases import IntArray
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
-# points in replicates that are held at a time: 16 MB a table, and 1,000 points with 2,000
+# Most numbers in a table of points and replicates, 16 MB; with 2,000 replicates all of 1,000
+# points. If there are more points, each table has an eighth of this.
 AT_ONCE = 2_000_000
-OF_MORE = 8  # of more points such a part of it: 2 MB a table
-# ways of sampling that leave no part of the space out
+OF_MORE = 8
+# methods of sampling that leave no part of the space out
 EVEN = frozenset({"grid", "sobol", "halton"})
-SMALLEST = 4  # points that are split in halves
-_FLAT = 1e-9  # of the box: points that differ by less along a direction have no trend there
+SMALLEST = 4  # fewest points of a list that is halved
+_FLAT = 1e-9  # unit-box lengths; points that differ by less along a direction have no trend there
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Strata:
-    """Points that a replicate exchanges for each other, by their places: lists that lie one behind
-    the other.
+    """Lists of points; a replicate exchanges the points of a list for each other.
 
-    order: all places, (n,).
-    ends: where each list ends in it, (g,).
-    even: the points in the unit box, (n, k), where they are balanced over it.
+    order: indices of all n points, list after list, (n,).
+    ends: index in `order` at which each list ends (exclusive), (g,).
+    even: the points in the unit box, (n, k), if they are to be balanced over it.
     """
 
     order: IntArray
@@ -53,16 +53,16 @@ class Strata:
         return np.diff(self.ends, prepend=0)
 
     def of_size(self, size: int) -> IntArray:
-        """The lists of one size, (k, size), in their order."""
+        """Points of the lists of one size, (k, size), in the order of the lists."""
         sizes = self.sizes
         places: IntArray = self.order[(self.ends - sizes)[sizes == size][:, None] + np.arange(size)]
         return places
 
     def numbers(self) -> IntArray:
-        """The number of the list that each place stands in, (n,)."""
-        found = np.empty(self.points, dtype=np.intp)
-        found[self.order] = np.repeat(np.arange(len(self.ends)), self.sizes)
-        return found
+        """The number of each point's list, (n,)."""
+        numbers = np.empty(self.points, dtype=np.intp)
+        numbers[self.order] = np.repeat(np.arange(len(self.ends)), self.sizes)
+        return numbers
 
     @property
     def points(self) -> int:
@@ -71,38 +71,43 @@ class Strata:
 
 
 def strata(unit: FloatArray, method: str) -> Strata:
-    """Points that a replicate exchanges for each other: lists of their places in `unit`, (n, k) in
-    the unit box.
+    """Lists of points that a replicate may exchange for each other.
+
+    unit: the points, (n, k), in the unit box.
+    method: of their sampling.
 
     Points of a method that leaves no part of the space out (`EVEN`) are halved again and again,
-    across the widest side, down to neighbours of two or three: only these may stand for each other.
+    along the widest side, down to two or three neighbours: only these may stand for each other.
     Points of all other methods are one list.
     """
     order, sizes = np.arange(len(unit)), np.array([len(unit)])
-    while method in EVEN and (split := sizes >= SMALLEST).any():
+    while method in EVEN and (sizes >= SMALLEST).any():
         _sort_along_widest(order, sizes, unit)
-        half = np.where(split, sizes // 2, sizes)
-        sizes = np.column_stack([half, sizes - half])[np.column_stack([np.ones_like(split), split])]
+        # both halves of each list that is split, the second of any other list is empty
+        half = np.where(sizes >= SMALLEST, sizes // 2, sizes)
+        halves = np.column_stack([half, sizes - half])
+        sizes = halves[halves > 0]
     return Strata(order, np.cumsum(sizes), unit if method in EVEN else None)
 
 
 def of_one_number(stratum: IntArray) -> Strata:
-    """The places of each number in `stratum`, (n,), in the order of the numbers."""
+    """A list of the points of each stratum; `stratum`: its number, of each point, (n,)."""
     order = np.argsort(stratum, kind="stable")
     return Strata(order, np.append(np.flatnonzero(np.diff(stratum[order])) + 1, len(order)))
 
 
 def one_list(points: int) -> Strata:
-    """So many points, all of which may stand for each other."""
+    """A number of points, all of which may stand for each other."""
     return Strata(np.arange(points), np.array([points]))
 
 
 def _sort_along_widest(order: IntArray, sizes: IntArray, unit: FloatArray) -> None:
-    """Put the places of each list that will be halved in their order across its widest side.
+    """Sort the points of each list that is halved next along its widest side, in place.
 
-    order: list behind list.
+    order: points, list after list, (n,).
+    sizes: of the lists, (g,).
 
-    Lists of one size are sorted together: a million points have half a million lists.
+    Lists of one size are sorted together, because a million points have half a million lists.
     """
     firsts = np.cumsum(sizes) - sizes
     for size in np.unique(sizes[sizes >= SMALLEST]).tolist():
@@ -115,16 +120,16 @@ def _sort_along_widest(order: IntArray, sizes: IntArray, unit: FloatArray) -> No
 
 
 def same_sizes(groups: Strata) -> list[tuple[int, IntArray]]:
-    """Groups of more than one point by their size: (size, places (g, size))."""
+    """Lists of more than one point, by size: each size with the points of its lists, (g, size)."""
     return [(size, groups.of_size(size)) for size in np.unique(groups.sizes).tolist() if size > 1]
 
 
 def draw_counts(groups: Strata, replicates: int, stream: np.random.Generator) -> FloatArray:
     """Number of times that each point occurs in each replicate, (m, n).
 
-    From each group of s points s - 1 are drawn with replacement and count s/(s - 1) times (Rao and
-    Wu 1988): so the variance of a mean is right for groups of two as well. A group of one stands in
-    every replicate.
+    From each list of s points s - 1 are drawn with replacement, and each draw counts s/(s - 1)
+    times (Rao and Wu 1988). So the variance of a mean is right for lists of two as well. The point
+    of a list of one is in every replicate once.
     """
     counts = np.ones((replicates, groups.points))
     for size, same in same_sizes(groups):
@@ -136,10 +141,10 @@ def draw_counts(groups: Strata, replicates: int, stream: np.random.Generator) ->
 def _multinomial(
     size: int, shape: tuple[int, int], stream: np.random.Generator
 ) -> IntArray | FloatArray:
-    """Number of times that each of `size` occurs among size - 1 draws, (*shape, size), by the
-    stream's own multinomial numbers.
+    """Number of times that each of `size` points occurs among size - 1 draws, (*shape, size).
 
-    Of two they are one number each, above a half or not, which takes a sixth of the time.
+    For two points this is one uniform number, above a half or not: the same as the stream's
+    multinomial numbers, in a sixth of the time.
     """
     if size != 2:
         return stream.multinomial(size - 1, np.full(size, 1.0 / size), shape)
@@ -151,15 +156,16 @@ def _multinomial(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Balance:
-    """Replicates whose points have the mean place that all points have, not below 0.
+    """Makes replicates whose points have the same mean place as all points.
 
-    Drawn counts are c = 1 + e. With R the projection on what is orthogonal to 1 and to the k
-    coordinates of the points, and G the covariance of e: c' = 1 + sqrt(tr G / tr(R G)) R e. So the
-    variance of a mean is that of the residuals of its terms from their linear trend, scaled so that
-    terms without a trend keep theirs (balanced sampling: Deville and Tille 2005).
+    trend: orthonormal basis of the directions that R removes, (n, r).
+    scale: sqrt(tr G / tr(R G)).
 
-    trend: what R takes away, (n, r), orthonormal.
-    scale: of what is left.
+    Drawn counts are c = 1 + e. G is the covariance of e. R is the projection onto what is
+    orthogonal to 1 and to the k coordinates of the points. Balanced counts are c' = 1 + scale R e,
+    and at least 0. So a mean has the variance of the residuals of its terms from their linear
+    trend, scaled so that terms without a trend keep their variance (balanced sampling: Deville and
+    Tille 2005).
     """
 
     trend: FloatArray
@@ -167,21 +173,25 @@ class Balance:
 
     @classmethod
     def of(cls, groups: Strata, unit: FloatArray) -> Balance | None:
-        """Balance of groups of points, (n, k) in the unit box; None with fewer than 2 k degrees of
-        freedom in the groups, where a trend cannot be told from chance.
+        """Balance of lists of points; None with fewer than 2 k degrees of freedom in the lists,
+        where a trend cannot be told from chance.
+
+        unit: the points, (n, k), in the unit box.
         """
         n, k = unit.shape
         sizes = groups.sizes
         if n - len(sizes) < 2 * k:
             return None
-        # 1 is orthogonal to every draw: each group has as many points as it has
+        # e is orthogonal to 1 already, because each list keeps its number of points
         about = unit - unit.mean(axis=0)
-        # of `about` itself: thrice the room
+        # singular values and directions; of `about` itself they would need three times the memory
         _, extent, directions = np.linalg.svd(np.linalg.qr(about, mode="r"))
         there = extent > _FLAT
         trend = about @ (directions[there].T / extent[there])
         del about
-        spread = float(sizes[sizes > 1].sum())  # of a group of s: G = s/(s - 1) (1 - 1/s)
+        # tr G: the variance of each point in a list of s is s/(s - 1) (1 - 1/s) = 1
+        spread = float(sizes[sizes > 1].sum())
+        # tr G - tr(R G), list by list
         by_group = np.zeros(len(sizes))
         for size, same in same_sizes(groups):
             part = trend[same]
@@ -191,17 +201,18 @@ class Balance:
         return cls(trend, math.sqrt(spread / (spread - lost)))
 
     def along(self, counts: FloatArray, places: IntArray) -> FloatArray:
-        """The part of e that lies along the trend, (m, r); that of all points is the sum over any
-        parts of them.
+        """The part of e along the trend, (m, r): a sum over points, which may be added up in parts.
 
-        counts: (m, k), of the points at these places.
+        counts: of some points in each replicate, (m, k).
+        places: indices of these points, (k,).
         """
         return (counts - 1.0) @ self.trend[places]
 
     def balanced(self, counts: FloatArray, places: IntArray, along: FloatArray) -> FloatArray:
         """The counts of these points, (m, k), balanced.
 
-        along: of all points.
+        counts, places: as in `along`.
+        along: the sum of `along` over all points.
         """
         errors = counts - 1.0
         errors -= along @ self.trend[places].T
@@ -214,9 +225,9 @@ class Balance:
 class Resampled:
     """Number of times that some of the points occur in each replicate.
 
-    places: which points, (k,).
-    counts: balanced, where the sample is;
-    drawn: as drawn, both (m, k).
+    places: indices of the points, (k,).
+    counts: (m, k), balanced if the sample is.
+    drawn: the same as drawn, (m, k).
     """
 
     places: IntArray
@@ -232,15 +243,16 @@ def resamples(
     *,
     done: Callable[[int, int], None] = lambda points, of: None,
 ) -> Iterator[Resampled]:
-    """All points, some at a time: each stands in one part.
+    """Replicates of all points, some points at a time; each point is in one part.
 
     groups: lists of points that stand for each other.
     name: of the random stream.
-    done: told how many points have been drawn, and of how many; those of a balanced sample are
-        drawn twice, because what balances them depends on all of them.
+    done: receives the number of points drawn so far, and of all. The points of a balanced sample
+        are drawn twice, because balancing needs all of them.
     """
-    most = AT_ONCE // replicates
-    most = most if groups.points <= most else max(most // OF_MORE, 1)
+    most = AT_ONCE // replicates  # points at a time
+    if groups.points > most:
+        most = max(most // OF_MORE, 1)
     blocks = list(_blocks(groups, most, replicates, seed, name))
     balance = None if groups.even is None else Balance.of(groups, groups.even)
     twice = balance is not None and len(blocks) > 1
@@ -270,16 +282,19 @@ def resamples(
 def _blocks(
     lists: Strata, most: int, replicates: int, seed: int, name: Sequence[str]
 ) -> Iterator[tuple[IntArray, Callable[[], FloatArray]]]:
-    """Points that are drawn together, list by list, at most n, a longer list in pieces; and what
-    draws how often each stands in each replicate, (m, k), the same each time.
+    """Blocks of k points, each with a function that draws their counts in each replicate, (m, k),
+    the same at each call.
+
+    most: points of a block of whole lists. A list with more points is divided into several blocks.
     """
     first, number, ends = 0, 0, lists.ends
-    # of a piece: each holds a number for every replicate until all are drawn
+    # most points of a block of a divided list; more blocks would keep more shares in memory
     longest = max(AT_ONCE // replicates, 1)
 
     def drawn(
         number: int, draw: Callable[..., FloatArray], *given: Any
     ) -> Callable[[], FloatArray]:
+        """The drawing of a block, with the random stream of its number."""
         return lambda: draw(*given, random_stream(seed, *name, *([number] if number else [])))
 
     while first < len(lists.order):
@@ -290,6 +305,7 @@ def _blocks(
             yield lists.order[first:end], drawn(number, draw_counts, groups, replicates)
             number, first = number + 1, end
             continue
+        # the next list alone is too long
         size = int(ends[last]) - first
         pieces = np.array_split(lists.order[first : first + size], -(-size // longest))
         parts = np.array([len(places) for places in pieces]) / size
@@ -305,9 +321,11 @@ def _blocks(
 def _counts_of_piece(
     points: int, size: int, share: IntArray, stream: np.random.Generator
 ) -> FloatArray:
-    """`draw_counts` of some points of a list of this size.
+    """`draw_counts` of a block of a divided list.
 
-    share: how many of its draws fall on them, (m,).
+    points: of the block.
+    size: of the whole list.
+    share: number of the list's draws that fall on the block, (m,).
     """
     drawn = stream.multinomial(share, np.full(points, 1.0 / points))
     return np.asarray(drawn * (size / (size - 1)))

@@ -1,4 +1,7 @@
-"""The intervals of a scored scenario put into its results, with what missing cases leave open."""
+"""Puts the intervals of a scored scenario into its results, with what missing cases leave open.
+
+`scoring.steps` calls it.
+"""
 
 from __future__ import annotations
 
@@ -30,9 +33,9 @@ WITHIN = {
     "avoidance_grade": (-np.inf, 1.0),
     "s_plus": (0.0, 100.0),
 }
-"""Range of a score; S at most what Eq. 18 makes of C = D = 1."""
+"""Range of each score. That of S, which is not here, ends at the S of C = D = 1 (Eq. 18)."""
 
-LEAST = 2  # evaluated cases of which an interval can be made
+LEAST = 2  # fewest cases that count for an interval
 
 
 def with_intervals(
@@ -45,14 +48,15 @@ def with_intervals(
     progress: Progress = quiet,
 ) -> tuple[list[ScenarioResult], list[ScoreIntervals | None]]:
     """The results of all ADSs in one scenario with the interval of every score, and what a ranking
-    needs.
+    needs of them.
 
-    rows, places, drivers: of each ADS its cases, which of the scenario's points each is, and what
-        the choice of drivers does.
+    scores: the results; their intervals are what missing cases leave open.
+    rows: cases of each ADS.
+    places: of each ADS the indices of its cases' points.
+    drivers: of each ADS the errors by the choice of drivers.
     groups: all points, in lists of those that may stand for each other.
 
-    An ADS with fewer than two cases that count keeps what missing cases leave open, or has no
-        interval.
+    An ADS with fewer than two cases that count keeps the intervals that it has.
     """
     judged = {}
     for number, (score, cases) in enumerate(zip(scores, rows, strict=True)):
@@ -60,9 +64,9 @@ def with_intervals(
         if np.count_nonzero(terms.counted) >= LEAST:
             at = np.array(places[number], dtype=np.intp)
             judged[number] = Judged(score.ads, terms, at, ~cases.safe, drivers[number])
-    found: list[ScoreIntervals | None] = [None] * len(scores)
+    intervals: list[ScoreIntervals | None] = [None] * len(scores)
     if not judged:
-        return list(scores), found
+        return list(scores), intervals
     computed = score_intervals(
         list(judged.values()),
         groups,
@@ -73,26 +77,32 @@ def with_intervals(
     )
     for number, one in zip(judged, computed, strict=True):
         value, ends = scores[number].s_plus, scores[number].s_plus_interval
-        moved = (0.0, 0.0)
         if value is not None and ends is not None:
-            moved = (ends[0] - value, ends[1] - value)
-        found[number] = replace(one, missing=moved)
+            one = replace(one, missing=(ends[0] - value, ends[1] - value))
+        intervals[number] = one
     most = score_of(1.0, 1.0, settings.method.score).total or 0.0
     return [
         score if one is None else _joined(score, one, most)
-        for score, one in zip(scores, found, strict=True)
-    ], found
+        for score, one in zip(scores, intervals, strict=True)
+    ], intervals
 
 
 def _joined(score: ScenarioResult, found: ScoreIntervals, most_of_s: float) -> ScenarioResult:
-    """Each end is the worst (best) that the missing cases allow, moved on by what the sample leaves
-    open there.
+    """A result whose intervals have both sources.
+
+    score: the result; its intervals are what missing cases leave open.
+    found: intervals by the sample, of the cases that are there.
+    most_of_s: largest value of S.
+
+    Each end is the one that missing cases allow, moved further by the distance of the sample's end
+    from the score, but not out of the score's range.
     """
     ends: dict[str, Any] = {}
     for name, (low, high) in found.limits.items():
         value = getattr(score, name)
         worst, best = getattr(score, f"{name}_interval") or (value, value)
         least, most = WITHIN.get(name, (0.0, most_of_s))
+        # a score that is out of its range by rounding bounds it
         ends[f"{name}_interval"] = (
             float(max(worst - (value - low), min(least, worst))),
             float(min(best + (high - value), max(most, best))),
