@@ -215,12 +215,11 @@ def indexes_by_group(
     """
     pairings = [pairing for group in groups for pairing in group]
     for pairing in pairings:
-        start, owner = float(trajectories[pairing.ads].x[0]), f"road `{road.name}`"
         if (n := len(pairing.drivers)) < 2:
             raise must_be("The number of drivers", "the anthropomorphic index", "at least 2", n)
-        if start >= road.length:
+        if (start := float(trajectories[pairing.ads].x[0])) >= road.length:
             wanted = f"before its end at x = {road.length:g} m"
-            raise must_be("The ADS's start", owner, wanted, start)
+            raise must_be("The ADS's start", f"road `{road.name}`", wanted, start)
     if not pairings:
         return [[] for _ in groups]
     vehicles = [_Vehicle.of(trajectory, road, settings) for trajectory in trajectories]
@@ -247,10 +246,12 @@ class _Vehicle(NamedTuple):
     begin: first x, m.
     length: L, m.
     reach: distance from `begin` to where it was last seen on the road, m.
-    operations, most_operations: n of D_i, and n of H.
+    operations: n of D_i.
+    most_operations: n of H.
     manoeuvre: that of `whole`, because a lane change begun before the road's end may end beyond it.
-    still_driving, left_the_road: which of the two, if it ended neither at a stop nor at the road's
-        end.
+    still_driving: whether it drove on the road at its last sample, and neither stopped nor reached
+        the road's end.
+    left_the_road: whether it was off the road at its last sample, in the same case.
     """
 
     whole: Trajectory
@@ -270,8 +271,7 @@ class _Vehicle(NamedTuple):
         beyond = np.flatnonzero(whole.x >= road.length)
         on_road = whole
         if beyond.size and beyond[0] + 1 < len(whole):
-            kept = {name: getattr(whole, name)[: beyond[0] + 1] for name in CHANNELS}
-            on_road = Trajectory(**kept, length=whole.length, width=whole.width)
+            on_road = first_samples(whole, beyond[0] + 1)
         unfinished = not (_reached_the_end(on_road, road) or _has_stopped(on_road, settings))
         left = _left_the_road(on_road, road)
         return cls(
@@ -286,6 +286,12 @@ class _Vehicle(NamedTuple):
             still_driving=unfinished and not left,
             left_the_road=unfinished and left,
         )
+
+
+def first_samples(drive: Trajectory, number: int) -> Trajectory:
+    """The first samples of a drive, as a drive that ends with them."""
+    channels = (getattr(drive, name)[:number] for name in CHANNELS)
+    return Trajectory(*channels, length=drive.length, width=drive.width)
 
 
 class _Slices(NamedTuple):
@@ -351,6 +357,7 @@ def _indexes(
     places = sorted({place for one in pairings for place in (one.ads, *one.drivers)})
     fields = _fields_at(points, places, shared)
 
+    @cache
     def index_of(pairing: Pairing, mode: Mode) -> AnthropomorphicIndex:
         choice, slices = choices[pairing, mode]
         compared = (pairing.ads, *pairing.drivers)
@@ -365,8 +372,8 @@ def _indexes(
     for pairing in pairings:
         index = index_of(pairing, settings.mode)
         if pairing.likeness:
-            mixture = index if settings.mode == "mixture" else index_of(pairing, "mixture")
-            index = replace(index, likeness=_likeness(pairing, vehicles, mixture.similarity))
+            similarity = index_of(pairing, "mixture").similarity
+            index = replace(index, likeness=_likeness(pairing, vehicles, similarity))
         indexes.append(index)
     return indexes
 

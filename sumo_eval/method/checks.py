@@ -1,4 +1,4 @@
-"""Checks of numbers that callers bring."""
+"""Checks of numbers that callers give to the functions of this room."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from sumo_eval.trajectory import FloatArray
 def finite(owner: str, name: str, values: ArrayLike) -> FloatArray:
     """The values as an array.
 
-    owner, name: of the values, in an error message.
+    owner: what the values are of, for an error message.
+    name: of the values.
 
     Raises InputError for a value that is not finite.
     """

@@ -278,10 +278,11 @@ def _react_from_behind(placed: Sequence[ConcreteScenario]) -> BoolArray:
 
     These do not count: no braking of the ego averts their acts, which SUMO alone knows.
     """
-    react = [[actor.model is not None for actor in concrete.actors] for concrete in placed]
-    behind = [[actor.start.x < concrete.ego.x for actor in concrete.actors] for concrete in placed]
-    both: BoolArray = np.array(react, dtype=bool) & np.array(behind, dtype=bool)
-    return both.T
+    flags = [
+        [actor.model is not None and actor.start.x < one.ego.x for actor in one.actors]
+        for one in placed
+    ]
+    return np.array(flags, dtype=bool).T
 
 
 def _with_actor(
@@ -329,8 +330,8 @@ def _begins(placed: Sequence[ConcreteScenario], other: int) -> FloatArray:
     """
     begins = []
     for concrete in placed:
-        latest, script = _time_on_road(concrete), concrete.actors[other].acts
-        begins.append(min([latest if act.program else act.begin for act in script], default=0.0))
+        latest, acts = _time_on_road(concrete), concrete.actors[other].acts
+        begins.append(min([latest if act.program else act.begin for act in acts], default=0.0))
     return np.array(begins)
 
 

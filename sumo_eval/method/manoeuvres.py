@@ -1,5 +1,5 @@
-"""Manoeuvre that a driver chose, so that drivers who overtake and drivers who follow are not
-averaged into one.
+"""Manoeuvre that a driver chose, so that `anthropomorphic` does not average drivers who overtake
+and drivers who follow into one.
 
 The paper puts one Gaussian over all drivers. Where some overtake and some follow, that Gaussian is
 so wide that a car which drives straight on through the slower one counts as human (docs/method.md).

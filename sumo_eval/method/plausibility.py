@@ -8,7 +8,8 @@ at the recorded samples, derivatives of speed and y by `smooth_motion`.
 
 A drive is one vehicle in one encounter with another (it comes up to a slower one, one cuts in
 before it, one before it leaves its lane), 10 to 32 s long, as most cases of the motorway scenarios
-are; a longer drive has more chances of an extreme.
+are; a longer drive has more chances of an extreme. `scoring.drive_measures` computes it of every
+case.
 """
 
 from __future__ import annotations

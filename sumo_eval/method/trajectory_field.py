@@ -10,7 +10,7 @@ Readings of the paper (docs/method.md) that this file is built on:
 - The velocity points along the heading.
 
 The sum of magnitudes is compiled by numba, which is imported at first use, because that takes a
-while.
+while. `shared_fields` computes the fields behind D_i with it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The Gaussian process from which zones are taken, Eqs. 7-8.
+"""The Gaussian process from which `zone_partition` makes zones, Eqs. 7-8.
 
 Not on the page, and stated here: the GP may miss each training value by about 10 % of it
 (`TARGET_TOLERANCE`) and by a common noise that the likelihood finds like its other constants. The

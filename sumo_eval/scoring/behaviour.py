@@ -1,4 +1,6 @@
-"""Behaviour of each ADS of a run in all scenarios together, and its cases to look at first."""
+"""Behaviour of each ADS of a run in all scenarios together, and its cases to look at first, for the
+report's headline and summary.
+"""
 
 from __future__ import annotations
 

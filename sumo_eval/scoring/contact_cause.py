@@ -1,4 +1,6 @@
-"""Cause of a contact: when its ADS braked, beside the point of no return."""
+"""Cause of a contact, by when its ADS braked and by the point of no return, for the rows of
+`scoring.quantities`.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +19,13 @@ class ContactCause(NamedTuple):
 
 
 def cause_of_contact(fact: Fact) -> ContactCause:
-    """Cause of a contact, from when its ADS braked and the point of no return.
+    """Cause of a contact, by when its ADS braked and by the point of no return.
 
-    never_braked, late: first after the point of no return, weak: before it, unavoidable_by_braking:
-    full braking from the start on does not avoid it. not_repeatable: the replay is another drive.
+    never_braked: it did not brake.
+    late: it first braked after the point of no return.
+    weak: it first braked before that.
+    unavoidable_by_braking: full braking from the start on does not avoid the contact.
+    not_repeatable: a replay of the drive does not end in this contact, or none was made.
     """
     clip = next((clip for clip in fact.clips if clip.what == NO_RETURN), None)
     if clip is None or clip.first_time == UNKNOWN:

@@ -1,4 +1,6 @@
-"""Points of a run that matter most: those whose trajectories `[run] keep = "critical"` keeps."""
+"""Points of a run that matter most: `evaluation.score` keeps their trajectories under
+`[run] keep = "critical"`.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +18,12 @@ LEAST_HUMAN = 100
 def critical_points(evaluation: Evaluation, numbers: Mapping[str, int]) -> set[tuple[str, int]]:
     """Scenario and number of every critical point.
 
-    numbers: of each case's point.
+    numbers: number of each case's point, by case.
 
-    Critical is where, with some ADS, there was a collision; where its drive could not be evaluated
-    or left the road; where the nearest other point of the space ended otherwise, with a collision
-    or without; and where it is among its `LEAST_HUMAN` least human-like.
+    A point is critical if an ADS has a case there that
+    - collided, left the road or could not be evaluated,
+    - collided while its case at the nearest other point did not, or the reverse,
+    - is among its `LEAST_HUMAN` least human-like cases.
     """
     found: set[tuple[str, int]] = set()
     for score in evaluation.scores:

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from sumo_eval.cases import CaseResult
-from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
+from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, first_samples
 from sumo_eval.method.driving_task import asked_way, first_departure, misses, times_at
 from sumo_eval.method.measures import STANDING, course_of
 from sumo_eval.method.plausibility import Quantiles, extremes_of, least_plausible
@@ -24,7 +24,7 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.findings import LIKENESS_FACTORS
-from sumo_eval.trajectory import CHANNELS, FloatArray, Trajectory
+from sumo_eval.trajectory import FloatArray, Trajectory
 
 LOW = 0.99
 """A case's part in T, or a factor of its part in H, below this is explained."""
@@ -195,16 +195,10 @@ def _reached(scene: CaseDrives, name: str, value: float) -> float:
     ego, low, high = scene.ego, 2, len(scene.ego.time)
     while low < high:
         middle = (low + high) // 2
-        part = course_of(_until(ego, middle), scene.actors, None, scene.road)
+        part = course_of(first_samples(ego, middle), scene.actors, None, scene.road)
         has = np.isclose(extremes_of(part)[name], value, rtol=1e-6)
         low, high = (low, middle) if has else (middle + 1, high)
     return float(ego.time[low - 1] - ego.time[0])
-
-
-def _until(drive: Trajectory, samples: int) -> Trajectory:
-    """The first samples of a drive."""
-    channels = (getattr(drive, name)[:samples] for name in CHANNELS)
-    return Trajectory(*channels, length=drive.length, width=drive.width)
 
 
 def _events(scene: CaseDrives) -> Iterator[Event]:

@@ -1,4 +1,6 @@
-"""Human-likeness of the drivers: D_i of each driver beside that of an ADS, case by case."""
+"""Human-likeness of the drivers: D_i of each driver beside that of an ADS, case by case, for
+`report.people`.
+"""
 
 from __future__ import annotations
 

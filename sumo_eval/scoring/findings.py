@@ -224,13 +224,8 @@ class Findings:
     def _means(self, counted: BoolArray, factors: Mapping[str, str]) -> dict[str, float]:
         """The mean of every factor over the cases that are counted, (n,)."""
         some = self.cases[counted]
-        exposure = some.exposure
-        if not exposure.sum() > 0.0:
-            return {}
-        return {
-            name: float(exposure_mean(getattr(some, field), exposure, once(len(exposure)))[0])
-            for name, field in factors.items()
-        }
+        means = {name: mean_of(getattr(some, it), some.exposure) for name, it in factors.items()}
+        return {name: mean for name, mean in means.items() if mean is not None}
 
 
 def mean_of(values: FloatArray, exposure: FloatArray) -> float | None:

@@ -1,4 +1,7 @@
-"""The map of a space: its x and y, its panels along a third parameter, its slice through others."""
+"""The map of a space: its x and y, its panels along a third parameter, its slice through others.
+
+Pages, figures and JUnit draw it.
+"""
 
 from __future__ import annotations
 

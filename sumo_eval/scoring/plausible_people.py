@@ -1,4 +1,6 @@
-"""The people from whose table the plausibility of a scenario's cases is read."""
+"""The people from whose table the plausibility of a scenario's cases is read, for
+`scoring.steps`.
+"""
 
 from __future__ import annotations
 
@@ -54,13 +56,13 @@ def plausible_people(
             actors = _undisturbed(logical.concrete(**fact.values), ego)
             drives.append(extremes_of(course_of(ego, actors, None, logical.road)))
             names.append(fact.log or fact.driver)
-    if len(set(names)) < LEAST_PEOPLE:
-        missing = PlausibleTo(
-            logical.name, len(set(names)), len(drives), LEAST_PEOPLE, MOTORWAY_PEOPLE.people
-        )
-        return PlausiblePeople(MOTORWAY_PEOPLE, (missing,))
-    people = quantiles_of(drives, names, source=f"recorded drivers of the run in {logical.name}")
-    note = PlausibleTo(logical.name, people.people, people.drives, LEAST_PEOPLE, None)
+    persons, people, stand_in = len(set(names)), MOTORWAY_PEOPLE, None
+    if persons < LEAST_PEOPLE:
+        stand_in = people.people  # number of the people that stand in
+    else:
+        source = f"recorded drivers of the run in {logical.name}"
+        people = quantiles_of(drives, names, source=source)
+    note = PlausibleTo(logical.name, persons, len(drives), LEAST_PEOPLE, stand_in)
     return PlausiblePeople(people, (note,))
 
 

@@ -4,7 +4,7 @@ scenario.
 The question of type approval (UN Regulation No. 157): a collision that a careful and competent
 driver avoids must not happen. Leaving the road and giving up are incidents as a collision is, and U
 counts them. The reference is an ADS of the same run, `[report] reference`, or the ideal vehicle
-where the run has none.
+where the run has none. Pages, tables and evidence show the counts.
 """
 
 from __future__ import annotations

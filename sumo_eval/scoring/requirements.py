@@ -1,4 +1,6 @@
-"""Requirements of a scenario that a drive does not meet, for cases.csv and the scores."""
+"""Requirements of a scenario that a drive does not meet, for cases.csv, the scores and
+`report.checks`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""One logical scenario of a run while it is scored: where each step finds what it needs."""
+"""One logical scenario of a run while it is scored, with all that the steps of `scoring.steps`
+need of it.
+"""
 
 from __future__ import annotations
 

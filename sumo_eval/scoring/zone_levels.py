@@ -1,4 +1,6 @@
-"""Zones of a space at the points of a map, and of a lattice over the whole space."""
+"""Zones of a space at the points of a map, and of a lattice over the whole space, for the data of
+the report's page.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The zones of a run's scenarios, kept in its folder or computed (Eqs. 7-8)."""
+"""The zones of a run's scenarios, kept in its folder or computed (Eqs. 7-8).
+
+Scoring and `report.explain` read them here.
+"""
 
 from __future__ import annotations
 

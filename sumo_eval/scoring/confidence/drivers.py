@@ -1,5 +1,5 @@
-"""Effect of the choice of drivers on an ADS's D and H: a jackknife that respects how drivers are
-drawn.
+"""Effect of the choice of drivers on an ADS's D and H, for `intervals`: a jackknife that respects
+how drivers are drawn.
 
 The synthetic drivers are not a simple random sample: of any n, the recorded share overtakes,
 rounded down or up (`sumo_eval.drivers.synthetic.population`). So followers are compared with

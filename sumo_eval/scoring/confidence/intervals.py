@@ -55,8 +55,8 @@ from sumo_eval.settings import MethodSettings
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-LEVEL = 0.95
-REPLICATES = 2_000
+LEVEL = 0.95  # probability with which an interval covers its score
+REPLICATES = 2_000  # of the bootstrap
 ONE_MORE = 0.5  # mean weight of the one more case, in cases
 UNSEEN = 3.0  # rule of three: with none seen among n, at most 3/n with 95 % confidence
 SCORED = tuple(name for name in COMPUTED if name != "collision_probability")
@@ -204,6 +204,7 @@ class _Sums:
             human = np.clip(scores["human_likeness"] + likeness, 0.0, 1.0)
             return _summed({**scores, "d": d, "human_likeness": human}, method)
 
+        # the good side of each interval, then the bad one
         better = with_drivers(plain)
         worse = dict(better)
         for name, lost in self._unseen.losses(sums[of_scores:], unseen).items():
@@ -243,6 +244,7 @@ class _Sums:
             ends = percentiles(low[name], high[name], free[name])
             if value is None or ends is None:
                 continue
+            # without any incident such a loss is the whole interval; C counts collisions alone
             if name in lost and (name == "c" or not terms.incident.any()):
                 moved = float(lost[name][0])
                 ends = (value, value + moved) if up else (value - moved, value)
@@ -293,7 +295,8 @@ def _with_one_more(
     that share of its distance towards 1, where anything is at stake.
     """
     known, stake = _known_stake(terms)
-    timed, compared = int(np.isfinite(terms.task).sum()), int(known.sum()) if stake.any() else 0
+    timed = int(np.isfinite(terms.task).sum())
+    compared = int(known.sum()) if stake.any() else 0
     of_task, of_harm = (
         weight / (n + weight) if n else np.zeros(len(weight)) for n in (timed, compared)
     )

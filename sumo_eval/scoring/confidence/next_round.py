@@ -1,5 +1,5 @@
-"""State of the rounds of an adaptive sample, and the number of points that the next one takes from
-each cell.
+"""State of the rounds of an adaptive sample, for `scoring.steps`, and the number of points that the
+next round takes from each cell, for `evaluation`.
 """
 
 from __future__ import annotations
@@ -35,11 +35,13 @@ class Standing:
     """State of the rounds of an adaptive sample.
 
     rounds: number of rounds so far.
+    size: number of points of a round.
     further: number of points of the next round; 0: there is none.
     sentence: the state, for readers of the report.
     """
 
     rounds: int
+    size: int
     further: int
     sentence: str
 
@@ -86,7 +88,7 @@ def standing(
         asked = "" if sampling.until is None else f", more than the {sampling.until:g} asked for"
         why = f"all it may drive; {wide}{asked}"
     so_far = f"Adaptive sampling: {done} of at most {budget} points in {rounds} rounds; {why}."
-    return Standing(rounds, further, so_far)
+    return Standing(rounds, size, further, so_far)
 
 
 def further_round(
@@ -109,10 +111,7 @@ def further_round(
     stands = standing(sampling, points, scores, rows, places, method, logical.name)
     if not stands.further:
         return sampling
-    size = size_of_round(
-        sampling.count or 0, sampling.round, f"the sampling of scenario `{logical.name}`"
-    )
-    capacity = capacity_of_cells(logical, size, done.settings.seed)
+    capacity = capacity_of_cells(logical, stands.size, done.settings.seed)
     cells = len(capacity)
     variance = np.zeros(cells)
     for one in rows:

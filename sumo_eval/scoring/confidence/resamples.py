@@ -91,7 +91,10 @@ def strata(unit: FloatArray, method: str) -> Strata:
 
 
 def of_one_number(stratum: IntArray) -> Strata:
-    """A list of the points of each stratum; `stratum`: its number, of each point, (n,)."""
+    """The points of each stratum as a list.
+
+    stratum: of each point the number of its stratum, (n,).
+    """
     order = np.argsort(stratum, kind="stable")
     return Strata(order, np.append(np.flatnonzero(np.diff(stratum[order])) + 1, len(order)))
 
@@ -298,14 +301,15 @@ def _blocks(
         return lambda: draw(*given, random_stream(seed, *name, *([number] if number else [])))
 
     while first < len(lists.order):
-        last = int(np.searchsorted(ends, first + most, side="right"))  # lists that end within reach
+        # whole lists from `first` on, as many as one block holds
+        last = int(np.searchsorted(ends, first + most, side="right"))
         if (end := int(ends[last - 1]) if last else 0) > first:
             here = ends[int(np.searchsorted(ends, first, side="right")) : last] - first
             groups = Strata(np.arange(end - first), here)
             yield lists.order[first:end], drawn(number, draw_counts, groups, replicates)
             number, first = number + 1, end
             continue
-        # the next list alone is too long
+        # the next list alone is too long: share its draws among pieces, at random
         size = int(ends[last]) - first
         pieces = np.array_split(lists.order[first : first + size], -(-size // longest))
         parts = np.array([len(places) for places in pieces]) / size
