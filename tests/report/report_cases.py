@@ -14,6 +14,15 @@ def with_case(evaluation, key, change):
     )
 
 
+def calm(evaluation, **values):
+    """A run in which every case of `calm` that ended well has these values."""
+    cases = [
+        replace(case, **values) if case.ads == builders.CALM and case.status == "ok" else case
+        for case in evaluation.cases
+    ]
+    return replace(evaluation, cases=tuple(cases))
+
+
 def pick(evaluation, *, collided, zone="hazardous"):
     return next(
         case

@@ -10,6 +10,7 @@ import builders
 import junitparser
 import pytest
 from refusals import refusal
+from report_cases import calm as with_calm
 from report_cases import pick, with_case
 
 from sumo_eval.errors import InputError
@@ -52,10 +53,7 @@ def built(evaluation, build):
 
 def calm(evaluation, gap):
     """Every case of `calm` that ended well came as near as that, m."""
-    cases = [replace(case, min_gap=gap,
-        min_ttc=9.0) if case.ads == builders.CALM and case.status == "ok" else case
-             for case in evaluation.cases]  # fmt: skip
-    return replace(evaluation, cases=tuple(cases))
+    return with_calm(evaluation, min_gap=gap, min_ttc=9.0)
 
 
 def nearer(evaluation, gap):

@@ -88,10 +88,10 @@ def collision(evaluation):
     return recorded(evaluation.folder, key)
 
 
-def replay_of_collision(evaluation, folder):
+def replay_of_collision(evaluation, folder, beside=None):
     fact = collision(evaluation)
     return write_replay(
-        evaluation.folder, catalogue.load(fact.scenario), fact, folder / "replay.html"
+        evaluation.folder, catalogue.load(fact.scenario), fact, folder / "r.html", beside=beside
     )
 
 
@@ -116,13 +116,9 @@ PAINTED = """Promise.all([...document.querySelectorAll('canvas')].map(async (can
 
 @needs_chromium
 def test_the_replay_page_plays_in_a_browser(evaluation, tmp_path):
-    fact = collision(evaluation)
-    logical = catalogue.load(fact.scenario)
-    path = write_replay(
-        evaluation.folder, logical, fact, tmp_path / "replay.html", beside=builders.HOSTILE
-    )
+    path = replay_of_collision(evaluation, tmp_path, builders.HOSTILE)
     with open_store(evaluation.folder / FACTS) as store:
-        ego = store.trajectory(fact.case)
+        ego = store.trajectory(collision(evaluation).case)
     with Page(tmp_path / "profile") as page:
         page.open(path.as_uri(), "document.documentElement.dataset.replay === 'ready'")
         names = page.run(
@@ -176,11 +172,7 @@ def share_of(page, colour, within=40):
 def test_every_camera_shows_road_and_ego_and_contact_has_its_frames(evaluation, tmp_path):
     """Asphalt is grey in every camera; the ego's blue, its bonnet from the seat; red frames at
     contact, none before."""
-    fact = collision(evaluation)
-    logical = catalogue.load(fact.scenario)
-    path = write_replay(
-        evaluation.folder, logical, fact, tmp_path / "r.html", beside=builders.HOSTILE
-    )
+    path = replay_of_collision(evaluation, tmp_path, builders.HOSTILE)
     with Page(tmp_path / "profile") as page:
         page.open(path.as_uri(), "document.documentElement.dataset.replay === 'ready'")
         for camera in ("behind", "above", "seat", "free"):
@@ -219,15 +211,8 @@ def test_a_case_without_a_recording_and_a_companion_that_was_not_there_get_a_sen
         recorded(evaluation.folder, crashed.case)
     with refusal("Did you mean"):
         recorded(evaluation.folder, crashed.case + "x")
-    fact = collision(evaluation)
     with refusal("Unknown ADS or driver"):
-        write_replay(
-            evaluation.folder,
-            catalogue.load(fact.scenario),
-            fact,
-            tmp_path / "r.html",
-            beside="nobody",
-        )
+        replay_of_collision(evaluation, tmp_path, "nobody")
 
 
 def test_without_sumo_gui_a_sentence_says_how_to_get_it(monkeypatch, tmp_path):

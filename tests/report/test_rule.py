@@ -8,7 +8,7 @@ from typing import Any
 import builders
 import numpy as np
 import pytest
-from report_cases import hit, pick, with_case
+from report_cases import calm, hit, pick, with_case
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.nightly import rule_limits
@@ -158,15 +158,6 @@ def test_each_bad_end_alone_is_bad():
     for flags in np.eye(5, dtype=bool)[..., None]:
         assert Ends(*flags, np.zeros(1)).bad
     assert not Ends(*np.zeros((5, 1), dtype=bool), np.ones(1)).bad
-
-
-def calm(evaluation, **values):
-    """A run in which every case of `calm` that ended well has these values."""
-    cases = [
-        replace(case, **values) if case.ads == builders.CALM and case.status == "ok" else case
-        for case in evaluation.cases
-    ]
-    return replace(evaluation, cases=tuple(cases))
 
 
 def some(evaluation, number, change):
