@@ -47,6 +47,7 @@ from sumo_eval.scoring.driver_bands import below_drivers
 from sumo_eval.scoring.findings import Findings
 from sumo_eval.scoring.kept_scores import KeptChunk, table_of
 from sumo_eval.scoring.ledger import ledger
+from sumo_eval.scoring.nearest import nearest
 from sumo_eval.scoring.preventability import preventability
 from sumo_eval.scoring.quantities import combine
 from sumo_eval.scoring.shown_cases import shown_cases
@@ -164,7 +165,9 @@ def why(run: Evaluation) -> object:
 def named(run: Evaluation) -> object:
     """A case by its name, and those nearest to the middle of the space."""
     middle = {item.name: 0.5 * (item.low + item.high) for item in BOX}
-    return run.case(case_name(len(run.cases) - 1)), list(nearest_cases(run, middle, None, None, 3))
+    return run.case(case_name(len(run.cases) - 1)), list(
+        nearest_cases(nearest(run, middle, None, None, 3))
+    )
 
 
 PARTS: dict[str, Callable[[Evaluation, Path], object]] = {

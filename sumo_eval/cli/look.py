@@ -68,9 +68,11 @@ def find(
     parameters.
     """
     from sumo_eval.report.found_cases import nearest_cases
+    from sumo_eval.scoring.nearest import nearest
 
     evaluation = scored(run)
-    say(nearest_cases(evaluation, named_values(values, "A parameter"), ads, scenario, most))
+    found = nearest(evaluation, named_values(values, "A parameter"), ads, scenario, most)
+    say(nearest_cases(found))
 
 
 @click.command(

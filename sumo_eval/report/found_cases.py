@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
 
+from sumo_eval.cases import CaseTable
 from sumo_eval.report.words import count, one_line
-from sumo_eval.results import Evaluation
-from sumo_eval.scoring.nearest import nearest
 from sumo_eval.text import point_words
 
 
-def nearest_cases(
-    evaluation: Evaluation,
-    values: Mapping[str, float],
-    ads: str | None,
-    scenario: str | None,
-    most: int,
-) -> Iterator[str]:
-    """Lines on the nearest cases of each ADS; arguments as in `nearest`."""
-    for cases, near in nearest(evaluation, values, ads, scenario, most):
+def nearest_cases(found: Iterable[tuple[CaseTable, CaseTable]]) -> Iterator[str]:
+    """Lines on the nearest cases of each ADS, as `nearest` gives them."""
+    for cases, near in found:
         first = cases[0]
         yield f"{one_line(first.ads)} in {first.scenario}, {count(len(cases), 'case')}:"
         for case in near:

@@ -20,6 +20,7 @@ from sumo_eval.report.html import write_report
 from sumo_eval.scoring import shown_cases as module
 from sumo_eval.scoring.behaviour import least_human, ranked, worst_case
 from sumo_eval.scoring.failure_groups import failure_kinds
+from sumo_eval.scoring.nearest import nearest
 from sumo_eval.scoring.shown_cases import shown_cases
 
 
@@ -122,14 +123,16 @@ def test_tiles_hold_every_case_once_and_shares_are_of_those_that_collided(evalua
 def test_a_case_is_found_by_some_of_its_parameters(evaluation):
     case = [one for one in evaluation.cases if one.ads == builders.CALM][2]
     some = dict(list(case.values.items())[:2])
-    head, first, *_ = nearest_cases(evaluation, some, case.ads, case.scenario, 3)
+    head, first, *_ = nearest_cases(nearest(evaluation, some, case.ads, case.scenario, 3))
     assert head.startswith(f"{case.ads} in {case.scenario}, ")
     assert all(f"{name}={value:g}" in first for name, value in some.items())
-    lines = nearest_cases(evaluation, dict(case.values), None, case.scenario, 1)
+    lines = nearest_cases(nearest(evaluation, dict(case.values), None, case.scenario, 1))
     assert case.case in {line.split(":")[0].strip() for line in lines}
     scores = [it for it in evaluation.scores if (it.ads, it.scenario) != (case.ads, case.scenario)]
     few = replace(evaluation, scores=tuple(scores))  # as where `run.only` names cases
-    heads = [line for line in nearest_cases(few, some, None, case.scenario, 1) if line[0] != " "]
+    heads = [
+        line for line in nearest_cases(nearest(few, some, None, case.scenario, 1)) if line[0] != " "
+    ]
     assert heads
     assert not any(line.startswith(f"{case.ads} in") for line in heads)
     assert few.plot().axes
@@ -145,7 +148,7 @@ def test_a_case_is_found_by_some_of_its_parameters(evaluation):
 )
 def test_what_the_run_does_not_have_is_said(evaluation, values, ads, words):
     with refusal(words):
-        list(nearest_cases(evaluation, values, ads, None, 1))
+        list(nearest_cases(nearest(evaluation, values, ads, None, 1)))
 
 
 def test_a_departure_tells_as_much_as_a_collision(evaluation):
