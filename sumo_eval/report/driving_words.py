@@ -48,8 +48,9 @@ def driving_words(
     """Sentences on one case, the gravest first, and a picture of its speed beside that of the
     drivers.
     """
+    gave_up = ["The ADS gave the case up, which counts as doing nothing."] if case.gave_up else []
     if store.is_discarded(case.case) or not (case.evaluated or case.departed):
-        return ["The ADS gave the case up, which counts as doing nothing."] if case.gave_up else []
+        return gave_up
     scene = CaseDrives.of(case, fact, store, logical.road)
     margin = evaluation.settings.method.task.road_margin
     said = [*_incident(scene, fact), *task_words(scene, logical, margin)]
@@ -67,7 +68,7 @@ def driving_words(
     command = (
         f"sumo-eval replay {shlex.quote(str(evaluation.folder))} {shlex.quote(case.case)} --open"
     )
-    return [*sentences, *picture(scene, moment), f"See it: {command}"]
+    return [*sentences, *gave_up, *picture(scene, moment), f"See it: {command}"]
 
 
 _Said = Iterator[tuple[str, float]]

@@ -184,7 +184,9 @@ def _avoided_lines(found: Findings) -> _Lines:
         return
     lost = np.nan_to_num(found.share_lost)
     groups = {
-        "given up, which counts as doing nothing": cases.gave_up,
+        # not where the ADS left the road before with a larger U
+        "given up, which counts as doing nothing": cases.gave_up
+        & (cases.incident_severity <= cases.no_reaction_severity),
         "collisions that the ADS caused: a vehicle that does nothing has none": cases.caused,
         "collisions that the ideal vehicle avoids": cases.avoidable,
         "collisions that the ideal vehicle has too, but softer": cases.unavoidable,

@@ -7,7 +7,9 @@ from loaded import load
 import sumo_eval
 from sumo_eval.cosim import Command
 from sumo_eval.cosim.doors.controller import SHIPPED
-from sumo_eval.report.terminal import closing_lines
+from sumo_eval.evaluation import zone_partitions
+from sumo_eval.report.explain import explain_case, known_case
+from sumo_eval.report.terminal import closing_lines, ledger_lines
 
 NO_ORDER = {"no_reaction"}
 GIVING_UP = {"RaisesInDanger", "EndsInDanger"}
@@ -57,6 +59,9 @@ def test_who_leaves_the_road_and_gives_up_has_both_incidents(tmp_path):
     for case in done.cases:
         assert case.gave_up
         assert case.incident_severity == case.departure_speed
+        words = explain_case(done, zone_partitions(done), known_case(tmp_path, case.case))
+        assert "  The ADS gave the case up, which counts as doing nothing." in words
+    assert any(" A " in line and "left the road" in line for line in ledger_lines(done))
 
 
 @pytest.mark.campaign
