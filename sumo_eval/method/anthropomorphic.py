@@ -359,6 +359,7 @@ def _indexes(
 
     @cache
     def index_of(pairing: Pairing, mode: Mode) -> AnthropomorphicIndex:
+        """D_i of a pairing in a mode."""
         choice, slices = choices[pairing, mode]
         compared = (pairing.ads, *pairing.drivers)
         ads, *drivers = (vehicles[place] for place in compared)

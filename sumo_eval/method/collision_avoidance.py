@@ -143,10 +143,12 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
 
     Marched in steps of MARCH (a gap in the zone narrower than that can be missed), then bisected.
     """
-    ahead = np.where(direction > 0.0, 1.0 - start, start)  # distance to the box's face ahead
+    # t at which each coordinate meets the box's face ahead of it, and at which the ray leaves the
+    # box: not before t = 1, which is x_i itself
+    ahead = np.where(direction > 0.0, 1.0 - start, start)
     moves = np.abs(direction) > SAME_POINT
     t_face = np.divide(ahead, np.abs(direction), out=np.full(start.shape, np.inf), where=moves)
-    t_box = np.maximum(t_face.min(axis=1), 1.0)  # t = 1 is x_i itself, which is in the box
+    t_box = np.maximum(t_face.min(axis=1), 1.0)
 
     def inside(rays: IntArray, t: FloatArray) -> BoolArray:
         """Whether each of these rays is in the zone at its t."""

@@ -235,15 +235,15 @@ def conflict_criticality(
 def _braked(
     placed: Sequence[ConcreteScenario], looks: NDArray[Any], begins: FloatArray, strength: float
 ) -> FloatArray:
-    """x and speed of the egos, (n, T, 2), which brake to a standstill.
+    """x, m, and speed, m/s, of egos that brake to a standstill, at T looks, (n, T, 2).
 
-    looks: their numbers, (T,).
-    begins: when each begins to brake, s; inf: never.
+    looks: numbers of the looks, (T,).
+    begins: time at which each ego begins to brake, (n,), s; inf: never.
     strength: deceleration, m/s2.
     """
     x, v = np.array([[concrete.ego.x, concrete.ego.speed] for concrete in placed]).T[:, :, None]
     time, wait = looks * STEP, begins[:, None]
-    braked = np.clip(time - wait, 0.0, v / strength)  # s
+    braked = np.clip(time - wait, 0.0, v / strength)  # time of braking so far, s
     speed = v - strength * braked
     return np.stack([x + v * np.minimum(time, wait) + braked * (v + speed) / 2.0, speed], axis=2)
 

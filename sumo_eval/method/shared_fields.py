@@ -174,8 +174,8 @@ class SharedFields:
         points: int,
     ) -> None:
         self._trajectories, self._stretch, self._constants = trajectories, stretch, constants
-        boxes = constants.k1 <= LARGEST_K1 and constants.superposition == "magnitude"
-        self._by_boxes = boxes and _pays(points, stretch)
+        smooth = constants.k1 <= LARGEST_K1 and constants.superposition == "magnitude"
+        self._by_boxes = smooth and _pays(points, stretch)
         self._prepare = functools.cache(self._prepared)
 
     def at(self, x: FloatArray, y: FloatArray, places: Sequence[int]) -> FloatArray:
@@ -233,10 +233,11 @@ def _point_rows(stretch: Stretch, points: FloatArray, rows: IntArray) -> PointRo
     order = rows[np.argsort(points[rows, 0, 0], kind="stable")]
     points = points[order]
     x, y = points[:, 0, 0], points[..., 1]
-    boxes = (x - stretch.west) / (stretch.length / number)
-    box = np.minimum(boxes.astype(np.int64), number - 1)
+    place = (x - stretch.west) / (stretch.length / number)  # in lengths of a box
+    box = np.minimum(place.astype(np.int64), number - 1)
     starts = np.searchsorted(box, np.arange(number + 1))
-    along = chebyshev.chebvander(2.0 * (boxes - box) - 1.0, NODES - 1) @ _nodes()[2]
+    # the place in its box on -1..1, as a polynomial through the nodes needs it
+    along = chebyshev.chebvander(2.0 * (place - box) - 1.0, NODES - 1) @ _nodes()[2]
     across = np.ascontiguousarray((y.T - stretch.middle) / stretch.half)
     return PointRows(points, order, starts, np.ascontiguousarray(along.T), across)
 

@@ -379,7 +379,8 @@ def _compare_ads(
     methods = base.settings.method, new.settings.method
     old, now = (method.collision for method in methods)
     one_unit = old.regret_unit == now.regret_unit
-    runs = [(case_terms(*of_run), of_run[1]) for of_run in zip(tables, methods, strict=True)]
+    pairs = zip(tables, methods, strict=True)
+    runs = [(case_terms(cases, method), method) for cases, method in pairs]
     numbers, new_numbers = (
         counts(cases) | {"requirements_missed": int(np.sum(cases.requirements_missed != ""))}
         for cases in tables
