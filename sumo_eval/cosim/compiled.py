@@ -156,7 +156,7 @@ class Compiled:
     def step(self, traci: Any, ego: str, time: float) -> Command:
         """One step of a case on TraCI: makes one row of what TraCI shows, and calls the loop."""
         calls, gone = vehicles(traci), traci.TraCIException
-        if self._names is None:
+        if self._names is None:  # the first step: all vehicles are there
             self._names = tuple(name for name in traci.vehicle.getIDList() if name != ego)
             self._own = type(self).arrays([self], self._scenario, len(self._names))
             self._egos, self._seen = np.zeros(1, EGO), np.zeros((1, len(self._names)), MOVER)

@@ -100,6 +100,8 @@ class OnTraci(EgoControl):
         concrete, settings = world.cases[0], world.settings
         others = [actor.name for actor in concrete.actors]
         GUARD.begin(others, settings.step, settings.conditions.interference, heeding(concrete))
+        # moded: an ADS that is alone may have changed its speed mode in any step; in a batch
+        # `GUARD` sees every call
         GUARD.shared, GUARD.moded = not self._alone, self._alone
         GUARD.positions, GUARD.speeds = stage.fronts, stage.speeds
         self._stage = stage
@@ -503,7 +505,7 @@ class _Hook:
         """
         step, limits, sideways = self._step, self._limits, _SIDEWAYS_SPEED * self._step
         lowest, highest = -limits.max_deceleration, limits.max_acceleration
-        lane_speed = self._state[_LANE_SPEED]
+        lane_speed = self._state[_LANE_SPEED]  # a step ago
         gained = (speed - lane_speed) / step
         if not lowest - LIMIT_TOLERANCE <= gained <= highest + LIMIT_TOLERANCE:
             ends = self.road.shaped and speed == 0.0
@@ -513,8 +515,10 @@ class _Hook:
                 f"The ADS must drive its vehicle within {lowest:g}..{highest:g} m/s2, "
                 f"got {gained:.1f} m/s2 at {now:.2f} s{why}.",
             )  # fmt: skip
+        # at a limit: SUMO may have held the vehicle back
         elif not lowest + LIMIT_TOLERANCE <= gained <= highest - LIMIT_TOLERANCE:
             self._world.note(self._case, "vtype_limit", gained, gained)
+        # the step is as long as one of the speeds between both allows
         slower, faster = (speed, lane_speed) if speed < lane_speed else (lane_speed, speed)
         tolerance = JUMP_TOLERANCE + (_CHORD_SHARE * faster * step if self._bend else 0.0)
         least, most = slower * step - tolerance, faster * step + tolerance

@@ -119,6 +119,10 @@ class Traffic(Stage):
             self._hand_over_one(self._number(row, j), row, world.others[row, j])
 
     def _hand_over_one(self, number: int, row: int, other: Any) -> None:
+        """Let SUMO drive a vehicle from where it is and as fast as it is.
+
+        other: its record.
+        """
         calls, road, name = self.calls, self._road, self._flat[number]
         self._handed.add(name)
         calls.setSpeedMode(name, _ITS_OWN_SPEED_MODE)
@@ -259,6 +263,7 @@ class Traffic(Stage):
         self._put(shadow, it, it.shadow_lane)
 
     def _put(self, name: str, it: _OnLane, lane: int) -> None:
+        """Put a body, or its shadow, on a lane."""
         self.calls.moveTo(name, self._lanes[it.number // self._width][lane], it.begin)
         self.calls.setLateralLanePosition(name, it.y - self._road.lane_width * lane)
         self.calls.setSpeed(name, it.along)

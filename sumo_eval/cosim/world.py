@@ -254,10 +254,11 @@ class World:
         others, road, half = self.others, self.cases[0].road, 0.5 * self.others["length"]
         front = others["x"] + half * np.cos(others["heading"])
         front_before = others["before"]["x"] + half * np.cos(others["before"]["heading"])
+        # present actors on the lanes whose front passes the end, in cases that have not ended
         gone = (front_before <= self._end_of_lanes) & (front > self._end_of_lanes)
         gone &= others["present"] == 1
         gone &= (others["y"] >= road.right_edge) & (others["y"] <= road.left_edge)
-        gone &= (others["told"] > 0) | (not as_read)
+        gone &= (others["told"] > 0) | (not as_read)  # 0: SUMO moves it by itself
         gone &= (self.egos["live"] == 1)[:, None] & (self.egos["reason"] == 0)[:, None]
         others["present"][gone] = 0
         rows, actors = np.nonzero(gone)
@@ -455,6 +456,7 @@ class World:
     def _clips(self, row: int, case: int) -> tuple[Clip, ...]:
         counted = np.flatnonzero(self.clips["count"][row])
         clips = [Clip(WHATS[what], *self.clips[row, what].tolist()) for what in counted]
+        # a note has the fields of a clip after `what`, in their order
         clips += [Clip(what, *vars(note).values()) for what, note in self.notes[case].items()]
         return tuple(sorted(clips, key=lambda clip: clip.what))
 

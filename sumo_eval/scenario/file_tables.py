@@ -504,6 +504,7 @@ class ScenarioFile(Checked):
         if not parameters:
             raise InputError(f"{where} must have at least one [[parameter]].")
         names, definitions = self._names(parameters, options, where)
+        # also vehicles that come in with an option: `reacts` does not depend on the options given
         vehicles = [*self.vehicle, *(it for option in self.option for it in option.given.vehicle)]
         follows = any(move.do == "follow" for it in vehicles for move in it.manoeuvre)
         reacts = follows or bool(self.stream)
@@ -577,6 +578,7 @@ class ScenarioFile(Checked):
         return names, Definitions(tuple(entries), tuple(options.items()))
 
     def _place(self, names: Names, definitions: Definitions, road: Road) -> Placement:
+        """The ego's start and the actors as a function of a point's values."""
         vehicles = tuple(item.read(names, road) for item in self.vehicle)
         streams = tuple((item, item.read(names, road)) for item in self.stream)
         if not vehicles and not streams and self.zone != "none":
@@ -584,8 +586,9 @@ class ScenarioFile(Checked):
         names.distinct(["ego", *(item.name for item in self.vehicle)], "vehicle")
         self.ego.check(names.where, road)
         numbers = names.quantities(self.ego, "the ego")
-        place = Placement(definitions, names.owner, road, self.ego, numbers, vehicles, streams)
-        return replace(place, definitions=definitions.needed_by(*names.scene))
+        # now `names.scene` has the expressions of all vehicles
+        needed = definitions.needed_by(*names.scene)
+        return Placement(needed, names.owner, road, self.ego, numbers, vehicles, streams)
 
     def _check_used(
         self, names: Names, definitions: Definitions, requirements: Sequence[Requirement]

@@ -289,7 +289,7 @@ def _place(road: Road, x: float, y: float) -> str:
 
 
 def _bounds(road: Road) -> str:
-    """The box around a road and those that cross it."""
+    """The box around a road and those that cross it on the map: least x and y, largest x and y."""
     if not road.bent:
         reach = max((it.reach for it in road.crossings), default=0.0)
         corners = 0.0, min(road.right_edge, -reach), road.end, max(road.left_edge, reach)
