@@ -163,7 +163,7 @@ class Executor:
 
         e: m from the front axle to the path, positive where the path is to the left.
         theta: direction of the path beside the front axle, rad.
-        curvature: of the road's centre line, 1/m.
+        curvature: of the road's line, the right lane's centre line, 1/m.
         s: m by which the ego is behind the plan.
         k: `steering_gain`, v_s: `softening_speed`, k_v: `speed_gain`, k_s: `position_gain`.
 

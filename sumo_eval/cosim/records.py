@@ -60,18 +60,26 @@ MOVER = np.dtype(
         "curvature",
     )
 )  # fmt: skip
-"""A vehicle as rules see it: along and across the road; x is nan where there is none
-(`ads.perception`). along: dx/dt, m/s. curvature: of the road at x and the offset y, 1/m,
-positive to the left."""
+"""A vehicle as rules see it.
+
+x, y: of its centre, along and across the road, m; x is nan where there is no vehicle.
+along, across: dx/dt and dy/dt, m/s. speed: along its heading, m/s.
+half_length, half_width: half its extents along and across the road, m.
+braking: deceleration that a rule predicts with, m/s2; 0: the vehicle keeps its velocity.
+curvature: of the road at x and the offset y, 1/m, positive to the left.
+"""
 _MAP = fields("x", "y", "heading")
 BODY = fields("x", "y", "heading", "speed", "length", "width", "across")
 _BEFORE = [*fields("x", "y", "heading", "speed", "across"), ("map", _MAP)]
 _NEXT = fields("x", "y", "heading", "speed", "acceleration", "steering")
 
 _WAY = [*fields("start", "offset", "begin", "length", "by"), *flags("asked", "ends")]
-"""Where it is to be across the road: where it began, m, and from x = `begin` on, over `length` m,
-`offset` m further to the left. asked: 1 if it has to make that lane change, finished by x = `by`;
-ends: 1 if its first lane ends there."""
+"""The ego's path: at y = `start`, m, then a lane change by `offset` m to the left, from x = `begin`
+on and over `length` m.
+
+asked: 1 if it has to make that lane change, finished by x = `by`; 0: there is none.
+ends: 1 if its first lane ends at `by`.
+"""
 
 
 def numbers_of(records: Records) -> FloatArray:
@@ -100,7 +108,7 @@ stale: 1 if SUMO has not received its last motion; of an ego that SUMO moves: if
 reason: why the case has ended, a place in `REASONS`; 0: it has not.
 share: of the step at which it touched actor number `struck`.
 settled: 1 if its ADS will do nothing new.
-samples: how many there are. begun: the step of the world at which the case began.
+samples: number of its samples. begun: step of the world at which the case began.
 slip, yaw_rate: of the dynamic vehicle model, rad and rad/s.
 way: as in `_WAY`."""
 

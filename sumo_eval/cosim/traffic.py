@@ -346,9 +346,9 @@ class Traffic(Stage):
                 body = world.egos[row] if j == 0 else world.others[row, j - 1]
                 name = self._flat[row * self._width + j]
                 was_put = j == 0 or (body["present"] and body["told"] == 2)
-                if world.egos["reason"][row] or not was_put:
+                if world.egos["reason"][row] or not was_put or name not in self._told:
                     continue
-                if name not in self._told or self.calls.getLaneIndex(name) < 0:
+                if self.calls.getLaneIndex(name) < 0:  # on no lane
                     continue
                 ground = float(self._ground_of_lane(body["x"], body["y"]))
                 ahead = 0.5 * float(body["length"]) * math.cos(float(body["heading"])) / ground

@@ -157,7 +157,9 @@ def slip_rates(
     """Rates of side slip, rad/s, and yaw rate, rad/s2, of the dynamic single-track model; and the
     largest share that linear tyres would use of an axle's limit.
 
-    Force of an axle across, N: F = mu C Fz alpha, with the load transfer of the acceleration in Fz.
+    Force of an axle across, N: F = mu C Fz alpha, of friction mu, cornering stiffness C, slip angle
+    alpha, and load Fz, N, with the load transfer of the acceleration.
+
     Source: single-track model of commonroad-vehicle-models (Althoff, Koschi, Manzinger: CommonRoad,
     IV 2017).
 
@@ -245,7 +247,7 @@ def move_dynamic(
     part, way = step / _PARTS, distance / _PARTS
     most = 0.0
     for k in range(_PARTS):
-        # Heun's method: rates at the part's begin, then (names with a 2) at its predicted end
+        # Heun's method: rates at the start of the part, then (names with a 2) at its predicted end
         share, next_share = k / _PARTS, (k + 1) / _PARTS
         v, v2 = speed + share * (faster - speed), speed + next_share * (faster - speed)
         turned = (wheel + share * (end - wheel)) / limits.steering_ratio
