@@ -10,6 +10,7 @@ import ctypes
 import errno
 import gc
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -146,6 +147,8 @@ class _Group(click.Group):
 
     def main(self, args: Any = None, *rest: Any, **named: Any) -> Any:
         if args is None:  # called from a shell; a caller in Python, as a test, gives arguments
+            # outside of drives too a SIGTERM is a Ctrl-C
+            signal.signal(signal.SIGTERM, signal.default_int_handler)
             _fill_closed_streams()
             _read_utf8()
             _print_all()
@@ -169,8 +172,8 @@ def _errors_reported() -> Iterator[None]:
     """Turn errors into a message and an exit status."""
     try:
         yield
-    except StoppedError as stop:
-        tell(f"sumo-eval: {stop}", err=True)
+    except (StoppedError, KeyboardInterrupt) as stop:
+        tell(f"sumo-eval: {str(stop) or 'Stopped.'}", err=True)
         sys.exit(INTERRUPTED)
     except SumoEvalError as error:
         # else the fork server keeps loading the simulator for seconds
@@ -183,9 +186,6 @@ def _errors_reported() -> Iterator[None]:
             sys.exit(NOT_READ)
         place = f" ({clean(str(error.filename), 200)})" if error.filename else ""
         _refuse(f"{error.strerror or error}{place}. What was finished before is kept.")
-    except KeyboardInterrupt:
-        tell("Stopped by Ctrl-C.", err=True)
-        sys.exit(INTERRUPTED)
 
 
 def _nearest(name: str) -> str:

@@ -17,7 +17,6 @@ from typing import Any
 from sumo_eval.cli.sentences import tell
 
 GRACE = 10.0  # s for running cases after SIGTERM
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
@@ -47,7 +46,9 @@ class Stopping:
         self._at_last.daemon = True
 
     def __enter__(self) -> Stopping:
-        self._before = {number: signal.signal(number, self._ask) for number in _SIGNALS}
+        self._before = {
+            number: signal.signal(number, self._ask) for number in (signal.SIGINT, signal.SIGTERM)
+        }
         return self
 
     def __exit__(self, *_: object) -> None:

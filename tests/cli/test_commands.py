@@ -171,3 +171,13 @@ def test_a_replay_lies_in_its_run_whatever_the_ads_is_called(tmp_path, monkeypat
     monkeypatch.setattr("sumo_eval.report.replay.write_replay", lambda *given, **_: given[3])
     done = sumo_eval("replay", tmp_path, "s-0000-idm/~a--b")
     assert done.said == f"The replay is {tmp_path / 'replay-s-0000-idm__a_-b.html'}\n"
+
+
+def test_sigterm_between_drives_is_status_130():
+    code = (
+        "import os, signal, click\nfrom sumo_eval.cli import main\n"
+        "click.Group.invoke = lambda *_: os.kill(os.getpid(), signal.SIGTERM)\n"
+        "try: main()\nexcept SystemExit as end: print(end.code)"
+    )
+    done = python(code, "scenarios")
+    assert (done.stdout, done.stderr) == ("130\n", "sumo-eval: Stopped.\n")
