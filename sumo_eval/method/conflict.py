@@ -12,8 +12,8 @@ Conflict: two ways cross or join, as where one road leads into another. It has a
 this area, and a PET. The ego's way is y as a function of x along the road, at a speed. The time to
 collision on conflicting ways is the time after which the bodies would touch if the ego kept its
 speed on its way while the actor follows its script (Hayward 1972: on a collision course, whatever
-the angle). Bodies are upright rectangles, as wide and long as the turned bodies reach along and
-across the road.
+the angle). The area is that of upright rectangles, as wide and long as the turned actor reaches
+along and across the road.
 """
 
 from __future__ import annotations
@@ -27,10 +27,11 @@ from numpy.typing import NDArray
 
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario import ConcreteScenario, LogicalScenario
-from sumo_eval.scenario.motion import quintic
+from sumo_eval.scenario.first_places import STANDARD_EGO
+from sumo_eval.scenario.motion import quintic, quintic_rate
 from sumo_eval.scenario.undisturbed import meetings, tracks
-from sumo_eval.settings import VehicleSettings, ZoneSettings
-from sumo_eval.trajectory import BoolArray, FloatArray, half_extents
+from sumo_eval.settings import ZoneSettings
+from sumo_eval.trajectory import FloatArray, half_extents
 
 # A look is an instant at which bodies are compared.
 STEP = 0.1  # s between looks on conflicting ways; contacts between two looks are interpolated
@@ -40,9 +41,15 @@ _FINER = 0.02  # s between looks where ways do not conflict
 _AT_ONCE = 500  # points searched together
 _ACROSS = 0.5  # sine of the angle to the road from which an actor crosses it
 
-_WAY = np.dtype([(name, "f8") for name in ("y", "offset", "begin", "length")])
+_WAY = np.dtype(
+    [
+        (name, "f8")
+        for name in ("y", "offset", "begin", "length", "ego_long", "ego_wide", "long", "wide")
+    ]
+)
 """The ego's way, m: y at first; its lane change by `offset` to the left, from x = `begin` on, over
-`length`."""
+`length`. Length and width of its body, and of the other's.
+"""
 
 
 class Conflict(NamedTuple):
@@ -123,10 +130,10 @@ def crossing_conflict(
     """
     ego, (length, width) = concrete.ego, size
     until = min(_time_on_road(concrete), _LONGEST)
-    motion = tracks([concrete], [size], STEP, until).others[:, other]
-    times: FloatArray = np.arange(motion.shape[1], dtype=float) * STEP
-    (long,), (wide,) = _extents(motion, concrete, other)  # half the body's reach, m
-    x, y, heading = motion[0, :, :3].T
+    motion, actor = tracks([concrete], [size], STEP, until).others[0, other], concrete.actors[other]
+    times: FloatArray = np.arange(len(motion), dtype=float) * STEP
+    x, y, heading = motion[:, :3].T
+    long, wide = half_extents(heading, actor.length, actor.width)
     # distance of the body from the strip, m, negative inside
     apart = np.abs(y - ego.y_at(x)) - wide - 0.5 * width
     inside = np.flatnonzero(apart < 0.0)
@@ -143,7 +150,7 @@ def crossing_conflict(
         """Time at which the ego's centre is at x, s."""
         return (x - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
 
-    enters = float(times[first]) if first == 0 else crossed(first)
+    enters = crossed(first) if first else 0.0
     leaves = crossed(last + 1) if last + 1 < len(times) else math.inf
     begin, end = float((x - long)[inside].min()), float((x + long)[inside].max())
     ego_arrives, ego_clears = reached(begin - 0.5 * length), reached(end + 0.5 * length)
@@ -181,8 +188,8 @@ def conflict_at(logical: LogicalScenario, values: Mapping[str, float]) -> Confli
 
 def ego_size(logical: LogicalScenario) -> tuple[float, float]:
     """Length and width of the ego's body, m."""
-    vehicle, own = VehicleSettings(), logical.ego_body
-    return (vehicle.length, vehicle.width) if own is None else (own.length, own.width)
+    body = logical.ego_body or STANDARD_EGO
+    return body.length, body.width
 
 
 def conflict_criticality(
@@ -207,9 +214,9 @@ def conflict_criticality(
     behind do not count.
     """
     strength, waits = settings.deceleration, np.array(delays)
-    speeds = np.array([concrete.ego.speed for concrete in placed])
     # long enough for the latest braking to a standstill
-    until = np.minimum(_begins(placed, other) + waits + speeds / strength + HORIZON, _LONGEST)
+    stands = [_begins(concrete, other) + concrete.ego.speed / strength for concrete in placed]
+    until = np.minimum(stands + waits + HORIZON, _LONGEST)
     motion = tracks(placed, [size] * len(placed), STEP, float(until.max()))
     others, looks = motion.others, np.arange(motion.others.shape[2])
     # A case ends at its own time: nothing may depend on the cases searched with it. From then on
@@ -267,22 +274,10 @@ def _most_critical(
             _with_actor(placed, others[:, number], number, size, egos, horizon)
             for number in range(others.shape[1])
         ]
-    ).transpose(1, 0, 2)
-    # such an actor neither closes in nor hits nor comes near
-    each[:, _react_from_behind(placed)] = np.array([[0.0], [0.0], [np.inf]])
-    return np.stack([each[0].max(axis=0), each[1].max(axis=0), each[2].min(axis=0)])
-
-
-def _react_from_behind(placed: Sequence[ConcreteScenario]) -> BoolArray:
-    """Whether each actor reacts and comes from behind the ego, (others, n).
-
-    These do not count: no braking of the ego averts their acts, which SUMO alone knows.
-    """
-    flags = [
-        [actor.model is not None and actor.start.x < one.ego.x for actor in one.actors]
-        for one in placed
-    ]
-    return np.array(flags, dtype=bool).T
+    )
+    most: FloatArray = each.max(axis=0)
+    most[:, 2] = each[..., 2].min(axis=0)
+    return most.T
 
 
 def _with_actor(
@@ -293,77 +288,82 @@ def _with_actor(
     egos: FloatArray,
     horizon: int,
 ) -> FloatArray:
-    """Max ITTC, impact speed and smallest distance of the bodies with number `other`, (3, n).
+    """Max ITTC, impact speed and smallest distance of the bodies with number `other`, (n, 3).
 
     track: motion of that actor, (n, T, 5), as in `Tracks`.
     egos, horizon: as in `_most_critical`.
+
+    An actor that reacts and comes from behind does not count: no braking of the ego averts its
+    acts, which SUMO alone knows.
     """
-    long, wide = _extents(track, placed[0], other)
-    ways = np.zeros(len(placed), _WAY)
+    actor, ways = placed[0].actors[other], np.zeros(len(placed), _WAY)
     for i, concrete in enumerate(placed):
         way = concrete.ego.way
-        change = (0.0, 0.0, 1.0)  # without a lane change; `_y_at` divides by the length
+        change = 0.0, 0.0, 1.0  # without a lane change; `_gaps` divides by the length
         if way is not None:
-            change = (way.offset, way.begin, way.length(concrete.ego.speed))
-        ways[i] = (concrete.ego.y, *change)
-    bodies = np.stack(
-        [track[:, :, 0], track[:, :, 1], long + 0.5 * size[0], wide + 0.5 * size[1]], axis=2
-    )
+            change = way.offset, way.begin, way.length(concrete.ego.speed)
+        ways[i] = concrete.ego.y, *change, *size, actor.length, actor.width
+    heading, speed, across = np.moveaxis(track[..., 2:], 2, 0)
+    c, s = np.cos(heading), np.sin(heading)
+    # last the actor's velocity along the road, and to its left
+    motion = np.dstack([track[..., :2], c, s, speed * c - across * s, speed * s + across * c])
     result = np.zeros((len(placed), 3))
-    _search_rows(ways, egos, bodies, horizon, result)
-    inverse, touch, nearest = result.T
-    hit = np.flatnonzero(touch >= 0.0)
-    at = touch[hit].astype(np.intp)  # looks of the contacts
-    # the actor's velocity along the road, and to its left
-    heading, speed, across = (track[hit, at, channel] for channel in (2, 3, 4))
-    along = speed * np.cos(heading) - across * np.sin(heading)
-    sideways = speed * np.sin(heading) + across * np.cos(heading)
-    impact = np.zeros(len(placed))
-    impact[hit] = np.hypot(egos[hit, at, 1] - along, sideways)
-    return np.stack([np.where(touch >= 0.0, np.inf, inverse), impact, np.maximum(nearest, 0.0)])
+    _search_rows(ways, egos, motion, horizon, result)
+    if actor.model is not None:
+        result[[it.actors[other].start.x < it.ego.x for it in placed]] = 0.0, 0.0, math.inf
+    return result
 
 
-def _begins(placed: Sequence[ConcreteScenario], other: int) -> FloatArray:
-    """Latest time at which actor `other` can begin its first move, s, (n,).
+def _begins(concrete: ConcreteScenario, other: int) -> float:
+    """Latest time at which actor `other` can begin its first move, s.
 
     A move that waits for a condition begins before the ego is at the end of the road.
     """
-    begins = []
-    for concrete in placed:
-        latest, acts = _time_on_road(concrete), concrete.actors[other].acts
-        begins.append(min([latest if act.program else act.begin for act in acts], default=0.0))
-    return np.array(begins)
-
-
-def _extents(
-    track: FloatArray, concrete: ConcreteScenario, other: int
-) -> tuple[FloatArray, FloatArray]:
-    """Half of the reach of a body along and across the road, (n, T), m; track: (n, T, 5)."""
-    actor = concrete.actors[other]
-    return half_extents(track[:, :, 2], actor.length, actor.width)
+    latest, acts = _time_on_road(concrete), concrete.actors[other].acts
+    return min([latest if act.program else act.begin for act in acts], default=0.0)
 
 
 @kernel
-def _y_at(way: Any, x: float) -> float:
-    """`Start.y_at` of a `_WAY`."""
-    return float(way.y + way.offset * quintic(min(max((x - way.begin) / way.length, 0.0), 1.0)))
+def _beside(dx: float, dy: float, body: Any, other: Any) -> tuple[float, float, float, float]:
+    """Free road, m, ahead of a body, behind it, to its left and to its right, to one at (dx, dy).
 
-
-@kernel
-def _apart(way: Any, x: float, other: Any) -> tuple[float, float]:
-    """Distance of the bodies along and across the road, m; both negative where they touch.
-
-    other: x, y, and the reach of both bodies together along and across the road.
+    body, other: cosine and sine of the heading, length and width.
     """
-    return abs(other[0] - x) - other[2], abs(other[1] - _y_at(way, x)) - other[3]
+    (c, s), (long, wide) = body
+    (its_c, its_s), (its_long, its_wide) = other
+    cos, sin = abs(c * its_c + s * its_s), abs(c * its_s - s * its_c)  # of the angle between them
+    along = 0.5 * (long + its_long * cos + its_wide * sin)
+    across = 0.5 * (wide + its_long * sin + its_wide * cos)
+    ahead, left = dx * c + dy * s, dy * c - dx * s
+    return ahead - along, -ahead - along, left - across, -left - across
 
 
 @kernel
-def _share(before: float, after: float) -> float:
-    """Share of a step at which a distance is 0: it is `before` at the beginning and falls evenly to
-    `after`, below 0.
+def _gaps(way: Any, x: float, other: Any) -> tuple[float, ...]:
+    """Free road beside the ego at x, and beside the other, m: all negative where they touch.
+
+    other: x, y, cosine and sine of its heading.
     """
-    return before / (before - after) if before > 0.0 else 0.0
+    share = min(max((x - way.begin) / way.length, 0.0), 1.0)
+    slope = way.offset * quintic_rate(share) / way.length
+    c = 1.0 / math.sqrt(1.0 + slope * slope)
+    ego = (c, slope * c), (way.ego_long, way.ego_wide)
+    its = (other[2], other[3]), (way.long, way.wide)
+    dx, dy = other[0] - x, other[1] - way.y - way.offset * quintic(share)
+    return _beside(dx, dy, ego, its) + _beside(-dx, -dy, its, ego)
+
+
+@kernel
+def _touch(before: Any, after: Any) -> float:
+    """Share of a step at which bodies begin to touch whose `_gaps` change evenly; inf: never."""
+    begin, end = 0.0, 1.0
+    for k in range(8):
+        first, last = before[k], after[k]
+        if first >= 0.0:
+            begin = max(begin, first / (first - last)) if last < 0.0 else math.inf
+        elif last >= 0.0:
+            end = min(end, first / (first - last))
+    return begin if begin < end else math.inf
 
 
 @rows
@@ -374,35 +374,38 @@ def _search_rows(
     horizon: int,
     result: FloatArray,
 ) -> None:
-    """Write the result of each row: largest inverse TTC, 1/s, the look at which both touch (-1:
-    never), and the smallest distance, m.
+    """Write the result of each row: largest inverse TTC, 1/s, inf where both touch, the speed at
+    which they do, m/s, and the smallest distance, m.
 
     ways: `_WAY`, (n,).
     egos: x and speed at T looks, (n, T, 2).
-    others: as in `_apart`, (n, T, 4).
+    others: as in `_gaps`, then speed along and across the road, (n, T, 6).
     horizon: number of looks ahead in which a collision counts.
     result: (n, 3).
     """
     for i in range(len(ways)):
         way = ways[i]
-        inverse, nearest, touch = 0.0, math.inf, -1.0
-        count = egos.shape[1]
+        inverse, impact, nearest = 0.0, 0.0, math.inf
+        count = np.isfinite(others[i, :, 0]).sum()
         for k in range(count):
             x, speed = egos[i, k, 0], egos[i, k, 1]
-            along, across = _apart(way, x, others[i, k])
-            nearest = min(nearest, max(along, across))
-            if along < 0.0 and across < 0.0:
-                touch = float(k)
+            last = _gaps(way, x, others[i, k])
+            if k == 0:
+                before = last
+            nearest = min(nearest, max(max(last), 0.0))
+            if _touch(before, last) <= 1.0:
+                inverse = math.inf
+                impact = math.hypot(speed - others[i, k, 4], others[i, k, 5])
                 break
+            before = last
             if speed <= 0.0:
                 continue
-            last_along, last_across = along, across
-            for ahead in range(1, min(horizon, count - 1 - k) + 1):
-                along, across = _apart(way, x + speed * STEP * ahead, others[i, k + ahead])
-                if along < 0.0 and across < 0.0:
-                    share = max(_share(last_along, along), _share(last_across, across))
+            for ahead in range(1, min(horizon + 1, count - k)):
+                then = _gaps(way, x + speed * STEP * ahead, others[i, k + ahead])
+                share = _touch(last, then)
+                if share <= 1.0:
                     time = STEP * (ahead - 1 + share)
                     inverse = max(inverse, 1.0 / max(time, 1e-6))  # not by 0
                     break
-                last_along, last_across = along, across
-        result[i, 0], result[i, 1], result[i, 2] = inverse, touch, nearest
+                last = then
+        result[i] = inverse, impact, nearest

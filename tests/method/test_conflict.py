@@ -83,6 +83,19 @@ def test_law_a_crossing_vehicle_counts_as_long_as_the_ego_would_find_it_in_its_w
         )
 
 
+@pytest.mark.parametrize(
+    ("name", "point", "hits"),
+    [
+        ("crossing_path", [21.3, 12.1, -0.2], True),  # corners meet for less than 0.1 s
+        ("turn_across_path", [6.9, 3.0, -0.2], False),  # only rectangles around the bodies meet
+        ("ramp_merge", [26.9, 33.4, -32.7, 1.4], True),  # the ego's corner, turned to its new lane
+    ],
+)
+def test_law_bodies_touch_as_they_lie_also_between_two_looks(name, point, hits):
+    found = criticality(catalogue.load(name), np.array([point]), ZONES)
+    assert np.isinf(found.inverse[0]) == hits
+
+
 def test_without_a_meeting_there_is_no_conflict():
     concrete = scene(20.0, {"speed": 5.0, "heading": 90.0, "x": 75.0, "y": -20.0})
     assert critical(concrete)[0] == 0.0
