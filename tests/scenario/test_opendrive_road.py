@@ -14,6 +14,7 @@ from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.road.lanes import Crossing, LaneSpan
 from sumo_eval.scenario.road.opendrive import read_opendrive
+from sumo_eval.scenario.road.parametric import NEAR, Cubic, pieces_along
 from sumo_eval.scenario.road.reference_line import Piece, arc, frame_places, map_places
 
 CATALOGUES = Path(__file__).parents[3] / "shared" / "data" / "catalogues"
@@ -183,6 +184,15 @@ def test_law_a_parametric_cubic_is_followed(tmp_path, normalised):
     assert np.abs(turned).max() < 2e-4
     # v'' / u'2 at its begin
     assert read.line[0].begin == pytest.approx(2e-3 / (1.0 + 1.75 * 2e-3), abs=2e-6)
+
+
+def test_law_a_cubic_is_near_its_pieces_between_their_ends_too():
+    along, left = (0.0, 1.0, 0.0, 5e-5), (0.0, 0.0, 8e-3, 1e-4)
+    p = np.linspace(0.0, 20.0, 400_001)
+    u, v = np.polyval(along[::-1], p), np.polyval(left[::-1], p)
+    length = np.hypot(np.diff(u), np.diff(v)).sum()
+    line = tuple(pieces_along(Cubic(along, left, 20.0), length, "r"))
+    assert np.abs(frame_places(line, u[::1000], v[::1000])[1]).max() < NEAR
 
 
 @pytest.mark.parametrize(

@@ -80,15 +80,16 @@ def pieces_along(cubic: Cubic, length: float, owner: str) -> list[Piece]:
         # curvature to add to a piece, so that it turns as far as its part of the cubic
         missing = np.diff(heading) / lengths - 0.5 * (curvature[:-1] + curvature[1:])
         stretch = length / own
-        begins, behind = (curvature[:-1] + missing) / stretch, (curvature[1:] + missing) / stretch
-        numbers = (it.tolist() for it in (lengths * stretch, begins, behind))
-        found = list(itertools.starmap(Piece, zip(*numbers, strict=True)))
-        # how far the ends of the pieces are off the cubic
-        s = np.concatenate([[0.0], np.cumsum(lengths)]) * stretch
+        begins, behind = curvature[:-1] + missing, curvature[1:] + missing
+        pieces = np.array([lengths * stretch, begins / stretch, behind / stretch])
+        found = list(itertools.starmap(Piece, pieces.T.tolist()))
+        # how far the pieces are off the cubic, at their ends and between them
+        looks = np.linspace(0.0, cubic.last, 4 * count + 1)
+        s = np.append(0.0, np.cumsum(cubic.lengths(looks))) * stretch
         x, y, _ = map_places(tuple(found), s, 0.0)
-        u, v = (along - along[0] for along in cubic.at(ends))
+        u, v = (along - along[0] for along in cubic.at(looks))
         cos, sin = math.cos(heading[0]), math.sin(heading[0])
-        off = np.abs([x - (u * cos + v * sin), y - (v * cos - u * sin)]).max()
+        off = np.hypot(x - (u * cos + v * sin), y - (v * cos - u * sin)).max()
         if off <= NEAR + abs(own - length):
             return found
         count *= 2
