@@ -229,6 +229,7 @@ ROADS = {
     r"<GeoPosition>: the <geoReference> .* m and decimal degrees, got .*us-ft": (
         "+lon_0=11", "+units=us-ft"
     ),
+    r"<GeoPosition>: the <geoReference> .* on WGS 84, .*bessel": ("+lon_0=11", "+ellps=bessel"),
     r"must not declare a document type": ("<OpenDRIVE>", "<!DOCTYPE OpenDRIVE []><OpenDRIVE>"),
 }  # fmt: skip
 

@@ -5,12 +5,18 @@ from __future__ import annotations
 import cmath
 import math
 import re
+from typing import Any
 
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.extras.openscenario.values import number_of
 
 _RADIUS, _FLATTENING = 6_378_137.0, 1.0 / 298.257223563  # WGS 84
 _PART = re.compile(r"\+(\w+)=([^\s+]+)")
+# another ellipsoid, meridian or unit would put places metres to kilometres off
+_ELSEWHERE = re.compile(
+    r"\+(ellps=(?!WGS84|GRS80)|datum=(?!WGS84)|towgs84=[0.,]*[^0.,\s+]|lat_0=-?90"
+    r"|(R|a|b|f|rf|pm|nadgrids|to_meter)=)"
+)
 _N = _FLATTENING / (2.0 - _FLATTENING)
 _E = 2.0 * math.sqrt(_N) / (1.0 + _N)
 _SERIES = (
@@ -52,18 +58,25 @@ def _projection(position: Node, reference: Node | None) -> dict[str, float]:
     """Numbers of a transverse Mercator projection by their names in PROJ."""
     text = "" if reference is None else str(reference.element.text)
     given = dict(_PART.findall(text))
-    it = {"x_0": 0.0, "y_0": 0.0, "lat_0": 0.0, "lon_0": 0.0, "k": 1.0, "k_0": 1.0, "zone": 0.0}
+    it: dict[str, Any] = {
+        "x_0": 0.0,
+        "y_0": 0.0,
+        "lat_0": 0.0,
+        "lon_0": 0.0,
+        "k": 1.0,
+        "k_0": 1.0,
+        "zone": 0.0,
+    }
     # PROJ reads `32N` and `49N` as numbers, too
     written = {name: number_of(given[name].removesuffix("N")) for name in it if name in given}
-    numbers = {name: value for name, value in written.items() if value is not None}
     kind = given.get("proj"), given.get("units", "m")
     known = kind == ("tmerc", "m") or (kind == ("utm", "m") and "zone" in given)
-    if not known or len(numbers) < len(written) or "to_meter" in given:
+    if not known or None in written.values() or _ELSEWHERE.search(text):
         raise position.fault(
-            "the <geoReference> of its map must be of +proj=tmerc or +proj=utm +zone=, in m and "
-            f"decimal degrees, got {text.strip() or 'none'}"
+            "the <geoReference> of its map must be of +proj=tmerc or +proj=utm +zone=, on WGS 84, "
+            f"in m and decimal degrees, got {text.strip() or 'none'}"
         )
-    it |= numbers
+    it |= written
     it["k"] *= it["k_0"]
     if kind[0] == "utm":
         it |= {"x_0": 5e5, "y_0": 1e7 * ("+south" in text), "k": 0.9996}
