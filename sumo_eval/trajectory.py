@@ -76,7 +76,7 @@ class Trajectory:
         length: float = 4.5,
         width: float = 1.8,
     ) -> None:
-        times = np.asarray(time, dtype=np.float64)
+        times = np.asarray(time, float)
         if times.ndim != 1 or times.size == 0:
             raise InputError(
                 f"`time` of a Trajectory must be a non-empty (n,) array, got shape {times.shape}."
@@ -133,7 +133,7 @@ class Trajectory:
 
 def _channel(name: str, values: ArrayLike, n: int, *, nan_allowed: bool = False) -> FloatArray:
     """A channel as an array (n,). Raises InputError for another shape or number."""
-    array = np.asarray(values, dtype=np.float64)
+    array = np.asarray(values, float)
     if array.shape != (n,):
         raise InputError(
             f"`{name}` of a Trajectory must have the shape of `time` ({n},), got {array.shape}."

@@ -20,6 +20,7 @@ from sumo_eval.ads.perception import covers, safe_gap
 from sumo_eval.cosim.contact import Body, share_at_touch
 from sumo_eval.cosim.impossible import farthest_in
 from sumo_eval.method.criticality import ideal_impact_speed
+from sumo_eval.scenario.bodies import half_sizes
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Start
 from sumo_eval.scenario.road.reference_line import Line, map_places
 from sumo_eval.scenario.undisturbed import tracks
@@ -200,9 +201,7 @@ class _Foreseen(NamedTuple):
                 actor.y(time),
                 math.atan2(across, actor.speed(time)) if across else 0.0,
             )
-        c, s = abs(math.cos(heading)), abs(math.sin(heading))
-        half_length, half_width = 0.5 * actor.length, 0.5 * actor.width
-        return _Shape(x, y, half_length * c + half_width * s, half_length * s + half_width * c)
+        return _Shape(x, y, *half_sizes(heading, actor.length, actor.width))
 
     @property
     def slowest(self) -> float:

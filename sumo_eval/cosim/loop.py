@@ -709,7 +709,7 @@ class OverArrays(Policies):
     def _answer(self, seen: Observations, rows: int) -> FloatArray:
         asked = clock.perf_counter()
         try:
-            answer = np.asarray(self._act(seen), dtype=float)
+            answer = np.asarray(self._act(seen), float)
             overdue = clock.perf_counter() - asked > self._terms.step_timeout * rows
         except ControllerTimeoutError:  # raised by the watch over the process
             overdue = True

@@ -7,6 +7,7 @@ give others.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 CAR = "car"
@@ -38,3 +39,12 @@ BODIES = {
 """Bodies by the name that a scenario file gives them."""
 VULNERABLE = ("bicycle", "pedestrian", "child")
 """Bodies that may stand and move beside the lanes of a road."""
+
+
+def half_sizes(heading: float, length: float, width: float) -> tuple[float, float]:
+    """Half the extents of a turned body along and across the road, m.
+
+    heading: rad to the left of the road.
+    """
+    c, s = abs(math.cos(heading)), abs(math.sin(heading))
+    return 0.5 * (length * c + width * s), 0.5 * (length * s + width * c)

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from sumo_eval.errors import check_known, must_be
 from sumo_eval.scenario import motion, played
 from sumo_eval.scenario.bodies import CAR
-from sumo_eval.scenario.played import Act
+from sumo_eval.scenario.played import Act, Pairs
 from sumo_eval.scenario.road.lanes import EVERYWHERE, Crossing, LaneSpan, missing_at
 from sumo_eval.scenario.road.reference_line import Line
 from sumo_eval.settings import SimulationSettings, VehicleSettings
@@ -171,13 +171,13 @@ class Start:
     speed: float
     lateral_speed: float = 0.0
     way: Way | None = None
-    recorded: tuple[tuple[float, float], ...] = ()
+    recorded: Pairs = ()
 
     def y_at(self, x: ArrayLike) -> FloatArray:
         """y of the ego's path at x (any shape), m: its first lane, then the lane change from
         `way.begin` on, then the other lane.
         """
-        places = np.asarray(x, dtype=np.float64)
+        places = np.asarray(x, float)
         if self.way is None:
             return np.full(places.shape, self.y)
         share = (places - self.way.begin) / self.way.length(self.speed)
@@ -188,7 +188,7 @@ class Start:
 
         The path through a lane change is longer than its road, by the detour, m.
         """
-        driven = np.asarray(distance, dtype=np.float64)
+        driven = np.asarray(distance, float)
         if self.way is None:
             return np.asarray(self.x + driven)
         begin = self.way.begin
@@ -213,7 +213,7 @@ def departures(
     time: since the start, s, (n,).
     x, y: positions, m, (n,).
     """
-    places, at = np.array(recorded, dtype=np.float64), np.asarray(time, dtype=np.float64)
+    places, at = np.array(recorded, float), np.asarray(time, float)
     times = np.arange(len(places)) * RECORDED_EVERY
     ahead = np.asarray(x) - np.interp(at, times, places[:, 0])
     return np.asarray(np.hypot(ahead, np.asarray(y) - np.interp(at, times, places[:, 1])))
@@ -300,7 +300,7 @@ def braked_speed(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike) -> 
     deceleration: m/s2.
     time: since braking began, s; below 0: it has not begun.
     """
-    v0, a = np.asarray(speed, dtype=np.float64), np.asarray(deceleration, dtype=np.float64)
+    v0, a = np.asarray(speed, float), np.asarray(deceleration, float)
     return np.asarray(np.maximum(v0 - a * np.clip(time, 0.0, v0 / a), 0.0))
 
 
@@ -309,8 +309,8 @@ def braked_distance(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike) 
 
     Arguments as in `braked_speed`.
     """
-    v0, a = np.asarray(speed, dtype=np.float64), np.asarray(deceleration, dtype=np.float64)
-    t = np.minimum(np.asarray(time, dtype=np.float64), v0 / a)
+    v0, a = np.asarray(speed, float), np.asarray(deceleration, float)
+    t = np.minimum(np.asarray(time, float), v0 / a)
     return np.asarray(v0 * t - a * (np.square(np.maximum(t, 0.0)) / 2.0))
 
 

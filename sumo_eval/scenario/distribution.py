@@ -56,9 +56,7 @@ class Distribution:
         """Probability density within the range low..high, per unit of the parameter; it integrates
         to 1 there.
         """
-        return np.asarray(
-            self._frozen().pdf(np.asarray(values, dtype=np.float64)) / self.inside(low, high)
-        )
+        return np.asarray(self._frozen().pdf(np.asarray(values, float)) / self.inside(low, high))
 
     def inside(self, low: float, high: float) -> float:
         """Probability of low..high."""
@@ -69,9 +67,7 @@ class Distribution:
         """Values below which these shares of the probability within low..high lie."""
         frozen = self._frozen()
         begin = frozen.cdf(low)
-        found = frozen.ppf(
-            begin + np.asarray(shares, dtype=np.float64) * (frozen.cdf(high) - begin)
-        )
+        found = frozen.ppf(begin + np.asarray(shares, float) * (frozen.cdf(high) - begin))
         return np.asarray(np.clip(found, low, high))
 
     def __str__(self) -> str:

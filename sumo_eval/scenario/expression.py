@@ -349,7 +349,7 @@ def _work(node: ast.expr, *, plain: bool = False) -> _Work:
         name = node.id
         if plain:
             return operator.itemgetter(name)
-        return lambda values: np.asarray(values[name], dtype=np.float64)
+        return lambda values: np.asarray(values[name], float)
     name, parts = operation(node)
     applied, inner = _OPERATIONS[name], [_work(part, plain=plain) for part in parts]
     function = applied.on_floats if plain else applied.on_arrays

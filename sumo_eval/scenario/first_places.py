@@ -5,12 +5,11 @@ paths stay on the map. Readers of scenario files call it at every point of a sam
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from sumo_eval.scenario import played
-from sumo_eval.scenario.bodies import VULNERABLE
+from sumo_eval.scenario.bodies import VULNERABLE, half_sizes
 from sumo_eval.scenario.concrete import Actor, EgoBody, Road, Start
 
 STANDARD_EGO = EgoBody(4.5, 1.8)
@@ -61,8 +60,8 @@ def misplaced(
             if not (0.0 <= x <= end and road.right_edge - reach <= y <= road.left_edge + reach):
                 what, place = f"The path of vehicle `{item.name}`", f"({x:g}, {y:g}) m"
                 yield Misplaced(what, item.name, "on the map", place)
-    boxes = [("ego", ego, *_half(0.0, ego_body))]
-    boxes += [(item.name, item.start, *_half(item.heading, item)) for item in actors]
+    boxes = [("ego", ego, *half_sizes(0.0, ego_body.length, ego_body.width))]
+    boxes += [(it.name, it.start, *half_sizes(it.heading, it.length, it.width)) for it in actors]
     for (one, a, long, wide), (two, b, long2, wide2) in itertools.combinations(boxes, 2):
         if long + long2 - abs(a.x - b.x) > _TOUCH and wide + wide2 - abs(a.y - b.y) > _TOUCH:
             got = f"x = {b.x:g} m beside {a.x:g} m"
@@ -75,10 +74,3 @@ def _reach(actor: Actor, furthest: float) -> float:
     """
     beside = actor.body in VULNERABLE or (actor.lively and not actor.follows_at_once)
     return furthest if beside else 0.0
-
-
-def _half(heading: float, body: Actor | EgoBody) -> tuple[float, float]:
-    """Half extents along and across the road, m."""
-    c, s = abs(math.cos(heading)), abs(math.sin(heading))
-    length, width = body.length, body.width
-    return 0.5 * (length * c + width * s), 0.5 * (length * s + width * c)

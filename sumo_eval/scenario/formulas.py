@@ -88,7 +88,7 @@ class Condition:
     def room(self, values: Values) -> FloatArray:
         """Distance from its limit, below 0 where it does not hold."""
         known = self.formulas.definitions.extend(values)
-        return np.asarray(self.formulas.expressions[0].room(known), dtype=np.float64)
+        return np.asarray(self.formulas.expressions[0].room(known), float)
 
 
 @dataclass(frozen=True, slots=True)

@@ -92,7 +92,7 @@ class Joint:
 
         A copula's integrates to 1 over the box, a KDE's to the share of it that lies within.
         """
-        rows = np.asarray(points, dtype=np.float64).reshape(-1, len(self.names))
+        rows = np.asarray(points, float).reshape(-1, len(self.names))
         inside = self._inside(rows)
         found = np.zeros(len(rows))
         if inside.any():
@@ -197,7 +197,7 @@ def _prepared(joint: Joint) -> _Prepared:
     shares = np.array(weights) / sum(weights)
     if joint.kind == "kde":
         covariance = np.atleast_2d(np.cov(rows.T, aweights=shares)) * joint.factor**2
-        root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
+        root = np.asarray(np.linalg.cholesky(covariance), float)
         if joint.narrow:
             nearer, mean = 1.0 / np.sqrt(1.0 + joint.factor**2), shares @ rows
             rows, root = mean + nearer * (rows - mean), nearer * root
@@ -208,7 +208,7 @@ def _prepared(joint: Joint) -> _Prepared:
     # the correlation is singular where two parameters put the events in the same order
     lift = max(LEAST_EIGENVALUE - float(np.linalg.eigvalsh(correlation)[0]), 0.0)
     lifted = correlation + lift * np.eye(len(correlation))
-    root = np.asarray(np.linalg.cholesky(lifted), dtype=np.float64)
+    root = np.asarray(np.linalg.cholesky(lifted), float)
     grids = np.linspace(joint.low, joint.high, GRID, axis=1)
     marginals = [_marginal(joint, *it, shares) for it in zip(grids, rows.T, strict=True)]
     return _Prepared(rows, shares, root, grids, *map(np.array, zip(*marginals, strict=True)))
@@ -293,8 +293,6 @@ def _copula_density(prepared: _Prepared, points: FloatArray) -> FloatArray:
 
 def of_values(joint: Joint, values: Mapping[str, ArrayLike]) -> FloatArray:
     """The density at values by name, arrays that broadcast."""
-    columns = np.broadcast_arrays(
-        *(np.asarray(values[name], dtype=np.float64) for name in joint.names)
-    )
+    columns = np.broadcast_arrays(*(np.asarray(values[name], float) for name in joint.names))
     shape = columns[0].shape
     return joint.density(np.column_stack([column.ravel() for column in columns])).reshape(shape)

@@ -80,7 +80,7 @@ class Parameter:
         """Values (n,) at shares 0..1 of the range; listed values divide the shares equally."""
         if self.values:
             place = np.minimum((shares * len(self.values)).astype(np.intp), len(self.values) - 1)
-            return np.array(self.values, dtype=np.float64)[place]
+            return np.array(self.values, float)[place]
         return self.rounded(self.low + shares * (self.high - self.low))
 
     def rounded(self, values: FloatArray) -> FloatArray:
@@ -320,20 +320,20 @@ class LogicalScenario:
 
     def to_unit(self, points: ArrayLike) -> FloatArray:
         """Points (n, k) scaled to the unit box."""
-        return (np.asarray(points, dtype=np.float64) - self.low) / (self.high - self.low)
+        return (np.asarray(points, float) - self.low) / (self.high - self.low)
 
     def from_unit(self, unit_points: ArrayLike) -> FloatArray:
         """Points (n, k) of the unit box in the parameters' own units.
 
         A parameter with listed values can get one between them; `from_shares` cannot.
         """
-        return self.low + np.asarray(unit_points, dtype=np.float64) * (self.high - self.low)
+        return self.low + np.asarray(unit_points, float) * (self.high - self.low)
 
     def from_shares(self, shares: ArrayLike) -> FloatArray:
         """Points (n, k) at shares 0..1 of each axis; a parameter with listed values gets one of
         them.
         """
-        rows = np.asarray(shares, dtype=np.float64)
+        rows = np.asarray(shares, float)
         return np.column_stack(
             [item.from_shares(rows[:, column]) for column, item in enumerate(self.parameters)]
         )
@@ -345,7 +345,7 @@ class LogicalScenario:
 
     def columns(self, points: ArrayLike) -> dict[str, FloatArray]:
         """Points (..., k) as one array per parameter name."""
-        array = np.asarray(points, dtype=np.float64)
+        array = np.asarray(points, float)
         if array.shape[-1] != len(self.parameters):
             raise must_be(
                 "The last axis of `points`", f"scenario `{self.name}`",
@@ -359,7 +359,7 @@ class LogicalScenario:
 
     def in_box(self, points: ArrayLike) -> BoolArray:
         """Whether each of the points (n, k) is within the ranges of all parameters."""
-        array = np.asarray(points, dtype=np.float64)
+        array = np.asarray(points, float)
         inside: BoolArray = np.all((array >= self.low) & (array <= self.high), axis=-1)
         return inside
 

@@ -23,6 +23,12 @@ from sumo_eval.scenario.motion import along_heading, lateral_motion
 from sumo_eval.scenario.road.reference_line import line_at, to_frame
 
 Records = NDArray[Any]
+Pairs = tuple[tuple[float, float], ...]
+Move = tuple[int, int]
+"""A move of an actor: the actor's number, and its own."""
+Step = tuple[int, int, int, float]
+Program = tuple[Step, ...]
+"""A condition: operations (op, one, two, value), see `Act`."""
 
 # Kinds and operations keep their numbers, which identities of drives contain.
 # Kinds of moves across the line. They have the smallest numbers: `kind <= COSINE` asks for them.
@@ -135,8 +141,8 @@ class Act(NamedTuple):
     offset: float = 0.0
     acceleration: float = math.inf
     jerk: float = math.inf
-    table: tuple[tuple[float, float], ...] = ()
-    program: tuple[tuple[int, int, int, float], ...] = ()
+    table: Pairs = ()
+    program: Program = ()
     name: str = ""
 
     @property

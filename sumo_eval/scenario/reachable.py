@@ -12,7 +12,7 @@ condition that is false for all of these values never holds. Any other may: the 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -113,7 +113,7 @@ def _fastest(actor: Actor) -> float:
 
 
 def _may_hold(
-    program: Sequence[tuple[int, int, int, float]],
+    program: played.Program,
     known: dict[tuple[int, int], Range],
     endless: set[tuple[int, int]],
 ) -> bool:

@@ -39,7 +39,7 @@ from sumo_eval.scenario.road.reference_line import (
     map_places,
 )
 from sumo_eval.scenario.road.table import bend_name, check_line
-from sumo_eval.scenario.xml_file import read_xml
+from sumo_eval.scenario.xml_file import Element, read_xml
 from sumo_eval.text import number_in, shown
 from sumo_eval.trajectory import FloatArray
 
@@ -55,7 +55,6 @@ PARALLEL = 0.3  # m that a lane may be off its distance from the line of a curve
 _WITHOUT_RIGHT_OF_WAY = ("dead_end", "district", "internal", "unregulated")
 _CARS = {"passenger", "all"}  # SUMO's vehicle classes that include the ego's
 
-_Element = etree._Element
 Point = tuple[float, float]
 RigidMotion = Callable[[Point], Point]
 _Course = tuple[Line, list[set[int]], list[float]]
@@ -128,7 +127,7 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     )
 
 
-def _driven_edges(root: _Element, names: Sequence[str], owner: str) -> list[_Element]:
+def _driven_edges(root: Element, names: Sequence[str], owner: str) -> list[Element]:
     """The edges with these ids, in order."""
     if not names:
         raise InputError(f"The road in {owner} must name the `edges` to drive along.")
@@ -141,7 +140,7 @@ def _driven_edges(root: _Element, names: Sequence[str], owner: str) -> list[_Ele
     return [by_id[name] for name in names]
 
 
-def _checked_lanes(edge: _Element, owner: str) -> list[_Lane]:
+def _checked_lanes(edge: Element, owner: str) -> list[_Lane]:
     """Lanes of an edge for cars, at least one, each with a width and a shape."""
     lanes = _lanes(edge)
     if not lanes:
@@ -167,7 +166,7 @@ def _check_widths(lanes: _Lanes, edges: Sequence[str], owner: str) -> None:
         )
 
 
-def _check_junctions(root: _Element, edges: Sequence[_Element], owner: str) -> None:
+def _check_junctions(root: Element, edges: Sequence[Element], owner: str) -> None:
     """Refuse junctions at which SUMO crashes: with incoming lanes, but no right of way.
 
     edges: those that begin at the junctions in question.
@@ -387,7 +386,7 @@ class _Link(NamedTuple):
     ways: dict[int, list[Point]]
 
 
-def _links(root: _Element, one: str, other: str, owner: str) -> _Link:
+def _links(root: Element, one: str, other: str, owner: str) -> _Link:
     found = _connections(root, {"from": one, "to": other})
     if not found:
         raise InputError(
@@ -408,7 +407,7 @@ def _links(root: _Element, one: str, other: str, owner: str) -> _Link:
     return _Link(shift, ways)
 
 
-def _way_through(root: _Element, via: str | None) -> list[Point]:
+def _way_through(root: Element, via: str | None) -> list[Point]:
     """Centre line of the lanes that lead through a junction, in order.
 
     via: id of the first of them; None: there is none.
@@ -424,12 +423,12 @@ def _way_through(root: _Element, via: str | None) -> list[Point]:
     return points
 
 
-def _connections(root: _Element, wanted: dict[str, str]) -> list[_Element]:
+def _connections(root: Element, wanted: dict[str, str]) -> list[Element]:
     """The connections with these attributes."""
     return [it for it in root.iter("connection") if wanted.items() <= set(it.attrib.items())]
 
 
-def _shape(root: _Element, name: str) -> tuple[Point, ...]:
+def _shape(root: Element, name: str) -> tuple[Point, ...]:
     return next(
         (_points(it.get("shape", "")) for it in root.iter("lane") if it.get("id") == name), ()
     )
@@ -453,7 +452,7 @@ def laid_along_x(network: NetworkFile) -> str:
     return etree.tostring(root.getroottree(), xml_declaration=True, encoding="UTF-8").decode()
 
 
-def _move(element: _Element, to_axis: RigidMotion) -> None:
+def _move(element: Element, to_axis: RigidMotion) -> None:
     """Move an element's shapes, and a junction's position."""
     for key in ("shape", "customShape"):
         if text := element.get(key):
@@ -464,7 +463,7 @@ def _move(element: _Element, to_axis: RigidMotion) -> None:
             element.set(key, f"{value:.4f}")
 
 
-def _straighten(edge: _Element, places: Mapping[str, int]) -> None:
+def _straighten(edge: Element, places: Mapping[str, int]) -> None:
     """Lay the lanes of a driven edge exactly along x, with their length, width and speed limit.
 
     places: of the lanes by their id, 0 for the road's right-hand lane.
@@ -483,7 +482,7 @@ def _straighten(edge: _Element, places: Mapping[str, int]) -> None:
 # -- elements of the file --------------------------------------------------------------------------
 
 
-def _parsed(network: NetworkFile) -> _Element:
+def _parsed(network: NetworkFile) -> Element:
     path = Path(network.path)
     root = read_xml(path, "Network", LARGEST)
     if hash_of(path, "network") != network.sha256:
@@ -493,7 +492,7 @@ def _parsed(network: NetworkFile) -> _Element:
     return root
 
 
-def _lanes(edge: _Element) -> list[_Lane]:
+def _lanes(edge: Element) -> list[_Lane]:
     """The lanes of an edge on which cars may drive, from the right."""
     return sorted(
         (
@@ -519,7 +518,7 @@ def _index(text: str, owner: str) -> int:
     return int(text)
 
 
-def _carries_cars(lane: _Element) -> bool:
+def _carries_cars(lane: Element) -> bool:
     """Whether a passenger car may drive on a lane; where SUMO has `allow`, `disallow` is unused."""
     if (allowed := lane.get("allow")) is not None:
         return not _CARS.isdisjoint(allowed.split())

@@ -108,9 +108,7 @@ def meetings(
     obstacle: number of an actor.
     delays: from its first move until each ego brakes, s, (n,); from the start if it has no moves.
     """
-    braking = Braking(
-        deceleration, obstacle, np.array(delays, dtype=np.float64), step, _looks(until, step)
-    )
+    braking = Braking(deceleration, obstacle, np.array(delays, float), step, _looks(until, step))
     met, line = np.zeros((len(concretes), 3)), knots_of(concretes[0].road.line)
     _meet_rows(_begun(concretes, bodies), braking, met, np.zeros((DEEPEST, 3)), line)
     return met

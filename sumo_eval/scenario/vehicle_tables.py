@@ -40,7 +40,7 @@ from sumo_eval.scenario.formulas import (
     Limits,
     Names,
 )
-from sumo_eval.scenario.played import Act
+from sumo_eval.scenario.played import Act, Pairs, Program
 from sumo_eval.scenario.road.reference_line import frame_places
 from sumo_eval.scenario.streams import StreamTable, sumo_model
 from sumo_eval.scenario.trigger import Step, trigger
@@ -106,7 +106,7 @@ class EgoTable(Checked):
         ),
     ] = None
     recorded: Annotated[
-        tuple[tuple[float, float], ...],
+        Pairs,
         About(
             "positions of a recorded ego: its centre along and across the road, every 0.1 s from "
             "the start; `departed` in a condition is the ego's distance from it",
@@ -386,7 +386,7 @@ class Move:
                 act = act._replace(kind=played.BY_PLACE)
         return act._replace(table=pairs, program=self.program(known), name=table.name)
 
-    def program(self, known: Mapping[str, float]) -> tuple[tuple[int, int, int, float], ...]:
+    def program(self, known: Mapping[str, float]) -> Program:
         """Its condition where these names have these values, as in `Act.program`."""
         return tuple(
             (op, one, two, 0.0 if value is None else float(value.at(known)))

@@ -202,7 +202,7 @@ class Interface(Checked):
             commands[~np.isfinite(answers).all(axis=1)] = np.nan
             return commands
         for column, action in enumerate(self.actions):
-            value = np.asarray(answers[:, column], dtype=float)
+            value = np.asarray(answers[:, column], float)
             if action.low is not None and action.high is not None:
                 share = 0.5 * (np.clip(value, -1.0, 1.0) + 1.0)  # 0..1; nan stays nan
                 value = action.low + share * (action.high - action.low)
@@ -301,7 +301,7 @@ def _of_vehicle(seen: Observations, frame: str, place: int, what: str) -> Floats
     at = np.arange(len(nearest)), nearest[:, place]  # row and column of the vehicle in each case
     exists = np.isfinite(vehicles.gap[at])
     if what == "present":
-        return np.asarray(exists, dtype=float)
+        return np.asarray(exists, float)
     if what in ("x", "y", "vx", "vy"):
         if what in ("x", "y"):
             ahead, left = seen.distances[at], vehicles.offset[at]

@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sumo_eval.cosim.records import Records
-from sumo_eval.scenario.bodies import BODIES, CAR
+from sumo_eval.scenario.bodies import BODIES, CAR, half_sizes
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
+from sumo_eval.scenario.played import Pairs
 from sumo_eval.scenario.road.reference_line import curvatures, map_places
 from sumo_eval.settings import ConditionSettings
 from sumo_eval.settings.random_streams import random_stream
@@ -108,9 +109,9 @@ class LaneLine(NamedTuple):
     right border.
     """
 
-    centre: tuple[tuple[float, float], ...]
-    left: tuple[tuple[float, float], ...]
-    right: tuple[tuple[float, float], ...]
+    centre: Pairs
+    left: Pairs
+    right: Pairs
 
 
 @lru_cache(maxsize=16)
@@ -685,8 +686,7 @@ def _extent(body: Sequence[float]) -> tuple[float, float]:
     heading, length, width = body[2], body[4], body[5]
     if heading == 0.0:
         return 0.5 * length, 0.5 * width
-    c, s = abs(math.cos(heading)), abs(math.sin(heading))
-    return 0.5 * (length * c + width * s), 0.5 * (length * s + width * c)
+    return half_sizes(heading, length, width)
 
 
 def _velocity(body: Sequence[float]) -> tuple[float, float]:

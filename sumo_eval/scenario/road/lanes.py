@@ -232,5 +232,5 @@ def missing_at(span: LaneSpan, x: ArrayLike) -> FloatArray:
     """The share of the width of a lane that is not there at x (any shape)."""
     if span is EVERYWHERE:
         return np.zeros(np.shape(x))
-    places = np.asarray(x, dtype=np.float64)
+    places = np.asarray(x, float)
     return np.asarray(np.vectorize(missing, otypes=[float])(places, *span.places))

@@ -27,10 +27,8 @@ from sumo_eval.scenario.road.lanes import LaneSpan, missing
 from sumo_eval.scenario.road.parametric import Cubic, pieces_along
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Line, Piece, bends, length_of
-from sumo_eval.scenario.xml_file import read_xml
+from sumo_eval.scenario.xml_file import Element, read_xml
 from sumo_eval.text import capitalised, number_in
-
-_Element = etree._Element
 
 _JOINT = 0.01  # m and rad that a geometry may begin off the end of the one before it
 # m: a line parallel to a spiral is no spiral, and is made of spirals of at most this length
@@ -108,7 +106,7 @@ def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadR
     )
 
 
-def _chain(roads: Sequence[_Element], owner: str) -> list[_Stretch]:
+def _chain(roads: Sequence[Element], owner: str) -> list[_Stretch]:
     """The roads in order, each in the direction in which it meets the one before it.
 
     The first road is tried along its own direction, then against it.
@@ -142,7 +140,7 @@ def _chain(roads: Sequence[_Element], owner: str) -> list[_Stretch]:
     return chain
 
 
-def _stretch_or_none(road: _Element, owner: str, against: bool) -> _Stretch | None:
+def _stretch_or_none(road: Element, owner: str, against: bool) -> _Stretch | None:
     """A road driven one way, None where it has no driving lane that way."""
     lanes = road.iterfind(f"lanes/laneSection/{'left' if against else 'right'}/lane")
     driven = any(lane.get("type") in DRIVEN for lane in lanes)
@@ -156,7 +154,7 @@ def _meet(before: _Stretch, begin: Pose) -> bool:
     return math.dist(end[:2], begin[:2]) <= _MEETS and abs(turned) <= _MEETS
 
 
-def _stretch(road: _Element, owner: str, *, against: bool) -> _Stretch:
+def _stretch(road: Element, owner: str, *, against: bool) -> _Stretch:
     """A road driven along its reference line, or against it on its left-hand lanes."""
     rule = road.get("rule", "RHT")
     if rule != "RHT":
@@ -173,7 +171,7 @@ def _stretch(road: _Element, owner: str, *, against: bool) -> _Stretch:
     return _Stretch(beside(reference, offset, owner), begin.moved(0.0, offset), *lanes)
 
 
-def _number(element: _Element, name: str, owner: str, default: str = "nothing") -> float:
+def _number(element: Element, name: str, owner: str, default: str = "nothing") -> float:
     """A finite number in an attribute; `default` counts where it is missing."""
     text = element.get(name, default)
     value = number_in(text)
@@ -188,7 +186,7 @@ _CURVATURES = {
 """Attributes that hold the curvature at the beginning and at the end of a geometry."""
 
 
-def reference_line(road: _Element, owner: str) -> tuple[Line, Pose]:
+def reference_line(road: Element, owner: str) -> tuple[Line, Pose]:
     """The pieces of a reference line, and where it begins."""
     pieces: list[Piece] = []
     begin = None
@@ -215,7 +213,7 @@ def reference_line(road: _Element, owner: str) -> tuple[Line, Pose]:
     return tuple(pieces), begin
 
 
-def _cubic(shape: _Element, length: float, owner: str) -> Cubic:
+def _cubic(shape: Element, length: float, owner: str) -> Cubic:
     """The curve of a <paramPoly3>, which must begin where and as its geometry says."""
     along, left = (
         tuple(_number(shape, f"{letter}{axis}", owner) for letter in "abcd") for axis in "UV"
@@ -248,7 +246,7 @@ PROFILES = ("elevationProfile/elevation", "lateralProfile/superelevation")
 """Elements that give a road height and tilt, which the plane of the map does not have."""
 
 
-def lane_offset(road: _Element, owner: str, *, flat: bool = False) -> float:
+def lane_offset(road: Element, owner: str, *, flat: bool = False) -> float:
     """Shift of a level road's lanes to the left of its reference line, m.
 
     flat: ignore heights and tilts.
@@ -280,7 +278,7 @@ class _Section(NamedTuple):
 
     begin: float
     end: float
-    lanes: list[_Element]
+    lanes: list[Element]
 
     @property
     def driven(self) -> list[int]:
@@ -289,7 +287,7 @@ class _Section(NamedTuple):
 
 
 def _driving_lanes(
-    road: _Element, owner: str, length: float, *, against: bool
+    road: Element, owner: str, length: float, *, against: bool
 ) -> tuple[float, tuple[int, float, tuple[LaneSpan, ...]]]:
     """Where the driving lanes lie, and the lanes: offset, (number, width, spans).
 
@@ -331,7 +329,7 @@ def _driving_lanes(
     return offset, (len(most), width, spans)
 
 
-def _sections(road: _Element, owner: str, length: float, side: str) -> list[_Section]:
+def _sections(road: Element, owner: str, length: float, side: str) -> list[_Section]:
     """The lane sections of a road."""
     elements = road.findall("lanes/laneSection")
     if not elements:
@@ -393,7 +391,7 @@ def _outermost(sections: Sequence[_Section], outer: int, owner: str) -> tuple[_K
     return knots, ramps
 
 
-def _rank(lane: _Element) -> int:
+def _rank(lane: Element) -> int:
     """Rank of a lane from the reference line outwards, from 1 on."""
     number = lane.get("id", "0")
     if not re.fullmatch(r"[+-]?\d{1,6}", number):
@@ -401,7 +399,7 @@ def _rank(lane: _Element) -> int:
     return abs(int(number))
 
 
-def _widths(lane: _Element, begin: float, end: float, owner: str) -> _Knots:
+def _widths(lane: Element, begin: float, end: float, owner: str) -> _Knots:
     """Widths of a lane at the places between which it changes linearly.
 
     begin, end: s of its section, m.

@@ -315,7 +315,7 @@ def _each(
     places: three arrays that broadcast: x, y, heading or s, d, heading. On a straight line they are
         the result, with curvature 0.
     """
-    arrays = np.broadcast_arrays(*(np.asarray(it, dtype=np.float64) for it in places))
+    arrays = np.broadcast_arrays(*(np.asarray(it, float) for it in places))
     shape, stacked = arrays[0].shape, np.stack([it.ravel() for it in arrays], axis=1)
     found = np.zeros((len(stacked), 4))
     if pieces:

@@ -161,7 +161,7 @@ def spread(points: int, attention: FloatArray, room: FloatArray) -> tuple[int, .
 
 def capacity_of_cells(logical: LogicalScenario, size: int, seed: int) -> FloatArray:
     """Number of candidates in each cell of the space for rounds of this size, (H,)."""
-    return np.array([len(cell) for cell in _cells(logical, size, seed)[1]], dtype=np.float64)
+    return np.array([len(cell) for cell in _cells(logical, size, seed)[1]], float)
 
 
 @lru_cache(maxsize=2)  # asked for by every stage of a round

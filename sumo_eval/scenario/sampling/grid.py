@@ -32,7 +32,7 @@ def full_grid(logical: LogicalScenario, request: Request) -> Drawn:
 
 def mesh(axes: Sequence[Sequence[float]]) -> FloatArray:
     """All combinations (n, k) of the axes' values, the first axis slowest."""
-    grids = np.meshgrid(*(np.array(axis, dtype=np.float64) for axis in axes), indexing="ij")
+    grids = np.meshgrid(*(np.array(axis, float) for axis in axes), indexing="ij")
     return np.stack([coordinates.ravel() for coordinates in grids], axis=-1)
 
 

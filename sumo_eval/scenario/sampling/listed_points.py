@@ -48,7 +48,7 @@ def from_function(logical: LogicalScenario, request: Request, locator: str) -> D
         raise must_be(f"Sampler `{locator}`", f"scenario `{logical.name}`", "a function", kind)
     try:
         found = function(logical, count, request.stream(logical, locator))
-        points = np.asarray(found, dtype=np.float64)
+        points = np.asarray(found, float)
     except KeyboardInterrupt:
         raise
     except BaseException as error:

@@ -116,7 +116,7 @@ def sample(
                 f"Sample `{method}` of scenario `{logical.name}` is a list: it has no levels or "
                 "steps."
             )
-        drawn = Drawn(np.array(prescribed[method].points, dtype=np.float64))
+        drawn = Drawn(np.array(prescribed[method].points, float))
     else:
         choose, takes = _method(method, prescribed)
         for extra in sorted(keys - takes):
@@ -135,7 +135,7 @@ def sample(
     exposure = _rows(drawn.exposure, feasible)
     if exposure is None:
         every = np.broadcast_to(logical.exposure(logical.columns(points)), len(points))
-        exposure = every.astype(np.float64)
+        exposure = every.astype(float)
     stands_for, stratum = _rows(drawn.stands_for, feasible), _rows(drawn.stratum, feasible)
     return Sample(points, refused, exposure, drawn.notes, method, stands_for, stratum)
 
