@@ -2,6 +2,8 @@
 catalogues."""
 
 import math
+import re
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from refusals import refusal
 
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.extras.openscenario import reading
 from sumo_eval.extras.openscenario.collections import uses_of
 from sumo_eval.extras.openscenario.conformity import ROWS
 from sumo_eval.extras.openscenario.describe import described
@@ -104,6 +107,12 @@ RANGE = """<DeterministicSingleParameterDistribution parameterName="{name}"><Dis
 <Range lowerLimit="36" upperLimit="90"/></DistributionRange></DeterministicSingleParameterDistribution>"""
 
 
+ACROSS = CUT_IN[CUT_IN.index("<LateralAction>") : CUT_IN.index("</PrivateAction>")]
+WAITS = CUT_IN[CUT_IN.index("<StartTrigger>") : CUT_IN.index("</Event>")]
+COMPLETE = """<StoryboardElementStateCondition storyboardElementType="event"
+storyboardElementRef="{}" state="completeState"/>"""
+
+
 def timed(action, when, n=1, delay=0):
     """An event that begins an action at a time, s, or under a condition."""
     when = when if isinstance(when, str) else AT.format(when)
@@ -126,6 +135,11 @@ def written(folder, **parts):
     path = folder / "scenario.xosc"
     path.write_text(FILE.format(**{**known, **parts}))
     return path
+
+
+def acts_of(folder, *changes, **parts):
+    """The other's moves in a file with texts replaced."""
+    return only_case(changed(folder, *changes, **parts)).actors[0].acts
 
 
 def test_a_scenario_file_is_a_space_of_one_point_with_everybody_where_it_says(tmp_path):
@@ -248,6 +262,12 @@ BAD = {
     },
     "over the distance of a lateral move the speed must stay the same": {
         "events": CUT_IN.replace('"rate"', '"distance"') + timed(BRAKE, 9)
+    },
+    "`Other`, on which it depends, may move before by an event below it": {
+        "events": timed(BRAKE.replace('"rate"', '"time"'), 5) + timed(BRAKE, 2, n=2)
+    },
+    "<SpeedActionDynamics>: `Other`, on which it depends, may move before": {
+        "events": timed(BRAKE.replace('value="0"', 'value="15"'), 5) + timed(BRAKE, 2, n=2)
     },
 }  # fmt: skip
 
@@ -466,8 +486,8 @@ def test_times_without_a_reference_do_not_count(tmp_path):
     """Version 1.0 asks every vertex for a time."""
     line = _line(_at(1, 70.0), _at(1, 90.0)).replace("<Vertex>", '<Vertex time="0">')
     event = timed(_following(line), 0)
-    path = changed(tmp_path, (' offset="0.25"', ""), events=event)
-    assert not any(act.table for act in only_case(path).actors[0].acts)
+    acts = acts_of(tmp_path, (' offset="0.25"', ""), events=event)
+    assert not any(act.table for act in acts)
 
 
 def test_a_trajectory_crosses_a_curved_road_straight_on_the_map(tmp_path):
@@ -577,7 +597,7 @@ def test_no_synchronization_after_a_change_of_speed(tmp_path):
     meet = f"""<SynchronizeAction masterEntityRef="Ego"><TargetPositionMaster>{place.format(-1, 220)}
     </TargetPositionMaster><TargetPosition>{place.format(1, 220)}</TargetPosition></SynchronizeAction>"""
     events = [timed(action, at, n=n) for n, action, at in ((1, BRAKE, 2), (2, meet, 6))]
-    (act,) = only_case(changed(tmp_path, events=events[1])).actors[0].acts
+    (act,) = acts_of(tmp_path, events=events[1])
     assert act.table == ((4.0, 15.0),)
     with refusal(r"the place of `Other` when this begins is unknown"):
         find(str(changed(tmp_path, events="".join(events))))
@@ -585,7 +605,7 @@ def test_no_synchronization_after_a_change_of_speed(tmp_path):
     meet = meet.replace("</Sy", f"<FinalSpeed>{last}</FinalSpeed></Sy")
     for kind, value in (("delta", -5), ("factor", 0.75)):
         event = timed(meet.format(kind, value), 6, n=2)
-        (act,) = only_case(changed(tmp_path, events=event)).actors[0].acts
+        (act,) = acts_of(tmp_path, events=event)
         assert act.table == ((4.0, 15.0),)
         with refusal(f"Did you mean `{kind}`"):
             find(str(changed(tmp_path, events=event.replace(f'"{kind}"', f'"{kind}s"'))))
@@ -608,8 +628,7 @@ def test_a_harder_brake_follows_a_gentle_one(tmp_path):
 @pytest.mark.parametrize("shape", ["linear", "cubic", "step"])
 def test_a_change_of_speed_in_0_s_is_a_step(tmp_path, shape):
     swift = BRAKE.replace('"linear"', f'"{shape}"').replace('"rate"\nvalue="5"', '"time" value="0"')
-    path = changed(tmp_path, events=timed(swift, 2))
-    (act,) = only_case(path).actors[0].acts
+    (act,) = acts_of(tmp_path, events=timed(swift, 2))
     assert (act.kind, act.begin, act.acceleration) == (played.SPEED, 2.0, pytest.approx(15e6))
 
 
@@ -706,13 +725,8 @@ def test_a_distance_is_reached_once_within_limits(tmp_path):
 
 def test_a_move_is_played_although_an_earlier_one_may_lead_there(tmp_path):
     """The first brake waits for an ego of more than 25 m/s, which has 20; the second comes."""
-    never = CUT_IN[CUT_IN.index("<Event") :].replace("RelativeDistanceCondition", "SpeedCondition")
-    never = never.replace(
-        'entityRef="Other" relativeDistanceType="longitudinal" freespace="true"', ""
-    )
-    never = never.replace('rule="lessThan"\nvalue="30"', 'rule="greaterThan" value="25"')
-    begin, end = never.index("<LateralAction>"), never.index("</LateralAction>")
-    never = never[:begin] + BRAKE + never[end + len("</LateralAction>") :]
+    fast = '<SpeedCondition rule="greaterThan" value="25"/>'
+    never = re.sub("<RelativeD.*?/>", fast, CUT_IN, flags=re.S).replace(ACROSS, BRAKE)
     events = never + timed(BRAKE, 2)
     path = changed(tmp_path, ('offset="0.25"', 'offset="3"'), events=events)
     other = simulate(only_case(path), "no_reaction").actors["Other"]
@@ -726,32 +740,64 @@ def test_a_move_is_played_although_an_earlier_one_may_lead_there(tmp_path):
 def test_what_holds_two_moves_is_complete_after_both(tmp_path, kind, name):
     """A condition begins a long brake and a swift move across, in this order, or a move of no
     change, whose begin is remembered around it."""
-    begin, end = CUT_IN.index("<LateralAction>"), CUT_IN.index("</PrivateAction>")
     two = '</PrivateAction></Action><Action name="two"><PrivateAction>'
     then = f"""</Maneuver></ManeuverGroup></Act><Act name="b"><ManeuverGroup name="h"><Actors><EntityRef
     entityRef="Other"/></Actors><Maneuver name="n">{TIMED}""".format(
         n=2, action=BRAKE.replace('"0"', '"9"'), delay=0,
-        when=f'<StoryboardElementStateCondition storyboardElementType="{kind}" '
-             f'storyboardElementRef="{name}" state="completeState"/>',
+        when=COMPLETE.replace('"event"', f'"{kind}"').format(name),
     )  # fmt: skip
     none = set() if kind == "event" else {0}
     for first, ends in ((BRAKE + two + OFFSET, {0, 1}), (BRAKE.replace('"0"', '"15"'), none)):
-        events = CUT_IN[:begin] + first + CUT_IN[end:] + then
-        (other,) = only_case(changed(tmp_path, events=events)).actors
-        last = other.acts[-1].program
+        last = acts_of(tmp_path, events=CUT_IN.replace(ACROSS, first) + then)[-1].program
         assert {number for op, _, number, _ in last if op == played.ENDED} == ends
         assert last
 
 
 def test_an_act_that_began_stays_begun(tmp_path):
     """Its condition may fail again before that of its event holds."""
-    start = CUT_IN[CUT_IN.index("<StartTrigger>") : CUT_IN.index("</Event>")] + "</Act>"
-    path = changed(tmp_path, ("</Act>", start), ('delay="0.5"', ""), events=CUT_IN)
-    assert played.ENDED in {step[0] for step in only_case(path).actors[0].acts[-1].program}
+    begun = ("</Act>", WAITS + "</Act>"), ('delay="0.5"', "")
+    assert played.ENDED in {it[0] for it in acts_of(tmp_path, *begun, events=CUT_IN)[-1].program}
+    holds = re.sub("<Rel.*?/>", '<SpeedCondition rule="lessThan" value="30"/>', WAITS, flags=re.S)
+    gone = """<GlobalAction><EntityAction entityRef="Other"><DeleteEntityAction/></EntityAction>
+    </GlobalAction></Actions></Init>"""
+    path = changed(tmp_path, ("</Act>", holds + "</Act>"), ("</Actions></Init>", gone))
+    assert only_case(path).actors == ()
 
 
-def test_a_speed_relative_to_a_later_event_is_refused(tmp_path):
-    """It would be that from which the other brakes at 2 s."""
+def test_a_point_looks_at_its_own_file_alone(tmp_path, monkeypatch):
+    """Of hundreds of files that were read, the others are looked at once a file that is read."""
+    read, looked, was = read_file(written(tmp_path)), [], reading.changed_at
+    monkeypatch.setattr(reading, "changed_at", lambda path: looked.append(path) or was(path))
+    assert list(concrete_points(read)) == [({}, None)]
+    assert looked == [read.space.file]
+
+
+def test_events_that_follow_each_other_end_none_half_way(tmp_path):
+    """A cut-in by a condition, a brake after it, a cut-out after that, and then a higher speed."""
+    events = CUT_IN + timed(BRAKE.replace('"0"', '"5"'), COMPLETE.format("e"), n=1)
+    events += timed(ACROSS.replace('"0"/>', '"1"/>'), COMPLETE.format("e1"), n=2)
+    events += timed(BRAKE.replace('"0"', '"9"'), COMPLETE.format("e2"), n=3)
+    kinds = [act.kind for act in acts_of(tmp_path, events=events)]
+    assert kinds == [played.COSINE, played.SPEED] * 2
+
+
+def test_a_distance_of_a_lateral_move_counts_until_it_ends(tmp_path):
+    """30 m with 15 m/s from 1 s on; the ego's lane is left again from 10 to 15 s, with a brake."""
+    back = ACROSS.replace('"0"/>', '"1"/>').replace('"rate"', '"time"').replace('"2"', '"5"')
+    first = ACROSS.replace('"rate"', '"distance"').replace('value="2"', 'value="30"')
+    events = timed(first, 1) + timed(back, 10, n=2) + timed(BRAKE, 12, n=3)
+    acts = acts_of(tmp_path, ("overwrite", "parallel"), events=events)
+    assert [act.begin for act in acts] == [1.0, 10.0, 12.0]
+
+
+@pytest.mark.parametrize(("reads", "moves", "refused"), [
+    (AT.format(5), timed(BRAKE, 2, n=2), True),
+    (AT.format(5), CUT_IN.replace(ACROSS, BRAKE).replace("lessThan", "greaterThan"), True),
+    (AT.format(0), CUT_IN.replace(ACROSS, BRAKE), False),
+    (AT.format(1), timed(BRAKE, COMPLETE.format("e1"), n=2), False),
+])  # fmt: skip
+def test_a_speed_relative_to_a_later_event_is_refused(tmp_path, reads, moves, refused):
+    """It would be that from which the other brakes before."""
     relative = """<LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape="linear"
     dynamicsDimension="rate" value="1"/><SpeedActionTarget><RelativeTargetSpeed entityRef="Other"
     value="1" speedTargetValueType="delta" continuous="false"/></SpeedActionTarget></SpeedAction>
@@ -764,8 +810,8 @@ def test_a_speed_relative_to_a_later_event_is_refused(tmp_path):
     <EntityRef entityRef="Other"/></Actors><Maneuver name="n">"""
     path = changed(tmp_path, ("</Entities>", third), ("</Actions></Init>", there),
         ('s="false"><EntityRef entityRef="Other"', 's="false"><EntityRef entityRef="Third"'),
-        events=timed(relative, 5) + then + timed(BRAKE, 2, n=2))  # fmt: skip
-    with refusal("`Other`, on which it depends, may move before"):
+        events=timed(relative, reads) + then + moves)  # fmt: skip
+    with refusal("`Other`, on which it depends, may move before") if refused else nullcontext():
         read_file(path)
 
 
@@ -791,14 +837,12 @@ def test_an_oncoming_actor_on_a_curve_moves_as_the_road_says(tmp_path):
 )
 def test_an_event_without_effect_waits_for_its_trigger(tmp_path, kind, name):
     lights = '<VisibilityAction graphics="true" sensors="true" traffic="true"/>'
-    when = f"""<StoryboardElementStateCondition storyboardElementType="{kind}"
-    storyboardElementRef="{name}" state="completeState"/>"""
+    when = COMPLETE.replace('"event"', f'"{kind}"').format(name)
     events = timed(lights, 4)
     events += """</Maneuver></ManeuverGroup></Act><Act name="b"><ManeuverGroup name="h"><Actors>
     <EntityRef entityRef="Other"/></Actors><Maneuver name="n">"""
     events += timed(BRAKE, when, n=2, delay=1)
-    (other,) = only_case(changed(tmp_path, events=events)).actors
-    assert [act.begin for act in other.acts] == [5.0]
+    assert [act.begin for act in acts_of(tmp_path, events=events)] == [5.0]
 
 
 @pytest.mark.parametrize(("until", "begins"), [(3, []), (5, [4.0])])
@@ -807,9 +851,8 @@ def test_no_event_begins_after_the_time_until_which_it_may(tmp_path, until, begi
     when = f'<SimulationTimeCondition value="{until}" rule="lessThan"/>'
     start = TIMED[TIMED.index("<StartTrigger>") : TIMED.index("</Event>")]
     act = start.format(delay=0, when=AT.format(4)) + "</Act>"
-    path = changed(tmp_path, ("</Act>", act), events=timed(BRAKE, when))
-    (other,) = only_case(path).actors
-    assert [it.begin for it in other.acts if it.kind == played.SPEED] == begins
+    acts = acts_of(tmp_path, ("</Act>", act), events=timed(BRAKE, when))
+    assert [it.begin for it in acts if it.kind == played.SPEED] == begins
 
 
 def test_ego_against_the_reference_line_has_its_road_from_there(tmp_path):
@@ -877,8 +920,8 @@ def test_an_edge_needs_the_opposite_before(tmp_path):
     above = CUT_IN.replace('rule="lessThan"', 'rule="greaterThan"')
     for edge, latches in (("rising", 1), ("falling", 0), ("risingOrFalling", 0), ("none", 0)):
         events = above.replace('conditionEdge="rising"', f'conditionEdge="{edge}"')
-        (other,) = only_case(changed(tmp_path, events=events)).actors
-        assert sum(act.offset == 0.0 for act in other.acts) == latches, edge
+        acts = acts_of(tmp_path, events=events)
+        assert sum(act.offset == 0.0 for act in acts) == latches, edge
 
 
 def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path):

@@ -683,10 +683,7 @@ def lanes_at(road: Road, y: Any) -> IntArray:
 
 def _extent(body: Sequence[float]) -> tuple[float, float]:
     """Half the extent of a turned body along and across the road, m."""
-    heading, length, width = body[2], body[4], body[5]
-    if heading == 0.0:
-        return 0.5 * length, 0.5 * width
-    return half_sizes(heading, length, width)
+    return half_sizes(body[2], body[4], body[5])
 
 
 def _velocity(body: Sequence[float]) -> tuple[float, float]:

@@ -122,12 +122,11 @@ def _of(actor: Actor) -> Iterator[str]:
             if act.program
             else f"at {act.begin:.3f} s"
         )
-        how = f" by {act.offset:.3f} m in {act.duration:.3f} s" if act.kind <= played.COSINE else ""
-        how = (
-            f" to {act.speed:.3f} m/s at {act.acceleration:.3g} m/s2"
-            if act.kind == played.SPEED
-            else how
-        )
-        if act.table and act.kind == played.BY_TIME:
+        how = ""
+        if act.kind <= played.COSINE:
+            how = f" by {act.offset:.3f} m in {act.duration:.3f} s"
+        elif act.kind == played.SPEED:
+            how = f" to {act.speed:.3f} m/s at {act.acceleration:.3g} m/s2"
+        elif act.kind == played.BY_TIME:
             how = ": " + ", ".join(f"{speed:.3f} m/s at {time:.3f} s" for time, speed in act.table)
         yield f"      {_WHAT[act.kind]} {when}{how}"

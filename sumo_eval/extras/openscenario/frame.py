@@ -11,6 +11,7 @@ from sumo_eval.extras.openscenario.places import Entity, MapPath, Spot
 from sumo_eval.scenario.road.opendrive import DRIVEN, beside
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import (
+    Line,
     Piece,
     bends,
     curvatures,
@@ -36,7 +37,7 @@ class Frame(NamedTuple):
     """
 
     origin: Pose
-    line: tuple[Piece, ...]
+    line: Line
     lanes: int
     lane_width: float
     length: float
@@ -80,7 +81,7 @@ def frame_of(ego: Entity, network: Network, course: MapPath | None, end: Pose | 
     origin = begin.moved(0.0, spot.way * centre)
     name = f"{network.path.stem}_{road.name}_{lanes}x{width:g}m_at_{centre:g}m"
     name += "_back" if spot.way < 0 else ""
-    line: tuple[Piece, ...] = ()
+    line: Line = ()
     length = road.length
     if road.bent:
         line = _beside(reference, spot.way * centre, f"road `{road.name}` of {network.path.name}")

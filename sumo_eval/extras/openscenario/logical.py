@@ -143,7 +143,7 @@ def refusal(space: FileSpace, road: Frame, point: Mapping[str, float]) -> str | 
 def _looked_at(space: FileSpace, point: Mapping[str, float]) -> FileCase | str:
     """The scene at a point, or why there is none, as `refusal` gives it."""
     given = tuple(sorted(space.given(point).items()))
-    return _case_or_why(space.file, changes(), given, space.options)
+    return _case_or_why(space.file, changes(space.file), given, space.options)
 
 
 # more than are looked at of a file: each of its roads asks for the same points again

@@ -17,12 +17,14 @@ from sumo_eval.extras.openscenario.places import Entity, Places
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.extras.openscenario.values import RULES
 from sumo_eval.scenario import played
+from sumo_eval.scenario.bodies import half_sizes
+from sumo_eval.scenario.played import Program, Step
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import length_of, tightest
 from sumo_eval.text import shown
 
-Step = tuple[int, int, int, float]
-Program = tuple[Step, ...]
+Fact = float | played.Move
+"""A time that has passed, s, or a move that has ended."""
 NEVER = math.inf
 _BENT = 0.1  # m that the road's curve may change a distance across it
 _ACROSS = 0.1  # cosine of the largest angle to the road at which a body has a speed along it
@@ -38,6 +40,23 @@ def operation(op: int) -> Step:
 def from_time(time: float) -> Program:
     """The program of a condition that holds from a time on, s."""
     return (played.VALUE, 0, 0, time), operation(played.TIME), operation(played.AT_MOST)
+
+
+def implied(program: Program) -> set[Fact]:
+    """Times that have passed, s, and moves that have ended whenever a condition holds."""
+    stack: list[set[Fact]] = [set()]
+    for k, (op, one, two, _) in enumerate(program):
+        if op == played.ENDED:
+            stack.append({(one, two)})
+        elif op < played.ENDED:  # a time stands before `TIME`, see `from_time`
+            stack.append({program[k - 1][3]} if op == played.TIME else set())
+        elif op != played.ABSOLUTE:
+            last = stack.pop()
+            if op in (played.OR, played.BELOW):
+                stack[-1] &= last
+            else:
+                stack[-1] |= last
+    return stack[-1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +120,7 @@ class Moment:
     """
 
     time: float
-    program: tuple[Step, ...] = ()
+    program: Program = ()
     until: float = NEVER
     past: bool = False
 
@@ -121,11 +140,6 @@ class Span:
     begin: Moment
     end: float
     ended: Program = ()
-
-    def follows(self, other: Span) -> bool:
-        """Whether it begins at the start, or where another ends."""
-        ended = set(other.ended)
-        return self.begin == Moment(0.0) or (bool(ended) and ended <= set(self.begin.program))
 
     @classmethod
     def over(cls, begin: Moment, parts: Sequence[Span]) -> Span:
@@ -508,6 +522,4 @@ def _half(body: Entity | Pose, axis: int) -> float:
     """Half the extent of a body along an axis of the road at the start, m; of a place 0."""
     if isinstance(body, Pose):
         return 0.0
-    c, s = abs(math.cos(body.frame.heading)), abs(math.sin(body.frame.heading))
-    along, across = (c, s) if axis == played.X else (s, c)
-    return 0.5 * (body.length * along + body.width * across)
+    return half_sizes(body.frame.heading, body.length, body.width)[axis - played.X]

@@ -22,11 +22,12 @@ from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.frame import ON, SAME, Frame, framed
 from sumo_eval.extras.openscenario.moments import (
     NEVER,
+    Fact,
     Moment,
-    Program,
     Span,
     constant,
     from_time,
+    implied,
     of_vehicle,
     operation,
 )
@@ -34,7 +35,7 @@ from sumo_eval.extras.openscenario.network import Lane, in_frame
 from sumo_eval.extras.openscenario.places import Entity, Places, UnplacedError
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.scenario import played
-from sumo_eval.scenario.played import Act
+from sumo_eval.scenario.played import Act, Move, Pairs, Program
 from sumo_eval.scenario.road.pose import Pose
 
 AT_ONCE = 1e-6  # s of a change of speed that is a step
@@ -51,9 +52,7 @@ _MOST = 1e3  # of a speed or an acceleration without a limit
 _STEADY = "over the distance of a lateral move the speed must stay the same, above 0 m/s"
 
 
-def synchronized(
-    distance: float, time: float, speed: float, final: float, steady: float
-) -> tuple[tuple[float, float], ...]:
+def synchronized(distance: float, time: float, speed: float, final: float, steady: float) -> Pairs:
     """Knots (s, m/s) of the speed with which a target is at its place, `distance` m ahead, after
     `time` s.
 
@@ -96,7 +95,7 @@ def synchronized(
     return _knots((speed / rate, 0.0), (rest - final / rate, 0.0), (rest, final))
 
 
-def _knots(*knots: tuple[float, float]) -> tuple[tuple[float, float], ...]:
+def _knots(*knots: tuple[float, float]) -> Pairs:
     """Those knots that lie behind the one before them; of two at one time the later one."""
     kept: list[tuple[float, float]] = []
     for time, speed in knots:
@@ -153,29 +152,51 @@ class Moves:
         if other is not mover:
             if kinds == _ACROSS and other.moved != 0.0:
                 raise target.fault(f"`{other.name}`, to which it is relative, moves across itself")
-            other.reads.append((begin.time if begin.known else math.inf, kinds, target))
+            self._plan(other, begin, kinds, target, self._next(mover))
         return other
 
+    def _plan(
+        self, entity: Entity, begin: Moment, kinds: tuple[int, ...], element: Node, move: Move
+    ) -> None:
+        """Note that a move which begins then is planned from an entity's moves above it."""
+        fault = element.fault(
+            f"`{entity.name}`, on which it depends, may move before by an event below it in the "
+            "file, which is not supported"
+        )
+        entity.reads.append((begin.time if begin.known else math.inf, kinds, fault, move))
+
+    def _next(self, entity: Entity) -> Move:
+        return self.numbers.get(entity.name, played.EGO), len(entity.acts)
+
     def _add(self, entity: Entity, begin: Moment, act: Act, lasts: float) -> Span:
-        if not changes_nothing(act):
-            self._check_reads(entity, begin, act)
+        earliest, past = self._implied(begin)
+        # moves above it are planned from what this entity does when they begin
+        for until, kinds, fault, move in entity.reads:
+            planned = act.kind in kinds and move not in (*past, self._next(entity))
+            if planned and earliest < until and not changes_nothing(act):
+                raise fault
         entity.acts.append(act._replace(begin=begin.time, program=begin.program))
         if begin.known:
             return Span(begin, begin.time + lasts)
         return Span(begin, NEVER, self._ended(entity))
 
-    def _check_reads(self, entity: Entity, begin: Moment, act: Act) -> None:
-        """Refuse a move that may begin before one above it that is planned from what held then."""
-        own = played.ENDED, self.numbers.get(entity.name)
-        earliest = begin.time if begin.known else -math.inf
-        if any(step[:2] == own for step in begin.program):
-            earliest = math.inf
-        for time, kinds, element in entity.reads:
-            if act.kind in kinds and earliest < time:
-                raise element.fault(
-                    f"`{entity.name}`, on which it depends, may move before by an event below it "
-                    "in the file, which is not supported"
-                )
+    def _implied(self, begin: Moment) -> tuple[float, set[Fact]]:
+        """Time before which a moment does not come, s, and what is past when it does."""
+        actors = [self.places.entities[name] for name in self.numbers]
+        past, programs = set[Fact]({0.0}), [begin.program]
+        for program in programs:  # further ones are those of the moves that have ended
+            new = implied(program) - past
+            programs += (actors[it[0]].acts[it[1]].program for it in new if isinstance(it, tuple))
+            past |= new
+        return begin.time + max(it for it in past if isinstance(it, float)), past
+
+    def follows(self, begin: Moment, span: Span) -> bool:
+        """Whether a moment surely comes once an element has ended."""
+        earliest, past = self._implied(begin)
+        if span.begin.known:
+            return span.end - SAME <= earliest
+        _, ends = self._implied(Moment(0.0, span.ended))
+        return earliest == NEVER or (bool(span.ended) and ends <= past)
 
     # -- speeds ------------------------------------------------------------------------------------
 
@@ -186,7 +207,6 @@ class Moves:
         if target.flag("continuous"):
             return self._match_speed(target, dynamics, entity, begin, speed)
         shape = dynamics.one_of("dynamicsShape", _SHAPES)
-        kind = dynamics.text("dynamicsDimension", "")
         # amid a change, its speed is between those two; the farther one bounds the time
         between = (entity.pace, entity.before) if _changes(entity, begin) else (entity.pace,)
         first = max(between, key=lambda it: abs(it - speed))
@@ -197,11 +217,9 @@ class Moves:
                 raise target.fault(f"the speed of `{other.name}` when this begins is unknown")
         unsure = self._unsure(entity, begin, _SPEEDS)
         if change <= SAME and not unsure:
+            if begin.known:
+                self._plan(entity, begin, _SPEEDS, dynamics, (played.EGO, 0))
             return Span(begin, begin.time)
-        if "across" in entity.begins and (
-            self._unsure(entity, begin, _ACROSS) or begin.time < entity.busy_until - SAME
-        ):
-            raise dynamics.fault(_STEADY)
         if unsure:
             return self._from_any_speed(dynamics, entity, begin, speed)
         step = is_step(dynamics)
@@ -209,7 +227,6 @@ class Moves:
         if rate == 0.0:  # it never gets there
             return Span(begin, NEVER)
         lasts = change / rate
-        entity.begins["speed"] = begin
         act = Act(played.SPEED, 0.0, 0.0, speed, 0.0, rate)
         if shape in _STRONGEST and not step:
             shares = _SHARES * _SHARES * (3.0 - 2.0 * _SHARES)
@@ -220,18 +237,17 @@ class Moves:
             act = Act(played.BY_TIME, table=tuple(map(tuple, table)))
         entity.before, entity.pace = first, speed
         entity.steady = begin.time + lasts if begin.known else 0.0
-        span = self._add(entity, begin, act, lasts)
-        if not (step or begin.known or (shape, kind) == ("linear", "rate")):
-            entity.reads.append((math.inf, _SPEEDS, dynamics))
-        return span
+        if not step and (shape, dynamics.text("dynamicsDimension")) != ("linear", "rate"):
+            self._plan(entity, begin, _SPEEDS, dynamics, self._next(entity))
+        return self._add(entity, begin, act, lasts)
 
     def _unsure(self, entity: Entity, begin: Moment, kinds: tuple[int, ...]) -> bool:
         """Whether an earlier move of some kinds may still wait when another begins."""
         earlier = [k for k, act in enumerate(entity.acts)
                    if act.kind in kinds and not changes_nothing(act)]  # fmt: skip
-        last = played.ENDED, self.numbers.get(entity.name), *earlier[-1:]
-        timed = begin.known and not any(entity.acts[k].program for k in earlier)
-        return bool(earlier) and not timed and all(step[:3] != last for step in begin.program)
+        if not earlier or (begin.known and not any(entity.acts[k].program for k in earlier)):
+            return False
+        return (self.numbers[entity.name], earlier[-1]) not in self._implied(begin)[1]
 
     def _from_any_speed(self, dynamics: Node, entity: Entity, begin: Moment, speed: float) -> Span:
         """A change from whatever speed the entity then has, at once or at an even rate."""
@@ -246,7 +262,7 @@ class Moves:
         act = Act(played.BY_TIME, table=((lasts, speed),))
         if lasts > AT_ONCE and kind == "rate":
             act = Act(played.SPEED, 0.0, 0.0, speed, 0.0, lasts)
-        entity.pace, entity.begins["speed"] = speed, begin
+        entity.pace = speed
         self._add(entity, begin, act, lasts)
         return Span(begin, NEVER, self._ended(entity))
 
@@ -395,15 +411,12 @@ class Moves:
         if kind == "rate":
             value = abs(offset - entity.moved) / value * _PEAKS[shape]
         elif kind == "distance":
-            entity.begins["across"] = begin
-            if (
-                entity.pace <= 0.0
-                or _changes(entity, begin)
-                or self._unsure(entity, begin, _SPEEDS)
-                or entity.begins.get("speed") == begin
-            ):
+            unsure = _changes(entity, begin) or self._unsure(entity, begin, _SPEEDS)
+            if unsure or entity.pace <= 0.0:
                 raise dynamics.fault(_STEADY)
             value /= entity.pace
+            until = begin.time + value if begin.known else math.inf
+            entity.reads.append((until, _SPEEDS, dynamics.fault(_STEADY), self._next(entity)))
         return self._across(element, entity, begin, offset, value, shape)
 
     def _lane_offset(self, element: Node, entity: Entity, begin: Moment) -> Span:

@@ -12,7 +12,7 @@ from sumo_eval.errors import InputError, did_you_mean
 from sumo_eval.extras.openscenario.reading import Node, depends_on
 from sumo_eval.scenario.road.opendrive import DRIVEN, PROFILES, lane_offset, reference_line
 from sumo_eval.scenario.road.pose import Pose
-from sumo_eval.scenario.road.reference_line import Piece, bends, frame_places, length_of
+from sumo_eval.scenario.road.reference_line import Line, Piece, bends, frame_places, length_of
 from sumo_eval.scenario.xml_file import read_xml
 
 WIDEST = 6.0  # m: a wider lane is an area without marks
@@ -34,7 +34,7 @@ class Lane(NamedTuple):
     width: float
 
 
-def in_frame(pose: Pose, begin: Pose, line: tuple[Piece, ...]) -> Pose:
+def in_frame(pose: Pose, begin: Pose, line: Line) -> Pose:
     """A place on the map as one along and across a line that starts at `begin`.
 
     line: empty: the straight line in the direction of `begin`.
@@ -54,7 +54,7 @@ class MapRoad:
 
     name: str
     begin: Pose
-    line: tuple[Piece, ...]
+    line: Line
     lanes: dict[float, Lane]
     left_out: tuple[str, ...] = ()
 
@@ -76,7 +76,7 @@ class MapRoad:
         """s and t of a place on the map, and its heading from the reference line's."""
         return in_frame(pose, self.begin, self.line if self.bent else ())
 
-    def backward(self) -> tuple[Pose, tuple[Piece, ...]]:
+    def backward(self) -> tuple[Pose, Line]:
         """The start of the reference line driven from its end, and that line."""
         line = tuple(Piece(it.length, -it.end, -it.begin) for it in reversed(self.line))
         return self.pose(self.length, 0.0).moved(0.0, 0.0, math.pi), line

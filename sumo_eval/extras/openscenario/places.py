@@ -20,9 +20,9 @@ from sumo_eval.extras.openscenario.catalogs import Catalogs
 from sumo_eval.extras.openscenario.earth import on_map
 from sumo_eval.extras.openscenario.network import Lane, MapRoad, Network
 from sumo_eval.extras.openscenario.reading import Node
-from sumo_eval.scenario.played import Act
+from sumo_eval.scenario.played import Act, Move, Pairs
 from sumo_eval.scenario.road.pose import Pose
-from sumo_eval.scenario.road.reference_line import Piece, length_of, map_places
+from sumo_eval.scenario.road.reference_line import Line, Piece, length_of, map_places
 
 ALONG = 0.01  # rad that an entity in a lane may point beside it
 EGO_ALONG = 0.1  # rad that the ego may: it starts along its lane
@@ -81,10 +81,9 @@ class Entity:
         it.
     moved: to the left of its start, m.
     busy_until: end of its last lateral move, s.
-    begins: the moment of its last change of `speed`, and of its last lateral move by distance,
-        `across`.
-    reads: moves that were planned from what its acts of some kinds lead to by a time: that time, s,
-        the kinds, and the element.
+    reads: moves planned from what its acts of some kinds lead to: the time until which none of
+        these may begin, s, unless the move has ended; the kinds; the fault; and the move, by actor
+        and number.
     """
 
     name: str
@@ -96,7 +95,7 @@ class Entity:
     element: Node
     spot: Spot | None = None
     speed: float = 0.0
-    way: tuple[tuple[float, float], ...] = ()
+    way: Pairs = ()
     frame: Pose = NOWHERE
     deleted: bool = False
     on_map: bool = False
@@ -107,8 +106,7 @@ class Entity:
     steady: float = 0.0
     moved: float = 0.0
     busy_until: float = 0.0
-    begins: dict[str, object] = field(default_factory=dict)
-    reads: list[tuple[float, tuple[int, ...], Node]] = field(default_factory=list)
+    reads: list[tuple[float, tuple[int, ...], InputError, Move]] = field(default_factory=list)
 
     @property
     def heading(self) -> float:
@@ -138,10 +136,10 @@ class MapPath:
     pieces: of a clothoid spline.
     """
 
-    points: tuple[tuple[float, float], ...]
+    points: Pairs
     times: tuple[float, ...]
     begin: Spot
-    pieces: tuple[Piece, ...] = ()
+    pieces: Line = ()
 
     @property
     def straight(self) -> bool:
@@ -162,7 +160,7 @@ class MapPath:
             ahead -= length
         raise element.fault("a trajectory must have two different points")
 
-    def rest(self, s: float) -> tuple[tuple[float, float], ...]:
+    def rest(self, s: float) -> Pairs:
         """Its points behind s m."""
         ways = accumulate(math.dist(*ends) for ends in pairwise(self.points))
         return tuple(it for it, way in zip(self.points[1:], ways, strict=True) if way > s + 1e-9)

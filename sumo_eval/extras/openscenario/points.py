@@ -133,7 +133,7 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
             f"Not mapped, so that {times.sum()} combinations are {len(points)} points: "
             f"{', '.join(loose)}."
         )
-    return Drawn(points, exposure=times.astype(np.float64), notes=tuple(notes))
+    return Drawn(points, exposure=times.astype(float), notes=tuple(notes))
 
 
 def read_mapping(path: Path, logical: LogicalScenario) -> SpaceMapping:
@@ -182,13 +182,13 @@ def read_variation(path: Path, count: int | None, seed: int) -> Variation:
             notes.append(
                 f"The random seed {theirs} of {path.name} is not used: the evaluation's own is."
             )
-        return Variation(combinations, scenario, tuple(notes))
-    combinations = _deterministic(distribution, path.name)
-    if count is not None:
-        raise InputError(
-            f"`count` does nothing for {path.name}: its distribution is deterministic, and all "
-            "combinations are driven; [only] of the mapping leaves some out."
-        )
+    else:
+        combinations = _deterministic(distribution, path.name)
+        if count is not None:
+            raise InputError(
+                f"`count` does nothing for {path.name}: its distribution is deterministic, and all "
+                "combinations are driven; [only] of the mapping leaves some out."
+            )
     return Variation(combinations, scenario, tuple(notes))
 
 
@@ -246,7 +246,7 @@ def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
         if normal:
             values = stream.normal(mean, math.sqrt(variance), runs)
         elif kind.tag == "PoissonDistribution":
-            values = stream.poisson(mean, runs).astype(np.float64)
+            values = stream.poisson(mean, runs).astype(float)
         else:
             spread = math.log1p(variance / mean**2)
             values = stream.lognormal(math.log(mean) - spread / 2.0, math.sqrt(spread), runs)

@@ -64,13 +64,15 @@ def depends_on(path: Path) -> int:
     return now
 
 
-def changes() -> int:
+def changes(*paths: Path) -> int:
     """How often files and folders on which scenes depend have changed.
 
     A scene depends on its file, on catalogs and on a map. Caches of scenes have this number in
     their key.
+
+    paths: those to look at; none: all.
     """
-    for path in [*_DEPENDS_ON]:
+    for path in paths or [*_DEPENDS_ON]:
         depends_on(path)
     return len(_CHANGES)
 

@@ -21,12 +21,11 @@ from typing import Any, NamedTuple
 from sumo_eval.cosim.openscenario import CASE, exported_case
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.catalogs import Catalogs, named_file
-from sumo_eval.extras.openscenario.frame import ORIGIN, SAME, Frame, frame_of, framed
+from sumo_eval.extras.openscenario.frame import ORIGIN, Frame, frame_of, framed
 from sumo_eval.extras.openscenario.moments import (
     NEVER,
     Conditions,
     Moment,
-    Program,
     Span,
     operation,
 )
@@ -53,7 +52,7 @@ from sumo_eval.extras.openscenario.values import Value
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, EgoBody, Start, keeps_on
 from sumo_eval.scenario.first_places import STANDARD_EGO
-from sumo_eval.scenario.played import Act
+from sumo_eval.scenario.played import Act, Program
 from sumo_eval.scenario.road.pose import Pose
 
 EGO = "Ego"
@@ -128,8 +127,7 @@ def read_case(
 
 def _exported(whole: ConcreteScenario) -> FileCase:
     road, body = whole.road, whole.ego_body or STANDARD_EGO
-    length = road.length + road.run_out
-    frame = Frame(ORIGIN, road.line, road.lanes, road.lane_width, length, road.name, 0.0, "")
+    frame = Frame(ORIGIN, road.line, road.lanes, road.lane_width, road.end, road.name, 0.0, "")
     ends = math.inf if whole.time_limit is None else whole.time_limit
     return FileCase(frame, whole.ego, body, whole.actors, ends, (), "ego", whole)
 
@@ -423,6 +421,8 @@ class _Player:
         """A move of the first actor that changes nothing; the program that it has ended, which
         remembers that `program` held, `delay` s before.
         """
+        if not self.actors:  # nothing moves then
+            return program
         acts = self.actors[0].acts
         acts.append(Act(played.COSINE, delay, AT_ONCE, program=program))
         return ((played.ENDED, 0, len(acts) - 1, 0.0),)
@@ -513,14 +513,14 @@ class _Player:
         skips, kinds, others = priority == "skip", _kinds(event), _kinds(other)
         if not (kinds and others) or (not skips and (priority == "parallel" or kinds == others)):
             return
-        meets = running.begin.time < span.begin.time < running.end - SAME
-        if not (span.begin.known and running.begin.known):
-            meets = skips or ("LateralAction" in others and not span.follows(running))
-        if meets:
-            effect = "is left out" if skips else "ends"
+        meets = skips or "LateralAction" in others or (span.begin.known and running.begin.known)
+        if meets and not (
+            self.moves.follows(running.begin, replace(span, end=span.begin.time))
+            or self.moves.follows(span.begin, running)
+        ):
             raise event.fault(
-                f"with its priority `{priority}` it {effect} while event "
-                f"`{other.attribute('name')}` runs, which is not supported"
+                f"with its priority `{priority}` it {'is left out' if skips else 'ends'} while "
+                f"event `{other.attribute('name')}` runs, which is not supported"
             )
 
     def _event(self, event: Node, names: list[str], begin: Moment) -> Span:

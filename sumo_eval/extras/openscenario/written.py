@@ -113,7 +113,7 @@ def _road(road: Road) -> dict[str, Any]:
         name = name.removesuffix(bend_name(road.line, named=named))
     return {
         "name": name, "lanes": road.lanes, "lane_width": road.lane_width,
-        "length": road.length + road.run_out, "line": [_piece(piece) for piece in road.line],
+        "length": road.end, "line": [_piece(piece) for piece in road.line],
     }  # fmt: skip
 
 
@@ -166,7 +166,7 @@ def _act(act: played.Act, name: str, names: Sequence[str]) -> dict[str, Any]:
     )
 
 
-def condition_text(program: Sequence[tuple[int, int, int, float]], names: Sequence[str]) -> str:
+def condition_text(program: played.Program, names: Sequence[str]) -> str:
     """The condition that a program of `scenario.played` works out, in the language of scenario
     files.
     """
