@@ -1,4 +1,6 @@
-"""Bases of a night: the last good night, and the accepted one."""
+"""Bases of a night: the last good night, and the accepted one. For nights and
+`sumo-eval accept`.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +29,10 @@ class Bases:
     """The nights that a night is compared with.
 
     good, accepted: the last good night and the accepted one.
-    comparison: with the former.
-    pinned: with the latter, None where both are one night.
+    comparison: with the last good night.
+    pinned: comparison with the accepted night; None if both are one night.
     notes: on nights that could not be used.
-    unusable: there are good nights, none of use.
+    unusable: whether there are good nights, but none can be compared with.
     """
 
     good: Night | None
@@ -47,8 +49,8 @@ class Bases:
 
 
 def find_bases(history: Path, lines: History, done: Evaluation, settings: GateSettings) -> Bases:
-    """Compare with the newest good night, in the order of adding, and with the accepted one,
-    whatever else differs.
+    """Compare a night with the newest good one that can be used, in the order of adding, and with
+    the accepted one.
     """
     nights = lines.nights()
     notes: list[str] = []
@@ -60,15 +62,13 @@ def find_bases(history: Path, lines: History, done: Evaluation, settings: GateSe
     last, comparison = _first_usable(history, kept, done, settings, notes)
 
     pin = pin_of(lines)
-    pinned_night = next(
-        (night for night in nights if pin is not None and night.night == pin.night), None
-    )
+    pinned_night = next((night for night in nights if pin and night.night == pin.night), None)
     pinned = None
     if pinned_night is not None and pinned_night != last:
         pinned_night, pinned = _first_usable(history, [pinned_night], done, settings, notes)
-    # once, of a pin that was tried as the last good night before
-    said, unusable = tuple(dict.fromkeys(notes)), bool(good) and last is None
-    return Bases(last, pinned_night, comparison, pinned, said, unusable)
+    # an accepted night that was also tried as the last good one has its note twice
+    once = tuple(dict.fromkeys(notes))
+    return Bases(last, pinned_night, comparison, pinned, once, bool(good) and last is None)
 
 
 def _first_usable(
@@ -97,7 +97,7 @@ def in_force(accepted: Sequence[Accepted], today: str = "") -> list[Accepted]:
 
 def pin_of(lines: History) -> Accepted | None:
     """The acceptance that counts: the newest that has not expired."""
-    return next(iter(reversed(in_force(lines.accepted()))), None)
+    return next(reversed(in_force(lines.accepted())), None)
 
 
 class Acceptance(NamedTuple):
@@ -180,9 +180,9 @@ def finished_within(history: Path, age: str, now: datetime | None = None) -> tup
     if night is None:
         return False, f"No night has finished in {history}."
     began = datetime.strptime(night.night, "%Y-%m-%dT%H-%M-%SZ").replace(tzinfo=UTC)
-    passed = (now or datetime.now(UTC)) - began
-    recent = passed <= timedelta(**{UNITS[unit]: int(number)})
-    hours = f"{passed.total_seconds() / 3600.0:z.1f} h"
+    elapsed = (now or datetime.now(UTC)) - began
+    recent = elapsed <= timedelta(**{UNITS[unit]: int(number)})
+    hours = f"{elapsed.total_seconds() / 3600.0:z.1f} h"
     return (
         recent,
         f"The last finished night {night.night} began {hours} ago, "

@@ -1,4 +1,6 @@
-"""Gates: whether a run, beside the one before it, may pass."""
+"""Gates: limits that a run passes or fails, by its own values or compared with an earlier run. For
+nights and `sumo-eval compare`.
+"""
 
 from __future__ import annotations
 
@@ -40,10 +42,11 @@ def judge(
 ) -> tuple[GateResult, ...]:
     """The rule, then every limit of a gate, for every ADS and logical scenario it is about.
 
-    comparison: None without a base.
+    comparison: with an earlier run; None without a base.
+    noise: what is known of ADSs that do not repeat.
 
-    noise: what is known of ADSs that do not repeat. A limit on missed requirements in all scenarios
-        is about those that have some, if any has. One on what the run has not is not evaluated.
+    A limit on missed requirements in all scenarios is about those that have requirements, if any
+    has. A limit on an ADS or a scenario that the run does not have is not evaluated.
     """
     compared = {(one.ads, one.scenario): one for one in comparison.ads} if comparison else {}
     requiring = {score.scenario for score in new.scores if score.requirements_missed is not None}
@@ -63,9 +66,10 @@ def judge(
 
 def _without_cases(new: Evaluation, settings: GateSettings) -> Iterator[GateResult]:
     """Limits on an ADS or a scenario that the run does not have."""
-    there = {who for one in new.scores for who in product((one.ads, None), (one.scenario, None))}
+    # None in a limit means every ADS, or every scenario
+    known = {it for one in new.scores for it in product((one.ads, None), (one.scenario, None))}
     for limit in settings.limit:
-        if (limit.ads, limit.scenario) not in there:
+        if (limit.ads, limit.scenario) not in known:
             where = limit.ads or "every ADS", limit.scenario or EVERYWHERE
             none = f"the run has no case of {where[0]} in {where[1]}"
             yield GateResult(limit.quantity, *where, None, f"{limit.quantity}: {none}", reason=none)

@@ -92,9 +92,9 @@ class Night:
 
     @property
     def good(self) -> bool:
-        """No limit failed: later nights are compared with this one.
+        """Whether no limit failed: then later nights may be compared with this one.
 
-        Cases may have been not evaluated (3).
+        Some cases may not have been evaluated (`NOT_EVALUATED`).
         """
         return self.exit_status in GOOD
 
@@ -115,9 +115,9 @@ class Value:
 
 @dataclass(frozen=True, slots=True)
 class GateLine:
-    """One gate of one night;
+    """One gate of one night.
 
-    threshold: the value at which it would fail, where it has one.
+    threshold: the value at which it would fail; None: it has none.
     """
 
     night: str
@@ -135,7 +135,7 @@ class Accepted:
 
     at: when, UTC.
     until: the last day on which it counts.
-    itself: by no user.
+    itself: whether the night was accepted without a user.
     """
 
     night: str
@@ -191,7 +191,7 @@ class History:
 
         Refuses a night that is there.
 
-        pin: that the night is accepted at once.
+        pin: acceptance of this night, if it becomes a base at once.
         """
         if any(known.night == night.night for known in self.nights()):
             raise InputError(
@@ -258,7 +258,7 @@ class History:
         ]
 
     def begin(self, night: str) -> None:
-        """Note that a night begins: should it be stopped, its folder is known to be its own."""
+        """Note that a night begins: if it is stopped, its folder is known as one of a night."""
         with self._connection:
             self._insert("begun", [(night,)])
 

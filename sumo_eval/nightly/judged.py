@@ -1,5 +1,5 @@
-"""A night beside its bases: each limit once, with what is known of chance, and whether the night
-becomes a base.
+"""A night compared with its bases: each limit once, what may be chance, and whether the night
+becomes a base. For `nightly.night`.
 """
 
 from __future__ import annotations
@@ -59,11 +59,14 @@ class JudgedNight:
 def judge_night(
     history: Path, lines: History, done: Evaluation, gate: GateSettings, progress: Progress
 ) -> JudgedNight:
-    """Compare a night with its bases and judge it, each limit once: beside the accepted night only
-    what else fails.
+    """Compare a night with its bases and evaluate its limits.
+
+    Each limit is listed once: of the comparison with the accepted night, only what fails in
+    addition.
     """
     bases = find_bases(history, lines, done, gate)
     place = history / AGAIN
+    # `bad_again` needs the repeats
     noise = Noise(repeats_of(done, gate, place, progress) if bases.comparisons else {})
     noise = replace(
         noise,
@@ -103,15 +106,15 @@ def failing_since(
         for line in lines.gates()
         if line.passed is False
     }
-    found = {}
+    since = {}
     for gate in failed(gates):
-        row = [tonight]
+        unbroken = [tonight]
         for night in reversed(nights):
             if (night, *gate.name) not in failing:
                 break
-            row.append(night)
-        found[gate.name] = Since(row[-1], len(row))
-    return found
+            unbroken.append(night)
+        since[gate.name] = Since(unbroken[-1], len(unbroken))
+    return since
 
 
 def new_first(
@@ -129,8 +132,8 @@ def new_first(
 def new_pin(
     line: Night, judged: JudgedNight, lines: History, gate: GateSettings
 ) -> Accepted | None:
-    """That a night accepts itself: the first good one, and one in which paired cases only
-    improved.
+    """Acceptance of a night without a user: of the first good one, and of one in which paired cases
+    only improved; None for any other.
     """
     if not line.good:
         return None

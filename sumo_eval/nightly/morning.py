@@ -47,6 +47,8 @@ def write_night(
 ) -> None:
     """Write `night.json` and `summary.md` into a night's folder, and `chat.json` beside the
     history.
+
+    word: the verdict in one word.
     """
     bases, folder = judged.bases, history / line.folder
     comparison = bases.comparison
@@ -161,13 +163,15 @@ def morning_lines(result: NightResult) -> list[str]:
         f"{one.added} added" + (f" ({', '.join(one.examples)})" if one.examples else "")
         for one in (comparison.unpaired if comparison else ())
     ]
-    words = {name: since.words for name, since in judged.since.items()}
+    since = {name: one.words for name, one in judged.since.items()}
     lines += map(one_line, builds_besides(judged.builds, comparison))
-    return [*lines, result.night.verdict, *gate_lines(judged.gates, result.report.parent, words)]
+    return [*lines, result.night.verdict, *gate_lines(judged.gates, result.report.parent, since)]
 
 
 def tell_github(result: NightResult) -> list[str]:
-    """Append the summary to `$GITHUB_STEP_SUMMARY`; annotations, where GitHub runs the night."""
+    """Append the summary to `$GITHUB_STEP_SUMMARY`, if that is set. Returns lines for GitHub's log:
+    annotations, if GitHub runs the night.
+    """
     summary, lines = os.environ.get("GITHUB_STEP_SUMMARY"), list[str]()
     if summary:
         text = (result.report.parent / SUMMARY).read_text(encoding="utf-8")

@@ -62,8 +62,9 @@ from sumo_eval.whatif.search import CaseLevers, WhatIf
 NIGHTS = "nights"
 IMPORTED = -1  # exit status of a night that no gate judged
 LOCK = "lock"
-SPARE = 1.5  # a night may need so much more room than the last one did
-LEVER_DRIVES, LONGEST_LEVERS = 500, 600.0  # of a case, about; s of a night
+SPARE = 1.5  # factor by which a night may need more room than the last one
+LEVER_DRIVES = 500  # about the drives that finding the levers of a case takes
+LONGEST_LEVERS = 600.0  # s that a night may spend on them
 FIRST_NIGHT_ROOM = 200_000_000  # bytes; what a first night may need is not known
 
 
@@ -98,9 +99,9 @@ def run_night(
         resume = bool(stopped)
         with _unfinished(folder, resumed=resume):
             run = resolve(evaluation, folder, resume, workers=workers)
-            with stopping() as asked:
+            with stopping() as is_asked_to_stop:
                 recorded = record_rounds(
-                    run, folder, resume=resume, progress=progress, stopping=asked
+                    run, folder, resume=resume, progress=progress, stopping=is_asked_to_stop
                 )
             done = score(folder, progress=progress, resolved=run)
             judged = judge_night(history, lines, done, gate, progress)
@@ -120,7 +121,7 @@ def run_night(
             line, done, judged.gates, shaky=judged.shaky, pin=new_pin(line, judged, lines, gate)
         )
         write_night(history, line, result.word, judged, notes)
-        notes += _discard(done)  # not before: a stopped night that continues needs the drivers'
+        notes += _discard(done)  # last: a stopped night that continues needs trajectories
         notes += _prune(history, lines, keep)
         return NightResult(line, done, judged, tuple(notes), report, write_trend(history, lines))
 
@@ -136,8 +137,9 @@ def _write_results(
         done.folder / JUNIT,
         score_parts(done),
     )
-    since = {limit: one.words for limit, one in judged.since.items()}
-    beside = Beside(comparison, gates, since, tuple(notes))
+    beside = Beside(
+        comparison, gates, {limit: one.words for limit, one in judged.since.items()}, tuple(notes)
+    )
     beside = replace(beside, levers=_levers(done, beside, progress))
     return write_assessed_report(done, beside, progress=progress)
 
@@ -158,7 +160,7 @@ def _levers(done: Evaluation, beside: Beside, progress: Progress) -> CaseLevers 
 
 
 def _begin(history: Path, lines: History, notes: list[str], resume: bool) -> str:
-    """Note that a night begins; its name, of a second that no other has."""
+    """Note that a night begins. Returns its name: a time, s, that no other night has."""
     taken = {night.night for night in lines.nights()} | lines.stopped()
     taken |= {path.name for path in (history / NIGHTS).glob("*")}
     began = datetime.now(UTC)
@@ -178,7 +180,7 @@ def _begin(history: Path, lines: History, notes: list[str], resume: bool) -> str
 
 @contextmanager
 def _unfinished(folder: Path, *, resumed: bool) -> Iterator[None]:
-    """Errors of a night that cannot be finished."""
+    """A block whose failure is reported as a night that is not finished."""
     try:
         yield
     except KeyboardInterrupt:
@@ -264,19 +266,19 @@ def _stopped(history: Path, lines: History) -> str | None:
     )
 
 
-def _clear_away(history: Path, lines: History, but: str | None = None) -> list[str]:
-    """Remove the folders of killed nights; notes on them and on the night `but`.
+def _clear_away(history: Path, lines: History, resumed: str | None = None) -> list[str]:
+    """Remove the folders of killed nights. Returns notes on them and on the night that is resumed.
 
-    The cause of their end is unknown, so their cases are used only where the night `but` is
-    resumed.
+    The cause of their end is unknown, so cases of no other killed night are used. A folder that the
+    history does not know, as a night or as one that began, stays, and is named.
 
-    A folder that the history does not know, as a night or as one that began, stays, and is named.
+    resumed: name of the night that continues.
     """
     known = {(history / night.folder).resolve() for night in lines.nights()}
     stopped = lines.stopped()
     notes = []
     for path in sorted((history / NIGHTS).glob("*")):
-        if path.resolve() in known or path.name == but:
+        if path.resolve() in known or path.name == resumed:
             continue
         if path.name not in stopped:
             notes.append(f"{path} is not in the history; it was left as it is.")
@@ -288,10 +290,10 @@ def _clear_away(history: Path, lines: History, but: str | None = None) -> list[s
         else:
             gone = "unfinished folder was" if _removed(path) else "folder could not be"
             notes.append(f"Night {path.name} was stopped before its end; its {gone} removed.")
-    if but:
+    if resumed:
         notes.append(
-            f"Night {but} was stopped before its end and continued: recorded cases were not rerun. "
-            "How long the night took is not known."
+            f"Night {resumed} was stopped before its end and continued: recorded cases were not "
+            "rerun. How long the night took is not known."
         )
     return notes
 
@@ -304,7 +306,7 @@ def _is_complete(folder: Path) -> bool:
 
 
 def _removed(folder: Path) -> bool:
-    """Remove a folder, not what a link of its name points to. Whether that could be done."""
+    """Remove a folder. Returns whether it could be removed, as a link cannot."""
     try:
         shutil.rmtree(folder)
     except OSError:
@@ -317,7 +319,7 @@ def _name(moment: datetime) -> str:
 
 
 def _line(done: Evaluation, name: str, folder: str, status: int, verdict: str) -> Night:
-    """The history's line of a night that is compared with none."""
+    """The history's line of a night, without base and wall time."""
     package, libsumo = (
         done.manifest.get("versions", {}).get(it, "not known") for it in ("sumo_eval", "libsumo")
     )
@@ -370,8 +372,8 @@ def _prune(history: Path, lines: History, keep: int) -> list[str]:
     one at any age.
     """
     nights = [night for night in lines.nights() if not night.imported]
-    kept = {night.night for night in nights[-keep:]}
-    kept |= {night.night for night in [night for night in nights if night.good][-1:]}
+    good = [night for night in nights if night.good]
+    kept = {night.night for night in (*nights[-keep:], *good[-1:])}
     pins = in_force(lines.accepted())
     # the acceptance that counts on each day on which one ends
     for day in {pin.until or "" for pin in pins}:

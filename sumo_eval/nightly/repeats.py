@@ -1,5 +1,5 @@
-"""Whether an ADS drives a case twice in one way, how far two of its drives differ, and how often a
-case ends badly.
+"""Repeatability of ADSs: whether two drives of a case are equal, how far they differ, and how often
+a case ends badly. For nights.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ AGAIN = "again"  # folder beside the nights in which cases are driven once more;
 def repeats_of(
     done: Evaluation, settings: GateSettings, place: Path, progress: Progress
 ) -> dict[str, Repeats]:
-    """Drive a sample of each ADS's cases once more: which ADSs repeat, and the floors of those that
-    do not.
+    """Drive a sample of each ADS's cases once more. Returns which ADSs repeat, and the noise floors
+    of those that do not.
 
-    place: a folder for drives that are scored; it is gone afterwards.
+    place: folder for a copy of the run, whose second drives are scored; removed afterwards.
     """
     if not settings.noise.cases:
         return {}
@@ -72,12 +72,11 @@ def repeats_of(
 
 def _sample(plan: Planner, number: int) -> list[Case]:
     """The cases of all ADSs at `number` points, drawn by the run's seed."""
-    spaces = [space_of(plan.run, place) for place in range(len(plan.run.scenarios))]
+    spaces = [space_of(plan.run, index) for index in range(len(plan.run.scenarios))]
     # draws index the points of all spaces in order; each space's begin where the one before ends
     ends = np.cumsum([len(space.numbers) for space in spaces])
-    drawn = random_stream(plan.run.settings.seed, "driven twice").permutation(int(ends[-1]))[
-        :number
-    ]
+    stream = random_stream(plan.run.settings.seed, "driven twice")
+    drawn = stream.permutation(int(ends[-1]))[:number]
     cases: list[Case] = []
     for space, end in zip(spaces, ends, strict=True):
         first = end - len(space.numbers)
@@ -150,12 +149,11 @@ def _newly_bad_rows(
     """Key of a newly bad case of a noisy ADS, its row in the base, and the units of U in the base
     and in the new run.
     """
-    for one in (one for comparison in comparisons for one in comparison.ads):
-        repeats, paired = noise.of(one.ads), one.changed.paired
-        if not repeats.noisy:
-            continue
-        for worse in newly_bad(one, settings, repeats).values():
-            for pair in worse.which:
+    for comparison in comparisons:
+        for one in comparison.ads:
+            repeats, paired = noise.of(one.ads), one.changed.paired
+            bad = newly_bad(one, settings, repeats).values() if repeats.noisy else ()
+            for pair in (pair for worse in bad for pair in worse.which):
                 yield paired.new[pair].case, (paired.base[pair], one.units)
 
 

@@ -1,5 +1,5 @@
 """The rule's three parts as limits that passed, failed, or could not be evaluated, each with its
-cases.
+cases. For `nightly.gates`.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ def judge_rule(comparison: Comparison, settings: GateSettings, noise: Noise) -> 
     """Every part of the rule that is on."""
     results = list(_outcomes(comparison, settings, noise)) if settings.outcome.on else []
     tallied = tallies(comparison, settings, noise)
-    noisy = [found for found in tallied if noise.of(found.ads).noisy]
-    rejected = holm([(found.chance, found.least_chance) for found in noisy], settings.noise.chance)
-    certain = {id(found) for found, one in zip(noisy, rejected, strict=True) if one}
-    for found in tallied:
+    noisy = [tally for tally in tallied if noise.of(tally.ads).noisy]
+    rejected = holm([(tally.chance, tally.least_chance) for tally in noisy], settings.noise.chance)
+    certain = {id(tally) for tally, one in zip(noisy, rejected, strict=True) if one}
+    for tally in tallied:
         share = settings.shift.share
-        if noise.of(found.ads).noisy:
-            bad = id(found) in certain and (found.near or many(found, settings, share))
+        if noise.of(tally.ads).noisy:
+            bad = id(tally) in certain and (tally.near or many(tally, settings, share))
         else:
-            bad = got_worse(found, settings)
-        results.append(_result(found, comparison, settings, noise, bad=bad))
+            bad = got_worse(tally, settings)
+        results.append(_result(tally, comparison, settings, noise, bad=bad))
     return results
 
 
@@ -63,7 +63,7 @@ def judge_pairs(comparison: Comparison, settings: GateSettings, accept: str) -> 
     """
     lost = sum(one.lost for one in comparison.unpaired)
     of = comparison.pairs + lost
-    examples = [key for one in comparison.unpaired for key in one.examples][:MOST_NAMED]
+    examples = tuple(key for one in comparison.unpaired for key in one.examples)[:MOST_NAMED]
     missing = list(_gone(comparison))
     if not comparison.pairs:
         missing.append("no case has a partner in the base, so nothing was compared")
@@ -72,17 +72,21 @@ def judge_pairs(comparison: Comparison, settings: GateSettings, accept: str) -> 
     if not missing:
         return []
     sentence = f"{'; '.join(missing)}. If this is meant: {accept}"
-    where = "pairs", "every ADS", EVERYWHERE
-    return [GateResult(*where, False, sentence, float(of - lost), None, tuple(examples))]
+    return [
+        GateResult(
+            "pairs", "every ADS", EVERYWHERE, False, sentence, float(of - lost), cases=examples
+        )
+    ]
 
 
 def _gone(comparison: Comparison) -> Iterator[str]:
     """ADSs and logical scenarios of the base that the new run has not."""
     lost = [one for one in comparison.unpaired if one.of and one.lost == one.of]
-    there = {one.base_ads for one in comparison.ads}, {one.scenario for one in comparison.ads}
+    known_ads = {one.base_ads for one in comparison.ads}
+    known_scenarios = {one.scenario for one in comparison.ads}
     for kind, names, known in (
-        ("ADS", [one.ads for one in lost], there[0]),
-        ("logical scenario", [one.scenario for one in lost], there[1]),
+        ("ADS", [one.ads for one in lost], known_ads),
+        ("logical scenario", [one.scenario for one in lost], known_scenarios),
     ):
         yield from (
             f"{kind} `{name}` of the base is missing"
@@ -92,7 +96,7 @@ def _gone(comparison: Comparison) -> Iterator[str]:
     yield from (
         f"`{one.ads}` has no case of the base's {one.scenario} any more"
         for one in lost
-        if one.ads in there[0] and one.scenario in there[1]
+        if one.ads in known_ads and one.scenario in known_scenarios
     )
 
 
@@ -106,8 +110,8 @@ def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> I
             paired = one.changed.paired
             keys = paired.new.case[worse.which].tolist()
             shaky = [key for key in keys if repeats.noisy and is_shaky(key, settings, noise)]
-            chance = set(shaky)
-            bad = [k for k, key in zip(worse.which, keys, strict=True) if key not in chance]
+            by_chance = set(shaky)
+            bad = [k for k, key in zip(worse.which, keys, strict=True) if key not in by_chance]
             number = len(bad)
             limit = f"{severity_limit(settings, repeats, one.units):z.3g}{one.units[1]}"
             sentence = _outcome_words(quantity, number, limit) + _shaky_words(shaky, noise)
@@ -170,43 +174,44 @@ def _end_words(case: CaseResult, unit: str) -> str:
 
 
 def _result(
-    found: Tally, comparison: Comparison, settings: GateSettings, noise: Noise, *, bad: bool
+    tally: Tally, comparison: Comparison, settings: GateSettings, noise: Noise, *, bad: bool
 ) -> GateResult:
-    quantity, zone = found.measure.quantity, found.measure.zone
+    quantity, zone = tally.measure.quantity, tally.measure.zone
     words, unit = WORDS.get(quantity, (quantity, ""))
-    where = list(dict.fromkeys(one.scenario for one in comparison.ads if one.ads == found.ads))
+    where = list(dict.fromkeys(one.scenario for one in comparison.ads if one.ads == tally.ads))
     # the scenario that all worse cases are in, or all
-    hit = [one.one.scenario for one in found.worse if one.which] if bad else where
+    hit = [one.one.scenario for one in tally.worse if one.which] if bad else where
     where = hit if len(hit) == 1 else where
-    result = partial(GateResult, quantity, found.ads, where[0] if len(where) == 1 else EVERYWHERE)
-    of = zones = count(found.cases, "case")
-    if found.near and zone is not None:
+    result = partial(GateResult, quantity, tally.ads, where[0] if len(where) == 1 else EVERYWHERE)
+    # the cases that could show a change, with the limit of their zone and without
+    of = zones = count(tally.cases, "case")
+    if tally.near and zone is not None:
         of, zones = f"{of} inside {zone:g} {unit}", f"{of} inside the zone of interest"
-    if not can_fail(found, settings, noisy=noise.of(found.ads).noisy):
+    if not can_fail(tally, settings, noisy=noise.of(tally.ads).noisy):
         none = "cannot see a change with"
         return result(None, f"{words}: {none} {of}", reason=f"{none} {zones}", blind=words)
 
-    sentence = f"{words}: {found.number} worse, {found.better} better of {of}"
+    sentence = f"{words}: {tally.number} worse, {tally.better} better of {of}"
     if not bad:
-        return result(True, sentence, float(found.number), None)
-    sentence += f" (P = {found.chance:z.2g})"
-    if found.near and found.least_kept <= settings.near_miss.kept_margin:
-        sentence += f"; one kept {found.least_kept:z.0%} of its margin"
-    keys = tuple(one.one.changed.paired.new[pair].case for one in found.worse for pair in one.which)
+        return result(True, sentence, float(tally.number), None)
+    sentence += f" (P = {tally.chance:z.2g})"
+    if tally.near and tally.least_kept <= settings.near_miss.kept_margin:
+        sentence += f"; one kept {tally.least_kept:z.0%} of its margin"
+    keys = tuple(one.one.changed.paired.new[pair].case for one in tally.worse for pair in one.which)
     return result(
-        False, sentence, float(found.number), None, keys[:MOST_KEYS], tuple(_worst(found))
+        False, sentence, float(tally.number), None, keys[:MOST_KEYS], tuple(_worst(tally))
     )
 
 
-def _worst(found: Tally) -> Iterator[CaseChange]:
+def _worst(tally: Tally) -> Iterator[CaseChange]:
     """The worst cases of all scenarios, with the values before and after."""
-    sign = 1.0 if found.measure.higher_is_better else -1.0
+    sign = 1.0 if tally.measure.higher_is_better else -1.0
     first = [
         (sign * float(one.after[pair] - one.before[pair]), place, pair)
-        for place, one in enumerate(found.worse)
+        for place, one in enumerate(tally.worse)
         for pair in one.which[:MOST_NAMED]
     ]
     for _, place, pair in sorted(first)[:MOST_NAMED]:
-        worse = found.worse[place]
+        worse = tally.worse[place]
         case = worse.one.changed.paired.new[pair]
         yield CaseChange.of(case, float(worse.before[pair]), float(worse.after[pair]))

@@ -40,9 +40,11 @@ CHARTS = (
 )
 COLOURS = ("var(--c)", "var(--actor)", "var(--d)", "var(--off)", "var(--muted)", "var(--bad)")
 DASHES = ("", "7 3", "2 3", "9 3 2 3", "4 4", "1 3")
+# of a chart, and its margins, in units of the SVG
 WIDTH, HEIGHT = 560, 210
 LEFT, RIGHT = 68, 12
 TOP, BOTTOM = 12, 40
+_AXIS = WIDTH - LEFT - RIGHT  # length of the axis of nights
 MOST_LABELS = 3  # dates under a chart
 TICKS = 5
 
@@ -63,7 +65,7 @@ class Point:
 class TrendLine:
     """One ADS on a chart.
 
-    parts: the points between nights in which the quantity was not computed.
+    parts: runs of points; a night in which the quantity was not computed ends one.
     """
 
     ads: str
@@ -116,7 +118,8 @@ def write_trend(folder: Path, history: History) -> Path:
 
 def failed_nights(nights: Sequence[Night]) -> list[dict[str, Any]]:
     """Failed nights, with their place on every chart and the reason."""
-    step = (WIDTH - LEFT - RIGHT) / max(len(nights), 1)
+    step = _AXIS / max(len(nights), 1)
+    # a bar of 80 % of the night's part of the axis, in its middle
     return [
         {
             "x": round(LEFT + step * (place + 0.1), 2),
@@ -161,7 +164,7 @@ Series = Mapping[tuple[str, str], float]
 
 def _place(number: int, nights: int) -> float:
     """Place of a night on a chart."""
-    return round(LEFT + (WIDTH - LEFT - RIGHT) / max(nights, 1) * (number + 0.5), 2)
+    return round(LEFT + _AXIS / max(nights, 1) * (number + 0.5), 2)
 
 
 def _drawn(
@@ -172,7 +175,11 @@ def _drawn(
     series: Series,
     limits: Sequence[tuple[str, str, float]],
 ) -> TrendChart:
-    """A chart with its lines and gates: nights, ADSs and bounds."""
+    """A chart of one quantity.
+
+    names: of the ADSs, in the order of their colours.
+    limits: night, ADS and bound of each gate.
+    """
     values = [*series.values(), *(bound for _, _, bound in limits)]
     ticks = _ticks(min(values), max(values), least=1.0 if unit == "cases" else 0.0)
     at = {night.night: _place(place, len(nights)) for place, night in enumerate(nights)}
@@ -207,7 +214,7 @@ def _drawn(
         unit,
         tuple(map(line, names)),
         tuple(gates),
-        half=round(0.42 * (WIDTH - LEFT - RIGHT) / max(len(nights), 1), 2),
+        half=round(0.42 * _AXIS / max(len(nights), 1), 2),
         ticks=tuple((height(tick), f"{tick:g}") for tick in ticks),
         dates=_dates(nights),
     )
@@ -238,7 +245,7 @@ def _ticks(low: float, high: float, least: float) -> list[float]:
     step = next(
         factor * magnitude
         for factor in (1.0, 2.0, 2.5, 5.0, 10.0)
-        if factor * magnitude >= rough * 0.999
+        if factor * magnitude >= rough * 0.999  # but for rounding
     )
     step = max(step, least)
     first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)

@@ -36,8 +36,9 @@ def check_apart(
     with Pool(1, limits) as pool:
         (ended,) = pool.each(Work(_checked, (Path.cwd(), run)), [(locator, tuple(cases))])
     if ended.how == "done":
-        rows = ((clean(text, _LONGEST, lines=True) for text in row) for row in ended.result)
-        return [Finding(*row) for row in rows], ended.log
+        return [
+            Finding(*(clean(text, _LONGEST, lines=True) for text in row)) for row in ended.result
+        ], ended.log
     happened = what_happened(ended, limits, "The check", "drove it")
     mend = "an ADS must not end, hang or write into the process that it is loaded in"
     return [Finding("FAIL", happened, mend)], ended.log

@@ -191,16 +191,15 @@ class Batches:
         """Note that a case of an ADS on TraCI ended in a batch. False if its ADS is known to keep
         state: the outcome does not count, and the case runs alone.
         """
-        why = self._keeps_state.get(case.controller)
-        if why is None:
-            loose = self._batched[case.controller]
-            loose.append(case)
-            if len(loose) == _LOOSE:
-                self._compressed[case.controller].append(zlib.compress(pickle.dumps(loose), 1))
-                loose.clear()
-        else:
+        if why := self._keeps_state.get(case.controller):
             self.run_alone(case, why)
-        return why is None
+            return False
+        loose = self._batched[case.controller]
+        loose.append(case)
+        if len(loose) == _LOOSE:
+            self._compressed[case.controller].append(zlib.compress(pickle.dumps(loose), 1))
+            loose.clear()
+        return True
 
     def never_together(self, batch: Batch) -> None:
         """Hold cases ready again, one in a batch: their kind has no form for many."""

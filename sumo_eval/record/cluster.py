@@ -136,8 +136,7 @@ def _fault(future: Any) -> str | None:
     """Message of a task that the cluster lost; None if the task returned."""
     if future.status == "finished":
         return None
-    error = future.exception() if future.status == "error" else None
-    return said(error) if error is not None else str(future.status)
+    return said(future.exception()) if future.status == "error" else str(future.status)
 
 
 def refuse_without(address: str) -> None:

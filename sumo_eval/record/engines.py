@@ -156,10 +156,9 @@ def _settled(ended: Ended[Batch], batches: Batches, setup: Setup) -> list[Outcom
         return _settled_alone(ended, batches, setup)
     printed = f"Printed by its batch of {len(batch)} cases:\n{ended.log}" if ended.log else ""
     if ended.how != "done":  # its process was lost
-        happened = what_happened(ended, setup.run, "It", "ran it")
-        why = Alone("pack_lost" if batch[0].block is None else "block_lost", clean(happened))
-        too_slow = ended.how == "overdue"
-        batches.record_failure(batch, [why] * len(batch), printed, too_slow=too_slow)
+        happened = clean(what_happened(ended, setup.run, "It", "ran it"))
+        why = [Alone("pack_lost" if batch[0].block is None else "block_lost", happened)]
+        batches.record_failure(batch, why * len(batch), printed, too_slow=ended.how == "overdue")
         return []
     results = results_of(ended.result, batch)
     if results is None:

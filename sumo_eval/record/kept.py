@@ -71,15 +71,14 @@ def packed(trajectory: Trajectory) -> bytes:
     A channel stands as planes: the first bytes of all its samples, then the second bytes, and so
     on, which deflates better than sample after sample.
     """
-    planes = [
+    body = b"".join(
         np.ascontiguousarray(getattr(trajectory, name), dtype=kind)
         .view(np.uint8)
         .reshape(len(trajectory), -1)
-        .T
+        .T.tobytes()
         for names, kind in ((_DOUBLE, "<f8"), (_SINGLE, "<f4"))
         for name in names
-    ]
-    body = b"".join(plane.tobytes() for plane in planes)
+    )
     return _HEADER.pack(len(trajectory), trajectory.length, trajectory.width) + zlib.compress(
         body, 6
     )
@@ -100,10 +99,9 @@ def unpack(data: bytes) -> Trajectory:
             f"A recorded trajectory of {n} samples must inflate to {size} bytes, and does not."
         )
     block = np.empty((len(CHANNELS), n))
-    row = offset = 0
-    for names, kind, width_of_one in ((_DOUBLE, "<f8", 8), (_SINGLE, "<f4", 4)):
-        for _ in names:
-            plane = body[offset : offset + n * width_of_one].reshape(width_of_one, n)
-            block[row] = np.ascontiguousarray(plane.T).view(kind).reshape(n)
-            row, offset = row + 1, offset + n * width_of_one
+    begin = 0
+    for row, each in enumerate([8] * len(_DOUBLE) + [4] * len(_SINGLE)):  # bytes of a value
+        plane = body[begin : begin + n * each].reshape(each, n)
+        block[row] = np.ascontiguousarray(plane.T).view(f"<f{each}").reshape(n)
+        begin += n * each
     return Trajectory.of_block(block, length=length, width=width)

@@ -27,8 +27,8 @@ def write_assessed_report(
 ) -> Path:
     """Write `confidence.json` and `report.html` into the evaluation's folder; the report's path.
 
-    What is there already, to the byte, from the scores, settings and sources that it would be made
-    of, stays.
+    Both files are kept if they were made of the same scores, settings and sources, and have not
+    changed since.
     """
     path, confidences = evaluation.folder / REPORT, evaluation.folder / CONFIDENCE
     key = _key(evaluation) if beside is None else None
@@ -58,7 +58,7 @@ def _key(evaluation: Evaluation) -> bytes | None:
     """
     if evaluation.cases.key is None:
         return None
-    told = _hash(
+    people = _hash(
         evaluation.folder / OPINION, evaluation.source / evaluation.settings.drivers.cases / STUDY
     )
     return key_of(
@@ -67,7 +67,7 @@ def _key(evaluation: Evaluation) -> bytes | None:
         evaluation.settings,
         evaluation.manifest,
         evaluation.folder,
-        told,
+        people,
         _sources(),
     )
 
@@ -76,17 +76,17 @@ def _key(evaluation: Evaluation) -> bytes | None:
 def _sources() -> str:
     """A hash of the files that pages are made of."""
     room = Path(__file__).parent
-    found = hashlib.blake2b()
+    digest = hashlib.blake2b()
     for file in sorted(
         file for file in room.rglob("*") if file.suffix in (".py", ".j2", ".js", ".css")
     ):
-        found.update(str(file.relative_to(room)).encode() + b"\0" + file.read_bytes())
-    return found.hexdigest()
+        digest.update(str(file.relative_to(room)).encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()
 
 
 def _hash(*files: Path) -> bytes:
-    found = hashlib.blake2b(digest_size=16)
+    digest = hashlib.blake2b(digest_size=16)
     for file in files:
-        found.update(file.read_bytes() if file.is_file() else b"")
-        found.update(b"\0")
-    return found.digest()
+        digest.update(file.read_bytes() if file.is_file() else b"")
+        digest.update(b"\0")
+    return digest.digest()

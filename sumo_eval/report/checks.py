@@ -47,7 +47,7 @@ def checked_cases(
     for score in evaluation.scores if scores is None else scores:
         if score.scenario in evaluation.checks:
             for case in evaluation.cases_of(score.ads, score.scenario):
-                text = case.requirements_missed
+                text = case.requirements_missed  # None: not evaluated; "": none is missed
                 yield CheckedCase(case, text and text.split(SEPARATOR))
 
 
@@ -105,8 +105,8 @@ def _table(evaluation: Evaluation, scenario: str) -> dict[str, Any]:
         "passed": [passed[ads] for ads in names],
         "of": len(points),
         "rows": [
-            (point_words(next(iter(found.values())).case.values), [found.get(ads) for ads in names])
-            for found in rows.values()
+            (point_words(next(iter(row.values())).case.values), [row.get(ads) for ads in names])
+            for row in rows.values()
         ],
         "more": max(0, len(points) - MOST_ROWS),
     }

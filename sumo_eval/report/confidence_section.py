@@ -54,17 +54,16 @@ def confidence_content(evaluation: Evaluation, beside: Beside) -> dict[str, Any]
 
 
 def _further(item: Assessment, confidence: Confidence) -> dict[str, Any]:
+    plain: dict[str, Any] = {"ads": item.ads, "scenario": item.scenario}
     found = item.further
     names = list(confidence.coverage[item.scenario].empty_centre)
     if found is None or "s" not in item.sources or not len(found.points):
-        return {"ads": item.ads, "scenario": item.scenario, "points": []}
-    width = item.sources["s"]["cases"]
-    return {
-        "ads": item.ads,
-        "scenario": item.scenario,
+        return plain | {"points": []}
+    half_width = item.sources["s"]["cases"]  # of the interval of S, by the choice of cases
+    return plain | {
         "count": len(found.points),
-        "before": f"{width:z.1f}",
-        "after": f"{width * found.shrink:z.1f}",
+        "before": f"{half_width:z.1f}",
+        "after": f"{half_width * found.shrink:z.1f}",
         "points": [
             ", ".join(f"{name} = {value:z.4g}" for name, value in zip(names, row, strict=True))
             for row in found.points[:SHOWN].tolist()
@@ -92,13 +91,15 @@ def _space(name: str, item: SpaceCoverage) -> dict[str, Any]:
 
 def _picture(pair: PairCoverage) -> dict[str, Any]:
     """Cells of one pair's heat map, y upwards: darker is more cases, white none, hatched
-    impossible. row: numbers of both buckets from 1, and the points in them, for the saved table.
+    impossible.
+
+    The `row` of a cell, for the saved table: numbers of both buckets from 1, points in them.
     """
     rows, columns = pair.counts.shape
     most = max(float(pair.counts.max()), 1.0)
     cells = []
     for (row, column), number in np.ndenumerate(pair.counts):
-        points = int(number)
+        points = int(number)  # below 0: no point is possible
         shade = 0.0 if points <= 0 else 0.25 + 0.75 * points / most
         cells.append({
             "x": CELL * column,

@@ -14,7 +14,7 @@ from sumo_eval.trajectory import FloatArray
 
 TILES = 40  # on each axis
 _SIDE = 6  # of a tile, px
-_FAINTEST = 0.12  # how dark a tile is that holds the least
+_FAINTEST = 0.12  # opacity of the faintest tile
 
 
 def density_maps(
@@ -50,8 +50,10 @@ def _tiles(
     words: str,
     axes: tuple[Parameter, Parameter],
 ) -> Markup:
-    """A square for each tile with something in it, which carries its middle and what it says for
-    the saved table.
+    """A square for each tile with a shade above 0.
+
+    shade: 0..1, of each tile.
+    said: value of each tile in the saved table, which has the tile's middle, too.
     """
     size = TILES * _SIDE
     middle = [

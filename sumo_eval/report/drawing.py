@@ -12,8 +12,8 @@ RESOLUTION = 120  # dots an inch, of a figure in a notebook
 
 
 class Drawing(Figure):
-    """A figure that shows itself: a notebook knows those of pyplot only, and of others writes
-    `<Figure ...>`.
+    """A figure with a picture of itself for notebooks, which otherwise show only figures of pyplot
+    and write `<Figure ...>` for any other.
     """
 
     def _repr_png_(self) -> bytes:

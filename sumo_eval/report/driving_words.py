@@ -115,8 +115,8 @@ def task_words(scene: CaseDrives, logical: LogicalScenario, margin: float) -> _S
     found = behind(scene, logical, margin)
     if found is None:
         return
-    both = (found.drivers, count(found.drivers, "driver")), (found.car, "the reference car")
-    who = " and ".join(words for number, words in both if number)
+    references = (found.drivers, count(found.drivers, "driver")), (found.car, "the reference car")
+    who = " and ".join(words for number, words in references if number)
     way, time = f"{found.way:z.0f} m", f"{found.time:z.1f} s"
     short = f"{way} of {found.of:z.0f} m, from {time} on; {who} drove on."
     words = {
@@ -183,13 +183,12 @@ def picture(scene: CaseDrives, moment: float | None) -> list[str]:
     end = min(max(drive.duration for drive in drives), 1.5 * scene.ego.duration) or 1.0
     times = np.linspace(0.0, end, PICTURE)
     top = max(float(drive.speed.max()) for drive in drives) or 1.0
-    rows = [("ego", [scene.ego]), *([("drivers", scene.drivers)] if scene.drivers else [])]
-    lines = [f"  {name:<8}{_blocks(mean_speed(some, times), top)}" for name, some in rows]
-    scale = f"speed, 0 to {3.6 * top:z.0f} km/h over {end:z.1f} s"
-    if moment is None:
-        return [*lines, f"  {'':<8}{scale}"]
-    mark = f"{'':<{8 + round(min(moment / end, 1.0) * (PICTURE - 1))}}^ {moment:z.1f} s"
-    return [*lines, f"  {mark}", f"  {'':<8}{scale}"]
+    rows = ("ego", [scene.ego]), ("drivers", scene.drivers)
+    lines = [f"  {name:<8}{_blocks(mean_speed(some, times), top)}" for name, some in rows if some]
+    if moment is not None:
+        column = round(min(moment / end, 1.0) * (PICTURE - 1))
+        lines.append(f"  {'':<8}{'':<{column}}^ {moment:z.1f} s")
+    return [*lines, f"  {'':<8}speed, 0 to {3.6 * top:z.0f} km/h over {end:z.1f} s"]
 
 
 def _blocks(speeds: FloatArray, top: float) -> str:

@@ -8,7 +8,6 @@ evaluated.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
@@ -21,7 +20,7 @@ from sumo_eval.cases import CaseTable
 from sumo_eval.input_file import hash_of
 from sumo_eval.record.run_folder import EVALUATION, EXPOSURES, FACTS, MANIFEST
 from sumo_eval.report.checks import FAILED, PASSED, checked_cases
-from sumo_eval.report.page import template, write_page
+from sumo_eval.report.page import template, write_json, write_page
 from sumo_eval.report.qualification import holds, qualification_sentence
 from sumo_eval.report.words import count, people_sentence, reference_sentence, sampling_words
 from sumo_eval.results import Evaluation, ScenarioResult
@@ -37,7 +36,9 @@ Support = Literal["supported", "not supported", "open"]
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """interval: of the number that the claim is about, with its level; None: it is about none.
+    """One claim, its argument and its evidence.
+
+    interval: of the number that the claim is about, with its level; None: it is about none.
     cases: keys of those that speak against it, at most `MOST_CASES`.
     assumptions: what has to be so, and was not shown by the run.
     """
@@ -56,7 +57,9 @@ class Claim:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """claims: of every ADS in every scenario.
+    """Evidence that a run gives.
+
+    claims: of every ADS in every scenario.
     run: what identifies it.
     hashes: SHA-256 of its files.
     """
@@ -81,8 +84,8 @@ def evidence_of(evaluation: Evaluation) -> Evidence:
     run = {
         "id": hashes[MANIFEST][:16], "name": evaluation.name, "folder": str(folder),
         "created": str(manifest.get("created", "")), "seed": str(evaluation.settings.seed),
-        **{name: str(value) for name, value in manifest.get("versions", {}).items()},
-        **{name: str(value) for name, value in manifest.get("machine", {}).items()},
+        **{name: str(value) for part in ("versions", "machine")
+           for name, value in manifest.get(part, {}).items()},
     }  # fmt: skip
     claims = tuple(claim for score in evaluation.scores for claim in _claims(evaluation, score))
     return Evidence(
@@ -96,12 +99,9 @@ def write_evidence(evaluation: Evaluation, out: Path) -> tuple[Path, Path]:
     """Write `evidence.html` and `evidence.json` into a folder and return their paths."""
     found = evidence_of(evaluation)
     page = template("evidence.html.j2").render(found=found)
-    plain = json.dumps(
-        {"format_version": FORMAT_VERSION, **asdict(found)}, indent=2, allow_nan=False
-    )
-    contents = {PAGE: page, PLAIN: f"{plain}\n"}
-    html, data = (write_page(out / name, text, "The file") for name, text in contents.items())
-    return html, data
+    content = {"format_version": FORMAT_VERSION, **asdict(found)}
+    html = write_page(out / PAGE, page, "The file")
+    return html, write_json(out / PLAIN, content, "The file")
 
 
 def _claims(evaluation: Evaluation, score: ScenarioResult) -> Iterator[Claim]:
@@ -147,8 +147,11 @@ def _collisions(
     evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable
 ) -> Claim:
     """Collision share < p: p is the upper end of its interval."""
-    known = evaluation.exposure_known(score.scenario)
-    under = "this exposure" if known else "equal weights of its points"
+    under = (
+        "this exposure"
+        if evaluation.exposure_known(score.scenario)
+        else "equal weights of its points"
+    )
     judged = cases[cases.evaluated]
     hit, found = judged[judged.collided], risk_of(evaluation, score)
     if found is None:
@@ -186,14 +189,12 @@ def _preventable(
         for it in preventability(evaluation)
         if (it.ads, it.scenario) == (score.ads, score.scenario)
     )
-    against = cases[np.isin(verdicts(evaluation, score), ["preventable", "undecided"])]
     skilled = reference_ads(evaluation.settings) or "the ideal vehicle"
     undecided = row.undecided + row.not_evaluated
-    verdict: Support = "not supported" if row.preventable else "open" if undecided else "supported"
     return _claim(
         score, "preventability",
         claim=f"{about} has no incident that is preventable for a skilled driver.",
-        verdict=verdict,
+        verdict="not supported" if row.preventable else "open" if undecided else "supported",
         argument=f"The skilled driver is {skilled}, driven through each concrete scenario beside "
                  "the ADS: an incident (collision, leaving the road, giving up) is unpreventable "
                  "for it where it has one as well.",
@@ -206,7 +207,7 @@ def _preventable(
             f"{row.off_road} left the road, {row.gave_up} given up, {row.not_evaluated} not "
             f"evaluated, of {count(row.cases, 'case')}.",
         ),
-        against=against,
+        against=cases[np.isin(verdicts(evaluation, score), ["preventable", "undecided"])],
     )  # fmt: skip
 
 
@@ -228,7 +229,6 @@ def _avoided(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
             score, "avoided", claim=f"The avoided share A of {about} is known.", verdict="open",
             argument="A needs evaluated cases, its interval two of them.",
         )  # fmt: skip
-    against = cases[cases.avoidable]
     return _claim(
         score, "avoided",
         claim=f"{about} avoids at least {_outward(ends[0], ROUND_FLOOR)} of the harm that the "
@@ -243,7 +243,7 @@ def _avoided(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
         ),
         interval={"estimate": score.avoided_share, "low": ends[0], "high": ends[1],
                   "level": LEVEL},
-        against=against,
+        against=cases[cases.avoidable],
     )  # fmt: skip
 
 
@@ -256,14 +256,13 @@ def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
     verdicts_of = [one.verdict for one in checked_cases(evaluation, (score,))]
     failed = cases[np.array(verdicts_of) == FAILED]
     number, passed = len(verdicts_of), verdicts_of.count(PASSED)
-    verdict: Support = (
-        "not supported" if len(failed) else "supported" if passed == number else "open"
-    )
     checks = evaluation.checks[score.scenario]
     return _claim(
         score, "checks",
         claim=f"{about} passes every check of the scenario in every case that was driven.",
-        verdict=verdict,
+        verdict=(
+            "not supported" if len(failed) else "supported" if passed == number else "open"
+        ),
         argument=f"{count(len(checks), 'condition')} on the whole drive, each evaluated on the "
                  "recorded trajectories.",
         evidence=(
@@ -276,8 +275,9 @@ def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
 
 def _assumptions(evaluation: Evaluation, score: ScenarioResult) -> Iterator[str]:
     """Conditions of the claims on a scenario that the run does not show."""
-    entries = evaluation.resolved.entries
-    entry, logical = next(named for named in entries if named[1].name == score.scenario)
+    entry, logical = next(
+        named for named in evaluation.resolved.entries if named[1].name == score.scenario
+    )
     zone = next(it for it in evaluation.zones if it.scenario == score.scenario)
     yield (
         f"{count(zone.sampled, 'point')} ({sampling_words(entry.sampling, logical)}) stand for the "

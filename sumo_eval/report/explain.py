@@ -48,6 +48,7 @@ def known_case(run: Path, key: str) -> Fact:
     """The drive of an ADS in a case.
 
     key: of the case, as in cases.csv.
+
     Raises InputError, with the nearest known key, where no ADS drove such a case.
     """
     with open_store(run / FACTS) as store:
@@ -247,7 +248,7 @@ def _avoided(case: CaseResult, findings: Findings) -> Iterator[str]:
         "the ideal vehicle's": case.ideal_severity is not None,
         "that of `no_reaction`": case.no_reaction_severity is not None,
     }
-    missing = [drive for drive, it_is in evaluated.items() if not it_is]
+    missing = [drive for drive, is_evaluated in evaluated.items() if not is_evaluated]
     score = findings.score
     if missing or score.avoided_share is None:
         yield (

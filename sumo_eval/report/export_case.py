@@ -34,8 +34,7 @@ class Exported:
 
 def export_case(run: Path, case: str, out: Path) -> Exported:
     """Write a case into the folder `out`: SUMO network, routes, view and .sumocfg (opens in
-    sumo-gui), OpenSCENARIO and
-    OpenDRIVE, and an evaluation of this one case with its point.
+    sumo-gui), OpenSCENARIO and OpenDRIVE, and an evaluation of this one case with its point.
 
     The files are named after the case, with `_` for characters other than letters, digits, dots,
     plus signs and single hyphens. The command that drives it again is in the .xosc header, too.
@@ -47,7 +46,7 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
     fact = known_case(run, case)
     with open_store(run / run_folder.FACTS) as store:  # no trajectories of one that did not start
         started = fact.simulated_time is not None and not store.is_discarded(case)
-        driven = dict(store.trajectories(case)) if started else None
+        driven = store.trajectories(case) if started else None
     entry, logical = next(named for named in resolved.entries if named[1].name == fact.scenario)
     concrete = replace(logical.concrete(**fact.values), exposure=fact.exposure)
     simulation = concrete.simulation(settings.simulation)
@@ -72,9 +71,10 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
         ),
         f"{stem}.toml": to_toml(alone),
     }  # fmt: skip
-    known = fact.exposure > 0.0  # a sample whose exposures are all 0 is refused
-    columns = [*logical.names, *(["exposure"] if known else [])]
-    values = [*(fact.values[name] for name in logical.names), *([fact.exposure] if known else [])]
+    columns, values = [*logical.names], [fact.values[name] for name in logical.names]
+    if fact.exposure > 0.0:  # a sample whose exposures are all 0 is refused
+        columns.append("exposure")
+        values.append(fact.exposure)
     paths = [write_page(out / name, text, "The file") for name, text in texts.items()]
     points = write_csv(out / f"{stem}.csv", map(cell, columns), [map(repr, values)])
     return Exported((*paths, points), line)
@@ -88,11 +88,11 @@ def _evaluation(
     """
     ads = next(item for item in settings.ads if item.name == fact.driver)
     alone = absolute(replace(settings, scenario=(entry,), ads=(ads,)), source)
-    (there,) = alone.scenario
+    (scenario,) = alone.scenario
     sampling = SamplingSettings(method="file", file=points)  # its column has the exposure
     return replace(
         alone,
-        scenario=(replace(there, sampling=sampling, exposure=ExposureSettings()),),
+        scenario=(replace(scenario, sampling=sampling, exposure=ExposureSettings()),),
         run=replace(settings.run, qualification=""),  # it is about the run that this case is of
     )
 

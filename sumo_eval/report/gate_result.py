@@ -1,4 +1,6 @@
-"""Outcome of a limit, and the cases that it names."""
+"""Outcome of a limit, and the cases that it names. `nightly` makes them, pages and terminal show
+them.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,7 @@ class CaseChange:
 
     @classmethod
     def of(cls, case: CaseResult, before: float | str | None, after: float | str) -> CaseChange:
-        """That of a row of the new run."""
+        """The change of a row of the new run."""
         return cls(case.case, point_words(case.values), before, after)
 
     @property
@@ -43,8 +45,7 @@ class CaseChange:
 class GateResult:
     """One limit applied to one ADS in one logical scenario, or in all that are in `scenario`.
 
-    passed None: the limit could not be evaluated, and the sentence says why.
-
+    passed: None: the limit could not be evaluated, and the sentence says why.
     reason: why it could not be evaluated, without the limit's own values; "": as in the sentence.
     blind: name of the quantity, of a limit that cannot see a change of this ADS.
     threshold: the value of the new run at which it would fail, for drawing.

@@ -25,7 +25,9 @@ MOST_NAMED = 3
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """order: the ADSs in their order, each with its behaviour.
+    """First words of a run.
+
+    order: the ADSs in their order, each with its behaviour.
     answers: (question, answer).
     alarms: (ADS, what its cases must be looked at for).
     """
@@ -36,7 +38,7 @@ class Headline:
 
 
 def headline(evaluation: Evaluation) -> Headline:
-    """Three answers, and an alarm for each ADS that needs one."""
+    """Answers to three questions, and an alarm for each ADS that needs one."""
     order = ranked(evaluation)
     known = [behaviour_of(evaluation, one.ads) for one in order]
     questions = ("Safety", "Human-likeness", "S+")

@@ -22,7 +22,7 @@ from typing import IO, Literal
 from lxml import etree
 
 from sumo_eval.cases import CaseResult, CaseTable
-from sumo_eval.errors import InputError
+from sumo_eval.input_file import writing
 from sumo_eval.report.gate_result import GateResult
 from sumo_eval.report.tables import write_tables
 from sumo_eval.report.terminal import worst_lines
@@ -51,7 +51,7 @@ TestVerdict = Literal["passed", "failure", "error", "skipped"]
 class Test:
     """One JUnit test.
 
-    kind: the machine-readable type of a failure or an error;
+    kind: the machine-readable type of a failure or an error.
     text: what a person reads of it.
     """
 
@@ -152,30 +152,27 @@ def write_junit(suites: Suites, path: Path, properties: Properties | None = None
     One test of a case is in memory at a time. The file needs the number of tests before them, so
     each suite is written to a temporary file first: making its tests twice would take longer.
     """
-    try:
-        with ExitStack() as bodies, path.open("wb") as out:
-            written = {
-                key: _written(tests, key[1], bodies.enter_context(SpooledTemporaryFile(_HELD)))
-                for key, tests in suites.items()
-            }
-            totals = sum((counts for _, counts, _ in written.values()), Counter[str]())
-            with etree.xmlfile(out, encoding="UTF-8") as file:
-                file.write_declaration()
-                with file.element("testsuites", name="sumo_eval", **_counted(totals)):
-                    for key, (body, counts, seconds) in written.items():
-                        attributes = {"name": _clean(key[0])} | _counted(counts)
+    with writing(f"The JUnit file {path}"), ExitStack() as bodies, path.open("wb") as out:
+        written = {
+            key: _written(tests, key[1], bodies.enter_context(SpooledTemporaryFile(_HELD)))
+            for key, tests in suites.items()
+        }
+        totals = sum((counts for _, counts, _ in written.values()), Counter[str]())
+        with etree.xmlfile(out, encoding="UTF-8") as file:
+            file.write_declaration()
+            with file.element("testsuites", name="sumo_eval", **_counted(totals)):
+                for key, (body, counts, seconds) in written.items():
+                    attributes = {"name": _clean(key[0])} | _counted(counts)
+                    file.write("\n  ")
+                    with file.element("testsuite", **attributes, time=f"{seconds:z.3f}"):
+                        if properties and key in properties:
+                            file.write("\n    ", _properties(properties[key]))
+                        file.flush()
+                        body.seek(0)
+                        copyfileobj(body, out)
                         file.write("\n  ")
-                        with file.element("testsuite", **attributes, time=f"{seconds:z.3f}"):
-                            if properties and key in properties:
-                                file.write("\n    ", _properties(properties[key]))
-                            file.flush()
-                            body.seek(0)
-                            copyfileobj(body, out)
-                            file.write("\n  ")
-                    file.write("\n")
-            out.write(b"\n")
-    except OSError as error:
-        raise InputError(f"The JUnit file {path} cannot be written: {error}.") from error
+                file.write("\n")
+        out.write(b"\n")
     return path
 
 

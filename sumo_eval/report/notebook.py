@@ -91,5 +91,6 @@ def picture(evaluation: Evaluation) -> Any:
                 panel.plot(score.s_plus_interval, [place, place], color="black")
         panel.set(title=scenario, xlabel="S+ (line: its interval)", xlim=(0.0, 100.0))
         panel.set_yticks(range(len(ads)), ads)
-        panel.invert_yaxis() if panel is panels[0] else None
+        if panel is panels[0]:  # all panels share its axis
+            panel.invert_yaxis()
     return figure

@@ -26,9 +26,9 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
         return None
     text = read_input_text(path, "opinion")
     try:
-        told = json.loads(text)
-        rows, correlations = told["rows"], told["correlations"]
-        intervals = told.get("intervals") or {}
+        study = json.loads(text)
+        rows, correlations = study["rows"], study["correlations"]
+        intervals = study.get("intervals") or {}
         panels = [
             {
                 "name": name,
@@ -43,7 +43,7 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
         return {
             "rows": rows,
             "names": [panel["name"] for panel in panels],
-            "concordance": told["concordance"],
+            "concordance": study["concordance"],
             "panels": panels,
         }
     except (ValueError, LookupError, TypeError, AttributeError) as error:

@@ -15,6 +15,7 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from sumo_eval.errors import InputError, said
+from sumo_eval.input_file import writing
 from sumo_eval.report.packing import plotly
 from sumo_eval.report.words import interval_words, number, percent, span
 from sumo_eval.text import point_words
@@ -30,13 +31,11 @@ _TEMPLATES = "sumo_eval.report"
 def write_page(path: Path, page: str, what: str) -> Path:
     """Write a page and return its path.
 
-    what: it is, as a sentence begins that says that it cannot be written.
+    what: begins the error message if it cannot be written, e.g. `The report`.
     """
-    try:
+    with writing(f"{what} {path}"):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{what} {path} cannot be written: {error}.") from error
     return path
 
 
@@ -52,16 +51,16 @@ def template(name: str) -> jinja2.Template:
 
 @functools.cache  # a template is compiled once a process
 def _environment() -> jinja2.Environment:
-    import jinja2  # whoever finds a page unchanged needs none
+    import jinja2  # not loaded where a page is found unchanged
 
-    made = jinja2.Environment(
+    environment = jinja2.Environment(
         loader=jinja2.PackageLoader(_TEMPLATES),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters |= {
+    environment.filters |= {
         "number": number,
         "ends": interval_words,
         "span": span,
@@ -70,8 +69,8 @@ def _environment() -> jinja2.Environment:
         "key": case_key,
         "shell": shlex.quote,
     }
-    made.globals |= {"asset": asset, "plotly": plotly}
-    return made
+    environment.globals |= {"asset": asset, "plotly": plotly}
+    return environment
 
 
 def case_key(case: str) -> str:

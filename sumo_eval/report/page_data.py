@@ -101,15 +101,14 @@ def told_cases(evaluation: Evaluation, shown: Mapping[str, IntArray]) -> dict[st
 
 
 def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]) -> dict[str, Any]:
-    """All that the page has of a scenario but its drives."""
+    """All that the page has of a scenario, except its drives."""
     logical = zones.logical
     cases = evaluation.cases_in(logical.name)
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     telling = telling_slice(view, cases)
     drawn = replace(view, fixed=telling or view.fixed)  # computed where the page opens
     rows = [_case(case, logical.row(case.values)) | beside for case, beside in told]
-    keys = {row["key"] for row in rows}
-    everybody = [score.ads for score in evaluation.scores_in(logical.name)]
+    names_of_ads = [score.ads for score in evaluation.scores_in(logical.name)]
     return {
         "name": logical.name,
         "parameters": [
@@ -117,10 +116,10 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
              "high": item.high}
             for item in logical.parameters
         ],
-        "ads": everybody,
+        "ads": names_of_ads,
         "meanIndex": {
             ads: mean_of(its.index, its.exposure)
-            for ads in everybody
+            for ads in names_of_ads
             for its in [evaluation.cases_of(ads, logical.name)]
         },
         "road": drawn_road(logical.road),
@@ -133,7 +132,7 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
             zone_map(zones, drawn, panel) for panel in range(len(view.panels))
         ],
         "lattice": lattice(zones),
-        **_groups(logical, cases, keys),
+        **_groups(logical, cases, {row["key"] for row in rows}),
         "mostDangerous": [
             {"values": logical.row(values).tolist()} for values in zones.most_dangerous
         ],
@@ -236,10 +235,11 @@ def lattice(zones: ZonePartition) -> dict[str, Any] | None:
 
 
 def _packed(levels: ZoneLevels) -> dict[str, Any]:
-    gp, exact, *rooms = (
-        packed_bytes(it.tobytes()) for it in (levels.gp, levels.exact, *levels.rooms)
-    )
-    return {"gp": gp, "exact": exact, "rooms": rooms}
+    return {
+        "gp": packed_bytes(levels.gp.tobytes()),
+        "exact": packed_bytes(levels.exact.tobytes()),
+        "rooms": [packed_bytes(room.tobytes()) for room in levels.rooms],
+    }
 
 
 # --- roads ----------------------------------------------------------------------------------------

@@ -49,10 +49,8 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
     Raises InputError where the study's file cannot be read.
     """
     cases = evaluation.settings.drivers.cases
-    if not cases:
-        return []
     path = evaluation.source / cases / STUDY
-    if not path.exists():
+    if not cases or not path.exists():
         return []
     text = read_input_text(path, "study")
     try:

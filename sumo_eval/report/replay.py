@@ -43,14 +43,13 @@ def write_replay(
         views = [_view(fact, store, trajectories)]
         if beside is not None:
             views.append(_view(_companion(fact, store, beside), store, trajectories))
-        ghosts = []
-        for driver in store.driven_at(fact.scenario, fact.point, "human"):
-            ghosts.append(len(trajectories))
-            trajectories.append(store.trajectory(driver.case))
+        first_ghost = len(trajectories)
+        drivers = store.driven_at(fact.scenario, fact.point, "human")
+        trajectories += [store.trajectory(driver.case) for driver in drivers]
     concrete = logical.concrete(**fact.values)
     if concrete.ego.recorded:
-        ghosts.append(len(trajectories))
         trajectories.append(recorded_ego(concrete.ego.recorded))
+    ghosts = list(range(first_ghost, len(trajectories)))
     data = {
         "channels": CHANNEL_STEPS,
         "road": drawn_road(logical.road),
@@ -80,7 +79,7 @@ def recorded_ego(places: Sequence[tuple[float, float]]) -> Trajectory:
 def recorded(run: Path, key: str) -> Fact:
     """A drive that has a recording, by its case's key.
 
-    Raises InputError.
+    Raises InputError if it has none, or its trajectories were discarded.
     """
     found = known_case(run, key)
     with open_store(run / FACTS) as store:
@@ -111,12 +110,9 @@ def _companion(fact: Fact, store: Store, name: str) -> Fact:
         for other in store.facts_at(range(fact.point, fact.point + 1), role, fact.scenario)
         if other.case != fact.case
     ]
-    found = next(
-        (other for other in at_point if other.driver == name and store.trajectories(other.case)),
-        None,
+    for other in at_point:
+        if other.driver == name and store.trajectories(other.case):
+            return other
+    raise unknown(
+        "ADS or driver of this concrete scenario", name, [other.driver for other in at_point]
     )
-    if found is None:
-        raise unknown(
-            "ADS or driver of this concrete scenario", name, [other.driver for other in at_point]
-        )
-    return found

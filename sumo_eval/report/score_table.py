@@ -61,12 +61,10 @@ def score_lines(evaluation: Evaluation, width: int = WIDTH, everything: bool = F
     if everything:
         for columns in _parts(rows, (*left_out, *MORE), width):
             lines += ["", *_fitting(rows, columns, width)]
-        return lines
-    names = ", ".join(heading.replace("\n", " ") for heading in left_out)
-    return [
-        *lines,
-        *([f"Not shown for want of room: {names}; `--all` prints them."] if left_out else []),
-    ]
+    elif left_out:
+        names = ", ".join(heading.replace("\n", " ") for heading in left_out)
+        lines.append(f"Not shown for want of room: {names}; `--all` prints them.")
+    return lines
 
 
 def cells_of(score: ScenarioResult) -> dict[str, str]:

@@ -152,14 +152,13 @@ def ledger_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
 
 
 def _ledger(found: Ledger) -> dict[str, Any]:
-    lines = [
-        (line, cause_of(line, found.score), list(line.worst(MOST_LEDGER_CASES)))
-        for line in found.lines
-    ]
     return {
         "of": found,
         "sentences": ledger_sentences(found),
-        "lines": lines,
+        "lines": [
+            (line, cause_of(line, found.score), list(line.worst(MOST_LEDGER_CASES)))
+            for line in found.lines
+        ],
         "words": ledger_words(found, 1),
     }
 

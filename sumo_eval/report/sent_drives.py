@@ -139,7 +139,9 @@ def worth_embedding(
     Cases that could not be evaluated and incidents, the hardest first, come first, without their
     drivers where not all fit, then the least human-like.
 
-    cases_of: those that the page has, by scenario. points_of: their points, by case.
+    cases_of: those that the page has, by scenario.
+    points_of: their points, by case.
+    most_runs: trajectories that the page may have.
     """
     # scipy comes with it, and an animation of one case chooses nothing
     from sumo_eval.scoring.shown_cases import HIT, telling

@@ -44,9 +44,10 @@ def summary_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
         if comparison
         else []
     )
-    compared = comparison is not None or bool(beside.gates)
     return {
-        "verdict": verdict(comparison, beside.gates, evaluation).sentence if compared else "",
+        "verdict": verdict(comparison, beside.gates, evaluation).sentence
+        if comparison or beside.gates
+        else "",
         "failed": bool(bad),
         "failures": [(beside.since.get(gate.name, ""), gate) for gate in bad],
         "beside": notes,

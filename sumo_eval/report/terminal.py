@@ -339,9 +339,9 @@ def ledger_lines(evaluation: Evaluation) -> list[str]:
     return [
         line
         for one in findings(evaluation)
-        # one after the other: each holds what every case adds to every line
-        for made in (ledger_plus, ledger)
-        for line in _ledger_lines(made(one))
+        # made in turn, never both in memory: each holds what every case adds to every line
+        for make in (ledger_plus, ledger)
+        for line in _ledger_lines(make(one))
     ]
 
 

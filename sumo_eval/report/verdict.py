@@ -22,7 +22,9 @@ Word = Literal["first", "same", "no_limit_failed", "worse", "incomplete"]
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """word: first (no base), same (equal to the bit), no_limit_failed, worse, or incomplete (cases
+    """Verdict on a run.
+
+    word: first (no base), same (equal to the bit), no_limit_failed, worse, or incomplete (cases
     have no partner).
     """
 

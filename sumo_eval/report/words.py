@@ -237,6 +237,7 @@ def percent(share: float | None) -> str:
     if share is None or not math.isfinite(share):
         return "not known"
     value = shown = 100.0 * share
+    # digits by the share itself, or by what is missing to 1 if it would round to 100 %
     for part in (value, 100.0 - value):
         digits = min(6, max(0, 2 - math.floor(math.log10(abs(part) or 1.0))))
         shown = float(f"{value:z.{digits}f}")
@@ -460,11 +461,11 @@ def explain_s_plus(found: Findings) -> str:
 
 def explain_t(found: Findings) -> str:
     """Explanation of T."""
-    score, beside = found.score, "the drivers alone: the run has no reference car"
+    score = found.score
     if score.task_share is None:
         return f"T is not computed: {REASON_WITHOUT_T}."
-    if score.task_reference:
-        beside = f"`{score.task_reference}`"
+    car = score.task_reference
+    beside = f"`{car}`" if car else "the drivers alone: the run has no reference car"
     groups = (score.departures, "left the road"), (score.gave_up, "given up")
     lost = ", ".join(f"{count(cases, 'case')} {words}" for cases, words in groups if cases)
     return f"T = {number(score.task_share, 3)} beside {beside}{'; ' if lost else ''}{lost}."
@@ -539,7 +540,7 @@ TWO_GROUPS = (
 def _limit(means: Mapping[str, float], words: str) -> str:
     """Factor that limits a mean most, with the mean of each.
 
-    words: `{}`, or around it.
+    words: text with `{}` for the factor's name.
     """
     name = min(means, key=lambda factor: means[factor])
     if means[name] >= NEGLIGIBLE_LIMIT:
@@ -558,7 +559,7 @@ def parts_of_total(ranking: Ranking) -> str:
         )
         if names
     ]
-    return ": " * bool(parts) + "; ".join(parts)
+    return ": " + "; ".join(parts) if parts else ""
 
 
 def reason_without(name: str, score: ScenarioResult) -> str:

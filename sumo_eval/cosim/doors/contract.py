@@ -1,8 +1,6 @@
-"""The contract of the ADS door as a function: drive cases again and again and say what an ADS
-should mend.
+"""Check of an ADS's contract: drive some cases twice and list what its author should fix.
 
-In the manner of Gymnasium's `check_env`: what holds of every controller that ships is checked of
-yours.
+Like Gymnasium's `check_env`. `record.apart` calls it in a child process, for `sumo-eval check`.
 """
 
 from __future__ import annotations
@@ -43,7 +41,7 @@ _WORDS = {
 }
 _OF_A_PLAN = ("plan_error", "plan_ended")
 _FAR_FROM_A_PLAN = 1.0  # m
-_NO_ACCELERATION = 20.0  # m/s2: nobody means more
+_NO_ACCELERATION = 20.0  # m/s2; a larger request is probably no acceleration
 _LINES = 12  # of a log that a finding shows
 _COMMANDS = ("acceleration", "steering_angle")
 RUN = RunSettings()
@@ -88,8 +86,8 @@ def check_controller(
 
     InputError if it cannot be loaded, or without a case.
 
-    step_timeout, case_timeout: wall time that a step and a case may take in the run that is to be,
-        s; what a run would lose to them is worked out from the time that the drives took here.
+    step_timeout, case_timeout: wall time that a step and a case may take in a run, s; what a run
+        would lose to them is estimated from the time that the drives took here.
     """
     if not cases:
         raise must_be("`cases`", "`check_controller`", "at least one concrete scenario", cases)
@@ -150,13 +148,13 @@ def _projected(
     if any(recording.end_reason == "ads_error" for recording in recordings):
         return []  # what a drive that broke off took says nothing of a whole one
     worst = max(recording.controller_latency[1] for recording in recordings)
-    found = []
+    findings = []
     if worst > _MARGIN * step_timeout:
         text = (
             f"a step took {_time(worst)} of the step_timeout = {step_timeout:g} s: a busier "
             "machine may lose cases"
         )
-        found.append(Finding("note", text, mend))
+        findings.append(Finding("note", text, mend))
     longest = max(recording.wall_time for recording in recordings)
     lost = [
         case for case, one in zip(cases, recordings, strict=True) if one.wall_time > case_timeout
@@ -186,15 +184,15 @@ def _projected(
             f"the slowest case here took {longest:.0f} s of the case_timeout = {case_timeout:g} s"
         )
     if text:
-        found.append(Finding("FAIL" if lost else "note", f"{text}; {reach}", mend))
-    if not found:
+        findings.append(Finding("FAIL" if lost else "note", f"{text}; {reach}", mend))
+    if not findings:
         text = (
             f"`run` would lose none of these cases to step_timeout = {step_timeout:g} s or "
             f"case_timeout = {case_timeout:g} s: {_time(worst)} the slowest step, "
             f"{_time(longest)} the slowest case"
         )
-        found.append(Finding("ok", text))
-    return found
+        findings.append(Finding("ok", text))
+    return findings
 
 
 def _ends(cases: Sequence[ConcreteScenario], recordings: Sequence[Recording]) -> list[Finding]:
@@ -205,7 +203,7 @@ def _ends(cases: Sequence[ConcreteScenario], recordings: Sequence[Recording]) ->
     for case, one in zip(cases, recordings, strict=True):
         cause = "" if one.error is None else without_numbers(one.error) + one.error_place
         alike[cause].append((case, one))
-    found = [
+    findings = [
         Finding(
             "ok",
             f"drives {case.scenario} ({case.label}) to its end: {one.end_reason} at "
@@ -213,7 +211,7 @@ def _ends(cases: Sequence[ConcreteScenario], recordings: Sequence[Recording]) ->
         )
         for case, one in alike.pop("", [])
     ]
-    return found + [_fault(*group[0], len(group), len(cases)) for group in alike.values()]
+    return findings + [_fault(*group[0], len(group), len(cases)) for group in alike.values()]
 
 
 def _fault(case: ConcreteScenario, recording: Recording, count: int, cases: int) -> Finding:
@@ -237,9 +235,9 @@ def _fault(case: ConcreteScenario, recording: Recording, count: int, cases: int)
     return Finding("FAIL", f"{where}: {error}", mend)
 
 
-def _worst(recordings: Sequence[Recording], whats: Collection[str]) -> dict[str, Clip]:
+def _worst(recordings: Sequence[Recording], kinds: Collection[str]) -> dict[str, Clip]:
     """The worst clips of these kinds: those whose two values are farthest apart."""
-    clips = [clip for it in recordings for clip in it.clips if clip.what in whats]
+    clips = [clip for it in recordings for clip in it.clips if clip.what in kinds]
     clips.sort(key=lambda clip: (abs(clip.requested - clip.applied), abs(clip.requested)))
     return dict(sorted({clip.what: clip for clip in clips}.items()))
 

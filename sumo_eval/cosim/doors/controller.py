@@ -5,9 +5,9 @@ A controller is a function `(traci, ego, time)` or an object with `step(traci, e
 it likes, `reset(scenario, traci, ego)` and `close()`. `traci` is the running simulation, so TraCI
 code works as it is; `ego` is the ego's vehicle id; `time` is seconds since the start of the case
 (SUMO's own clock is one step ahead of it, the step that inserted the vehicles). A step returns a
-`Command` for the harness's vehicle model, or None when it has commanded SUMO itself. Who prefers no
-TraCI takes an `Observation`: a function `(observation)`, or an object with `act(observation)`. A
-`traci.StepListener` is a controller too.
+`Command` for the harness's vehicle model, or None when it has commanded SUMO itself. A
+controller without TraCI takes an `Observation`: it is a function `(observation)`, or an object with
+`act(observation)`. A `traci.StepListener` is a controller too.
 """
 
 from __future__ import annotations
@@ -249,8 +249,8 @@ class NativeModel(Adapter):
         }
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """Give SUMO the wheel: all its safety checks on, no lane changes but those that the route
-        asks for.
+        """Let SUMO drive: all its safety checks are on, and it changes lanes only where the route
+        asks for it.
         """
         traci.vehicle.setSpeedMode(ego, 31)
         traci.vehicle.setLaneChangeMode(
@@ -534,24 +534,17 @@ def _foreign(found: Any, described: str) -> str | None:
     such an ADS.
     """
     kind = found if inspect.isclass(found) else type(found)
-    smarts = any(base.__module__.partition(".")[0] == "smarts" for base in kind.__mro__)
-    own = ("act", "step")
-    if not smarts and (
-        isinstance(found, Adapter) or any(callable(getattr(found, name, None)) for name in own)
-    ):
-        return None
-    name = (
-        "act"
-        if smarts
-        else next((name for name in FOREIGN if callable(getattr(found, name, None))), None)
-    )
-    # A callable with arguments is a function here; CARLA's agents are callable, but without any.
-    call = getattr(kind, "__call__", None)  # noqa: B004
-    if name is None or (
-        not smarts and inspect.isfunction(call) and len(inspect.signature(call).parameters) > 1
-    ):
-        return None
-    whose, tool = _SMARTS if smarts else FOREIGN[name]
+    if any(base.__module__.partition(".")[0] == "smarts" for base in kind.__mro__):
+        name, (whose, tool) = "act", _SMARTS
+    else:
+        methods = [it for it in ("act", "step", *FOREIGN) if callable(getattr(found, it, None))]
+        if isinstance(found, Adapter) or not methods or methods[0] not in FOREIGN:
+            return None
+        # A callable with arguments is a function here; CARLA's agents are callable, without any.
+        call = getattr(kind, "__call__", None)  # noqa: B004
+        if inspect.isfunction(call) and len(inspect.signature(call).parameters) > 1:
+            return None
+        name, (whose, tool) = methods[0], FOREIGN[methods[0]]
     way = (
         f"{_adapter(_BY_SCHEME[tool], described)} drives it (docs/ads/other_simulators.md). Or "
         if tool

@@ -16,8 +16,9 @@ from sumo_eval.errors import ControllerError
 from sumo_eval.text import clean
 
 _OURS = f"{Path(__file__).resolve().parents[2]}/"
-_INSTALLED = tuple(
-    f"{sysconfig.get_path(name)}/" for name in ("stdlib", "platstdlib", "purelib", "platlib")
+_INSTALLED = (
+    "<frozen ",
+    *(f"{sysconfig.get_path(name)}/" for name in ("stdlib", "platstdlib", "purelib", "platlib")),
 )
 
 
@@ -33,18 +34,17 @@ def fault_place(error: BaseException | None, driver: Any, folder: Path | None) -
     that function is.
     """
     seen: set[int] = set()
+    own = _file_of(driver)
     worded = type(error) is ControllerError  # by a door, whatever a library of its own raised
     while error is not None and id(error) not in seen:
         seen.add(id(error))
         frames = [(frame.f_code, line) for frame, line in walk_tb(error.__traceback__)]
         outside = [it for it in frames if not it[0].co_filename.startswith(_OURS)]
-        installed = *_INSTALLED, "<frozen "
-        users = [it for it in outside if not it[0].co_filename.startswith(installed)]
-        own = _file_of(driver)
+        users = [it for it in outside if not it[0].co_filename.startswith(_INSTALLED)]
         owned = [it for it in frames if it[0].co_filename == own]
-        for found in (owned, users, () if worded else outside):
-            if found:
-                return _place(*found[-1], folder)
+        for candidates in (owned, users, () if worded else outside):
+            if candidates:
+                return _place(*candidates[-1], folder)
         error = error.__cause__ or error.__context__
     return _asked_at(driver, folder)
 

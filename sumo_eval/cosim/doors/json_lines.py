@@ -4,9 +4,8 @@ one JSON text a line.
 The protocol, version 1 (docs/ads/exec.md): for every line that the harness writes to the program's
 stdin, the program writes one line to its stdout. First {"type": "reset", "protocol": 1, "step": s,
 "vehicle": {...}, "road": {...}}, which any JSON object answers; then {"type": "step", "time": s,
-"ego": {...}, "lead": ..., ...}, which
-{"acceleration": m/s2, "steering": rad} answers, or a speed, pedals or a plan. The end of the input
-ends the case. One program serves one case.
+"ego": {...}, "lead": ..., ...}, which {"acceleration": m/s2, "steering": rad} answers, or a speed,
+pedals or a plan. The end of the input ends the case. One program serves one case.
 """
 
 from __future__ import annotations

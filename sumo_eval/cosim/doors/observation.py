@@ -192,7 +192,7 @@ class _Worked:
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
 
-    def __get__(self, owner: Any, kind: type | None = None) -> Any:
+    def __get__(self, owner: Any, kind: type) -> Any:
         if owner is None:
             return self
         value = owner.__dict__[self._name] = self._work(owner)
@@ -346,7 +346,7 @@ class Observation:
         every: distance of the points along the road, m.
         """
         x, y, heading = self._ego[:3]
-        me_x, me_y, turned = (float(it) for it in map_places(self.road.line, x, y, heading))
+        me_x, me_y, turned = map(float, map_places(self.road.line, x, y, heading))
         c, s = math.cos(turned), math.sin(turned)
         along = x + np.arange(0.0, ahead + 0.5 * every, every)
         found = []

@@ -72,6 +72,7 @@ class OnnxPolicy:
         output = names[0] if output is None else output
         check_known(f"output of {owner}", names, output)
         it = given[names.index(output)]
+        # whether it names one of the discrete choices, by number
         self._chosen = it.type == "tensor(int64)" and self.interface.choices is not None
         if it.type not in _DTYPES and not self._chosen:
             raise must_be(f"The output `{it.name}`", owner, "of float or double numbers", it.type)

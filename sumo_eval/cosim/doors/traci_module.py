@@ -155,16 +155,10 @@ class Guard:
 
         Beside it are the roads of other cases, and the nearest edge could be one of theirs.
         """
-        if len(args) != 6:
+        known = (_ON_ITS_ROUTE, _ANYWHERE, _ANYWHERE_ON_ITS_ROUTE)
+        if len(args) != 6 or args[0] not in ("", "road") or args[5] not in known:
             self.leave()
-        edge, keep = args[0], args[5]
-        if edge not in ("", "road") or keep not in (
-            _ON_ITS_ROUTE,
-            _ANYWHERE,
-            _ANYWHERE_ON_ITS_ROUTE,
-        ):
-            self.leave()
-        keep = _ANYWHERE_ON_ITS_ROUTE if keep == _ANYWHERE else keep
+        keep = _ANYWHERE_ON_ITS_ROUTE if args[5] == _ANYWHERE else args[5]
         return ("road", *args[1:5], keep)
 
     def note_interference(self, what: str, deed: str, why: str) -> None:

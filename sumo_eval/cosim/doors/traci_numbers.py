@@ -104,9 +104,9 @@ IGNORED = {
         ("traffic", "setApparentDecel setLength"),
         (
             "network",
-            "setImpatience setSpeedFactor setRoutingMode rerouteTraveltime rerouteEffort setVia",
+            "setImpatience setSpeedFactor setRoutingMode rerouteTraveltime rerouteEffort setVia "
+            "setAdaptedTraveltime setEffort",
         ),
-        ("network", "setAdaptedTraveltime setEffort"),
     )
     for call in calls.split()
 }
@@ -207,7 +207,7 @@ def _no_such_lane(call: str, name: str, given: Mapping[str, object]) -> Breach |
             length = libsumo.lane.getLength(lane)
             if place is not None and not 0.0 <= place <= length:
                 return Breach("pos", place, f"within 0..{length:g} m, the length of lane `{lane}`")
-    except libsumo.TraCIException:  # of a name that nobody has: the call itself will say so
+    except libsumo.TraCIException:  # an unknown name: the call itself reports it
         return None
     return None
 

@@ -57,8 +57,8 @@ _SETTINGS = {
         ("width", "WIDTH"),
     )
 }  # fmt: skip
-"""Settings of the ego that SUMO takes in silence when they are not a number, and shows: TraCI's
-numbers of them."""
+"""Settings of the ego that SUMO takes silently even if they are nan or infinite, and shows
+afterwards: the number of each as a variable of TraCI."""
 
 
 @dataclass(slots=True)
@@ -153,7 +153,7 @@ class ServedSimulation:
 
         A connection that waited too long reports itself closed.
         """
-        self._connection._socket.settimeout(None if limit == float("inf") else limit)
+        self._connection._socket.settimeout(None if limit == math.inf else limit)
         asked = clock.perf_counter()
         try:
             call()
