@@ -83,7 +83,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     near = nearest(name, names)
     if near is not None:
         return f" Did you mean `{near}`?"
-    # where each name ends in the list; cut to 300 characters, at least two names fit into it
+    # where each name, cut to `WORDS` characters, ends in the list: at least two fit
     ends = list(itertools.accumulate(len(it[:WORDS]) + len(", ") for it in names))
     fitting = bisect.bisect(ends, MOST_KNOWN)
     listed = ", ".join(it[:WORDS] for it in names[:fitting])
@@ -159,7 +159,7 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
     kind: "parameter of scenario `cut_in`"; without an owner: "parameter".
     name: "gpa".
     """
-    # group 1: "parameter"; group 2: " of scenario `cut_in`"; a colon at the end is left out
+    # group 1: "parameter"; group 2: " of scenario `cut_in`"; a last colon is left out
     parts = re.fullmatch(r"(.*?)((?: of | in ).*?)?:?", kind, flags=re.DOTALL)
     what, owner = parts.groups(default="")  # type: ignore[union-attr]
     return InputError(f"Unknown {what} `{clean(name)}`{owner}.{did_you_mean(name, known)}")
@@ -178,8 +178,8 @@ def check_known(kind: str, known: Collection[str], *names: str) -> None:
 def said(error: BaseException) -> str:
     """Words for an exception, as `ValueError: no such lane`, without a full stop at the end.
 
-    For an attribute that an object of this package lacks, they offer the same attribute of the
-    object's ego if it has it, else the nearest name of the object's attributes.
+    For an attribute that an object of this package lacks, they offer `ego.NAME` if the object's ego
+    has it, else the object's attribute of the nearest name.
     """
     text = words_of(error).strip().rstrip(".")
     if (

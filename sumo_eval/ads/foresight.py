@@ -2,8 +2,9 @@
 from when on it can know this. User: `ads/known_answers.py`.
 
 Times of sight come from the scripts of the other vehicles, in continuous time, so that they do not
-depend on the simulation's step. Lively actors have no script: they are interpolated between steps.
-Contact is checked step by step, as the harness does it, clearances every `_LOOK`.
+depend on the simulation's step. Lively actors (`Actor.lively`) have none that time alone decides:
+they are interpolated between steps. Contact is checked step by step, as the harness does it,
+clearances every `_LOOK`.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from sumo_eval.trajectory import FloatArray
 
 # s, headway to a vehicle ahead in the lane that is entered: the minimum of UN R157 from 60 km/h on
 FOLLOWING_GAP = 1.6
-# s between two looks for a first sight, which is then bisected, and for clearances: a quick vehicle
+# s between two looks, for clearances and for a first sight, which is then bisected: a quick vehicle
 # of 40 m/s moves 2 m in it
 _LOOK = 0.05
 _HALVINGS = 30  # of `_LOOK`: to 5e-11 s
@@ -49,7 +50,8 @@ class Foresight(NamedTuple):
 
     noticed: when it is first seen after its state has begun to change, s; inf where it never is.
     meets: whether an ego that keeps its speed would touch it.
-    speed: its lowest speed from now on, along the road, m/s.
+    speed: its lowest speed along the road in the case, m/s; 0 if the ego has to change lane and it
+        comes from behind.
     hidden: whether a nearer vehicle hides it when its state begins to change.
     """
 
@@ -84,9 +86,9 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
         # one with a SUMO model, from behind, brakes for an ego that keeps its speed
         yields = actor.model is not None and not ahead
         meets = not yields and _meets(ego, vehicle, track, until, concrete.road.line)
-        # an ego that has to change lane waits for one from behind as if that stood still
-        passes = ego.way is not None and not ahead
-        speed = 0.0 if passes else track.slowest
+        # an ego that has to change lane waits for one from behind, as if that stood still
+        comes_from_behind = ego.way is not None and not ahead
+        speed = 0.0 if comes_from_behind else track.slowest
         known.append(Foresight(noticed, meets, speed, hidden=noticed > changes))
     return tuple(known)
 
@@ -107,7 +109,7 @@ def evasion(
     - Braking with `deceleration` (m/s2) from then on hits it.
     - A lane change from then on at its speed, as quick as those of the synthetic drivers, is clear
       of every vehicle to the end: 0.3 m across or, along the road, `FOLLOWING_GAP` to one ahead and
-      2 m to one behind. To those that it goes round any gap along the road is enough.
+      2 m to one behind. Where it goes round a vehicle, any gap along the road is enough.
 
     settings: those of the case.
     """
@@ -144,9 +146,9 @@ def evasion(
         across = abs(actor.y(time) - y) - 0.5 * (vehicle.width + actor.width)
         goes_round, is_ahead = actor in suddenly_seen, actor.x(time) > x
         if time < begin:  # still in its lane, where it would brake for a vehicle that is too near
-            near = not goes_round and is_ahead and across < 0.0
+            hinders = not goes_round and is_ahead and across < 0.0
             gap = safe_gap(ego.speed, actor.speed(time), deceleration, build_up)
-            return not near or along >= gap
+            return not hinders or along >= gap
         least = FOLLOWING_GAP * ego.speed if is_ahead else EMERGENCY_GAP
         return across >= CLEARANCE or along >= (0.0 if goes_round else least)
 
@@ -219,7 +221,7 @@ def _meets(
 ) -> bool:
     """Whether an ego that keeps its speed and its lane touches another vehicle.
 
-    line: of the road, none: straight.
+    line: that the road follows; empty: it is straight.
     """
     rows, step = track.rows, track.step
     times = np.arange(len(rows)) * step
@@ -286,7 +288,8 @@ def _hides(
     if not eye < nearer.x < it.x - nearer.half_length - it.half_length:
         return False
     own = float(ego.y_at(eye))
-    # lines of sight are parallel to a vehicle in the ego's way; to any other they start at the eye
+    # lines of sight to a vehicle in the ego's way are parallel, to any other they start at the eye;
+    # share: part of the way to it at which the nearer one is (1 for parallel ones)
     in_the_way = abs(it.y - own) < it.half_width + 0.5 * settings.vehicle.width
     share = 1.0 if in_the_way else (nearer.x - eye) / (it.x - eye)
     hidden_share = 1.0 - settings.ideal_visible_share
@@ -305,11 +308,11 @@ class _Shape(NamedTuple):
 def _ego_body(ego: Start, vehicle: VehicleSettings, time: float, line: Line) -> Body:
     """The ego's body on the map.
 
-    Where it steers its rear axle is on the way, square to it, and the body is larger by
+    Where it steers, its rear axle follows the way, at right angles to it, and the body is larger by
     `_TRACKING_ERROR` on each side, so that a near miss counts as contact.
     """
     room = 2.0 * _TRACKING_ERROR if ego.way is not None else 0.0
-    # where the path turns, the rear axle follows it; on a straight one the centre, unrounded
+    # where the path turns, the rear axle follows it; on a straight road the centre, x not rounded
     half = 0.5 * vehicle.wheelbase if line or ego.way is not None else 0.0
     x = float(ego.x_after(ego.speed * time - half))
     heading, y = 0.0, ego.y

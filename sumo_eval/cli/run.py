@@ -49,7 +49,7 @@ _MOST_LISTED = 20  # drives that `verify` lists
 @click.option(
     "--engine",
     type=click.Choice(ENGINES),
-    help="Where cases run (default: as in the file: processes).",
+    help="Where cases run (default: the file's, else processes).",
 )
 @click.option(
     "--scheduler",
@@ -59,12 +59,12 @@ _MOST_LISTED = 20  # drives that `verify` lists
 @click.option(
     "--case-timeout",
     type=POSITIVE,
-    help="Wall time a case may take, s (default: as in the file: 60).",
+    help="Wall time a case may take, s (default: the file's, else 60).",
 )
 @click.option(
     "--step-timeout",
     type=POSITIVE,
-    help="Wall time a step of an ADS may take, s (as in the file: 1).",
+    help="Wall time a step of an ADS may take, s (default: the file's, else 1).",
 )
 @flag("--resume", help="Go on with the run in --out: simulate what is not recorded there.")
 @click.option(
@@ -99,7 +99,8 @@ def run(
 
         read_evaluation(evaluation, own_ads=not ads)  # reports a mistake before the slow imports
     with heard():
-        # another process loads the simulator during these imports, which take a second
+        # another process loads the simulator during these imports, which take a second; a Ctrl-C
+        # in them is raised after them
         warm_up()
         from sumo_eval.evaluation import discard_trajectories, record_rounds
         from sumo_eval.record.estimate import estimate
@@ -115,7 +116,7 @@ def run(
     if out is None and (resume or part != WHOLE):
         raise click.UsageError("`--resume` and `--shard` need `--out`, the folder that is meant.")
     name = "paper" if evaluation is None else evaluation.stem
-    folder = out or (Path() if dry_run else out_folder.default(name))
+    folder = out or (Path() if dry_run else out_folder.default(name))  # a dry run writes nothing
     changes["only"] = changes["only"] or None  # without the option the file's `only` holds
     resolved = replace(resolve(evaluation, folder, resume, ads, **changes), shard=part)
     if dry_run:
@@ -135,7 +136,7 @@ def run(
     say(recorded.notes)
     if part != WHOLE:
         failed = recorded.not_evaluated
-        note = f", {failed} of the ADSs' not evaluated" if failed else ""
+        note = f", {failed} drives of ADSs were not evaluated" if failed else ""
         tell(f"Shard {shard}: {recorded.drives} drives are recorded in {folder}{note}.")
         sys.exit(NOT_EVALUATED if failed else DONE)
     result = scored(folder, resolved=resolved)

@@ -7,18 +7,20 @@ summed at the box's nodes only, and a polynomial through the nodes gives their f
 of the box. Near samples are summed at the points themselves.
 
 The result is that of `trajectory_field.trajectory_fields` to 1e-11, relative. How fast a polynomial
-converges depends on the singularities of the function: the larger the Bernstein ellipse (sum of its
-half-axes, for the interval -1..1) without any, the fewer nodes are needed. A sample's field is
-singular at the sample itself (along x) and above and below it in the complex plane of y. Far
-samples of a box of length L begin one length away, in a strip of half-width h <= L/3.2. So the
-ellipses have
+converges depends on how near the function's singularities are: on the largest Bernstein ellipse
+around the interval -1..1 that holds none. The larger the sum of its half-axes, the fewer nodes are
+needed. A sample's field is singular at the sample itself (along x) and above and below it in the
+complex plane of y. Far samples of a box of length L begin one length away, in a strip of half-width
+h <= L/3.2. So the sums of half-axes are
 
-- along x: 3 + sqrt(8) = 5.8, for which 16 nodes are enough,
-- across: L/h + sqrt((L/h)^2 + 1) >= 6.5, for which at most 14 nodes are enough.
+- along x, where a box is -1..1 and far samples begin at 3: 3 + sqrt(3^2 - 1) = 5.8, for which 16
+  nodes are enough,
+- across, where the strip is -1..1 and they begin at i L/h: L/h + sqrt((L/h)^2 + 1) >= 6.5, for
+  which at most 14 nodes are enough.
 
 The error is then about 6.5e-12 of each sample's field; measured are 2.6e-12 (k1 = 0.5) to 6e-12
-(k1 = 1). Where this does not hold (large constants, vectors, points off the stretch), or saves
-nothing, the plain sum is used. `anthropomorphic` computes all fields here.
+(k1 = 1). Where this does not hold (large constants, superposition "vector", points off the
+stretch), or saves nothing, the plain sum is used. `anthropomorphic` computes all fields here.
 """
 
 from __future__ import annotations
@@ -39,7 +41,7 @@ NODES = 16  # in a box, along x
 REACH = 1.0  # distance from which on a sample is far from a box, in lengths of the box
 # least length of a box over the strip's half-width; shorter boxes cost more than they save
 SLENDER = 3.2
-LEFT = 6.5e-12  # error that the nodes across leave, as a share of a sample's field
+ERROR_ACROSS = 6.5e-12  # of the nodes across, as a share of a sample's field; gives their number
 LARGEST_K1 = 1.0  # a field that decays faster is summed plainly
 LARGEST_EXPONENT = 0.5  # largest k2 v; a field that grows faster with speed is summed plainly
 NARROWEST = 0.5  # m, least half-width of a strip
@@ -98,8 +100,9 @@ class Grid(NamedTuple):
         (2, p, p).
     counts: number of nodes across on each level, (levels + 1,), at most q.
     across: y of these nodes, (levels + 1, q), m.
-    finer: matrices from values at the nodes across to values at those of the next level; the last
-        one to a Chebyshev series, (levels + 2, q, q).
+    finer: (levels + 2, q, q), transposed: at l = 1 .. levels the matrix from values at the nodes
+        across of level l - 1 to values at those of level l; at levels + 1 from the last level's to
+        a Chebyshev series; at 0 zeros.
     """
 
     bounds: FloatArray
@@ -116,7 +119,7 @@ class PointRows(NamedTuple):
     points: (s, k, 2), m.
     order: row of each in the field that is asked for, (s,).
     starts: the first row of each box, and s at the end.
-    shares: weights that make the value at a row of the values at the p nodes of its box, (p, s).
+    shares: weight of each of the p nodes of its box in the value at a row, (p, s).
     across: y of the points, where the strip is -1..1, (k, s).
     """
 
@@ -213,7 +216,7 @@ class SharedFields:
 
         constants, boxes = self._constants, _boxes(self._stretch)
         samples = samples_of(self._trajectories[place], constants.k2, constants.sample_interval)
-        if np.abs(samples[:, 4]).max() > LARGEST_EXPONENT:
+        if np.abs(samples[:, 4]).max() > LARGEST_EXPONENT:  # column 4: k2 v
             return None
         samples = samples[np.argsort(samples[:, 0], kind="stable")]
         first = np.searchsorted(samples[:, 0], boxes.west)
@@ -247,7 +250,8 @@ def _pays(points: int, stretch: Stretch) -> bool:
     levels = stretch.levels
     if levels == 0:
         return False
-    # each box sums, at its nodes and at its points, the samples within this many of its lengths
+    # Samples whose terms a node or point takes: at nodes, those that are far from the box, but near
+    # its parent; at points, those near the smallest box. Both fill this many lengths of the box.
     near = 1.0 + 2.0 * REACH
     nodes = NODES * sum(_boxes(stretch).grid.counts.tolist())
     return bool(near * (nodes + points / 2**levels) < points)
@@ -304,7 +308,7 @@ def _across(slender: Sequence[float]) -> tuple[IntArray, FloatArray, FloatArray]
     """
     # the longer a box, the larger the ellipse, and the fewer nodes it needs
     ellipses = [REACH * ratio + math.hypot(REACH * ratio, 1.0) for ratio in slender]
-    counts = np.array([math.ceil(-math.log(LEFT) / math.log(size)) for size in ellipses])
+    counts = np.array([math.ceil(-math.log(ERROR_ACROSS) / math.log(size)) for size in ellipses])
     most = counts.max()
     nodes = [chebyshev.chebpts1(count) for count in counts.tolist()]
     places, finer = np.zeros((len(counts), most)), np.zeros((len(counts) + 1, most, most))

@@ -6,7 +6,8 @@ points in the box that satisfy the constraints. Distances are taken in the unit 
 distance cannot add metres to metres per second. A scenario may name coordinates in which its
 criticality is smoother than in its parameters. The GP then learns in those, scaled to a unit box.
 
-`record.points` calls `partition`; weights of Eq. 16, scoring, figures and reports read the result.
+`record.points.kept_zones` calls `partition`, for `scoring.zones`, too; weights of Eq. 16, scoring,
+figures and reports read the result.
 """
 
 from __future__ import annotations
@@ -161,20 +162,20 @@ class ZonePartition:
             return (sign * np.inf).reshape(unit.shape[:-1])
         distance, nearest = self._boundary_tree.query(rows)
         foot = self.boundary[nearest]
-        # `foot` becomes the boundary point nearest to its row. Each round projects the row onto the
-        # plane y = 0 of the surface as it is linear around `foot`, and moves `foot` half of the way
-        # there. Whole steps would diverge where the boundary's radius of curvature is less than the
-        # distance.
+        # `foot` becomes the boundary point nearest to its row. Each round takes the surface as
+        # linear around `foot`, projects the row onto the plane where that is 0, and moves `foot`
+        # half of the way there. Whole steps would diverge where the boundary's radius of curvature
+        # is less than the distance.
         for _ in range(60):
             slope = self.surface.gradient(foot)
             linear_y = self.surface.value(foot) + np.sum(slope * (rows - foot), axis=1)
             slope_squared = np.maximum(np.sum(slope**2, axis=1), np.finfo(float).tiny)
             projected = np.clip(rows - (linear_y / slope_squared)[:, None] * slope, 0.0, 1.0)
             foot = (foot + projected) / 2.0
-        closer = np.linalg.norm(foot - rows, axis=1)
+        refined = np.linalg.norm(foot - rows, axis=1)
         settled = (np.abs(self.surface.value(foot)) < EDGE) & _exists(self.logical, foot)
-        closer = np.where(settled & (closer <= distance), closer, distance)
-        return np.asarray(sign * closer).reshape(unit.shape[:-1])
+        refined = np.where(settled & (refined <= distance), refined, distance)
+        return np.asarray(sign * refined).reshape(unit.shape[:-1])
 
 
 def _tree(points: FloatArray) -> Any:
@@ -205,9 +206,9 @@ def partition(
     """
     from scipy.ndimage import generate_binary_structure, label
 
-    axes, coarse = _own_axes(logical)
+    axes, grid_notes = _own_axes(logical)
     if points is None:
-        training, notes, rounds = mesh(axes), list(coarse), 1 + settings.refinements
+        training, notes, rounds = mesh(axes), list(grid_notes), 1 + settings.refinements
     else:  # used as they are, without refinement
         training, notes, rounds = _user_points(logical, points), [], 1
 
@@ -222,7 +223,8 @@ def partition(
     # that touch at a corner.
     regions, _ = label(hazard, structure=generate_binary_structure(len(shape), len(shape)))
     # A region without a point that is exactly hazardous is not a zone. Its most dangerous point
-    # would lie on its edge, and Eq. 16 would give a point near that a weight of up to 10^9.
+    # would lie on its edge. Eq. 16 divides by the distance from there to the edge: weights of up
+    # to 10^9.
     real = np.unique(regions[hazard & ~learnt.wrong.reshape(shape)])
     in_zone = np.isin(regions, real)
     spurious = hazard & ~in_zone
@@ -306,7 +308,7 @@ def _dense_grid(
 def fitted_parts(zones: ZonePartition) -> dict[str, Any]:
     """Fields of a partition as they are stored; `of_parts` restores the partition.
 
-    The scenario, the settings and the coordinates, a function, are not stored.
+    Not stored: the scenario, the settings, and the coordinates, because these are a function.
     """
     # all fields after `logical` and `settings`
     parts = {item.name: getattr(zones, item.name) for item in fields(zones)[2:]}
@@ -425,7 +427,9 @@ def _own_axes(logical: LogicalScenario) -> tuple[list[list[float]], tuple[str, .
     """
     counts = [_own_count(parameter) for parameter in logical.parameters]
     own = math.prod(counts)
-    most = OWN_GRID_POINTS.bit_length() - 1  # parameters, with two values of each: 2**most points
+    most = (
+        OWN_GRID_POINTS.bit_length() - 1
+    )  # parameters of which two values each still fit: 2**most points
     if len(counts) > most:
         raise InputError(
             f"Scenario `{logical.name}` must have at most {most} parameters, since its zones are "
@@ -447,7 +451,7 @@ def _own_axes(logical: LogicalScenario) -> tuple[list[list[float]], tuple[str, .
 
 
 def _own_count(parameter: Parameter) -> int:
-    """Number of values of a parameter from its low on at its steps, and its high."""
+    """Number of values of a parameter: low, low + step, ... and high."""
     extent = decimal(parameter.high) - decimal(parameter.low)
     return math.ceil(extent / decimal(parameter.step)) + 1
 
@@ -579,22 +583,22 @@ def _most_dangerous(
     logical, searched = zones.logical, zones.logical.search is not None
     k = len(logical.parameters)
     members = zones.members(zone, candidates)
-    best, width = members[_by_danger(zones, members)[0]], cell
+    best, half_width = members[_by_danger(zones, members)[0]], cell
     # values on each axis of a window; fewer with more parameters, as a window has their k-th power
     values_per_axis = 3 if searched else {1: 21, 2: 15, 3: 9, 4: 5}.get(k, 3)
     offsets = mesh([np.linspace(-1.0, 1.0, values_per_axis).tolist()] * k)
     for _ in range(200):
-        around = logical.from_unit(np.clip(logical.to_unit(best) + width * offsets, 0.0, 1.0))
+        around = logical.from_unit(np.clip(logical.to_unit(best) + half_width * offsets, 0.0, 1.0))
         rows = np.concatenate([best[None, :], around[logical.feasible(around)]])
         order = _by_danger(zones, rows)
-        # `best` is row 0, so rows before 0 in the order are worse. Only these are looked up in the
-        # zone, because the GP takes most of the time.
+        # `best` is row 0. Its place in `order` is argmin(order); the rows before it are worse. Only
+        # these are looked up in the zone, because the GP takes most of the time.
         worse = zones.members(zone, rows[order[: int(np.argmin(order))]])
         if not len(worse):
-            width *= 0.4
+            half_width *= 0.4
         else:
             best = worse[0]
-        if width < (SEARCHED_WINDOW if searched else 1e-12):
+        if half_width < (SEARCHED_WINDOW if searched else 1e-12):
             break
     # the fewest digits with which the point moves by less than `tolerance` and stays in the zone
     tolerance = SEARCHED_WINDOW if searched else 1e-7  # unit-box length

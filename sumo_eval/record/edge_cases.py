@@ -15,7 +15,7 @@ from sumo_eval.scenario.sampling.samples import central_point, sample
 from sumo_eval.settings import ZoneSettings
 from sumo_eval.settings.random_streams import random_stream
 
-_CORNERS = 10  # most parameters of a space whose corners (2 ** 10) are all looked at
+_MOST_PARAMETERS = 10  # of a space whose corners (2 ** 10 then) are looked at; with more, none is
 
 
 def edge_cases(logical: LogicalScenario, seed: int) -> list[ConcreteScenario]:
@@ -28,7 +28,9 @@ def edge_cases(logical: LogicalScenario, seed: int) -> list[ConcreteScenario]:
     """
     box = [(item.low, item.high) for item in logical.parameters]
     corners = (
-        np.array(list(itertools.product(*box))) if len(box) <= _CORNERS else np.empty((0, len(box)))
+        np.array(list(itertools.product(*box)))
+        if len(box) <= _MOST_PARAMETERS
+        else np.empty((0, len(box)))
     )
     corners = corners[logical.feasible(corners)]
     points = np.unique(np.concatenate([sample(logical).points, corners]), axis=0)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 CASES = "cases.csv"
 FORMATS = ("csv", "parquet")
-_ROUND_TRIP = "%.17g"  # digits from which every double is read back to the bit
+_ROUND_TRIP = "%.17g"  # of trajectories: every double is read back to the bit
 _NAMES = ("case", "scenario", "ads")  # columns of names: text, even if a name looks like a number
 _ROWS_AT_ONCE = 1000
 _COLUMNS = [field.name for field in fields(Fact) if field.name not in ("log", "clips", "collision")]
@@ -57,7 +57,7 @@ class Run:
         """
         import pandas as pd
 
-        # an ADS may be called `007` or `NA`
+        # an ADS may be called `007` or `NA`; a cell that a spreadsheet would run begins with `'`
         options: Any = {"dtype": dict.fromkeys(_NAMES, str), "na_values": [""]}
         return without_quotes(
             pd.read_csv(_scored(self.folder, CASES), keep_default_na=False, **options)
@@ -65,7 +65,7 @@ class Run:
 
     @property
     def scores(self) -> pd.DataFrame:
-        """One row for each ADS in each logical scenario: C, D, S and their companions."""
+        """One row for each ADS in each logical scenario, with all that scores.json has of it."""
         import pandas as pd
 
         content = json.loads(_scored(self.folder, "scores.json").read_text(encoding="utf-8"))
@@ -201,6 +201,7 @@ def _write_drives(
         rows = list[dict[str, Any]]()
 
         def write() -> None:
+            # the heading comes first, while nothing is written yet
             fit(pd.DataFrame(rows)).to_csv(drives_file, index=False, header=not drives_file.tell())
             rows.clear()
 
@@ -255,6 +256,7 @@ def _to_parquet(tables: list[Path], folder: Path) -> list[Path]:
             quoted = str(target).replace("'", "''")
             with table.open(newline="", encoding="utf-8") as file:
                 types = {name: "VARCHAR" for name in next(csv.reader(file)) if name in _NAMES}
+            # DuckDB writes a struct as Python does a dict; -1: types are found from all rows
             options = f"header = true, sample_size = -1, types = {types}"
             rows = f"SELECT * FROM read_csv(?, {options})"  # noqa: S608 - our own names
             copy = f"COPY ({rows}) TO '{quoted}' (FORMAT parquet)"

@@ -4,8 +4,8 @@ recorded on this machine, and for no others.
 A run folder holds the names of functions (severity, sampler, scenario, drivers), and the folder
 where they are looked for. Opening another user's run must not execute these. The user's state
 folder has a note of each run that this user recorded here or opened with `--trust`, with a hash of
-the code that the run names. Code is trusted, too, in any run of a process in which the user gave an
-evaluation that names it.
+the code that the run names. Where the user gives a process an
+evaluation, the code that it names is trusted in every run that this process opens.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from sumo_eval.settings import EvaluationSettings
 from sumo_eval.text import clean
 
 Code = tuple[str, str, str]
-"""Kind of code, its locator, and the folder where that is looked for; no folder for a locator with
-an absolute path.
+"""Kind of code (scenario, sampler, severity, people, ADS, vehicle, scheduler), its locator, and the
+folder where that is looked for; no folder for a locator with an absolute path.
 """
 
 _given: set[Code] = set()  # trusted in this process
@@ -39,12 +39,13 @@ def code_of(settings: EvaluationSettings, source: Path, *, driving: bool = True)
     driving: whether to add what only drives need: the ADSs, the vehicle model, the cluster.
     """
     named = [
-        ("scenario", entry.use.partition("?")[0])
+        ("scenario", entry.use.partition("?")[0])  # without options
         for entry in settings.scenario
         if not is_file(entry.use)
     ]
     named += [("sampler", entry.sampling.method or "") for entry in settings.scenario]
     named += [("severity", settings.method.collision.severity), ("people", settings.drivers.source)]
+    # code is named `file.py:name` or `module:name`; a shipped severity may have a colon, too
     named = [(what, name) for what, name in named if ":" in name and name not in CHOICES]
     if driving:
         named += [

@@ -164,10 +164,11 @@ def write_junit(suites: Suites, path: Path, properties: Properties | None = None
                 for key, (body, counts, seconds) in written.items():
                     attributes = {"name": _clean(key[0])} | _counted(counts)
                     file.write("\n  ")
-                    with file.element("testsuite", **attributes, time=f"{seconds:z.3f}"):
+                    with file.element("testsuite", **attributes, time=f"{seconds:.3f}"):
                         if properties and key in properties:
                             file.write("\n    ", _properties(properties[key]))
                         file.flush()
+                        # the finished tests go past lxml, after all that it has written
                         body.seek(0)
                         copyfileobj(body, out)
                         file.write("\n  ")
@@ -205,7 +206,7 @@ def _properties(values: Mapping[str, str]) -> etree._Element:
 
 def _element(test: Test, classname: str) -> etree._Element:
     item = etree.Element(
-        "testcase", name=_clean(test.name), classname=_clean(classname), time=f"{test.seconds:z.3f}"
+        "testcase", name=_clean(test.name), classname=_clean(classname), time=f"{test.seconds:.3f}"
     )
     if test.verdict != "passed":
         verdict = etree.SubElement(
@@ -222,6 +223,7 @@ def _case_test(case: CaseResult, missing: bool, report: ReportSettings, unit: st
     if not case.evaluated:  # so it is missing, and there is a reason
         text = "\n".join([reason, *_task_and_harm(case, unit)])
         return result("error", case.status, _first_line(reason), text)
+    # off_road: the centre left the road, which ends a drive; departed: a corner did
     if case.status == "off_road" or case.departed:
         return result("failure", "off_road", f"{case.ads} left the road", _facts(case, unit))
     # without an outcome of the ideal vehicle a collision does not count as unavoidable
@@ -284,7 +286,7 @@ def _change_test(case: CaseResult, change: ChangedCase | None, unit: str) -> Tes
     ending = (
         ", not so in the base"
         if change.by is None
-        else f" than in the base by {abs(change.by):z.3g}"
+        else f" than in the base by {abs(change.by):.3g}"
     )
     return result("failure", kind.replace(" ", "_"), kind + ending, _facts(case, unit))
 

@@ -16,7 +16,7 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scoring.driver_bands import DriverBand, below_drivers, driver_bands
 from sumo_eval.text import capitalised
 
-MOST_WORST = 10  # cases
+MOST_WORST = 10  # most cases in the table of the worst
 STUDY: Final = "study.json"
 """File beside the drives of a study, written by `extras/wheel/outcome.py`: number of participants,
 drives left out and why.
@@ -24,7 +24,7 @@ drives left out and why.
 
 
 def people_context(evaluation: Evaluation, _: Beside) -> dict[str, Any]:
-    """Content of templates/sections/people.html.j2."""
+    """Content of templates/sections/people.html.j2. `_` is an argument of every section."""
     return {
         "mode": evaluation.settings.method.anthropomorphic.mode,
         "rows": people_rows(evaluation),
@@ -38,7 +38,7 @@ def people_context(evaluation: Evaluation, _: Beside) -> dict[str, Any]:
 
 
 def drawn_words(drawn: Mapping[str, int]) -> str:
-    """How the road was drawn for the participants: each way with its number of drives."""
+    """How the road was drawn on the participants' screens: each way with its number of drives."""
     return ", ".join(f"{words} ({count(drives, 'drive')})" for words, drives in drawn.items())
 
 
@@ -77,7 +77,7 @@ def people_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     return [
         {
             "of": band,
-            # fewest and most drivers of a case; one number where they are the same
+            # fewest and most drivers of a case; one number where they are equal, `no` without any
             "drivers": f"{'–'.join(dict.fromkeys(map(str, band.drivers))) or 'no'} a case, "
             f"{percent(band.recorded)} recorded",
             "warnings": _warnings(band),

@@ -83,6 +83,7 @@ class ParameterTable(Checked):
         where: how errors call the file.
         """
         owner = f"parameter `{self.name}` of {where}"
+        # its name may be one of `CHANGES`: settings of the simulation that differ between cases
         check_variable(self.name, owner, CHANGES)
         ranged = {"low": self.low, "high": self.high, "step": self.step}
         check_unit(self.unit, owner, ranged)
@@ -135,6 +136,7 @@ class ConstraintTable(Checked):
         """The condition on points."""
         expression = checked_names(condition(self.require, names.where), names.known, names.where)
         holds = Condition(Formulas.of(definitions, expression))
+        # `room`: distance of a point from the limit
         return Constraint(self.about or f"one where {self.require}", holds, holds.room)
 
 
@@ -171,7 +173,7 @@ class RoadTable(Checked):
         ),
     ] = None
     lane: Annotated[
-        tuple[LaneTable, ...], About("lanes that open, end, or are ramps; `lanes` counts them")
+        tuple[LaneTable, ...], About("lanes that open, end, or are ramps; `lanes` includes them")
     ] = ()
     crossing: Annotated[tuple[CrossingTable, ...], About("roads that cross this one")] = ()
 
@@ -186,8 +188,8 @@ class RoadTable(Checked):
         shapes = [key for key in ("lane", "crossing", "line") if getattr(self, key)]
         if sources and shapes:
             raise InputError(
-                f"`road.{shapes[0]}` of {where} shapes a road that is written, and there is one "
-                f"already: `{sources[0]}`."
+                f"`road.{shapes[0]}` of {where} must not stand beside `{sources[0]}`: it shapes a "
+                "road that is written for the scenario."
             )
         if len(sources) > 1:
             raise InputError(f"[road] of {where} must have either `network` or `opendrive`.")
@@ -196,11 +198,12 @@ class RoadTable(Checked):
                 raise InputError(f"`road.{key}` of {where} is of a `{source}`, and there is none.")
         if self.network is not None:
             road = read_road(folder / self.network, self.edges, end)
-            # shadows of bodies (`cosim/traffic.py`) need a network that is written for the road
+            # SUMO's models need shadows of bodies (`cosim/traffic.py`): without the user's network
+            # one that has them is written
             return replace(road, network=None) if reacts else road
 
         crossings: tuple[Crossing, ...] = ()
-        # hashed: shape that the name does not tell: different roads have different names
+        # hashed: what of the shape is not in the name, as different roads need different names
         if self.opendrive is not None:
             path = folder / self.opendrive
             shape = read_opendrive(path, self.opendrive_road)
@@ -249,7 +252,9 @@ class EndTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class SampleTable(Checked):
-    """Prescribed points: rows, at each value of further parameters, with others computed."""
+    """Prescribed points: its rows, each repeated at the values in `each`, the rest computed by
+    `set`.
+    """
 
     name: Annotated[str, MinLen(1), About("name, for `method` of an evaluation's sampling")]
     points: Annotated[tuple[tuple[float, ...], ...], MinLen(1), About("the rows")]
@@ -261,7 +266,7 @@ class SampleTable(Checked):
         ),
     ] = ()
     units: Annotated[
-        dict[str, str], About("units of columns that are not the parameters': km/h instead of m/s")
+        dict[str, str], About("units of columns, where not the parameters': km/h instead of m/s")
     ] = field(default_factory=dict)
     each: Annotated[
         dict[str, tuple[float, ...]], About("parameter = values: every row with each of them")
@@ -364,7 +369,7 @@ class JointTable(Checked):
         ),
     ] = "kde"
     bandwidth: Annotated[
-        float | None, Positive, About("kernel deviation over the data's; default: Scott's")
+        float | None, Positive, About("kernel deviation divided by the data's; default: Scott's")
     ] = None
 
     def read(self, parameters: Sequence[Parameter], where: str, folder: Path) -> Joint:
@@ -414,7 +419,9 @@ class RecordedTable(Checked):
     )
 
     def read(self, parameters: Sequence[Parameter], where: str) -> Counterpart:
-        """The events by the names of the parameters, without settings of a case."""
+        """The events that correspond to the scenario, by its parameters except settings of a case
+        (`CHANGES`).
+        """
         parameters = [item for item in parameters if item.name not in CHANGES]
         names = [item.name for item in parameters]
         check_known(f"parameter in [recorded] of {where}:", names, *self.columns, *self.tolerance)
@@ -489,7 +496,7 @@ class ScenarioFile(Checked):
     default_sample: Annotated[str, About("grid, or the name of a sample")] = "grid"
     people: Annotated[
         Literal["drivers", "none"],
-        About("none: no synthetic driver knows this scene, so D needs recorded ones and no H"),
+        About("none: no synthetic driver knows this scene, so D and H need recorded ones"),
     ] = "drivers"
     require: Annotated[tuple[RequireTable, ...], About("what must hold in every drive")] = ()
 
@@ -586,7 +593,7 @@ class ScenarioFile(Checked):
         names.distinct(["ego", *(item.name for item in self.vehicle)], "vehicle")
         self.ego.check(names.where, road)
         numbers = names.quantities(self.ego, "the ego")
-        # now `names.scene` has the expressions of all vehicles
+        # the reads above have put the expressions of the ego and all vehicles into `names.scene`
         needed = definitions.needed_by(*names.scene)
         return Placement(needed, names.owner, road, self.ego, numbers, vehicles, streams)
 

@@ -29,18 +29,18 @@ class StreamTable(Checked):
     ]
     lane: Annotated[int, Ge(0), About("lane; 0 is the right-hand one")]
     begin: Annotated[
-        Formula, About("its end at the back, ahead of the ego's centre; negative: behind", "m")
+        Formula, About("where its rear is, from the ego's centre; negative: behind the ego", "m")
     ]
-    end: Annotated[Formula, About("its end at the front, ahead of the ego's centre", "m")]
+    end: Annotated[Formula, About("where its front is, from the ego's centre", "m")]
     density: Annotated[Formula, ABOVE_0, About("vehicles on a kilometre of the lane", "1/km")]
     speed: Annotated[
         Formula, ABOVE_0, About("mean speed, which each keeps while its lane is free", "m/s")
     ]
     speed_spread: Annotated[
-        float, Ge(0.0), About("speeds differ by at most that, evenly", "m/s")
+        float, Ge(0.0), About("speeds are uniform within that of the mean", "m/s")
     ] = 0.0
     spacing_spread: Annotated[
-        float, Ge(0.0), About("distances differ by at most that share of their mean")
+        float, Ge(0.0), About("distances are uniform within that share of their mean")
     ] = 0.3
     seed: Annotated[int, Ge(0), About("what speeds and distances are drawn from")] = 0
     model: Annotated[
@@ -53,9 +53,9 @@ class StreamTable(Checked):
     body: Annotated[Literal["car", "van", "truck", "motorcycle"], About("what they are")] = "car"
 
     def read(self, names: Names, road: Road) -> LimitedFormulas:
-        """Its numbers.
+        """The formulas of its numbers.
 
-        Raises InputError for a lane that the road does not have.
+        Raises InputError for a bad name, or a lane that the road does not have.
         """
         what = f"stream `{self.name}`"
         check_vehicle_name(f"a stream of {names.where}", self.name)
@@ -87,20 +87,19 @@ class StreamTable(Checked):
                 f"at most {most:g} a km, which the lane holds",
                 numbers["density"],
             )
-        if (end - begin) / least > MOST:
-            raise must_be(
-                "The vehicles", owner, f"at most {MOST}", f"up to {(end - begin) / least:.0f}"
-            )
+        vehicles = int((end - begin) / least) + 1
+        if vehicles > MOST:
+            raise must_be("The vehicles", owner, f"at most {MOST}", f"up to {vehicles}")
         if self.speed_spread >= wanted:
             raise must_be(
                 "`speed_spread`", owner, f"below `speed` ({wanted:g} m/s)", self.speed_spread
             )
         draws = np.random.Generator(np.random.PCG64(self.seed)).uniform(-1.0, 1.0, (2, MOST + 1))
         place = end
-        for count, (slow, close) in enumerate(draws.T.tolist(), 1):
+        for count, (faster, further) in enumerate(draws.T.tolist(), 1):
             if place < begin:
                 break
-            speed = wanted + self.speed_spread * slow
+            speed = wanted + self.speed_spread * faster
             start = Start(ego.x + place, road.lane_width * self.lane, speed)
             model = sumo_model(self.model, speed, numbers)
             yield Actor(
@@ -112,10 +111,13 @@ class StreamTable(Checked):
                 body=self.body,
                 model=model,
             )
-            place -= mean * (1.0 + self.spacing_spread * close)
+            place -= mean * (1.0 + self.spacing_spread * further)
 
 
 def sumo_model(name: str, desired: float, numbers: Mapping[str, float]) -> Model:
-    """A model of SUMO's with those of its numbers that a table has, by the table's keys."""
+    """A car-following model of SUMO.
+
+    numbers: of a table, by its keys; what the model does not know is left out.
+    """
     keys = {"headway": "tau", "min_gap": "minGap", "acceleration": "accel", "deceleration": "decel"}
     return Model(name, desired, tuple((keys[key], numbers[key]) for key in keys if key in numbers))

@@ -23,7 +23,7 @@ from sumo_eval.record.store import EGO, Fact, Store
 from sumo_eval.scenario.concrete import Road, Way
 from sumo_eval.scoring.space import ScenarioRun
 
-_AT_ONCE = 16  # points of one request to a process
+_AT_ONCE = 16  # points that a process does before it answers
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +40,12 @@ class TaskOfDrive:
 
 @dataclass(frozen=True, slots=True)
 class _Point:
-    """Request for all drives at one point.
+    """Job: all drives at one point.
 
     drives: whether each drive had a contact, by case.
-    references: cases of the references' drives, which had none.
+    references: cases of the references' drives, which ended without contact.
     road: of the scenario.
-    margin: `road_margin`, m.
+    margin: how far a corner may be beyond the road (`road_margin`), m.
     begin: x of the ego's start, m.
     way: the lane change that the point asks for; None without one.
     """
@@ -70,20 +70,20 @@ def tasks_of_drives(
     """
     hash_of = space.store.case_hash
     road, margin = space.logical.road, space.method.task.road_margin
-    beside: dict[int, list[str]] = {}
+    references_at: dict[int, list[str]] = {}
     for fact in references:
         if fact.status == "ok":
-            beside.setdefault(fact.point, []).append(fact.case)
+            references_at.setdefault(fact.point, []).append(fact.case)
     points: list[_Point] = []
     keys: dict[str, bytes] = {}
     ordered = sorted(drives, key=lambda fact: fact.point)
     for number, facts in groupby(ordered, key=lambda fact: fact.point):
-        here, others = list(facts), beside.get(number, [])
+        here, others = list(facts), references_at.get(number, [])
         start = space.logical.placed(here[0].values).ego
         hits = {
             fact.case: fact.status == "collision"
             for fact in here
-            # an ADS that gave up may have left the road before
+            # without a drive to judge; one that the ADS gave up may have left the road before
             if fact.end_reason not in (None, "sim_error")
         }
         points.append(_Point(hits, others, road, margin, start.x, start.way))
@@ -104,7 +104,7 @@ def _tasks(point: _Point, store: Store) -> Iterator[tuple[str, bytes]]:
     """Every case at a point with its `TaskOfDrive`."""
     beside = [store.trajectory(case) for case in point.references]
     clean = [drive for drive in beside if first_departure(drive, point.road, point.margin) is None]
-    asked = asked_way(point.begin, clean)
+    asked = asked_way(point.begin, clean)  # its places with times; `point.way`: a lane change
     for case, hit in point.drives.items():
         ego, share = store.trajectory(case), None
         departure = first_departure(ego, point.road, point.margin)
@@ -123,9 +123,9 @@ def _excused(case: str, store: Store) -> bool:
 
 
 def recorded_with(store: Store, car: str) -> bool:
-    """Whether a run holds the drive of the reference car at every point."""
+    """Whether a run holds the drive of the reference car at every point: as many as of `ideal`."""
     counts = dict.fromkeys(("ideal", "task_reference"), 0)
-    for _, role, _, _, number, _ in store.counts():
+    for _scenario, role, _driver, _status, number, _exposure in store.counts():
         if role in counts:
             counts[role] += number
     first = next(store.facts("task_reference"), None)

@@ -1,6 +1,7 @@
 """The gate file: which changes between two runs, and which values of the new one, fail it.
 
-`nightly/` and `scoring/` take their bounds and tolerances from here.
+`nightly/` and `scoring/` take their bounds and tolerances from here; `report/` and `extras/`, which
+scores are better when higher.
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.settings import About, Checked, NotNegative
 from sumo_eval.settings.config import read_checked
 
-INDEXES: Final = {name: field for name, (field, _) in SCORES.items() if name != "regret"}
+INDEXES: Final = {name: attribute for name, (attribute, _) in SCORES.items() if name != "regret"}
 """Scores of which more is better: name -> field of ScenarioResult."""
 HIGHER_IS_BETTER: Final = tuple(INDEXES)
+"""Scores of which more is better; of every other number of an ADS less is."""
 WITH_INTERVAL: Final = (*HIGHER_IS_BETTER, "regret", "collision_probability")
 """Quantities whose difference between two runs has an interval."""
 OF_THE_COMPARISON: Final = (
@@ -63,7 +65,7 @@ LAST_DIGIT = 1e-9
 # defaults for the change of U that counts
 SEVERITY_BY = 0.5  # m/s, a rise, from which the rule fails a case
 HARSHER_BY = 0.1  # m/s, from which a comparison lists a collision as harsher or softer
-LOSS_BY = 0.01  # for both where a loss in 0..1 replaces U
+LOSS_BY = 0.01  # instead of both where `severity` makes U a loss in 0..1
 _OF_A_LOSS = f"of a loss in 0..1 {LOSS_BY:g}"
 
 
@@ -126,7 +128,7 @@ class MeasureSettings(Checked):
     ] = 0.0
     zone: Annotated[
         float | None,
-        About("near misses only: a case counts if its value is worse than this in one of the runs"),
+        About("near misses only: a case counts if its value in one of the runs is worse than this"),
     ] = None
     higher_is_better: Annotated[bool, About("whether a rise is an improvement")] = True
 
@@ -150,10 +152,14 @@ class OutcomeSettings(Checked):
         ),
     ] = None
     floors: Annotated[
-        float, NotNegative, About("least rise of U that counts, in floors of U (`noise.factor`)")
+        float,
+        NotNegative,
+        About("least rise of U that counts, as a multiple of its floor (`noise.factor`)"),
     ] = 2.0
-    repeats: Annotated[int, Ge(0), About("further drives of such a case")] = 4
-    bad_of: Annotated[int, Ge(1), About("drives, the first among them, that must be bad")] = 3
+    repeats: Annotated[int, Ge(0), About("repetitions of a case that became bad")] = 4
+    bad_of: Annotated[
+        int, Ge(1), About("how many of these drives, the first among them, must be bad")
+    ] = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,12 +171,12 @@ class NearMissSettings(Checked):
         0.1
     )
     kept_margin: Annotated[
-        float, NotNegative, About("share of its margin that a case must keep")
+        float, NotNegative, About("share of its distance to an accident that a case must keep")
     ] = 0.6
     measure: Annotated[tuple[MeasureSettings, ...], About("what is watched")] = (
-        MeasureSettings("min_gap", 0.1, 0.1, zone=2.0),
-        MeasureSettings("min_ttc", 0.1, 0.1, zone=1.5),
-        MeasureSettings("max_drac", 0.2, 0.05, zone=3.4, higher_is_better=False),
+        MeasureSettings("min_gap", absolute=0.1, share=0.1, zone=2.0),
+        MeasureSettings("min_ttc", absolute=0.1, share=0.1, zone=1.5),
+        MeasureSettings("max_drac", absolute=0.2, share=0.05, zone=3.4, higher_is_better=False),
     )
 
 
@@ -201,7 +207,9 @@ class NoiseSettings(Checked):
     """Detection of ADSs that do not repeat bit for bit, and the tolerance for them."""
 
     cases: Annotated[
-        int, Ge(0), About("cases of an ADS that a night drives twice; 0: each ADS repeats")
+        int,
+        Ge(0),
+        About("cases of an ADS that a night drives twice; 0: each ADS is taken to repeat"),
     ] = 30
     quantile: Annotated[float, Gt(0.0), Lt(1.0), About("of the differences between two drives")] = (
         0.95
@@ -249,7 +257,9 @@ class GateSettings(Checked):
         float,
         NotNegative,
         Le(1.0),
-        About("share of the base's cases that a night may lose; never an ADS or scenario"),
+        About(
+            "share of the base's cases that a night may lose; a lost ADS or scenario always fails"
+        ),
     ] = 0.1
     outcome: OutcomeSettings = field(default_factory=OutcomeSettings)
     near_miss: NearMissSettings = field(default_factory=NearMissSettings)

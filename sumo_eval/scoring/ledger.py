@@ -40,7 +40,7 @@ class LedgerLine:
     """One term of the ledger.
 
     cause: why the points were gained or lost, `NOT_COMPUTED` among them.
-    index: in units of T, A, H, C or D.
+    index: what the line adds to T, A, H, C or D; a loss is negative.
     scale: points of S+ or S for 1 of the index.
     entries: its m cases, the costliest first.
     parts: contribution of each case to the index, (m,); a loss is negative.
@@ -108,8 +108,8 @@ def ledger_plus(found: Findings) -> Ledger:
 
 def ledger(found: Findings) -> Ledger:
     """Every term, scale and correction of S, Eq. 18."""
-    whole = worth(found.settings.method.score)
-    lines = _scaled(whole.c, _collision_lines(found)) + _scaled(whole.d, _likeness_lines(found))
+    points = worth(found.settings.method.score)  # of C = 1 and of D = 1
+    lines = _scaled(points.c, _collision_lines(found)) + _scaled(points.d, _likeness_lines(found))
     return Ledger("S", found.score, tuple(lines))
 
 
@@ -184,7 +184,7 @@ def _avoided_lines(found: Findings) -> _Lines:
         return
     lost = np.nan_to_num(found.share_lost)
     groups = {
-        # not where the ADS left the road before with a larger U
+        # a departure with a larger U before it gave up is below, in "left the road"
         "given up, which counts as doing nothing": cases.gave_up
         & (cases.incident_severity <= cases.no_reaction_severity),
         "collisions that the ADS caused: a vehicle that does nothing has none": cases.caused,
@@ -216,7 +216,7 @@ def _collision_lines(found: Findings) -> _Lines:
     if found.score.c is None:
         yield _line(found, "C", NOT_COMPUTED, alone=-1.0, equation="17")
         return
-    shares, safe = found.collisions, found.cases.safe
+    hits, safe = found.collisions, found.cases.safe
     ideal_collides = np.nan_to_num(found.cases.ideal_severity) != 0.0
     groups = (
         ("collisions in the safe zone", safe),
@@ -224,9 +224,10 @@ def _collision_lines(found: Findings) -> _Lines:
         ("collisions that the ideal vehicle only softens", ~safe & ideal_collides),
     )
     for cause, belongs in groups:
-        part = belongs[shares.places] & np.isfinite(shares.lost)
+        # where Ug is not known `lost` is nan: in no group
+        part = belongs[hits.places] & np.isfinite(hits.lost)
         if part.any():
-            places, lost = shares.places[part], shares.lost[part]
+            places, lost = hits.places[part], hits.lost[part]
             yield _line(found, "C", cause, places, lost=lost, equation="14–17")
 
 
@@ -256,9 +257,9 @@ def _factor_lines(
     if not len(places):
         return
     cases = found.cases
-    factors, equation, product = LIKENESS_FACTORS, "", cases.human_likeness
+    factors, equation, index = LIKENESS_FACTORS, "", cases.human_likeness
     if term == "D":
-        factors, equation, product = FACTORS, "11–13", cases.index
+        factors, equation, index = FACTORS, "11–13", cases.index
     share = weights[places]
     values = np.column_stack([getattr(cases, field)[places] for field in factors.values()])
     losses = product_losses(values)
@@ -267,7 +268,7 @@ def _factor_lines(
         lost = share * losses[:, column]
         yield _line(found, term, cause, places, lost=lost, equation=equation)
     # by how much the index is below the product of its factors; negative (a gain) if it is above
-    rest = share * (values.prod(axis=1) - product[places])
+    rest = share * (values.prod(axis=1) - index[places])
     if (np.abs(rest) > ROUNDING).any():
         cause = "the rest, not a product of the factors"
         yield _line(found, term, cause, places, lost=rest, equation=equation)

@@ -45,8 +45,11 @@ COLUMNS = (
 NUMBERS = ("t", "x", "y", "heading", "speed", "acceleration", "length", "width", "lane")
 INTERVAL = 0.1  # s between samples
 LONGEST_HOLE = 0.5  # s; a track with a longer hole is two tracks
+STANDARD_LANE = 3.5  # m, width of a lane where a table says nothing of lanes
+# truck_bus and trailer are words of sources
 MOTOR_CLASSES = frozenset({"car", "van", "truck", "bus", "motorcycle", "truck_bus", "trailer"})
 
+# lane, the last of `NUMBERS`, is whole
 _DECIMALS = dict.fromkeys(NUMBERS[:-1], 3) | {"heading": 5, "steering": 5}
 
 
@@ -71,8 +74,8 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
     table: `recording`, `vehicle`, `t`, `x`, `y`, `heading`, `speed`, `length`, `width`, `class`,
         `lane`; `acceleration`, `driver` and `steering` may be missing.
     """
-    known: dict[str, Any] = {"driver": "", "steering": np.nan, "acceleration": np.nan}
-    rows = table.assign(**{name: known[name] for name in known.keys() - {*table}})
+    defaults: dict[str, Any] = {"driver": "", "steering": np.nan, "acceleration": np.nan}
+    rows = table.assign(**{name: defaults[name] for name in defaults if name not in table})
     keys = ["recording", "vehicle", "t"]
     rows = _with_bodies(rows.astype(dict.fromkeys(keys[:2], str)))
     rows = rows.sort_values(keys, kind="stable", ignore_index=True)
@@ -120,6 +123,7 @@ def _on_the_clock(track: pd.DataFrame) -> pd.DataFrame | None:
         # nan at one sample makes a channel unknown
         even[name] = np.interp(clock, time, steady) if np.isfinite(values).all() else np.nan
     if even["acceleration"].hasnans:
+        # speeds smoothed over 11 samples: 1 s
         even["acceleration"] = np.gradient(smooth(even["speed"].to_numpy(), 11), INTERVAL)
     nearest = np.searchsorted(0.5 * (time[1:] + time[:-1]), clock)
     even["lane"] = track["lane"].to_numpy()[nearest].astype(np.int64)
@@ -143,7 +147,7 @@ def write_csv(recordings: Recordings, path: Path) -> None:
     """Write a canonical table as CSV (or .csv.gz); the file appears whole or not at all."""
     with writing(f"The recordings in {path}"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        # in a folder: a temporary file would be its owner's alone
+        # in a temporary folder: a temporary file could be read by its owner alone, once moved, too
         with tempfile.TemporaryDirectory(dir=path.parent) as folder:
             partial = Path(folder) / path.name
             cells(recordings.table.round(_DECIMALS)).to_csv(partial, index=False)
@@ -153,8 +157,9 @@ def write_csv(recordings: Recordings, path: Path) -> None:
 def read_csv(path: Path) -> Recordings:
     """A canonical table from CSV (or .csv.gz).
 
-    `driver`, `heading`, `acceleration`, `class`, `lane` and `steering` may be missing: no driver is
-    named, headings and accelerations follow from the motion, all are cars, lanes follow from y.
+    `driver`, `heading`, `speed`, `acceleration`, `class`, `lane` and `steering` may be missing: no
+    driver is named, headings, speeds and accelerations follow from the motion, all are cars, lanes
+    follow from y.
     """
     required = ("recording", "vehicle", "t", "x", "y", "length", "width")
     table = read_table(path, required, dtype=IDENTIFIERS)
@@ -176,7 +181,9 @@ def read_csv(path: Path) -> Recordings:
 
 
 def _with_bodies(table: pd.DataFrame) -> pd.DataFrame:
-    """The table, if every vehicle has an extent: gaps are from bumper to bumper."""
+    """Refuse a vehicle without length and width, as gaps are from bumper to bumper; else the table
+    as it is.
+    """
     flat = ~(table[["length", "width"]] > 0.0).all(axis=1)
     if flat.any():
         row = table[flat].iloc[0]
@@ -193,6 +200,3 @@ def _is_canonical(table: pd.DataFrame) -> bool:
     same = (keys == keys.shift()).all(axis=1)
     on_clock = (table["t"] - frame * INTERVAL).abs() < 1e-6
     return bool((on_clock & keys.duplicated(keep=False)).all() and (frame.diff()[same] == 1).all())
-
-
-STANDARD_LANE = 3.5  # m, where a table says nothing of lanes

@@ -49,7 +49,7 @@ _SETTINGS: Final = {
     "lines.markersize": 3.6,
     "figure.dpi": 150.0,
     "savefig.dpi": 300.0,
-    "pdf.fonttype": 42,  # fonts travel in the file, as outlines that a printer can set
+    "pdf.fonttype": 42,  # TrueType: the file holds its fonts as outlines
     "ps.fonttype": 42,
     "svg.fonttype": "path",
     "svg.hashsalt": "sumo_eval",  # the same figure is the same bytes
@@ -113,8 +113,9 @@ def on_paper(
     """
     rows = -(-len(panels) // columns)
     with styled():
+        # 0.1 of the width for title and legend
         figure, axes = new_figure(width, height * rows / columns + 0.1, rows, columns)
-        named = {""}
+        named = {""}  # marks that have their entry of the legend, or need none
         for ax, panel in zip(axes, panels, strict=False):
             draw(ax, panel, named)
         for ax in axes[len(panels) :]:

@@ -1,10 +1,10 @@
-"""Result of `import traci` in a program of `traci:`: the library itself, whose `start` and `init`
-connect to the case.
+"""The `traci` that a program of `traci:COMMAND` imports: the library itself, whose `start` and
+`init` connect to the case. `libsumo.py` beside this file imports it, too.
 
 This folder stands first on the program's path. The library is found behind it, wherever the program
-has it; only what opens a connection is another: it goes to the port of SUMO_EVAL_PORT and sets the
-client's order, so that a script that starts or reaches a simulation of its own works as it is. What
-it says goes into the case's log.
+has it. Only the opening of a connection is replaced: it goes to the port in SUMO_EVAL_PORT and
+takes the second place in SUMO's order of clients, so that a script that starts or reaches a
+simulation of its own works as it is. What is said here goes into the case's log.
 """
 
 from __future__ import annotations
@@ -17,13 +17,15 @@ from typing import Any
 HERE = os.path.dirname(os.path.abspath(__file__))
 ORDER = 2  # the harness is the first client
 
+# without this folder and this module, the import finds the library, and leaves it in
+# `sys.modules`, from where the script's own `import traci` takes it
 sys.path[:] = [place for place in sys.path if os.path.abspath(place) != HERE]
 del sys.modules["traci"]
 real = importlib.import_module("traci")
 main = importlib.import_module("traci.main")
 connection = importlib.import_module("traci.connection")
-_made_before: list[int] = []
-_make, _set_order = connection.Connection.__init__, connection.Connection.setOrder
+_asked_ports: list[int] = []  # port that the script named, once it is connected
+_usual_init, _usual_set_order = connection.Connection.__init__, connection.Connection.setOrder
 
 
 def _say(words: str) -> None:
@@ -36,17 +38,17 @@ def start(cmd: Any = None, *arguments: Any, label: str = "default", **options: A
     return main.init(label=label)
 
 
-def _made(self: Any, host: str, port: int, process: Any, *others: Any, **options: Any) -> None:
+def _init_once(self: Any, host: str, port: int, process: Any, *others: Any, **options: Any) -> None:
     """A connection to the case, the only one, whatever port is named."""
-    if _made_before:
+    if _asked_ports:
         raise main.TraCIException("sumo_eval: a case takes one connection, got a second one")
-    _make(self, "127.0.0.1", int(os.environ["SUMO_EVAL_PORT"]), None, *others, **options)
-    _set_order(self, ORDER)
-    _made_before.append(port)
+    _usual_init(self, "127.0.0.1", int(os.environ["SUMO_EVAL_PORT"]), None, *others, **options)
+    _usual_set_order(self, ORDER)
+    _asked_ports.append(port)
 
 
-def _ordered(self: Any, order: int) -> None:
-    """An order that the script sets itself: the connection has the one that is left for it."""
+def _order_ignored(self: Any, order: int) -> None:
+    """Ignore the script's own order: the connection has `ORDER`."""
 
 
 def _quietly(
@@ -59,7 +61,8 @@ def _quietly(
         _usual(kind, error, trace)
 
 
-connection.Connection.__init__, connection.Connection.setOrder = _made, _ordered
+connection.Connection.__init__, connection.Connection.setOrder = _init_once, _order_ignored
 sys.excepthook = _quietly
 real.start = main.start = start  # type: ignore[attr-defined]
+# for a script that imports both; `libsumo.py` is for one that imports libsumo first
 sys.modules["libsumo"] = real

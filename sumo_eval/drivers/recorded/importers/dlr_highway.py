@@ -1,7 +1,8 @@
 """DLR Highway Traffic dataset (v1.1, `trajectories_*.csv`, 20 Hz): centres in UTM, yaw in degrees
 counter-clockwise.
 
-The class is the most probable of six. The motorway is curved, so the samples are straightened.
+A vehicle's class is that which is most often the most probable of six in its samples. The motorway
+is curved: `importing` straightens the samples.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ def read(path: Path) -> Samples:
     columns = ("timestamp", *_NUMBERS)
     rows = read_table(path, columns, usecols=lambda name: name in columns)
     checked_numbers(rows, _NUMBERS, path)
+    # most probable class of each sample; of a vehicle the most frequent of these
     likely = np.argmax(rows[[f"classifications_{name}" for name in _CLASSES]].to_numpy(), axis=1)
     kind = {
         name: _CLASSES[np.bincount(likely[index]).argmax()]
@@ -52,13 +54,14 @@ def read(path: Path) -> Samples:
             "y": rows["center_northing"] - rows["center_northing"].iloc[0],
             "heading": np.radians(rows["yaw"]),
             "speed": speed,
+            # component along the motion; 0.1 m/s keeps it finite at a standstill
             "acceleration": (vx * ax + vy * ay) / np.maximum(speed, 0.1),
             "length": bodies["dimension_length"],
             "width": bodies["dimension_width"],
             "class": rows["id"].map(kind).replace("motorbike", "motorcycle"),
         }
     )
-    return table, []
+    return table, []  # nothing was assumed
 
 
 def _times(stamps: pd.Series[Any], path: Path) -> pd.Series[float]:

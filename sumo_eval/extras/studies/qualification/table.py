@@ -1,7 +1,7 @@
 """Known answers that `sumo-eval qualify` expects of an installation, as a table of checks.
 
 Each check is a function, its arguments, the value it must give and the source of this value;
-`qualified` carries them out. A generator for each kind of check yields its rows.
+`qualified.qualify` carries them out. A generator for each kind of check yields its rows.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ Answer = float | str
 
 LENGTH = 4.5  # m, of every vehicle unless a check sets its own
 EGO_X = 50.0  # m, where the ego starts
-# length in m, number of lanes, their width in m, further road behind the end in m
+# x at which drives end, m; number of lanes, their width, m; road that goes on after it, m
 ROAD = Road("qualification_road", 1500.0, 2, 3.5, 1000.0)
 EU_ROAD = Road("eu_2022_1426_2x3.5m", 2000.0, 2, 3.5, 200.0)
 # brakes of the ideal vehicle and of the default vehicle model: deceleration, m/s2, and the time
@@ -192,6 +192,7 @@ def _late(closing: float, delay: float, largest: float, rise: float, gap: float)
 def closed_forms() -> Rows:
     """Ideal braking, delayed braking, and driving behind a lead vehicle that brakes."""
     brakes = {"deceleration": STRENGTH, "build_up": BUILD_UP}
+    # braking that rises linearly (ramp), then holds (plateau)
     source = "ramp and plateau: `ideal_impact_speed`"
     # share: gap as a share of the one that the ideal vehicle needs
     for speed, lead_speed, share in ((20.0, 0.0, 0.6), (30.0, 10.0, 0.8), (30.0, 0.0, 0.9)):
@@ -289,7 +290,7 @@ CONSENSUS = (
     ),
     (
         "front_vehicle_braking", "lead brakes {} km/h, {} s, {} g",
-        {"ego_speed": 3.6, "headway": 1.0, "lead_deceleration": 1.0 / 9.81},
+        {"ego_speed": 3.6, "headway": 1.0, "lead_deceleration": 1.0 / 9.81},  # in g
         ((30, 1, 0.9, 0.4), (60, 1, 0.9, 0.5), (120, 1, 0.8, 0.6)),
     ),
 )  # fmt: skip
@@ -306,8 +307,8 @@ TABLE = (
     (SEATED, (0.48, 0.71, 0.94, 1.18, 1.41, 1.64)),
     (STANDING, (0.74, 1.32, 1.90, 2.47, 3.05, 3.63)),
 )
-"""Rows of (EU) 2022/1426: the braking that it grants; TTC, s, above which a cut-in must be avoided,
-at closing speeds of 10, 20 .. 60 km/h.
+"""Rows of (EU) 2022/1426: brakes that it assumes of an ADS with seated or with standing passengers;
+TTC, s, above which a cut-in must be avoided, at closing speeds of 10, 20 .. 60 km/h.
 """
 
 
@@ -333,7 +334,7 @@ def consensus() -> Rows:
 
 
 def _margin(ego: float, faster: float) -> float:
-    """S by the shipped scenario, m: its margin is gap - S.
+    """S, m, by the shipped scenario, whose margin is gap - S.
 
     ego: its speed, m/s.
     faster: speed of the vehicle behind less that of the ego, m/s.
@@ -345,11 +346,12 @@ def _margin(ego: float, faster: float) -> float:
 
 
 def _rest(ego: float, faster: float, gap: float) -> float:
-    """Time gap that remains of `gap` m, s, once the vehicle behind has braked to the ego's speed:
-    with 3 m/s2, from 0.4 s on.
+    """Time gap, s, that is left of `gap` m when the vehicle behind has braked to the ego's speed,
+    with 3 m/s2 from 0.4 s on.
 
     ego, faster: as in `_margin`.
     """
+    # to a lower speed it brakes; the acceleration has no sign
     brakes = {"do": "accelerate", "when": "time >= 0", "begin": 0.4, "speed": ego,
         "acceleration": 3.0}  # fmt: skip
     content: dict[str, Any] = {
@@ -382,8 +384,7 @@ def _cut_in(closing: float, ttc: float) -> ConcreteScenario:
     closing: speed of the ego less that of the other vehicle, m/s.
     ttc: s.
 
-    The body is there after 1.15 m, so after 1.15 s: half a lane of 3.5 m less half a body of 1.8 m
-    and 0.30 m more.
+    That takes 1.15 m, so 1.15 s: 1.75 m (half a lane) - 0.90 m (half a body) + 0.30 m.
     """
     speed = 60.0 / 3.6 + 10.0  # of the ego, m/s: the other drives 10 m/s or faster
     start = Start(100.0 + LENGTH + closing * (ttc + 1.15), 3.5, speed - closing)
@@ -398,14 +399,14 @@ def eu_2022_1426() -> Rows:
     them, and its braking leaves a known gap.
     """
     source = "Annex III: avoided, 0.1 m + a tau^2 / 24 left"
-    for granted, values in TABLE:
-        # 0.1 m that its rule keeps; and the rule allows tau / 2 for the build-up of its braking a
-        # over tau, which is a tau^2 / 24 more than needed
-        margin = 0.1 + granted.braking * granted.build_up**2 / 24.0
-        model = granted.ads.removeprefix("eu_2022_")
+    for brakes, values in TABLE:
+        # What is left: 0.1 m that the rule keeps, and a tau^2 / 24. The rule adds tau / 2 to the
+        # TTC for a build-up of tau to the braking a: a tau^2 / 24 of road more than needed.
+        margin = 0.1 + brakes.braking * brakes.build_up**2 / 24.0
+        model = brakes.ads.removeprefix("eu_2022_")
         for kph, ttc in zip(range(10, 70, 10), values, strict=True):
             name = f"{model} {kph} km/h, TTC {ttc:.2f} + 0.05 s"
-            arguments = _cut_in(kph / 3.6, ttc + 0.05), granted.ads
+            arguments = _cut_in(kph / 3.6, ttc + 0.05), brakes.ads
             yield name, least_gap, arguments, margin, source, 0.01, "m"
 
 
@@ -492,7 +493,7 @@ def _end(concrete: ConcreteScenario, ads: ControllerLike) -> str:
     return simulate(concrete, ads, SHORT).end_reason
 
 
-def _second() -> float:
+def _difference_of_repetition() -> float:
     """Largest difference between a drive and its repetition after another drive in the same
     process, m.
     """
@@ -519,4 +520,4 @@ def traps() -> Rows:
     name, source = "a command that is not a number", "libsumo takes nan silently"
     yield name, _end, (free, lambda *_: Command(math.nan)), "ads_error", source
     name, source = "a simulation leaves nothing behind", "one process, two drives in order"
-    yield name, _second, (), 0.0, source, 0.0, "m"
+    yield name, _difference_of_repetition, (), 0.0, source, 0.0, "m"
