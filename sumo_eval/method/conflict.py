@@ -395,7 +395,8 @@ def _search_rows(
             nearest = min(nearest, max(max(last), 0.0))
             if _touch(before, last) <= 1.0:
                 inverse = math.inf
-                impact = math.hypot(speed - others[i, k, 4], others[i, k, 5])
+                along, across = speed - others[i, k, 4], others[i, k, 5]
+                impact = math.sqrt(along * along + across * across)
                 break
             before = last
             if speed <= 0.0:

@@ -164,7 +164,7 @@ def write_junit(suites: Suites, path: Path, properties: Properties | None = None
                 for key, (body, counts, seconds) in written.items():
                     attributes = {"name": _clean(key[0])} | _counted(counts)
                     file.write("\n  ")
-                    with file.element("testsuite", **attributes, time=f"{seconds:.3f}"):
+                    with file.element("testsuite", **attributes, time=f"{seconds:z.3f}"):
                         if properties and key in properties:
                             file.write("\n    ", _properties(properties[key]))
                         file.flush()
@@ -206,7 +206,7 @@ def _properties(values: Mapping[str, str]) -> etree._Element:
 
 def _element(test: Test, classname: str) -> etree._Element:
     item = etree.Element(
-        "testcase", name=_clean(test.name), classname=_clean(classname), time=f"{test.seconds:.3f}"
+        "testcase", name=_clean(test.name), classname=_clean(classname), time=f"{test.seconds:z.3f}"
     )
     if test.verdict != "passed":
         verdict = etree.SubElement(
@@ -286,7 +286,7 @@ def _change_test(case: CaseResult, change: ChangedCase | None, unit: str) -> Tes
     ending = (
         ", not so in the base"
         if change.by is None
-        else f" than in the base by {abs(change.by):.3g}"
+        else f" than in the base by {abs(change.by):z.3g}"
     )
     return result("failure", kind.replace(" ", "_"), kind + ending, _facts(case, unit))
 

@@ -208,5 +208,5 @@ def test_a_road_that_cannot_be_driven_is_refused(line, sentence):
 
 
 def test_a_network_of_the_users_has_its_line_already():
-    with refusal(r"`road\.line` of the file shapes a road"):
+    with refusal(r"`road\.line` of the file must not stand beside `network`: it shapes a road"):
         read(network="town.net.xml", edges=["a"], line=[{"length": 9.0}])

@@ -189,8 +189,8 @@ GOAL = {"speed": "v", "goal_lane": 1, "change_from": 150.0}
                                                                 "innermost lane"),
         ({"road": {**ROAD, "line": [{"length": 30.0, "begin_radius": -9.0, "end_radius": 10.0}]}},
             "must be at least 11.0 m, so that the ego can drive its innermost lane, got 10.0"),
-        ({"road": {"network": "a.net.xml", "lane": [RAMP]}}, "shapes a road that is written, and "
-                                                             "there is one already"),
+        ({"road": {"network": "a.net.xml", "lane": [RAMP]}}, "must not stand beside `network`: it "
+                                                             "shapes a road that is written"),
         ({"ego": {"speed": "v", "change_from": 150.0}}, "must have a `goal_lane`"),
         ({"ego": {"speed": "v", "goal_lane": 1}}, "so it must have a `change_from`"),
         ({"ego": {**GOAL, "goal_lane": 7}}, "must be below 3"),
