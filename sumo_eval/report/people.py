@@ -43,8 +43,8 @@ def drawn_words(drawn: Mapping[str, int]) -> str:
 
 
 def study_sentences(evaluation: Evaluation) -> list[str]:
-    """Sentences on the study that the drivers come from: participants, how the road was drawn, each
-    drive left out with its reason. None without a study.
+    """The study that the drivers come from: its participants and how the road was drawn, then a
+    sentence for each drive left out, with the reason. Empty without a study.
 
     Raises InputError where the study's file cannot be read.
     """
@@ -56,15 +56,15 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
     try:
         study = json.loads(text)
         left_out = [f"{it['participant']}, {it['case']}: {it['why']}." for it in study["left_out"]]
-        sentences = [
+        words = (
             f"{count(study['people'], 'person', 'people')} took part in the study "
             f"{study['study']}; {count(study['drives'], 'drive')} by {study['with_drives']} of "
             f"them count, {len(left_out)} {'is' if len(left_out) == 1 else 'are'} left out by the "
             "study's rules of quality."
-        ]
+        )
         if drawn := study.get("drawn"):
-            sentences.append(f"The road was drawn for them in these ways: {drawn_words(drawn)}.")
-        return sentences + left_out
+            words += f" The road was drawn for them in these ways: {drawn_words(drawn)}."
+        return [words, *left_out]
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(
             f"{path} cannot be read ({said(error)}); `sumo-eval drive STUDY.toml --collect` "

@@ -208,7 +208,12 @@ def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan, tm
     )
     assert sentences[1:] == [f"{it.participant}, {it.case}: {it.why}." for it in found.left]
     study = plan.folder / "drives" / "study.json"
-    study.write_text(json.dumps(json.loads(study.read_text()) | {"drawn": ["from above"]}))
+    content = json.loads(study.read_text())
+    study.write_text(json.dumps(content | {"drawn": {"in 3-D": 5}}))
+    first, *left = study_sentences(evaluation)
+    assert first.endswith("in these ways: in 3-D (5 drives).")
+    assert left == sentences[1:]
+    study.write_text(json.dumps(content | {"drawn": ["from above"]}))
     with refusal("study.json cannot be read"):
         study_sentences(evaluation)
 
