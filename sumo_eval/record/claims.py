@@ -11,6 +11,7 @@ from typing import Any
 
 from sumo_eval.coded import plain, record_of
 from sumo_eval.cosim.doors.controller import SHIPPED
+from sumo_eval.cosim.doors.entry import split_entry
 from sumo_eval.record.cases import Case, Outcome, Setup, Status
 from sumo_eval.record.kept import KeptRecording
 from sumo_eval.record.reads import File
@@ -56,7 +57,7 @@ def affinity_of_ads(locator: str, setup: Setup) -> str:
     With a user's vehicle model (`plant`) users' code runs in every drive: then a shipped ADS has an
     affinity of its own too.
     """
-    ships = locator in SHIPPED or locator.startswith("sumo:")
+    ships = split_entry(locator)[0] in SHIPPED or locator.startswith("sumo:")
     return NO_USER_CODE if ships and setup.simulation.plant is None else f"ADS `{locator}`"
 
 

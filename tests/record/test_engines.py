@@ -18,6 +18,7 @@ from sumo_eval.cli.stopping import heard
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.record.cases import Case
+from sumo_eval.record.claims import affinity_of_ads
 from sumo_eval.record.engines import LATE, is_late_by_chance, run_batches, run_cases
 from sumo_eval.record.kept import KeptRecording, packed
 from sumo_eval.record.pool import Ended
@@ -271,6 +272,11 @@ def test_the_serial_engine_gives_the_same_without_children():
     (here,) = run_cases(cases_of("idm"), limited(engine="serial"))
     (there,) = run_cases(cases_of("idm"), limited())
     assert packed(here.recording.ego) == packed(there.recording.ego)
+
+
+def test_a_shipped_ads_with_an_entry_runs_no_users_code():
+    assert affinity_of_ads("reg157?batch=false", limited()) == affinity_of_ads("idm", limited())
+    assert affinity_of_ads("mine.py:Ads?batch=false", limited()).startswith("ADS `mine.py:Ads")
 
 
 def test_stopping_lets_running_cases_end_and_begins_no_more():
