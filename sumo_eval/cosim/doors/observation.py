@@ -251,12 +251,12 @@ class Observation:
         """
         me, others = self._look
         my_x, my_y = me[0], me[1]
-        half_length, half_width = _extent(me)
+        half_length, half_width = half_sizes(me[2], me[4], me[5])
         nearest, least = None, math.inf
         for number, other in enumerate(others, 1):
             x = other[0]
             if x > my_x:  # false where x is nan: not seen
-                half, half_other = _extent(other)
+                half, half_other = half_sizes(other[2], other[4], other[5])
                 gap = abs(x - my_x) - half - half_length
                 if gap < least and abs(other[1] - my_y) < half_other + half_width:
                     nearest, least = (number, other), gap
@@ -681,11 +681,6 @@ def lanes_at(road: Road, y: Any) -> IntArray:
     return found.astype(np.intp)
 
 
-def _extent(body: Sequence[float]) -> tuple[float, float]:
-    """Half the extent of a turned body along and across the road, m."""
-    return half_sizes(body[2], body[4], body[5])
-
-
 def _velocity(body: Sequence[float]) -> tuple[float, float]:
     """Speeds along and across the road, m/s."""
     heading, speed, across = body[2], body[3], body[6]
@@ -698,8 +693,8 @@ def _velocity(body: Sequence[float]) -> tuple[float, float]:
 def _seen(
     number: int, me: Sequence[float], other: Sequence[float], road: Road, kind: str
 ) -> SeenVehicle:
-    half, half_width = _extent(other)
-    my_half, my_half_width = _extent(me)
+    half, half_width = half_sizes(other[2], other[4], other[5])
+    my_half, my_half_width = half_sizes(me[2], me[4], me[5])
     along, across = _velocity(other)
     ahead, offset = other[0] - me[0], other[1] - me[1]
     return _tuple(SeenVehicle, (
