@@ -154,7 +154,7 @@ def test_a_program_that_works_on_after_its_case_is_killed_too(tmp_path):
             "ended before its case did, with status 4 at 0.00 s.",
         ),
         (
-            "read x; echo {}; exec <&-; sleep 5",
+            "read x; exec <&-; echo {}; sleep 5",
             "ended before its case did, closing its input at 0.00 s.",
         ),
         (
