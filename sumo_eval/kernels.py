@@ -134,6 +134,7 @@ def bound(loop: Function, *arguments: Any) -> Function:
 
 def keep_code(loop: Any) -> Any:
     """Make a dispatcher of numba keep its machine code in `cache_folder`, and return it."""
+    _name_code_apart()
     if PLAIN:
         # `__dict__`: mypy knows no such attribute of a module
         importlib.import_module("numba.core.config").__dict__["CACHE_DIR"] = str(cache_folder())
@@ -141,6 +142,24 @@ def keep_code(loop: Any) -> Any:
     else:
         loop._cache = kept_code()(loop.py_func)
     return loop
+
+
+@functools.cache
+def _name_code_apart() -> None:
+    """Give machine code that this process compiles names that no other process gives.
+
+    A name is the function's own, a count and types. In numba counts begin at 1, so two rules that
+    one function made, compiled by two processes, may have one name. A process that loads both would
+    then run the first in place of the second. Here counts begin at random, also after a fork.
+    """
+    functions = importlib.import_module("numba.core.bytecode").FunctionIdentity
+
+    def begin() -> None:
+        functions._unique_ids = itertools.count(int.from_bytes(os.urandom(6)))
+
+    begin()
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=begin)
 
 
 @functools.cache
@@ -197,29 +216,14 @@ def kept_code() -> Any:
     return KeptCode
 
 
-@functools.cache
 def _numba() -> Any:
     """Load numba and make all kernels known to it."""
     # sines and powers of Intel's SVML library differ from plain Python's in their last bits
     os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
     numba = importlib.import_module("numba")
-    _name_apart()
-    if hasattr(os, "register_at_fork"):
-        os.register_at_fork(after_in_child=_name_apart)
     while _unregistered:
         _register(_unregistered.pop())
     return numba
-
-
-def _name_apart() -> None:
-    """Give the functions that this process compiles names that no other process gives.
-
-    A name in machine code is the function's own, a count and types. Counts begin at 1 in numba, so
-    that two rules that one function made, compiled by two processes, may have one name; a process
-    that loads both would run the first in place of the second.
-    """
-    functions = importlib.import_module("numba.core.bytecode").FunctionIdentity
-    functions._unique_ids = itertools.count(int.from_bytes(os.urandom(6)))
 
 
 def _register(function: Callable[..., Any]) -> None:

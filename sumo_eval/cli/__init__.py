@@ -147,7 +147,7 @@ class _Group(click.Group):
 
     def main(self, args: Any = None, *rest: Any, **named: Any) -> Any:
         if args is None:  # called from a shell; a caller in Python, as a test, gives arguments
-            # outside of drives too a SIGTERM is a Ctrl-C
+            # SIGTERM acts as Ctrl-C, outside of drives as well
             signal.signal(signal.SIGTERM, signal.default_int_handler)
             _fill_closed_streams()
             _read_utf8()

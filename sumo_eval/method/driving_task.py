@@ -20,9 +20,10 @@ from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory, h
 PLACE_SPACING = 1.0  # m between the places of a way at which times are compared
 SHORT_OF_THE_END = 5.0
 """m by which the asked way ends before the shortest reference: vehicles stop a few metres apart."""
-EXCUSE_AHEAD = 10.0  # m; most distance ahead, between bodies, of a road user that excuses standing
-EXCUSE_BESIDE = 3.5  # m; and most to the side: a lane
-EXCUSE_SPEED = 1.0  # m/s; and most speed along the road
+# a road user excuses an ego that stands if it is, between bodies,
+EXCUSE_AHEAD = 10.0  # m, at most this far ahead, and
+EXCUSE_BESIDE = 3.5  # m, at most this far to the side (a lane), and
+EXCUSE_SPEED = 1.0  # m/s, moves at most this fast along the road
 
 
 @dataclass(frozen=True, slots=True)

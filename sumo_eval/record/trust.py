@@ -4,8 +4,8 @@ recorded on this machine, and for no others.
 A run folder holds the names of functions (severity, sampler, scenario, drivers), and the folder
 where they are looked for. Opening another user's run must not execute these. The user's state
 folder has a note of each run that this user recorded here or opened with `--trust`, with a hash of
-the code that the run names. Where the user gives a process an
-evaluation, the code that it names is trusted in every run that this process opens.
+the code that the run names. Where the user gives a process an evaluation, the code that it names
+is trusted in every run that this process opens.
 """
 
 from __future__ import annotations

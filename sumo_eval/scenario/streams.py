@@ -37,10 +37,10 @@ class StreamTable(Checked):
         Formula, ABOVE_0, About("mean speed, which each keeps while its lane is free", "m/s")
     ]
     speed_spread: Annotated[
-        float, Ge(0.0), About("speeds are uniform within that of the mean", "m/s")
+        float, Ge(0.0), About("speeds are spread evenly, up to this far from the mean", "m/s")
     ] = 0.0
     spacing_spread: Annotated[
-        float, Ge(0.0), About("distances are uniform within that share of their mean")
+        float, Ge(0.0), About("distances are spread evenly, up to this share of their mean from it")
     ] = 0.3
     seed: Annotated[int, Ge(0), About("what speeds and distances are drawn from")] = 0
     model: Annotated[
