@@ -166,7 +166,7 @@ def nightly(
     from sumo_eval.record.children import warm_up
 
     warm_up()  # before the imports below, which take a second
-    from sumo_eval.cli.stopping import Stopping
+    from sumo_eval.cli.stopping import stop_on_signal
     from sumo_eval.nightly.morning import morning_lines, tell_github
     from sumo_eval.nightly.night import run_night
     from sumo_eval.report.terminal import closing_lines, comparison_lines
@@ -177,7 +177,7 @@ def nightly(
         result = run_night(
             evaluation, history, settings, keep=keep, workers=workers, resume=resume,
             progress=progress,
-            stopping=Stopping,
+            stopping=stop_on_signal,
         )  # fmt: skip
     say((*morning_lines(result), *result.notes))
     show_scores(result.evaluation)

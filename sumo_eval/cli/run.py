@@ -26,7 +26,7 @@ from sumo_eval.cli.options import (
 )
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
-from sumo_eval.cli.stopping import Stopping, heard
+from sumo_eval.cli.stopping import heard, stop_on_signal
 from sumo_eval.cli.tools import refuse_a_bare_file
 
 ENGINES = ("processes", "serial", "dask")
@@ -99,8 +99,8 @@ def run(
 
         read_evaluation(evaluation, own_ads=not ads)  # reports a mistake before the slow imports
     with heard():
-        # another process loads the simulator during these imports, which take a second; a Ctrl-C
-        # in them is raised after them
+        # another process loads the simulator during these imports, which take a second; a signal
+        # that comes meanwhile is raised after them
         warm_up()
         from sumo_eval.evaluation import discard_trajectories, record_rounds
         from sumo_eval.record.estimate import estimate
@@ -129,7 +129,7 @@ def run(
         from sumo_eval.record.cluster import refuse_without
 
         refuse_without(resolved.settings.run.scheduler)
-    with Progress() as progress, Stopping() as stopping:
+    with Progress() as progress, stop_on_signal() as stopping:
         recorded = record_rounds(
             resolved, folder, resume=resume, progress=progress, stopping=stopping
         )

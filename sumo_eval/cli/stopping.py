@@ -9,10 +9,9 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
 
 from sumo_eval.cli.sentences import tell
 
@@ -21,52 +20,48 @@ GRACE = 10.0  # s for running cases after SIGTERM
 
 @contextmanager
 def heard() -> Iterator[None]:
-    """A context for imports, at whose end a Ctrl-C that came meanwhile is raised: amid an import it
-    could fall into a callback of Python's own, which drops what is raised there.
+    """A context for imports, at whose end a Ctrl-C or a SIGTERM that came meanwhile is raised: amid
+    an import it could fall into a callback of Python's own, which drops what is raised there.
     """
     signals: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, frame: signals.append(number))
-    try:
+    with _handled(lambda number, frame: signals.append(number)):
         yield
-    finally:
-        signal.signal(signal.SIGINT, before)
     if signals:
         raise KeyboardInterrupt
 
 
-class Stopping:
-    """A context that gives the function to ask whether to stop; the second signal raises
-    KeyboardInterrupt.
+@contextmanager
+def stop_on_signal() -> Iterator[Callable[[], bool]]:
+    """A context that gives the function to ask whether to stop: whether a signal has come. The
+    second signal raises KeyboardInterrupt.
     """
+    signals: list[int] = []
+    at_last = threading.Timer(GRACE, os.kill, (os.getpid(), signal.SIGTERM))
+    at_last.daemon = True
 
-    def __init__(self) -> None:
-        self._asked = False
-        self._before: dict[signal.Signals, Any] = {}
-        self._at_last = threading.Timer(GRACE, os.kill, (os.getpid(), signal.SIGTERM))
-        self._at_last.daemon = True
-
-    def __enter__(self) -> Stopping:
-        self._before = {
-            number: signal.signal(number, self._ask) for number in (signal.SIGINT, signal.SIGTERM)
-        }
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._at_last.cancel()
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def __call__(self) -> bool:
-        """Whether a signal has come."""
-        return self._asked
-
-    def _ask(self, number: int, frame: FrameType | None) -> None:
-        if self._asked:
+    def ask(number: int, frame: FrameType | None) -> None:
+        if signals:
             raise KeyboardInterrupt
-        self._asked = True
+        signals.append(number)
+        then = "; Ctrl-C once more stops at once."
         if number == signal.SIGTERM:
-            self._at_last.start()
+            at_last.start()
             then = f", in {GRACE:g} s at the latest."
-        else:
-            then = "; Ctrl-C once more stops at once."
         tell(f"Stopping when the running cases have ended{then}", err=True)
+
+    with _handled(ask):
+        try:
+            yield lambda: bool(signals)
+        finally:
+            at_last.cancel()
+
+
+@contextmanager
+def _handled(handle: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """A context in which a function handles Ctrl-C and SIGTERM."""
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

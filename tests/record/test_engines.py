@@ -307,21 +307,22 @@ def test_warming_up_begins_the_process_that_makes_the_children_and_they_come_fro
     assert python(code).stdout == "a child\n"
 
 
-def imported(error=None):
-    """Imports amid which a Ctrl-C comes."""
+def imported(number, error=None):
+    """Imports amid which a signal comes."""
     with heard():
-        os.kill(os.getpid(), signal.SIGINT)
+        signal.raise_signal(number)
         if error is not None:
             raise error
 
 
-def test_a_ctrl_c_that_comes_amid_imports_is_raised_when_they_are_done():
-    before = signal.getsignal(signal.SIGINT)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_amid_imports_is_raised_when_they_are_done(number):
+    before = signal.getsignal(number)
     with pytest.raises(KeyboardInterrupt):
-        imported()
+        imported(number)
     with pytest.raises(ImportError):  # what goes wrong by itself comes first
-        imported(ImportError)
-    assert signal.getsignal(signal.SIGINT) is before
+        imported(number, ImportError)
+    assert signal.getsignal(number) is before
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere children are spawned")
