@@ -340,7 +340,7 @@ def test_what_the_environment_cannot_do_is_refused():
         Feature("lead.gab")
     many = make_vec("sumo_eval/cut_in-v0", num_envs=2)
     many.reset()
-    for reward in (np.array([np.nan, 1.0]), np.ones(3), None, "1", [1.0, [2.0]], [None, 1.0]):
+    for reward in (np.array([np.nan, 1.0]), np.ones(3), [1.0], None, "1", [1, [2]], [None, 1]):
         worthless = make_vec("sumo_eval/cut_in-v0", num_envs=2, reward=lambda it, r=reward: r)
         worthless.reset()
         with refusal("The reward of an environment must be a finite number for each of 2 episodes"):

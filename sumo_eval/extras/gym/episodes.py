@@ -235,7 +235,7 @@ class Episodes:
             # complex numbers, texts and objects are refused, as "same_kind" does not cast them
             numbers = np.asarray(given).astype(np.float64, casting="same_kind")
             rewards = np.where(it.running, numbers, 0.0)
-            if rewards.shape == it.running.shape and np.isfinite(rewards).all():
+            if numbers.shape in ((), it.running.shape) and np.isfinite(rewards).all():
                 return rewards
         raise must_be(
             "The reward",
