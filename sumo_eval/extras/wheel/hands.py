@@ -1,9 +1,9 @@
-"""Command of one step from keys, a steering wheel or a stick: the steering law, evaluated by the
-server.
+"""Command of one step from keys, a steering wheel or a stick: the steering law, which `seat`
+evaluates.
 
-A key cannot be pressed halfway. While one is held the steering wheel turns towards a limit that the
-speed sets, the angle that gives a stated acceleration across the road, and returns as soon as it is
-released. Measured with a scripted driver (preview 1.2 s, reaction 0.25 s) at 10..40 m/s: lane
+A key cannot be pressed halfway. While a key for steering is held, the steering wheel turns towards
+a limit: the angle that gives a stated acceleration across the road at the ego's speed. When the key
+is released, the wheel returns. Measured with a scripted driver (preview 1.2 s, reaction 0.25 s) at 10..40 m/s: lane
 changes of 3.5 m overshoot by 0.3 m, lanes are kept to 0.2 m.
 """
 
@@ -17,32 +17,24 @@ from sumo_eval.settings import VehicleSettings
 
 LEFT, RIGHT, DRIVE = 1, 2, 4
 BRAKE, HARD, EVADE = 8, 16, 32
-KEYS = {
-    "left": LEFT,
-    "right": RIGHT,
-    "drive": DRIVE,
-    "brake": BRAKE,
-    "hard": HARD,
-    "evade": EVADE,
-}
-"""Function of a key: name -> its bit in the message of the page."""
-
+EVERY_KEY = LEFT | RIGHT | DRIVE | BRAKE | HARD | EVADE
+"""Functions of keys, as bits of one number; `BITS` in drive.js has the same."""
 
 # The steering law: accelerations in m/s2, times in s.
 LATERAL = 3.0  # acceleration across the road that a held key steers for
 EVASIVE = 6.0  # with the key for evasion, and of a stick at its end
-TURN_TIME = 0.3  # from straight to that limit
-RETURN_TIME = 0.15  # and back
+TURN_TIME = 0.3  # in which a key turns the wheel from straight to its limit
+RETURN_TIME = 0.15  # in which the wheel returns
 FASTEST = 12.0  # rad/s of the steering wheel
 WIDEST = math.radians(450.0)  # rad of the steering wheel
-DRIVES, BRAKES, BRAKES_HARD = 2.5, 4.0, 9.0
+DRIVES, BRAKES, BRAKES_HARD = 2.5, 4.0, 9.0  # accelerations by keys, without signs
 
 
 class Given(NamedTuple):
     """Input of the driver's hands and feet at one instant.
 
     kind: `keys`, `wheel` or `stick`.
-    keys: bits of `KEYS`.
+    keys: the keys that are held, bits of `EVERY_KEY`.
     steer: of a wheel its angle, rad; of a stick -1..1; positive to the left.
     throttle, brake: how far the pedals are pressed, 0..1.
     """
@@ -58,10 +50,12 @@ RELEASED = Given()
 
 
 def angle_of(lateral: float, speed: float, vehicle: VehicleSettings) -> float:
-    """Steering wheel angle, rad, whose path has the acceleration `lateral` (m/s2) across it at a
-    speed, m/s.
+    """Steering wheel angle, rad, that gives an acceleration across the path.
 
-    steering ratio * atan(lateral * wheelbase / v^2), at most `WIDEST`.
+    lateral: that acceleration, m/s2.
+    speed: of the ego, m/s.
+
+    It is steering ratio * atan(lateral * wheelbase / speed^2), at most `WIDEST`.
     """
     return min(
         vehicle.steering_ratio * math.atan2(lateral * vehicle.wheelbase, speed * speed), WIDEST
@@ -69,8 +63,9 @@ def angle_of(lateral: float, speed: float, vehicle: VehicleSettings) -> float:
 
 
 class Hands:
-    """The steering wheel as the server turns it: one object a drive, one call a step (`step`,
-    s).
+    """The steering wheel as the server turns it: one object a drive.
+
+    step: time between two calls of `command`, s.
     """
 
     def __init__(self, vehicle: VehicleSettings, step: float) -> None:

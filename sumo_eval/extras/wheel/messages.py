@@ -1,4 +1,6 @@
-"""Messages of a browser: each bounded, of a known kind, its numbers finite; else an error."""
+"""Messages of a browser, checked for `window`: each bounded, of a known kind, its numbers finite;
+anything else is a `MessageError`.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +10,12 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
-from sumo_eval.extras.wheel.hands import KEYS, Given
+from sumo_eval.extras.wheel.hands import EVERY_KEY, Given
 from sumo_eval.extras.wheel.seat import Input
 from sumo_eval.text import clean
 
 LARGEST = 8192  # bytes of a message: the answers of a form with a remark
-MOST_A_SECOND = 400
+MOST_A_SECOND = 400  # messages
 REMARK = 1000  # characters of a text that a person types
 
 Count = Annotated[int, Field(strict=True, ge=0, le=1 << 40)]
@@ -21,24 +23,31 @@ Frames = Annotated[int, Field(strict=True, ge=0, le=100_000)]
 Number = Annotated[float, Field(strict=True, ge=-1e6, le=1e6)]
 Pedal = Annotated[float, Field(strict=True, ge=0.0, le=1.0)]
 Steer = Annotated[float, Field(strict=True, ge=-30.0, le=30.0)]
+# `true` alone; Literal[True] would also accept 1
 Wish = Annotated[bool, Field(strict=True, ge=True)]
 Remark = Annotated[str, AfterValidator(lambda text: clean(text, REMARK))]
 Sent = tuple[
     Count, Annotated[int, Field(strict=True, ge=-1)], Literal["keys", "wheel", "stick"],
-    Annotated[int, Field(strict=True, ge=0, le=sum(KEYS.values()))], Steer, Pedal, Pedal,
+    Annotated[int, Field(strict=True, ge=0, le=EVERY_KEY)], Steer, Pedal, Pedal,
 ]  # fmt: skip
 """An input: number, state seen, kind, keys, steer, throttle, brake."""
 
 
 def _input(sent: Sent) -> Input:
-    if sent[2] != "wheel" and abs(sent[4]) > 1.0:
+    given = Given(*sent[2:])
+    if given.kind != "wheel" and abs(given.steer) > 1.0:
         raise ValueError("keys and sticks steer within -1..1")
-    return Input(sent[0], sent[1], Given(*sent[2:]))
+    return Input(*sent[:2], given)
 
 
 class Telling(TypedDict):
-    """Figures that the page measured since its last message of this kind: frames drawn, late ones,
-    how often it drew more cheaply by itself, latencies in ms, resolution.
+    """Figures that the page measured since its last message of this kind.
+
+    frames, dropped: pictures drawn, and those of them that came late.
+    stepped: how often the page changed to a cheaper drawing by itself.
+    latency: times from input to picture, ms.
+    resolution: share of the pixels that are drawn, each way.
+    renderer: how the road was drawn, in words.
     """
 
     frames: Frames
@@ -70,11 +79,14 @@ _MESSAGE = TypeAdapter(Message)
 
 
 class MessageError(Exception):
-    """A message that our page does not send; its text is the error message."""
+    """A message that our page does not send."""
 
 
 def read(text: object) -> dict[str, Any]:
-    """The content of a message, with exactly one of the keys of `Message`."""
+    """The content of a message: a dictionary with one of the keys of `Message`.
+
+    Raises MessageError.
+    """
     if not isinstance(text, str):
         raise MessageError("A message must be text.")
     try:

@@ -1,4 +1,4 @@
-"""The one page of the browser, and the views that the server sends into it."""
+"""The one page of the browser, and the views that `trip` and `study` send into it."""
 
 from __future__ import annotations
 
@@ -17,19 +17,24 @@ from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Collision, Trajectory
 
-VIEW = 600.0  # m of road that are drawn before its beginning and behind its end
+VIEW = 600.0  # m of road that are drawn before the ego's start and beyond the road's end
 _TEMPLATES = files("sumo_eval.extras.wheel") / "templates"
 
 
 def _own(name: str) -> Markup:
-    # a file of this package
+    """A file of this package that goes into the page as it is."""
     return Markup((_TEMPLATES / name).read_text(encoding="utf-8"))  # noqa: S704
 
 
 def page(title: str) -> str:
-    """The page, with `{nonce}` where the server puts that of its policy."""
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    return environment.from_string(_own("drive.html.j2")).render(
+    """The page as HTML.
+
+    It has `{nonce}` where the server inserts the nonce of its content security policy.
+    """
+    html: jinja2.Template = jinja2.Template(
+        _own("drive.html.j2"), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    return html.render(
         title=title, css=_own("drive.css") + asset("replay.css"), field_js=asset("field.js"),
         scene_js=asset("scene3d.js"), replay_js=asset("replay.js"), drive_js=_own("drive.js"),
     )  # fmt: skip
@@ -38,7 +43,10 @@ def page(title: str) -> str:
 def drive_view(
     concrete: ConcreteScenario, settings: SimulationSettings, title: str, lines: tuple[str, ...]
 ) -> dict[str, Any]:
-    """The view of a drive: the road, and the bodies; positions come with every step."""
+    """The view of a drive: the road and the bodies; their positions come with every state.
+
+    lines: text shown until the drive begins.
+    """
     vehicle = concrete.ego_vehicle(settings.vehicle)
     return {
         "title": title, "lines": lines, "step": settings.step, "wanted": concrete.ego.speed,
@@ -60,12 +68,12 @@ def replay(
 ) -> dict[str, Any]:
     """A drive for the page's player.
 
-    name: of the drive there.
-    vehicles: by name, the ego's `ego`.
+    name: how the player calls the drive.
+    vehicles: trajectories by name; that of the ego is `ego`.
     """
-    hit = contact(collision, vehicles.get(EGO))
-    if hit is not None and collision is not None:
-        hit["speed"] = round(collision.relative_speed, 3)
+    hit = contact(collision, vehicles[EGO])
+    if hit and collision:
+        hit["speed"] = round(collision.relative_speed, 3)  # m/s, shown at the contact
     return {
         "channels": CHANNEL_STEPS, "road": drawn_road(concrete.road),
         "bodies": drawn_bodies(concrete),
