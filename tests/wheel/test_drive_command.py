@@ -24,8 +24,9 @@ def test_what_it_cannot_use_gets_a_sentence(arguments, words):
 
 
 def test_without_websockets_a_sentence_names_the_extra(monkeypatch, tmp_path):
-    for name in [name for name in sys.modules if name.partition(".")[0] == "websockets"]:
-        monkeypatch.delitem(sys.modules, name)
+    for name in list(sys.modules):
+        if name.partition(".")[0] == "websockets" or name == "sumo_eval.extras.wheel.window":
+            monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "websockets", None)
     done = sumo_eval("drive", "cut_in", "--no-browser", "--port", "0", "--out", tmp_path, status=2)
     assert "needs the extra `drive`" in done.said

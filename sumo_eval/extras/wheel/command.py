@@ -1,10 +1,11 @@
-"""`drive` opens the browser for one drive or a whole study, and repeats tapes."""
+"""`sumo-eval drive` opens the browser for one drive or a whole study, and repeats tapes."""
 
 from __future__ import annotations
 
 import asyncio
 import shlex
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,9 @@ from sumo_eval.cli.named_values import named_values
 from sumo_eval.cli.options import flag, path_option
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import open_in_browser, say, tell
+from sumo_eval.errors import InputError
+
+PORT = 8765  # always the same, so that the browser remembers a wheel's calibration
 
 
 @click.command(
@@ -31,7 +35,7 @@ from sumo_eval.cli.sentences import open_in_browser, say, tell
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),
-    default=8765,
+    default=PORT,
     show_default=True,
     help="Of 127.0.0.1; 0: any.",
 )
@@ -63,56 +67,66 @@ def drive(
         repetition = again(file)
         tell(repetition.sentence)
         sys.exit(GATE_FAILED if repetition.same is False else DONE)
-    from sumo_eval.extras.wheel.trip import concrete_of, opened, settings_at, trips
-
-    is_study = what.endswith(".toml") and "consent" in read_toml(file, "file")
+    if what.endswith(".toml") and "consent" in read_toml(file, "file"):
+        _run_study(file, port, collect, no_browser)
+        return
     if collect:
-        if not is_study:
-            raise click.UsageError("`--collect` is for a study file, one with a `consent`.")
-        _collect(file)
-        return
+        raise click.UsageError("`--collect` is for a study file, one with a `consent`.")
+    from sumo_eval.extras.wheel.trip import concrete_of, settings_at, trips
 
-    from sumo_eval.record.loops import PLAYED, WORLD, ready
-
-    with Progress() as progress:
-        ready((WORLD, PLAYED), progress)  # in a thread of the window's, Ctrl-C would wait for it
-
-    def show(address: str) -> None:
-        tell(f"Drive here, on this machine only: {address}")
-        if not no_browser:
-            open_in_browser(address)
-
-    if is_study:
-        from sumo_eval.extras.wheel.plan import read_study
-        from sumo_eval.extras.wheel.study import study
-
-        plan = read_study(file)
-        settings_at(plan.settings.rate)
-        try:
-            asyncio.run(opened("Drive", port, lambda window: study(window, plan, click.echo), show))
-        finally:
-            _collect(file)
-        return
     logical = find(what, Path.cwd())
     concrete, settings = concrete_of(logical, named_values(values, "--set")), settings_at(rate)
     use = str(file.resolve()) if is_file(what) else what
-    title = f"Drive {logical.name}"
-
-    def work(window: Any) -> Any:
-        return trips(window, logical, concrete, settings, out, use)
-
-    asyncio.run(opened(title, port, work, show))
-
-
-def _collect(path: Path) -> None:
-    """Write the results of a study."""
-    from sumo_eval.extras.wheel.outcome import collect
-    from sumo_eval.extras.wheel.plan import read_study
-
-    result = collect(read_study(path))
-    say(result.sentences())
-    say(map(str, result.files))
-    tell(
-        f"Score with these people: sumo-eval run {shlex.quote(str(result.files[-1]))} --out RUN; "
-        f"sumo-eval humans opinion RUN {shlex.quote(str(result.files[1]))}"
+    _open(
+        f"Drive {logical.name}",
+        port,
+        lambda window: trips(window, logical, concrete, settings, out, use),
+        no_browser,
     )
+
+
+def _run_study(file: Path, port: int, collect: bool, no_browser: bool) -> None:
+    """Hold a session of a study, unless it is only to `collect`, and write the study's results."""
+    from sumo_eval.extras.wheel import outcome
+    from sumo_eval.extras.wheel.plan import read_study
+    from sumo_eval.extras.wheel.study import study
+
+    plan = read_study(file)
+    try:
+        if not collect:
+            _open("Drive", port, lambda window: study(window, plan, click.echo), no_browser)
+    finally:
+        result = outcome.collect(plan)
+        say(result.sentences())
+        say(map(str, result.files))
+        tell(
+            f"Score with these people: sumo-eval run {shlex.quote(str(result.files[-1]))} --out "
+            f"RUN; sumo-eval humans opinion RUN {shlex.quote(str(result.files[1]))}"
+        )
+
+
+def _open(title: str, port: int, work: Callable[[Any], Any], no_browser: bool) -> None:
+    """Open a window, and keep it for as long as `work` uses it."""
+    from sumo_eval.extras.wheel.page import page
+    from sumo_eval.extras.wheel.window import Window
+    from sumo_eval.record.loops import PLAYED, WORLD, ready
+
+    with Progress() as progress:
+        # compiled now: Ctrl-C cannot interrupt the thread in which the window drives
+        ready((WORLD, PLAYED), progress)
+    try:
+        window = Window(page(title), port=port)
+    except InputError:
+        if port != PORT:
+            raise
+        window = Window(page(title))  # another program has the usual port: any free one will do
+
+    async def session() -> None:
+        async with window:
+            tell(f"Drive here, on this machine only: {window.address}")
+            if not no_browser:
+                open_in_browser(window.address)
+            await work(window)
+            await asyncio.sleep(0.3)  # s in which the browser receives the last view
+
+    asyncio.run(session())

@@ -72,7 +72,7 @@ class StudySettings(Checked):
     ] = 8
     ads: Annotated[tuple[str, ...], About("whose drives are rated; empty: all of the run")] = ()
     replays: Annotated[int, Ge(0), Le(20), About("drives rated of each ADS in each scenario")] = 1
-    rate: Annotated[int, About("steps a second: 20, 50 or 100")] = 50
+    rate: Annotated[Literal[20, 50, 100], About("steps a second")] = 50
     break_after: Annotated[int, Ge(1), About("drives after which a break is offered")] = 8
     practice: PracticeSettings = field(default_factory=PracticeSettings)
     question: Annotated[tuple[QuestionSettings, ...], About("further questions")] = ()

@@ -1,28 +1,29 @@
 """Quality of a person's drive as a measurement: late pictures, pauses, road left, reaction.
 
-It is about the drive as a recording, not about driving well: a drive is left out by a stated rule,
-and the rule, the value and its bound are recorded with it.
+It concerns the recording, not whether the person drives well. A study leaves a drive out by a
+stated rule; the rule, the value and its bound are recorded with it. `trip` computes the quality of
+each drive, `outcome` compares it with the rules.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge, Le
 
-from sumo_eval.extras.wheel.tape import ROW, Tape, settings_of
+from sumo_eval.extras.wheel.tape import ROW, Tape
 from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.settings import VehicleSettings
+from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.settings.checked import About, Checked, NotNegative
 from sumo_eval.trajectory import Recording
 
-# A reaction is to brake or steer harder than at the event by more than:
-BRAKES = 0.5  # m/s2; an ego that gains speed at the event brakes with 0
+# by how much a person who reacts brakes or steers harder than at the event
+BRAKES = 0.5  # m/s2
 STEERS = 0.35  # m/s2 across the road
-SEEN = ROW.index("seen")  # column with the number of the last step that the driver saw
+SEEN, LATE = ROW.index("seen"), ROW.index("late")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,13 +36,13 @@ class QualitySettings(Checked):
     latency_ms: Annotated[
         float, NotNegative, About("largest 95th percentile from input to picture", "ms")
     ] = 150.0
-    stalls: Annotated[int, Ge(0), About("most halts of the loop itself, which the driver felt")] = 2
+    stalls: Annotated[int, Ge(0), About("most steps so late that the clock was reset")] = 2
     pauses: Annotated[int, Ge(0), About("most times that the drive was held")] = 1
     unanswered: Annotated[
         float, NotNegative, About("longest that the window did not answer", "s")
     ] = 1.0
     stepped_down: Annotated[
-        int, Ge(0), About("most times that the road was drawn more cheaply from then on")
+        int, Ge(0), About("most changes to a cheaper drawing during the drive")
     ] = 0
     off_road: Annotated[bool, About("a drive that left the road counts")] = False
     quit: Annotated[bool, About("a drive that was ended before its end counts")] = False
@@ -50,18 +51,19 @@ class QualitySettings(Checked):
 
 @dataclass(frozen=True)
 class Quality:
-    """One drive.
+    """Quality of one drive.
 
-    dropped: share of pictures that came late, None where the page sent no figures.
-    latency_ms: 95th percentile from input to picture.
-    stalls: halts of the loop itself.
-    pauses, paused: how often, and for how many s in all, the drive was held.
-    event: time of the first event, s.
-    reaction: s from the first event to the first answer, None without either.
-    unanswered: the longest that the drive continued without an answer of the window, s.
-    stepped_down: how often the page drew more cheaply by itself during the drive (plainly, with
-        fewer pixels, from above).
-    drawn: how the road was drawn, in words. The last three are None on a tape without them.
+    end: reason why it ended.
+    dropped: share of pictures that came late; None: the page sent no figures.
+    latency_ms: 95th percentile of the time from input to picture; None: no input was timed.
+    stalls: steps so late that the clock was reset.
+    pauses, paused: how often, and for how many s in all, the drive was on hold.
+    event: time of the first event, s; None: there is none at a known time.
+    reaction: time from that event to the driver's reaction, s; None without an event or a reaction.
+    unanswered: longest time that the drive continued without an answer of the window, s.
+    stepped_down: how often the page changed to a cheaper drawing during the drive (a plain one,
+        fewer pixels, from above); None: the page sent no figures.
+    drawn: how the road was drawn, in words; None: the page sent no figures.
     """
 
     end: str
@@ -72,12 +74,12 @@ class Quality:
     paused: float
     event: float | None
     reaction: float | None
-    unanswered: float | None = None
-    stepped_down: int | None = None
-    drawn: str | None = None
+    unanswered: float | None
+    stepped_down: int | None
+    drawn: str | None
 
     def sentences(self) -> list[str]:
-        """In words, for the participant."""
+        """The quality in words, for the driver."""
         words = []
         if self.reaction is not None:
             words.append(f"You answered the first event after {self.reaction:.2f} s.")
@@ -96,9 +98,7 @@ class Quality:
         return words
 
     def against(self, rule: QualitySettings) -> tuple[str, ...]:
-        """Reasons why a drive does not count, a sentence for each bound that it breaks; none: it
-        counts.
-        """
+        """Reasons why the drive does not count, one for each bound that it breaks; empty: it counts."""
         why = []
         for name, words in (
             ("dropped", "share of late pictures"),
@@ -123,42 +123,74 @@ class Quality:
         return tuple(why)
 
 
+def timing(tape: Tape, tellings: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Figures of a drive in time, for its tape; None where nothing was measured.
+
+    tellings: figures that the page sent, as `messages.Telling`.
+    """
+    late = [round(1000.0 * row[LATE], 3) for row in tape.rows]  # ms
+    latency = [value for it in tellings for value in it["latency"]]
+    return {
+        "steps": len(tape.rows),
+        "late_p50_ms": _quantile(late, 0.5), "late_p95_ms": _quantile(late, 0.95),
+        "late_max_ms": max(late, default=None),
+        "input_to_picture_p50_ms": _quantile(latency, 0.5),
+        "input_to_picture_p95_ms": _quantile(latency, 0.95),
+        "inputs_timed": len(latency),
+        "frames": sum(it["frames"] for it in tellings),
+        "dropped": sum(it["dropped"] for it in tellings),
+        "stepped_down": sum(it["stepped"] for it in tellings) if tellings else None,
+        "behind_p95_steps": _quantile(_steps_behind(tape), 0.95),
+        "resolution": tellings[-1]["resolution"] if tellings else None,
+        # all that were used, in order, each once
+        "renderer": ", then ".join(dict.fromkeys(it["renderer"] for it in tellings)) or None,
+    }  # fmt: skip
+
+
+def _quantile(values: Sequence[float], share: float) -> float | None:
+    return round(float(np.quantile(values, share)), 4) if values else None
+
+
+def _steps_behind(tape: Tape) -> list[int]:
+    """For each step, by how many steps the state that the driver had seen was older."""
+    return [step - row[SEEN] for step, row in enumerate(tape.rows)]
+
+
 def quality_of(
-    recording: Recording, tape: Tape, concrete: ConcreteScenario, time: Mapping[str, Any]
+    recording: Recording,
+    tape: Tape,
+    concrete: ConcreteScenario,
+    settings: SimulationSettings,
+    figures: Mapping[str, Any],
 ) -> Quality:
-    """The quality of a drive, from its recording and its figures in time (`window.timing`)."""
+    """The quality of a drive; figures: of `timing`."""
     pauses = [it["seconds"] for it in tape.notes if it["note"] == "pause"]
-    event, settings = first_event(concrete), settings_of(tape.head)
+    # when the first actor changes its motion, if its script states the time
+    begins = (act.begin for it in concrete.actors for act in it.acts if act.timed)
+    event = min(begins, default=None)
     vehicle = concrete.ego_vehicle(settings.vehicle)
-    # steps by which the driver's picture was behind the drive
-    behind = max((step - row[SEEN] for step, row in enumerate(tape.rows)), default=0)
     return Quality(
         end=recording.end_reason,
-        dropped=time["dropped"] / time["frames"] if time.get("frames") else None,
-        latency_ms=time.get("input_to_picture_p95_ms"),
+        dropped=figures["dropped"] / figures["frames"] if figures["frames"] else None,
+        latency_ms=figures["input_to_picture_p95_ms"],
         stalls=sum(it["note"] == "stall" for it in tape.notes),
         pauses=len(pauses),
         paused=float(sum(pauses)),
         event=event,
         reaction=None if event is None else reaction(recording, event, vehicle),
-        unanswered=round(behind * settings.step, 4),
-        stepped_down=time.get("stepped_down"),
-        drawn=time.get("renderer"),
+        unanswered=round(max(_steps_behind(tape), default=0) * settings.step, 4),
+        stepped_down=figures["stepped_down"],
+        drawn=figures["renderer"],
     )
 
 
-def first_event(concrete: ConcreteScenario) -> float | None:
-    """Time at which the first actor changes its motion, s; None: none does at a known time."""
-    return min((act.begin for it in concrete.actors for act in it.acts if act.timed), default=None)
-
-
 def reaction(recording: Recording, event: float, vehicle: VehicleSettings) -> float | None:
-    """Time from an event to the first braking or steering that was not there before it, s; None
+    """Time from an event to the first braking or steering that was not there at the event, s; None
     without any.
 
-    Braking: more than `BRAKES` below the acceleration at the event, or below 0 where that is
-        positive: a driver who only releases the accelerator has not braked.
-    Steering: the acceleration across the path that the steering wheel asks for, v^2 tan(angle /
+    Braking: the acceleration is more than `BRAKES` below that at the event, or below 0 where the
+        ego gained speed at the event: a driver who only releases the accelerator has not braked.
+    Steering: the acceleration across the path that the steering wheel asks for, speed^2 tan(angle /
         steering ratio) / wheelbase, differs by more than `STEERS` from that at the event. A curve
         of the road alone, without a move of the wheel, does not count.
     """

@@ -1,9 +1,9 @@
 """The driver's seat: a controller that keeps real time, shows the driver every state, and takes
-the input of hands and feet.
+the input of hands and feet. `window` runs it in a thread.
 
-The harness's own loop asks it as it asks any ADS. It answers when the step is due by the clock, so
-a step lasts as long as it does outside; a step that is late changes how the drive feels, never its
-result: that depends on the commands alone, which are on the tape.
+The harness's loop asks it for a command each step, as it asks any ADS. It answers when the step is
+due by the clock, so simulated time passes as fast as real time. A late step changes how the drive
+feels, never its result: that depends on the commands alone, which are on the tape.
 """
 
 from __future__ import annotations
@@ -21,16 +21,19 @@ from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording
 
-STALL = 0.1  # s that a step may be late before the clock is reset: time must not jump
-GLANCE = 0.005  # s between two looks whether a drive that is held may continue
-# s without a step, or without an answer of the window, from which a drive is held
+STALL = 0.1  # s that a step may be late before the clock is reset, so that time does not jump
+GLANCE = 0.005  # s between two looks whether a drive on hold may continue
+# s without a step, or without an answer of the window, after which a drive is put on hold
 ASLEEP = 2.0
 PATIENCE = 900.0  # s for which a drive waits for a driver who has gone away
 
 
 class Input(NamedTuple):
-    """The page's last message: its number, the state that was seen when it was made, and the input
-    of hands and feet.
+    """The page's last message.
+
+    number: of the message.
+    seen: number of the state that the driver saw when it was made.
+    given: input of hands and feet.
     """
 
     number: int = 0
@@ -39,101 +42,102 @@ class Input(NamedTuple):
 
 
 def awake() -> float:
-    """Time by a clock that runs while the machine sleeps and cannot be set, s."""
+    """Time by a clock that also runs while the machine sleeps, and that cannot be set, s."""
+    # Linux has the first; on macOS the second counts sleep
     which = getattr(clock, "CLOCK_BOOTTIME", getattr(clock, "CLOCK_MONOTONIC", None))
     return clock.perf_counter() if which is None else clock.clock_gettime(which)
 
 
 class Desk:
-    """State shared by seat and browser.
+    """State of a drive that `Seat` and `Window` share.
 
-    Single assignments only, which two threads may make without a lock.
+    on_hold: why the drive is on hold; empty: it is not.
+    was_held: why it was put on hold since the seat last looked, even if it is released by now.
+    end_reason: why it is to end; empty: it is not.
+    due: when a drive that is released continues, by `perf_counter`, s.
+
+    Two threads use it without a lock: an attribute is read or set as a whole.
     """
 
     def __init__(self) -> None:
         self.newest = Input()
-        self.holds = "start"  # why the drive waits; empty: it continues
-        self.held = ""  # why it was held since the seat last looked, also where it continues
-        self.leaves = ""  # why the drive is to end; empty: it is not
-        self.due = 0.0  # by the clock, when a drive that was held continues
+        self.on_hold = self.was_held = "start"
+        self.end_reason = ""
+        self.due = 0.0
 
-    def leave(self, why: str) -> None:
+    def end(self, why: str) -> None:
         """End the drive; the first reason counts."""
-        self.leaves = self.leaves or why
+        self.end_reason = self.end_reason or why
 
     def hold(self, why: str) -> None:
-        """Hold the drive, all keys and pedals released; the first reason counts."""
-        self.holds = self.holds or why
+        """Put the drive on hold, all keys and pedals released; the first reason counts."""
+        self.on_hold = self.was_held = self.on_hold or why
         self.newest = self.newest._replace(given=RELEASED)
 
 
 class Seat:
     """A person who controls the ego.
 
-    show: takes every state, from another thread;
-    held: why the seat itself holds the drive, `asleep` (the machine stood still) or `silent` (the
-        window does not answer).
-    paced: by the clock; else each step waits for an answer to the state that it begins with.
+    post: sends the page a message by key, from another thread: each `state`, and as `held` why the
+        seat puts the drive on hold, `asleep` (the machine stood still) or `silent` (the window does
+        not answer).
+    paced: True: steps are due by the clock; False: each waits for an answer to its state.
     """
 
     def __init__(
         self, desk: Desk, hands: Hands, step: float, writer: Writer,
-        show: Callable[[list[Any]], None], held: Callable[[str], None], *, paced: bool = True,
+        post: Callable[[str, Any], None], *, paced: bool = True,
     ) -> None:  # fmt: skip
         self._desk, self._hands, self._step = desk, hands, step
-        self._writer, self._show = writer, show
-        self._held, self._paced = held, paced
-        self._tick, self._start = 0, 0.0
-        # step and time (`awake`) at which the drive last continued; of the last step
-        self._since, self._awake = 0, 0.0
+        self._writer, self._post, self._paced = writer, post, paced
+        self._tick = 0  # number of the step
+        self._start = 0.0  # when step 0 was due, by `perf_counter`; pauses move it
+        self._resumed = 0  # step at which the drive last continued
+        self._awake = 0.0  # time of the last step, by `awake`
         self.left = ""
-        self.late: list[float] = []
-        # steps between the state that was answered and the one the answer moved
-        self.behind: list[int] = []
 
     def act(self, seen: Observation) -> Command:
         """Show the state, wait until the step is due, and take the newest input then."""
-        answered = self._desk.newest.number
-        self._show(state_of(self._tick, answered, self._hands.angle, seen))
-        late = self._wait() if self._paced else self._wait_for_answer()
-        if self._desk.leaves:
-            self.left = self._desk.leaves
+        self._post("state", state_of(self._tick, self._desk.newest.number, self._hands.angle, seen))
+        late = self._wait_until_due() if self._paced else self._wait_for_answer()
+        if self._desk.end_reason:
+            self.left = self._desk.end_reason
             raise LeftTheWheelError(self.left)
         it = self._desk.newest
         command = self._hands.command(it.given, seen.ego.speed)
         self._writer.line(
             (command.acceleration, command.steering, it.seen, *it.given, round(late, 6))
         )
-        self.late.append(late)
-        self.behind.append(self._tick - it.seen)
         self._tick += 1
         return command
 
     def _wait_for_answer(self) -> float:
+        """Wait until the window has answered this step's state; no step is late then."""
         desk, begun = self._desk, clock.perf_counter()
-        while (self._waits() or desk.newest.seen < self._tick) and not desk.leaves:
+        while (self._waits() or desk.newest.seen < self._tick) and not desk.end_reason:
             if self._waits():
-                self._hold()
+                self._stay_on_hold()
                 begun = clock.perf_counter()
             self._lose_patience(begun)
-            clock.sleep(0.0005)
+            clock.sleep(GLANCE / 10.0)  # an answer must not wait for the next look
         return 0.0
 
-    def _wait(self) -> float:
+    def _wait_until_due(self) -> float:
         """Wait until the step is due; how late it is then, s."""
         desk = self._desk
         while True:
             if self._waits():
-                self._hold()
+                self._stay_on_hold()
             due = self._start + self._tick * self._step
             clock.sleep(max(due - clock.perf_counter(), 0.0))
+            unanswered = self._tick - max(desk.newest.seen, self._resumed)
             if awake() - self._awake > ASLEEP:
-                self._fall("asleep")
-            elif (self._tick - max(desk.newest.seen, self._since)) * self._step > ASLEEP:
-                self._fall("silent")
+                self._put_on_hold("asleep")
+            elif unanswered * self._step > ASLEEP:
+                self._put_on_hold("silent")
             else:
                 break
-            if desk.leaves:
+            if desk.end_reason:
                 break
         self._awake = awake()
         late = max(clock.perf_counter() - due, 0.0)
@@ -143,40 +147,44 @@ class Seat:
         return late
 
     def _waits(self) -> bool:
-        """Whether the drive is held, is counted down, or has not begun."""
+        """Whether the drive is on hold, was so since the last look, or is counted down."""
         desk = self._desk
-        return bool(desk.holds or desk.held) or not self._awake or clock.perf_counter() < desk.due
+        return bool(desk.on_hold or desk.was_held) or clock.perf_counter() < desk.due
 
     def _lose_patience(self, begun: float) -> None:
+        """End a drive that has waited too long since `begun`, by `perf_counter`."""
         if clock.perf_counter() - begun > PATIENCE:
-            self._desk.leave(f"No answer came for {PATIENCE:g} s.")
+            self._desk.end(f"No answer came for {PATIENCE:g} s.")
 
-    def _fall(self, why: str) -> None:
-        """Hold the drive, because the driver cannot control the ego; they continue it."""
+    def _put_on_hold(self, why: str) -> None:
+        """Put the drive on hold, because the driver cannot control the ego; they continue it."""
         self._desk.hold(why)
-        self._held(why)
+        self._post("held", why)
 
-    def _hold(self) -> None:
+    def _stay_on_hold(self) -> None:
         """Wait until the drive may continue; nothing moves meanwhile."""
         desk, begun = self._desk, clock.perf_counter()
-        why = desk.held or desk.holds or ("key" if self._tick else "start")
+        why = desk.was_held or desk.on_hold or "key"
         self._awake = awake()
-        while (desk.holds or clock.perf_counter() < desk.due) and not desk.leaves:
+        while (desk.on_hold or clock.perf_counter() < desk.due) and not desk.end_reason:
             self._lose_patience(begun)
             clock.sleep(GLANCE)
-            if awake() - self._awake > ASLEEP and not desk.holds:  # in the countdown
-                self._fall("asleep")
+            if awake() - self._awake > ASLEEP and not desk.on_hold:  # in the countdown
+                self._put_on_hold("asleep")
             self._awake = awake()
-        desk.held = ""
+        desk.was_held = ""
         now = clock.perf_counter()
         if why != "start":
             self._writer.note(self._tick, "pause", why=why, seconds=round(now - begun, 3))
-        self._start, self._since = now - self._tick * self._step, self._tick
+        self._start, self._resumed = now - self._tick * self._step, self._tick
 
 
 def state_of(tick: int, answered: int, angle: float, seen: Observation) -> list[Any]:
-    """A state as the page receives it: step, time, the input that it holds, the ego, and the actors
-    by number.
+    """A state as the page receives it.
+
+    tick: number of the step.
+    answered: number of the input that the state includes.
+    angle: of the steering wheel, rad.
     """
     ego = seen.ego
     actors = sorted(seen.vehicles, key=lambda it: it.number)
@@ -189,14 +197,15 @@ def state_of(tick: int, answered: int, angle: float, seen: Observation) -> list[
 
 def drive_person(
     concrete: ConcreteScenario, settings: SimulationSettings, desk: Desk, writer: Writer,
-    show: Callable[[list[Any]], None], held: Callable[[str], None], *, paced: bool = True,
-) -> tuple[Recording, Seat]:  # fmt: skip
+    post: Callable[[str, Any], None], *, paced: bool = True,
+) -> Recording:  # fmt: skip
     """Let a person drive a concrete scenario; the recording has all that any ADS's has."""
     hands = Hands(concrete.ego_vehicle(settings.vehicle), settings.step)
-    seat = Seat(desk, hands, settings.step, writer, show, held, paced=paced)
-    return with_quit(simulate(concrete, seat, settings), seat.left), seat
+    seat = Seat(desk, hands, settings.step, writer, post, paced=paced)
+    return with_quit(simulate(concrete, seat, settings), seat.left)
 
 
 def warm_up(concrete: ConcreteScenario, settings: SimulationSettings) -> None:
-    """Load, and where needed compile, the needs of a drive: its first step must not be late."""
+    """Load, and where needed compile, what a drive uses: its first step must not be late."""
+    # two steps, with steering that is not 0, rad, as that of a person
     simulate(concrete, Player([(0.0, 1e-6)] * 2), settings)

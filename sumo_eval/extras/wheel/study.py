@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,11 +29,13 @@ from sumo_eval.extras.wheel.plan import (
 )
 from sumo_eval.extras.wheel.tape import json_lines
 from sumo_eval.extras.wheel.trip import ENDS, TASK, new_tape, one_drive, settings_at
-from sumo_eval.extras.wheel.window import Window
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.trajectory import Recording
+
+if TYPE_CHECKING:
+    from sumo_eval.extras.wheel.window import Window
 
 CODE = re.compile(r"[A-Za-z0-9_-]{1,20}")
 SCORE = QuestionSettings(

@@ -1,30 +1,33 @@
-"""`sumo-eval drive SCENARIO`: one person, one concrete scenario, as often as they like."""
+"""`sumo-eval drive SCENARIO`: one person drives one concrete scenario, as often as they like.
+
+`study` uses its parts for the drives of participants.
+"""
 
 from __future__ import annotations
 
-import asyncio
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sumo_eval.errors import InputError, check_known, must_be
-from sumo_eval.extras.wheel.page import drive_view, page, replay, sheet
-from sumo_eval.extras.wheel.quality import Quality, quality_of
-from sumo_eval.extras.wheel.tape import Writer, digest, head_of, read_tape
-from sumo_eval.extras.wheel.window import Window
+from sumo_eval.errors import must_be
+from sumo_eval.extras.wheel.page import drive_view, replay, sheet
+from sumo_eval.extras.wheel.quality import Quality, quality_of, timing
+from sumo_eval.extras.wheel.tape import OWN_WISH, Writer, digest, head_of, read_tape
 from sumo_eval.record.store import EGO
 from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.scenario.logical import LogicalScenario, Parameter
+from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings
-from sumo_eval.trajectory import FloatArray, Recording
+from sumo_eval.trajectory import Recording
+
+if TYPE_CHECKING:
+    from sumo_eval.extras.wheel.window import Window
 
 RATES = (20, 50, 100)  # Hz
-PORT = 8765  # always the same, so that the browser remembers a wheel's calibration
 TASK = "Drive as you would drive your own car. The road ahead ends by itself."
 ENDS = {
     "contact": "You touched another vehicle.", "standstill": "You stood still.",
@@ -35,8 +38,9 @@ ENDS = {
 
 
 def settings_at(rate: int) -> SimulationSettings:
-    """The settings of a drive at a rate, Hz: its step is the rate's, everything else as for any
-    ADS.
+    """The settings of a drive by a person, as for any ADS except the step.
+
+    rate: steps a second.
     """
     if rate not in RATES:
         raise must_be("The rate", "a drive", f"one of {', '.join(map(str, RATES))} Hz", rate)
@@ -44,27 +48,20 @@ def settings_at(rate: int) -> SimulationSettings:
 
 
 def concrete_of(logical: LogicalScenario, values: Mapping[str, float]) -> ConcreteScenario:
-    """The concrete scenario at the given values; each other parameter in the middle of its range,
-    or of its listed values; where that is impossible, those of the nearest point of the sample.
+    """The concrete scenario at the given values, with each other parameter in the middle.
+
+    Where no scenario is possible there, the nearest possible point of the scenario's default sample
+    gives the other parameters.
     """
-    check_known(f"parameter of scenario `{logical.name}`", logical.names, *values)
-    row = logical.row({**{it.name: _middle(it) for it in logical.parameters}, **values})
-    if not logical.feasible(row) and len(points := _possible(logical, values)):
-        away = logical.to_unit(points) - logical.to_unit(row)
-        row = points[np.linalg.norm(away, axis=-1).argmin()]
-    return logical.concrete(**dict(zip(logical.names, row.tolist(), strict=True)))
-
-
-def _middle(parameter: Parameter) -> float:
-    listed = parameter.values
-    return listed[len(listed) // 2] if listed else (parameter.low + parameter.high) / 2.0
-
-
-def _possible(logical: LogicalScenario, values: Mapping[str, float]) -> FloatArray:
-    """Possible points (n, k) of the scenario's default sample with these values put in."""
-    points = sample(logical).points.copy()
+    middle = logical.from_shares(np.full((1, len(logical.names)), 0.5))
+    points = np.concatenate([middle, sample(logical).points])
     points[:, [logical.column(name) for name in values]] = list(values.values())
-    return points[logical.feasible(points)]
+    possible = points[logical.feasible(points)]
+    row = points[0]  # the middle
+    if len(possible):
+        away = logical.to_unit(possible) - logical.to_unit(row)
+        row = possible[np.linalg.norm(away, axis=-1).argmin()]
+    return logical.concrete(**dict(zip(logical.names, row.tolist(), strict=True)))
 
 
 def new_tape(folder: Path, name: str) -> Path:
@@ -83,16 +80,21 @@ async def one_drive(
 ) -> tuple[Recording, Quality]:
     """Let the person drive, and keep the tape with its result.
 
-    more: for the head of the tape.
+    path: of the tape.
+    view: as `drive_view` makes it.
+    more: further entries of the tape's head.
     """
     settings = concrete.simulation(settings)
     writer = Writer(path, head_of(concrete, settings, **more))
     try:
-        recording, time = await window.drive(concrete, settings, writer, dict(view))
-        quality = quality_of(recording, read_tape(path), concrete, time)
+        recording, tellings = await window.drive(concrete, settings, writer, view)
+        tape = read_tape(path)
+        figures = timing(tape, tellings)
+        quality = quality_of(recording, tape, concrete, settings, figures)
         end = {
-            "reason": recording.end_reason, "error": recording.error or time["left"] or None,
-            "digest": digest(recording), "time": time, "quality": asdict(quality),
+            "reason": recording.end_reason,
+            "error": recording.error or (OWN_WISH if recording.end_reason == "quit" else None),
+            "digest": digest(recording), "time": figures, "quality": asdict(quality),
         }  # fmt: skip
         writer.line({"end": end})
     finally:
@@ -126,22 +128,3 @@ async def trips(
                   buttons=[["again", "Drive again"], ["end", "That is all"]])
         )  # fmt: skip
     await window.show({**sheet("Thank you", "You can close this window."), "show": "over"})
-
-
-async def opened(
-    title: str, port: int, work: Callable[[Window], Any], watch: Callable[[str], None]
-) -> None:
-    """A window for as long as `work` uses it.
-
-    watch: receives the address.
-    """
-    try:
-        window = Window(page(title), port=port)
-    except InputError:
-        if port != PORT:
-            raise
-        window = Window(page(title))  # another program has the usual port: any other does
-    async with window:
-        watch(window.address)
-        await work(window)
-        await asyncio.sleep(0.3)  # the last view is still under way

@@ -1,9 +1,12 @@
 """The server that the browser talks to: on loopback only, one page, one WebSocket, one person.
 
-The browser receives nothing from disk. A peer needs the token, which travels in the fragment of the
-address and so stands in no log, and a page of this very server (exact `Host` and `Origin`). Every
-message is bounded (`messages`), and so is their rate. A window that is closed, hidden or asleep
-holds the drive; one that returns with the token continues where the drive stood.
+`command` opens it; `trip` and `study` show views in it and let the person drive.
+
+The browser receives no file of the disk. A peer must be a page of this server (exact `Host` and
+`Origin`), and must know the token. The token is in the fragment of the address, which no browser
+sends to a server, so no log has it. Every message is bounded (`messages`), and so is their rate. A
+window that is closed, hidden or asleep holds the drive; a window that returns with the token
+continues it.
 """
 
 from __future__ import annotations
@@ -14,13 +17,10 @@ import json
 import secrets
 import socket
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Mapping
 from contextlib import suppress
-from functools import partial
 from http import HTTPStatus
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import Any
 
 from sumo_eval.errors import InputError, needs_extra, said
 from sumo_eval.extras.wheel.messages import LARGEST, MOST_A_SECOND, MessageError, read
@@ -30,12 +30,17 @@ from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording
 
-if TYPE_CHECKING:
-    from websockets.asyncio.server import Server, ServerConnection
+try:
+    from websockets.asyncio.server import Server, ServerConnection, serve
+    from websockets.datastructures import Headers
+    from websockets.exceptions import ConnectionClosed
     from websockets.http11 import Request, Response
+except ImportError:
+    raise needs_extra("Driving in the browser", "drive") from None
 
 LOOPBACK = "127.0.0.1"
-# s within which a peer must state its wish (browsers also connect ahead), and send its token
+# s in which a peer must send its request and then its token; browsers also open connections that
+# they may never use
 SILENT = 2.0
 COUNTDOWN = 3.0  # s
 # codes that close a window
@@ -46,15 +51,15 @@ BROKEN = {
     1007: "is not text",
     1009: f"is larger than {LARGEST} bytes",
 }
-"""Why websockets itself shuts a window: its code, and the message that came."""
-MOST_ANSWERS = 8  # that wait; the page gives one to a view
+"""Faults for which websockets itself closes a window: its code -> what the message is."""
+MOST_ANSWERS = 8  # that wait; the page sends one for a view
 MOST_TELLINGS = 10_000  # of one drive; the page sends one a second
 
 
 class Window:
     """One person's browser.
 
-    page: its HTML, with `{nonce}` where that of the policy belongs.
+    page: its HTML, with `{nonce}` where the nonce of the policy belongs.
     countdown: s from `ready` to the first step.
     paced: False lets each step wait for an answer to its state.
     """
@@ -64,20 +69,23 @@ class Window:
     ) -> None:
         self._page, self._countdown, self._paced = page, countdown, paced
         self.token = secrets.token_urlsafe(24)
-        self._listening = _listen(port)
+        try:
+            self._listening = socket.create_server((LOOPBACK, port))  # port 0: any free one
+        except OSError as error:
+            raise InputError(f"Port {port} of {LOOPBACK} cannot be used: {said(error)}.") from error
         self.port: int = self._listening.getsockname()[1]
         self._hosts = f"{LOOPBACK}:{self.port}", f"localhost:{self.port}"
         self._server: Server | None = None
         self._peer: ServerConnection | None = None
-        self._view: dict[str, Any] | None = None
+        self._view: Mapping[str, Any] | None = None  # the last one that was shown
         self._answers: asyncio.Queue[dict[str, Any]] = asyncio.Queue(MOST_ANSWERS)
-        self._desk: Desk | None = None
-        self._latest: list[Any] | None = None  # state of the drive
-        # messages by key that were not sent yet; a newer state replaces one that came too late
-        self._box: dict[str, Any] = {}
-        self._posted = asyncio.Event()
-        self._telling: list[dict[str, Any]] = []
-        self.faults: list[str] = []  # messages that our page does not send, as sentences
+        self._desk = Desk()  # of the latest drive
+        self._latest: list[Any] | None = None  # state of the drive under way
+        # messages by key that were not sent yet; a newer state replaces an older one
+        self._outbox: dict[str, Any] = {}
+        self._outbox_filled = asyncio.Event()
+        self._tellings: list[dict[str, Any]] = []
+        self.faults: list[str] = []  # error messages for what our page does not send
 
     @property
     def address(self) -> str:
@@ -85,23 +93,16 @@ class Window:
         return f"http://{LOOPBACK}:{self.port}/#{self.token}"
 
     async def __aenter__(self) -> Window:
-        try:
-            from websockets.asyncio.server import serve
-        except ImportError:
-            self._listening.close()
-            raise needs_extra("Driving in the browser", "drive") from None
         self._server = await serve(
-            self._talk, sock=self._listening, process_request=self._answer,
+            self._talk, sock=self._listening, process_request=self._respond,
             max_size=LARGEST, max_queue=64, compression=None, ping_interval=5.0, ping_timeout=15.0,
             open_timeout=SILENT, close_timeout=2.0, server_header=None,
         )  # fmt: skip
         return self
 
     def stop(self) -> None:
-        """End the drive that is under way, if there is one: its tape is closed like that of any
-        other.
-        """
-        self._leave("The program was stopped.")
+        """End the drive that is under way, if there is one; its tape is closed as usual."""
+        self._desk.end("The program was stopped.")
 
     async def __aexit__(self, *_: object) -> None:
         self.stop()
@@ -112,8 +113,8 @@ class Window:
 
     # -- requests over HTTP ------------------------------------------------------------------------
 
-    def _answer(self, peer: ServerConnection, request: Request) -> Response | None:
-        """None: the WebSocket."""
+    def _respond(self, peer: ServerConnection, request: Request) -> Response | None:
+        """The page or a refusal; None lets a peer open the WebSocket."""
         host = request.headers.get_all("Host")
         if host not in [[own] for own in self._hosts]:
             return _response(
@@ -140,29 +141,28 @@ class Window:
     # -- messages over the WebSocket ---------------------------------------------------------------
 
     async def _talk(self, peer: ServerConnection) -> None:
-        from websockets.exceptions import ConnectionClosed
-
+        """All messages of a peer, until it closes."""
         try:
-            if not await self._known(peer):
+            if not await self._admits(peer):
                 return
             if self._peer is not None:
                 await peer.close(TAKEN, "Another window drives. Close it first.")
                 return
             self._peer = peer
-            post = asyncio.create_task(self._post(peer))
+            sending = asyncio.create_task(self._send_outbox(peer))
             try:
-                await self._reload()
+                await self._send_view()
                 await self._listen(peer)
             finally:
                 self._peer = None
-                post.cancel()
-                self._hold("closed")
+                sending.cancel()
+                self._desk.hold("closed")
         except ConnectionClosed as closed:
             if closed.sent is not None and closed.sent.code in BROKEN:
                 self._fault(f"A message of the window {BROKEN[closed.sent.code]}.")
 
-    async def _known(self, peer: ServerConnection) -> bool:
-        """Whether a window shows the token; others are closed."""
+    async def _admits(self, peer: ServerConnection) -> bool:
+        """Whether a peer sends the token; else it is closed."""
         try:
             message = read(await asyncio.wait_for(peer.recv(), SILENT))
         except (TimeoutError, MessageError):
@@ -175,6 +175,8 @@ class Window:
         return True
 
     async def _listen(self, peer: ServerConnection) -> None:
+        """Take messages until the peer closes, or is closed for a wrong one or too many."""
+        # the allowance grows by MOST_A_SECOND a second, up to that number; a message takes 1 of it
         allowance, before = float(MOST_A_SECOND), clock.monotonic()
         async for text in peer:
             now = clock.monotonic()
@@ -194,20 +196,12 @@ class Window:
                 return
 
     def _fault(self, sentence: str) -> None:
-        """The message is from a foreign page: it ends the drive."""
+        """End the drive: our page did not send this message."""
         self.faults.append(sentence)
-        self._leave(sentence)
-
-    def _leave(self, why: str) -> None:
-        if self._desk is not None:
-            self._desk.leave(why)
-
-    def _hold(self, why: str) -> None:
-        if self._desk is not None:
-            self._desk.hold(why)
-            self._desk.held = self._desk.holds
+        self._desk.end(sentence)
 
     def _take(self, message: dict[str, Any]) -> None:
+        """Act on a message; between drives only answers have an effect."""
         ((kind, value),) = message.items()
         desk = self._desk
         if kind == "answers":
@@ -215,49 +209,52 @@ class Window:
                 raise MessageError(f"More than {MOST_ANSWERS} answers came without a question.")
             self._answers.put_nowait(value)
         elif kind == "telling":
-            if len(self._telling) >= MOST_TELLINGS:
+            if len(self._tellings) >= MOST_TELLINGS:
                 raise MessageError(
                     f"A window may send its figures at most {MOST_TELLINGS} times in a drive."
                 )
-            self._telling.append(value)
+            self._tellings.append(value)
         elif kind == "pause":
-            self._hold(value)
+            desk.hold(value)
         elif kind == "quit":
-            self._leave(OWN_WISH)
-        elif desk is not None and kind == "input":
+            desk.end(OWN_WISH)
+        elif kind == "input":
             desk.newest = value
-        elif desk is not None and kind == "ready":
+        elif kind == "ready":
             desk.due = clock.perf_counter() + self._countdown
-            desk.holds = ""
+            desk.on_hold = ""
 
-    async def _post(self, peer: ServerConnection) -> None:
-        """Send the newest messages whenever there are any."""
-        from websockets.exceptions import ConnectionClosed
+    def _post(self, key: str, value: Any) -> None:
+        """Put a message of the drive into the outbox."""
+        if key == "state":
+            self._latest = value
+        self._outbox[key] = value
+        self._outbox_filled.set()
 
+    async def _send_outbox(self, peer: ServerConnection) -> None:
+        """Send what is in the outbox whenever it is filled."""
         with suppress(ConnectionClosed):
             while True:
-                await self._posted.wait()
-                self._posted.clear()
-                box, self._box = self._box, {}
-                for key in sorted(box, reverse=True):  # a state, then why the seat holds the drive
-                    await peer.send(json.dumps({key: box[key]}, separators=(",", ":")))
+                await self._outbox_filled.wait()
+                self._outbox_filled.clear()
+                outbox, self._outbox = self._outbox, {}
+                for key, value in outbox.items():
+                    await peer.send(json.dumps({key: value}, separators=(",", ":")))
 
-    async def _reload(self) -> None:
-        """Show again what the browser had last."""
-        from websockets.exceptions import ConnectionClosed
-
+    async def _send_view(self) -> None:
+        """Send the latest view, and of a drive the latest state."""
         if self._peer is not None and self._view is not None:
             with suppress(ConnectionClosed):
                 await self._peer.send(json.dumps(self._view, allow_nan=False))
-                if self._desk is not None and self._latest is not None:
+                if self._latest is not None:
                     await self._peer.send(json.dumps({"state": self._latest}))
 
-    # -- requests of the server's own work ---------------------------------------------------------
+    # -- what the server asks of the person --------------------------------------------------------
 
-    async def show(self, view: dict[str, Any]) -> None:
+    async def show(self, view: Mapping[str, Any]) -> None:
         """Show a view: {"show": kind, ...}; a window that returns sees it again."""
         self._view = view
-        await self._reload()
+        await self._send_view()
 
     async def ask(self, view: dict[str, Any]) -> dict[str, Any]:
         """Show a view and wait for its answers."""
@@ -271,46 +268,37 @@ class Window:
         concrete: ConcreteScenario,
         settings: SimulationSettings,
         writer: Writer,
-        view: dict[str, Any],
-    ) -> tuple[Recording, dict[str, Any]]:
-        """Let the person drive; the recording, and the drive's figures in time (`timing`)."""
+        view: Mapping[str, Any],
+    ) -> tuple[Recording, list[dict[str, Any]]]:
+        """Let the person drive: the recording, and the figures that the page sent (`Telling`)."""
         await self.show({"show": "wait"})
         await asyncio.to_thread(warm_up, concrete, settings)
+        self._desk, self._tellings, self._outbox = Desk(), [], {}
+        await self.show({**view, "show": "drive", "countdown": self._countdown})
         loop = asyncio.get_running_loop()
-        desk = self._desk = Desk()
-        self._telling, self._latest, self._box = [], None, {}
 
         def post(key: str, value: Any) -> None:
-            self._box[key] = value
-            loop.call_soon_threadsafe(self._posted.set)
+            loop.call_soon_threadsafe(self._post, key, value)
 
-        def publish(state: list[Any]) -> None:
-            self._latest = state
-            post("state", state)
-
-        await self.show({**view, "show": "drive", "countdown": self._countdown})
-        drive = asyncio.ensure_future(
+        drive = asyncio.create_task(
             asyncio.to_thread(
-                drive_person, concrete, settings, desk, writer, publish,
-                partial(post, "held"), paced=self._paced,
+                drive_person, concrete, settings, self._desk, writer, post, paced=self._paced
             )
-        )  # fmt: skip
+        )
         try:
-            recording, seat = await asyncio.shield(drive)
-        # by Ctrl-C: the loop runs in a thread of its own, and ends first
+            recording = await asyncio.shield(drive)
+        # Ctrl-C cancels this task, but not the thread that drives, which must end first
         except asyncio.CancelledError:
             self.stop()
             await drive
             raise
         finally:
-            self._desk = None
-        return recording, timing(seat.late, seat.behind, self._telling) | {"left": seat.left}
+            self._latest = None
+        return recording, self._tellings
 
 
 def _response(status: HTTPStatus, text: str, kind: str = "plain", policy: str = "") -> Response:
-    from websockets.datastructures import Headers
-    from websockets.http11 import Response
-
+    """An answer to a request over HTTP; kind: of text; policy: of content security."""
     content = text.encode()
     headers = Headers()
     for name, value in {
@@ -322,44 +310,3 @@ def _response(status: HTTPStatus, text: str, kind: str = "plain", policy: str = 
     }.items():  # fmt: skip
         headers[name] = value
     return Response(status.value, status.phrase, headers, content)
-
-
-def timing(late: list[float], behind: list[int], tellings: list[dict[str, Any]]) -> dict[str, Any]:
-    """Figures of a drive in time: lateness of steps (ms), input to picture (ms), frames, dropped
-    ones, how often the page drew more cheaply by itself.
-    """
-    latency = [value for it in tellings for value in it["latency"]]
-    late_ms = [round(1000.0 * value, 3) for value in late]
-    last = tellings[-1] if tellings else None
-    return {
-        "steps": len(late),
-        "late_p50_ms": _part(late_ms, 0.5), "late_p95_ms": _part(late_ms, 0.95),
-        "late_max_ms": max(late_ms, default=None),
-        "input_to_picture_p50_ms": _part(latency, 0.5),
-        "input_to_picture_p95_ms": _part(latency, 0.95),
-        "inputs_timed": len(latency),
-        "frames": sum(it["frames"] for it in tellings),
-        "dropped": sum(it["dropped"] for it in tellings),
-        "stepped_down": last and sum(it["stepped"] for it in tellings),
-        "behind_p95_steps": _part(behind, 0.95),
-        "resolution": last and last["resolution"],
-        "renderer": ", then ".join(dict.fromkeys(it["renderer"] for it in tellings)) or None,
-    }  # fmt: skip
-
-
-def _part(values: Sequence[float], share: float) -> float | None:
-    return round(float(np.quantile(values, share)), 4) if values else None
-
-
-def _listen(port: int) -> socket.socket:
-    """A socket on loopback; port 0: any that is free."""
-    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listening.bind((LOOPBACK, port))
-        listening.listen(16)
-    except (OSError, OverflowError) as error:
-        listening.close()
-        raise InputError(f"Port {port} of {LOOPBACK} cannot be used: {said(error)}.") from error
-    listening.setblocking(False)
-    return listening
