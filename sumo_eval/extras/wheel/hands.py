@@ -3,8 +3,8 @@ evaluates.
 
 A key cannot be pressed halfway. While a key for steering is held, the steering wheel turns towards
 a limit: the angle that gives a stated acceleration across the road at the ego's speed. When the key
-is released, the wheel returns. Measured with a scripted driver (preview 1.2 s, reaction 0.25 s) at 10..40 m/s: lane
-changes of 3.5 m overshoot by 0.3 m, lanes are kept to 0.2 m.
+is released, the wheel returns. Measured with a scripted driver (preview 1.2 s, reaction 0.25 s) at
+10..40 m/s: lane changes of 3.5 m overshoot by 0.3 m, lanes are kept to 0.2 m.
 """
 
 from __future__ import annotations

@@ -98,7 +98,7 @@ class Quality:
         return words
 
     def against(self, rule: QualitySettings) -> tuple[str, ...]:
-        """Reasons why the drive does not count, one for each bound that it breaks; empty: it counts."""
+        """Reasons why the drive does not count, one for each broken bound; empty: it counts."""
         why = []
         for name, words in (
             ("dropped", "share of late pictures"),
