@@ -194,6 +194,13 @@ def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan, tm
     before = (plan.folder / "drives" / "cases.csv").read_bytes()
     assert collect(plan) == found
     assert (plan.folder / "drives" / "cases.csv").read_bytes() == before
+    # a tape that cannot be read marks no finished drive of its case
+    stray = plan.folder / "participants" / "P01" / f"{found.left[0].case}-009.jsonl"
+    stray.write_text("nonsense")
+    assert len(collect(plan).left) == 3
+    assert rows_of(plan.folder / "quality.csv") == quality
+    stray.unlink()
+    assert collect(plan) == found
 
     evaluation = sumo_eval.evaluate(plan.folder / "evaluation.toml", out=tmp_path / "with_people")
     driven = [case for case in evaluation.cases if case.recorded_drivers]

@@ -1,8 +1,8 @@
 """Results of a study: the folder that `[drivers] cases` takes, the ratings that `humans opinion`
 takes, and for every drive that is left out the rule that left it out.
 
-All is rebuilt from journals and tapes. A tape is rerun for its trajectory; one that does not give
-its recorded bytes is left out and reported.
+`sumo-eval drive` computes all of it again from journals and tapes. A tape is rerun for its
+trajectory; a tape that does not give its recorded bytes is left out and reported.
 """
 
 from __future__ import annotations
@@ -26,12 +26,8 @@ from sumo_eval.settings.config import to_toml
 from sumo_eval.trajectory import Trajectory
 
 DRIVES = "drives"  # the folder for `[drivers] cases`
-NAMED = "cases.csv"
-# of the people whose drives count: a point that fewer drove is too thin a reference
+# least share of the participants who must have driven a point: fewer drivers are no reference
 MOST_OF_THEM = 2.0 / 3.0
-_RERUN = "ended, and rerun", "the drive broke off, and was rerun"
-CHANNELS = ("x", "y", "heading", "speed", "acceleration")
-COLUMNS = ("driver", "t", *CHANNELS, "steering")
 
 
 class DiscardedDrive(NamedTuple):
@@ -47,13 +43,15 @@ class DiscardedDrive(NamedTuple):
 
 
 class StudyResult(NamedTuple):
-    """Results of a study, as counts.
+    """Results of a study.
 
-    people: who took part;
-    with_drives: of these, whose drives count.
-    drives: how many count;
-    drawn: of these, how many with the road drawn in which way.
-    left: which do not count.
+    people: number of participants.
+    with_drives: number of those whose drives count.
+    drives: number of drives that count.
+    ratings: number of ratings.
+    drawn: in which ways the road was drawn -> number of drives that count.
+    left: drives that do not count.
+    files: what was written: folder of drives, ratings, drives left out, evaluation.
     """
 
     people: int
@@ -65,7 +63,7 @@ class StudyResult(NamedTuple):
     files: tuple[Path, ...]
 
     def sentences(self) -> list[str]:
-        """In words."""
+        """The results in words."""
         verb = "is" if len(self.left) == 1 else "are"
         words = [
             f"{self.people} took part; {self.drives} drives by {self.with_drives} of them count, "
@@ -87,51 +85,57 @@ def collect(plan: StudyPlan) -> StudyResult:
             entry = person.done.get(f"drive:{case.key}")
             if entry is None:
                 continue
-            kept = _drive(plan, person, case, entry)
-            if isinstance(kept, DiscardedDrive):
-                left.append(kept)
+            drive = _drive(plan, person, case, entry)
+            if isinstance(drive, DiscardedDrive):
+                left.append(drive)
                 continue
             file = f"{person.code}/{case.key}.csv"
-            _write_drive(drives / file, person.code, kept)
-            drawn.update(filter(None, [entry["quality"].get("drawn")]))
+            _write_drive(drives / file, person.code, drive)
+            way = entry["quality"]["drawn"]
+            if way is not None:
+                drawn[way] += 1
             rows.append({"scenario": case.concrete.scenario, "file": file, **case.concrete.values})
-        left += _broken_off(person)
+        left += _unfinished(person)
     files = {drives / row["file"] for row in rows}
     for stale in {*drives.glob("*/*.csv")} - files:
         stale.unlink()
     head = dict.fromkeys(
         ("scenario", "file", *(name for case in plan.cases for name in case.concrete.values))
     )
-    write_csv(drives / NAMED, head, ([row.get(name, "") for name in head] for row in rows))
+    table = ([row.get(name, "") for name in head] for row in rows)
+    write_csv(drives / "cases.csv", head, table)
     ratings = _write_answers(plan.folder, people, left)
-    participating = len({path.parent for path in files})
-    counts = len(people), participating, len(rows), ratings
-    paths = (
-        drives,
-        *(plan.folder / name for name in ("ratings.csv", "left_out.csv", "evaluation.toml")),
-    )
-    result = StudyResult(*counts, dict(drawn), tuple(left), paths)
+    with_drives = len({path.parent for path in files})  # each participant has a folder
+    evaluation = plan.folder / "evaluation.toml"
+    evaluation.write_text(evaluation_of(plan, with_drives), encoding="utf-8")
+    result = StudyResult(
+        len(people), with_drives, len(rows), ratings, dict(drawn), tuple(left),
+        (drives, plan.folder / "ratings.csv", plan.folder / "left_out.csv", evaluation),
+    )  # fmt: skip
+    counts = result._asdict()
+    del counts["left"], counts["files"]
     summary = {
         "study": plan.settings.name,
-        **dict(zip(StudyResult._fields, (*counts, result.drawn), strict=False)),
+        **counts,
         "left_out": [it._asdict() for it in left],
         "quality": asdict(plan.settings.quality),
     }
     write_json(drives / STUDY, summary, "The summary")
-    paths[-1].write_text(evaluation_of(plan, participating), encoding="utf-8")
     return result
 
 
 def _write_drive(path: Path, driver: str, drive: Trajectory) -> None:
     """Write a drive as CSV, one sample a row."""
-    columns = (getattr(drive, name) for name in ("time", *CHANNELS, "steering_wheel_angle"))
+    names = ("x", "y", "heading", "speed", "acceleration")
+    columns = (getattr(drive, name) for name in ("time", *names, "steering_wheel_angle"))
     samples = zip(*(column.tolist() for column in columns), strict=True)
-    write_csv(path, COLUMNS, ((driver, *sample) for sample in samples))
+    write_csv(path, ("driver", "t", *names, "steering"), ((driver, *it) for it in samples))
 
 
 def _write_answers(folder: Path, people: list[Participant], left: list[DiscardedDrive]) -> int:
-    """Write what was rated, answered, left out and measured, and count the ratings: one for each
-    rater, ADS and scenario, the mean of its replays there.
+    """Write ratings, answers, drives left out and the quality of all drives; count the ratings.
+
+    A rating is that of a rater for an ADS in a scenario: the mean over its replays there.
     """
     entries = [(person.code, step, entry) for person in people
         for step, entry in person.done.items()]  # fmt: skip
@@ -150,12 +154,12 @@ def _write_answers(folder: Path, people: list[Participant], left: list[Discarded
     write_csv(folder / "answers.csv", ("rater", "step", "question", "answer"), answers)
     write_csv(folder / "left_out.csv", DiscardedDrive._fields, left)
     names = [it.name for it in fields(Quality)]
-    why = {(it.participant, it.case): it.why for it in left if it.why not in _RERUN}
+    why = {(it.participant, it.tape): it.why for it in left}
     qualities = [
-        [code, key, *map(entry["quality"].get, names), why.get((code, key), "")]
-        for code, step, entry in entries
-        if (key := step.removeprefix("drive:")) != step
-    ]
+        [code, step.removeprefix("drive:"), *map(entry["quality"].get, names),
+            why.get((code, entry["tape"]), "")]
+        for code, step, entry in entries if step.startswith("drive:")
+    ]  # fmt: skip
     write_csv(folder / "quality.csv", ("participant", "case", *names, "left_out"), qualities)
     return len(ratings)
 
@@ -165,31 +169,33 @@ def _drive(
 ) -> Trajectory | DiscardedDrive:
     """A participant's drive of a case, or why it does not count."""
     path = person.folder / str(entry["tape"])
-    why = ["the tape broke off"]
     try:
         tape = read_tape(path)
     except InputError as error:
         return DiscardedDrive(person.code, case.key, path.name, said(error))
-    if tape.end is not None:
-        why = list(Quality(**tape.end["quality"]).against(plan.settings.quality))
+    if tape.end is None:
+        why = "the tape broke off"
+    else:
+        why = "; ".join(Quality(**tape.end["quality"]).against(plan.settings.quality))
         if not why:
             recording = drive_again(tape, case.concrete)
             if digest(recording) == tape.end["digest"]:
                 return recording.ego
-            why = ["rerun, its commands give other bytes than were recorded"]
-    return DiscardedDrive(person.code, case.key, path.name, "; ".join(why))
+            why = "rerun, its commands give other bytes than were recorded"
+    return DiscardedDrive(person.code, case.key, path.name, why)
 
 
-def _broken_off(person: Participant) -> list[DiscardedDrive]:
-    """Tapes that no finished step names: drives that were ended and rerun, or that a machine lost
-    the end of.
+def _unfinished(person: Participant) -> list[DiscardedDrive]:
+    """Drives on tapes that no step of the journal names: each was ended by its driver, or lost its
+    end with the machine, and was rerun.
     """
     named = {entry.get("tape") for entry in person.done.values()} | {"journal.jsonl"}
     left = []
     for path in sorted(person.folder.glob("*.jsonl")):
         if path.name not in named:
             try:
-                why = _RERUN[read_tape(path).end is None]
+                lost = read_tape(path).end is None
+                why = "the drive broke off, and was rerun" if lost else "ended, and rerun"
             except InputError as error:
                 why = said(error)
             left.append(DiscardedDrive(person.code, path.stem.rpartition("-")[0], path.name, why))
@@ -203,7 +209,7 @@ def evaluation_of(plan: StudyPlan, people: int) -> str:
         settings.drivers, source="recorded", recordings=(), cases=str(plan.folder / DRIVES),
         least=max(math.ceil(MOST_OF_THEM * people), 2), too_thin="leave_out",
     )  # fmt: skip
-    # exposure without tables of its own is from those of the drivers
+    # an exposure without recordings of its own used those of the drivers, which go
     scenarios = tuple(
         replace(it, exposure=replace(
             it.exposure, recordings=it.exposure.recordings or settings.drivers.recordings))

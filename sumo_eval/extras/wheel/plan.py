@@ -1,4 +1,6 @@
-"""Settings of a study, from STUDY.toml, and its plan: cases, their order, replays."""
+"""Settings of a study, from STUDY.toml, and its plan: cases, their order, replays. `study` carries
+it out, `outcome` writes its results.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ from sumo_eval.settings.checked import About, Checked, Positive
 from sumo_eval.settings.config import read_checked
 from sumo_eval.settings.random_streams import random_stream
 
-LOW, HIGH = 1, 10  # answers of a scale
+LOW, HIGH = 1, 10  # ends of a scale
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +121,7 @@ class StudyPlan(NamedTuple):
             for ads in self.ads:
                 driven = [case for case in self.cases
                     if case.concrete.scenario == scenario and ads in case.ads]  # fmt: skip
-                # sorted: a change would show participants who continue other replays
+                # sorted as ever: a participant who continues must get the same replays
                 chosen = draw.permutation(len(driven))[: self.settings.replays]
                 replays += [(driven[place], ads) for place in sorted(chosen)]
         return [replays[place] for place in draw.permutation(len(replays))]
@@ -149,19 +151,19 @@ def read_study(path: Path) -> StudyPlan:
     uses = {logical.name: (entry.use, logical) for entry, logical in resolved.entries}
     with open_store(run / FACTS) as store:
         # drivers drive at safe points alone
-        safe_points = {(fact.scenario, fact.point) for fact in store.facts("human")}
+        safe_keys = {_key(fact) for fact in store.facts("human")}
         # trajectories may have been discarded
         driven = [fact for fact in store.facts("ads") if store.trajectories(fact.case)]
-    names = list(dict.fromkeys(fact.driver for fact in driven))  # of ADSs: they drive here
-    points: dict[str, list[Fact]] = {}
+    names = list(dict.fromkeys(fact.driver for fact in driven))  # of the ADSs
+    drives: dict[str, dict[str, Fact]] = {}
     for fact in driven:
-        points.setdefault(f"{fact.scenario}-{fact.point:04d}", []).append(fact)
-    safe = [key for key, (one, *_) in points.items() if (one.scenario, one.point) in safe_points]
+        drives.setdefault(_key(fact), {})[fact.driver] = fact
+    safe = [key for key in drives if key in safe_keys]
     count = min(settings.count, len(safe))
     # evenly over the list: some of every scenario
     keys = settings.cases or [safe[place * len(safe) // count] for place in range(count)]
     check_known("ADS of the run", names, *settings.ads)
-    check_known("case of the run", points, *keys)
+    check_known("case of the run", drives, *keys)
     if len(set(keys)) < len(keys):
         raise must_be("`cases`", f"study `{settings.name}`", "distinct", ", ".join(keys))
     if not keys:
@@ -170,10 +172,15 @@ def read_study(path: Path) -> StudyPlan:
         )
     cases = []
     for key in keys:
-        use, logical = uses[points[key][0].scenario]
-        file = resolved.source / use  # else `use` names a scenario that ships
-        concrete = logical.concrete(**points[key][0].values)
-        drives = {fact.driver: fact for fact in points[key]}
-        cases.append(StudyCase(key, str(file) if file.is_file() else use, concrete, drives))
+        fact = next(iter(drives[key].values()))  # all have the same point
+        use, logical = uses[fact.scenario]
+        file = resolved.source / use
+        # a name that is no file is that of a scenario that ships
+        locator = str(file) if file.is_file() else use
+        cases.append(StudyCase(key, locator, logical.concrete(**fact.values), drives[key]))
     folder = (path.parent / (settings.out or settings.name.replace(" ", "_"))).resolve()
     return StudyPlan(settings, run, folder, tuple(cases), settings.ads or tuple(names))
+
+
+def _key(fact: Fact) -> str:
+    return f"{fact.scenario}-{fact.point:04d}"

@@ -1,8 +1,8 @@
 """`sumo-eval drive STUDY.toml`: participants drive and rate, step by step.
 
-A participant's steps stand in a journal, a line a step, written at once. After a closed browser, a
-stopped server or a machine that went down the same code continues with the first step that the
-journal does not have.
+A participant's journal has a line for each step, written when the step is done. After a closed
+browser, a stopped server or a machine that went down, the participant enters the same code and
+continues with the first step that the journal does not have. `outcome` reads the journals.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ CONTINUE = ["go", "Continue"]
 class Participant:
     """A participant: a code, never a name.
 
-    number: of participants before;
-    done: entries of the steps.
+    number: how many participants began earlier.
+    done: the journal: name of a step that is done -> its entry.
     """
 
     code: str
@@ -59,7 +59,7 @@ class Participant:
     done: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def finish(self, step: str, **entry: Any) -> None:
-        """A step is done; it is on disk before the next one begins."""
+        """Note that a step is done, in the journal on disk before the next step begins."""
         entry = {"step": step, "when": datetime.now(UTC).isoformat(timespec="seconds"), **entry}
         with (self.folder / "journal.jsonl").open("a", encoding="utf-8") as file:
             file.write(json.dumps(entry, allow_nan=False) + "\n")
@@ -67,9 +67,9 @@ class Participant:
 
 
 def participants(plan: StudyPlan) -> list[Participant]:
-    """All participants who have begun, in that order.
+    """All participants who have begun, in the order in which they did.
 
-    A last line of a journal that was cut off is a step that was not done.
+    A step whose line in the journal was cut off is not done.
     """
     people = []
     for path in (plan.folder / "participants").glob("*/journal.jsonl"):
@@ -101,20 +101,20 @@ async def study(window: Window, plan: StudyPlan, tell: Callable[[str], None]) ->
 
     tell: receives a line on each.
     """
-    wrong, button = "", ""
-    while button not in ("skip", "end"):
+    wrong = ""  # what is wrong with the code that was entered
+    while True:
         given = await window.ask(
             sheet("Welcome", "Please enter the code that you were given. No names.", wrong,
                   questions=[{"key": "code", "kind": "code", "text": "Code"}],
                   buttons=[["go", "Begin"], ["skip", "End the session"]])
         )  # fmt: skip
-        button, code = given.get("button", ""), str(given.get("code", ""))
-        wrong = ""
-        if button == "skip":
-            continue
+        if given.get("button") == "skip":
+            break
+        code = str(given.get("code", ""))
         if not CODE.fullmatch(code):
             wrong = "A code has 1 to 20 letters, digits, hyphens and underscores."
             continue
+        wrong = ""
         person = enter(plan, code)
         ended = await session(window, plan, person)
         tell(f"{person.code}: {ended}")
@@ -123,7 +123,8 @@ async def study(window: Window, plan: StudyPlan, tell: Callable[[str], None]) ->
             sheet("Thank you", "You have finished." if ended == "done" else thanks,
                   buttons=[["next", "Next participant"], ["end", "End the session"]])
         )  # fmt: skip
-        button = answer.get("button", "")
+        if answer.get("button") == "end":
+            break
     over = sheet("The session is over", "You can close this window.")
     await window.show({**over, "show": "over"})
 
@@ -133,11 +134,11 @@ class StopsError(Exception):
 
 
 async def asked_of(window: Window, view: dict[str, Any]) -> dict[str, Any]:
-    """A participant's answers to a sheet; the participant may stop there.
+    """A participant's answers to a sheet, which gets a button to stop.
 
-    Raises StopsError where they do.
+    Raises StopsError where the participant stops.
     """
-    view["buttons"] = [*view["buttons"], ["stop", "I want to stop"]]
+    view["buttons"].append(["stop", "I want to stop"])
     given = await window.ask(view)
     if given.pop("button", None) == "stop":
         raise StopsError
@@ -145,9 +146,10 @@ async def asked_of(window: Window, view: dict[str, Any]) -> dict[str, Any]:
 
 
 async def session(window: Window, plan: StudyPlan, person: Participant) -> str:
-    """All steps of a participant that are not done yet, and how they ended: `done`, `no consent`,
-    `practice not passed`, `stopped`. After a stop the code continues with the first step that is
-    not done.
+    """Carry out all steps of a participant that are not done yet; return how they ended.
+
+    That is `done`, `no consent`, `practice not passed` or `stopped`. After a stop the same code
+    continues with the first step that is not done.
     """
     try:
         return await steps_of(window, plan, person)
@@ -157,7 +159,10 @@ async def session(window: Window, plan: StudyPlan, person: Participant) -> str:
 
 
 async def steps_of(window: Window, plan: StudyPlan, person: Participant) -> str:
-    """All steps of a participant that are not done yet, and how they ended."""
+    """Carry out all steps as `session` does.
+
+    Raises StopsError where the participant stops.
+    """
     if "consent" not in person.done:
         freely = "You may stop at any time without giving a reason."
         agrees = {"key": "agrees", "kind": "yes", "text": "Your consent", "label": "I agree."}
@@ -221,10 +226,11 @@ async def practised(window: Window, plan: StudyPlan, person: Participant) -> boo
 
 def practice_drive(rule: PracticeSettings, road: Road) -> ConcreteScenario:
     """A road with one vehicle far ahead, at the speed that the driver is to keep."""
-    ahead = Actor("ahead", Start(50.0 + 60.0 + 2.0 * rule.speed, 0.0, rule.speed))
+    ego = Start(50.0, 0.0, rule.speed)  # x in m
+    ahead = Start(ego.x + 60.0 + 2.0 * rule.speed, 0.0, rule.speed)  # 60 m and 2 s further on
     return ConcreteScenario(
-        "practice", {}, 1.0, road, Start(50.0, 0.0, rule.speed), (ahead,), time_limit=rule.seconds
-    )  # fmt: skip
+        "practice", {}, 1.0, road, ego, (Actor("ahead", ahead),), time_limit=rule.seconds
+    )
 
 
 def kept_share(recording: Recording, concrete: ConcreteScenario, rule: PracticeSettings) -> float:
@@ -240,7 +246,7 @@ async def own_drive(
 ) -> None:
     """A drive of a case, and the questions after it.
 
-    One that the person ended may be repeated, once asked.
+    The participant may repeat a drive that they ended early.
     """
     settings = settings_at(plan.settings.rate)
     wanted = f"Your speed: about {3.6 * case.concrete.ego.speed:.0f} km/h, as the traffic allows."
@@ -271,6 +277,7 @@ async def own_drive(
             )
         except StopsError:
             button = "stop"
+    # the drive is done even if the participant stops here
     person.finish(f"drive:{case.key}", tape=path.name, end=recording.end_reason, answers=answers,
                   quality=asdict(quality))  # fmt: skip
     if button == "stop":
@@ -281,26 +288,21 @@ async def rate(
     window: Window, plan: StudyPlan, person: Participant, case: StudyCase, ads: str, title: str
 ) -> None:
     """A replay of a recorded drive of an ADS without its name, and the questions about it."""
+    fact = case.ads[ads]
+    with open_store(plan.run / FACTS) as store:
+        vehicles = store.trajectories(fact.case)
     questions = [SCORE, *(it for it in plan.settings.question if it.after == "replay")]
     answers = await asked_of(
         window,
         sheet(title, "Watch the blue car, as often as you like, from where you like.",
-              replay=replay_of(plan, case, ads), questions=[scale(it) for it in questions],
-              buttons=[CONTINUE]),
+              replay=replay(case.concrete, "the blue car", vehicles, fact.collision),
+              questions=[scale(it) for it in questions], buttons=[CONTINUE]),
     )  # fmt: skip
-    entry = {"case": case.key, "ads": ads, "scenario": case.concrete.scenario, "answers": answers}
-    person.finish(f"rate:{case.key}:{ads}", **entry)
+    person.finish(f"rate:{case.key}:{ads}", case=case.key, ads=ads, scenario=fact.scenario,
+                  answers=answers)  # fmt: skip
 
 
 def scale(question: QuestionSettings) -> dict[str, Any]:
     """A question as the page asks it."""
     return {"key": question.key, "kind": "scale", "text": question.text, "low": LOW, "high": HIGH,
             "least": question.least, "most": question.most}  # fmt: skip
-
-
-def replay_of(plan: StudyPlan, case: StudyCase, ads: str) -> dict[str, Any]:
-    """Data of a recorded drive for the page's player, without the ADS's name."""
-    fact = case.ads[ads]
-    with open_store(plan.run / FACTS) as store:
-        vehicles = store.trajectories(fact.case)
-    return replay(case.concrete, "the blue car", vehicles, fact.collision)

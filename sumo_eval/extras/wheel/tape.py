@@ -1,9 +1,9 @@
-"""The tape of a drive: the command of every step; repeating them gives the same recording, byte for
-byte.
+"""The tape of a drive: the command of every step. Repeating them gives the same recording, byte for
+byte. `trip` and `study` make tapes; `outcome` and `sumo-eval drive TAPE.jsonl` repeat them.
 
 A tape is a text file, a JSON value a line: a head, a row for each step, notes in between, and the
-result. A line is written when its step is driven, so a machine that goes down loses a step and no
-drive.
+result. A line is written when its step is driven, so a machine that goes down loses at most one
+step.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import CHANNELS, Recording
 
 FORMAT = 1
-OWN_WISH = "quit"  # why a drive was left, where the driver wished it
+OWN_WISH = "quit"  # why a drive was left: the driver wished it
 ROW = ("acceleration", "steering", "seen", "kind", "keys", "steer", "throttle", "brake", "late")
-"""Of a step.
+"""Columns of a tape, a row for each step.
 
 acceleration, steering: the command, m/s2 and rad.
 seen: number of the state that the driver had seen.
-kind: of the device, with its keys or its steer, throttle and brake.
-late: s by which the step was late.
+kind, keys, steer, throttle, brake: the input, as in `hands.Given`.
+late: time by which the step was late, s.
 """
 
 
@@ -49,15 +49,15 @@ class Tape(NamedTuple):
     """Content of a tape.
 
     head: scenario, values, settings and versions of the drive.
-    rows: of `ROW`, a step each.
-    notes: pauses and the like, by step.
-    end: its result: end reason, digest and quality of the drive;
-        None where the machine went down before the end.
+    rows: values of `ROW`, a row for each step.
+    notes: pauses and stalls, each with its step.
+    end: result of the drive, as `trip.one_drive` writes it; None where the machine went down before
+        the end.
     """
 
     head: Mapping[str, Any]
-    rows: tuple[tuple[Any, ...], ...]
-    notes: tuple[Mapping[str, Any], ...]
+    rows: Sequence[tuple[Any, ...]]
+    notes: Sequence[Mapping[str, Any]]
     end: Mapping[str, Any] | None
 
 
@@ -78,7 +78,7 @@ class Writer:
         self._file.flush()
 
     def note(self, step: int, what: str, **more: Any) -> None:
-        """Write a note that belongs before a step."""
+        """Write what happened before a step."""
         self.line({"note": what, "step": step, **more})
 
     def close(self) -> None:
@@ -87,9 +87,9 @@ class Writer:
 
 
 def json_lines(path: Path, what: str) -> list[Any]:
-    """The value of each line; a last line that was cut off is left out.
+    """The value of each line; a last line that was cut off in its middle is left out.
 
-    what: names the file in sentences.
+    what: names the file in error messages.
     """
     *lines, last = read_input_text(path, what).split("\n")
     values = []
@@ -98,7 +98,7 @@ def json_lines(path: Path, what: str) -> list[Any]:
             values.append(json.loads(line))
         except ValueError as error:
             raise InputError(f"Line {number} of {path} cannot be read: {said(error)}.") from error
-    # a complete last line lacks its line break only
+    # the last line has no line break; it may be cut off in its middle too
     with suppress(ValueError):
         values.append(json.loads(last))
     return values
@@ -107,9 +107,9 @@ def json_lines(path: Path, what: str) -> list[Any]:
 def read_tape(path: Path) -> Tape:
     """A tape.
 
-    Raises InputError naming file and line; a last line that was cut off in its middle is ignored.
+    Raises InputError that names file and line.
     """
-    head, *values = json_lines(path, "tape") or [None]  # of an empty file
+    head, *values = json_lines(path, "tape") or [None]  # an empty file has no head
     if not isinstance(head, dict) or head.get("format") != FORMAT:
         raise InputError(f"{path} must be a tape of a drive of format {FORMAT}.")
     rows = []
@@ -130,7 +130,7 @@ def read_tape(path: Path) -> Tape:
             raise must_be(
                 f"Line {number}", str(path), "a step, a note or the end of a drive", value
             )
-    return Tape(head, tuple(rows), tuple(notes), end)
+    return Tape(head, rows, notes, end)
 
 
 def settings_of(head: Mapping[str, Any]) -> SimulationSettings:
@@ -146,7 +146,7 @@ def head_of(
     concrete: ConcreteScenario, settings: SimulationSettings, **more: Any
 ) -> dict[str, Any]:
     """The head of a tape that begins now: all that a repetition needs."""
-    # all others are at their defaults in a person's drive, or the scenario has them
+    # every other setting has its default in a person's drive, or the scenario sets it
     kept = (
         "step", "record_interval", "time_limit", "standstill_speed", "standstill_time",
         "lane_change_duration",
@@ -178,7 +178,7 @@ class Player:
         self.left = ""
 
     def act(self, seen: object) -> Command:
-        """The next command; after the last it leaves the drive, as the driver did."""
+        """The next command. After the last one the drive ends, as when the driver left it."""
         row = next(self._commands, None)
         if row is None:
             self.left = OWN_WISH
@@ -193,10 +193,11 @@ def drive_again(tape: Tape, concrete: ConcreteScenario) -> Recording:
 
 
 def with_quit(recording: Recording, left: str) -> Recording:
-    """The recording; of a drive that was left with the end reason `quit`, which no ADS under test
-    can return. The error states why, unless it was the driver's own wish.
+    """The recording; of a drive that the driver left with the end reason `quit`, which no ADS can
+    return.
 
-    left: why; empty: the drive came to its end.
+    left: why the driver left it, which becomes the error unless they wished to leave; empty: they
+        did not leave it.
     """
     if not left:
         return recording
@@ -208,7 +209,7 @@ def with_quit(recording: Recording, left: str) -> Recording:
 def digest(recording: Recording) -> str:
     """SHA-256 of every vehicle's every sample, of the contact and of how the drive ended.
 
-    A tape holds it, so that another channel in `CHANNELS` needs another `FORMAT`.
+    A tape holds it, so a change of `CHANNELS` needs another `FORMAT`.
     """
     sha = hashlib.sha256()
     for name, it in sorted({"ego": recording.ego, **recording.actors}.items()):
