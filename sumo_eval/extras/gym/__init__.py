@@ -32,16 +32,16 @@ __all__ = [
 
 
 def register() -> None:
-    """Make the environments known to gymnasium; once is enough."""
+    """Register the environments that gymnasium does not have yet."""
     for name in ("scenario", *scenario_files()):
-        made = f"sumo_eval/{name}-v0"
-        if made not in gymnasium.registry:
-            given = {} if name == "scenario" else {"use": name}
+        environment = f"sumo_eval/{name}-v0"
+        if environment not in gymnasium.registry:
             gymnasium.register(
-                made,
+                environment,
                 entry_point="sumo_eval.extras.gym.env:ScenarioEnv",
                 vector_entry_point="sumo_eval.extras.gym.env:ScenarioVectorEnv",
-                kwargs=given,
+                # `scenario` leaves `use` to the user
+                kwargs={} if name == "scenario" else {"use": name},
             )
 
 

@@ -1,4 +1,6 @@
-"""The environments that gymnasium makes: single episodes, or parallel ones in one process."""
+"""The environments of `gymnasium.make` and `make_vec`: single episodes, or parallel ones in one
+process.
+"""
 
 from __future__ import annotations
 
@@ -20,15 +22,18 @@ Floats = NDArray[Any]
 
 def _spaces(interface: Interface) -> tuple[gymnasium.spaces.Box, gymnasium.Space[Any]]:
     """The spaces of the features and of the actions."""
-    shown = gymnasium.spaces.Box(*interface.bounds, dtype=np.float32)
+    features = gymnasium.spaces.Box(*interface.bounds, dtype=np.float32)
     if interface.choices is not None:
-        return shown, gymnasium.spaces.Discrete(interface.width)
-    most = largest(interface.actions)
-    return shown, gymnasium.spaces.Box(-most, most, dtype=np.float32)
+        return features, gymnasium.spaces.Discrete(interface.width)
+    limits = largest(interface.actions)
+    return features, gymnasium.spaces.Box(-limits, limits, dtype=np.float32)
 
 
 def _answers(interface: Interface, actions: Any, count: int) -> Floats:
-    """Actions of the action space as a policy's answers, (count, width)."""
+    """Actions of the action space as a policy's answers, (count, width).
+
+    A choice becomes a score of 1 for it and 0 for the rest.
+    """
     if interface.choices is None:
         values = np.asarray(actions, dtype=np.float64)
         if values.size != count * interface.width:
@@ -51,6 +56,8 @@ def _answers(interface: Interface, actions: Any, count: int) -> Floats:
 
 
 class _WithEpisodes:
+    """What both environments share."""
+
     episodes: Episodes
 
     @property
@@ -88,16 +95,11 @@ class ScenarioEnv(_WithEpisodes, gymnasium.Env[Floats, Floats]):
             raise gymnasium.error.ResetNeeded(
                 "The episode is over; call reset before the next step."
             )
-        worth, (reason,) = self.episodes.step(_answers(self.interface, action, 1))
+        (reward,), (reason,) = self.episodes.step(_answers(self.interface, action, 1))
         info = {"end_reason": str(reason)} if reason else {}
         terminated = reason in TERMINAL
-        return (
-            self.episodes.show()[0],
-            float(worth[0]),
-            terminated,
-            bool(reason) and not terminated,
-            info,
-        )
+        truncated = bool(reason) and not terminated
+        return self.episodes.show()[0], float(reward), terminated, truncated, info
 
     def close(self) -> None:
         """End the simulation."""
@@ -107,9 +109,9 @@ class ScenarioEnv(_WithEpisodes, gymnasium.Env[Floats, Floats]):
 class ScenarioVectorEnv(_WithEpisodes, VectorEnv[Floats, Floats, Floats]):
     """`num_envs` parallel cases of a logical scenario; other arguments as of `Episodes`.
 
-    autoreset_mode: when a finished episode restarts: with the next step, which gives its
-        first observation and reward 0 (gymnasium's usual), with the same step, its last observation
-        in `final_obs`, or never (`Disabled`).
+    autoreset_mode: when a finished episode restarts. `NextStep`, gymnasium's usual: the next step
+        gives the first observation of the new episode and reward 0. `SameStep`: the step that ends
+        it does so, with the last observation in `final_obs`. `Disabled`: never.
     """
 
     def __init__(
@@ -132,7 +134,7 @@ class ScenarioVectorEnv(_WithEpisodes, VectorEnv[Floats, Floats, Floats]):
     ) -> tuple[Floats, dict[str, Any]]:
         """Begin a case in each, or in those of `options["reset_mask"]`.
 
-        seed: of the first, counted up for the rest; or one for each.
+        seed: a number, which counts up from episode to episode; or one for each.
         """
         options = dict(options or {})
         mask = options.pop("reset_mask", np.ones(self.num_envs, dtype=np.bool_))
@@ -155,44 +157,44 @@ class ScenarioVectorEnv(_WithEpisodes, VectorEnv[Floats, Floats, Floats]):
         }
 
     def _seed(self, seed: int | list[int | None] | None) -> None:
-        if seed is None and self._generators:
-            return
+        """Make a generator for each episode; without a seed those that exist continue."""
         if seed is None:
+            if self._generators:
+                return
             seed = int(self.np_random.integers(2**31))
         seeds = seed if isinstance(seed, list) else range(seed, seed + self.num_envs)
         if len(seeds) != self.num_envs:
             raise must_be("`seed`", "reset", f"one number, or {self.num_envs}", seed)
-        self._generators = [np.random.default_rng(one) for one in seeds]
+        self._generators = list(map(np.random.default_rng, seeds))
 
     def step(
         self, actions: Floats
     ) -> tuple[Floats, Floats, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """One step of all, or the steps of one `period`."""
         answers = _answers(self.interface, actions, self.num_envs)
-        begun = self._over.copy()
-        if begun.any():
+        restarts = self._over  # those that ended with the last step; their actions do not count
+        if restarts.any():
             if self._mode is AutoresetMode.DISABLED:
                 raise gymnasium.error.ResetNeeded(
                     "Some episodes are over; reset them with `reset_mask` first."
                 )
-            answers = np.where(begun[:, None], 0.0, answers)
-        worth, reasons = self.episodes.step(answers)
+            answers = np.where(restarts[:, None], 0.0, answers)
+        rewards, reasons = self.episodes.step(answers)
         over = reasons != ""
         info: dict[str, Any] = {}
         if over.any():
             info = {"end_reason": reasons, "_end_reason": over.copy()}
-        # they stood still in this step
-        self.episodes.begin(np.flatnonzero(begun), self._generators, {})
+        # they restart after the step, in which they did not move
+        self.episodes.begin(np.flatnonzero(restarts), self._generators, {})
         seen = self.episodes.show()
         if self._mode is AutoresetMode.SAME_STEP and over.any():
-            info["final_obs"], info["_final_obs"] = seen.copy(), over.copy()
+            info["final_obs"], info["_final_obs"] = seen, over
             self.episodes.begin(np.flatnonzero(over), self._generators, {})
             seen = self.episodes.show()
-            self._over[:] = False
         else:
             self._over = over
         terminated = np.isin(reasons, TERMINAL)
-        return seen, worth, terminated, over & ~terminated, info
+        return seen, rewards, terminated, over & ~terminated, info
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the simulation."""

@@ -1,4 +1,6 @@
-"""Parallel episodes of a logical scenario: their start, reward and end."""
+"""Parallel episodes of a logical scenario, for both environments of `env`: their start, reward and
+end.
+"""
 
 from __future__ import annotations
 
@@ -27,22 +29,23 @@ Point = Mapping[str, float]
 Sampler = Callable[[np.random.Generator], Point]
 
 TERMINAL = ("contact", "off_road", "road_end", "standstill")
-"""Ends after which nothing more would come; `time_limit` and `step_limit` cut an episode short."""
+"""Ends that the drive itself brings; others, such as `time_limit` and `step_limit`, cut an
+episode short."""
 _TRIES = 10_000  # points drawn for one that satisfies the constraints
 
 
 @dataclass(frozen=True)
 class Transition:
-    """One step of the simulation for n episodes, arrays (n,); episodes that are over have `running`
-    False.
+    """One step of the simulation for n episodes, arrays (n,).
 
-    seen: what is seen after it.
-    command: what was asked, (n, 2), m/s2 and rad.
-    speed, acceleration, jerk: the ego's after it, m/s, m/s2, m/s3.
-    start_speed: its speed at the start, m/s.
+    seen: observations after the step.
+    command: commanded acceleration, m/s2, and steering wheel angle, rad, (n, 2).
+    speed, acceleration, jerk: of the ego after the step, m/s, m/s2, m/s3.
+    start_speed: of the ego at the start of its episode, m/s.
+    running: False for episodes that were over before the step.
     ended: why an episode ended with this step, "" otherwise.
-    impact: of a contact, the relative speed of both, m/s.
-    step: s.
+    impact: relative speed of both bodies at a contact, m/s; 0 without a contact.
+    step: length of the step, s.
     """
 
     seen: Observations
@@ -59,18 +62,20 @@ class Transition:
 
 Reward = Callable[[Transition], Floats]
 
-COMFORTABLE = 3.0  # m/s2, an acceleration whose square costs as much as standing still gains
-COMFORTABLE_JERK = 15.0  # m/s3, likewise
+COMFORTABLE = 3.0  # m/s2, an acceleration of which a second costs 0.1
+COMFORTABLE_JERK = 15.0  # m/s3, a jerk of which a second costs 0.01
 
 
 def usual_reward(it: Transition) -> Floats:
-    """Progress, comfort and collision: a second at the speed of the start is worth 1.
+    """Reward (n,) for progress, comfort and no collision: a second at the speed of the start is
+    worth 1.
 
-    It stands for the parts of S+ = T A' (a + b H) that a step knows: T for progress, A' for
-    contacts and departures, H for comfort. S+ itself needs the references of an evaluation.
+    It stands for the parts of S+ = T A' (a + b H) that a single step can show: progress for T,
+    contacts and departures from the road for A', comfort for H. S+ itself needs the references of
+    an evaluation.
 
-    A second costs (a / 3 m/s2)^2 / 10 + (jerk / 15 m/s3)^2 / 100, a contact 20 + 2 for each m/s of
-    its impact, leaving the road 20.
+    A second costs (acceleration / 3 m/s2)^2 / 10 + (jerk / 15 m/s3)^2 / 100. A contact costs 20,
+    and 2 more for each m/s of its impact. Leaving the road costs 20.
     """
     progress = np.minimum(it.speed / np.maximum(it.start_speed, 1.0), 1.0)
     discomfort = (
@@ -86,8 +91,8 @@ class Episodes:
     """n parallel episodes of one logical scenario.
 
     use: a shipped scenario's name, a scenario file, `module:name`, or a LogicalScenario.
-    interface: features and actions, or their file.
-    reward: worth of each step, (n,).
+    interface: features and actions, or their file; None: the usual ones.
+    reward: function that gives the reward (n,) of a `Transition`; None: `usual_reward`.
     sampler: draws a point from a generator; None: evenly over the space.
     steering: whether the usual interface has steering.
     sumo: whether SUMO steps the actors, as in an evaluation; libsumo holds one simulation in a
@@ -133,7 +138,7 @@ class Episodes:
         options: see `point`.
         """
         if self._pack is None:
-            rows = np.arange(self.count)  # a pack begins as a whole
+            rows = np.arange(self.count)  # the first time, all begin together
         cases = [
             self.logical.concrete(**self.point(generators[row], options)) for row in rows.tolist()
         ]
@@ -146,12 +151,12 @@ class Episodes:
         self._answered[rows] = 0
 
     def point(self, generator: np.random.Generator, options: Mapping[str, Any]) -> dict[str, float]:
-        """A point of the space.
+        """A point of the space; parameters that nothing sets are drawn from their ranges.
 
-        options: values of parameters by name, the rest is drawn; or a `sampler`.
+        options: values of parameters by name; `sampler`: instead of that of the environment.
         """
-        given = {name: value for name, value in options.items() if name != "sampler"}
-        sampler = options.get("sampler", self.sampler)
+        given = dict(options)
+        sampler = given.pop("sampler", self.sampler)
         for name, value in given.items():
             self.logical.column(name)  # refuses an unknown one
             if isinstance(value, bool) or not isinstance(value, int | float | np.number):
@@ -178,7 +183,7 @@ class Episodes:
 
     @property
     def pack(self) -> Pack:
-        """The rows of the episodes."""
+        """The batch whose rows are the episodes."""
         if self._pack is None:
             raise InputError("An environment must be reset before its first step.")
         return self._pack
@@ -194,27 +199,33 @@ class Episodes:
         return self.interface.show(self.pack.observations())
 
     def step(self, answers: Floats) -> tuple[Floats, NDArray[Any]]:
-        """As many steps as a period has, with the commands held: the worth, and why an episode
-        ended, "" otherwise.
+        """The steps of one period of the interface, with the same commands in each.
+
+        answers: of the policies, (n, width).
+        Returns the sums of the rewards, (n,), and why episodes ended, (n,), "" otherwise.
         """
         commands = self.interface.commands(answers)
         if not np.isfinite(commands).all():
             raise must_be("The actions", "an environment", "finite numbers", answers)
-        worth, reasons = np.zeros(self.count), np.full(self.count, "", dtype="U16")
+        rewards, reasons = np.zeros(self.count), np.full(self.count, "", dtype="U16")
         for _ in range(self._steps):
             it = self._transition(commands)
-            worth += self._reward(it)
+            rewards += self._reward(it)
             reasons = np.where(it.ended == "", reasons, it.ended)
 
         self._answered += 1
         if self._limit is not None:
             egos = self.pack.world.egos
             late = (self._answered >= self._limit) & (egos["live"] != 0)
-            egos["live"][late], reasons[late] = 0, "step_limit"
-        return worth, reasons
+            egos["live"][late] = 0
+            reasons[late] = "step_limit"
+        return rewards, reasons
 
     def _transition(self, commands: Floats) -> Transition:
-        """One step of the simulation; commands: (n, 2), m/s2 and rad."""
+        """One step of the simulation.
+
+        commands: accelerations, m/s2, and steering wheel angles, rad, (n, 2).
+        """
         pack = self.pack
         egos = pack.world.egos
         running, before = egos["live"] != 0, egos["acceleration"].copy()
@@ -230,6 +241,7 @@ class Episodes:
         )  # fmt: skip
 
     def _reward(self, it: Transition) -> Floats:
+        """The user's reward of a step, checked, and 0 for episodes that were over."""
         given = self.reward(it)
         with suppress(TypeError, ValueError):  # no numbers, or too many
             # complex numbers, texts and objects are refused, as "same_kind" does not cast them
@@ -245,8 +257,10 @@ class Episodes:
         )
 
     def _impact(self, row: int) -> float:
+        """Relative speed of the ego and the actor that it touches, m/s."""
         world = self.pack.world
         both = world.egos[row], world.others[row, world.egos["struck"][row]]
+        # the first 7 fields of both records are those of a body
         return math.dist(*(Body(*vehicle.tolist()[:7]).velocity for vehicle in both))
 
 
