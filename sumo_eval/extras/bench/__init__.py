@@ -1,1 +1,1 @@
-"""Costs on this machine."""
+"""Processor time that simulations and computations take on this machine."""

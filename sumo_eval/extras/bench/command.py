@@ -1,4 +1,4 @@
-"""`sumo-eval bench`: what things cost."""
+"""`sumo-eval bench`: processor time of the package's parts on this machine."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import click
 from sumo_eval.cli.options import flag
 from sumo_eval.cli.sentences import tell
 
-# as in sumo_eval.extras.bench.costs, which is slow to import
+# as `sumo_eval.extras.bench.costs.benchmark`, which is slow to import, has them
 PARTS = ("co-simulation", "field and D", "zones")
 
 

@@ -1,7 +1,7 @@
 """Costs on this machine, for `sumo-eval bench`: bare libsumo, the harness, the field, D, zones.
 
-Costs are processor time, not wall time, so that other programs disturb little. Each is the least of
-several rounds, in which everything that is compared is measured once. On other machines only the
+Costs are processor time, not wall time, so that other programs disturb little. What is compared is
+measured once in each of several rounds, and the least cost counts. On other machines only the
 ratios hold.
 """
 
@@ -63,6 +63,10 @@ class Row(NamedTuple):
     unit: str
     ratio: float | None = None
     ratio_of: str = ""
+
+
+Figures = tuple[Any, ...]
+"""The fields of a row from `what` on; the part that measures them is its group."""
 
 
 class TenLines:
@@ -134,12 +138,13 @@ def benchmark(
     for part in parts:
         progress(part)
         if part == "co-simulation":
-            rows += cosimulation(cases, rounds)
+            figures = cosimulation(cases, rounds)
         elif part == "field and D":
-            rows += field_and_index(rounds)
+            figures = field_and_index(rounds)
         else:
-            # a small benchmark trains on few points
-            rows += zones(2000 if cases >= 100 else 100)
+            # training points; a benchmark of few cases takes few
+            figures = zones(2000 if cases >= 100 else 100)
+        rows += [Row(part, *it) for it in figures]
     machine = {
         "processor": platform.processor() or platform.machine(),
         "cores": os.cpu_count(),
@@ -166,11 +171,11 @@ _BATCHED = {
 """ADSs whose cases are simulated in batches: name in the table -> controller."""
 
 
-def cosimulation(cases: int, rounds: int) -> list[Row]:
+def cosimulation(cases: int, rounds: int) -> list[Figures]:
     """Costs of simulating and recording cases of the cut-in grid: every ADS, one at a time or in
     batches, compared with bare libsumo over the same number of steps.
     """
-    logical, group = catalogue.load("cut_in"), "co-simulation"
+    logical = catalogue.load("cut_in")
     grid = sample(logical).points
     # evenly over the grid
     concretes = logical.concretes(grid[:: max(len(grid) // cases, 1)][:cases])
@@ -190,17 +195,14 @@ def cosimulation(cases: int, rounds: int) -> list[Row]:
         for name, drives in recordings.items()
     }
 
-    own, bare = _least_seconds(ways, concretes, steps, rounds)
+    seconds, bare = _least_seconds(ways, concretes, steps, rounds)
     count, baseline = len(concretes), "careful_driver, packed"
-    rows = [
-        Row(group, f"{name} ({np.mean(steps[name]):.0f} steps a case)", count / own[name],
-             "cases/s", bare[name] / own[name], "bare libsumo")
-        for name in ways
+    return [
+        *((f"{name} ({np.mean(steps[name]):.0f} steps a case)", count / seconds[name],
+           "cases/s", bare[name] / seconds[name], "bare libsumo") for name in ways),
+        ("bare libsumo, one at a time, as many steps", count / bare[baseline], "cases/s"),
+        _storing(concretes, recordings[baseline]),
     ]  # fmt: skip
-    yardstick = Row(
-        group, "bare libsumo, one at a time, as many steps", count / bare[baseline], "cases/s"
-    )
-    return [*rows, yardstick, _storing(concretes, recordings[baseline])]
 
 
 def _least_seconds(
@@ -212,9 +214,9 @@ def _least_seconds(
     """Least seconds of each way, and of bare libsumo over the same steps.
 
     ways: name -> function that simulates all concrete scenarios.
-    steps: of each case, by way.
+    steps: name of a way -> number of steps of each case.
     """
-    own, bare = dict.fromkeys(ways, math.inf), dict.fromkeys(ways, math.inf)
+    seconds, bare = dict.fromkeys(ways, math.inf), dict.fromkeys(ways, math.inf)
     # bare libsumo runs in a new process, in which the harness has set up nothing
     with (
         ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as process,
@@ -229,15 +231,15 @@ def _least_seconds(
             )
         for _ in range(rounds):
             for name, way in ways.items():
-                own[name] = min(own[name], _seconds(way))
+                seconds[name] = min(seconds[name], _seconds(way))
                 # a user's function makes the same calls in bare libsumo
                 calls = [set_speed] if name.startswith("user's function") else []
                 took = process.submit(bare_seconds, command_lines, steps[name], *calls).result()
                 bare[name] = min(bare[name], took)
-    return own, bare
+    return seconds, bare
 
 
-def _storing(concretes: Sequence[ConcreteScenario], recordings: Sequence[Recording]) -> Row:
+def _storing(concretes: Sequence[ConcreteScenario], recordings: Sequence[Recording]) -> Figures:
     """Cost of writing recordings, one of each concrete scenario, into a run's facts."""
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -248,19 +250,19 @@ def _storing(concretes: Sequence[ConcreteScenario], recordings: Sequence[Recordi
             for number, (one, recording) in enumerate(zip(concretes, recordings, strict=True))
         ]
         took = _seconds(lambda: list(map(store.add, outcomes)))
-    return Row("co-simulation", "storing recordings", 1e3 * took / len(outcomes), "ms/case")
+    return "storing recordings", 1e3 * took / len(outcomes), "ms/case"
 
 
-def field_and_index(rounds: int) -> list[Row]:
-    """Cost of a term of the field compared with numpy's exp, and of D_i of a case compared with its
-    11 simulations in batches: the ADS's and those of 10 drivers.
+def field_and_index(rounds: int) -> list[Figures]:
+    """Cost of one term of the field, compared with numpy's exp, and of D_i of a case, compared with
+    its 11 simulations in batches: that of the ADS and those of 10 drivers.
     """
     logical = catalogue.load("front_vehicle_cut_out")
     concrete = logical.concrete(ego_speed=25.0, obstacle_speed=10.0, gap=110.0)
     people = [human_controller(index, 10, 1, concrete) for index in range(10)]
     drivers = [recording.ego for recording in simulate_many([concrete] * 10, people)]
     ads = simulate(concrete, "lane_changer").ego
-    points = 10 * rounds  # the same concrete scenario several times, in batches as of a run
+    points = 10 * rounds  # repetitions of the concrete scenario, so that batches are as of a run
     simulated = _seconds(
         lambda: [
             *simulate_many([concrete] * 10 * points, people * points),
@@ -269,10 +271,10 @@ def field_and_index(rounds: int) -> list[Row]:
     )
     slices = slice_positions(ads.x[0], logical.road.length - ads.x[0], 0.5)
     places = slice_points(slices, lateral_position(ads, slices), logical.road).reshape(-1, 2)
-    # the field at a place is a sum over samples of the trajectory, 0.02 s apart
+    # the field at a place is a sum with a term for each sample of the trajectory, 0.02 s apart
     terms = len(places) * len(np.arange(0.0, ads.duration, 0.02))
     anthropomorphic_index(ads, drivers, logical.road)  # compiles what is not compiled yet
-    # exponents of the size that the field's have
+    # numbers as large as the exponents of the field
     numbers, result = np.random.default_rng(2).uniform(-0.3, 0.3, 1024), np.empty(1024)
     works = {
         "kernel": lambda: trajectory_field(places, ads, sample_interval=0.02),
@@ -283,25 +285,28 @@ def field_and_index(rounds: int) -> list[Row]:
     for _ in range(3 * rounds):
         for name, work in works.items():
             least[name] = min(least[name], _seconds(work))
-    group, index = "field and D", least["index"]
-    kernel, exponential = least["kernel"] / terms, least["exp"] / (1000 * numbers.size)
-    ratio = simulated / points / index  # of the speed of D_i and of one point's simulations
+    index, kernel = least["index"], least["kernel"] / terms
+    exponential = least["exp"] / (1000 * numbers.size)
+    ratio = simulated / points / index  # seconds of one point's simulations and of its D_i
     return [
-        Row(group, "numpy's exp, a number", 1e9 * exponential, "ns"),
-        Row(group, "field, a term", 1e9 * kernel, "ns", exponential / kernel, "numpy's exp"),
-        Row(group, "D of a case, 10 drivers", 1e3 * index, "ms", ratio, "its 11 drives in batches"),
+        ("numpy's exp, a number", 1e9 * exponential, "ns"),
+        ("field, a term", 1e9 * kernel, "ns", exponential / kernel, "numpy's exp"),
+        ("D of a case, 10 drivers", 1e3 * index, "ms", ratio, "its 11 drives in batches"),
     ]
 
 
-def zones(points: int) -> list[Row]:
-    """Cost of the zones of a scenario, learnt on its own grid and on `points` random points."""
+def zones(points: int) -> list[Figures]:
+    """Cost of the zones of a scenario, learnt from its own grid and from random points.
+
+    points: number of random points.
+    """
     logical = catalogue.load("front_vehicle_cut_out")
     many = logical.from_unit(np.random.default_rng(1).random((points, len(logical.parameters))))
     own = _seconds(lambda: partition(logical))
     trained = _seconds(lambda: partition(logical, points=many))
     return [
-        Row("zones", "front_vehicle_cut_out, its own grid", own, "s"),
-        Row("zones", f"{points} training points", trained, "s"),
+        ("front_vehicle_cut_out, its own grid", own, "s"),
+        (f"{points} training points", trained, "s"),
     ]
 
 
