@@ -56,7 +56,7 @@ def _answers(interface: Interface, actions: Any, count: int) -> Floats:
 
 
 class _WithEpisodes:
-    """What both environments share."""
+    """Common part of both environments."""
 
     episodes: Episodes
 
