@@ -790,17 +790,18 @@ def test_a_distance_of_a_lateral_move_counts_until_it_ends(tmp_path):
     assert [act.begin for act in acts] == [1.0, 10.0, 12.0]
 
 
-@pytest.mark.parametrize(("reads", "moves", "refused"), [
-    (AT.format(5), timed(BRAKE, 2, n=2), True),
-    (AT.format(5), CUT_IN.replace(ACROSS, BRAKE).replace("lessThan", "greaterThan"), True),
-    (AT.format(0), CUT_IN.replace(ACROSS, BRAKE), False),
-    (AT.format(1), timed(BRAKE, COMPLETE.format("e1"), n=2), False),
+@pytest.mark.parametrize(("reads", "value", "moves", "refused"), [
+    (AT.format(5), 1, timed(BRAKE, 2, n=2), True),
+    (AT.format(5), 1, CUT_IN.replace(ACROSS, BRAKE).replace("lessThan", "greaterThan"), True),
+    (AT.format(0), 1, CUT_IN.replace(ACROSS, BRAKE), False),
+    (AT.format(1), 1, timed(BRAKE, COMPLETE.format("e1"), n=2), False),
+    (AT.format(5), -15, timed(BRAKE, COMPLETE.format("e"), n=2), True),  # no change at 5 s
 ])  # fmt: skip
-def test_a_speed_relative_to_a_later_event_is_refused(tmp_path, reads, moves, refused):
+def test_a_speed_relative_to_a_later_event_is_refused(tmp_path, reads, value, moves, refused):
     """It would be that from which the other brakes before."""
-    relative = """<LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape="linear"
+    relative = f"""<LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape="linear"
     dynamicsDimension="rate" value="1"/><SpeedActionTarget><RelativeTargetSpeed entityRef="Other"
-    value="1" speedTargetValueType="delta" continuous="false"/></SpeedActionTarget></SpeedAction>
+    value="{value}" speedTargetValueType="delta" continuous="false"/></SpeedActionTarget></SpeedAction>
     </LongitudinalAction>"""
     third = """<ScenarioObject name="Third"><CatalogReference catalogName="cars" entryName="car"/>
     </ScenarioObject></Entities>"""
@@ -808,9 +809,11 @@ def test_a_speed_relative_to_a_later_event_is_refused(tmp_path, reads, moves, re
     roadId="0" laneId="-1" s="90"/></Position></TeleportAction></PrivateAction></Private></Actions></Init>"""
     then = """</Maneuver></ManeuverGroup></Act><Act name="b"><ManeuverGroup name="h"><Actors>
     <EntityRef entityRef="Other"/></Actors><Maneuver name="n">"""
+    aside = CUT_IN.replace(ACROSS, OFFSET)
     path = changed(tmp_path, ("</Entities>", third), ("</Actions></Init>", there),
         ('s="false"><EntityRef entityRef="Other"', 's="false"><EntityRef entityRef="Third"'),
-        events=timed(relative, reads) + then + moves)  # fmt: skip
+        ("overwrite", "parallel"),
+        events=timed(relative, reads) + aside + then + moves)  # fmt: skip
     with refusal("`Other`, on which it depends, may move before") if refused else nullcontext():
         read_file(path)
 

@@ -46,6 +46,7 @@ _STRONGEST = {"sinusoidal": 0.5 * math.pi**2, "cubic": 6.0}
 _DIMENSIONS = ("rate", "time", "distance")
 _SHAPES = ("linear", "step", "cubic", "sinusoidal")
 _SPEEDS, _ACROSS = (played.SPEED, played.BY_TIME, played.MATCH), (played.COSINE, played.CONSTANT)
+_NO_MOVE = played.EGO, 0  # in place of a move that no condition waits for: it has no act
 _SHARES = np.arange(1, 33) / 32  # of a change of speed, at its knots
 _THERE = 0.05  # m and m/s within which a distance is reached
 _MOST = 1e3  # of a speed or an acceleration without a limit
@@ -144,7 +145,13 @@ class Moves:
         }  # fmt: skip
         if element.tag not in known:
             raise element.unsupported(f"moves that are: {', '.join(known)}")
-        return known[element.tag](element, entity, moment)
+        move = self._next(entity)
+        span = known[element.tag](element, entity, moment)
+        for other in self.places.entities.values():
+            # it has no act of its own: the one that gets its number is another move
+            if other is not entity and self._next(entity) == move:
+                other.reads = [(*it[:3], _NO_MOVE) if it[3] == move else it for it in other.reads]
+        return span
 
     def _read(self, target: Node, mover: Entity, begin: Moment, kinds: tuple[int, ...]) -> Entity:
         """The entity to which a move is relative; notes when its moves of these kinds are read."""
@@ -218,7 +225,7 @@ class Moves:
         unsure = self._unsure(entity, begin, _SPEEDS)
         if change <= SAME and not unsure:
             if begin.known:
-                self._plan(entity, begin, _SPEEDS, dynamics, (played.EGO, 0))
+                self._plan(entity, begin, _SPEEDS, dynamics, _NO_MOVE)
             return Span(begin, begin.time)
         if unsure:
             return self._from_any_speed(dynamics, entity, begin, speed)
