@@ -100,7 +100,7 @@ def spread(
         return mean, np.sqrt(own / np.maximum(freedom, 1e-9))
     by_group = [moments(choice.groups == group)[1:] for group in np.unique(choice.groups)]
     squares, degrees = map(sum, zip(*by_group, strict=True))
-    pooled = pooled_drivers * squares / np.maximum(degrees, 1)
+    pooled = pooled_drivers * (squares / np.maximum(degrees, 1))
     return mean, np.sqrt((own + pooled) / np.maximum(freedom + pooled_drivers, 1e-9))
 
 

@@ -427,9 +427,8 @@ def _own_axes(logical: LogicalScenario) -> tuple[list[list[float]], tuple[str, .
     """
     counts = [_own_count(parameter) for parameter in logical.parameters]
     own = math.prod(counts)
-    most = (
-        OWN_GRID_POINTS.bit_length() - 1
-    )  # parameters of which two values each still fit: 2**most points
+    # parameters of which two values each still fit: 2**most points
+    most = OWN_GRID_POINTS.bit_length() - 1
     if len(counts) > most:
         raise InputError(
             f"Scenario `{logical.name}` must have at most {most} parameters, since its zones are "

@@ -138,6 +138,16 @@ def test_without_its_adapter_it_is_refused_by_a_sentence_that_names_it(name, met
     )
 
 
+def test_ads_with_a_property_named_as_another_tools_method_loads():
+    class Planned:
+        plan = property(lambda self: {}["no plan before the first case"])
+
+        def act(self, observation):
+            return 0.0
+
+    assert load_controller(Planned()).is_policy
+
+
 @pytest.mark.parametrize(
     ("locator", "sentence"),
     [

@@ -537,14 +537,16 @@ def _foreign(found: Any, described: str) -> str | None:
     if any(base.__module__.partition(".")[0] == "smarts" for base in kind.__mro__):
         name, (whose, tool) = "act", _SMARTS
     else:
-        methods = [it for it in ("act", "step", *FOREIGN) if callable(getattr(found, it, None))]
-        if isinstance(found, Adapter) or not methods or methods[0] not in FOREIGN:
+        # one by one: a property that has the name of a later one may fail before the first case
+        methods = (it for it in ("act", "step", *FOREIGN) if callable(getattr(found, it, None)))
+        name = next(methods, "")
+        if isinstance(found, Adapter) or name not in FOREIGN:
             return None
         # A callable with arguments is a function here; CARLA's agents are callable, without any.
         call = getattr(kind, "__call__", None)  # noqa: B004
         if inspect.isfunction(call) and len(inspect.signature(call).parameters) > 1:
             return None
-        name, (whose, tool) = methods[0], FOREIGN[methods[0]]
+        whose, tool = FOREIGN[name]
     way = (
         f"{_adapter(_BY_SCHEME[tool], described)} drives it (docs/ads/other_simulators.md). Or "
         if tool
