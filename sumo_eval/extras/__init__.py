@@ -1,3 +1,4 @@
-"""Rooms that the six steps of the paper and the three main uses do not need; the core never imports
-it.
+"""Commands and doors that no evaluation, user's ADS or nightly run needs, one room each.
+
+Entry points of `pyproject.toml` find them, so that the core never imports this package.
 """

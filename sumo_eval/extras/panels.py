@@ -32,7 +32,7 @@ COLOURS: Final = (
 """Colours of ADSs, in order: Okabe and Ito (2008), distinct for every colour vision."""
 
 _ON_PAGES: Final = {"": None, "o": "circle", "X": "x", "-": "solid"}
-"""Styles of lines and markers: matplotlib's -> plotly's."""
+"""matplotlib's style of a line or marker -> plotly's name; None: plotly's default, not drawn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,8 +41,8 @@ class Marks:
 
     name: entry of the legend, which shows each name once; empty: no entry.
     x, y: (n,).
-    line, marker: matplotlib's styles; on a page those of `_ON_PAGES` only. Empty: none.
-    bars: bars in place of line and marker, on a page only.
+    line, marker: matplotlib's styles, on a page those of `_ON_PAGES` alone; empty: not drawn.
+    bars: draw bars instead of line and marker, on a page only.
     spread: half the length of each point's error bar along x, (n,); None: no error bars.
     words: text of each point, on a page only.
     """
@@ -62,11 +62,11 @@ class Marks:
 class Panel:
     """One chart.
 
-    x, y: labels of its axes; an empty x: the axis is that of the panel below, which labels it.
+    x, y: labels of its axes. Without x the panel shares the axis of the panel below.
     verticals: x of vertical lines across the whole panel.
-    chance: a map with a line at 0.5: x (m,), y (n,) and values (n, m), hazardous above 0.5; None:
-        no map.
-    range_: ends of the x axis; None: those of what is drawn.
+    chance: map of safe and hazardous areas: x (m,), y (n,) and values (n, m), hazardous above 0.5.
+        None: no map.
+    range_: ends of the x axis; None: chosen by the library from the marks.
     """
 
     marks: Sequence[Marks]
@@ -87,12 +87,12 @@ def on_page(panels: Sequence[Panel], columns: int, height: int) -> go.Figure:
     from plotly.subplots import make_subplots
 
     rows = -(-len(panels) // columns)  # rounded up
-    # spaces between panels, as shares of the figure
+    # the spaces between panels are shares of the figure
     figure = make_subplots(
         rows, columns, subplot_titles=[panel.title for panel in panels],
         vertical_spacing=0.3 / rows, horizontal_spacing=0.2 / columns,
     )  # fmt: skip
-    named = {""}  # marks that have their entry of the legend, or need none
+    named = {""}  # names in the legend; marks without a name need no entry
     for number, panel in enumerate(panels):
         at = {"row": number // columns + 1, "col": number % columns + 1}
         if panel.chance is not None:
@@ -123,9 +123,9 @@ def _add_marks(figure: go.Figure, marks: Marks, at: dict[str, int], *, in_legend
         )
         return
     styles = (("lines", marks.line), ("markers", marks.marker))
-    mode = "+".join(shape for shape, style in styles if style)
+    mode = "+".join(shape for shape, style in styles if style)  # as `lines+markers`
     figure.add_scatter(
-        x=marks.x, y=marks.y, mode=mode or "markers", text=marks.words, **legend, **at,
+        x=marks.x, y=marks.y, mode=mode, text=marks.words, **legend, **at,
         line={"color": marks.colour, "dash": _ON_PAGES[marks.line]},
         marker={"color": marks.colour, "symbol": _ON_PAGES[marks.marker]},
         error_x=None if marks.spread is None else {"type": "data", "array": marks.spread},
@@ -135,7 +135,7 @@ def _add_marks(figure: go.Figure, marks: Marks, at: dict[str, int], *, in_legend
 def draw(ax: Axes, panel: Panel, named: set[str]) -> None:
     """Draw a panel with matplotlib.
 
-    named: names of marks that the figure's legend has already; the function adds this panel's.
+    named: names in the figure's legend; the names of this panel are added.
     """
     if panel.chance is not None:
         ax.contourf(*panel.chance, levels=[-np.inf, 0.5, np.inf], colors=[SAFE, HAZARDOUS])
@@ -143,11 +143,13 @@ def draw(ax: Axes, panel: Panel, named: set[str]) -> None:
     for it in panel.marks:
         label = "" if it.name in named else it.name
         named.add(it.name)
-        # faint marks lie below all others; markers at the axes' edge are drawn whole
+        # Unclipped, a marker at the axes' edge is drawn whole. But an unclipped entry of the legend,
+        # which has no points, would make the layout fail.
+        clipped = not it.marker or np.size(it.x) == 0
         ax.errorbar(
             it.x, it.y, xerr=it.spread, color=it.colour, ls=it.line, marker=it.marker, label=label,
-            elinewidth=0.6, markeredgecolor=INK, markeredgewidth=0.3,
-            zorder=1 if it.colour == FAINT else 2, clip_on=not (it.marker and np.size(it.x)),
+            elinewidth=0.6, markeredgecolor=INK, markeredgewidth=0.3, clip_on=clipped,
+            zorder=1 if it.colour == FAINT else 2,  # faint marks lie below all others
         )  # fmt: skip
     for x in panel.verticals:
         ax.axvline(x, color=FAINT, linewidth=3.0, zorder=0)
@@ -155,17 +157,18 @@ def draw(ax: Axes, panel: Panel, named: set[str]) -> None:
     ax.tick_params(labelbottom=bool(panel.x))
 
 
-def edge_of(ax: Axes, values: tuple[Any, Any, Any], level: float, colour: str, line: str) -> None:
-    """Draw the line at a level of a map (x, y, z), if the map has values on both sides of it."""
-    if np.nanmin(values[2]) < level < np.nanmax(values[2]):
-        ax.contour(*values, levels=[level], colors=[colour], linestyles=[line], linewidths=0.9)
+def edge_of(ax: Axes, map_: tuple[Any, Any, Any], level: float, colour: str, line: str) -> None:
+    """Draw the line at a level of a map, as `Panel.chance`, if it has values on both sides."""
+    x, y, z = map_
+    if np.nanmin(z) < level < np.nanmax(z):
+        ax.contour(x, y, z, levels=[level], colors=[colour], linestyles=[line], linewidths=0.9)
 
 
 def add_title_and_legend(figure: Figure, title: str) -> None:
     """Put a title above a figure, wrapped to its width, and a legend below it if marks have
     names.
     """
-    # a figure is as wide as one column of a paper (3.5 inches) or as its page (7.1 inches)
+    # figures are 3.5 inches wide, one column of a paper, or 7.1 inches, its page
     one_column = figure.get_figwidth() < 5.0
     if any(ax.get_legend_handles_labels()[1] for ax in figure.axes):
         figure.legend(loc="outside lower center", ncols=2 if one_column else 4)

@@ -1,3 +1,1 @@
-"""Figures for papers: the paper's own and those alongside, from a scored run, as vector or pixel
-files.
-"""
+"""Figures for papers from runs and studies, as vector or pixel files, for `sumo-eval plot`."""

@@ -1,3 +1,4 @@
-"""Crash rates from recordings: logical scenarios learnt from traffic, and how often an ADS would
-crash in them.
+"""Recordings of traffic: logical scenarios learnt from them, crash rates of ADSs, recorded scenes.
+
+Commands `learn`, `campaign` and `humans`; also `calibrate` and `sensitivity` of scored runs.
 """

@@ -17,17 +17,15 @@ from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 from sumo_eval.errors import InputError
 
-NAMED = 3  # files; more are named by the first and the last
+NAMED = 3  # files that a sentence names one by one
 
 
 def called(recordings: Sequence[Path]) -> str:
-    """Name of files in sentences, however many there are."""
+    """Names of files for a sentence; of more than `NAMED` files their number, first and last."""
     names = [path.name for path in recordings]
-    return (
-        ", ".join(names)
-        if len(names) <= NAMED
-        else f"{len(names)} files, {names[0]} to {names[-1]}"
-    )
+    if len(names) <= NAMED:
+        return ", ".join(names)
+    return f"{len(names)} files, {names[0]} to {names[-1]}"
 
 
 @click.command(epilog="Example: sumo-eval learn people.csv.gz --out learned")
@@ -48,19 +46,19 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
     """
     from sumo_eval.drivers.recorded.importing import each_of
     from sumo_eval.extras.rates.learn_page import sentences, write_lesson
-    from sumo_eval.extras.rates.learned import learn as learned_from
+    from sumo_eval.extras.rates.learned import learn as learn_from
 
+    # now, not only when its turn to be read comes
     for path in recordings:
         if not path.exists():
             raise InputError(f"Recordings {path} are not there.")
     out = out or out_folder.default("learned")
     out_folder.ready(out)
-    parts = each_of(form, recordings)
-    source = called(recordings)
     with Progress() as progress:
-        lesson = learned_from(
-            parts, out, source, lambda what, done: progress(what, done, max(done, 1))
-        )
+        lesson = learn_from(
+            each_of(form, recordings), out, called(recordings),
+            lambda what, done: progress(what, done, max(done, 1)),  # the total is unknown
+        )  # fmt: skip
     say(sentences(lesson))
     say(map(str, write_lesson(lesson, out)))
 
@@ -79,9 +77,9 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
 def campaign(file: Path, out: Path | None, budget: int | None, workers: int | None) -> None:
     """Estimate collisions per million km of the ADSs of CAMPAIGN.toml, with intervals.
 
-    Points of every scenario are drawn where collisions are likely and encountered, and weighted by
-    their exposure; a scenario file has its encounters per vehicle-km ([met], as `learn` writes
-    it).
+    Points of every scenario are drawn where encounters occur and collisions are likely, and
+    weighted by their exposure. A scenario file has its encounters per vehicle-km ([met], as `learn`
+    writes it).
     """
     from sumo_eval.extras.rates.campaign import read_campaign, run_campaign
     from sumo_eval.extras.rates.campaign_page import lost_words, sentences, write_campaign
@@ -94,10 +92,10 @@ def campaign(file: Path, out: Path | None, budget: int | None, workers: int | No
     out = out or out_folder.default(settings.name)
     out_folder.ready(out)
     with Progress() as progress:
-        found = run_campaign(settings, file.parent, progress)
-    say(sentences(found))
-    lost = sum((rate.lost for rate in found.rates), Counter())
+        result = run_campaign(settings, file.parent, progress)
+    say(sentences(result))
+    lost = sum((rate.lost for rate in result.rates), Counter())
     if lost:
         tell(lost_words(lost))
-    say(map(str, write_campaign(found, out)))
+    say(map(str, write_campaign(result, out)))
     sys.exit(NOT_EVALUATED if lost else DONE)

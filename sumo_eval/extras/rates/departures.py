@@ -1,5 +1,6 @@
-"""Distance of ADSs from the vehicle that was recorded in their place: a page with a line for every
-drive.
+"""Distance of ADSs from the recorded ego: a page with a line for every drive in a recorded scene.
+
+`sumo-eval humans departure` writes it.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from sumo_eval.text import point_words
 from sumo_eval.trajectory import FloatArray
 
 PAGE = "departure.html"
+# of the table, whose rows are `SceneDrive.cells`
 HEAD = (
     "ADS", "scene", "point", "most, m", "at, s", "at the end, m", "others react from, s",
     "how many", "end",
@@ -25,9 +27,12 @@ HEAD = (
 
 
 class SceneDrive(NamedTuple):
-    """A drive in a recorded scene. time, s, and apart, m: (n,).
+    """A drive in a recorded scene.
 
-    reacted: when actors began to react to it and how many did; None: none did.
+    time: s, (n,).
+    apart: distance from the recorded ego at these times, m, (n,).
+    reacted: when actors began to react to the ADS, s, and how many did; None: none did.
+    end: why the drive ended.
     """
 
     ads: str
@@ -39,13 +44,14 @@ class SceneDrive(NamedTuple):
     end: str
 
     def cells(self) -> tuple[str, ...]:
-        """The drive as words, of `HEAD`."""
+        """The drive's row of the table under `HEAD`."""
         most = self.apart.argmax()
-        begin, count = self.reacted or (None, None)
+        reacted = ("", "")
+        if self.reacted is not None:
+            reacted = f"{self.reacted[0]:.2f}", f"{self.reacted[1]}"
         return (
             self.ads, self.scenario, self.point, f"{self.apart[most]:.2f}",
-            f"{self.time[most]:.1f}", f"{self.apart[-1]:.2f}",
-            "" if begin is None else f"{begin:.2f}", str(count or ""), self.end,
+            f"{self.time[most]:.1f}", f"{self.apart[-1]:.2f}", *reacted, self.end,
         )  # fmt: skip
 
     def sentence(self) -> str:
@@ -70,16 +76,16 @@ def departures_in(run: Path) -> list[SceneDrive]:
     drives = []
     with open_store(run / FACTS) as store:
         for fact in store.facts("ads"):
-            places = scenarios[fact.scenario].concrete(**fact.values).ego.recorded
-            drive = store.trajectories(fact.case).get(EGO) if places else None
-            if drive is None:
+            recorded = scenarios[fact.scenario].concrete(**fact.values).ego.recorded
+            drive = store.trajectories(fact.case).get(EGO)
+            if not recorded or drive is None:  # another scenario, or discarded trajectories
                 continue
-            over = [(it.first_time, it.count) for it in fact.clips if it.what == "handed_over"]
-            apart = departures(places, drive.time, drive.x, drive.y)
+            reactions = ((it.first_time, it.count) for it in fact.clips if it.what == "handed_over")
             drives.append(
                 SceneDrive(
-                    fact.driver, fact.scenario, point_words(fact.values), drive.time, apart,
-                    over[0] if over else None, fact.end_reason or fact.status,
+                    fact.driver, fact.scenario, point_words(fact.values), drive.time,
+                    departures(recorded, drive.time, drive.x, drive.y),
+                    next(reactions, None), fact.end_reason or fact.status,
                 )
             )  # fmt: skip
     if not drives:
@@ -90,7 +96,7 @@ def departures_in(run: Path) -> list[SceneDrive]:
 
 
 def write_departures(run: Path, path: Path) -> list[SceneDrive]:
-    """Write the page."""
+    """Write the page of a run folder to a path, and return its drives."""
     drives = departures_in(run)
     marks = [
         Marks(f"{it.ads}, {it.scenario}, {it.point}", it.time, it.apart, colour, "-")

@@ -1,4 +1,7 @@
-"""95 % intervals of figures of events: rates, ends of ranges, correlations."""
+"""95 % intervals of what is learnt from recorded events: rates, ends of ranges, correlations.
+
+`learned` and `campaign` use them.
+"""
 
 from __future__ import annotations
 
@@ -10,22 +13,22 @@ from sumo_eval.method.agreement import rank_interval
 from sumo_eval.trajectory import FloatArray
 
 LEVEL = 0.95
-OUTERMOST = 3  # spacings between the furthest values that show an end
+OUTERMOST = 3  # k of `end_interval`
 
 
 def of_each(count: int) -> float:
-    """The level of each of `count` intervals that hold all at once with probability `LEVEL` (Sidak
-    1967).
+    """Level of each of `count` intervals so that all hold at once with probability `LEVEL`.
 
-    Exact where they are independent, and never below `LEVEL` for two-sided intervals of normal
-    estimates.
+    The probability is exact for independent intervals. For two-sided intervals of normal estimates
+    it is at least `LEVEL`. Source: Sidak (1967).
     """
-    return float(LEVEL ** (1.0 / max(count, 1)))
+    return math.pow(LEVEL, 1.0 / max(count, 1))
 
 
 def rate_interval(events: int, exposure: float, level: float = LEVEL) -> tuple[float, float]:
-    """Exact limits of a Poisson rate, per unit of `exposure` (Garwood 1936); 0 events: 0 and the
-    upper limit alone.
+    """Exact limits of a Poisson rate, in events per unit of `exposure`.
+
+    Without events the lower limit is 0. Source: Garwood (1936).
     """
     from scipy.special import gammaincinv
 
@@ -35,37 +38,42 @@ def rate_interval(events: int, exposure: float, level: float = LEVEL) -> tuple[f
 
 
 def end_interval(values: FloatArray, *, upper: bool, level: float = LEVEL) -> tuple[float, float]:
-    """Where a range ends, by the k + 1 values of (n,) that reach furthest, k = `OUTERMOST` (after
-    Robson and Whitlock 1964, who take k = 1).
+    """Interval of the end of a range, from the k + 1 outermost values, k = `OUTERMOST`.
 
-    The end lies beyond the furthest value, and by more than c = (1 - level)^(-1/k) - 1 times the
-    distance from there to the value k further in with probability (1 + c)^-k = 1 - level: the
-    spacings there are alike where the density is even over the outermost values, and e / (e + g) of
-    one and the sum g of k others is then a beta (1, k). A density that fades out instead has no
-    end, and the interval means little.
+    values: within the range, (n,).
+    upper: whether its upper end; else its lower one.
+
+    The interval begins at the outermost value. Let e be the distance from there to the end, and g
+    the distance from there to the value k further in. If the density is even over these values,
+    e / (e + g) has a beta distribution (1, k), so that e > c g with probability (1 + c)^-k. This is
+    1 - level for c = (1 - level)^(-1/k) - 1. If the density fades out, there is no end, and the
+    interval means little.
+
+    Source: after Robson and Whitlock (1964), who take k = 1.
     """
-    ordered = np.sort(values)
+    ordered = np.sort(values if upper else -values)
     k = min(OUTERMOST, len(ordered) - 1)
-    last, within = (ordered[-1], ordered[-1 - k]) if upper else (ordered[0], ordered[k])
-    beyond = last + (last - within) * ((1.0 - level) ** (-1.0 / k) - 1.0)
-    return (last, beyond) if upper else (beyond, last)
+    last = ordered[-1]
+    beyond = last + (last - ordered[-1 - k]) * ((1.0 - level) ** (-1.0 / k) - 1.0)
+    return (last, beyond) if upper else (-beyond, -last)
 
 
 def rank_correlation(
     a: FloatArray, b: FloatArray, level: float = LEVEL
 ) -> tuple[float, float, float]:
-    """Spearman's rank correlation of (n,) and (n,), and its limits."""
+    """Spearman's rank correlation of a (n,) and b (n,), and its limits."""
     from scipy.stats import spearmanr
 
     rho = float(spearmanr(a, b).statistic)
-    # of 1 itself there are none
+    # `rank_interval` has no limits for -1 and 1, nor for fewer than 4 values
     limits = rank_interval(min(max(rho, -1.0 + 1e-12), 1.0 - 1e-12), len(a), level)
     return rho, *(limits or (-1.0, 1.0))
 
 
 def kolmogorov(shares: FloatArray) -> float:
-    """Largest distance between values (n,) of a distribution function at drawn points, and the even
-    distribution.
+    """Kolmogorov distance of a distribution from a sample.
+
+    shares: its distribution function at each value of the sample, (n,), 0..1.
     """
     from scipy.stats import kstest
 
@@ -73,9 +81,10 @@ def kolmogorov(shares: FloatArray) -> float:
 
 
 def kolmogorov_by_chance(count: int) -> float:
-    """The `kolmogorov` distance that `count` values, drawn from the distribution itself, exceed in
-    one case of twenty.
+    """The `kolmogorov` distance that one of twenty samples of the distribution itself exceeds.
 
-    Kolmogorov's limit for many values; for five it is 8 % too large.
+    count: values in a sample.
+
+    1.358 is Kolmogorov's limit for many values. For five values the result is 8 % too large.
     """
     return 1.358 / math.sqrt(count)

@@ -1,4 +1,4 @@
-"""Tables, amounts and intervals on pages of rates."""
+"""Tables, amounts and intervals, for `learn_page` and `campaign_page`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from sumo_eval.report.study_page import Table
 
 
 def table(rows: Iterable[Mapping[str, Any]]) -> Table:
-    """A table of rows by column; a column that a row lacks is empty there."""
+    """A table of rows, each column name -> value; where a row lacks a column, the cell is empty."""
     listed = list(rows)
     names = dict.fromkeys(name for row in listed for name in row)
     return Table(
@@ -19,7 +19,7 @@ def table(rows: Iterable[Mapping[str, Any]]) -> Table:
 
 
 def _cell(value: Any) -> str:
-    """A value as text: two numbers are the limits of an interval."""
+    """A value as text; a sequence of two floats is an interval."""
     if value is None or isinstance(value, str):
         return value or ""
     if isinstance(value, float):
@@ -33,11 +33,11 @@ def _cell(value: Any) -> str:
 
 
 def amount(value: float) -> str:
-    """A number in three digits, a large one written out: 168,000."""
+    """A number in three digits, from 1,000 on without an exponent: `168,000`."""
     shown = f"{value:z.3g}"
     return f"{float(shown):,.0f}" if abs(float(shown)) >= 1000.0 else shown
 
 
 def interval(low: float, high: float) -> str:
-    """Two limits in words."""
+    """Limits as `0 to 1,230`."""
     return f"{amount(low)} to {amount(high)}"

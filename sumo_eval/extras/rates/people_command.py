@@ -1,4 +1,7 @@
-"""Recorded `humans`, `calibrate` k5 and k6, the `sensitivity` of the ranking."""
+"""Commands for recorded drivers (`humans`), and for constants of a scored run.
+
+`calibrate` chooses k5 and k6; `sensitivity` changes the other constants and scores again.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +17,16 @@ from sumo_eval.cli.sentences import WHOLE, say, tell
 
 
 class _WholeLines(click.Group):
-    """A group of commands whose help cuts no line."""
+    """A group whose help shows the first sentence of each command, however long."""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Each command with its whole first sentence."""
-        commands = sorted(self.commands.items())
+        """Write the list of commands; click would cut its lines at the terminal's width."""
         with formatter.section("Commands"):
             formatter.write_dl(
-                [(name, it.get_short_help_str(limit=WHOLE)) for name, it in commands]
+                [
+                    (name, command.get_short_help_str(limit=WHOLE))
+                    for name, command in sorted(self.commands.items())
+                ]
             )
 
 
@@ -62,10 +67,10 @@ def events(tables: tuple[Path, ...], out: Path | None) -> None:
     from sumo_eval.drivers.recorded.events import extract_events, write_events
     from sumo_eval.drivers.recorded.importing import OWN, import_recordings
 
-    found = extract_events(import_recordings(OWN, tables))
+    extracted = extract_events(import_recordings(OWN, tables))
     if out is not None:
-        write_events(found, out)
-    say(found.sentences())
+        write_events(extracted, out)
+    say(extracted.sentences())
 
 
 @humans.command(epilog="Example: sumo-eval humans exposure cut_in people.csv.gz")
@@ -83,12 +88,10 @@ def exposure(scenario: str, tables: tuple[Path, ...], bandwidth: str) -> None:
     from sumo_eval.scenario import catalogue
     from sumo_eval.settings import DriverSettings, ExposureSettings
 
+    logical = catalogue.find(scenario, Path.cwd())
     names = tuple(map(str, tables))
     settings = ExposureSettings("recorded", names, bandwidth)  # type: ignore[arg-type]
-    found = exposure_of(
-        catalogue.find(scenario, Path.cwd()), settings, DriverSettings(), Path.cwd()
-    )
-    tell(f"{scenario}: {found.about}.")
+    tell(f"{scenario}: {exposure_of(logical, settings, DriverSettings(), Path.cwd()).about}.")
 
 
 @humans.command(
@@ -133,26 +136,21 @@ def scene(
     from sumo_eval.drivers.recorded.importing import OWN, import_recordings
     from sumo_eval.extras.rates.recorded_scene import ROAD_AS_WRITTEN, write_scene
 
-    found = write_scene(
-        import_recordings(OWN, tables),
-        out,
-        ego,
-        recording,
-        (begin, end),
-        react,
-        beyond,
+    written = write_scene(
+        import_recordings(OWN, tables), out, ego, recording, (begin, end), react, beyond
     )
+    mean, most = written.error
     tell(
-        f"{found.others} vehicles around {ego} for {found.seconds:z.1f} s; in the file they are "
-        f"{found.error[0]:z.3f} m (root mean square; at most {found.error[1]:z.2f} m) from where "
-        "they were recorded."
+        f"{written.others} vehicles around {ego} for {written.seconds:z.1f} s; in the file they "
+        f"are {mean:z.3f} m (root mean square; at most {most:z.2f} m) from where they were "
+        "recorded."
     )
-    if found.continued:
+    if written.continued:
         tell(
-            f"{found.continued} of them were not recorded throughout: before and after, they keep "
+            f"{written.continued} of them were not recorded throughout: before and after, they keep "
             "speed and lane."
         )
-    for reason, number in found.left_out.items():
+    for reason, number in written.left_out.items():
         tell(f"Left out: {number} vehicles, {reason}.")
     tell(ROAD_AS_WRITTEN)
     tell(f"Scene: {out}")
@@ -166,8 +164,8 @@ def departure(run: Path, out: Path | None) -> None:
     from sumo_eval.extras.rates.departures import PAGE, write_departures
 
     path = run / PAGE if out is None else out
-    for one in write_departures(run, path):
-        tell(f"{one.sentence()}.")
+    for drive in write_departures(run, path):
+        tell(f"{drive.sentence()}.")
     tell(f"Page: {path}")
 
 
@@ -186,12 +184,12 @@ def opinion(run: Path, ratings: Path, out: Path | None) -> None:
         write_opinion,
     )
 
-    given = read_ratings(ratings)
-    result = compare_opinion(scored(run), given)
+    table = read_ratings(ratings)  # before the run is scored, which takes longer
+    result = compare_opinion(scored(run), table)
     say(opinion_lines(result))
-    place = run / "opinion.html" if out is None else out
-    write_opinion(result, run, place)
-    tell(f"Plot: {place}")
+    path = run / "opinion.html" if out is None else out
+    write_opinion(result, run, path)
+    tell(f"Plot: {path}")
     tell(f"`sumo-eval report {shlex.quote(str(run))}` shows it in the report from now on.")
 
 
@@ -206,10 +204,10 @@ def opinion(run: Path, ratings: Path, out: Path | None) -> None:
 )
 def calibrate(runs: tuple[Path, ...], by: str) -> None:
     """Choose k5 and k6 so that the middle one of the ADSs in RUNS gets half of the points."""
-    from sumo_eval.extras.studies.calibration import calibrate as calibrated
+    from sumo_eval.extras.studies.calibration import calibrate as choose_constants
     from sumo_eval.extras.studies.calibration import calibration_lines
 
-    say(calibration_lines(calibrated([scored(run) for run in runs], by=by)))
+    say(calibration_lines(choose_constants([scored(run) for run in runs], by=by)))
 
 
 @click.command(epilog="Example: sumo-eval sensitivity results/first --constant k2")
@@ -229,12 +227,12 @@ def sensitivity(run: Path, constants: tuple[str, ...]) -> None:
         sensitivity_lines,
         write_sensitivity_plot,
     )
-    from sumo_eval.extras.studies.sensitivity import sensitivity as respond
+    from sumo_eval.extras.studies.sensitivity import sensitivity as score_again
     from sumo_eval.extras.studies.tables import write_rows
     from sumo_eval.record.run_folder import read_settings
 
     with Progress() as progress:
-        rows = respond(run, progress, constants=constants) if constants else respond(run, progress)
+        rows = score_again(run, progress, constants=constants)
     say(sensitivity_lines(rows, k3=k3_counts(read_settings(run))))
     write_rows(rows, run / "sensitivity.csv")
     write_sensitivity_plot(rows, run / "sensitivity.html")
