@@ -26,7 +26,6 @@ from scipy.special import stdtrit
 from sumo_eval.cases import EVALUATED
 from sumo_eval.errors import InputError
 from sumo_eval.extras.rates.importance import (
-    LEVEL,
     CollisionEstimate,
     Limits,
     Met,
@@ -35,7 +34,7 @@ from sumo_eval.extras.rates.importance import (
     how_met,
     resampled,
 )
-from sumo_eval.extras.rates.intervals import rate_interval
+from sumo_eval.extras.rates.intervals import LEVEL, rate_interval
 from sumo_eval.extras.studies.boundary import outcomes_at
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.record.cases import Outcome, Setup

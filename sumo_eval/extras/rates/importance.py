@@ -1,14 +1,15 @@
 """Probability of a collision in one scenario, from few drives, by importance sampling.
 
-Points are drawn where collisions are likely and encountered; each is weighted by its exposure over
-the density that it was drawn with.
+`campaign` makes a `RareEvents` for each ADS in each scenario, and drives the points that it asks
+for. A point's weight is p/q: its exposure p over the density q that it was drawn with.
 
-First, drives explore: where exposed points are and ideal braking comes near its limits, then where
-the drives so far put the edge of the collisions. Then drives are drawn that count: `DEFENSIVE` of
-them by exposure, the rest from a mixture of Gaussians laid over the points that probably collide,
-weighted by exposure. The estimate is unbiased whatever the exploration saw: each round's mixture is
-fixed before its points are drawn. A collision outside the explored region has a large weight, and
-widens the interval.
+The first drives explore. They lie at exposed points where ideal braking comes near its limits, and
+later where the drives so far put the edge of the collisions. All other drives count. `DEFENSIVE` of
+these are drawn by exposure, the rest from Gaussians over the exposed points that probably collide.
+
+The estimate is unbiased whatever the exploration saw, as each round's Gaussians are fixed before
+its points are drawn. A collision outside the explored region has a large weight, and widens the
+interval.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from sumo_eval.errors import InputError
+from sumo_eval.extras.rates.intervals import LEVEL
 from sumo_eval.extras.studies.straddle import BoundarySearch
 from sumo_eval.method.point_criticality import danger
 from sumo_eval.scenario.formulas import ExposureDensity
@@ -31,31 +33,31 @@ from sumo_eval.settings import ZoneSettings
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-DEFENSIVE = 0.2  # share of the drives that count which are drawn by exposure
-EXPLORED = 0.4  # share of a budget that explores, at most
-FIRST = 24  # drives of the first exploring round, and 8 more a parameter
-ROUND = 0.2  # share of the budget that a further round has
-POOL = 4096  # points of each kind that a round weighs
-ASKED = 1024  # of these whose danger is computed
-# how far beyond the exposed points the pool reaches, in their own deviations
-STRETCHED = 2.5
-LIKELY = 0.3  # probability of a collision from which a point belongs to the mixture
-SURE = 0.8  # probability from which it belongs to the second mixture
-CENTRES = 256  # Gaussians in the mixture
-POLISHED = 3  # times that the mixture is fitted to draws from itself
-NORMALISED = 65_536  # draws by which the share of possible points is measured
-LEVEL = 0.95
+DEFENSIVE = 0.2  # share of the counted drives that are drawn by exposure
+EXPLORED = 0.4  # share of the budget that explores, at most
+FIRST = 24  # drives of the first round, and 8 more for each parameter
+ROUND = 0.2  # share of the budget in each later round
+POOL = 4096  # points of each of the three kinds in `_pool`
+ASKED = 1024  # about how many points of the pool have their danger computed
+STRETCHED = 2.5  # factor by which the pool spreads exposed points away from their median
+LIKELY = 0.3  # least probability of a collision for a point of the first mixture
+SURE = 0.8  # least probability of a collision for a point of the second mixture
+CENTRES = 256  # Gaussians in a mixture
+POLISHED = 3  # times that a mixture is fitted to draws from itself
+NORMALISED = 65_536  # draws that estimate the integral of the exposure
 
 Limits = tuple[float, float, float]
 """A value and its 95 % limits."""
 
 
 class Met(NamedTuple):
-    """Exposure of a scenario's points, as a density that integrates to 1 over the possible ones.
+    """How points of a scenario are met: exposure as a density p with the integral 1.
 
-    base: draws points by exposure, constraints aside; base_density: their density.
-    scale: the exposure's integral.
-    heaviest: largest density over base_density.
+    `base` draws points by exposure, but disregards constraints. `base_density` is their density.
+
+    joint: distribution of all parameters; None: each parameter has its own.
+    scale: integral of the exposure over the possible points, by which p is divided.
+    heaviest: largest p over `base_density`.
     """
 
     logical: LogicalScenario
@@ -64,7 +66,7 @@ class Met(NamedTuple):
     heaviest: float = 1.0
 
     def base(self, count: int, stream: np.random.Generator) -> FloatArray:
-        """Points (count, k), possible or not."""
+        """Draw points (count, k), some of which may be impossible."""
         if self.joint is not None:
             return self.joint.draw(count, stream)
         shares = stream.uniform(size=(count, len(self.logical.names)))
@@ -91,16 +93,17 @@ class Met(NamedTuple):
     def density(self, points: FloatArray) -> FloatArray:
         """p (n,) at points (n, k): 0 outside the box and where a constraint forbids them."""
         density = np.zeros(len(points))
-        inside = self.logical.in_box(points)
-        if inside.any():
-            inside[inside] = self.logical.feasible(points[inside])
-        if inside.any():
-            density[inside] = self.logical.exposure(self.logical.columns(points[inside]))
+        possible = self.logical.in_box(points)
+        possible[possible] = self.logical.feasible(points[possible])
+        density[possible] = self.logical.exposure(self.logical.columns(points[possible]))
         return density / self.scale
 
 
 def how_met(logical: LogicalScenario) -> Met:
-    """Exposure of a scenario's points: by its joint distribution, else by its parameters' own."""
+    """The exposure of a scenario's points.
+
+    Raises InputError for a scenario with listed values or without possible points.
+    """
     listed = [item.name for item in logical.parameters if item.values]
     if listed:
         raise InputError(
@@ -108,30 +111,33 @@ def how_met(logical: LogicalScenario) -> Met:
             f"values of `{listed[0]}`."
         )
     joint = logical.exposure.joint if isinstance(logical.exposure, ExposureDensity) else None
-    plain = Met(logical, joint)
-    drawn = plain.base(NORMALISED, random_stream(0, "normalised", logical.name))
-    ratio = plain.density(drawn) / np.maximum(plain.base_density(drawn), 1e-300)
+    unscaled = Met(logical, joint)
+    points = unscaled.base(NORMALISED, random_stream(0, "normalised", logical.name))
+    # 1e-300: a drawn point whose density is rounded to 0 must not divide by it
+    ratio = unscaled.density(points) / np.maximum(unscaled.base_density(points), 1e-300)
     scale = ratio.mean()
     if not (math.isfinite(scale) and scale > 0.0):
         raise InputError(f"Scenario `{logical.name}` must have possible points, got none.")
-    return plain._replace(scale=scale, heaviest=ratio.max() / scale)
+    return unscaled._replace(scale=scale, heaviest=ratio.max() / scale)
 
 
 class Mixture(NamedTuple):
-    """Gaussians of one covariance in the unit box. centres (m, k), root (k, k) of the
-    covariance.
+    """Gaussians of equal weight and covariance in the coordinates of the unit box.
+
+    centres: (m, k).
+    root: Cholesky factor of the covariance, (k, k).
     """
 
     centres: FloatArray
     root: FloatArray
 
     def draw(self, count: int, stream: np.random.Generator) -> FloatArray:
-        """Points (count, k) of the unit box's coordinates."""
+        """Draw points (count, k) in the coordinates of the unit box, some of them outside it."""
         chosen = self.centres[stream.integers(len(self.centres), size=count)]
         return chosen + stream.standard_normal(chosen.shape) @ self.root.T
 
     def density(self, unit: FloatArray) -> FloatArray:
-        """Density (n,) there."""
+        """Density (n,) at points (n, k) in the coordinates of the unit box."""
         whiten = np.linalg.inv(self.root)
         centres, white = self.centres @ whiten.T, unit @ whiten.T
         norm = abs(np.linalg.det(whiten)) / (2.0 * math.pi) ** (unit.shape[1] / 2.0)
@@ -139,9 +145,11 @@ class Mixture(NamedTuple):
 
 
 class Draw(NamedTuple):
-    """Points to drive. points (n, k); weights (n,) p/q.
+    """Points to drive.
 
-    drawn: points for the estimate, the impossible ones included; 0: for exploring alone.
+    points: (n, k).
+    weights: p/q, (n,); 0 where they explore.
+    drawn: number of points drawn for the estimate, impossible ones included; 0: they explore.
     """
 
     points: FloatArray
@@ -150,18 +158,18 @@ class Draw(NamedTuple):
 
 
 Pool = tuple[FloatArray, FloatArray, FloatArray]
-"""Possible points (m, k) near and far from the exposed ones, p there, and the density that they
-were drawn with."""
+"""Possible points (m, k), p there (m,), and the density that they were drawn with (m,)."""
 
 
 class RareEvents:
-    """The search: ask for points, tell what happened there, estimate. Same seed and outcomes, same
-    questions.
+    """Search for collisions: `ask` for points, `tell` their outcomes, `estimate`.
 
-    drives: how many were asked for.
-    drawn: points for the estimate, the impossible ones included.
-    in_estimate: (n,), whether each drive counts in the estimate; one that explores does not.
-    weights, loss: (n,), of each drive.
+    drives: number of points asked for.
+    drawn: number of points drawn for the estimate, impossible ones included.
+    in_estimate: whether each drive counts, (n,); a drive that explores does not.
+    weights, loss: p/q and L of each drive, (n,).
+
+    The same seed and the same outcomes lead to the same points.
     """
 
     def __init__(self, met: Met, budget: int, seed: int = 1) -> None:
@@ -190,50 +198,59 @@ class RareEvents:
         """The next points to drive; none once the budget is spent."""
         stream = random_stream(self.seed, "importance", self.met.logical.name, self._rounds)
         self._rounds += 1
-        size = max(8, int(ROUND * self.budget))
+        size = int(ROUND * self.budget)
         if self.drives == 0:
-            first = FIRST + 8 * len(self.met.logical.names)
-            size = min(first, max(1, int(EXPLORED * self.budget)))
+            size = min(FIRST + 8 * len(self.met.logical.names), int(EXPLORED * self.budget))
         size = min(size, self.budget - self.drives)
-        if size <= 0:
+        if size == 0:
             return Draw(self.points[:0], np.empty(0), 0)
         draw = self._explore(size, stream) if self.exploring else self._count(size, stream)
         self.drives += len(draw.points)
         return draw
 
     def tell(self, draw: Draw, collided: BoolArray, loss: FloatArray) -> None:
-        """Outcomes at drawn points: collisions (n,) and losses (n,), 0 without."""
+        """Learn from the outcomes of a draw.
+
+        collided: whether each drive ended in a collision, (n,).
+        loss: L of each drive, 0 without a collision, (n,).
+        """
         self.loss = np.append(self.loss, loss)
         self.weights = np.append(self.weights, draw.weights)
         self.in_estimate = np.append(self.in_estimate, np.full(len(collided), draw.drawn > 0))
         self.drawn += draw.drawn
         self._search.tell(draw.points, collided)
 
-    # -- exploring
-
     def _explore(self, size: int, stream: np.random.Generator) -> Draw:
+        """Draw at most `size` points that explore.
+
+        Every score of a point is divided by the density that the pool was drawn with, so that it
+        does not depend on how the pool was drawn.
+        """
         points, density, drawn_with = self._pool(stream)
         level = density / density.max()
         if self._knows_both:
+            # half at the edge of the collisions, where the root admits points of little exposure
             chance = self._search.probability(points)
             edge = np.sqrt(level) * chance * (1.0 - chance) / drawn_with
             core = level * (chance > 0.5) / drawn_with
             half = size // 2
-            near = _pick(points, edge, size - half, stream)
-            rows = np.concatenate([near, _pick(points, core, half, stream)])
+            at_edge = _pick(points, edge, size - half, stream)
+            rows = np.concatenate([at_edge, _pick(points, core, half, stream)])
         else:
-            chosen = _pick(points, level**0.25 / drawn_with, ASKED, stream)
-            rows = _pick(
-                chosen, 0.05 + danger(self.met.logical, chosen, ZoneSettings()), size, stream
-            )
-        rows = np.unique(rows, axis=0)
+            # The exponent admits points of little exposure. 0.05 admits some without danger, as the
+            # ADS may collide where ideal braking would not.
+            some = _pick(points, level**0.25 / drawn_with, ASKED, stream)
+            rows = _pick(some, 0.05 + danger(self.met.logical, some, ZoneSettings()), size, stream)
+        rows = np.unique(rows, axis=0)  # a point may be picked for the edge and for the core
         return Draw(rows, np.zeros(len(rows)), 0)
 
     @property
     def _knows_both(self) -> bool:
+        """Whether some drives collided and others did not."""
         return bool(self.collided.any() and not self.collided.all())
 
     def _pool(self, stream: np.random.Generator) -> Pool:
+        """Draw points to choose from: a third each by exposure, spread wider, and evenly."""
         logical = self.met.logical
         base = self.met.base(POOL, stream)
         middle = np.median(base, axis=0)
@@ -241,42 +258,48 @@ class RareEvents:
         points = np.concatenate([base, wide, evenly(logical, POOL, stream)])
         density = self.met.density(points)
         points, density = points[density > 0.0], density[density > 0.0]
-        near = middle + (points - middle) / STRETCHED
-        volume = np.prod(logical.high - logical.low)
-        mixed = self.met.base_density(points)
-        mixed = mixed + self.met.base_density(near) / STRETCHED ** len(middle) + 1.0 / volume
-        return points, density, mixed / 3.0
 
-    # -- drives that count
+        # density of each third: of the wide one at the point that was stretched to this one
+        unstretched = middle + (points - middle) / STRETCHED
+        drawn_with = (
+            self.met.base_density(points)
+            + self.met.base_density(unstretched) / STRETCHED ** len(middle)
+            + 1.0 / np.prod(logical.high - logical.low)
+        ) / 3.0
+        return points, density, drawn_with
 
     def _count(self, size: int, stream: np.random.Generator) -> Draw:
+        """Draw `size` points that count; impossible ones have no drive."""
         logical, mixtures = self.met.logical, self._mixtures(stream)
         defensive = DEFENSIVE if mixtures else 1.0
+        # the mixtures take turns: whether each point may come from each mixture
+        turns = [np.arange(size) % len(mixtures) == turn for turn in range(len(mixtures))]
         drawn, density = 0, np.zeros(size)
-        while not density.any():  # impossible points count, but end no search
+        while not density.any():  # until at least one point is possible
             rows = self.met.base(size, stream)
             share = stream.uniform(size=size)
-            for number, mixture in enumerate(mixtures):
-                chosen = (share >= defensive) & ((np.arange(size) % len(mixtures)) == number)
-                rows = np.where(
-                    chosen[:, None], logical.from_unit(mixture.draw(size, stream)), rows
-                )
+            for mixture, turn in zip(mixtures, turns, strict=True):
+                chosen = turn & (share >= defensive)
+                rows[chosen] = logical.from_unit(mixture.draw(size, stream))[chosen]
             density = self.met.density(rows)
             drawn += size
         rows, density = rows[density > 0.0], density[density > 0.0]
-        volume = np.prod(logical.high - logical.low)
+
+        volume = np.prod(logical.high - logical.low)  # parameters' units over the unit box's
         proposal = defensive * self.met.base_density(rows)
-        for number, mixture in enumerate(mixtures):
-            part = (1.0 - defensive) * (len(range(number, size, len(mixtures))) / size)
-            proposal = proposal + part * mixture.density(logical.to_unit(rows)) / volume
+        for mixture, turn in zip(mixtures, turns, strict=True):
+            part = (1.0 - defensive) * turn.mean()
+            proposal += part * mixture.density(logical.to_unit(rows)) / volume
         return Draw(rows, density / proposal, drawn)
 
     def _mixtures(self, stream: np.random.Generator) -> list[Mixture]:
-        """Gaussians over points that may collide, and over those that almost surely do; over
-        dangerous ones as long as no drive collided. None where there are none.
+        """Mixtures over exposed points: one where a collision is likely, one where it is sure.
 
-        The classifier's probability is 0.5 far from all drives; the second mixture keeps such
+        Far from all drives the classifier's probability is 0.5. The second mixture keeps such
         places from taking all drives.
+
+        Where all drives collided, one mixture covers all points. Where none did, it covers the
+        dangerous ones. A mixture that cannot be fitted is left out.
         """
         pool = self._pool(stream)
         if self._knows_both:
@@ -284,35 +307,35 @@ class RareEvents:
         else:
             points, density, drawn_with = pool
             if not self.collided.any():
-                every = max(1, len(points) // ASKED)
-                points, density, drawn_with = (item[::every] for item in pool)
+                step = max(1, len(points) // ASKED)  # danger takes long to compute
+                points, density, drawn_with = (column[::step] for column in pool)
                 density = density * danger(self.met.logical, points, ZoneSettings()) ** 2
             mixtures = [_fitted(self.met.logical.to_unit(points), density / drawn_with, stream)]
         return [mixture for mixture in mixtures if mixture is not None]
 
     def _polished(self, pool: Pool, least: float, stream: np.random.Generator) -> Mixture | None:
-        """Gaussians over points that collide with at least this probability, refitted to draws
-        of its own.
+        """A mixture over exposed points that collide with a probability above `least`.
+
+        It is fitted to the pool, then to draws from itself, of which more lie at such points.
         """
         logical = self.met.logical
         points, density, drawn_with = pool
         weight = density * (self._search.probability(points) > least) / drawn_with
         mixture = _fitted(logical.to_unit(points), weight, stream)
-        if mixture is None:  # no such point in the pool: around the drives that collided, then
+        if mixture is None:  # the pool has too few such points: take the drives that collided
             hits = self.points[self.collided]
             mixture = _fitted(logical.to_unit(hits), np.sqrt(self.met.density(hits)), stream)
+        if mixture is None:
+            return None
         for _ in range(POLISHED):
-            if mixture is None:
-                break
             unit = mixture.draw(POOL, stream)
-            rows = logical.from_unit(unit)
-            density = self.met.density(rows)
-            possible = density > 0.0
-            if possible.sum() < CENTRES // 4:
+            density = self.met.density(logical.from_unit(unit))
+            unit, density = unit[density > 0.0], density[density > 0.0]
+            if len(unit) < CENTRES // 4:  # too few for a better fit
                 break
-            collides = self._search.probability(rows[possible]) > least
-            weight = density[possible] * collides / mixture.density(unit[possible])
-            mixture = _fitted(unit[possible], weight, stream) or mixture
+            collides = self._search.probability(logical.from_unit(unit)) > least
+            weight = density * collides / mixture.density(unit)
+            mixture = _fitted(unit, weight, stream) or mixture
         return mixture
 
     def estimate(self) -> CollisionEstimate:
@@ -331,9 +354,7 @@ class RareEvents:
 def _pick(
     points: FloatArray, weight: FloatArray, count: int, stream: np.random.Generator
 ) -> FloatArray:
-    """`count` of the points, in proportion to their weights, none twice; fewer where fewer have
-    any.
-    """
+    """Draw `count` different points in proportion to their weights, or all that have a weight."""
     possible = np.flatnonzero(weight > 0.0)
     if not len(possible):
         return points[:0]
@@ -343,35 +364,39 @@ def _pick(
 
 
 def _fitted(unit: FloatArray, weight: FloatArray, stream: np.random.Generator) -> Mixture | None:
-    """A mixture over weighted points of the unit box; None where fewer than k + 2 of them count."""
+    """A mixture over weighted points (n, k) of the unit box; None where only one has a weight.
+
+    weight: (n,).
+    """
     if not np.all(np.isfinite(weight)) or weight.sum() <= 0.0:
         return None
     share = weight / weight.sum()
     k = unit.shape[1]
-    effective = 1.0 / float((share**2).sum())
-    if effective < k + 2:  # all depends on a few points: the few heaviest ones, alike
-        share = np.zeros(len(share))
-        share[np.argsort(weight)[-min(4 * (k + 2), (weight > 0).sum()) :]] = 1.0
-        share /= share.sum()
-        effective = 1.0 / float((share**2).sum())
-        if effective < 2.0:
+    effective = 1.0 / (share**2).sum()  # number of points, as if all had the same weight
+    if effective < k + 2:  # too few for a covariance: the heaviest points count alike
+        heaviest = np.argsort(weight)[-min(4 * (k + 2), (weight > 0.0).sum()) :]
+        if len(heaviest) < 2:
             return None
+        share = np.zeros(len(share))
+        share[heaviest] = 1.0 / len(heaviest)
+        effective = 1.0 / (share**2).sum()
     centred = unit - share @ unit
+    # 1e-8 of the box: points in a plane have a covariance too
     covariance = (centred * share[:, None]).T @ centred + 1e-8 * np.eye(k)
+    # systematic resampling: each point becomes a centre about `CENTRES` times its share
     picks = np.searchsorted(np.cumsum(share), (stream.uniform() + np.arange(CENTRES)) / CENTRES)
-    width = min(effective, CENTRES) ** (-1.0 / (k + 4))
+    width = min(effective, CENTRES) ** (-1.0 / (k + 4))  # Scott's
     return Mixture(unit[np.minimum(picks, len(unit) - 1)], width * np.linalg.cholesky(covariance))
 
 
 class CollisionEstimate(NamedTuple):
-    """A probability of collision, and the expected loss L of Eq. 14, of an encounter, each with its
-    95 % limits.
+    """Probability of a collision in an encounter, and its expected loss L (Eq. 14), with limits.
 
     deviation: standard error of the probability over its value.
-    upper_limit: 95 % of the probability wherever the collisions may be, by the points drawn by
-        exposure alone; the upper limits where no drive that counted collided.
-    drives: all of them;
-    hits: collisions among the `drawn` points that counted.
+    upper_limit: 95 % limit of the probability wherever the collisions lie. It rests on the points
+        drawn by exposure alone. It is the upper limit of both where no counted drive collided.
+    drives, collisions: numbers of all drives, and of those with a collision.
+    drawn, hits: numbers of points drawn for the estimate, and of their collisions.
     """
 
     probability: Limits
@@ -387,46 +412,56 @@ class CollisionEstimate(NamedTuple):
 def estimated(
     weights: FloatArray, loss: FloatArray, drawn: int, heaviest: float, collisions: int, drives: int
 ) -> CollisionEstimate:
-    """weights, loss: p/q and L (h,) of the hits among `drawn` points.
-    heaviest: the largest p over the density of points drawn by exposure.
+    """The estimate from the collisions among the counted drives.
+
+    weights, loss: p/q and L of each of these, (h,).
+    drawn, collisions, drives: as in `CollisionEstimate`.
+    heaviest: as in `Met`.
     """
+    # without a collision at n points, 1 - (1 - LEVEL)^(1/n) is at most -ln(1 - LEVEL) / n
     limit = 1.0 if not drawn else min(1.0, -math.log(1.0 - LEVEL) * heaviest / (DEFENSIVE * drawn))
     probability = expected = 0.0, 0.0, limit
     deviation = math.inf
     if len(weights):
         probability, deviation = _mean(weights, drawn)
         expected, _ = _mean(weights * loss, drawn)
-    counts = drives, drawn, len(weights), collisions
-    return CollisionEstimate(probability, expected, deviation, limit, *counts)
+    return CollisionEstimate(
+        probability, expected, deviation, limit, drives, drawn, len(weights), collisions
+    )
 
 
 def _mean(terms: FloatArray, drawn: int) -> tuple[Limits, float]:
-    """Mean of `drawn` terms, all but these 0, its limits by a log-normal distribution with
-    Student's quantile, none above 1, and its relative error.
+    """Mean of `drawn` terms with its limits, none above 1, and its relative standard error.
+
+    terms: those that are not 0, (h,).
+
+    The limits are those of a log-normal distribution, but with Student's quantile.
     """
     mean = float(terms.sum()) / drawn
     variance = max((terms**2).sum() / drawn - mean**2, 0.0) / max(drawn - 1, 1)
     relative = math.sqrt(variance) / mean if mean > 0.0 else math.inf
     student = float(stdtrit(degrees_of_freedom(terms), (1.0 + LEVEL) / 2.0))
     reach = student * math.sqrt(math.log1p(relative**2))
-    high = mean * math.exp(min(reach, 50.0))
+    high = mean * math.exp(min(reach, 50.0))  # 50: exp stays finite
     return (min(mean, 1.0), mean * math.exp(-reach), min(high, 1.0)), relative
 
 
 def degrees_of_freedom(terms: FloatArray) -> float:
-    """Degrees of freedom of the error of a mean of terms (h,): as many as count effectively, less
-    one; at least one.
+    """Degrees of freedom of a mean's error: the effective number of terms less one, at least one.
+
+    terms: (h,).
     """
     squares = (terms**2).sum()
     return max(float(terms.sum() ** 2) / squares - 1.0, 1.0) if squares > 0.0 else 1.0
 
 
 def resampled(met: Met, count: int, seed: int) -> list[tuple[Any, float]]:
-    """Joint distributions over resampled events, each with how many events it has over how many
-    there are.
+    """Joint distributions over resampled events; none where the scenario has no joint distribution.
 
-    Each event counts as often as a Poisson draw of mean 1: what another stretch of road would have
-    shown.
+    count: number of resamples.
+
+    Each comes with its number of events over that of the recorded ones. The number of times that an
+    event counts is a Poisson draw of mean 1, as another stretch of road might have shown it.
     """
     if met.joint is None:
         return []
