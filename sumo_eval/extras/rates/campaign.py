@@ -1,13 +1,13 @@
-"""Crash rates: every ADS in every scenario of a campaign, per million kilometres, with intervals.
+"""Crash rates of ADSs per million kilometres, with intervals, for `sumo-eval campaign`.
 
-A scenario has encounters per kilometre ([met] of its file). In each round the ADS drives points
-that were drawn by importance (`rates.importance`). The rate is the sum over the scenarios of
-encounters times the probability of a collision. Its interval covers four uncertainties:
+A scenario has a rate of encounters per kilometre ([met] of its file). `importance` estimates the
+probability that an encounter ends in a collision. The crash rate is the sum of their products over
+the scenarios of the campaign. Its interval covers four uncertainties:
 
-- few drives;
-- few recorded events, from which the rate of encounters is counted;
-- few recorded events, over which the points are distributed (both by resampling the events);
-- how far the kernels of that distribution reach beyond the events.
+- The drives are few.
+- The recorded events, of which the rate of encounters is the count, are few.
+- The distribution of the points is fitted to these few events. Both are resampled together.
+- The kernels of this distribution may reach too far beyond the events, or not far enough.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ from sumo_eval.settings import (
 )
 from sumo_eval.settings.config import read_checked
 from sumo_eval.settings.random_streams import random_stream
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import FloatArray
 
-MILLION = 1e6  # km
-RESAMPLED = 60  # times that a scenario's events are resampled
-DRAWS = 4000  # of each rate, for intervals of sums
+MILLION = 1e6  # km, the unit of rates
+RESAMPLED = 60  # resamples of a scenario's events
+DRAWS = 4000  # of each rate: intervals of sums come from summed draws
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +91,13 @@ class CampaignSettings(Checked):
 
 
 class EncounterSpace(NamedTuple):
-    """A scenario of the campaign, the distribution of its points and its rate of encounters.
+    """A scenario of the campaign, the exposure of its points and its rate of encounters.
 
-    events, vehicle_km: None where `per_km` was given by hand.
+    use: its name or file in the campaign file.
+    met: exposure of its points.
+    per_km: encounters, 1/km.
+    events, vehicle_km: that the rate was counted from; None: the campaign file gives the rate.
+    where: source of the rate.
     """
 
     use: str
@@ -106,20 +110,22 @@ class EncounterSpace(NamedTuple):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % limits of its encounters, 1/km."""
+        """95 % limits of `per_km`; a given rate has no uncertainty."""
         if self.events is None or self.vehicle_km is None:
             return self.per_km, self.per_km
         return rate_interval(self.events, self.vehicle_km)
 
 
 class ScenarioRate(NamedTuple):
-    """One ADS in one scenario.
+    """Rates of one ADS in one scenario.
 
     collisions, loss: per million km, with limits.
-    draws: of collisions and of loss, (2, 2, `DRAWS`); each by two forms of the points' distribution
-        over the recorded events: the narrow form (`scenario.joint`), then the form that was driven.
-    limit: upper limit of collisions per million km; it also holds where no drive was.
+    draws: possible values of both rates, (2, 2, `DRAWS`). The first axis has collisions and loss;
+        the second has the narrow form of the points' distribution (`scenario.joint`), and the form
+        that was driven.
+    limit: upper limit of collisions per million km, wherever the collisions lie.
     stopped: why the drives ended, `width` or `budget`.
+    not_evaluated: number of drives that could not be evaluated, by status.
     """
 
     space: EncounterSpace
@@ -133,10 +139,11 @@ class ScenarioRate(NamedTuple):
 
 
 class AdsRate(NamedTuple):
-    """One ADS over all scenarios: collisions and expected loss per million km, each with 95 %
-    limits.
+    """Rates of one ADS over all scenarios.
 
-    limit: of collisions per million km where none was seen.
+    parts: rates in each scenario.
+    collisions, loss: per million km, with 95 % limits.
+    limit: upper limit of collisions per million km where no drive collided.
     """
 
     ads: str
@@ -148,7 +155,7 @@ class AdsRate(NamedTuple):
 
     @property
     def lost(self) -> Counter[str]:
-        """Number of drives that could not be evaluated, by why."""
+        """Number of drives that could not be evaluated, by status."""
         return sum((Counter(part.not_evaluated) for part in self.parts), Counter())
 
 
@@ -163,7 +170,7 @@ class Campaign(NamedTuple):
 def read_campaign(path: Path) -> CampaignSettings:
     """The settings in a campaign file.
 
-    Raises InputError naming every mistake in it.
+    Raises InputError for a file with mistakes.
     """
     settings = read_checked(path, CampaignSettings, "campaign file")
     for table, names in (
@@ -181,16 +188,22 @@ def read_campaign(path: Path) -> CampaignSettings:
 def spaces_of(settings: CampaignSettings, folder: Path) -> tuple[EncounterSpace, ...]:
     """The scenarios of a campaign.
 
-    Raises InputError for one without a rate of encounters.
+    folder: where relative paths start.
+    Raises InputError for a scenario without a rate of encounters.
     """
     spaces = []
     for item in settings.scenario:
         logical = find_with(settings.simulation.vehicle, item.use, folder)
-        met = logical.met
+        counted = logical.met
         if item.per_km is not None:
             rate: Any = item.per_km, None, None, "as given"
-        elif met is not None and met.events:
-            rate = met.events / met.vehicle_km, met.events, met.vehicle_km, met.where
+        elif counted and counted.events:
+            rate = (
+                counted.events / counted.vehicle_km,
+                counted.events,
+                counted.vehicle_km,
+                counted.where,
+            )
         else:
             raise InputError(
                 f"Scenario `{item.use}` needs an encounter rate: [met] with events in its file, "
@@ -209,7 +222,7 @@ def run_campaign(
     """Drive every ADS through every scenario.
 
     folder: where relative paths start.
-    watch: receives what is driven, drives done and the budget.
+    watch: receives scenario and ADS, the number of drives done, and the budget.
     """
     setup = Setup(settings.simulation, settings.run, folder)
     identify([("ADS", item.locator) for item in settings.ads], setup)
@@ -228,8 +241,9 @@ def _drive(
     setup: Setup,
     watch: Watch,
 ) -> ScenarioRate:
+    """Drive one ADS through one scenario until its interval is narrow or the budget is spent."""
     search = RareEvents(space.met, settings.budget, settings.seed)
-    lost: Counter[str] = Counter()
+    not_evaluated: Counter[str] = Counter()
     stopped = "budget"
     while len((draw := search.ask()).points):
         outcomes = outcomes_at(
@@ -237,21 +251,22 @@ def _drive(
             first=search.drives - len(draw.points),  # `ask` has counted these points already
             ended=lambda done: watch(f"{space.logical.name}: {item.name}", done, settings.budget),
         )  # fmt: skip
-        collided = np.array([outcome.status == "collision" for outcome in outcomes])
-        lost.update(outcome.status for outcome in outcomes if outcome.status not in EVALUATED)
+        statuses = [outcome.status for outcome in outcomes]
+        not_evaluated.update(status for status in statuses if status not in EVALUATED)
+        collided = np.array([status == "collision" for status in statuses])
         search.tell(draw, collided, np.array([loss_of(outcome) for outcome in outcomes]))
         estimate = search.estimate()
         _, low, high = estimate.probability
-        enough = low > 0.0 and high <= settings.width * low
-        # a single hit has no spread that its interval could measure
-        if not search.exploring and estimate.hits > 1 and enough:
+        narrow = low > 0.0 and high <= settings.width * low
+        # the interval of a single hit rests on no spread
+        if narrow and estimate.hits > 1 and not search.exploring:
             stopped = "width"
             break
-    return part_of(space, search, settings.seed, stopped, dict(sorted(lost.items())))
+    return part_of(space, search, settings.seed, stopped, dict(sorted(not_evaluated.items())))
 
 
 def loss_of(outcome: Outcome) -> float:
-    """L of Eq. 14 of a drive: 0 without a collision."""
+    """Eq. 14: L of a drive, 0 without a collision."""
     hit = None if outcome.recording is None else outcome.recording.collision
     if outcome.status != "collision" or hit is None:
         return 0.0
@@ -259,85 +274,106 @@ def loss_of(outcome: Outcome) -> float:
 
 
 def part_of(
-    space: EncounterSpace, search: RareEvents, seed: int, stopped: str, lost: dict[str, int]
+    space: EncounterSpace,
+    search: RareEvents,
+    seed: int,
+    stopped: str,
+    not_evaluated: dict[str, int],
 ) -> ScenarioRate:
-    """The rates of one ADS in one scenario, from the search's drives."""
+    """The rates of one ADS in one scenario, from the search's drives.
+
+    stopped, not_evaluated: as in `ScenarioRate`.
+    """
     estimate = search.estimate()
-    most = MILLION * space.interval[1]  # every encounter ends in a collision, and L is at most 1
+    # as if every encounter ended in a collision with L = 1
+    most = MILLION * space.interval[1]
     limit = most * estimate.upper_limit
-    hits = search.in_estimate & search.collided
-    if not hits.any():
-        none, zero = (0.0, 0.0, limit), np.zeros((2, 2, DRAWS))
-        return ScenarioRate(space, estimate, none, none, zero, limit, stopped, lost)
-    draws = np.minimum(_drawn_rates(space, search, seed, hits, estimate.deviation), most)
-    rates: list[Any] = []
-    for row, own in zip(draws, (estimate.probability, estimate.loss), strict=True):
-        # the drives' own interval is wider where few of them collided
-        value, low, high = (MILLION * space.per_km * np.array(own)).tolist()
-        lowest, highest = _limits(row)
-        rates.append((value, min(lowest, low), min(max(highest, high), most)))
-    collisions, loss = rates
-    return ScenarioRate(space, estimate, collisions, loss, draws, limit, stopped, lost)
+    collisions = loss = 0.0, 0.0, limit
+    draws = np.zeros((2, 2, DRAWS))
+    if (search.in_estimate & search.collided).any():
+        draws = np.minimum(_drawn_rates(space, search, seed, estimate.deviation), most)
+        collisions, loss = (
+            _rate(MILLION * space.per_km * np.array(mean), drawn, most)
+            for mean, drawn in zip((estimate.probability, estimate.loss), draws, strict=True)
+        )
+    return ScenarioRate(space, estimate, collisions, loss, draws, limit, stopped, not_evaluated)
+
+
+def _rate(own: FloatArray, draws: FloatArray, most: float) -> Limits:
+    """A rate per million km, with the wider of two intervals.
+
+    own: the rate and its limits by the drives alone, (3,); wider where few of them collided.
+    draws: of the rate, (2, `DRAWS`).
+    most: that it may be.
+    """
+    value, low, high = own.tolist()
+    lowest, highest = _limits(draws)
+    return value, min(lowest, low), min(max(highest, high), most)
 
 
 def _drawn_rates(
-    space: EncounterSpace, search: RareEvents, seed: int, hits: BoolArray, deviation: float
+    space: EncounterSpace, search: RareEvents, seed: int, deviation: float
 ) -> FloatArray:
     """Draws of collisions and of loss per million km, (2, 2, `DRAWS`), as in `ScenarioRate`.
 
-    hits: which drives of the search collided, (n,).
-    deviation: relative one of the estimated probability.
+    deviation: standard error of the estimated probability over its value.
     """
     stream = random_stream(seed, "rates", space.logical.name)
-    summed_rates = _summed_rates(space, search.points[hits], seed, stream)
-    terms = np.stack([search.weights[hits], search.weights[hits] * search.loss[hits]])
-    # of the log-normal distribution with this relative deviation
+    hits = search.in_estimate & search.collided
+    weights = search.weights[hits]
+    terms = np.stack([weights, weights * search.loss[hits]])
+    rates = _summed_rates(space, search.points[hits], terms, seed, stream)
+
+    # The error is log-normal, but with Student's quantiles, as in the drives' own interval: else a
+    # sum would be narrower than its largest part.
     sigma = math.sqrt(math.log1p(deviation**2))
-    # Student's, as in the drives' own interval: else a sum would be narrower than its largest part.
-    # The permutation makes its shares evenly spaced: with few degrees of freedom, the limits of
-    # random ones would be random.
+    # The quantiles are evenly spaced, in random order. With few degrees of freedom, limits of
+    # random quantiles would vary from seed to seed.
     errors = [
         stdtrit(degrees_of_freedom(row), (stream.permutation(DRAWS) + 0.5) / DRAWS) for row in terms
     ]
-    # at most 50, so that exp stays finite; the caller limits such draws
+    # 50: exp stays finite; `part_of` limits such draws
     noise = np.exp(np.minimum(sigma * np.stack(errors), 50.0))[:, None]
-    drawn = MILLION * np.stack([summed_rates(row) for row in terms]) * noise / search.drawn
-    return np.asarray(drawn)
+    return np.broadcast_to(MILLION * rates * noise / search.drawn, (2, 2, DRAWS))
 
 
 def _summed_rates(
-    space: EncounterSpace, points: FloatArray, seed: int, stream: np.random.Generator
-) -> Callable[[FloatArray], FloatArray]:
-    """A function from terms (h,), one a hit, to draws (2, `DRAWS`) of the rate of encounters times
-    the sum of the terms.
+    space: EncounterSpace,
+    points: FloatArray,
+    terms: FloatArray,
+    seed: int,
+    stream: np.random.Generator,
+) -> FloatArray:
+    """Rate of encounters, 1/km, times the sum over the hits of each row of terms.
 
     points: of the hits, (h, k).
+    terms: (2, h).
 
-    The two rows are the narrow form of the points' distribution and the form that was driven. Both
-    rows are equal where that distribution has no events, or the rate was given by hand.
+    The result broadcasts to (2, 2, `DRAWS`), as in `ScenarioRate`. It has one form for both where
+    the points' distribution has no events, and one draw where the rate is given.
     """
-    if space.events is None or space.vehicle_km is None:  # nothing was counted: the rate is given
-        return lambda terms: np.full((2, DRAWS), space.per_km * terms.sum())
+    sums: FloatArray = terms.sum(axis=1)[:, None, None]
+    if space.events is None or space.vehicle_km is None:
+        return space.per_km * sums
 
     resamples = resampled(space.met, RESAMPLED, seed)
     if not resamples:  # only the rate comes from events
-        rates = stream.gamma(space.events + 0.5, size=DRAWS) / space.vehicle_km
-        return lambda terms: np.stack([rates, rates]) * terms.sum()
+        return stream.gamma(space.events + 0.5, size=DRAWS) / space.vehicle_km * sums
 
+    # density of each hit by form and resample, over the density that was driven
     driven = np.maximum(space.met.base_density(points), 1e-300)
-    ratios = np.empty((2, len(resamples), len(points)))  # by form, resample and hit
-    for place, (joint, _) in enumerate(resamples):
+    ratios = np.empty((2, len(resamples), len(points)))
+    for number, (joint, _) in enumerate(resamples):
         for row, form in enumerate((replace(joint, narrow=True), joint)):
-            ratios[row, place] = form.density(points) / form.mass() / driven
+            ratios[row, number] = form.density(points) / form.mass() / driven
     # a resample with twice the events has twice the rate of encounters
     factors = np.array([factor for _, factor in resamples])
-    chosen = stream.integers(len(resamples), size=DRAWS)
-    return lambda terms: space.per_km * (factors * (ratios @ terms))[:, chosen]
+    chosen = stream.integers(len(resamples), size=DRAWS)  # resample of each draw
+    return space.per_km * np.stack([(factors * (ratios @ row))[:, chosen] for row in terms])
 
 
 def _limits(draws: FloatArray) -> tuple[float, float]:
-    """The lower of the two rows' lower limits, and the higher of their upper ones, of draws (2,
-    `DRAWS`).
+    """95 % limits of draws (2, `DRAWS`) that hold for both forms of the points' distribution.
 
     Where tails are normal, the form that was driven is too dense beyond the events and too thin
     among them. Where a tail is long, the narrow form is too thin beyond the events and too dense
@@ -348,34 +384,39 @@ def _limits(draws: FloatArray) -> tuple[float, float]:
 
 
 def summed(ads: str, controller: str, parts: Sequence[ScenarioRate]) -> AdsRate:
-    """One ADS over all scenarios.
+    """Rates of one ADS over all scenarios.
 
-    A scenario without a collision adds nothing to the sum. Without a collision in any scenario,
-    the upper limit is the largest of the scenarios' limits: were the rate of one scenario higher,
-    its drives would have shown a collision with 95 %.
+    parts: rates in each scenario. One without a collision adds nothing to the sum.
+
+    Without a collision in any scenario, the upper limit is the largest of the scenarios' limits:
+    were the rate of one scenario higher, its drives would have shown a collision with 95 %.
     """
     limit = max(part.limit for part in parts)
-    rates = []
-    for index, kind in enumerate(("collisions", "loss")):
-        each = [getattr(part, kind) for part in parts]
-        seen = [rate for rate in each if rate[0] > 0.0]
-        rate = 0.0, 0.0, limit
-        if len(seen) == 1:
-            rate = seen[0]
-        elif seen:
-            low, high = _limits(np.sum([part.draws[index] for part in parts], axis=0))
-            rate = sum(value for value, _, _ in each), low, high
-        rates.append(rate)
-    collisions, loss = rates
+    sums = np.sum([part.draws for part in parts], axis=0)
+    collisions = _total([part.collisions for part in parts], sums[0], limit)
+    loss = _total([part.loss for part in parts], sums[1], limit)
     return AdsRate(ads, controller, tuple(parts), collisions, loss, limit)
 
 
-def recorded_drivers(spaces: Sequence[EncounterSpace]) -> list[tuple[str, float, float]]:
-    """The drivers of the recordings: where, km, and the upper limit of their collisions per million
-    km, from none seen.
+def _total(rates: Sequence[Limits], draws: FloatArray, limit: float) -> Limits:
+    """Sum of one kind of rate over all scenarios.
 
-    An event with a collision is dropped at import: its gap makes it a ghost of the tracker
-    (`drivers.recorded.events`).
+    draws: of the sum, (2, `DRAWS`).
+    limit: its upper limit where all rates are 0.
+    """
+    seen = [rate for rate in rates if rate[0] > 0.0]
+    if not seen:
+        return 0.0, 0.0, limit
+    if len(seen) == 1:
+        return seen[0]
+    return sum(rate[0] for rate in seen), *_limits(draws)
+
+
+def recorded_drivers(spaces: Sequence[EncounterSpace]) -> list[tuple[str, float, float]]:
+    """Drivers of each recording: its roads, km, and upper limit of collisions per million km.
+
+    The limit is that of no collision: none can be seen, as the gap of an event with a collision
+    makes it a ghost of the tracker (`drivers.recorded.events`), which is dropped.
     """
     roads = {(space.where, space.vehicle_km) for space in spaces if space.vehicle_km is not None}
     return [(where, km, MILLION * -math.log(1.0 - LEVEL) / km) for where, km in sorted(roads)]
