@@ -143,8 +143,8 @@ def draw(ax: Axes, panel: Panel, named: set[str]) -> None:
     for it in panel.marks:
         label = "" if it.name in named else it.name
         named.add(it.name)
-        # Unclipped, a marker at the axes' edge is drawn whole. But an unclipped entry of the legend,
-        # which has no points, would make the layout fail.
+        # Unclipped, a marker at the axes' edge is drawn whole. But unclipped marks without points,
+        # as for the legend, would make the layout fail.
         clipped = not it.marker or np.size(it.x) == 0
         ax.errorbar(
             it.x, it.y, xerr=it.spread, color=it.colour, ls=it.line, marker=it.marker, label=label,

@@ -1,17 +1,14 @@
-"""Choice of scenario, ADSs and concrete scenario that a figure of `of_runs` shows.
-
-The user names them, or they have defaults.
-"""
+"""Scenario, ADSs and drives that a figure of `of_runs` shows: as the user asks, or by default."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from sumo_eval.cases import CaseResult
+from sumo_eval.cases import CaseResult, CaseTable
 from sumo_eval.errors import InputError, check_known, unknown
 from sumo_eval.record.run_folder import FACTS
-from sumo_eval.record.store import open_store
+from sumo_eval.record.store import EGO, open_store
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.text import point_words
@@ -22,10 +19,11 @@ from sumo_eval.trajectory import Trajectory
 class DrivenPoint:
     """Trajectories of all drives through one concrete scenario of a run.
 
+    scenario: name of its logical scenario.
     words: its parameters and their values.
-    runs: the ego of each ADS, by the ADS's name.
-    others: the other vehicles by name, in the drive of the first ADS.
-    people: the ego of each human driver, by name; none in the hazardous zone.
+    runs: ADS -> its ego.
+    others: name -> actor, in the drive of the first ADS.
+    people: human driver -> its ego; empty in the hazardous zone.
     line: reference line of the road, as in `Road`.
     """
 
@@ -46,10 +44,11 @@ class DrivenPoint:
 class Asked:
     """Request for a figure of a scored run, as the user gave it.
 
-    scenario, ads, case: names; None: the default that the properties below choose.
+    scenario, ads, case: names; None: not given.
     width: a key of `style.WIDTHS`.
 
-    The properties raise InputError for an unknown scenario, ADS or case.
+    The properties are the choice, with defaults for what was not given. They raise InputError for
+    an unknown scenario, ADS or case.
     """
 
     evaluation: Evaluation
@@ -68,7 +67,7 @@ class Asked:
 
     @property
     def place(self) -> str | None:
-        """Name of the scenario: that of the case asked for, else the one asked for; None: all."""
+        """Name of the scenario: that of the case if one is given, else the given one; None: all."""
         if self.case is not None:
             return self.row.scenario
         if self.scenario is not None:
@@ -93,56 +92,54 @@ class Asked:
 
     @property
     def row(self) -> CaseResult:
-        """The case asked for, else the least human-like one of `one_place`: that with the least
-        D_i, or the first by name where no case has a D_i.
+        """The case asked for, else the one with the least D_i (`index`) in `one_place`.
+
+        Where no case has a D_i, it is the first by name.
         """
-        if self.case is not None:
-            found = self.evaluation.case(self.case)
-            if found is None:
-                raise unknown("case", self.case, self.evaluation.cases.case)
-            return found
-        rows = self.evaluated
-        return min(
-            [row for row in rows if row.index is not None] or rows,
-            key=lambda row: (row.index or 0.0, row.case),
-        )
+        if self.case is None:
+            return min(
+                self.evaluated, key=lambda row: (row.index is None, row.index or 0.0, row.case)
+            )
+        row = self.evaluation.case(self.case)
+        if row is None:
+            raise unknown("case", self.case, self.evaluation.cases.case)
+        return row
 
     @property
-    def evaluated(self) -> list[CaseResult]:
+    def evaluated(self) -> CaseTable:
         """The cases of `one_place` that were evaluated, of all ADSs; at least one."""
         name = self.one_place
-        rows = [row for row in self.evaluation.cases_in(name) if row.evaluated]
-        if not rows:
+        cases = self.evaluation.cases_in(name)
+        evaluated: CaseTable = cases[cases.evaluated]
+        if not len(evaluated):
             raise InputError(
                 f"No case of scenario `{name}` was evaluated, so there is nothing to draw."
             )
-        return rows
+        return evaluated
 
 
 def driven_point(asked: Asked, ads: Sequence[str]) -> DrivenPoint:
     """The drives of these ADSs and of all human drivers at the point of the case `asked.row`.
 
+    ads: names; ADSs without a drive there are left out.
     Raises InputError where no trajectory of these ADSs is kept.
     """
     evaluation, case = asked.evaluation, asked.row
     with open_store(evaluation.folder / FACTS) as store:
-        # case -> number of its point, ADS
-        recorded = {
-            name: (number, its_ads) for name, number, its_ads in store.names("ads", case.scenario)
-        }
-        point = recorded[case.case][0]
-        case_of = {its_ads: name for name, (number, its_ads) in recorded.items() if number == point}
+        drives = list(store.names("ads", case.scenario))  # case, number of its point, ADS
+        point = next(number for key, number, _ in drives if key == case.case)
+        case_of = {driver: key for key, number, driver in drives if number == point}
         runs: dict[str, Trajectory] = {}
         others: dict[str, Trajectory] = {}
         for name in ads:
             vehicles = store.trajectories(case_of[name]) if name in case_of else {}
-            if "ego" in vehicles:
-                runs[name] = vehicles.pop("ego")
+            if EGO in vehicles:
+                runs[name] = vehicles.pop(EGO)
                 others = others or vehicles  # those of the first ADS
         people = {
-            driver: vehicles["ego"]
-            for name, number, driver in store.names("human", case.scenario)
-            if number == point and "ego" in (vehicles := store.trajectories(name))
+            driver: vehicles[EGO]
+            for key, number, driver in store.names("human", case.scenario)
+            if number == point and EGO in (vehicles := store.trajectories(key))
         }
     if not runs:
         raise InputError(f"Case `{case.case}` has no trajectory to draw.")

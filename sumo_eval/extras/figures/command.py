@@ -42,10 +42,12 @@ def plot(
     )
 
     file = out or run / f"{figure}.svg"
-    if figure in FIGURES:  # else `draw` says so
+    # before the run is scored, which takes longer; `draw` refuses an unknown figure
+    if figure in FIGURES:
         width_of(width)
         ending_of(file)
         refuse_without_matplotlib()
+    # `draw` would score a run too, but without a bar on the terminal
     source = scored(run) if figure in OF_RUNS and not is_edge(run, figure) else run
     drawn = draw(source, figure, scenario=scenario, ads=ads, case=case, width=width)
     tell(str(save(drawn, file)))

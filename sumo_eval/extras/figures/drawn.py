@@ -1,4 +1,7 @@
-"""Every figure by its name, drawn from a folder: the one door of the command and of a notebook."""
+"""Every figure by its name, drawn from an evaluation or a folder.
+
+`sumo-eval plot` and notebooks call `draw`.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +24,16 @@ OF_RUNS: Final[Mapping[str, Any]] = {
         "points",
     )
 }  # fmt: skip
-"""Figures of a scored run by name."""
+"""Name -> function of `of_runs` that draws this figure of a scored run."""
 
 FIGURES: Final = (*OF_RUNS, "trend", "opinion")
 
 
 def is_edge(evaluation: Evaluation | Path, figure: str) -> TypeGuard[Path]:
-    """Whether it is a folder that `sumo-eval boundary` wrote, and its figure is asked for."""
+    """Whether the figure is `boundary` of a folder that `sumo-eval boundary` wrote.
+
+    A scored run has a different figure of that name.
+    """
     return (
         figure == "boundary"
         and isinstance(evaluation, Path)
@@ -44,8 +50,9 @@ def draw(
 
     evaluation: for `trend` the folder of a history of nights, for `opinion` a run's folder, for all
         others a scored run; for `boundary` also a folder that `sumo-eval boundary` wrote.
-    Raises InputError for a name that is none, and for a scenario, an ADS or a case that is not
-    there.
+    scenario, ads, case: names; None: the figure's default.
+    width: a key of `style.WIDTHS`.
+    Raises InputError for an unknown name, and for an argument that the figure does not take.
     """
     check_known("figure", FIGURES, figure)
     edge = is_edge(evaluation, figure)
@@ -57,6 +64,7 @@ def draw(
         drawn: Figure = OF_RUNS[figure](Asked(evaluation, scenario, ads, case, width))
         return drawn
     folder = evaluation.folder if isinstance(evaluation, Evaluation) else evaluation
+    # only `trend` takes a scenario and an ADS, and none of these figures a case
     for name, value in (("case", case), ("scenario", scenario), ("ads", ads)):
         if value is not None and (name == "case" or figure != "trend"):
             raise InputError(f"Figure `{figure}` of {folder} takes no `{name}`, got {value!r}.")

@@ -1,7 +1,7 @@
 """Figures of a scored run: zones, fields, drives, collisions, intervals, lost points.
 
-`drawn.draw` finds each public function by its name, for `sumo-eval plot FIGURE`. The heights given
-to `on_paper` and `new_figure` are shares of a panel's and of the figure's width.
+`drawn.draw` finds each public function by its name, for `sumo-eval plot FIGURE`. A height given to
+`on_paper` is a share of a panel's width, one given to `new_figure` of the figure's width.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-CELLS = 140  # on each axis of a map
+CELLS = 140  # of a map along each axis
 MOST_COLUMNS = 4  # panels in a row
 LEARNT = "#d55e00"  # colour of the learnt boundary
 
@@ -65,23 +65,22 @@ _ZONE_LEGEND = (
 _Map = tuple[Any, Any, Any]
 """Map as `Panel.chance`: x (m,), y (n,) and values (n, m)."""
 
-LOST = {"T": "#56b4e9", "A": "#d55e00", "C": "#d55e00", "H": "#e69f00", "D": "#e69f00"}
-"""Colour of the points that each term of S+ (T, A, H) or of S (C, D) cost."""
-LOST_BY = {
-    "T": "not driving (T)",
-    **dict.fromkeys("AC", "harm (A, C)"),
-    **dict.fromkeys("HD", "driving otherwise (H, D)"),
+LOST = {
+    "T": ("lost by not driving (T)", "#56b4e9"),
+    **dict.fromkeys("AC", ("lost by harm (A, C)", "#d55e00")),
+    **dict.fromkeys("HD", ("lost by driving otherwise (H, D)", "#e69f00")),
 }
-"""Reason of this loss, for the legend."""
+"""Term of S+ (T, A, H) or of S (C, D) -> words and colour of the points that it costs."""
 KEPT = "#0072b2"  # colour of the points that an ADS kept
 
 
 def zone_map(asked: Asked) -> Figure:
     """Zones of a space with the outcome of every case, as in the paper's Figs. 8 and 9.
 
-    The boundary of the zones is drawn twice: exact (Eqs. 5-7) and as the GP learnt it (Eq. 8). A
-    space of three parameters has a map for each value of the first; of a larger space the map is a
-    slice. The ADS is that of the case asked for, else the first with a score in the scenario.
+    The boundary of the zones is drawn twice: exact (Eqs. 5-7) and as the GP learnt it (Eq. 8).
+
+    A space of three parameters has a map for each value of the first one. Of a larger space the map
+    is a slice. The ADS is that of the case if one is given, else the first with a score there.
     """
     evaluation, scenario = asked.evaluation, asked.one_place
     scored = (score.ads for score in asked.scores if score.scenario == scenario)
@@ -106,7 +105,7 @@ def zone_map(asked: Asked) -> Figure:
 
 
 def _slice(view: View, zones: ZonePartition, cases: CaseTable) -> tuple[View, str]:
-    """The view, with its slice moved to most collisions where it has a choice, and a note on it."""
+    """The view, moved to the slice with most collisions if it has a choice, and a note on it."""
     chosen = telling_slice(view, cases)  # empty without a choice
     view = replace(view, fixed=chosen or view.fixed)
     items = ((zones.logical.parameters[column], value) for column, value in view.fixed.items())
@@ -127,12 +126,12 @@ def _map_panels(
 ) -> tuple[list[Panel], list[_Map]]:
     """The panels of the view with zones and cases, and for each a map of the learnt criticality.
 
-    outcomes: verdict on each case, a key of LOOKS, (n,).
+    outcomes: verdict on each case, a key of `LOOKS`, (n,).
     """
     points = cases.parameters(view.names)
     shown = np.array([view.shows(case) for case in cases], dtype=np.bool_)
     panel_of = np.array([view.panel_of(point) for point in points])
-    # the same for every panel, so that the legend has the order of LOOKS
+    # every panel has marks of all these, so that the legend has the order of `LOOKS`
     present = [verdict for verdict in LOOKS if verdict in outcomes[shown]]
     axes = [zones.logical.parameters[column] for column in (view.x, view.y) if column is not None]
     # a map of one parameter has no label on its second axis
@@ -144,8 +143,9 @@ def _map_panels(
         for verdict in present:
             dots = points[shown & (panel_of == number) & (outcomes == verdict)]
             y = np.zeros(len(dots)) if view.y is None else dots[:, view.y]
-            # X: with an incident, or not evaluated
-            look, marker = LOOKS[verdict], {"avoided": "o", "better": "P"}.get(verdict, "X")
+            look = LOOKS[verdict]
+            # all other verdicts: with an incident, or not evaluated
+            marker = {"avoided": "o", "better": "P"}.get(verdict, "X")
             marks.append(Marks(look.words, dots[:, view.x], y, look.colour, marker=marker))
         title = ""
         if view.panel is not None:
@@ -161,29 +161,28 @@ def _map_panels(
 
 
 def _zones(zones: ZonePartition, view: View, number: int) -> tuple[_Map, _Map]:
-    """Maps of the criticality y at the corners of cells, nan where no point is possible: 0.5 - y of
-    the exact one (Eqs. 5-7) for `Panel.chance`, and y of the learnt one (Eq. 8).
+    """Maps of the criticality y at the corners of cells, nan where no point is possible.
 
-    A point is hazardous where y <= 0, and a `Panel` colours it so where `chance` >= 0.5.
+    The first has 0.5 - y of the exact one (Eqs. 5-7), the second y of the learnt one (Eq. 8). A
+    point is hazardous where y is at most 0, and `Panel.chance` shows hazardous areas from 0.5 on.
 
     number: of the panel.
     """
     logical = zones.logical
     shares = np.linspace(0.0, 1.0, CELLS + 1)  # of the parameters' ranges
-    # one parameter: a strip with the same values on its lower and on its upper edge
+    # the map of one parameter is a strip from y = -1 to 1, the same at both edges
     y_shares = np.array([0.0, 1.0]) if view.y is None else shares
     points = slice_points(logical, view, number, shares, y_shares)
     x = points[0, :, view.x]
     y = np.array([-1.0, 1.0]) if view.y is None else points[:, 0, view.y]
     possible = logical.feasible(points)
     rows = points.reshape(-1, points.shape[-1])
-    y_exact = exact_target(logical, rows, zones.settings).reshape(possible.shape)
+    exact = exact_target(logical, rows, zones.settings).reshape(possible.shape)
     # The possible points end in a staircase of cells. A learnt boundary along it would show as a
     # dash at each stair, so it is drawn only two cells or more away from it.
     inside = binary_erosion(possible, iterations=2, border_value=1)
-    y_learnt = zones.predicted(points)
-    exact = x, y, np.where(possible, 0.5 - y_exact, np.nan)
-    return exact, (x, y, np.where(inside, y_learnt, np.nan))
+    learnt = np.where(inside, zones.predicted(points), np.nan)
+    return (x, y, np.where(possible, 0.5 - exact, np.nan)), (x, y, learnt)
 
 
 def field(asked: Asked) -> Figure:
@@ -195,23 +194,18 @@ def field(asked: Asked) -> Figure:
     ads = row.ads if asked.ads is None else asked.names[0]
     scene = driven_point(asked, [ads])
     settings = asked.evaluation.settings.method.anthropomorphic.field
+    # of the human drivers the first
     drives = {ads: scene.runs[ads], **dict(list(scene.people.items())[:1])}
     x, y, values = _fields(list(drives.values()), settings)
     east, north = map_places(scene.line, x, y[:, None])[:2]
-    # next to a standing vehicle the field has no bound: its largest 0.2 % have one colour
+    # Next to a standing vehicle the field has no bound. The largest 0.2 % have one colour.
     lowest, tallest = np.quantile(values, [0.0, 0.998])
 
     with styled():
         figure, axes = new_figure(asked.width, 0.16 + 0.3 * len(drives), len(drives))
         for ax, (name, drive), strength in zip(axes, drives.items(), values, strict=True):
             image = ax.pcolormesh(
-                east,
-                north,
-                strength,
-                cmap="cividis",
-                vmin=lowest,
-                vmax=tallest,
-                rasterized=True,
+                east, north, strength, cmap="cividis", vmin=lowest, vmax=tallest, rasterized=True
             )
             ax.plot(*map_places(scene.line, drive.x, drive.y)[:2], color="white", linewidth=0.8)
             ax.set_title(name.replace("_", " "))
@@ -227,8 +221,9 @@ def field(asked: Asked) -> Figure:
 
 
 def _fields(drives: Sequence[Trajectory], settings: FieldSettings) -> tuple[FloatArray, ...]:
-    """x (240,) along the way of the first drive, y (60,) across it, m, and the field of each drive
-    there, (drives, 60, 240).
+    """Field of each drive over the stretch of road that the first one drives along.
+
+    Returns x along the road (240,), y across it (60,), m, and the fields (drives, 60, 240).
     """
     ego = drives[0]
     reach = 1.5 * max(np.abs(drive.y).max() for drive in drives) + 3.0  # m to each side
@@ -270,8 +265,7 @@ def time_history(asked: Asked) -> Figure:
     """Speed, acceleration and lateral position over time in one concrete scenario: every ADS and
     the human drivers.
     """
-    # without the other vehicles
-    scene = replace(driven_point(asked, asked.names), others={})
+    scene = replace(driven_point(asked, asked.names), others={})  # no other vehicles
     panels = [
         Panel([Marks(name, drive.time, getattr(drive, channel), colour, line)
                for name, drive, colour, line in _drives(scene, asked.names)], y=words)
@@ -293,19 +287,17 @@ def collisions(asked: Asked) -> Figure:
     names, evaluation = asked.names, asked.evaluation
     panels = []
     for scenario in [asked.place] if asked.place else [zone.scenario for zone in evaluation.zones]:
-        # by ADS, (n, 2): U of the ideal vehicle and of the ADS, m/s
-        severities = {
-            ads: np.array([
-                (row.ideal_severity, row.severity) for row in evaluation.cases_of(ads, scenario)
-                if row.collided and None not in (row.severity, row.ideal_severity)
-            ]).reshape(-1, 2)
-            for ads in names
-        }  # fmt: skip
-        most = max((pairs.max() for pairs in severities.values() if len(pairs)), default=0.0)
-        marks = [Marks("", [0.0, most], [0.0, most], MUTED, "-")] if most else []
-        for ads, pairs in severities.items():
+        marks, most = [], 0.0
+        for ads in names:
+            cases = evaluation.cases_of(ads, scenario)
+            # U of the ideal vehicle and of the ADS, m/s, (n, 2); nan: not known
+            pairs = np.column_stack([cases.ideal_severity, cases.severity])[cases.collided]
+            pairs = pairs[~np.isnan(pairs).any(axis=1)]
+            most = pairs.max(initial=most)
             colour, marker, _ = look_of(ads, names)
             marks.append(Marks(ads, pairs[:, 0], pairs[:, 1], colour, marker=marker))
+        if most:
+            marks.insert(0, Marks("", [0.0, most], [0.0, most], MUTED, "-"))
         title = scenario.replace("_", " ") + ("" if most else ": no collision")
         panels.append(Panel(marks, "U of the ideal vehicle", "U of the ADS", title))
     return on_paper(
@@ -314,7 +306,10 @@ def collisions(asked: Asked) -> Figure:
 
 
 def intervals(asked: Asked) -> Figure:
-    """Every score with its 95 % interval: a panel a score, a line for each ADS in each scenario."""
+    """Every score with its 95 % interval.
+
+    One panel a score, with a line for each ADS in each scenario.
+    """
     names, scores = asked.names, asked.scores
     panels = []
     for symbol, name in INDEXES.items():
@@ -329,7 +324,7 @@ def intervals(asked: Asked) -> Figure:
         computed = all(getattr(score, name) is not None for score in scores)
         panels.append(Panel(marks, symbol if computed else f"{symbol} (no mark: not computed)"))
     columns = 2 if asked.width == "column" else 4
-    # room for each line; four panels a row are narrower, so their height is a larger share
+    # Each line needs room. Four panels in a row are narrower, so their height is a larger share.
     height = max(0.5, 0.09 * len(scores) + 0.3) * (1.3 if columns == 2 else 2.0)
     figure = on_paper(panels, asked.width, height, columns)
     for number, ax in enumerate(figure.axes):
@@ -340,7 +335,7 @@ def intervals(asked: Asked) -> Figure:
 
 
 def _name_lines(ax: Axes, scores: Sequence[ScenarioResult]) -> None:
-    """Label the y axis with ADS and scenario of each score, one below the other."""
+    """Label the y axis with ADS and scenario of each score; line 0 is the uppermost."""
     ax.set_ylim(len(scores) - 0.5, -0.5)
     ax.tick_params(axis="y", length=0)
     names = [f"{score.ads}, {score.scenario.replace('_', ' ')}" for score in scores]
@@ -348,14 +343,15 @@ def _name_lines(ax: Axes, scores: Sequence[ScenarioResult]) -> None:
 
 
 def points(asked: Asked) -> Figure:
-    """Points of S+ and of S: how many of 100 each ADS kept in each scenario, and how many each term
-    cost.
+    """Points of S+ and of S: how many of 100 each ADS kept, and how many each term cost.
+
+    One panel a score, with a line for each ADS in each scenario.
     """
     scores = asked.scores
     with styled():
         height = 0.16 * len(scores) + 0.45 if asked.width == "column" else 0.07 * len(scores) + 0.2
         figure, axes = new_figure(asked.width, height, 1, 2)
-        legend: dict[str, str] = {}  # words -> colour
+        legend = {"kept": KEPT}  # words -> colour; the bars add to it
         for ax, make in zip(axes, (ledger_plus, ledger), strict=True):
             for line, score in enumerate(scores):
                 _ledger_bar(ax, make(Findings.of(asked.evaluation, score)), line, legend)
@@ -373,10 +369,13 @@ def points(asked: Asked) -> Figure:
 
 
 def _ledger_bar(ax: Axes, account: Ledger, line: int, legend: dict[str, str]) -> None:
-    """Draw kept points as a bar, the loss of each term to its right, and add them to the legend."""
+    """Draw kept points as a bar, and to its right the loss of each term.
+
+    line: y of the bar.
+    legend: words -> colour; the losses are added.
+    """
     kept = max(account.total, 0.0)
     ax.barh([line], [kept], color=KEPT, height=0.6)
-    legend["kept"] = KEPT
     # the score stands within its bar, or right of one that is too short for it
     inside = kept > 12.0
     ax.annotate(f"{account.total:.1f}", (kept, line),
@@ -389,34 +388,31 @@ def _ledger_bar(ax: Axes, account: Ledger, line: int, legend: dict[str, str]) ->
             item.points for item in account.lines if item.term == term and item.points < 0.0
         )
         if lost > 0.0:
-            ax.barh([line], [lost], left=[end], color=LOST[term], height=0.6)
-            legend[f"lost by {LOST_BY[term]}"] = LOST[term]
+            words, colour = LOST[term]
+            ax.barh([line], [lost], left=[end], color=colour, height=0.6)
+            legend[words] = colour
             end += lost
 
 
 def boundary(asked: Asked) -> Figure:
-    """Cumulative share of each ADS's collisions over the exact criticality y (Eqs. 5-7) of their
-    concrete scenarios.
+    """Cumulative share of each ADS's collisions over the exact criticality y (Eqs. 5-7).
 
-    y goes from -1, most hazardous, through 0, the boundary of the zones, to 1, safest.
+    y of a concrete scenario goes from -1, most hazardous, through 0, the boundary of the zones, to
+    1, safest.
     """
-    name, names, rows = asked.one_place, asked.names, asked.evaluated
+    name, names, cases = asked.one_place, asked.names, asked.evaluated
     zones = zone_partitions(asked.evaluation)[name]
     marks = [Marks("", [0.0, 0.0], [0.0, 1.0], INK, "-")]  # the boundary
     for ads in names:
-        own = [row for row in rows if row.ads == ads]
-        # (n, k), also for an ADS without a row
-        points = np.array([zones.logical.row(row.values) for row in own]).reshape(
-            -1, len(zones.logical.names)
-        )
-        y = exact_target(zones.logical, points, zones.settings)
+        own = cases[cases.ads == ads]
+        y = exact_target(zones.logical, own.parameters(zones.logical.names), zones.settings)
         order = np.argsort(y)
-        hit = np.array([row.collided for row in own])[order]
+        hit = own.collided[order]
         share = np.cumsum(hit) / max(hit.sum(), 1.0)
         # a staircase from (-1, 0): level until the next y, where it rises to the share
         x, stairs = np.repeat([-1.0, *y[order]], 2)[1:], np.repeat([0.0, *share], 2)[:-1]
         colour, _, line = look_of(ads, names)
-        words = f"{ads}: {int(hit.sum())} of {len(own)} collide"
+        words = f"{ads}: {hit.sum()} of {len(own)} collide"
         marks.append(Marks(words, x, stairs, colour, line))
     panel = Panel(
         marks, "criticality y of the concrete scenario (0: the boundary, above: safe)",

@@ -1,7 +1,6 @@
-"""Figures of studies, for `sumo-eval plot`: nights of an evaluation over time, the boundary of an
-ADS's failures, ratings by people beside the scores.
+"""Figures of studies: scores over nights, the boundary of an ADS's failures, ratings and scores.
 
-`drawn.draw` calls each function by its figure's name.
+`drawn.draw` calls them for `sumo-eval plot`.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
     check_known("scenario", scenarios, place)
     check_known("ADS", all_ads, *names)
 
-    number_of = {night.night: number for number, night in enumerate(nights)}
+    number_of = {night.night: number for number, night in enumerate(nights)}  # x of each night
     failed = [number_of[it.night] for it in nights if it.exit_status == GATE_FAILED]
     panels = []
     for quantity in QUANTITIES:
@@ -57,8 +56,8 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
         for name in names:
             own = [v for v in values if (v.ads, v.scenario, v.quantity) == (name, place, quantity)]
             x = [number_of[value.night] for value in own]
-            y = [np.nan if value.value is None else value.value for value in own]
-            # an ADS looks the same alone and among all
+            y = np.array([value.value for value in own], float)  # None becomes nan
+            # with `all_ads` an ADS looks the same alone and among the rest
             colour, marker, line = look_of(name, all_ads)
             marks.append(Marks(name, x, y, colour, line, marker))
         panels.append(Panel(marks, y=quantity, verticals=failed))
@@ -74,11 +73,14 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
 
 
 def edge(folder: Path, *, width: str) -> Figure:
-    """Boundary in a folder of `sumo-eval boundary`: where an ADS is likelier to collide than not.
+    """Boundary of an ADS's collisions, with every trial.
 
-    Every trial is drawn. Two parameters have one map; three have a map for each value of the third,
-    one below the other.
+    Beyond it a collision is likelier than not.
 
+    Two parameters have one map. Three have a map for each value of the third, one below the other.
+
+    folder: of `sumo-eval boundary`.
+    width: a key of `style.WIDTHS`.
     Raises InputError where a file is missing, as in a folder of an older version.
     """
     words, panels = edge_panels(folder)
@@ -90,6 +92,7 @@ def opinion(run: Path, *, width: str) -> Figure:
 
     A panel a score, with Spearman's rho and its interval.
 
+    width: a key of `style.WIDTHS`.
     Raises InputError for a run without ratings, which `sumo-eval humans opinion` adds.
     """
     return on_paper(opinion_panels(run), width, 0.85, 4 if width == "page" else 2)

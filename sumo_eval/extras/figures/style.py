@@ -1,4 +1,7 @@
-"""Appearance and saving of figures: column widths, fonts, colours for every colour vision."""
+"""Appearance and saving of figures: widths, fonts, and the look of each ADS.
+
+`of_runs` and `of_studies` draw with it, `command` saves with it.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +18,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MM: Final = 1.0 / 25.4  # inches
+MM: Final = 1.0 / 25.4  # a millimetre in inches
 WIDTHS: Final[dict[str, float]] = {"column": 88.0 * MM, "page": 180.0 * MM}
 """Widths of figures, inches: one column and both columns of a journal's page."""
 
 ENDINGS: Final = ("svg", "png", "pdf")
 
+# markers and lines of ADSs in order, for `look_of`
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "*")
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
 
@@ -49,25 +53,24 @@ _SETTINGS: Final = {
     "lines.markersize": 3.6,
     "figure.dpi": 150.0,
     "savefig.dpi": 300.0,
-    "pdf.fonttype": 42,  # TrueType: the file holds its fonts as outlines
-    "ps.fonttype": 42,
-    "svg.fonttype": "path",
-    "svg.hashsalt": "sumo_eval",  # the same figure is the same bytes
+    "pdf.fonttype": 42,  # TrueType fonts within the file
+    "svg.fonttype": "path",  # letters as outlines
+    "svg.hashsalt": "sumo_eval",  # else the file's identifiers are random
     "axes.unicode_minus": True,
 }
 
 
 def refuse_without_matplotlib() -> None:
-    """Raise InputError where it is missing: before a run is scored for its figure."""
+    """Raise InputError if matplotlib is not installed."""
     if find_spec("matplotlib") is None:
         raise needs_extra("A figure", "plots")
 
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Everything drawn within looks like one family.
+    """Give all that is drawn within the appearance of `_SETTINGS`.
 
-    Raises InputError where matplotlib is missing.
+    Raises InputError if matplotlib is not installed.
     """
     refuse_without_matplotlib()
     import matplotlib as mpl
@@ -79,7 +82,7 @@ def styled() -> Iterator[None]:
 def width_of(width: str) -> float:
     """A named width, inches.
 
-    Raises InputError for a name that is none.
+    Raises InputError for an unknown name.
     """
     check_known("width", WIDTHS, width)
     return WIDTHS[width]
@@ -90,7 +93,7 @@ def new_figure(
 ) -> tuple[Figure, list[Axes]]:
     """A figure of `rows` x `columns` panels and its panels, row by row.
 
-    height: of all, as a share of the width.
+    height: of the figure, as a share of its width.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -100,22 +103,24 @@ def new_figure(
     figure = Drawing(figsize=(across, across * height), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(rows, columns, squeeze=False)
-    return figure, [panel for row in panels for panel in row]
+    return figure, list(panels.flat)
 
 
 def on_paper(
     panels: Sequence[Panel], width: str, height: float, columns: int = 1, words: str = ""
 ) -> Figure:  # fmt: skip
-    """Panels as a figure, `columns` a row.
+    """Panels as a figure.
 
-    height: of each as a share of its width.
-    words: above it.
+    width: a key of `WIDTHS`.
+    height: of each panel, as a share of its width.
+    columns: panels in a row.
+    words: title of the figure.
     """
-    rows = -(-len(panels) // columns)
+    rows = -(-len(panels) // columns)  # rounded up
     with styled():
-        # 0.1 of the width for title and legend
+        # title and legend have 0.1 of the width
         figure, axes = new_figure(width, height * rows / columns + 0.1, rows, columns)
-        named = {""}  # marks that have their entry of the legend, or need none
+        named = {""}  # names in the legend; marks without a name need no entry
         for ax, panel in zip(axes, panels, strict=False):
             draw(ax, panel, named)
         for ax in axes[len(panels) :]:
@@ -139,11 +144,12 @@ def ending_of(path: Path) -> str:
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write a figure as what its file's ending says.
+    """Write a figure in the format of its file's ending, and return the path.
 
-    Raises InputError for another ending or a place that refuses.
+    Raises InputError for another ending, or where the file cannot be written.
     """
     ending = ending_of(path)
+    # without a date, the same figure is the same bytes
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}[ending]
     try:
         with styled():
@@ -155,14 +161,15 @@ def save(figure: Figure, path: Path) -> Path:
 
 
 def look_of(ads: str, names: Sequence[str]) -> tuple[str, str, Any]:
-    """Colour, marker and line style of one of several ADSs, so that nothing depends on colour
-    alone.
+    """Colour, marker and line style of an ADS, so that nothing depends on colour alone.
+
+    names: of all ADSs, among which it must be told apart.
     """
     place = list(names).index(ads)
     return COLOURS[place % len(COLOURS)], MARKERS[place % len(MARKERS)], LINES[place % len(LINES)]
 
 
 def label(name: str, unit: str) -> str:
-    """An axis label: `gap (m)`."""
+    """An axis label, as `gap (m)`."""
     words = name.replace("_", " ")
     return f"{words} ({unit})" if unit else words

@@ -1,21 +1,21 @@
-"""Manoeuvres that a driver had to answer, from recordings, measured as parameters of a scenario.
+"""Manoeuvres in recordings that a driver had to answer, measured as parameters of a scenario.
 
-Rules (`drivers.recorded.events` decides which vehicles count; this module measures):
+`learned` makes scenarios of them. `drivers.recorded.events` decides which vehicles count; this
+module measures. Its classes:
 
 - cut_in: a vehicle changes into the lane ahead of another, which it had not overtaken just before.
-- overtaken_and_cut_off: a cut-in by a faster vehicle that had been behind within `OVERTOOK` s
-  before.
+- overtaken_and_cut_off: a cut-in by a faster vehicle that was behind at most `OVERTOOK` s before.
 - merging: a cut-in from a ramp or an auxiliary lane, whose lane number is negative.
 - cut_out: a lead leaves the lane and reveals the next vehicle.
 - braking: a lead at most 5 s ahead brakes.
 - approach: the gap to a slower lead falls through 3.5 s.
-- lane_change: a vehicle changes to the left, with a lead in its old lane and a vehicle behind in
-  the new one.
+- lane_change: the ego changes to the left, with a lead in its old lane and a vehicle behind in the
+  new one.
 
-t = 0 is when the actor begins to move sideways or to brake, when the gap passes 3.5 s, when the
-changing vehicle begins to move. Sideways moves are fitted with the smooth step that scenario files
-have, motion along the road with constant acceleration. Moves to either side count alike: the
-scenario shows them to one.
+At t = 0 the vehicle that changes lane begins to move sideways, the lead begins to brake, or the gap
+passes 3.5 s. Sideways moves are fitted with the smooth step that scenario files have, motion along
+the road with constant acceleration. Moves to either side count alike, and a scenario has them to
+one side.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ CLASSES = (
     "cut_in", "overtaken_and_cut_off", "merging", "cut_out", "braking", "approach", "lane_change",
 )  # fmt: skip
 OVERTOOK = 20.0  # s before its lane change within which an overtaking vehicle was behind
-AROUND = 2.0  # s before and after a lane change that its fit sees
-SPEEDS_EVERY = 10  # samples; speeds are described by quantiles of every tenth
-SHORTEST, LONGEST = 1.0, 15.0  # s; a fitted lane change outside does not count
-NEAREST, FARTHEST = 1.5, 6.0  # m across; a fit outside is a move within a lane, or over two
-# s of a lead's motion that is measured; the scenario's lead then keeps the speed that it has
+AROUND = 2.0  # s before and after a lane change that are fitted with it
+SPEEDS_EVERY = 10  # samples; quantiles of speeds use every tenth
+SHORTEST, LONGEST = 1.0, 15.0  # s; durations of a fitted lane change
+NEAREST, FARTHEST = 1.5, 6.0  # m across; less is a move within a lane, more one over two lanes
+# s of a lead's motion that are measured; after that the scenario's lead keeps its speed
 APPROACH_WINDOW = 5.0
-LEAST_BRAKING = 3  # steps; fewer samples do not determine an acceleration
+LEAST_BRAKING = 3  # samples; fewer do not determine an acceleration
 BRAKING_HEADWAY = 5.0  # s; a lead that brakes further ahead does not count
 REAR_HEADWAY = 4.0  # s; a vehicle further behind in the new lane does not count
 LEAD_HEADWAY = 6.0  # s; a lead further ahead in the old lane does not count
@@ -67,14 +67,17 @@ LEAD_MOVES = "the lead changes lane meanwhile"
 
 
 class NotMeasuredError(Exception):
-    """An event that counts but has no parameters; its text is one of the reasons above."""
+    """An event counts but has no parameters; the text is one of the reasons above."""
 
 
 class Motion(NamedTuple):
-    """An actor's recorded motion: times from t = 0 on, s; position ahead of the ego's centre
-    at t = 0 and to the left of the lane that it begins or ends in, m.
+    """An actor's recorded motion.
 
-    bodies: half the lengths of both, m.
+    time: from t = 0 on, s, (n,).
+    x: of its centre ahead of the ego's centre at t = 0, m, (n,).
+    y: of its centre to the left of the middle of the ego's lane at t = 0, m, (n,); mirrored where
+        the scene of its class has the other side.
+    bodies: half the lengths of actor and ego together, m.
     """
 
     time: FloatArray
@@ -84,19 +87,20 @@ class Motion(NamedTuple):
 
 
 Measurement = tuple[dict[str, float], Motion]
-"""Parameters of an event, and others that its class lacks; the motion of its actor."""
+"""Values of an event by name, among them all parameters of its class; the motion of its actor."""
 
 
 @dataclass
 class Encounters:
     """The encounters of one class.
 
-    rows: parameters of each.
-    sources: `recording`, `ego`, `other` and `t` of each.
-    motions: recorded motion of the actor of each.
-    events: how many count for the rate, those without parameters included.
-    left_out: how many of these have no parameters, by reason.
-    ghosts: how many move as no vehicle can (`drivers.recorded.events`); they count nowhere else.
+    rows: parameters of each encounter that has them.
+    sources: `recording`, `ego`, `other` and `t` of each of these.
+    motions: recorded motion of the actor of each of these.
+    events: number of all encounters, with or without parameters.
+    left_out: reason -> number of encounters without parameters.
+    ghosts: number of events that move as no vehicle can (`drivers.recorded.events`); they count
+        nowhere else.
     """
 
     name: str
@@ -111,12 +115,13 @@ class Encounters:
 class EncounterSurvey(NamedTuple):
     """Encounters in recordings.
 
-    kilometres: driven by all motor vehicles.
-    hours: of these together.
-    recordings: names.
-    speeds: 5, 50 and 95 % of their speeds, m/s.
-    lane_width: m, the median distance between neighbouring lanes; 3.5 where there are none.
-    notes: of the readers.
+    classes: name of the class -> its encounters.
+    kilometres, hours: driven by all motor vehicles together.
+    vehicles: number of motor vehicles.
+    recordings: their names.
+    speeds: quantiles of the vehicles' speeds at 5, 50 and 95 %, m/s.
+    lane_width: median distance between neighbouring lanes, m; 3.5 if there are none.
+    notes: of the importers.
     """
 
     classes: Mapping[str, Encounters]
@@ -130,9 +135,13 @@ class EncounterSurvey(NamedTuple):
 
 
 def _part(traffic: RecordedTraffic, vehicle: str, begin: float, duration: float) -> slice:
-    """The rows of a vehicle from `begin` on for `duration`, s; it must be recorded throughout."""
+    """The rows of a vehicle from `begin` on for `duration`, s.
+
+    Raises NotMeasuredError if it is not recorded throughout.
+    """
     whole = traffic.slices[vehicle]
     since = begin - traffic.t[whole.start]
+    # 1e-6: a time that is rounded past its sample still counts
     first = whole.start + int(np.ceil(since / INTERVAL - 1e-6))
     last = whole.start + int(np.floor((since + duration) / INTERVAL + 1e-6))
     if not whole.start <= first < last < whole.stop:
@@ -141,7 +150,10 @@ def _part(traffic: RecordedTraffic, vehicle: str, begin: float, duration: float)
 
 
 def _at(traffic: RecordedTraffic, vehicle: str, time: float) -> tuple[float, float]:
-    """Position, m, and speed, m/s, of a vehicle at a time, at which it must be recorded."""
+    """Position along the road, m, and speed, m/s, of a vehicle at a time.
+
+    Raises NotMeasuredError if it is not recorded then.
+    """
     whole = traffic.slices[vehicle]
     clock = traffic.t[whole]
     if not clock[0] - 1e-6 <= time <= clock[-1] + 1e-6:
@@ -156,16 +168,27 @@ def _bodies(traffic: RecordedTraffic, *vehicles: str) -> float:
 
 
 class _Pair:
-    """The ego at t = 0 (`begin`), and an actor's motion over the rows `part` with constant
-    acceleration.
+    """The ego at t = 0 and the motion of an actor, with constant acceleration along the road.
+
+    begin: time of t = 0 in the recording, s.
+    part: rows of the actor's motion.
+
+    ego_x, x0: positions of ego and actor at t = 0, m.
+    bodies: as in `Motion`.
+    gap: bumper to bumper from the ego to the actor ahead at t = 0, m.
+    closing: speed of the ego less that of the actor at t = 0, m/s.
+    values: parameters that several classes have.
     """
 
     def __init__(self, traffic: RecordedTraffic, ego: str, begin: float, part: slice) -> None:
         self.ego_x, self.ego_speed = _at(traffic, ego, begin)
         self.bodies = _bodies(traffic, ego, traffic.names[part.start])
         self._traffic, self._part = traffic, part
-        self._time = traffic.t[part] - begin
-        self.x0, speed, self.acceleration = constant_acceleration(self._time, traffic.x[part])
+        self._time = time = traffic.t[part] - begin
+        # least squares fit of x0 + speed t + acceleration t^2 / 2
+        design = np.column_stack([np.ones_like(time), time, 0.5 * time**2])
+        fit = np.linalg.lstsq(design, traffic.x[part], rcond=None)[0]
+        self.x0, speed, self.acceleration = fit
         self.gap = self.x0 - self.ego_x - self.bodies
         self.closing = self.ego_speed - speed
         self.values = {
@@ -176,12 +199,19 @@ class _Pair:
         }
 
     def motion(self, lane: int, mirror: float = 1.0) -> Motion:
-        """The actor's motion, across the road from the centre of a lane."""
+        """The actor's motion.
+
+        lane: the ego's at t = 0.
+        mirror: factor of y, 1 or -1.
+        """
         y = mirror * (self._traffic.y[self._part] - self._traffic.centres[lane])
         return Motion(self._time, self._traffic.x[self._part] - self.ego_x, y, self.bodies)
 
     def motion_in_lane(self, reason: str) -> Motion:
-        """The motion of an actor that keeps its lane; one that does not has no parameters."""
+        """The motion of an actor that keeps its lane.
+
+        reason: of the NotMeasuredError if it does not.
+        """
         lanes = self._traffic.lane[self._part]
         if np.ptp(lanes):
             raise NotMeasuredError(reason)
@@ -191,10 +221,11 @@ class _Pair:
 def find_encounters(
     parts: Iterable[Recordings], watch: Callable[[str, int], None] = lambda what, done: None
 ) -> EncounterSurvey:
-    """Every encounter in recordings, by class; one part of them is held at a time.
+    """Find and measure every encounter in recordings.
 
-    watch: receives the name of the recording that was read last, and how many were.
-    Raises InputError where two have one name.
+    parts: recordings, read one part at a time, so that memory holds only one.
+    watch: receives the name of each recording that was read, and their number so far.
+    Raises InputError if two recordings have the same name.
     """
     classes = {name: Encounters(name) for name in CLASSES}
     kilometres = hours = 0.0
@@ -230,15 +261,19 @@ def find_encounters(
 
 
 def _lane_gaps(traffic: RecordedTraffic) -> list[float]:
-    """Distances between the centres of neighbouring lanes, m."""
+    """Distances between the middles of neighbouring lanes, m; ramps have numbers below 0."""
     centres = [traffic.centres[lane] for lane in sorted(traffic.centres) if lane >= 0]
+    # other distances: a lane between them has no vehicle, or one lane is read as two
     return [b - a for a, b in itertools.pairwise(centres) if 2.5 < b - a < 4.5]
 
 
 def _measure_recording(
     name: str, traffic: RecordedTraffic, classes: Mapping[str, Encounters]
 ) -> None:
-    """Count and measure the events of a recording."""
+    """Count and measure the events of a recording.
+
+    classes: receive them.
+    """
     for kind, event, other, measure, *more in _events_that_count(traffic):
         encountered = classes[kind]
         if event["ghost"]:
@@ -257,8 +292,13 @@ def _measure_recording(
 
 
 def _events_that_count(traffic: RecordedTraffic) -> Iterator[Any]:
-    """Class, event, name of the actor, function that measures the event, its further arguments."""
+    """The events that count.
+
+    Each is a tuple: class, event, name of the actor, function that measures it, and the arguments
+    of this function after the traffic and the event.
+    """
     changes = find_lane_changes(traffic)
+    # an event names the vehicle that changes lane, and has the same time
     crossings = {(change.vehicle, round(change.t, 3)): change for change in changes}
     events = encounters(traffic, changes)
     for event in events["cut_in"]:
@@ -285,6 +325,7 @@ def _events_that_count(traffic: RecordedTraffic) -> Iterator[Any]:
 
 
 def _kind_of_cut_in(traffic: RecordedTraffic, event: Event, change: RecordedLaneChange) -> str:
+    """The class of a cut-in."""
     if change.origin < 0:
         return "merging"
     if event["cut_in_speed"] > event["ego_speed"]:
@@ -296,7 +337,7 @@ def _kind_of_cut_in(traffic: RecordedTraffic, event: Event, change: RecordedLane
 
 
 def _sideways(traffic: RecordedTraffic, change: RecordedLaneChange) -> tuple[float, float, float]:
-    """Begin, duration, s, and offset, m, of the smooth step that a lane change fits best."""
+    """Begin and duration, s, and offset, m, of the smooth step that fits a lane change best."""
     if not change.complete:
         raise NotMeasuredError(NOT_WHOLE)
     whole = traffic.slices[change.vehicle]
@@ -313,30 +354,32 @@ def _sideways(traffic: RecordedTraffic, change: RecordedLaneChange) -> tuple[flo
 def fit_smooth_step(
     time: FloatArray, y: FloatArray, onset: float, duration: float
 ) -> tuple[float, float, float]:
-    """Begin s, duration s and offset m of y0 + offset * smooth_step((t - begin) / duration), by
-    least squares.
+    """Least squares fit of y0 + offset * smooth_step((t - begin) / duration).
 
-    time, y: (n,).
-    onset, duration: approximate values.
+    Returns begin and duration, s, and offset, m.
+
+    time: t, s, (n,).
+    y: across the road, m, (n,).
+    onset, duration: approximate begin and duration, s.
     """
     from scipy import optimize
 
     minimize: Any = optimize.minimize
     across = y - y.mean()
 
-    def fit(values: FloatArray) -> tuple[float, float]:
-        """Sum of squares of a start and a duration, and the offset that has the least."""
-        share = smooth_step((time - values[0]) / max(abs(values[1]), INTERVAL))
+    def fit(step: FloatArray) -> tuple[float, float]:
+        """Sum of squares for `step`, begin and duration, and the offset that makes it least."""
+        share = smooth_step((time - step[0]) / max(abs(step[1]), INTERVAL))
         share = share - share.mean()
         spread = (share**2).sum()
         offset = (share * across).sum() / spread if spread > 0.0 else 0.0
         rest = across - offset * share
         return rest @ rest, offset
 
-    # begin and duration: a smooth step begins before its onset is seen, and ends later
+    # a smooth step begins before its onset is seen, and ends later
     guess = np.array([onset - 0.1 * duration, 1.2 * max(duration, 0.5)])
     best = minimize(
-        lambda values: fit(values)[0],
+        lambda step: fit(step)[0],
         guess,
         method="Nelder-Mead",
         options={"xatol": 1e-3, "fatol": 1e-9},
@@ -344,18 +387,11 @@ def fit_smooth_step(
     return best[0], abs(best[1]), fit(best)[1]
 
 
-def constant_acceleration(time: FloatArray, x: FloatArray) -> tuple[float, float, float]:
-    """x0 m, v0 m/s and a m/s2 of x0 + v0 t + a t^2 / 2 by least squares over (n,) samples."""
-    design = np.column_stack([np.ones_like(time), time, 0.5 * time**2])
-    x0, v0, a = np.linalg.lstsq(design, x, rcond=None)[0]
-    return x0, v0, a
-
-
 def _cut_in(traffic: RecordedTraffic, event: Event, change: RecordedLaneChange) -> Measurement:
     begin, duration, offset = _sideways(traffic, change)
     pair = _Pair(traffic, event["ego"], begin, _part(traffic, change.vehicle, begin, duration))
     values = pair.values | {"duration": duration}
-    # the scenario shows a ramp on the right, another lane on the left
+    # in the scenario the actor comes from a ramp on the right, or from the lane on the left
     mirror = 1.0 if change.origin < 0 else -1.0
     return values, pair.motion(change.to, mirror * np.sign(offset))
 
@@ -377,15 +413,17 @@ def _cut_out(traffic: RecordedTraffic, event: Event, change: RecordedLaneChange)
         "closing_speed": pair.ego_speed - speed,
         "gap": x - pair.ego_x - _bodies(traffic, ego, revealed),
     }
+    # in the scenario the lead moves to the left
     return values, pair.motion(change.origin, np.sign(offset))
 
 
 def _braking(traffic: RecordedTraffic, event: Event) -> Measurement:
+    """Measure a lead's braking, from `BRAKING_BELOW` until it eases off to that again."""
     whole = traffic.slices[event["lead"]]
     first = whole.start + round((event["t"] - traffic.t[whole.start]) / INTERVAL)
     acceleration = traffic.acceleration[first : whole.stop]
-    eased = np.flatnonzero(acceleration > -BRAKING_BELOW)
-    steps = int(eased[0]) if eased.size else 0
+    # samples until the lead no longer brakes; 0 if it brakes to the end of its recording
+    steps = int(np.argmax(acceleration > -BRAKING_BELOW))
     if steps < LEAST_BRAKING:
         raise NotMeasuredError(NOT_WHOLE)
     pair = _Pair(traffic, event["ego"], event["t"], slice(first, first + steps + 1))
@@ -404,8 +442,9 @@ def _approach(traffic: RecordedTraffic, event: Event) -> Measurement:
 
 
 def _neighbours(traffic: RecordedTraffic, change: RecordedLaneChange) -> tuple[str, str] | None:
-    """The lead in the old lane and the vehicle behind in the new one at a lane change; None
-    unless both are near.
+    """Names of the lead in the old lane and of the vehicle behind in the new one; None: not both.
+
+    Both must be within their headway at the lane change.
     """
     before, rear = change.row - 1, traffic.follower[change.row]
     lead = traffic.lead[before]

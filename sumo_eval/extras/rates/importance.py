@@ -51,7 +51,7 @@ Limits = tuple[float, float, float]
 
 
 class Met(NamedTuple):
-    """How points of a scenario are met: exposure as a density p with the integral 1.
+    """How often a scenario's points occur: their exposure as a density p with the integral 1.
 
     `base` draws points by exposure, but disregards constraints. `base_density` is their density.
 

@@ -147,8 +147,8 @@ def scene(
     )
     if written.continued:
         tell(
-            f"{written.continued} of them were not recorded throughout: before and after, they keep "
-            "speed and lane."
+            f"{written.continued} of them were not recorded throughout: before and after, they "
+            "keep speed and lane."
         )
     for reason, number in written.left_out.items():
         tell(f"Left out: {number} vehicles, {reason}.")
