@@ -1,3 +1,3 @@
-"""Questions about scored runs: do people agree, what do the constants do, how do the scores
-scale.
+"""Studies beside the scores: opinions of people, calibration and sensitivity of constants, the
+boundary of an ADS's collisions, and the qualification of an installation.
 """

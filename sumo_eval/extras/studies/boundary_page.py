@@ -82,7 +82,7 @@ def write_boundary(
             *sentences(boundary, held),
             "The line is where both outcomes are equally likely.",
         ],
-        figures={title: on_page(panels, len(panels), 560)},
+        figures={title: on_page(panels, len(panels), 560)},  # in one row, 560 px high
         rows=[[*names, "collided"], *([f"{value:g}" for value in row] for row in trials)],
         least_width=MAP_WIDTH * len(panels) if len(panels) > 1 else 300,
     )
@@ -149,7 +149,8 @@ def sentences(boundary: FailureBoundary, held: Mapping[str, float]) -> list[str]
 
 
 def edge_panels(folder: Path) -> tuple[str, list[Panel]]:
-    """Title and maps of the probability of a collision, with the trials on them, from the files.
+    """Title and maps of the probability of a collision, with the trials on them, from the files of
+    `write_boundary`; for its page, and for `sumo-eval plot`.
 
     Up to two parameters have one map. More have one map for each value of the third in
     `chances.csv`, and a trial is drawn on the map nearest to its own value of the third. Parameters

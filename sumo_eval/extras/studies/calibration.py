@@ -62,13 +62,15 @@ def calibrate(evaluations: Sequence[Evaluation], *, by: str = "median") -> Calib
 
 
 def _scale(means: Mapping[str, float], by: Any) -> float | None:
-    """k5 or k6 from the index of each ADS; None where no ADS has the index, or the middle one is 0.
+    """k5 or k6; None where no ADS has the index, or the middle one is 0.
 
+    means: the index of each ADS.
     by: `median` or `mean`.
     """
     values = list(means.values())
-    exists = values and middle(values, by) > 0.0
-    return population_scale(values, centre=by) if exists else None
+    if values and middle(values, by) > 0.0:
+        return population_scale(values, centre=by)
+    return None
 
 
 def calibration_lines(calibration: Calibration) -> list[str]:
@@ -77,11 +79,12 @@ def calibration_lines(calibration: Calibration) -> list[str]:
     lines, options = list(it.left_out), []
     for name, index, scale, values in (("k5", "C", it.k5, it.c), ("k6", "D", it.k6, it.d)):
         among = ", ".join(f"{ads} {value:z.3f}" for ads, value in values.items()) or "none"
-        words = f" is not defined: the {by} {index} is 0 or there is none ({among})."
-        if scale is not None:
-            words = f" = {scale:z.4f}: the {by} ADS gets half of the points of {index} ({among})."
+        if scale is None:
+            words = f"is not defined: the {by} {index} is 0 or there is none"
+        else:
+            words = f"= {scale:z.4f}: the {by} ADS gets half of the points of {index}"
             options.append(f"--set method.score.{name}={scale:z.6g}")
-        lines.append(name + words)
+        lines.append(f"{name} {words} ({among}).")
     if options:
         lines.append(f"Score with them: sumo-eval score RUN {' '.join(options)}")
     return lines

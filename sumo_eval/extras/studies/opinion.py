@@ -68,14 +68,15 @@ def read_ratings(path: Path) -> pd.DataFrame:
     table = read_table(path, (*names, "score"))
     checked_numbers(table, ["score"], path)
     table = table.astype(dict.fromkeys(names, str))
-    # each of the two loops raises at its first row, if it has one
-    for row in np.flatnonzero(~table["score"].between(LEAST, MOST)).tolist():
-        line, got = line_of_row(path, row), table["score"].iloc[row]
+    outside = np.flatnonzero(~table["score"].between(LEAST, MOST))
+    if outside.size:
+        line, got = line_of_row(path, outside[0]), table["score"].iloc[outside[0]]
         raise InputError(
             f"`score` in row {line} of {path} must be within {LEAST:g}..{MOST:g}, got {got:g}."
         )
-    for row in np.flatnonzero(table.duplicated(names)).tolist():
-        line = line_of_row(path, row)
+    repeated = np.flatnonzero(table.duplicated(names))
+    if repeated.size:
+        line = line_of_row(path, repeated[0])
         raise InputError(f"Row {line} of {path} rates what its rater has rated in a row above.")
     return table
 
@@ -98,6 +99,7 @@ def compare_opinion(evaluation: Evaluation, ratings: pd.DataFrame) -> Opinion:
     for name in INDEXES:
         pairs = [(row.scores[name], row.opinion) for row in rows if row.scores[name] is not None]
         enough = len(pairs) >= 3
+        # all scores, then all opinions
         correlations[name] = _known(rank_correlation(*zip(*pairs, strict=True))) if enough else None
 
     # raters by what they rated, without those who left something out
@@ -189,6 +191,6 @@ def write_opinion(opinion: Opinion, run: Path, page: Path) -> None:
     title = "People's opinion and the scores"
     write_study(
         page, kicker=run.name, title=title, sentences=(),
-        figures={title: on_page(opinion_panels(run), 4, 700)},
+        figures={title: on_page(opinion_panels(run), 4, 700)},  # 4 in a row, 700 px in all
         least_width=1000,
     )  # fmt: skip

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy import stats
 
-from sumo_eval.errors import InputError
+from sumo_eval.errors import check_known
 from sumo_eval.evaluation import score
 from sumo_eval.extras.panels import COLOURS, Marks, Panel, on_page
 from sumo_eval.extras.studies.tables import aligned
@@ -92,11 +92,7 @@ def sensitivity(
     Raises InputError for any other constant.
     """
     known = (*_SETTING_OF, "a")
-    for name in constants:
-        if name not in known:
-            raise InputError(
-                f"A constant of the sensitivity must be one of {', '.join(known)}, got {name!r}."
-            )
+    check_known("constant of the sensitivity", known, *constants)
     base = score(run, [_COARSE_BANDS])
     chosen = constants or [name for name in known if name != "k3" or k3_counts(base.settings)]
     variants = _variants(run, base, [name for name in chosen if name in _SETTING_OF], progress)
@@ -119,7 +115,11 @@ def sensitivity(
 def _variants(
     run: Path, base: Evaluation, names: Sequence[str], progress: Callable[[str, int, int], None]
 ) -> list[tuple[str, float, Evaluation]]:
-    """Each constant and its values, as scored first, with the run scored with each value."""
+    """The run scored with each value of each constant: the constant, its value, the evaluation.
+
+    Of each constant the value of `base` comes first.
+    names: of constants.
+    """
     variants = []
     for name in names:
         as_scored = float(operator.attrgetter(_SETTING_OF[name])(base.settings))
@@ -143,8 +143,10 @@ def _scores(evaluation: Evaluation, scenario: str, field: str) -> Scores:
 
 
 def _with_points(evaluation: Evaluation, scenario: str, a: float, index: str) -> Scores:
-    """S or S+, as `index` names it, of every ADS with `a` of 100 points for avoiding harm and the
-    rest, b, for human-likeness.
+    """S or S+ of every ADS with other points: `a` of 100 for avoiding harm, the rest for
+    human-likeness.
+
+    index: `S` or `S+`.
     """
     points = replace(evaluation.settings.method.score, a=a)
 

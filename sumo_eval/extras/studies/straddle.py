@@ -38,7 +38,7 @@ EXPLORE_EVERY = 8  # every eighth point of a round has the largest sd(f)
 # they were learnt from this many trials or more.
 LEARN_UNTIL = 300
 SIGNAL_BOUNDS = 1.0, 1e3  # of the variance of f
-SCALE_BOUNDS = 0.02, 10.0  # of the kernel's length scales, unit-box lengths
+SCALE_BOUNDS = 0.02, 10.0  # of the kernel's length scales, in the unit box
 LABEL_VARIANCE = 1.0  # an outcome counts as a measurement of f with this variance
 CONVERGED = 1e-3  # largest difference of probabilities in `_at_mode`
 CONTRADICTED = 0.05  # share of trials that the classifier may put on the wrong side
@@ -159,7 +159,8 @@ class BoundarySearch:
         # always for the first model, whose `_learnt_at` is 0
         learn = n >= 1.5 * self._learnt_at and self._learnt_at < LEARN_UNTIL
         if learn:
-            # always from the same start: the constants learnt before may be a poor local optimum
+            # always from the same start, a variance of 100 and scales of 0.3: the constants learnt
+            # before may be a poor local optimum
             scales = RBF(np.full(len(self.logical.names), 0.3), SCALE_BOUNDS)
             kernel = ConstantKernel(100.0, SIGNAL_BOUNDS) * scales
             self._learnt_at = n

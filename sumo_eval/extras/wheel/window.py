@@ -116,7 +116,7 @@ class Window:
     def _respond(self, peer: ServerConnection, request: Request) -> Response | None:
         """The page or a refusal; None lets a peer open the WebSocket."""
         host = request.headers.get_all("Host")
-        if host not in [[own] for own in self._hosts]:
+        if host not in [[own] for own in self._hosts]:  # one header, with one of our addresses
             return _response(
                 HTTPStatus.MISDIRECTED_REQUEST, "This server answers to its own address only.\n"
             )
@@ -300,13 +300,11 @@ class Window:
 def _response(status: HTTPStatus, text: str, kind: str = "plain", policy: str = "") -> Response:
     """An answer to a request over HTTP; kind: of text; policy: of content security."""
     content = text.encode()
-    headers = Headers()
-    for name, value in {
+    headers = Headers({
         "Content-Type": f"text/{kind}; charset=utf-8", "Content-Length": str(len(content)),
         "Connection": "close", "Cache-Control": "no-store", "X-Content-Type-Options": "nosniff",
         "Referrer-Policy": "no-referrer", "Cross-Origin-Opener-Policy": "same-origin",
         "Cross-Origin-Resource-Policy": "same-origin",
         "Content-Security-Policy": policy or "default-src 'none'; frame-ancestors 'none'",
-    }.items():  # fmt: skip
-        headers[name] = value
+    })  # fmt: skip
     return Response(status.value, status.phrase, headers, content)

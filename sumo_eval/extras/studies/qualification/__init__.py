@@ -1,1 +1,1 @@
-"""Whether this installation is valid on this machine: known answers, found again."""
+"""Qualification of this installation on this machine: known answers, found again."""

@@ -138,10 +138,11 @@ _HEAD = f"     {'check':<40} {'expected':>9} {'found':>9} {'bound':>7} unit"
 
 
 def shown(value: Answer | None) -> str:
-    """An answer as text; a number has as many of 5 digits as fit into 9 characters."""
-    if isinstance(value, float):
-        return next(text for n in (5, 4, 3, 2) if len(text := f"{value:z.{n}g}") <= 9)
-    return value or "nothing"
+    """An answer as text; a number has 5 digits, or as many as fit into 9 characters."""
+    if not isinstance(value, float):
+        return value or "nothing"
+    texts = (f"{value:z.{digits}g}" for digits in (5, 4, 3, 2))
+    return next(text for text in texts if len(text) <= 9)
 
 
 def lines(found: Qualification) -> Iterator[str]:

@@ -50,7 +50,7 @@ Answer = float | str
 
 LENGTH = 4.5  # m, of every vehicle unless a check sets its own
 EGO_X = 50.0  # m, where the ego starts
-# x at which drives end, m; number of lanes, their width, m; road that goes on after it, m
+# name; x at which drives end, m; number of lanes; their width, m; length of road after the end, m
 ROAD = Road("qualification_road", 1500.0, 2, 3.5, 1000.0)
 EU_ROAD = Road("eu_2022_1426_2x3.5m", 2000.0, 2, 3.5, 200.0)
 # brakes of the ideal vehicle and of the default vehicle model: deceleration, m/s2, and the time
@@ -202,9 +202,10 @@ def closed_forms() -> Rows:
         arguments = behind(speed, lead_speed, gap), "ideal_braking"
         yield name, impact, arguments, expected, source, 0.1, "m/s"
     gap = float(required_gap(25.0, **brakes)) + 0.1
-    arguments = behind(25.0, 0.0, gap), "ideal_braking"
-    name = "ideal braking, 0.1 m more than it needs"
-    yield name, impact, arguments, 0.0, "`required_gap`", 0.0, "m/s"
+    yield (
+        "ideal braking, 0.1 m more than it needs", impact,
+        (behind(25.0, 0.0, gap), "ideal_braking"), 0.0, "`required_gap`", 0.0, "m/s",
+    )  # fmt: skip
 
     source = "closed form, as a number"
     for closing, delay, largest, rise, gap, expected in DELAYED:
@@ -213,17 +214,20 @@ def closed_forms() -> Rows:
 
     # Both are equally fast, and the lead brakes with a at once. It uses up the gap d within
     # sqrt(2 d / a), when their speeds differ by sqrt(2 d a).
-    name, source = "no reaction behind a braking lead", "sqrt(2 d a), d = 10 m, a = 5 m/s2"
-    arguments = behind(25.0, 25.0, 10.0, 5.0), "no_reaction"
-    yield name, impact, arguments, math.sqrt(100.0), source, 0.1, "m/s"
+    yield (
+        "no reaction behind a braking lead", impact,
+        (behind(25.0, 25.0, 10.0, 5.0), "no_reaction"), math.sqrt(100.0),
+        "sqrt(2 d a), d = 10 m, a = 5 m/s2", 0.1, "m/s",
+    )  # fmt: skip
     # The ego brakes as hard as the lead, but builds this deceleration a up over T: it travels
     # v T / 2 - a T^2 / 24 further.
-    name = "as hard as the lead: gap that is left"
     until_both_stand = SimulationSettings(time_limit=25.0 / STRENGTH + 2.0)
-    stops = behind(25.0, 25.0, 20.0, STRENGTH), "ideal_braking", until_both_stand
-    expected = 20.0 - 25.0 * BUILD_UP / 2.0 + STRENGTH * BUILD_UP**2 / 24.0
-    source = "d - v T / 2 + a T^2 / 24, d = 20 m, v = 25 m/s"
-    yield name, least_gap, stops, expected, source, 0.05, "m"
+    yield (
+        "as hard as the lead: gap that is left", least_gap,
+        (behind(25.0, 25.0, 20.0, STRENGTH), "ideal_braking", until_both_stand),
+        20.0 - 25.0 * BUILD_UP / 2.0 + STRENGTH * BUILD_UP**2 / 24.0,
+        "d - v T / 2 + a T^2 / 24, d = 20 m, v = 25 m/s", 0.05, "m",
+    )  # fmt: skip
 
 
 # --- equations ------------------------------------------------------------------------------------
@@ -259,14 +263,17 @@ def equations() -> Rows:
     for severity, loss in ((0.0, 0.1), (8.0, 0.4), (8.001, 0.7), (15.0, 0.7), (15.001, 1.0)):
         name = f"collision loss of {severity:g} m/s"
         yield name, collision_loss, (severity,), loss, "Eq. 14, at its limits"
-    name, source = "severity of an offset collision", "Eq. 15: |(3, -4)| / 0.5"
-    # velocities of ego and obstacle, overlap of the ego's width
-    arguments = (12.0, 0.0), (9.0, 4.0), 0.5
-    yield name, impact_severity, arguments, 10.0, source, 1e-12, "m/s"
-    index, source = collision_avoidance_index, "Eq. 17: (1 * 5/10 + 3 * 4/16) / 4"
-    collisions = [10.0, 16.0], [5.0, 4.0], [1.0, 3.0]  # U, U of the ideal vehicle, weight r
-    yield "C of two collisions", index, collisions, 0.3125, source, 1e-12
-    yield "C without a collision", index, ([], [], []), 1.0, "Eq. 17"
+    yield (
+        "severity of an offset collision", impact_severity,
+        # velocities of ego and obstacle, overlap of the ego's width
+        ((12.0, 0.0), (9.0, 4.0), 0.5), 10.0, "Eq. 15: |(3, -4)| / 0.5", 1e-12, "m/s",
+    )  # fmt: skip
+    yield (
+        "C of two collisions", collision_avoidance_index,
+        # U, U of the ideal vehicle, weight r
+        ([10.0, 16.0], [5.0, 4.0], [1.0, 3.0]), 0.3125, "Eq. 17: (1 * 5/10 + 3 * 4/16) / 4", 1e-12,
+    )  # fmt: skip
+    yield "C without a collision", collision_avoidance_index, ([], [], []), 1.0, "Eq. 17"
     yield "S of C = 0.8 and D = 0.6", _score, (0.8, 0.6), 70.0, "Eq. 18: 50 * 0.8 + 50 * 0.6", 1e-12
 
 
@@ -370,12 +377,16 @@ def un_r79() -> Rows:
     """S of the regulation, and the time gap of 1 s that a vehicle behind keeps at a gap of S."""
     for number, (rear, own, distance) in enumerate(DISTANCES):
         ego, faster = own / 3.6, (rear - own) / 3.6
-        name, source = f"S, {rear} behind {own} km/h", "dv 0.4 s + dv^2 / (2 * 3 m/s2) + v * 1 s"
-        yield name, _margin, (ego, faster), distance, source, 0.06, "m"
+        yield (
+            f"S, {rear} behind {own} km/h", _margin,
+            (ego, faster), distance, "dv 0.4 s + dv^2 / (2 * 3 m/s2) + v * 1 s", 0.06, "m",
+        )  # fmt: skip
         if number < 2:  # two drives through SUMO are enough
             s = faster * 0.4 + faster * faster / 6.0 + ego
-            name, source = f"left of S, {rear} behind {own} km/h", "1 s is left of a gap of S"
-            yield name, _rest, (ego, faster, s), 1.0, source, 1e-6, "s"
+            yield (
+                f"left of S, {rear} behind {own} km/h", _rest,
+                (ego, faster, s), 1.0, "1 s is left of a gap of S", 1e-6, "s",
+            )  # fmt: skip
 
 
 def _cut_in(closing: float, ttc: float) -> ConcreteScenario:
@@ -384,7 +395,8 @@ def _cut_in(closing: float, ttc: float) -> ConcreteScenario:
     closing: speed of the ego less that of the other vehicle, m/s.
     ttc: s.
 
-    That takes 1.15 m, so 1.15 s: 1.75 m (half a lane) - 0.90 m (half a body) + 0.30 m.
+    The other vehicle moves 1.75 m (half a lane) - 0.90 m (half a body) + 0.30 m = 1.15 m until
+    then, which takes 1.15 s.
     """
     speed = 60.0 / 3.6 + 10.0  # of the ego, m/s: the other drives 10 m/s or faster
     start = Start(100.0 + LENGTH + closing * (ttc + 1.15), 3.5, speed - closing)
@@ -506,18 +518,29 @@ def _difference_of_repetition() -> float:
 
 def traps() -> Rows:
     """Known answers in places where libsumo alone does what `source` states."""
-    name, source = "a start 1 m behind is not delayed", "libsumo inserts it seconds later"
-    yield name, _sample, ("x", 0, behind(20.0, 10.0, 1.0), rolls), EGO_X, source, 1e-9, "m"
-    name, source = "bodies touch across a lane line", "getCollisions does not see them"
+    yield (
+        "a start 1 m behind is not delayed", _sample,
+        ("x", 0, behind(20.0, 10.0, 1.0), rolls), EGO_X,
+        "libsumo inserts it seconds later", 1e-9, "m",
+    )  # fmt: skip
     # bodies of 1.8 m whose middles are 1.5 m apart, each in its own lane
     other = Actor("other", Start(EGO_X + 1.0, 2.4, 20.0))
     across = ConcreteScenario("qualification", {}, 1.0, ROAD, Start(EGO_X, 0.9, 20.0), (other,))
-    yield name, _end, (across, rolls), "contact", source
-    # 9 m/s2 for 0.5 s from 20 m/s
-    name, source = "speed mode 0 stops nothing at once", "libsumo brakes with 400 m/s2"
+    yield (
+        "bodies touch across a lane line", _end,
+        (across, rolls), "contact", "getCollisions does not see them",
+    )  # fmt: skip
     free = behind(20.0, 20.0, 100.0)
-    yield name, _sample, ("speed", -1, free, _stop), 15.5, source, 1e-6, "m/s"
-    name, source = "a command that is not a number", "libsumo takes nan silently"
-    yield name, _end, (free, lambda *_: Command(math.nan)), "ads_error", source
-    name, source = "a simulation leaves nothing behind", "one process, two drives in order"
-    yield name, _difference_of_repetition, (), 0.0, source, 0.0, "m"
+    yield (
+        "speed mode 0 stops nothing at once", _sample,
+        ("speed", -1, free, _stop), 15.5,  # 9 m/s2 for 0.5 s from 20 m/s
+        "libsumo brakes with 400 m/s2", 1e-6, "m/s",
+    )  # fmt: skip
+    yield (
+        "a command that is not a number", _end,
+        (free, lambda *_: Command(math.nan)), "ads_error", "libsumo takes nan silently",
+    )  # fmt: skip
+    yield (
+        "a simulation leaves nothing behind", _difference_of_repetition,
+        (), 0.0, "one process, two drives in order", 0.0, "m",
+    )  # fmt: skip
