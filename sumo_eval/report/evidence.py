@@ -26,7 +26,7 @@ from sumo_eval.report.words import count, people_sentence, reference_sentence, s
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.confidence.assessment import risk_of
 from sumo_eval.scoring.confidence.intervals import LEVEL
-from sumo_eval.scoring.preventability import preventability, reference_ads, verdicts
+from sumo_eval.scoring.preventability import preventability_of, reference_ads, verdicts
 
 FORMAT_VERSION = 1
 PAGE, PLAIN = "evidence.html", "evidence.json"
@@ -124,8 +124,7 @@ def _claim(
     """
     named = () if against is None else tuple(case.case for case in against[:MOST_CASES])
     return Claim(
-        f"{score.scenario}/{score.ads}/{kind}", score.ads, score.scenario,
-        **{"cases": named} | parts,
+        f"{score.scenario}/{score.ads}/{kind}", score.ads, score.scenario, cases=named, **parts,
     )  # fmt: skip
 
 
@@ -184,11 +183,7 @@ def _preventable(
     evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable
 ) -> Claim:
     """In the words of assessors: unpreventable for a skilled driver, preventable for the ADS."""
-    row = next(
-        it
-        for it in preventability(evaluation)
-        if (it.ads, it.scenario) == (score.ads, score.scenario)
-    )
+    row = preventability_of(evaluation, score)
     skilled = reference_ads(evaluation.settings) or "the ideal vehicle"
     undecided = row.undecided + row.not_evaluated
     return _claim(

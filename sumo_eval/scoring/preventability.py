@@ -93,8 +93,6 @@ def _incidents_at(cases: CaseTable, reference: CaseTable) -> FloatArray:
     """Whether the reference had an incident at the point of each case, (n,): 1 or 0, nan without an
     outcome there.
     """
-    if not len(reference):
-        return np.full(len(cases), np.nan)
     points, reference_points = point_numbers([cases, reference])
     last = max(points.max(initial=0), reference_points.max(initial=0))
     incidents = np.full(int(last) + 1, np.nan)  # by number of the point
@@ -104,10 +102,11 @@ def _incidents_at(cases: CaseTable, reference: CaseTable) -> FloatArray:
 
 def preventability(evaluation: Evaluation) -> tuple[Preventability, ...]:
     """The counts of every ADS in every logical scenario, in the order of the scores."""
-    return tuple(_counts(evaluation, score) for score in evaluation.scores)
+    return tuple(preventability_of(evaluation, score) for score in evaluation.scores)
 
 
-def _counts(evaluation: Evaluation, score: ScenarioResult) -> Preventability:
+def preventability_of(evaluation: Evaluation, score: ScenarioResult) -> Preventability:
+    """The counts of one ADS in one scenario."""
     cases = evaluation.cases_of(score.ads, score.scenario)
     count = Counter(verdicts(evaluation, score).tolist())
     return Preventability(
