@@ -124,11 +124,7 @@ def _assessment_json(item: Assessment, coverage: SpaceCoverage) -> dict[str, Any
     plain |= {name: asdict(interval) for name, interval in item.intervals.items()}
     plain |= {f"{name}_half_width_by_source": dict(parts) for name, parts in item.sources.items()}
     if item.risk is not None:
-        plain |= {
-            "collision_probability": asdict(item.risk.collision_probability),
-            "expected_loss": asdict(item.risk.expected_loss),
-            "effective_cases": item.risk.effective_cases,
-        }
+        plain |= asdict(item.risk)
     if item.further is not None:
         names = list(coverage.empty_centre)
         plain["further_cases"] = {

@@ -31,7 +31,7 @@ ROLES_BESIDE: Final[tuple[Role, ...]] = ("ads", "human", "ideal")
 
 
 def write_replay(
-    run: Path, logical: LogicalScenario, fact: Fact, path: Path, *, beside: str | None = None
+    run: Path, logical: LogicalScenario, fact: Fact, path: Path, *, beside: str | None
 ) -> Path:
     """Write the animation of a recorded case to `path` and return it.
 

@@ -88,9 +88,7 @@ def width_of(width: str) -> float:
     return WIDTHS[width]
 
 
-def new_figure(
-    width: str, height: float, rows: int = 1, columns: int = 1
-) -> tuple[Figure, list[Axes]]:
+def new_figure(width: str, height: float, rows: int, columns: int = 1) -> tuple[Figure, list[Axes]]:
     """A figure of `rows` x `columns` panels and its panels, row by row.
 
     height: of the figure, as a share of its width.

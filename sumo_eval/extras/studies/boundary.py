@@ -60,7 +60,7 @@ def find_boundary(
     controller: str,
     setup: Setup,
     *,
-    budget: int = 500,
+    budget: int,
     tolerance: float = 0.001,
     seed: int = 1,
     watch: Callable[[int, int], None] = lambda done, total: None,

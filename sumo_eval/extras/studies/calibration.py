@@ -32,7 +32,7 @@ class Calibration(NamedTuple):
     left_out: tuple[str, ...]
 
 
-def calibrate(evaluations: Sequence[Evaluation], *, by: str = "median") -> Calibration:
+def calibrate(evaluations: Sequence[Evaluation], *, by: str) -> Calibration:
     """Calibrate on the ADSs of one or several runs.
 
     by: `median` or `mean`.

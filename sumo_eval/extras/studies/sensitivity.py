@@ -82,7 +82,7 @@ class SensitivityRow(NamedTuple):
 
 
 def sensitivity(
-    run: Path, progress: Callable[[str, int, int], None], *, constants: Sequence[str] = ()
+    run: Path, progress: Callable[[str, int, int], None], *, constants: Sequence[str]
 ) -> list[SensitivityRow]:
     """Score a run again with each constant halved and doubled, and with other values of a.
 

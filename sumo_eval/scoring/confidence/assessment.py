@@ -1,5 +1,5 @@
 """Confidence in an evaluation: intervals, risk, coverage and further cases, put together from its
-scores and rows. `report.confidence` shows it.
+scores and rows. `report.confidence_section` shows it.
 """
 
 from __future__ import annotations
