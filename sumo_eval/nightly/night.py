@@ -306,7 +306,7 @@ def _is_complete(folder: Path) -> bool:
 
 
 def _removed(folder: Path) -> bool:
-    """Remove a folder. Returns whether it could be removed, as a link cannot."""
+    """Remove a folder. Returns whether that succeeded: a link is not removed."""
     try:
         shutil.rmtree(folder)
     except OSError:

@@ -45,7 +45,7 @@ class CaseChange:
 class GateResult:
     """One limit applied to one ADS in one logical scenario, or in all that are in `scenario`.
 
-    passed: None: the limit could not be evaluated, and the sentence says why.
+    passed: None if the limit could not be evaluated; then the sentence has the reason.
     reason: why it could not be evaluated, without the limit's own values; "": as in the sentence.
     blind: name of the quantity, of a limit that cannot see a change of this ADS.
     threshold: the value of the new run at which it would fail, for drawing.
