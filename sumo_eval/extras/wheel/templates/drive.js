@@ -1,5 +1,5 @@
-// The page of a person who drives: draws the state of the server's loop, sends the input of hands and feet, asks questions.
-// What is driven is decided by the server alone; this page never computes a step.
+// The page of a person who drives: draws the states that the server sends, sends the input of hands and feet, asks questions.
+// This page never computes a step: the server alone does.
 "use strict";
 
 const sumoDrive = (() => {
@@ -8,24 +8,26 @@ const sumoDrive = (() => {
     ArrowLeft: "left", KeyA: "left", ArrowRight: "right", KeyD: "right", ArrowUp: "drive", KeyW: "drive", ArrowDown: "brake", KeyS: "brake",
     Space: "hard", ShiftLeft: "evade", ShiftRight: "evade",
   };
-  const DEAD = 0.06; // of a stick that is released
-  const DROPPED = 50; // ms between two pictures from which one has been dropped
-  const TELL = 1000; // ms between two messages on how the page does
-  const AGAIN = 1000; // ms until a lost connection is tried again
-  const BOUND = 50; // ms from input to picture, 95 of 100, beyond which the picture has too many pixels
-  const STEADY = 1 / 45; // s a picture at which that bound is kept
-  const WAITED = 30; // ms of that bound that are not the step's own
-  const JUDGED = 40; // inputs from which it is judged
-  const SEEN = 45; // pictures from which it is judged how far apart they come: of most, as one that stumbles says little
-  const FEW = 5, SOON = 1500; // or so many, after so many ms
-  const LONG = 500; // ms without a picture that may be a pause
-  const PLAINER = [ // the plain drawings, dearest first
+  const DEAD_ZONE = 0.06; // of a stick, -1..1, in which it counts as released
+  const LATE_PICTURE = 50; // ms between two pictures; one that comes later counts as dropped
+  const FIGURES_EVERY = 1000; // ms between two messages with figures
+  const RETRY_AFTER = 1000; // ms until a lost connection is tried again
+  // A drawing is too slow where 95 % of the last inputs take longer than this to the picture, ms:
+  // LATENCY_BOUND, or with long steps a step and AFTER_STEP
+  const LATENCY_BOUND = 50, AFTER_STEP = 30;
+  const TIMED_INPUTS = 40; // least number of inputs for that
+  // It is also too slow where the median time between pictures is longer than this, s; of
+  // TIMED_PICTURES pictures, or after FEW_AFTER ms of FEW_PICTURES
+  const PICTURE_BOUND = 1 / 45;
+  const TIMED_PICTURES = 45, FEW_PICTURES = 5, FEW_AFTER = 1500;
+  const PAUSE = 500; // ms between two pictures that may be a pause
+  const PLAIN = [ // the plain drawings, the most expensive first
     { ratio: 1, coarse: false, above: false, name: "plain drawing" },
     { ratio: 0.5, coarse: true, above: false, name: "plain drawing with few pixels" },
     { ratio: 0.5, coarse: true, above: true, name: "plain drawing from above" },
   ];
-  const NOTED = 8000; // ms that a sentence stays over the road
-  const REACH = 70; // px of a finger's way from straight to the end
+  const NOTE_TIME = 8000; // ms for which a note stays over the road
+  const FINGER_REACH = 70; // px that a finger moves from straight to full steering
   const COLOURS = { me: "#0072b2", other: "#b26a00" };
   const HELD = { // why nothing moves
     hidden: "The window was out of sight. Nothing has moved since.", key: "Nothing moves until you continue.",
@@ -40,7 +42,8 @@ const sumoDrive = (() => {
   themed();
 
   const stage = document.getElementById("stage");
-  let plainer = 0, plainest = "", insisted = false; // which of PLAINER, and why, for all drives of this page; whether a camera was chosen
+  // For all drives of this page: which of PLAIN is drawn, why, and whether the driver chose the camera, which then stays
+  let plainLevel = 0, plainReason = "", cameraChosen = false;
   let socket = null, over = false, drive = null, device = matchMedia("(pointer: coarse)").matches ? "touch" : "keys", calibration = null, shown = null;
 
   const element = (tag, className, text) => {
@@ -51,7 +54,8 @@ const sumoDrive = (() => {
   };
   const say = (message) => { if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
 
-  function kept(name, value) { // what the browser may remember; where it may not, nothing is lost but comfort
+  /** A value that the browser remembers by name; a new `value` replaces it. null where the browser may not remember. */
+  function kept(name, value) {
     try {
       if (value !== undefined) localStorage.setItem(name, JSON.stringify(value));
       return JSON.parse(localStorage.getItem(name));
@@ -134,39 +138,41 @@ const sumoDrive = (() => {
 
   // --- hands and feet ------------------------------------------------------------------------------------------------
 
-  const nobody = () => ({ steer: 0, throttle: 0, brake: 0 });
-  const held = { keys: 0, hand: nobody() }; // hand: of the mouse, or of fingers
+  const released = () => ({ steer: 0, throttle: 0, brake: 0 });
+  const hands = { keys: 0, stick: released() }; // bits of the keys that are held; mouse or fingers as a stick
   const pressed = new Set(); // codes of keys, of which two may do the same
 
   const pad = () => Array.from(navigator.getGamepads ? navigator.getGamepads() : []).find((it) => it && it.connected) || null;
-  const within = (value, low, high) => Math.min(high, Math.max(low, value));
-  const alive = (value) => (Math.abs(value) < DEAD ? 0 : Math.sign(value) * (Math.abs(value) - DEAD) / (1 - DEAD));
+  const clamp = (value, low, high) => Math.min(high, Math.max(low, value));
+  const withoutDeadZone = (value) => (Math.abs(value) < DEAD_ZONE ? 0 : Math.sign(value) * (Math.abs(value) - DEAD_ZONE) / (1 - DEAD_ZONE));
 
   /** Of an axis or a button of a device: its share from rest to full, 0..1. */
   function share(it, { axis, button, rest, full }) {
     const value = axis === undefined ? it.buttons[button].value : it.axes[axis];
-    return full === rest ? 0 : within((value - rest) / (full - rest), 0, 1);
+    return full === rest ? 0 : clamp((value - rest) / (full - rest), 0, 1);
   }
 
   /** [kind, keys, steer, throttle, brake] as `messages.read` takes it. */
   function sample() {
-    if (device === "mouse" || device === "touch") return ["stick", 0, held.hand.steer, held.hand.throttle, held.hand.brake];
+    if (device === "mouse" || device === "touch") return ["stick", 0, hands.stick.steer, hands.stick.throttle, hands.stick.brake];
     const it = device === "keys" ? null : pad();
     if (device === "wheel" && it && calibration) {
-      const { left, right, centre, axis, degrees } = calibration.steer, value = it.axes[axis];
-      const turn = (value - centre) / (value - centre > 0 === left - centre > 0 ? left - centre : centre - right || 1);
-      const angle = within(turn, -1, 1) * degrees / 2 * Math.PI / 180;
+      const { left, right, centre, axis, degrees } = calibration.steer;
+      const offset = it.axes[axis] - centre, isLeft = (offset > 0) === (left - centre > 0);
+      // share of the way to the stop on that side, positive to the left
+      const turn = offset / (isLeft ? left - centre : (centre - right) || 1);
+      const angle = clamp(turn, -1, 1) * degrees / 2 * Math.PI / 180;
       return ["wheel", 0, angle, share(it, calibration.throttle), share(it, calibration.brake)];
     }
     if (device === "pad" && it) {
-      return ["stick", 0, within(-alive(it.axes[0]), -1, 1), within(it.buttons[7].value, 0, 1), within(it.buttons[6].value, 0, 1)];
+      return ["stick", 0, clamp(-withoutDeadZone(it.axes[0]), -1, 1), clamp(it.buttons[7].value, 0, 1), clamp(it.buttons[6].value, 0, 1)];
     }
-    return ["keys", held.keys, 0, 0, 0];
+    return ["keys", hands.keys, 0, 0, 0];
   }
 
   function onKey(event, down) {
     if (!drive) return;
-    if (down && (!drive.veil.hidden || event.ctrlKey || event.altKey || event.metaKey)) return; // a key is released beside any other
+    if (down && (!drive.veil.hidden || event.ctrlKey || event.altKey || event.metaKey)) return; // a release counts even beside Ctrl
     if (down && (event.code === "Escape" || event.code === "KeyP")) {
       event.preventDefault();
       drive.pause("key");
@@ -175,39 +181,39 @@ const sumoDrive = (() => {
     const name = KEYS[event.code];
     if (!name) return;
     event.preventDefault();
-    const before = held.keys;
+    const before = hands.keys;
     if (down) pressed.add(event.code); else pressed.delete(event.code);
-    held.keys = [...pressed].reduce((bits, code) => bits | BITS[KEYS[code]], 0);
-    if (held.keys !== before) drive.send(event.timeStamp);
+    hands.keys = [...pressed].reduce((bits, code) => bits | BITS[KEYS[code]], 0);
+    if (hands.keys !== before) drive.send(event.timeStamp);
   }
 
-  function letGo() {
-    held.keys = 0;
+  function releaseAll() {
+    hands.keys = 0;
     pressed.clear();
-    held.hand = nobody();
-    if (drive) drive.untouched();
+    hands.stick = released();
+    if (drive) drive.releaseFingers();
   }
 
   document.addEventListener("keydown", (event) => onKey(event, true));
   document.addEventListener("keyup", (event) => onKey(event, false));
-  for (const name of ["blur", "pagehide"]) window.addEventListener(name, () => { letGo(); if (drive) drive.pause("hidden"); });
-  document.addEventListener("visibilitychange", () => { if (document.hidden) { letGo(); if (drive) drive.pause("hidden"); } });
+  for (const name of ["blur", "pagehide"]) window.addEventListener(name, () => { releaseAll(); if (drive) drive.pause("hidden"); });
+  document.addEventListener("visibilitychange", () => { if (document.hidden) { releaseAll(); if (drive) drive.pause("hidden"); } });
 
   // --- driving -------------------------------------------------------------------------------------------------------
 
   class Drive {
     constructor(view) {
       this.view = view;
-      this.state = null;
-      this.arrived = 0;
-      this.held = true; // until the countdown is over
-      this.number = 0;
-      this.waiting = []; // [number, time stamp] of inputs that no state holds yet
-      this.answered = null; // the time stamp of one that the next picture shows
-      this.latency = [];
-      this.untold = { frames: 0, dropped: 0, stepped: 0, latency: [] };
-      this.drawn = null;
-      this.mode = kept("camera") || "behind";
+      this.state = null; // the latest, as `seat.state_of` makes it
+      this.arrived = 0; // when it did, ms
+      this.held = true; // nothing moves, until the countdown is over
+      this.number = 0; // of the latest input
+      this.waiting = []; // [number, time stamp] of inputs that no state includes yet
+      this.answered = null; // the time stamp of an input that the next picture shows
+      this.latency = []; // ms from input to picture, of the last 200 inputs
+      this.unsent = { frames: 0, dropped: 0, stepped: 0, latency: [] };
+      this.drawn = null; // when the last picture was drawn, ms; null while nothing moves
+      this.mode = kept("camera") || "behind"; // of the camera
       this.wish = kept("drawing") || "automatic"; // or "3-D", "plain"
       this.root = element("div", "drive");
       this.place = element("div", "place");
@@ -229,8 +235,8 @@ const sumoDrive = (() => {
       this.camera.setAttribute("aria-label", "Camera");
       this.camera.addEventListener("change", () => {
         this.mode = kept("camera", this.camera.value) || this.camera.value;
-        insisted = !this.space;
-        this.judgeAnew();
+        cameraChosen = !this.space;
+        this.startEvaluation();
         this.camera.blur();
       });
       stop.addEventListener("click", () => { this.pause("key"); stop.blur(); });
@@ -241,19 +247,20 @@ const sumoDrive = (() => {
       stage.replaceChildren(this.root);
       this.cover("start");
       this.frame = requestAnimationFrame((now) => this.tick(now));
-      this.teller = setInterval(() => this.tell(), TELL);
+      this.figures = setInterval(() => this.sendFigures(), FIGURES_EVERY);
     }
 
     close() {
       cancelAnimationFrame(this.frame);
-      clearInterval(this.teller);
+      clearInterval(this.figures);
       clearTimeout(this.noted);
-      this.tell();
+      this.sendFigures();
     }
 
-    /** In three dimensions, or plainly where that is wished, missing, or would come too late. why: a sentence on the last. */
+    /** Choose how the road is drawn: in 3-D, or plainly where that is wished, or 3-D is missing or too slow.
+     *  why: why 3-D, which was drawn until now, is given up; empty: the choice is a new one. */
     drawing(why = "") {
-      if (why) this.steppedDown();
+      if (why) this.countStepDown();
       const means = sumoScene.means(), forced = this.wish === "3-D";
       if (!why && !forced && this.wish !== "plain") {
         if (!means) why = "This browser draws nothing in 3-D, so the road is drawn plainly.";
@@ -263,71 +270,78 @@ const sumoDrive = (() => {
       this.canvas.setAttribute("role", "img");
       this.canvas.setAttribute("aria-label", "The road ahead");
       this.place.replaceChildren(this.canvas);
-      this.space = why || this.wish === "plain" ? null : sumoScene.create(this.canvas);
-      this.plainly = this.space ? "" : plainest || why || (forced ? "This browser draws nothing in 3-D, so the road is drawn plainly." : "");
+      this.space = why || this.wish === "plain" ? null : sumoScene.create(this.canvas); // the scene in 3-D; null: plain
+      this.plainly = // why the road is drawn plainly, for the driver; empty: in 3-D, or as wished
+        this.space ? "" : plainReason || why || (forced ? "This browser draws nothing in 3-D, so the road is drawn plainly." : "");
       this.means = this.space ? { processor: "software WebGL", graphics: "WebGL" }[means] : "plain drawing";
       if (this.space) this.space.steerable(() => this.mode === "free", () => {});
       const modes = this.space ? sumoReplay.CAMERAS : ["behind", "above"];
       if (!modes.includes(this.mode)) this.mode = "behind";
-      if (!this.space && PLAINER[plainer].above && !insisted) this.mode = "above";
+      if (!this.space && PLAIN[plainLevel].above && !cameraChosen) this.mode = "above";
       this.camera.replaceChildren(...modes.map((mode) => new Option(mode === "seat" ? "driver's seat" : mode, mode, false, mode === this.mode)));
       this.latency = [];
       this.answered = null;
-      this.judgeAnew();
-      this.because();
+      this.startEvaluation();
+      this.showReason();
     }
 
-    /** Why the road is drawn as it is, where it can be read. */
-    because() {
+    /** Show why the road is drawn plainly: on the veil if it is there, else over the road. */
+    showReason() {
       const because = this.veil.querySelector(".because");
-      if (this.veil.hidden) this.say(this.plainly);
+      if (this.veil.hidden) this.notice(this.plainly);
       else if (because) because.textContent = this.plainly;
     }
 
-    /** From here on it is drawn more cheaply: what somebody drives by changes, so the tape has both ways. */
-    steppedDown() {
+    /** Count a change to a cheaper drawing while the person drives: figures name one drawing, so those until now are sent. */
+    countStepDown() {
       if (this.held) return;
-      this.tell();
-      this.untold.stepped += 1;
+      this.sendFigures();
+      this.unsent.stepped += 1;
     }
 
-    judgeAnew() {
-      this.canvas.classList.toggle("few", !this.space && PLAINER[plainer].ratio < 1);
-      this.judged = this.long = 0;
-      this.apart = []; // ms between the last pictures
-      this.before = this.anew = null;
+    /** Forget the pictures so far: from now on the speed of the present drawing is evaluated. */
+    startEvaluation() {
+      this.canvas.classList.toggle("few", !this.space && PLAIN[plainLevel].ratio < 1);
+      this.timed = 0; // inputs whose latency is known
+      this.intervals = []; // ms between the last pictures
+      this.longIntervals = 0; // how many in a row were longer than PAUSE
+      this.lastPicture = this.since = null; // time of the last picture and of the first, ms
     }
 
     /** How the road is drawn, in words. */
-    get drawnAs() { return this.space ? this.means : this.mode === "above" ? PLAINER[2].name : PLAINER[Math.min(plainer, 1)].name; }
+    get drawnAs() {
+      if (this.space) return this.means;
+      // the driver may choose the camera above at any level, and another one at the last
+      return PLAIN[this.mode === "above" ? 2 : Math.min(plainLevel, 1)].name;
+    }
 
     /** A sentence over the road, for a while. */
-    say(words) {
+    notice(words) {
       this.note.textContent = words;
       clearTimeout(this.noted);
-      if (words) this.noted = setTimeout(() => { this.note.textContent = ""; }, NOTED);
+      if (words) this.noted = setTimeout(() => { this.note.textContent = ""; }, NOTE_TIME);
     }
 
     mouse() {
       const turn = (event) => {
         if (device !== "mouse") return;
         const half = this.place.clientWidth / 2;
-        held.hand = { steer: within(-(event.clientX - half) / (0.8 * half), -1, 1), throttle: event.buttons & 1 ? 1 : 0, brake: event.buttons & 2 ? 1 : 0 };
+        hands.stick = { steer: clamp(-(event.clientX - half) / (0.8 * half), -1, 1), throttle: event.buttons & 1 ? 1 : 0, brake: event.buttons & 2 ? 1 : 0 };
         this.send(event.timeStamp);
       };
       for (const name of ["pointermove", "pointerdown", "pointerup"]) this.place.addEventListener(name, turn);
       this.place.addEventListener("contextmenu", (event) => event.preventDefault());
     }
 
-    /** For fingers: where one lands is straight on, from there it pulls to the left and right; two pedals, pressed harder
-     *  the higher. */
+    /** Controls for fingers. Where a finger lands on the left is straight on; from there it pulls left or right. On the right
+     *  are two pedals: the higher the finger, the harder they are pressed. */
     fingers() {
       const all = element("div", "fingers"), wheel = element("div", "finger-wheel"), knob = element("i");
       wheel.append(element("small", "", "steer: pull left or right"), knob);
       let from = null;
       const turn = (event, steer) => {
-        held.hand.steer = steer;
-        knob.style.transform = `translateX(${-steer * REACH}px)`;
+        hands.stick.steer = steer;
+        knob.style.transform = `translateX(${-steer * FINGER_REACH}px)`;
         this.send(event.timeStamp);
       };
       wheel.addEventListener("pointerdown", (event) => {
@@ -337,7 +351,7 @@ const sumoDrive = (() => {
         Object.assign(knob.style, { left: `${event.clientX - box.left}px`, top: `${event.clientY - box.top}px` });
         turn(event, 0);
       });
-      wheel.addEventListener("pointermove", (event) => { if (from !== null) turn(event, within((from - event.clientX) / REACH, -1, 1)); });
+      wheel.addEventListener("pointermove", (event) => { if (from !== null) turn(event, clamp((from - event.clientX) / FINGER_REACH, -1, 1)); });
       for (const name of ["pointerup", "pointercancel"]) wheel.addEventListener(name, (event) => { from = null; turn(event, 0); });
       all.append(wheel);
       for (const name of ["brake", "throttle"]) {
@@ -345,8 +359,8 @@ const sumoDrive = (() => {
         pedal.append(element("i"), element("span", "", name));
         let pressed = false;
         const press = (event) => {
-          const box = pedal.getBoundingClientRect(), share = pressed ? within((box.bottom - event.clientY) / (0.85 * box.height), 0.1, 1) : 0;
-          held.hand[name] = share;
+          const box = pedal.getBoundingClientRect(), share = pressed ? clamp((box.bottom - event.clientY) / (0.85 * box.height), 0.1, 1) : 0;
+          hands.stick[name] = share;
           pedal.firstChild.style.height = `${100 * share}%`;
           this.send(event.timeStamp);
         };
@@ -356,7 +370,7 @@ const sumoDrive = (() => {
         all.append(pedal);
       }
       all.addEventListener("contextmenu", (event) => event.preventDefault());
-      this.untouched = () => {
+      this.releaseFingers = () => {
         from = null;
         knob.style.transform = "";
         for (const each of all.querySelectorAll(".pedal i")) each.style.height = "0";
@@ -377,13 +391,13 @@ const sumoDrive = (() => {
       drawing.append(...[["automatic", "in 3-D where that is quick enough"], ["3-D", "in 3-D, however slow"], ["plain", "plainly"]].map(([value, text]) => new Option(text, value, false, value === this.wish)));
       drawing.addEventListener("change", () => {
         this.wish = kept("drawing", drawing.value) || drawing.value;
-        [plainer, plainest, insisted] = [0, "", false];
+        [plainLevel, plainReason, cameraChosen] = [0, "", false];
         this.mode = kept("camera") || "behind";
         this.drawing();
       });
       drawn.append(drawing);
       const how = element("p"), row = element("div", "row"), go = element("button", "main", why === "start" ? "Start" : "Continue");
-      const told = () => {
+      const showChoice = () => {
         device = choice.value;
         how.replaceChildren(...howTo(device));
         this.root.classList.toggle("by-touch", device === "touch");
@@ -396,16 +410,17 @@ const sumoDrive = (() => {
       go.addEventListener("click", () => this.start());
       leave.addEventListener("click", () => { leave.disabled = go.disabled = true; say({ quit: true }); });
       row.append(go, calibrate, leave);
-      choice.addEventListener("change", told);
+      choice.addEventListener("change", showChoice);
       box.append(label, how, drawn, because, row);
       this.veil.replaceChildren(box);
       this.veil.hidden = false;
       calibration = calibration || kept("calibration");
-      told();
+      showChoice();
       go.focus();
     }
 
-    /** Rest, left, right, throttle, brake: at each step whatever has moved most since rest is what was meant. */
+    /** Find the axes and buttons of a steering wheel: at each step of rest, left, right, throttle and brake, the one that moved
+     *  most is the one that was meant. */
     async calibrate(done) {
       const box = element("div"), text = element("p"), next = element("button", "main", "Next");
       const degrees = element("input");
@@ -418,7 +433,13 @@ const sumoDrive = (() => {
       const step = (words) => {
         text.textContent = words;
         next.focus();
-        return new Promise((resolve) => { next.onclick = () => { const it = pad(); if (it) resolve({ id: it.id, axes: [...it.axes], buttons: it.buttons.map((one) => one.value) }); else text.textContent = `${words} (No device is seen; press one of its buttons.)`; }; });
+        return new Promise((resolve) => {
+          next.onclick = () => {
+            const it = pad();
+            if (it) resolve({ id: it.id, axes: [...it.axes], buttons: it.buttons.map((button) => button.value) });
+            else text.textContent = `${words} (No device is seen; press one of its buttons.)`;
+          };
+        });
       };
       const rest = await step("Press a button of the device, release everything, wheel straight.");
       const left = await step("Turn the wheel all the way to the left and hold it there.");
@@ -432,7 +453,7 @@ const sumoDrive = (() => {
         return k < count ? { axis: k, rest: rest.axes[k], full: now.axes[k] } : { button: k - count, rest: rest.buttons[k - count], full: now.buttons[k - count] };
       };
       calibration = {
-        id: rest.id, steer: { axis, left: left.axes[axis], right: right.axes[axis], centre: rest.axes[axis], degrees: within(Number(degrees.value) || 900, 90, 1800) },
+        id: rest.id, steer: { axis, left: left.axes[axis], right: right.axes[axis], centre: rest.axes[axis], degrees: clamp(Number(degrees.value) || 900, 90, 1800) },
         throttle: moved(gas), brake: moved(stop),
       };
       kept("calibration", calibration);
@@ -441,7 +462,7 @@ const sumoDrive = (() => {
 
     start() {
       this.veil.hidden = true;
-      this.say(this.plainly);
+      this.notice(this.plainly);
       say({ ready: true });
       const begun = performance.now(), whole = 1000 * this.view.countdown;
       const show = () => {
@@ -457,16 +478,16 @@ const sumoDrive = (() => {
     pause(why) {
       if (!this.veil.hidden) return;
       say({ pause: why });
-      this.isHeld(why);
+      this.hold(why);
     }
 
     /** The server holds the drive. */
-    isHeld(why) {
+    hold(why) {
       if (!this.veil.hidden) return;
       this.held = true;
-      [this.waiting, this.answered] = [[], null]; // what is answered after a pause says nothing of pictures
+      [this.waiting, this.answered] = [[], null]; // the latency of inputs before a pause would include the pause
       this.count.textContent = "";
-      this.say("");
+      this.notice("");
       this.cover(why);
     }
 
@@ -477,6 +498,7 @@ const sumoDrive = (() => {
       say({ input: [this.number, this.state ? this.state[0] : -1, ...sample()] });
     }
 
+    /** Take a state of the server, and answer it. */
     take(state) {
       this.state = state;
       this.arrived = performance.now();
@@ -487,10 +509,10 @@ const sumoDrive = (() => {
       }
     }
 
-    /** Everybody where they are now: the last state, carried on by at most two steps, so that pictures between two states
-     *  do not stand still. */
+    /** The ego and the actors where they are now: the last state, continued with its speeds by at most two steps, so that
+     *  pictures between two states do not stand still. `alone`: the body as a trajectory of one sample, for the player. */
     bodies(now) {
-      const { scene, step } = this.view, ahead = this.held ? 0 : within((now - this.arrived) / 1000, 0, 2 * step);
+      const { scene, step } = this.view, ahead = this.held ? 0 : clamp((now - this.arrived) / 1000, 0, 2 * step);
       const put = ([x, y, heading, speed, acceleration], it, more) => {
         const [s, d] = [x + speed * Math.cos(heading) * ahead, y + speed * Math.sin(heading) * ahead];
         const [east, north, turned] = sumoReplay.onMap(scene.road, s, d, heading);
@@ -510,95 +532,97 @@ const sumoDrive = (() => {
       if (this.space) {
         this.space.onRoad(this.view.scene.road, sumoReplay.onMap, this.view.scene.extent);
         this.space.draw({ vehicles: bodies, camera: { mode: this.mode, about: bodies[0] } });
-        this.judge(now);
+        this.evaluateSpace(now);
       } else {
         const [me, ...others] = bodies, view = { ego: me.alone, actors: others.map((it, k) => [String(k), it.alone]), contact: null };
-        if (this.mode === "above") this.above(bodies, PLAINER[plainer].ratio);
-        else sumoReplay.drawChase(this.canvas, { road: this.view.scene.road }, view, COLOURS.me, 0, PLAINER[plainer]);
-        this.judgePlain(now);
+        if (this.mode === "above") this.drawAbove(bodies, PLAIN[plainLevel].ratio);
+        else sumoReplay.drawChase(this.canvas, { road: this.view.scene.road }, view, COLOURS.me, 0, PLAIN[plainLevel]);
+        this.evaluatePlain(now);
       }
-      if (this.answered !== null) this.time(this.answered);
+      if (this.answered !== null) this.timePicture(this.answered);
       this.answered = null;
       if (!this.held) {
         if (this.drawn !== null) {
-          this.untold.frames += 1;
-          if (now - this.drawn > DROPPED) this.untold.dropped += 1;
+          this.unsent.frames += 1;
+          if (now - this.drawn > LATE_PICTURE) this.unsent.dropped += 1;
         }
         this.drawn = now;
       } else this.drawn = null;
-      this.read();
+      this.showReadings();
     }
 
-    /** Fewer pixels where pictures come too late, and at the end the plain drawing, by itself: unless 3-D is wished. */
-    judge(now) {
+    /** Where 3-D is too slow, draw fewer pixels, and in the end plainly, unless the driver wishes for 3-D. */
+    evaluateSpace(now) {
       if (this.space.lost()) {
         this.drawing("The browser has taken 3-D away from this page: the road is drawn plainly.");
         return;
       }
-      const late = this.late();
-      if (late) this.judged = 0; // after a change it is evaluated again
-      if (this.space.pace(now / 1000, late, STEADY) && this.wish !== "3-D") {
+      const late = this.isLate();
+      if (late) this.timed = 0; // `pace` changes the pixels: later inputs count
+      if (this.space.pace(now / 1000, late, PICTURE_BOUND) && this.wish !== "3-D") {
         this.drawing("3-D came too late to drive by, even with few pixels: the road is drawn plainly.");
       }
     }
 
-    late() { return this.judged >= JUDGED && this.within(0.95) > Math.max(BOUND, WAITED + 1000 * this.view.step); }
+    /** Whether inputs are seen too late to drive by. */
+    isLate() { return this.timed >= TIMED_INPUTS && this.latencyWithin(0.95) > Math.max(LATENCY_BOUND, AFTER_STEP + 1000 * this.view.step); }
 
-    /** A cheaper plain drawing where pictures come too late or too far apart. Who chooses a camera keeps it, and gets fewer pixels
-     *  at most. */
-    judgePlain(now) {
-      const apart = this.before === null ? null : now - this.before;
-      this.before = now;
-      this.anew ??= now;
-      this.long = apart > LONG ? this.long + 1 : 0; // one is a pause, more in a row are slow pictures
-      if (apart === null || this.long === 1) return;
-      this.apart = [...this.apart.slice(1 - SEEN), apart];
-      const enough = this.apart.length >= SEEN || (this.apart.length >= FEW && now - this.anew > SOON);
-      const median = [...this.apart].sort((a, b) => a - b)[this.apart.length >> 1];
-      const late = this.late(), slow = enough && median > 1000 * STEADY;
+    /** Where the plain drawing is too slow, take the next cheaper one. A driver who chose the camera keeps it, and gets fewer
+     *  pixels at most. */
+    evaluatePlain(now) {
+      const apart = this.lastPicture === null ? null : now - this.lastPicture;
+      this.lastPicture = now;
+      this.since ??= now;
+      this.longIntervals = apart > PAUSE ? this.longIntervals + 1 : 0; // one is a pause; more in a row are slow pictures
+      if (apart === null || this.longIntervals === 1) return;
+      this.intervals = [...this.intervals.slice(1 - TIMED_PICTURES), apart];
+      const enough = this.intervals.length >= TIMED_PICTURES || (this.intervals.length >= FEW_PICTURES && now - this.since > FEW_AFTER);
+      const median = [...this.intervals].sort((a, b) => a - b)[this.intervals.length >> 1];
+      const late = this.isLate(), slow = enough && median > 1000 * PICTURE_BOUND;
       if (!late && !slow) return;
-      const why = late ? `95 of 100 inputs were seen within ${this.within(0.95).toFixed(0)} ms only` : `Pictures came ${median.toFixed(0)} ms apart`;
-      const last = insisted || this.mode === "above" ? 1 : 2;
-      if (plainer < last) {
-        this.steppedDown();
-        plainer += 1;
-        if (PLAINER[plainer].above) this.camera.value = this.mode = "above";
-        plainest = PLAINER[plainer].above
+      const why = late ? `95 of 100 inputs were seen within ${this.latencyWithin(0.95).toFixed(0)} ms only` : `Pictures came ${median.toFixed(0)} ms apart`;
+      const cheapest = cameraChosen || this.mode === "above" ? 1 : 2;
+      if (plainLevel < cheapest) {
+        this.countStepDown();
+        plainLevel += 1;
+        if (PLAIN[plainLevel].above) this.camera.value = this.mode = "above";
+        plainReason = PLAIN[plainLevel].above
           ? `${why}: the road is drawn from above. The camera can be chosen at the top right.`
           : `${why}: the road is drawn plainly, with fewer pixels and pieces.`;
       } else {
-        const told = "nothing cheaper to draw is left; this computer is busy, or too slow to drive by.";
-        if (!plainest.endsWith(told)) plainest = `${why}, and ${told}`;
+        const end = "nothing cheaper to draw is left; this computer is busy, or too slow to drive by.";
+        if (!plainReason.endsWith(end)) plainReason = `${why}, and ${end}`;
       }
-      this.plainly = plainest;
-      this.judgeAnew();
-      this.because();
+      this.plainly = plainReason;
+      this.startEvaluation();
+      this.showReason();
     }
 
-    /** ms within which that share of the last inputs was to be seen. */
-    within(share) {
-      const ordered = this.latency.slice(-JUDGED).sort((a, b) => a - b);
+    /** Time within which a share, 0..1, of the last inputs was seen, ms. */
+    latencyWithin(share) {
+      const ordered = this.latency.slice(-TIMED_INPUTS).sort((a, b) => a - b);
       return ordered.length ? ordered[Math.min(ordered.length - 1, Math.floor(share * ordered.length))] : 0;
     }
 
-    /** Devices that send no events: what moved since the last picture is timed from now. */
+    /** Send the input of a device without events if it changed since the last picture; its latency counts from now. */
     poll() {
-      const said = JSON.stringify(sample());
-      if (said !== this.polled) this.send(performance.now());
-      this.polled = said;
+      const input = JSON.stringify(sample());
+      if (input !== this.polled) this.send(performance.now());
+      this.polled = input;
     }
 
-    /** The picture is there once the graphics processor is done with it, or the page has painted. */
-    time(stamp) {
+    /** Time from an input to the picture that shows it, which is there once the graphics processor is done with it, or the page
+     *  has painted. stamp: of the input, ms. */
+    timePicture(stamp) {
       const { space } = this, picture = space ? space.begun() : 0;
       const look = () => {
-        if (space !== this.space) return;
+        if (space !== this.space) return; // drawn in another way by now
         if (space && !space.there(picture)) { setTimeout(look, 1); return; }
         const took = performance.now() - stamp;
         this.latency.push(took);
-        this.judged += 1;
+        this.timed += 1;
         if (this.latency.length > 200) this.latency.shift();
-        if (this.untold.latency.length < 200) this.untold.latency.push(Math.round(10 * took) / 10);
+        if (this.unsent.latency.length < 200) this.unsent.latency.push(Math.round(10 * took) / 10);
       };
       if (space) look();
       else { // this frame is painted before the next message is read
@@ -608,17 +632,24 @@ const sumoDrive = (() => {
       }
     }
 
-    /** Plainly: the road from above. */
-    above(bodies, ratio) {
+    /** The plain drawing from above, from 60 m behind the ego to 180 m ahead; ratio: of pixels to those of the page. */
+    drawAbove(bodies, ratio) {
       const { canvas } = this, plain = canvas.getContext("2d"), { road } = this.view.scene, [me] = bodies;
       plain.setTransform(1, 0, 0, 1, 0, 0);
       const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((size) => Math.round(ratio * size));
       if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-      const scale = Math.max(4 * ratio, canvas.height / 110), [c, s] = [Math.cos(me.heading), Math.sin(me.heading)];
-      const px = ([x, y]) => [canvas.width / 2 - scale * ((y - me.y) * c - (x - me.x) * s), 0.75 * canvas.height - scale * ((x - me.x) * c + (y - me.y) * s)];
+      const scale = Math.max(4 * ratio, canvas.height / 110); // pixels a metre: about 110 m are in view
+      const [c, s] = [Math.cos(me.heading), Math.sin(me.heading)];
+      /** Pixel of a point of the map. The ego is in the middle, a quarter from the bottom, and heads up. */
+      const px = ([x, y]) => {
+        const ahead = (x - me.x) * c + (y - me.y) * s, left = (y - me.y) * c - (x - me.x) * s;
+        return [canvas.width / 2 - scale * left, 0.75 * canvas.height - scale * ahead];
+      };
       plain.fillStyle = "#c9d3c2";
       plain.fillRect(0, 0, canvas.width, canvas.height);
-      const from = this.state[3][0] - 60, along = (d) => Array.from({ length: 120 }, (_, k) => px(sumoReplay.onMap(road, from + 2 * k, d)));
+      const from = this.state[3][0] - 60, to = from + 240;
+      /** Pixels of the line at an offset d from the road's own, every 2 m. */
+      const along = (d) => Array.from({ length: 120 }, (_, k) => px(sumoReplay.onMap(road, from + 2 * k, d)));
       const line = (points, close) => {
         plain.beginPath();
         points.forEach(([x, y], k) => (k ? plain.lineTo(x, y) : plain.moveTo(x, y)));
@@ -640,15 +671,15 @@ const sumoDrive = (() => {
         line(along(road.right + lane * road.laneWidth), false);
         plain.stroke();
       }
-      for (const [a, b, d] of road.solid) if (b > from && a < from + 240) {
-        const [begin, end] = [Math.max(a, from), Math.min(b, from + 240)];
+      for (const [a, b, d] of road.solid) if (b > from && a < to) { // lines that no vehicle may cross
+        const [begin, end] = [Math.max(a, from), Math.min(b, to)];
         line(Array.from({ length: 60 }, (_, k) => px(sumoReplay.onMap(road, begin + (end - begin) * k / 59, d))), false);
         plain.setLineDash([]);
         plain.stroke();
       }
       plain.setLineDash([]);
-      for (const gone of road.gone) { // a lane that ends is ground from there on
-        const outer = gone[0][1] + 0.1 * Math.sign(gone[0][1] - gone[1][1]), edge = sumoReplay.within(gone.slice(1), from, from + 240);
+      for (const gone of road.gone) { // where an outermost lane is missing, there is ground, 0.1 m beyond the road's edge too
+        const outer = gone[0][1] + 0.1 * Math.sign(gone[0][1] - gone[1][1]), edge = sumoReplay.within(gone.slice(1), from, to);
         area([...edge, ...edge.map(([x]) => [x, outer]).reverse()].map(onRoad), "#c9d3c2");
       }
       for (const it of bodies) {
@@ -657,7 +688,8 @@ const sumoDrive = (() => {
       }
     }
 
-    read() {
+    /** Show speed, gap and TTC to the nearest actor ahead, time, and how the page draws. */
+    showReadings() {
       const [, time, , [x, y, heading, speed], others] = this.state, { scene, wanted } = this.view;
       let gap = Infinity, closing = 0;
       for (const [number, ox, oy, turned, their] of others) {
@@ -667,7 +699,7 @@ const sumoDrive = (() => {
         closing = sumoReplay.speedAlong(scene.road, speed, heading, x, y) - sumoReplay.speedAlong(scene.road, their, turned, ox, oy);
       }
       const ttc = closing > 0.1 ? gap / closing : Infinity;
-      const part = (share) => (this.latency.length ? this.within(share).toFixed(0) : "–");
+      const part = (share) => (this.latency.length ? this.latencyWithin(share).toFixed(0) : "–");
       [`${(3.6 * speed).toFixed(0)} km/h`, `${(3.6 * wanted).toFixed(0)} km/h`, gap < 300 ? `${gap.toFixed(0)} m` : "–", ttc < 30 ? `${ttc.toFixed(1)} s` : "–", `${time.toFixed(1)} s`]
         .forEach((words, k) => { if (this.readings[k].textContent !== words) this.readings[k].textContent = words; });
       const rate = this.space ? `, ${(1 / this.space.interval()).toFixed(0)} pictures/s, ${Math.round(100 * this.space.resolution())} % of the pixels each way` : "";
@@ -675,11 +707,12 @@ const sumoDrive = (() => {
       if (this.thin.textContent !== words) this.thin.textContent = words;
     }
 
-    tell() {
-      const { untold } = this;
-      if (!untold.frames && !untold.latency.length && !untold.stepped) return;
-      this.untold = { frames: 0, dropped: 0, stepped: 0, latency: [] };
-      say({ telling: { ...untold, resolution: this.space ? Math.round(100 * this.space.resolution()) / 100 : PLAINER[plainer].ratio, renderer: this.drawnAs } });
+    /** Send the figures since the last message of this kind, if there are any. */
+    sendFigures() {
+      const { unsent } = this;
+      if (!unsent.frames && !unsent.latency.length && !unsent.stepped) return;
+      this.unsent = { frames: 0, dropped: 0, stepped: 0, latency: [] };
+      say({ telling: { ...unsent, resolution: this.space ? Math.round(100 * this.space.resolution()) / 100 : PLAIN[plainLevel].ratio, renderer: this.drawnAs } });
     }
   }
 
@@ -734,7 +767,7 @@ const sumoDrive = (() => {
     socket.addEventListener("message", (event) => {
       const message = JSON.parse(event.data);
       if (message.state) { if (drive) drive.take(message.state); }
-      else if (message.held) { letGo(); if (drive) drive.isHeld(message.held); } // keys released meanwhile were not reported
+      else if (message.held) { releaseAll(); if (drive) drive.hold(message.held); } // keys released meanwhile were not reported
       else show(message);
     });
     socket.addEventListener("close", (event) => {
@@ -747,7 +780,7 @@ const sumoDrive = (() => {
         return;
       }
       sheet({ title: "The connection is lost", lines: ["Nothing that was recorded is lost. This page tries again by itself; is the program still running in the terminal?"] });
-      setTimeout(() => connect(secret), AGAIN);
+      setTimeout(() => connect(secret), RETRY_AFTER);
     });
   }
 
