@@ -209,7 +209,7 @@ def evaluation_of(plan: StudyPlan, people: int) -> str:
         settings.drivers, source="recorded", recordings=(), cases=str(plan.folder / DRIVES),
         least=max(math.ceil(MOST_OF_THEM * people), 2), too_thin="leave_out",
     )  # fmt: skip
-    # an exposure without recordings of its own used those of the drivers, which go
+    # an exposure without recordings of its own used those of the old drivers
     scenarios = tuple(
         replace(it, exposure=replace(
             it.exposure, recordings=it.exposure.recordings or settings.drivers.recordings))

@@ -51,6 +51,7 @@ def awake() -> float:
 class Desk:
     """State of a drive that `Seat` and `Window` share.
 
+    newest: the latest input of the page.
     on_hold: why the drive is on hold; empty: it is not.
     was_held: why it was put on hold since the seat last looked, even if it is released by now.
     end_reason: why it is to end; empty: it is not.
@@ -78,10 +79,11 @@ class Desk:
 class Seat:
     """A person who controls the ego.
 
-    post: sends the page a message by key, from another thread: each `state`, and as `held` why the
-        seat puts the drive on hold, `asleep` (the machine stood still) or `silent` (the window does
-        not answer).
+    post: sends the page a message by key, and is called in the thread of the drive: each `state`,
+        and as `held` why the seat puts the drive on hold, `asleep` (the machine stood still) or
+        `silent` (the window does not answer).
     paced: True: steps are due by the clock; False: each waits for an answer to its state.
+    left: why the drive was ended before its end; empty: it was not.
     """
 
     def __init__(
@@ -157,7 +159,7 @@ class Seat:
             self._desk.end(f"No answer came for {PATIENCE:g} s.")
 
     def _put_on_hold(self, why: str) -> None:
-        """Put the drive on hold, because the driver cannot control the ego; they continue it."""
+        """Put the drive on hold, because the driver cannot control the ego now, and tell the page."""
         self._desk.hold(why)
         self._post("held", why)
 
