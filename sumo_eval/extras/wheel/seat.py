@@ -159,7 +159,7 @@ class Seat:
             self._desk.end(f"No answer came for {PATIENCE:g} s.")
 
     def _put_on_hold(self, why: str) -> None:
-        """Put the drive on hold, because the driver cannot control the ego now, and tell the page."""
+        """Put the drive on hold, because the driver cannot control the ego now; tell the page."""
         self._desk.hold(why)
         self._post("held", why)
 
