@@ -14,7 +14,8 @@ from sumo_eval.ads.perception import bumper_gap, gap_behind, neighbours
 from sumo_eval.kernels import kernel
 from sumo_eval.scenario.concrete import CHANGE_TIME, LEAST_CHANGE
 
-# s, shortest headway accepted ahead and behind, as the gap has to be taken (LMRS: 0.56 s)
+# s, shortest headway accepted ahead and behind: short, because the change must be made (LMRS:
+# 0.56 s)
 HEADWAY = 0.6
 GAP = 2.0  # m, shortest gap accepted ahead and behind, however slow the vehicles are
 DECELERATION = 3.0  # m/s2 that a vehicle from behind need not exceed (UN R79, 5.6.4.7)
@@ -40,10 +41,10 @@ def change_if_free(path: Any, way: Any, me: Any, others: Any, scenario: Any) -> 
     """
     if path.offset != 0.0:
         return True
-    room = way.by - me.x
+    room = way.by - me.x  # m of road left for the change
     # m of road that the shortest change takes
     shortest = max(shortest_duration(way.offset, LATERAL) * me.along, LEAST_CHANGE)
-    # at the end of its lane a late change is better than none
+    # not yet, or too late; where the ego's lane ends, a late change is better than none
     if me.x < way.begin or (room < shortest and way.ends == 0):
         return False
     duration = shortest / max(me.along, 1.0)  # s; below 1 m/s as at 1 m/s, so it stays finite
@@ -62,6 +63,7 @@ def change_if_free(path: Any, way: Any, me: Any, others: Any, scenario: Any) -> 
         if gap_behind(me, others[behind]) < max(least, GAP):
             return False
     path.offset, path.begin = way.offset, me.x
+    # the usual time, as far as the road allows
     path.length = max(min(CHANGE_TIME * me.along, room), shortest)
     return True
 

@@ -18,18 +18,22 @@ from sumo_eval.kernels import kernel
 _HALVINGS = 20  # of a step, to find an instant in it: 5e-8 s of 0.05 s
 # m/s2 by which a demand must change within a step to be looked at for a jump: 10 m/s3 at 0.05 s
 JUMP = 0.5
-_INSIDE = 1e-3  # of a part of a step: at its very ends a demand may be that before or after it
+# share of an interval, kept from its ends: at an end a demand may be that of the next interval
+_INSIDE = 1e-3
 
 BRAKE_PATH = fields("level", "brakes", "owed")
-"""The vehicle's brakes on the way that a driver's braking takes; all 0 at the beginning.
+"""The braking that a rule means, and the vehicle's own, which follows it; all 0 at the beginning.
 
-level: where the driver's braking is, m/s2. brakes: where the vehicle's are, m/s2. owed: m/s that
-    the vehicle has yet to lose to be as slow as the driver's braking makes it.
+level: the meant deceleration, m/s2.
+brakes: the vehicle's deceleration, m/s2.
+owed: speed that the vehicle has yet to lose to be as slow as meant, m/s.
 """
 SAFETY_BRAKING = [("path", BRAKE_PATH), *fields("alarmed"), *flags("is_alarmed", "looks")]
 """Brakes that follow a demand; all 0 at the beginning.
 
-alarmed: when the first demand came, s. looks: how often a demand was looked for.
+alarmed: time of the first demand, s.
+is_alarmed: 1 once there was a demand.
+looks: number of steps in which a demand was looked for.
 """
 
 
@@ -57,15 +61,17 @@ def moved(level: float, target: float, rate: float, duration: float) -> Braked:
 
 @kernel
 def switched(level: float, target: float, wait: float, rate: float, step: float) -> float:
-    """Command for a step, m/s2, of brakes that shall leave `level` for `target` only `wait` s from
-    its beginning.
+    """Command for a step, m/s2, that acts as if brakes left `level` for `target` only after `wait`.
 
-    With h the step, j the brakes' rate, D = |target - level|, b = D / j:
+    Brakes obey from the beginning of a step on. So a smaller change is commanded at once and held
+    to the end of the step. With the next step's command, `target`, it takes off the same speed:
 
-        change = j / 2 (h + b - sqrt((h + b)^2 - 4 b (h - wait)))
+        change = j / 2 (h + b - sqrt((h + b)^2 - 4 b (h - wait))),  b = |target - level| / j
 
-    Brakes that change so much at once, hold that to the end of the step and continue to `target`
-    after it have in the end taken off the same speed as brakes that leave `level` `wait` s late.
+    level, target: decelerations, m/s2.
+    wait: s from the beginning of the step.
+    rate: j, of the brakes, m/s3.
+    step: h, s.
     """
     if wait >= step:
         return level
@@ -85,9 +91,10 @@ def mean_level(level: float, mean: float, rate: float, step: float) -> float:
     change = abs(mean - level)
     if change == 0.0:
         return level
+    # 0 or less: the fastest change does not reach the mean
     square = step * step - 2.0 * change * step / rate
-    told = rate * (step - math.sqrt(square)) if square > 0.0 else rate * step
-    return level + told if mean > level else level - told
+    change = rate * (step - math.sqrt(square)) if square > 0.0 else rate * step
+    return level + change if mean > level else level - change
 
 
 @kernel
@@ -111,8 +118,8 @@ def released_level(level: float, lost: float, rate: float, step: float, most: fl
         )
     spare = step - level / rate
     inside = spare * spare + 4.0 * (lost - 0.5 * square) / rate
-    told = 0.5 * rate * (math.sqrt(inside) - spare) if inside > 0.0 else 0.0
-    return min(max(told, 0.0), level)
+    command = 0.5 * rate * (math.sqrt(inside) - spare) if inside > 0.0 else 0.0
+    return min(max(command, 0.0), level)
 
 
 @kernel
@@ -135,14 +142,14 @@ def path_command(
 
     Call once a step.
 
-    releases: the braking ends in it, or has ended. Brakes that rise no faster than the rule asks
-        (`brakes.jerk`, m/s3) may be commanded more than its `brakes.braking` m/s2, to be even with
-        it.
+    releases: whether the braking ends in this step, or has ended.
+    brakes: limits of the rule: deceleration `braking`, m/s2, and its rise `jerk`, m/s3.
     """
     before, fall = path.brakes, vehicle.brake_jerk
     if releases and before == 0.0 and lost == 0.0:
         path.owed = 0.0
         return 0.0
+    # the vehicle may exceed `braking` only where it must catch up, as it rises no faster than asked
     most = (
         min(brakes.braking, vehicle.max_deceleration)
         if brakes.jerk < fall
@@ -150,28 +157,27 @@ def path_command(
     )
     if releases:
         until_open = lost + path.owed + 0.5 * path.level * path.level / fall
-        told = released_level(before, until_open, fall, step, most)
+        command = released_level(before, until_open, fall, step, most)
     else:
-        told = min(max(mean_level(before, (lost + path.owed) / step, fall, step), 0.0), most)
-    takes = moved(before, told, fall, step)
-    path.brakes = takes.level
-    path.owed += lost - takes.lost
-    return float(told)
+        command = min(max(mean_level(before, (lost + path.owed) / step, fall, step), 0.0), most)
+    braked = moved(before, command, fall, step)
+    path.brakes = braked.level
+    path.owed += lost - braked.lost
+    return float(command)
 
 
 @kernel
 def first_instant(
     demand: Callable[..., float], scene: Any, above: float, begin: float, end: float
 ) -> float:
-    """The instant within begin..end, s, from which on the demand is above `above`, or not, as at
-    the end; at the beginning it is the other way round.
+    """Instant within begin..end, s, at which a demand crosses `above`, upwards or downwards.
 
-    demand: called with the scene and a time.
+    demand: called with the scene and a time; it is above `above` at one of both ends only.
     """
-    wanted = demand(scene, end) > above
+    above_at_end = demand(scene, end) > above
     for _ in range(_HALVINGS):
         middle = 0.5 * (begin + end)
-        if (demand(scene, middle) > above) == wanted:
+        if (demand(scene, middle) > above) == above_at_end:
             end = middle
         else:
             begin = middle
@@ -180,10 +186,11 @@ def first_instant(
 
 @kernel
 def demand_jump(demand: Callable[..., float], scene: Any, begin: float, end: float) -> float:
-    """Instant within begin..end, s, at which a demand that jumps there passes half of its change.
+    """Instant within begin..end, s, at which a demand that jumps there passes half of its change;
+    `end`, where it changes by less than `JUMP`.
 
-    A level in the middle of a part errs in second order where the demand is smooth in it, and in
-    first order where it jumps. `end`, where the demand changes by less than 0.5 m/s2.
+    `path_along` takes the demand in the middle of an interval. That is exact to second order where
+    the demand is smooth, but only to first order where it jumps: there the interval is parted.
     """
     inside = _INSIDE * (end - begin)
     early, late = demand(scene, begin + inside), demand(scene, end - inside)
@@ -213,24 +220,26 @@ def path_along(
 def follow_demand(
     braking: Any, demand: Callable[..., float], scene: Any, time: float, brakes: Any, scenario: Any
 ) -> float:
-    """Command for the vehicle in the coming step, m/s2: brakes `response` s after the first demand,
-    rising at `jerk` m/s3, up to `braking` m/s2, which `brakes` holds. Call once a step.
-
-    demand: called with the scene and a time (s) after now, from one and a half steps before now to
-        a step after it, the deceleration that is demanded then, as far as it can be foreseen, m/s2;
-        0 for none.
+    """Command for the vehicle in the coming step, m/s2. Call once a step.
 
     The first demand is looked for half a step ago, where speeds that follow from positions are
-    known; one that began with a jump began with the last step. The reaction is waited for once:
+    known. One that began with a jump began with the last step. The reaction is waited for once:
     after an alarm the rule stays alert.
+
+    braking: memory, `SAFETY_BRAKING`.
+    demand: called with the scene and a time after now, s; gives the deceleration that is demanded
+        then, as far as it can be foreseen, m/s2, or 0. Times are from -1.5 steps to 1 step.
+    time: now, s.
+    brakes: they act `response` s after the first demand, rise at `jerk`, m/s3, up to `braking`,
+        m/s2.
     """
     path, jerk = braking.path, brakes.jerk
     vehicle, step = scenario.vehicle, scenario.step
-    if braking.is_alarmed == 0 and braking.looks == 0:
+    if braking.looks == 0:
         if demand(scene, 0.0) > 0.0:
             braking.is_alarmed, braking.alarmed = 1, time
     elif braking.is_alarmed == 0 and demand(scene, -0.5 * step) > 0.0:
-        began = -step
+        began = -step  # a jump
         earlier = -1.5 * step if braking.looks > 1 else -step
         if not demand(scene, earlier) > 0.0:
             began = first_instant(demand, scene, 0.0, earlier, -0.5 * step)
@@ -241,15 +250,17 @@ def follow_demand(
         return path_command(
             path, path_towards(path, 0.0, step, jerk, vehicle), True, brakes, vehicle, step
         )
-    lost = path_towards(path, 0.0, wait, jerk, vehicle) if wait > 0.0 else 0.0
     before, after = demand(scene, wait) > 0.0, demand(scene, step) > 0.0
     change = step if before == after else first_instant(demand, scene, 0.0, wait, step)
-    if change > wait and before:
-        lost += path_along(path, demand, scene, wait, change, brakes, vehicle)
-    elif change > wait:
-        lost += path_towards(path, 0.0, change - wait, jerk, vehicle)
-    if step > change and after:
-        lost += path_along(path, demand, scene, change, step, brakes, vehicle)
-    elif step > change:
-        lost += path_towards(path, 0.0, step - change, jerk, vehicle)
+    lost = 0.0
+    # within the step: the reaction, then the time up to a change of demand, then the rest
+    for begin, end, brakes_then in (
+        (0.0, wait, False),
+        (wait, change, before),
+        (change, step, after),
+    ):
+        if end > begin and brakes_then:
+            lost += path_along(path, demand, scene, begin, end, brakes, vehicle)
+        elif end > begin:
+            lost += path_towards(path, 0.0, end - begin, jerk, vehicle)
     return path_command(path, lost, not after, brakes, vehicle, step)

@@ -56,7 +56,9 @@ class IdmParameters:
 
     @classmethod
     def of(cls, given: IdmParameters | Mapping[str, float] | None) -> IdmParameters:
-        """Those of an option, which is a table in an evaluation file."""
+        """The parameters that an ADS is given: ready ones, a table of an evaluation file, or None
+        for the defaults.
+        """
         return given if isinstance(given, IdmParameters) else cls(**(given or {}))
 
 
@@ -68,8 +70,9 @@ def desired_gap(
 
     speed: v, m/s.
     closing_speed: dv = v - v_lead, m/s.
-    headway: T, s, in place of the parameters' own. Source: Treiber, Hennecke, Helbing, Phys. Rev. E
-        62, 1805 (2000).
+    headway: T, s; None: that of `idm`.
+
+    Source: Treiber, Hennecke, Helbing, Phys. Rev. E 62, 1805 (2000).
     """
     time = idm.headway if headway is None else headway
     braking = speed * closing_speed / (2.0 * math.sqrt(idm.acceleration * idm.deceleration))
@@ -85,7 +88,9 @@ def idm_acceleration(
     speed: v, m/s.
     desired_speed: v0, m/s.
     gap: s, bumper to bumper, m; inf on a free road.
-    lead_speed: m/s. Source: Treiber, Hennecke, Helbing, Phys. Rev. E 62, 1805 (2000).
+    lead_speed: m/s.
+
+    Source: Treiber, Hennecke, Helbing, Phys. Rev. E 62, 1805 (2000).
     """
     free: float = (speed / max(desired_speed, MIN_SPEED)) ** EXPONENT
     crowding = desired_gap(speed, speed - lead_speed, idm) / max(gap, MIN_GAP)
@@ -115,15 +120,16 @@ def improved_idm_acceleration(
     idm: Any,
     headway: float | None = None,
 ) -> float:
-    """Improved IDM: like the IDM, but at v = v0 the gap it settles at is s* itself, not infinity.
-    m/s2.
+    """Improved IDM, m/s2: as the IDM, but at v = v0 the gap settles at s* itself, not at infinity.
 
-    With z = s* / s and f the free-road acceleration: v <= v0: f (1 - z^(2 a / f)) for z < 1, a (1 -
-    z^2) otherwise; v > v0: f for z < 1, f + a (1 - z^2) otherwise. Arguments as in
-    `idm_acceleration`;
+    With z = s* / s and f the free-road acceleration:
 
-    headway: T in place of the own. Source: Treiber, Kesting, Traffic Flow Dynamics (2013), section
-        11.3.7.
+        v <= v0: f (1 - z^(2 a / f)) for z < 1, else a (1 - z^2)
+        v > v0:  f for z < 1, else f + a (1 - z^2)
+
+    headway: as in `desired_gap`; other arguments as in `idm_acceleration`.
+
+    Source: Treiber, Kesting, Traffic Flow Dynamics (2013), section 11.3.7.
     """
     free = free_acceleration(speed, desired_speed, idm)
     z = desired_gap(speed, speed - lead_speed, idm, headway) / max(gap, MIN_GAP)
@@ -140,7 +146,7 @@ def constant_speed_heuristic(speed: float, gap: float, lead_speed: float) -> flo
     0. m/s2.
 
     Source: the constant-acceleration heuristic of Kesting, Treiber, Helbing (2010) with lead
-        acceleration 0.
+    acceleration 0.
     """
     closing = speed - lead_speed
     return -closing * closing / (2.0 * max(gap, MIN_GAP)) if closing > 0.0 else 0.0
@@ -200,28 +206,12 @@ def enhanced_idm_acceleration(
     )
 
 
-@kernel
-def in_half_a_step(
-    speed: float, gap: float, lead_speed: float, acceleration: float, lead_braking: float,
-    step: float,
-) -> tuple[float, float, float]:  # fmt: skip
-    """Speed, gap and the lead's speed half a step on, at these accelerations (m/s2): where the
-    step's mean is felt.
-    """
-    half = 0.5 * step
-    later_gap = (
-        gap + (lead_speed - speed) * half - 0.5 * (lead_braking + acceleration) * half * half
-    )
-    return (
-        max(speed + acceleration * half, 0.0),
-        later_gap,
-        max(lead_speed - lead_braking * half, 0.0),
-    )
-
-
 FOLLOWED = fields("accepted", "gap")
-"""A follower's memory of each vehicle: the headway accepted behind it, s, nan before, and the
-bumper gap of this step, m."""
+"""A follower's memory of each vehicle.
+
+accepted: headway accepted behind it, s; nan: it was no lead yet.
+gap: bumper gap in this step, m.
+"""
 
 
 @kernel
@@ -246,11 +236,11 @@ def follow(followed: Any, me: Any, lead: Any, desired_speed: float, idm: Any, st
 def change_as_asked(
     path: Any, way: Any, me: Any, others: Any, desired_speed: float, idm: Any, scenario: Any
 ) -> float:
-    """The most that an ego that has to change lanes accelerates, m/s2; may begin the change in
+    """Largest acceleration of an ego that has to change lanes, m/s2; may begin the change in
     `path`.
 
-    It follows by the IDM the vehicle that it will be behind, no harder than comfortably until the
-    change has begun, and waits before the end of its lane.
+    It follows, by the IDM, the vehicle behind which it will be in the other lane. Until the change
+    has begun it brakes for that vehicle only comfortably (b). It waits before the end of its lane.
     """
     changing = change_if_free(path, way, me, others, scenario)
     most = math.inf
@@ -288,14 +278,14 @@ def idm(ego: Any, others: Any, own: Any, known: Any, later: Any, scenario: Any) 
 
 @kernel
 def _decide(
-    me: Any, others: Any, memory: Any, known: Any, way: Any, scenario: Any
+    me: Any, others: Any, own: Any, known: Any, way: Any, scenario: Any
 ) -> tuple[float, float]:
-    """IDM behind the lead in the path, in the middle of the cycle, along the lane's centre.
+    """Acceleration, m/s2, and steering wheel angle, rad, for a cycle: the IDM, along the path.
 
-    A watchful follower takes a vehicle entering the path for the lead, if that one is nearer.
+    With `watches`, a road user that comes into the path is the lead, where it is nearer.
     """
-    lead, p = lead_in_path(me, others), memory.p.idm
-    if memory.p.watches:
+    lead, p = lead_in_path(me, others), own.p.idm
+    if own.p.watches:
         coming = coming_into_path(me, others)
         if coming >= 0 and (lead < 0 or others[coming].x < others[lead].x):
             lead = coming
@@ -307,17 +297,18 @@ def _decide(
     for j in range(len(others)):
         known[j].last_speed = math.nan if math.isnan(others[j].x) else others[j].along
     strongest = scenario.vehicle.max_deceleration
-    now = idm_acceleration(me.speed, memory.desired_speed, gap, lead_speed, p)
-    speed, gap, lead_speed = in_half_a_step(
-        me.speed, gap, lead_speed, max(now, -strongest), braking, scenario.step
-    )
-    wanted = idm_acceleration(speed, memory.desired_speed, gap, lead_speed, p)
+    now = max(idm_acceleration(me.speed, own.desired_speed, gap, lead_speed, p), -strongest)
+    # in the middle of the cycle, at these accelerations: its value there is the cycle's mean
+    half = 0.5 * scenario.step
+    gap = gap + (lead_speed - me.speed) * half - 0.5 * (braking + now) * half * half
+    speed, lead_speed = max(me.speed + now * half, 0.0), max(lead_speed - braking * half, 0.0)
+    wanted = idm_acceleration(speed, own.desired_speed, gap, lead_speed, p)
     if way.asked:
         wanted = min(
-            wanted, change_as_asked(memory.path, way, me, others, memory.desired_speed, p, scenario)
+            wanted, change_as_asked(own.path, way, me, others, own.desired_speed, p, scenario)
         )
-    y, slope, bend = path_at(memory.path, rear_axle_next(me, scenario))
-    return max(wanted, -strongest), steering(memory, me, y, slope, bend, scenario)
+    y, slope, bend = path_at(own.path, rear_axle_next(me, scenario))
+    return max(wanted, -strongest), steering(own, me, y, slope, bend, scenario)
 
 
 class Idm(Compiled):

@@ -3,8 +3,8 @@ from when on it can know this. User: `ads/known_answers.py`.
 
 Times of sight come from the scripts of the other vehicles, in continuous time, so that they do not
 depend on the simulation's step. Lively actors (`Actor.lively`) have none that time alone decides:
-they are interpolated between steps. Contact is checked step by step, as the harness does it,
-clearances every `_LOOK`.
+they are interpolated between steps. Contact is looked for from step to step, as in a drive, and
+clearances are checked every `_LOOK` s.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from sumo_eval.trajectory import FloatArray
 
 # s, headway to a vehicle ahead in the lane that is entered: the minimum of UN R157 from 60 km/h on
 FOLLOWING_GAP = 1.6
-# s between two looks, for clearances and for a first sight, which is then bisected: a quick vehicle
-# of 40 m/s moves 2 m in it
+# s between two looks, for clearances and for a first sight, whose instant is then bisected; a
+# vehicle of 40 m/s moves 2 m in it
 _LOOK = 0.05
 _HALVINGS = 30  # of `_LOOK`: to 5e-11 s
 _AHEAD = 0.01  # m of road over which the direction of the ego's lane change is computed
@@ -42,7 +42,7 @@ _CURVE = 1.0
 
 
 _Moving = Callable[[float], "_Shape"]
-"""Shape of a body at a time."""
+"""A moving body: gives its shape at a time, s."""
 
 
 class Foresight(NamedTuple):
@@ -109,7 +109,7 @@ def evasion(
     - Braking with `deceleration` (m/s2) from then on hits it.
     - A lane change from then on at its speed, as quick as those of the synthetic drivers, is clear
       of every vehicle to the end: 0.3 m across or, along the road, `FOLLOWING_GAP` to one ahead and
-      2 m to one behind. Where it goes round a vehicle, any gap along the road is enough.
+      2 m to one behind. To the vehicle that it goes round, any gap along the road is enough.
 
     settings: those of the case.
     """
@@ -198,11 +198,8 @@ class _Foreseen(NamedTuple):
         else:
             # a sliding body keeps its heading
             across = 0.0 if actor.slides else actor.lateral_speed(time)
-            x, y, heading = (
-                actor.x(time),
-                actor.y(time),
-                math.atan2(across, actor.speed(time)) if across else 0.0,
-            )
+            x, y = actor.x(time), actor.y(time)
+            heading = math.atan2(across, actor.speed(time)) if across else 0.0
         return _Shape(x, y, *half_sizes(heading, actor.length, actor.width))
 
     @property
@@ -225,12 +222,12 @@ def _meets(
     """
     rows, step = track.rows, track.step
     times = np.arange(len(rows)) * step
+    # m between centres, at most, at the start and end of a step within which two bodies touch
     reach = 0.5 * (
         vehicle.length + vehicle.width + track.actor.length + track.actor.width
     ) + farthest_in(step)
     reach += _CURVE if line else 0.0
     places = ego.x_after(ego.speed * times)
-    # bodies that touch within a step are near at its start and end: `reach` covers their motion
     near = np.abs(rows[:, 0] - places) < reach
     near &= np.abs(rows[:, 1] - ego.y_at(places)) < reach
     for k in np.flatnonzero(near[:-1] & near[1:]).tolist():
@@ -278,22 +275,24 @@ def first_sight(
 
 
 def _hides(
-    ego: Start, settings: SimulationSettings, nearer: _Shape, it: _Shape, time: float
+    ego: Start, settings: SimulationSettings, nearer: _Shape, farther: _Shape, time: float
 ) -> bool:
     """Whether one vehicle hides a farther one from the ego, as for the baselines
     (`perception.is_in_sight`). One that reaches the farther one's rear no longer hides it, so that
     a collision of both is seen, also where a script drives one through the other.
     """
     eye = ego.x + ego.speed * time
-    if not eye < nearer.x < it.x - nearer.half_length - it.half_length:
+    if not eye < nearer.x < farther.x - nearer.half_length - farther.half_length:
         return False
-    own = float(ego.y_at(eye))
-    # lines of sight to a vehicle in the ego's way are parallel, to any other they start at the eye;
-    # share: part of the way to it at which the nearer one is (1 for parallel ones)
-    in_the_way = abs(it.y - own) < it.half_width + 0.5 * settings.vehicle.width
-    share = 1.0 if in_the_way else (nearer.x - eye) / (it.x - eye)
-    hidden_share = 1.0 - settings.ideal_visible_share
-    return covers(nearer.y, nearer.half_width, own, it.y, it.half_width, share, hidden_share)
+    eye_y = float(ego.y_at(eye))
+    # lines of sight to a vehicle in the ego's way are parallel (share 1), all others start at the
+    # eye; share: of the way to the farther vehicle at which the nearer one is
+    in_the_way = abs(farther.y - eye_y) < farther.half_width + 0.5 * settings.vehicle.width
+    share = 1.0 if in_the_way else (nearer.x - eye) / (farther.x - eye)
+    return covers(
+        nearer.y, nearer.half_width, eye_y, farther.y, farther.half_width, share,
+        1.0 - settings.ideal_visible_share,
+    )  # fmt: skip
 
 
 class _Shape(NamedTuple):
@@ -308,11 +307,12 @@ class _Shape(NamedTuple):
 def _ego_body(ego: Start, vehicle: VehicleSettings, time: float, line: Line) -> Body:
     """The ego's body on the map.
 
-    Where it steers, its rear axle follows the way, at right angles to it, and the body is larger by
-    `_TRACKING_ERROR` on each side, so that a near miss counts as contact.
+    Where it steers, its rear axle follows the path, and the body points along it. The body is then
+    larger by `_TRACKING_ERROR` on each side, so that a near miss counts as contact.
     """
     room = 2.0 * _TRACKING_ERROR if ego.way is not None else 0.0
-    # where the path turns, the rear axle follows it; on a straight road the centre, x not rounded
+    # m from the centre back to the point that follows the path: the rear axle, or the centre itself
+    # on a straight path, so that its x is not rounded
     half = 0.5 * vehicle.wheelbase if line or ego.way is not None else 0.0
     x = float(ego.x_after(ego.speed * time - half))
     heading, y = 0.0, ego.y

@@ -106,9 +106,9 @@ def considered(me: Any, other: Any, lateral_closing: float) -> bool:
     """Whether the other vehicle counts: it overlaps already, or will reach the ego's strip before
     the ego is past.
 
-    u > w and (lateral gap) / (lateral closing speed) < (d + both lengths) / (u - w) + 0.1 s. Who is
-    not slower than the ego and not in its strip is none of its business, as in the regulation's
-    lateral safety check.
+    u > w and (lateral gap) / (lateral closing speed) < (d + both lengths) / (u - w) + 0.1 s. One
+    outside the strip that is at least as fast as the ego is ignored, as in the regulation's lateral
+    safety check.
 
     lateral_closing: m/s.
     """
@@ -139,8 +139,9 @@ def fuzzy_demand(scene: Any, after: float) -> float:
             continue
         if other.x > me.x and considered(me, other, closing_across(me, other)):
             gap = bumper_gap(me, other)
-            left, as_coded = gap - own.p.standstill_gap, own.p.as_coded == 1
-            critical = critical_fuzzy_safety(left, me.along, other.along, -me.braking, as_coded)
+            critical = critical_fuzzy_safety(
+                gap - own.p.standstill_gap, me.along, other.along, -me.braking, own.p.as_coded == 1
+            )
             proactive = proactive_fuzzy_safety(gap, me.along, other.along)
             demanded = max(demanded, demanded_braking(critical, proactive))
     return demanded

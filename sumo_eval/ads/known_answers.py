@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.ads.braking import switched
-from sumo_eval.ads.foresight import evasion, foresee
+from sumo_eval.ads.foresight import Foresight, evasion, foresee
 from sumo_eval.ads.lane_change import (
     PATH,
     curvature_kept,
@@ -50,10 +50,10 @@ class NoReaction(Compiled):
 no_reaction = NoReaction()
 """ADS `no_reaction`, ready-made: it holds nothing of a case."""
 
-# m by which a vehicle that turns into the lane may yet reach further along the road than now
+# m by which a vehicle that turns into the lane may later reach further along the road than now
 _TURNED = 0.2
-_KNOWN = fields("noticed", "meets", "speed", "hidden")
-"""Fields of a `Foresight`, as numbers."""
+_KNOWN = fields(*Foresight._fields)
+"""What the ideal vehicle knows of each actor: a `Foresight` in numbers."""
 
 
 @kernel
@@ -130,10 +130,10 @@ class IdealBraking(Compiled):
     vehicle: only braking could then cause a contact.
 
     Where it would touch a vehicle, it brakes as hard as the road allows, from the first change of
-    that vehicle's state that it can see. It stops braking once it is not alongside, and not faster
-    than that vehicle will ever be again. It never drives faster again. From then on it also brakes
-    while it closes on any vehicle in its path: at its old speed it would have been gone, and later
-    acts are not foreseen.
+    that vehicle's state that it can see. It brakes until it is not alongside that vehicle, and not
+    faster than that will be at any later time; it never speeds up again. From that first change on
+    it also brakes while it closes on any vehicle in its path: `foresight` supposes a constant
+    speed, at which the ego would have been gone by then.
 
     It does not know what a lead vehicle hides. So it keeps a safe distance to that vehicle
     (`safe_gap`, with its own brakes and the time that they need): while it is nearer it brakes as

@@ -46,9 +46,7 @@ def smooth_step_bend(share: float) -> float:
 @kernel
 def path_y(path: Any, x: float) -> float:
     """y of a path at x, m."""
-    if path.offset == 0.0:
-        return float(path.start)
-    return float(path.start + path.offset * smooth_step((x - path.begin) / path.length))
+    return float(path_at(path, x)[0])
 
 
 @kernel
@@ -57,13 +55,9 @@ def path_at(path: Any, x: float) -> tuple[float, float, float]:
     if path.offset == 0.0:
         return path.start, 0.0, 0.0
     s = (x - path.begin) / path.length
-    if s <= 0.0:
-        return path.start, 0.0, 0.0
-    if s >= 1.0:
-        return path.start + path.offset, 0.0, 0.0
     scale = path.offset / path.length
-    y = path.start + path.offset * quintic(s)
-    return y, scale * quintic_rate(s), scale / path.length * quintic_bend(s)
+    y = path.start + path.offset * smooth_step(s)
+    return y, scale * smooth_step_rate(s), scale / path.length * smooth_step_bend(s)
 
 
 @kernel
@@ -118,12 +112,12 @@ def steering(
     critically damped with the rate w = `RATE`, per second. Below `SLOW` the rate w/v, per metre, no
     longer grows, so that a stopping vehicle does not turn its wheel without end.
 
-    memory: holds the present `curvature`, 1/m; receives the new one.
-    path_y and the two after it: the values of `path_at` at `rear_axle_next`.
+    On a curved road the path is y(x) in the road's frame, and the curvature of the line beside the
+    road on which the path lies is steered ahead of the feedback. Single-track model: Rajamani,
+    Vehicle Dynamics and Control (2012), ch. 2.
 
-    Single-track model: Rajamani, Vehicle Dynamics and Control (2012), ch. 2. On a curved road the
-    path is y(x) in the road's frame, and the curvature of the line beside the road on which the
-    path lies is steered ahead of the feedback.
+    memory: holds the present `curvature`, 1/m; receives the new one.
+    path_y, slope, bend: the values of `path_at` at `rear_axle_next`.
     """
     memory.curvature = steered(memory.curvature, me, path_y, slope, bend, scenario)
     return float(
@@ -172,10 +166,13 @@ def steered(now: float, me: Any, path_y: float, slope: float, bend: float, scena
 
 @kernel
 def beside_an_arc(curvature: float, ahead: float, left: float) -> tuple[float, float]:
-    """End of a move by (ahead, left) m from a point of an arc, in the arc's axes there: m that it
-    lies left of the arc, and rad by which the arc has turned up to there.
+    """Place left of an arc, m, at which a move from a point of it ends, and turn of the arc up to
+    there, rad:
 
-    (2 l - k (a^2 + l^2)) / (1 + sqrt(1 + k^2 (a^2 + l^2) - 2 k l)), atan2(k a, 1 - k l).
+        (2 l - k (a^2 + l^2)) / (1 + sqrt(1 + k^2 (a^2 + l^2) - 2 k l)),  atan2(k a, 1 - k l)
+
+    curvature: k, of the arc, 1/m.
+    ahead, left: a and l, of the move, m, along the arc at its begin and to the left of that.
     """
     square = ahead * ahead + left * left
     root = math.sqrt(max(1.0 + curvature * (curvature * square - 2.0 * left), 0.0))
@@ -194,13 +191,14 @@ def lane_kept(ego: Any, scenario: Any) -> float:
     if scenario.road.bent == 0 and ego.way.asked == 0:
         return 0.0
     vehicle = scenario.vehicle
+    # curvature that the vehicle drives now, 1/m
     now = math.tan(ego.steering / vehicle.steering_ratio) / vehicle.wheelbase
     y, slope, bend = path_at(ego.way, rear_axle_next(ego.seen, scenario))
     curvature = steered(now, ego.seen, y, slope, bend, scenario)
     return float(vehicle.steering_ratio * math.atan(vehicle.wheelbase * curvature))
 
 
-@functools.cache  # every driver of a population asks the same
+@functools.cache  # it is the same for every driver of a population
 def share_of_duration(done: float) -> float:
     """The share of a lane change's duration, 0..1, after which the share `done` of its offset,
     0..1, is covered.

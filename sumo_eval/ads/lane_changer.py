@@ -24,13 +24,13 @@ SMOOTH = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, dura
 
 
 @kernel
-def _remember(to: Any, decided: Any) -> None:
-    """Write what is decided into another record."""
-    path, goes = decided.path, to.path
-    goes.start, goes.offset = path.start, path.offset
-    goes.begin, goes.length = path.begin, path.length
-    to.cruising_speed, to.began = decided.cruising_speed, decided.began
-    to.passing, to.changing, to.curvature = decided.passing, decided.changing, decided.curvature
+def _copy_decision(to: Any, source: Any) -> None:
+    """Copy a record of `OVERTAKING`, except the fields that are of one step alone."""
+    path, copied = source.path, to.path
+    copied.start, copied.offset = path.start, path.offset
+    copied.begin, copied.length = path.begin, path.length
+    to.cruising_speed, to.began = source.cruising_speed, source.began
+    to.passing, to.changing, to.curvature = source.passing, source.changing, source.curvature
 
 
 @kernel
@@ -47,21 +47,22 @@ def wanted_at(scene: Any, after: float) -> float:
     """Acceleration wanted `after` s from now, if all continue as now, m/s2. What would be decided
     then is in `own.tried`.
 
-    scene: as the rule makes it.
+    scene: the ego; the rule's memory; what it knows of each actor; room for the foreseen actors;
+        the lane change that is asked for; the cycle.
     """
     me, own, known = scene[:3]
     later, way, scenario = scene[3:]
     _foresee_ego(own.then, me, own.pedals.level, after)
     for j in range(len(later)):
         foresee(later[j], known[j].sighting, after, scenario.step)
+        later[j].braking, known[j].accepted = 0.0, known[j].kept
     for j in range(len(later)):
         known[j].leads = 1 if is_visible(own.then, later, j, 0.0) else 0
-        known[j].accepted = known[j].kept
+    # hidden actors are removed once all have been looked for, as they hide others
     for j in range(len(later)):
-        later[j].braking = 0.0
         if known[j].leads == 0:
             later[j].x = math.nan
-    _remember(own.tried, own.decided)
+    _copy_decision(own.tried, own.decided)
     tried, speed = own.tried, own.then.speed
     tried.desired_speed = own.desired_speed
     tried.free = free_acceleration(speed, own.desired_speed, own.p.idm)
@@ -80,7 +81,7 @@ def _decide_at(scene: Any, after: float) -> float:
     """Decide as `after` s from now; the acceleration wanted then, m/s2. Call once a step."""
     wanted = wanted_at(scene, after)
     own, known = scene[1], scene[2]
-    _remember(own.decided, own.tried)
+    _copy_decision(own.decided, own.tried)
     for j in range(len(known)):
         known[j].kept = known[j].accepted
     return wanted
@@ -107,8 +108,8 @@ def _turn_in(scene: Any, step: float) -> float:
 def _decide(scene: Any) -> float:
     """Command for the vehicle in the coming cycle, m/s2.
 
-    The wanted acceleration counts as in the middle of the parts of the cycle before and after the
-    instant at which it jumps or the lane change begins; that begins at that instant.
+    The cycle is parted at the instant at which the lane change begins, or the wanted acceleration
+    jumps. In each part counts the acceleration that is wanted in its middle.
     """
     me, memory, scenario = scene[0], scene[1], scene[5]
     step, vehicle = scenario.step, scenario.vehicle
@@ -131,8 +132,8 @@ def lane_changer(ego: Any, others: Any, own: Any, known: Any, later: Any, scenar
     """Acceleration and steering wheel angle: decide once a cycle, then steer along the path decided
     on.
 
-    Beside a lead that it passes the rule brakes or does not: once just clear of the lead it follows
-    it no more, and is then not clear any more.
+    While it passes a lead, the rule may brake in one cycle and not in the next: once just clear of
+    the lead it stops following it, and by that may no longer be clear.
     """
     me = ego.seen
     if own.steps == 0:
@@ -162,13 +163,14 @@ class LaneChanger(Compiled):
         ("decided", OVERTAKING), ("tried", OVERTAKING), ("pedals", PEDALS), ("then", MOVER),
         *fields("desired_speed", "told"), *flags("steps"),
     ]  # fmt: skip
-    """decided: what it is about.
-
-    tried: what it would be about at some instant of the cycle. then: where the ego is at it, as far
-    as can be foreseen. told: acceleration, m/s2. steps: driven so far.
+    """decided: what it does.
+    tried: what it would do at an instant of the cycle.
+    then: the ego at that instant, as foreseen.
+    told: acceleration commanded in this cycle, m/s2.
+    steps: number driven so far.
     """
     known: ClassVar = [*WATCHED, *fields("kept"), *SIGHTED]
-    """`WATCHED` is of what is tried; kept: the headway accepted by what is decided, s."""
+    """`WATCHED` belongs to `tried`; kept: headway accepted in `decided`, s."""
     numbers: ClassVar = [("idm", PARAMETERS), ("habits", HABITS)]
 
     def __init__(

@@ -130,17 +130,17 @@ def overtake(
         memory.began, memory.cruising_speed = 1, me.speed
         keep_lane(memory.path, me, scenario.road)
         memory.curvature = curvature_kept(memory.path, me)
-    asked = math.inf
+    most = math.inf  # m/s2 that the asked change allows
     if way.asked:
-        asked = change_as_asked(memory.path, way, me, others, desired_speed, idm, scenario)
+        most = change_as_asked(memory.path, way, me, others, desired_speed, idm, scenario)
     leads = _find_leads(memory, me, others, watched, scenario)
-    free_to = memory.changing == 0 and way.asked == 0 and _has_left_lane(memory, me, scenario.road)
-    if leads and free_to and not _comes_towards(others, watched):
+    may = memory.changing == 0 and way.asked == 0 and _has_left_lane(memory, me, scenario.road)
+    if leads and may and not _comes_towards(others, watched):
         if _begins(memory, me, others, watched, habits, scenario):
             _find_leads(memory, me, others, watched, scenario)
-        elif _bides_its_time(memory, me, others, watched, habits, scenario):
+        elif _waits_to_overtake(memory, me, others, watched, habits, scenario):
             return float(memory.free)
-    wanted: float = min(memory.free, asked)
+    wanted: float = min(memory.free, most)
     for j in range(len(others)):
         known = watched[j]
         if known.leads:
@@ -183,10 +183,10 @@ def _comes_towards(others: Any, watched: Any) -> bool:
     The ego does not overtake that, nor evade it to the left, which is that vehicle's own side and
     where it will go back to.
     """
-    found = False
-    for j in range(len(others)):
-        found = found or bool(watched[j].leads and others[j].along < -COMES_TOWARDS)
-    return found
+    for j in range(len(others)):  # noqa: SIM110 - kernels have no generators
+        if watched[j].leads and others[j].along < -COMES_TOWARDS:
+            return True
+    return False
 
 
 @kernel
@@ -222,11 +222,8 @@ def _find_leads(memory: Any, me: Any, others: Any, watched: Any, scenario: Any) 
         known = watched[j]
         known.leads = 0
         if _in_the_way(memory, me, others[j], scenario, 0.0, 0.0):
-            known.leads, known.gap, known.closing = (
-                1,
-                bumper_gap(me, others[j]),
-                me.along - others[j].along,
-            )
+            known.leads, known.gap = 1, bumper_gap(me, others[j])
+            known.closing = me.along - others[j].along
             count += 1
     return count
 
@@ -268,7 +265,7 @@ def _begins(memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenar
 
 
 @kernel
-def _bides_its_time(
+def _waits_to_overtake(
     memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenario: Any
 ) -> bool:
     """Whether the ego will overtake but is not near enough yet: until then it does not follow."""
@@ -318,16 +315,17 @@ def _duration(
             continue
         other, gap, closing = others[j], watched[j].gap, watched[j].closing
         clear = other.y + 0.5 * scenario.vehicle.width + other.half_width + CLEARANCE
+        # of the change's offset, after which the ego is clear of this lead
         share = (clear - me.y) / scenario.road.lane_width
         if share > 1.0 or gap <= 0.0:
             return -1.0
         if share <= 0.0 or closing <= 0.0:
             continue
-        reached = gap / closing
-        if smooth_step(reached / shortest) < share:
+        level = gap / closing  # s until the ego's front is level with the lead's rear
+        if smooth_step(level / shortest) < share:
             return -1.0
-        if smooth_step(reached / longest) < share:
-            longest = max(reached / share_when_done(share), shortest)
+        if smooth_step(level / longest) < share:
+            longest = max(level / share_when_done(share), shortest)
     return float(longest)
 
 
@@ -336,7 +334,7 @@ def _left_is_free(
     memory: Any, me: Any, others: Any, duration: float, emergency: bool, scenario: Any
 ) -> bool:
     """Whether the lane on the left has gaps for a lane change that takes `duration`, s."""
-    strip = 2.0 * (0.5 * scenario.vehicle.width + SIDE_CLEARANCE)
+    strip = scenario.vehicle.width + 2.0 * SIDE_CLEARANCE
     ahead, behind = neighbours(me, others, memory.path.start + scenario.road.lane_width, strip)
     if ahead >= 0:
         least = EMERGENCY_GAP if emergency else AHEAD_HEADWAY * me.along
@@ -361,8 +359,8 @@ def _left_is_free(
 
 @kernel
 def _still_ahead(memory: Any, me: Any, other: Any, scenario: Any) -> bool:
-    """Whether the lane change leads past a vehicle that the ego has not passed and is not well
-    clear of.
+    """Whether the lane change leads past a vehicle that the ego has not passed yet, and that is
+    nearer across the road than `AT_EASE`.
     """
     widths = 0.5 * scenario.vehicle.width + other.half_width
     target = memory.path.start + memory.path.offset

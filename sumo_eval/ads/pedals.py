@@ -14,7 +14,8 @@ from sumo_eval.cosim.records import fields
 from sumo_eval.cosim.vehicle_model import drive
 from sumo_eval.kernels import kernel
 
-_ROLLING = 1e3  # m/s, a speed from which nothing comes to a standstill within a step
+# m/s, assumed where only changes of speed count: no vehicle comes to a standstill from it in a step
+_ROLLING = 1e3
 
 PEDALS = fields("level", "given", "owed")
 """Memory of the acceleration that the rule means and of the vehicle's own; all 0 at the start.
@@ -43,11 +44,11 @@ def pedal_command(pedals: Any, speed: float, gained: float, vehicle: Any, step: 
 
     Brakes and drive bound it; a vehicle that comes to a standstill owes nothing.
     """
-    told = mean_level(pedals.given, (gained + pedals.owed) / step, vehicle.brake_jerk, step)
-    told = min(max(told, -vehicle.max_deceleration), vehicle.max_acceleration)
-    given, after, _ = drive(_ROLLING, pedals.given, told, vehicle, step)
+    command = mean_level(pedals.given, (gained + pedals.owed) / step, vehicle.brake_jerk, step)
+    command = min(max(command, -vehicle.max_deceleration), vehicle.max_acceleration)
+    given, after, _ = drive(_ROLLING, pedals.given, command, vehicle, step)
     pedals.given = given
     pedals.owed += gained - (after - _ROLLING)
     if speed + after - _ROLLING <= 0.0:
         pedals.owed = 0.0
-    return float(told)
+    return float(command)

@@ -83,12 +83,13 @@ def coming_into_path(me: Any, others: Any) -> int:
         closing, gap = me.along - other.along, bumper_gap(me, other)
         if abs(apart) < reach or towards < CROSSES or closing <= 0.0 or gap < 0.0:
             continue
-        # s until the road user enters and leaves the strip, and the ego reaches and has passed it
+        # s until the road user enters the strip, and has left it
         enters, leaves = (abs(apart) - reach) / towards, (abs(apart) + reach) / towards
-        here, gone = gap / closing, (gap + 2.0 * (me.half_length + other.half_length)) / closing
+        # s until the ego comes level with the road user, and has passed it
+        level, passed = gap / closing, (gap + 2.0 * (me.half_length + other.half_length)) / closing
         if (
-            enters < gone + COURTESY
-            and here < leaves + COURTESY
+            enters < passed + COURTESY
+            and level < leaves + COURTESY
             and is_in_sight(me, others, j, 0.5)
         ):
             nearest = j
@@ -97,19 +98,21 @@ def coming_into_path(me: Any, others: Any) -> int:
 
 @kernel
 def next_ahead(me: Any, others: Any, last: int) -> int:
-    """Index of the nearest vehicle beyond number `last` (-1: of all in front of the ego), -1:
-    none.
+    """Index of the vehicle that comes next in front of the ego; -1: none.
+
+    last: index of the one before it; -1: ask for the first. Of vehicles at one x, the one with the
+        lower index comes first.
     """
-    found = -1
+    nearest = -1
     for j in range(len(others)):
         x = others[j].x
         if not x > me.x:
             continue
         if last >= 0 and (x < others[last].x or (x == others[last].x and j <= last)):
             continue
-        if found < 0 or x < others[found].x:
-            found = j
-    return found
+        if nearest < 0 or x < others[nearest].x:
+            nearest = j
+    return nearest
 
 
 @kernel
@@ -202,14 +205,14 @@ def covers(
     the eye to it.
 
     nearer_half, other_half: half their extents across the road, m.
-    share: of the way from the eye to the other vehicle, at which the nearer one is. There the
-        other's width appears scaled by it, as lines of sight meet in the eye.
+    share: of the way from the eye to the other vehicle, at which the nearer one is. Lines of sight
+        meet in the eye, so the other's width appears there scaled by this share.
     """
-    hidden = other_half * share
+    half = other_half * share  # of the other, as it appears where the nearer one is, m
     # from the line of sight to the nearer vehicle's middle, m
     apart = abs(nearer_y - eye_y - share * (other_y - eye_y))
     return bool(
-        min(nearer_half + hidden - apart, 2.0 * nearer_half, 2.0 * hidden) > 2.0 * hidden * hiding
+        min(nearer_half + half - apart, 2.0 * nearer_half, 2.0 * half) > 2.0 * half * hiding
     )
 
 

@@ -18,9 +18,9 @@ from sumo_eval.kernels import kernel
 GRAVITY = 9.81  # m/s2
 HUMAN_JERK = 12.65  # m/s3, rate at which the regulation's human brakes (0.774 g in 0.6 s)
 HUMAN_BRAKING = 0.774 * GRAVITY  # m/s2, the strongest of the regulation's human
-# s, at which and below which the regulation's human minds what the lead does
+# s, headway up to which the regulation's human reacts to what the lead does
 FOLLOWING_HEADWAY = 2.0
-HEADWAY_ROUNDING = 0.01  # s
+HEADWAY_ROUNDING = 0.01  # s, see `within_headway`
 # share of a vehicle that a nearer one may cover at most, or it is hidden: 0.375 m of 1.9 m must
 # show
 SHOWING = 0.8
@@ -69,8 +69,8 @@ def lateral_gap(me: Any, other: Any) -> float:
 
 @kernel
 def within_headway(me: Any, other: Any, limit: float) -> bool:
-    """Whether the time headway is at most `limit` s; one that is so by construction counts,
-    whatever the rounding.
+    """Whether the time headway is at most `limit` s, or above it by no more than rounding: a
+    scenario may begin at just this headway.
     """
     return time_headway(me, other) <= limit + HEADWAY_ROUNDING
 
@@ -83,11 +83,12 @@ def closing_across(me: Any, other: Any) -> float:
 
 
 SIGHTING = [*fields("last_speed", "last_y", "across", "gain"), ("mover", MOVER)]
-"""Another vehicle as the last two steps show it; nan before it was seen.
+"""Another vehicle as the last steps show it; nan before it was seen.
 
-last_speed, last_y: of the last look. mover: with its braking, and the mean of its speed across the
-    road over the last step (across), which it had in the middle of it. gain: of that speed on the
-    one in the middle of the step before, m/s2; 0 if the motion began or turned round in between.
+last_speed, last_y: at the last look, m/s and m.
+across: mean speed across the road over the last step, m/s: its speed in the middle of that step.
+gain: change of `across` since the step before, m/s2; 0 if the motion began or turned round.
+mover: the vehicle, with its braking, and `across` as its speed across.
 """
 SIGHTED = [("sighting", SIGHTING)]
 SAFETY_MEMORY = [
@@ -119,9 +120,7 @@ class Brakes(NamedTuple):
 
 @kernel
 def sight(sighting: Any, other: Any, step: float) -> None:
-    """Take in what speed and position of one step to the next tell of a vehicle.
-
-    Call once a step and vehicle.
+    """Update a sighting with what a vehicle shows at this step. Call once a step and vehicle.
 
     Speeds across the road come from positions, as a body may move across without turning.
     """
@@ -143,10 +142,13 @@ def sight(sighting: Any, other: Any, step: float) -> None:
 
 @kernel
 def foresee(then: Any, sighting: Any, time: float, step: float) -> None:
-    """Write into `then` the vehicle `time` s from now, if it continues as now, or before that."""
+    """Write into `then` the vehicle `time` s from now, if it continues as now; of a negative time,
+    as it was.
+    """
     take(then, sighting.mover)
     carry_on(then, time)
     if sighting.gain != 0.0 and not math.isnan(sighting.gain):
+        # its speed across belongs to the middle of the last step, before which it changed by `gain`
         middle = -0.5 * step
         then.across += sighting.gain * (min(time, middle) - middle)
 
@@ -167,7 +169,8 @@ def braking_loop(demand: Callable[..., float], clocks: int = 2) -> Callable[...,
 
     demand: called with (own, known, later, scenario) and a time after now, s; the deceleration
         demanded then if all continue as now, m/s2. own: of `SAFETY_MEMORY`, with `BRAKES` in `p`.
-    clocks: 2: it is decided once a cycle; 1: at every step.
+    clocks: number of `SCENARIO` records that it takes: with 2 it decides once a cycle, which is the
+        `step` of the second; with 1 at every step.
     """
 
     @kernel

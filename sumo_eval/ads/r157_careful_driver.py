@@ -88,9 +88,9 @@ def ramped(
     counts.
 
     level: deceleration at the end of the ramp, m/s2.
-    path: its `level` is the braking at the step's start.
-    begins, ends: of the ramp, s from the step's start; `begins` may be before it. At its end the
-        brakes are released as fast as possible.
+    path: its `level` is the braking at the step's start, m/s2.
+    begins: start of the ramp, s after that of the step; may be negative.
+    ends: when the ramp is released, as fast as possible, s after the step's start.
     """
     ends = min(ends, step)
     lost = brake_ramp_lost(ends - begins, level, BUILD_UP) - brake_ramp_lost(
@@ -142,18 +142,19 @@ def careful_driver(
     own.looked = 1
     ends = _end_events_within(me, others, watched, step)
     braked = ramped(HUMAN_BRAKING, path, begins_at - time, ends, vehicle, step)
-    lost, level = braked.lost, braked.level
     if own.p.aeb:
         _watch_over(others, own, watched, others_then, step, time)
         if own.aeb_brakes:
-            braked = ramped(AEB_BRAKING, path, own.aeb_began - time, step, vehicle, step)
-            if braked.lost > lost or (braked.lost == lost and braked.level > level):
-                lost, level = braked.lost, braked.level
-    path.level = level
+            emergency = ramped(AEB_BRAKING, path, own.aeb_began - time, step, vehicle, step)
+            if emergency > braked:  # by speed lost, then by level
+                braked = emergency
+    path.level = braked.level
     releases = (math.isinf(begins_at) or ends < step) and own.aeb_brakes == 0
-    ego.command.acceleration = -path_command(path, lost, releases, own.p.brakes, vehicle, step)
+    ego.command.acceleration = -path_command(
+        path, braked.lost, releases, own.p.brakes, vehicle, step
+    )
     ego.command.steering = lane_kept(ego, scenario[0])
-    # settled: it does nothing as long as no vehicle comes nearer
+    # settled: no event, so it does nothing as long as no vehicle comes nearer
     ego.settled = 1 - own.aeb_brakes
     for j in range(len(others)):
         if not math.isnan(watched[j].necessary_at):
@@ -265,7 +266,7 @@ def _judge_path(
     Such a vehicle is revealed by one that leaves the lane, brakes within 2 s of headway, or is
     approached too fast. The search ends at the nearest vehicle that hides what is beyond it.
     """
-    me, leaves = own.me, -1
+    me, leaves = own.me, -1  # leaves: index of the nearest vehicle that leaves the ego's lane
     j = next_ahead(me, others, -1)
     while j >= 0:
         known = watched[j]
@@ -297,10 +298,12 @@ def _revealed(own: Any, others: Any, watched: Any, j: int, leaves: int, time: fl
     """
     me, other, known = own.me, others[j], watched[j]
     near = within_headway(me, other, FOLLOWING_HEADWAY)
-    if leaves >= 0 and me.along > other.along:
-        near_lead = within_headway(me, others[leaves], FOLLOWING_HEADWAY)
-        if near_lead or near:
-            return float(max(watched[leaves].strayed_at, time - own.p.evaluation))
+    if (
+        leaves >= 0
+        and me.along > other.along
+        and (near or within_headway(me, others[leaves], FOLLOWING_HEADWAY))
+    ):
+        return float(max(watched[leaves].strayed_at, time - own.p.evaluation))
     if not math.isnan(known.braked_at) and near:
         return float(max(known.braked_at, time - own.p.evaluation))
     return math.nan
@@ -334,7 +337,7 @@ def _approached(
 
 @kernel
 def _needed(me: Any, other: Any, known: Any, p: Any) -> float:
-    """`needed_deceleration` if braking begins after the evaluation and the reaction, m/s2."""
+    """`needed_deceleration`, m/s2, where the driver must still evaluate and react."""
     delay = p.evaluation + p.reaction
     return needed_deceleration(bumper_gap(me, other), me.along, other.along, known.braking, delay)
 
@@ -366,11 +369,9 @@ def _end_events_within(me: Any, others: Any, watched: Any, step: float) -> float
 def _aeb_ttc(me: Any, other: Any) -> float:
     """TTC to a vehicle in front that fully overlaps the ego's path, s; inf to any other."""
     full = 2.0 * min(me.half_width, other.half_width) - OVERLAP_TOLERANCE
-    return (
-        math.inf
-        if not other.x > me.x or lateral_overlap(me, other) < full
-        else time_to_collision(me, other)
-    )
+    if other.x > me.x and lateral_overlap(me, other) >= full:
+        return time_to_collision(me, other)
+    return math.inf
 
 
 @kernel
@@ -432,8 +433,12 @@ class CarefulDriver(Compiled):
         ("path", BRAKE_PATH), ("me", MOVER), ("then", MOVER), *fields("aeb_began"),
         *flags("aeb_brakes", "looked"),
     ]  # fmt: skip
-    """path: of the driver's braking. me: the ego now. then: the ego at another instant. aeb_began:
-    start of the emergency braking, s. looked: 1 after the first step."""
+    """path: of the driver's braking.
+    me, then: the ego now, and at another instant.
+    aeb_began: start of the emergency braking, s.
+    aeb_brakes: 1 during it.
+    looked: 1 after the first step.
+    """
     known: ClassVar = [*_WATCHED, *SIGHTED]
     numbers: ClassVar = [
         BRAKES, *fields("wander", "evaluation", "reaction", "lead_braking", "in_path_limit"),

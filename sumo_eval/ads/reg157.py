@@ -35,8 +35,12 @@ INTRUSION = 0.3  # m, of the tyre beyond the lane marking
 
 
 class LastMoment(NamedTuple):
-    """Allowance of a regulation before a collision has to be avoided: `braking` m/s2, `response`
-    s, `build_up` s.
+    """Time and braking that a regulation grants before it demands that a collision is avoided.
+
+    ads: name of the ADS that uses all of it.
+    braking: a, m/s2.
+    response: s before the brakes act.
+    build_up: tau, s from no braking to `braking`.
     """
 
     ads: str
@@ -54,9 +58,10 @@ class LastMoment(NamedTuple):
 def avoidable_ttc(closing_speed: float, granted: Any) -> float:
     """TTC above which a collision has to be avoided: v_rel / (2 a) + tau / 2 + response, s.
 
-    closing_speed: m/s.
+    UN R157, 5.2.5.2: v_rel / (2 * 6 m/s2) + 0.35 s.
 
-    granted: a `LastMoment`, or a record of one. UN R157, 5.2.5.2: v_rel / (2 * 6 m/s2) + 0.35 s.
+    closing_speed: v_rel, m/s.
+    granted: a `LastMoment`, or a record with its fields.
     """
     return float(
         closing_speed / (2.0 * granted.braking) + 0.5 * granted.build_up + granted.response
@@ -65,17 +70,24 @@ def avoidable_ttc(closing_speed: float, granted: Any) -> float:
 
 @kernel
 def demands_braking(me: Any, other: Any, p: Any, scenario: Any) -> bool:
-    """Whether a vehicle demands braking."""
-    # m, lateral gap of who is in the lane
+    """Whether braking is demanded for a vehicle ahead.
+
+    For one in the path that brakes: at a headway of 2 s or less. For any other one that has
+    intruded into the lane: at the TTC that can just be avoided, or less.
+
+    p: parameters of `Reg157`.
+    """
+    # m, lateral gap to a vehicle that has just intruded
     intruding = 0.5 * scenario.road.lane_width - me.half_width - INTRUSION
     if other.x <= me.x or lateral_gap(me, other) > intruding:
         return False
-    left, closing = time_to_collision(me, other), me.along - other.along
     if lateral_overlap(me, other) > 0.0 and other.braking > p.lead_braking and me.along > 0.0:
         return within_headway(me, other, FOLLOWING_HEADWAY)
+    closing = me.along - other.along
     if closing <= 0.0:
         return False
-    return bool(left <= avoidable_ttc(closing, p.brakes) + p.margin + p.standstill_gap / closing)
+    critical = avoidable_ttc(closing, p.brakes) + p.margin + p.standstill_gap / closing
+    return bool(time_to_collision(me, other) <= critical)
 
 
 @kernel
@@ -97,14 +109,15 @@ def reg157_demand(scene: Any, after: float) -> float:
 
 @dataclass(eq=False)
 class Reg157(Compiled):
-    """ADS `reg157`: 0.35 s after the last moment to begin, 6 m/s2; for a lead that brakes, 0.35 s
-    after it does.
+    """ADS `reg157`: brakes at 6 m/s2 from 0.35 s after the last moment to begin, or after a lead
+    begins to brake.
 
     margin: how much above the critical TTC it acts, s: a sensor's step of 0.1 s.
     lead_braking: deceleration of a lead at 2 s headway or less above which the lead counts as
         braking, m/s2.
-    standstill_gap: what it takes off the gap for TTC, m: it releases where TTC is critical, and
-        followed in continuous time that ends exactly against the other vehicle, a contact at 0 m/s.
+    standstill_gap: what it takes off the gap for TTC, m. Without it the rule, which releases the
+        brakes where TTC is critical, would end exactly against the other vehicle: a contact at
+        0 m/s.
     """
 
     loop = staticmethod(braking_loop(reg157_demand))
@@ -113,16 +126,11 @@ class Reg157(Compiled):
         ("brakes", [*BRAKES[1], *fields("build_up")]),
         *fields("margin", "lead_braking", "standstill_gap"),
     ]
-    last_moment: ClassVar[LastMoment] = LastMoment("reg157", braking=BRAKING, response=RESPONSE)
+    brakes: ClassVar[LastMoment] = LastMoment("reg157", braking=BRAKING, response=RESPONSE)
 
     margin: float = 0.1
     lead_braking: float = 1.0
     standstill_gap: float = 0.1
 
     def __post_init__(self) -> None:
-        check_numbers(self.last_moment.ads, self)
-
-    @property
-    def brakes(self) -> LastMoment:
-        """The allowance."""
-        return self.last_moment
+        check_numbers(self.brakes.ads, self)

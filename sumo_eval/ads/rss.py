@@ -72,8 +72,7 @@ def rss_demand(scene: Any, after: float) -> float:
         cycle, as `braking_loop` makes them.
     """
     own, known, others = scene[:3]
-    cycle = scene[3]
-    foresee_all(own, known, others, after, cycle.step)
+    foresee_all(own, known, others, after, scene[3].step)
     me = own.then
     for j in range(len(others)):
         other = others[j]

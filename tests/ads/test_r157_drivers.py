@@ -149,7 +149,7 @@ def test_rss_by_hand():
 
 
 def test_the_ttc_of_the_regulation_by_hand():
-    assert avoidable_ttc(12.0, Reg157.last_moment) == pytest.approx(1.35)
+    assert avoidable_ttc(12.0, Reg157.brakes) == pytest.approx(1.35)
 
 
 def test_the_needed_deceleration_by_hand():
