@@ -56,6 +56,7 @@ GHOST_TTC = 1.0
 GHOST_GAP = 1.0
 GHOST_ACCELERATION = 6.0
 GHOST_LATERAL_SPEED = 2.0
+_REACTION = 100  # samples, 10 s, in which the ego's braking for a cut-out or cut-in is looked for
 Event = dict[str, Any]
 
 
@@ -117,9 +118,9 @@ class RecordedTraffic:
             self.across[part] = np.gradient(smooth(self.y[part], 11), INTERVAL)
 
         self.lead, self.follower = _neighbours(self.frame, self.lane, self.x)
-        led, lead = self.lead >= 0, np.maximum(self.lead, 0)
-        self.gap = np.where(led, self.apart(slice(None), lead), np.inf)
-        self.closing = np.where(led, self.speed - self.speed[lead], 0.0)
+        led = self.lead >= 0  # without a lead, -1 reads the last row, which `where` drops
+        self.gap = np.where(led, self.apart(slice(None), self.lead), np.inf)
+        self.closing = np.where(led, self.speed - self.speed[self.lead], 0.0)
         self.ttc = np.where(self.closing > 0, self.gap / np.maximum(self.closing, 1e-9), np.inf)
 
     def apart(self, behind: Any, ahead: Any) -> Any:
@@ -134,10 +135,13 @@ class RecordedTraffic:
         return there if part.start <= there < part.stop else None
 
     def onset_of(self, row: int, change: RecordedLaneChange) -> tuple[int, float]:
-        """Row of a vehicle when another's lane change begins, or its first, and a scenario's t = 0.
+        """Row of a vehicle at which another's lane change begins, and that time, s: a scenario's
+        t = 0.
 
-        row: its own at the lane line. t = 0 is nan where it is recorded later, or was in another
-        lane then.
+        row: of the vehicle, when the other one crosses the lane line.
+
+        Where the vehicle is recorded only later, its first row is returned. Then, and where it was
+        in another lane at that time, the time is nan.
         """
         onset = row - round((self.t[row] - change.onset) / INTERVAL)
         begin = max(onset, self.slices[self.names[row]].start)
@@ -290,8 +294,10 @@ def _is_ghost(gap: float, ttc: float, accelerations: np.ndarray) -> bool:
 def _start_kind(traffic: RecordedTraffic, start: int, row: int) -> str:
     """Kind of start of an approach, at a row of the stretch that begins at `start`."""
     if row == start:
-        places = (start, traffic.lead[start])
-        edge = any(place == traffic.slices[traffic.names[place]].start for place in places)
+        # whether the recording of the ego or of the lead begins here
+        edge = any(
+            it == traffic.slices[traffic.names[it]].start for it in (start, traffic.lead[start])
+        )
         return "dataset_edge" if edge else "lane_entry_or_cut_in"
     far = traffic.gap[row - 1] > APPROACH_HEADWAY * traffic.speed[row - 1]
     crossed = far and traffic.closing[row - 1] >= CLOSING_SPEED
@@ -307,9 +313,9 @@ def _outcome(traffic: RecordedTraffic, row: int, end: int) -> tuple[str, int]:
     if end < traffic.slices[traffic.names[row]].stop:
         if lane[end] != lane[row]:
             return "lane_change", end
-        after = traffic.row_at(traffic.frame[end], traffic.lead[row])
-        if after is not None:
-            return "leader_left" if lane[after] != lane[end] else "cut_in", end
+        lead = traffic.row_at(traffic.frame[end], traffic.lead[row])
+        if lead is not None:
+            return "leader_left" if lane[lead] != lane[end] else "cut_in", end
     return "censored", end - 1
 
 
@@ -359,7 +365,7 @@ def _approach(
         "ttc_at_onset": None,
         "ghost": _is_ghost(least_gap, least_ttc, traffic.acceleration[row:end]),
     }
-    if end < traffic.slices[ego].stop and end in onsets:
+    if end in onsets:  # the stretch ends with a lane change of the ego
         onset = onsets[end] - time[row]
         at = max(round(onset / INTERVAL) + row, stretch.start)
         event |= {
@@ -378,7 +384,7 @@ def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -
         behind = traffic.follower[change.row - 1]
         if behind < 0:
             continue
-        ego, now = names[behind], behind + 1
+        ego, now = names[behind], behind + 1  # `behind` is its row just before the crossing
         stop = traffic.slices[ego].stop
         reach = max(CUT_OUT_HEADWAY * speed[behind], CUT_OUT_GAP)
         if now == stop or gap[behind] > reach:
@@ -391,7 +397,7 @@ def _cut_outs(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) -
             ahead = traffic.row_at(traffic.frame[begin], revealed)
             if ahead is not None:
                 onset = {"obstacle_speed": speed[ahead], "gap": traffic.apart(begin, ahead)}
-        braking = traffic.acceleration[now : min(now + 100, stop)]
+        braking = traffic.acceleration[now : min(now + _REACTION, stop)]
         events.append(
             {
                 "ego": ego,
@@ -427,7 +433,7 @@ def _cut_ins(traffic: RecordedTraffic, changes: Sequence[RecordedLaneChange]) ->
             continue
         begin, start = traffic.onset_of(row, change)
         other = change.row - row + begin
-        braking = traffic.acceleration[row : min(row + 100, part.stop)]
+        braking = traffic.acceleration[row : min(row + _REACTION, part.stop)]
         events.append(
             {
                 "ego": ego,
@@ -453,6 +459,7 @@ def _braking_leads(traffic: RecordedTraffic) -> list[Event]:
     for stretch in _stretches(traffic):
         lead = traffic.lead[stretch]
         braking = acceleration[lead] <= -BRAKING_BELOW
+        # of each braking, its first sample and the one after its last
         edges = np.flatnonzero(np.diff(np.concatenate(([0], braking, [0]))))
         for first, last in edges.reshape(-1, 2).tolist():
             row = stretch.start + first

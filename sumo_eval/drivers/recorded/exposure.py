@@ -33,8 +33,8 @@ class RecordedExposure(NamedTuple):
 
     names: parameters, in the order of the columns of points (n, k).
     factor: bandwidth over the data's deviation.
-    held_out: mean log density of events that were not fitted (5 folds), nats, for this KDE and what
-        it is compared with.
+    held_out: mean log density of events that were left out of the fit (5 folds), nats, by fit:
+        `scott`, `cross_validated`, `single_gaussian` or `uniform`.
     """
 
     names: tuple[str, ...]
@@ -159,8 +159,8 @@ def fit_exposure(
     least = _EVENTS_A_PARAMETER * k
     if n < least:
         raise must_be("The number of recorded events", "an exposure", f"at least {least}", n)
-    fitted = [events, *(train for train, _ in _folds(events))]
-    if any(np.linalg.matrix_rank(part - part.mean(axis=0), tol=_SAME) < k for part in fitted):
+    fits = [events, *(train for train, _ in _folds(events))]  # events of each fit below
+    if any(np.linalg.matrix_rank(part - part.mean(axis=0), tol=_SAME) < k for part in fits):
         raise InputError(
             f"The recorded events of an exposure must vary in each of {', '.join(names)} on its "
             "own; they do not."

@@ -40,7 +40,7 @@ READERS: dict[str, tuple[Callable[[Path], Samples], Sequence[str]]] = {
 """Foreign formats by their name on the command line: (reader of one file, glob patterns of such
 files in a folder)."""
 
-OWN = "csv"  # the canonical table itself
+OWN = "csv"  # name of the format of canonical tables
 FORMATS = (*READERS, OWN)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from sumo_eval.drivers.recorded.events import Events
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError, check_known
 from sumo_eval.scenario.logical import Counterpart
 
 
@@ -18,15 +18,13 @@ def matching_events(events: Events, scenario: str, recorded: Counterpart) -> pd.
     Raises InputError for a column that its events do not have, or that holds no numbers.
     """
     table, columns = events.tables[recorded.event], dict(recorded.columns)
-    if len(table):
-        for column in (*columns.values(), recorded.start, *dict(recorded.only)):
-            if column not in table:
-                owner = (
-                    f"column of `{recorded.event}` events in [recorded] of scenario `{scenario}`:"
-                )
-                raise unknown(owner, column, [str(name) for name in table])
-    for column, value in recorded.only:
-        table = table[table[column].astype(str) == value] if column in table else table
+    if len(table):  # without events it has none of these columns
+        owner = f"column of `{recorded.event}` events in [recorded] of scenario `{scenario}`:"
+        check_known(
+            owner, list(map(str, table)), *columns.values(), recorded.start, *dict(recorded.only)
+        )
+        for column, value in recorded.only:
+            table = table[table[column].astype(str) == value]
     columns = {"start": recorded.start, **columns}
     names = ["event", "recording", "ego"]
     chosen = table.reindex(columns=[*names, *columns.values()])

@@ -49,7 +49,7 @@ STANDARD_LANE = 3.5  # m, width of a lane where a table says nothing of lanes
 # truck_bus and trailer are words of sources
 MOTOR_CLASSES = frozenset({"car", "van", "truck", "bus", "motorcycle", "truck_bus", "trailer"})
 
-# lane, the last of `NUMBERS`, is whole
+# of the numbers in a CSV file; lane, the last of `NUMBERS`, is whole
 _DECIMALS = dict.fromkeys(NUMBERS[:-1], 3) | {"heading": 5, "steering": 5}
 
 
@@ -112,6 +112,7 @@ def _on_the_clock(track: pd.DataFrame) -> pd.DataFrame | None:
     them.
     """
     time = track["t"].to_numpy()
+    # numbers of the clock's first and last tick within the track; 1e-6 is for rounding
     first, last = np.ceil(time[0] / INTERVAL - 1e-6), np.floor(time[-1] / INTERVAL + 1e-6)
     if last - first < 1:
         return None

@@ -79,8 +79,9 @@ def open_people(settings: DriverSettings, source: Path) -> People:
 
 @functools.lru_cache(maxsize=4)
 def _recorded(paths: tuple[Path, ...], changed: tuple[int, ...]) -> People:
-    """Recordings, their events and tracks; asked for by the reference and by the exposure, read
-    once.
+    """Recordings, their events and tracks: read once for the reference and the exposure.
+
+    changed: times of the files' last changes, so that changed files are read again.
     """
     recordings = import_recordings(OWN, paths)
     tracks: Any = dict(iter(recordings.table.groupby(["recording", "vehicle"])))
@@ -143,6 +144,7 @@ def _aligned(
     """
     rows = track[track["t"] >= start - 1e-6]
     x = rows["x"] - rows["x"].iloc[0] + concrete.ego.x
+    # true up to the first sample past the road's end
     before = x.cummax().shift(fill_value=-np.inf) < concrete.road.length
     recording, lane = rows["recording"].iloc[0], rows["lane"].iloc[0]
     centre = people.centres.get((recording, lane), 0.0)
@@ -191,7 +193,7 @@ def _drives_in(path: Path) -> Sequence[tuple[str, Trajectory]]:
     """
     table = read_table(path, ("t", "x", "y"))
     checked_numbers(table, ["t", "x", "y", *table.filter(_MOTION)], path)
-    table["driver"] = table.get("driver")
+    table["driver"] = table.get("driver")  # without such a column, nobody is named
     drives = []
     for named, rows in table.groupby("driver", sort=False, dropna=False):
         who = path.stem if pd.isna(named) else str(named)

@@ -1,10 +1,13 @@
 """Road coordinates of positions on a map, without a map of the roads: roads and lanes are found
 from the traffic itself.
 
-Stream by stream: the longest track left is the axis; every vehicle that drives along it belongs to
-its stream, and what drives along none is left out and counted. Across the axis, traffic gathers in
-lanes of one width: the width is the one at which positions, taken modulo it, agree best; where the
-lanes lie is the circular mean of that, tracked along the road. So the axis may itself change lanes.
+Used by `importing`. Stream by stream: the longest of the remaining tracks is the axis, and every
+vehicle that drives along it belongs to its stream. Vehicles that drive along no axis are left out
+and counted.
+
+Across the axis, traffic gathers in lanes of one width: the width at which positions, taken modulo
+it, agree best. Their circular mean is where the lanes lie. It is tracked along the road, so the
+axis may itself change lanes.
 """
 
 from __future__ import annotations
@@ -62,21 +65,23 @@ def straighten(table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
 
 
 def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], dict[str, int]]:
-    """The streams of a recording, the largest axis first; what is left out, counted by why."""
+    """The streams of a recording, that of the longest track first; and numbers of what is left out,
+    by reason.
+    """
     tracks = rows.groupby("vehicle")[["x", "y"]]
     steps: Any = tracks.diff()
     lengths = np.hypot(steps["x"], steps["y"]).groupby(rows["vehicle"]).sum()
     lengths = lengths.sort_values(ascending=False)
-    left = list(lengths.index[lengths >= SHORTEST_AXIS])
-    still = len(lengths) - len(left)
+    rest = list(lengths.index[lengths >= SHORTEST_AXIS])  # vehicles without a stream, longest first
+    still = len(lengths) - len(rest)
     paths = {name: track.to_numpy() for name, track in tracks}
     streams = []
-    while left:
-        axis = _chained(left[0], {name: paths[name] for name in left})
-        stream = _stream(rows[rows["vehicle"].isin(left)], axis, left[0])
+    while rest:
+        axis = _chained(rest[0], {name: paths[name] for name in rest})
+        stream = _stream(rows[rows["vehicle"].isin(rest)], axis, rest[0])
         streams.append(stream)
-        members = {left[0], *stream["vehicle"].unique()}
-        left = [vehicle for vehicle in left if vehicle not in members]
+        members = {rest[0], *stream["vehicle"].unique()}
+        rest = [vehicle for vehicle in rest if vehicle not in members]
     driving = {vehicle for stream in streams for vehicle in stream["vehicle"].unique()}
     samples = rows["vehicle"].isin(driving).sum() - sum(map(len, streams))
     return streams, {
@@ -120,6 +125,7 @@ def _continuation(line: FloatArray, lines: dict[str, FloatArray]) -> FloatArray 
     none does.
     """
     part = _furthest(line, lines.values())
+    # cut off where it comes back to the line; the line's last 32 points are near it in any case
     driven = line[: -int(2 * HALF_WIDTH)] if len(line) > 4 * HALF_WIDTH else line[:1]
     back = np.flatnonzero(cKDTree(driven).query(part)[0] < HALF_WIDTH)
     part = part[: back[0]] if back.size else part
@@ -130,6 +136,7 @@ def _furthest(line: FloatArray, others: Iterable[FloatArray]) -> FloatArray:
     """The part past the end of a line of the other line that overlaps it and reaches furthest,
     shifted sideways to the end; empty where none does.
     """
+    # the course at the end, over five points
     end, course = line[-1], line[-1] - line[-min(6, len(line))]
     course = course / np.hypot(*course)
     normal = np.array([-course[1], course[0]])
@@ -163,7 +170,7 @@ def _line(points: FloatArray) -> FloatArray:
 
 def _axis(line: FloatArray) -> FloatArray:
     """A line (n, 2) smoothed and carried straight on at both ends."""
-    window = min(AXIS_SMOOTHING, len(line) - 1 - len(line) % 2)
+    window = min(AXIS_SMOOTHING, len(line) - 1 - len(line) % 2)  # odd, as smoothing asks for
     if window > 3:
         line = np.column_stack([smooth(column, window) for column in line.T])
     reach = np.arange(1, int(HALF_WIDTH / AXIS_SPACING) + 1)[:, None]
@@ -181,7 +188,8 @@ def _projected(points: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatA
     course = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
     along = distances(axis)
     s = along[cKDTree(axis).query(points)[1]]
-    # to the foot of the perpendicular: along the tangent, then with the tangent of that place
+    # to the foot of the perpendicular: with the tangent at the nearest point, then with that at the
+    # place found
     for _ in range(2):
         place = s
         angle = np.interp(place, along, course)
@@ -203,11 +211,11 @@ def _laned(stream: pd.DataFrame) -> tuple[pd.DataFrame, float | None]:
     width, middle, bend = _visible_lanes(s, d)
     spacing = width or STANDARD_LANE
     lane = np.round((d - middle) / spacing).astype(np.int64)
+    # the right lane of the main road: the first that is driven on enough stretches of the road
     stretch = (x / max(np.ptp(s) / 20, SECTION)).astype(int)
     driven = pd.Series(stretch).groupby(lane).nunique()
-    right = int(
-        driven.index[driven >= min(LANE_COVER * len(np.unique(stretch)), driven.max())].min()
-    )
+    enough = min(LANE_COVER * len(np.unique(stretch)), driven.max())
+    right = int(driven.index[driven >= enough].min())
     laned = stream.assign(
         x=x,
         y=d + aside - middle - right * spacing,
@@ -237,7 +245,9 @@ def _visible_lanes(s: FloatArray, d: FloatArray) -> tuple[float | None, Any, Any
 
 
 def _phasors(d: FloatArray, section: np.ndarray, width: float) -> np.ndarray:
-    """Sum over each section's samples of exp(2 pi i d / width)."""
+    """Sum over each section's samples of exp(2 pi i d / width): long where they agree modulo the
+    width, its angle their circular mean.
+    """
     turned = np.exp(2j * np.pi * d / width)
     size = int(section.max()) + 1
     return np.bincount(section, turned.real, size) + 1j * np.bincount(section, turned.imag, size)

@@ -72,10 +72,12 @@ CLOSING_SPEED = 2.0
 LOOK = np.dtype([*fields("time"), ("mover", MOVER)])
 """A look at a vehicle: when, s, and the vehicle then."""
 LOOKS = [*fields("first_seen"), *flags("begun", "first", "count")]
-"""The looks at a vehicle; look number k stands in row k % rows of an array of `LOOK`.
+"""The looks at a vehicle; look number k stands at place k % size of an array of `LOOK`, a ring.
 
-first_seen: time of the first look, s. begun: 1 if there was one.
-first: number of the look that the driver acts upon. count: of looks so far.
+first_seen: time of the first look, s.
+begun: 1 if there was one.
+first: number of the look that the driver acts upon.
+count: number of looks so far.
 """
 ATTENTION = [*fields("delay"), *flags("attends")]
 """delay: present reaction time, s. attends: 1 once it is set."""
@@ -203,8 +205,6 @@ def _line(memory: Any, me: Any, waves: Any, p: Any, scenario: Any) -> tuple[floa
     value, noise_rate, noise_bend = noise_at(waves[0], p.wander_amplitude, memory.clock)
     shift = p.lane_offset + value
     share = memory.clock / SETTLING_TIME
-    if share >= 1.0:
-        return y + shift, slope + noise_rate / pace, curve + noise_bend / (pace * pace)
     # the shift grows smoothly: derivatives of blend * shift by the product rule
     blend = smooth_step(share)
     rate = smooth_step_rate(share) / SETTLING_TIME

@@ -73,9 +73,9 @@ LANE_OFFSET_BOUND = 0.45  # m
 
 AS_RECORDED = PopulationSettings()
 """As the recorded drivers: 77.1 % of those who come up to a slower lead in the right lane
-overtake it, and lane changes last 1.1 times as long as they are drawn below. Measured in drives,
-as recorded ones are, those would be a tenth too quick; the factor was chosen on each half of the
-recording and holds on the other (docs/explanation/drivers.md).
+overtake it, and lane changes last 1.1 times as long as they are drawn below. Without that factor
+they would be a tenth too quick, where they are measured in drives as the recorded ones are. It was
+chosen on each half of the recording and holds on the other (docs/explanation/drivers.md).
 """
 
 ONSET_HEADWAY = LogNormal(0.866, 0.395, 1.0, 5.5)  # s, headway at which people's lane changes begin
@@ -84,9 +84,8 @@ HEADWAY_LIMIT = LogNormal(0.680, 0.317, 0.98, 3.88)  # s
 TTC_LIMIT = LogNormal(2.366, 0.433, 4.27, 27.6)  # s
 """Limits of headway and TTC: a driver begins to pass below the first of the two.
 
-These are the limits at which drives begin to pass where recorded ones do, most likely of all; the
-two above are where recorded drivers begin, and used as limits they would make every driver begin
-too early.
+With these limits (those of maximum likelihood) drives begin to pass where recorded ones do. The two
+above are where recorded drivers begin; as limits they would make every driver begin too early.
 """
 LANE_CHANGE_10_90 = LogNormal(1.628, 0.193, 3.3, 8.0)  # s, from 10 % to 90 % of the offset
 
@@ -162,11 +161,11 @@ def draw_driver(index: int, seed: int, settings: PopulationSettings = AS_RECORDE
 def _overtakes(index: int, seed: int, share: float) -> bool:
     """Whether a driver is one of those who overtake, drawn by systematic sampling.
 
-    Over the seeds every driver is with the recorded share; within a population any n drivers in a
-    row hold that share rounded down or up: ten have two followers or three. Drawn one by one, every
-    third population of ten would have none, one, five or more, and what counts as human would turn
-    over: a single follower among ten drivers lies 2.8 deviations from their mean line, beyond what
-    D tolerates (2), and each of two followers 1.9.
+    Over all seeds each driver overtakes with probability `share`. Within a population, of any n
+    drivers in a row that share overtakes, rounded down or up: ten have two followers or three.
+    Drawn one by one, every third population of ten would have none, one, five or more, and that
+    would change what counts as human: a single follower among ten drivers lies 2.8 deviations from
+    their mean line, beyond what D tolerates (2), and each of two followers 1.9.
     """
     phase = random_stream(seed, "inclination").uniform()
     return share >= 1.0 or bool((phase + index * share) % 1.0 < share)
@@ -175,8 +174,9 @@ def _overtakes(index: int, seed: int, share: float) -> bool:
 def _limit(
     drawn: float, recorded: LogNormal, limit: LogNormal, settings: PopulationSettings
 ) -> float:
-    """The limit that lies among all limits where `drawn` lies among what is recorded: every other
-    draw stays.
+    """A headway or TTC at which a driver passes: `drawn`, or the limit of the same quantile.
+
+    drawn: from the distribution `recorded`, so that no setting changes later draws.
     """
     if settings.onset == "recorded":
         return drawn

@@ -36,8 +36,10 @@ class SmoothNoise:
     (Shinozuka, Jan, J. Sound Vib. 25, 111 (1972)). It can be differentiated, which an
     Ornstein-Uhlenbeck process cannot: that one would ask for unlimited lateral speed.
 
-    deviation: s.
-    correlation_time: l, s. waves: (w_k, p_k), rad/s and rad, (8, 2). amplitude: s sqrt(2 / K).
+    deviation: s, in the unit of n.
+    correlation_time: l, in seconds.
+    waves: (w_k, p_k), rad/s and rad, (8, 2).
+    amplitude: s sqrt(2 / K).
     """
 
     COMPONENTS = 8

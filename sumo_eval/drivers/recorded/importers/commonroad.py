@@ -87,10 +87,8 @@ def _why_left_out(obstacle: Any) -> str:
         return "whose body is not a rectangle"
     if obstacle.find("trajectory/state") is not None:
         return ""
-    sets = (
-        "have a set-based prediction and" if obstacle.find("occupancySet") is not None else "have"
-    )
-    return f"which {sets} no trajectory"
+    prediction = "a set-based prediction and " if obstacle.find("occupancySet") is not None else ""
+    return f"which have {prediction}no trajectory"
 
 
 def _samples(obstacle: Any, path: Path) -> list[dict[str, Any]]:
@@ -128,6 +126,7 @@ def _lane_centres(root: Any, path: Path) -> FloatArray:
         ]
         if min(len(side) for side in sides) < 2:
             continue
+        # one a metre of the longer side
         count = max(2, int(max(np.hypot(*np.diff(side, axis=0).T).sum() for side in sides)) + 1)
         left, right = (_even(side, count) for side in sides)
         middle = (left + right) / 2
@@ -138,9 +137,9 @@ def _lane_centres(root: Any, path: Path) -> FloatArray:
 
 def _even(line: FloatArray, count: int) -> FloatArray:
     """`count` points along a line (n, 2), all equally far apart."""
-    way = distances(line)
-    places = np.linspace(0.0, way[-1], count)
-    return np.column_stack([np.interp(places, way, column) for column in line.T])
+    along = distances(line)
+    places = np.linspace(0.0, along[-1], count)
+    return np.column_stack([np.interp(places, along, column) for column in line.T])
 
 
 def _offsets(table: pd.DataFrame, centres: FloatArray) -> FloatArray:

@@ -1,8 +1,8 @@
 """DLR Highway Traffic dataset (v1.1, `trajectories_*.csv`, 20 Hz): centres in UTM, yaw in degrees
 counter-clockwise.
 
-A vehicle's class is that which is most often the most probable of six in its samples. The motorway
-is curved: `importing` straightens the samples.
+Each sample has probabilities of six classes. A vehicle's class is the one that is the most probable
+in most of its samples. The motorway is curved: `importing` straightens the samples.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Files of a format, and errors of their XML."""
+"""What several importers need: the files of a folder, and readable errors of XML."""
 
 from __future__ import annotations
 

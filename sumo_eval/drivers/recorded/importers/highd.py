@@ -2,9 +2,9 @@
 `NN_recordingMeta.csv`).
 
 Traps: `width` is the vehicle's length and `height` its width; x, y is the upper left corner of its
-    box; y points down; direction 1 drives to the left on the upper lanes, direction 2 to the right
-    on the lower ones. Each direction becomes a recording of its own, with the lanes of the file's
-    lane markings.
+box; y points down. Vehicles of direction 1 drive to the left, on the upper lanes, those of
+direction 2 to the right, on the lower ones. Each direction becomes a recording of its own, with the
+lanes of the file's lane markings.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ def read(path: Path) -> Samples:
         rows = tracks[(direction == _UPPER) == upper]
         if rows.empty:
             continue
-        # image x to x along the road; image y (down) to y (left) is the opposite
+        # x along the road is x of the image times `forward`; y to the left is y of the image, which
+        # points down, times the opposite
         forward = -1.0 if upper else 1.0
         y = -forward * (rows["y"] + rows["height"] / 2)
         about_path = path.with_name(f"{stem}_recordingMeta.csv")

@@ -29,13 +29,14 @@ _TRACKS = (
 def read_tables(path: Path, *columns: Sequence[str]) -> list[pd.DataFrame]:
     """The tables of a recording of levelX: tracks, vehicles and facts on the recording.
 
-    columns: that each must have at least; of the vehicles their key first.
+    columns: of each table, those that it must have; of the vehicles' table the key comes first.
     """
     stem = path.name.removesuffix("_tracks.csv")
     require(stem != path.name, path, "must be called NN_tracks.csv, beside its NN_tracksMeta.csv")
     names = "tracks", "tracksMeta", "recordingMeta"
     paths = [path.with_name(f"{stem}_{name}.csv") for name in names]
     tables = [read_table(place, names) for place, names in zip(paths, columns, strict=True)]
+    # lonAcceleration may be missing
     checked_numbers(tables[0], sorted({"lonAcceleration", *columns[0]} & {*tables[0]}), path)
     key = columns[1][0]
     checked_numbers(tables[1], (key,), paths[1])
@@ -51,7 +52,7 @@ def read(path: Path) -> Samples:
     """The samples of one recording, and a note on the road users that are left out."""
     tracks, meta, about = read_tables(path, _TRACKS, ("trackId", "class"), ("frameRate",))
     kind = tracks["trackId"].map(meta.set_index("trackId")["class"])
-    bodies = tracks["length"] > 0.0  # pedestrians and bicycles have no box
+    has_box = tracks["length"] > 0.0  # not so pedestrians and bicycles
     table = pd.DataFrame(
         {
             "recording": path.name.removesuffix("_tracks.csv"),
@@ -68,6 +69,6 @@ def read(path: Path) -> Samples:
     )
     if "lonAcceleration" in tracks:
         table["acceleration"] = tracks["lonAcceleration"]
-    without = int(tracks.loc[~bodies, "trackId"].nunique())
+    without = int(tracks.loc[~has_box, "trackId"].nunique())
     note = f"{without} road users without a box (on foot, on bicycles) in {path.name} are left out."
-    return table[bodies], [note] if without else []
+    return table[has_box], [note] if without else []

@@ -1,9 +1,9 @@
-"""Table of positions on a map: a CSV file with a row a vehicle and instant, in SI units, centres, y
-to the left.
+"""Table of positions on a map: a CSV file, one row for each vehicle and instant, in SI units,
+centres, y to the left.
 
 Needed: `vehicle`, `t`, `x`, `y`. Known: `recording`, `heading` (rad, counter-clockwise from x) or
-    `heading_deg`, `speed`, `acceleration`, `length`, `width`, `class`, `driver`. What is missing
-    follows from the motion, or is a car.
+`heading_deg`, `speed`, `acceleration`, `length`, `width`, `class`, `driver`. Missing headings,
+speeds and accelerations follow from the motion; missing bodies and classes are those of a car.
 """
 
 from __future__ import annotations

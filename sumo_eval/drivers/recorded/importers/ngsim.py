@@ -37,9 +37,11 @@ _CLASSES = {1: "motorcycle", 2: "car", 3: "truck"}
 def read(path: Path) -> Samples:
     """The recordings of a file."""
     rows = _rows(path)
-    # Another vehicle under the same id: its clock jumps, or its body is another one.
+    # the id of the row before it
     same = (rows["Vehicle_ID"].diff() == 0) & (rows["place"] == rows["place"].shift())
+    # but another vehicle: the clock jumps by more than 1000 ms, or the length by 0.05 ft
     again = same & ((rows["Global_Time"].diff() > 1000.0) | (rows["v_length"].diff().abs() > 0.05))
+    # number of earlier vehicles with this id
     use = again.groupby([rows["place"], rows["Vehicle_ID"]]).cumsum().astype(int)
     start = rows.groupby("place")["Global_Time"].transform("min")
     number = rows["Vehicle_ID"].astype(np.int64).astype(str)

@@ -42,11 +42,13 @@ def read(path: Path) -> Samples:
     channels = rows.apply(pd.to_numeric, errors="coerce")
     unknown = pd.Series(np.nan, index=rows.index)
     parts = []
-    chains, behind = 0, unknown
+    # a chain is a row of vehicles with known gaps; front: x of the front of the next one, m, plus
+    # half a length, as `x` is of centres
+    chains, front = 0, unknown
     for place in places:
         speed = channels[f"Speed{place}"]
-        x = behind - LENGTH
-        if place - 1 not in places or x.isna().all():
+        x = front - LENGTH
+        if place - 1 not in places or x.isna().all():  # the first of a chain
             chains += 1
             values = speed.ffill().fillna(0.0).to_numpy()
             steps = (values[1:] + values[:-1]) / 2 * np.diff(rows["Time"].to_numpy())
@@ -69,7 +71,7 @@ def read(path: Path) -> Samples:
             }
         )
         parts.append(table[speed.notna() & x.notna()])
-        behind = x - channels.get(f"IVS{place}", unknown)
+        front = x - channels.get(f"IVS{place}", unknown)
     notes = [
         f"{path.name} has no vehicle sizes and no lateral positions: {LENGTH:g} m x {WIDTH:g} m "
         "and y = 0 are assumed.",

@@ -1,10 +1,11 @@
 """ASAM Open Simulation Interface: `.osi` traces, MCAP files, and omega-prime's tables (`.parquet`).
 
 A trace (`.osi`, also `.osi.gz`, `.osi.xz`) holds messages in order, each after its length in four
-bytes, the lowest first; GroundTruth, or SensorView with a GroundTruth in it (`_sv_` in the file's
-name). An MCAP file names the kind of each message. Of a GroundTruth its time and its moving objects
-are read, by the field numbers of OSI 3, which no release of it may change. Positions are centres,
-angles counter-clockwise from x, as here. MCAP needs the extra `osi`, tables the extra `parquet`.
+bytes, the lowest first. They are GroundTruth, or SensorView (`_sv_` in the file's name), which
+holds a GroundTruth. An MCAP file names the kind of each message. Of a GroundTruth its time and its
+moving objects are read, by the field numbers of OSI 3, which no release of it may change. Positions
+are centres, angles counter-clockwise from x, as here. MCAP needs the extra `osi`, tables the extra
+`parquet`.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ CLASSES = {
 """Classes by VehicleClassification.Type; of all others `other`."""
 _SENSOR_VIEW = "SensorView"
 _TOWED = (8, 9)  # VehicleClassification.Type of what another vehicle pulls
-_VARINT, _BYTES = 0, 2  # wire types
+# wire types of protocol buffers
+_VARINT, _BYTES = 0, 2
 _FIXED64, _FIXED32 = 1, 5
 _TRACE_LIMIT = 1 << 28  # bytes of a message; a longer one is no message
 

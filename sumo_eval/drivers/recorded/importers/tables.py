@@ -1,4 +1,6 @@
-"""Foreign tables; every fault is named with file and row."""
+"""Tables of foreign formats, for all importers: read, checked and completed. Every fault is named
+with its file and row.
+"""
 
 from __future__ import annotations
 
@@ -101,13 +103,13 @@ def checked_numbers(
         bad = np.flatnonzero(~(np.abs(numbers) <= LARGEST))
         if bad.size:
             place, number, got = int(bad[0]), numbers[bad[0]], table[name].iloc[bad[0]]
-            wrong = "a number, got " + ("nothing" if pd.isna(got) else repr(str(got)))
+            demand = "a number, got " + ("nothing" if pd.isna(got) else repr(str(got)))
             if np.isfinite(number):
-                wrong = f"at most {LARGEST:g} in size, got {number:g}"
+                demand = f"at most {LARGEST:g} in size, got {number:g}"
             row = (
                 line_of_row(path, int(table.index[place]), heading) if rows is None else rows[place]
             )
-            raise InputError(f"`{name}` in row {row} of {path} must be {wrong}.")
+            raise InputError(f"`{name}` in row {row} of {path} must be {demand}.")
         table[name] = numbers
 
 
