@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from itertools import accumulate, chain, groupby
-from typing import Any, Final, Literal, overload
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +70,7 @@ def _rule(compute: Callable[[Any], Any]) -> Any:
 
 
 def _number(values: Any) -> FloatArray:
-    """A field of a record, or a column, as floats with nan for None."""
+    """A field of a record, a column, or a list (n,) as floats with nan for None."""
     return np.asarray(values, dtype=np.float64)
 
 
@@ -346,27 +346,24 @@ class CaseResult(CaseProperties):
 
     def _repr_html_(self) -> str:
         """The table for a notebook."""
-        shown: str = load_object(_CASE_HTML, None, "Case")(self)
-        return shown
+        return str(load_object(_CASE_HTML, None, "Case")(self))
 
 
 # --- tables ---------------------------------------------------------------------------------------
 
-_RECORDS: Final = {record.__name__: record for record in (ThinReference, IndexNote)}
-_TYPES: Final = {item.name: str(item.type) for item in fields(CaseResult)}
+_RECORDS = {record.__name__: record for record in (ThinReference, IndexNote)}
+_TYPES = {item.name: str(item.type) for item in fields(CaseResult)}
 """Fields of a row and their annotations, as text."""
-_PLACES: Final = {name: place for place, name in enumerate(_TYPES)}
+_PLACES = {name: place for place, name in enumerate(_TYPES)}
 """Fields and their places among the columns; behind the fields each parameter has a column.
 
 The column of `values` holds the names of the parameters.
 """
-COLUMNS: Final = len(_PLACES) + 100
+COLUMNS = len(_PLACES) + 100
 """Most columns of a row: all fields, and room for 100 parameters."""
-NUMBERS: Final = tuple(
-    name for name, kind in _TYPES.items() if kind.startswith(("float", "bool", "int"))
-)
+NUMBERS = tuple(name for name, kind in _TYPES.items() if kind.startswith(("float", "bool", "int")))
 """Fields that hold numbers or truth values."""
-_TEXT: Final = np.dtypes.StringDType()
+_TEXT = np.dtypes.StringDType()
 _CACHED_CHUNKS = 32  # chunks whose records stay in memory
 
 
@@ -411,15 +408,10 @@ def _encoded(name: str, values: Sequence[Any]) -> bytes:
     then that list.
     """
     if _is_real(name):
-        return zlib.compress(_with_nan(values).view(np.uint8).reshape(-1, 8).T.tobytes(), 1)
+        return zlib.compress(_number(values).view(np.uint8).reshape(-1, 8).T.tobytes(), 1)
     places: dict[Any, int] = {}  # of the distinct values, in the order of their first row
     which = [places.setdefault(value, len(places)) for value in values]
     return zlib.compress(np.array(which, dtype="<u4").tobytes() + encoded(list(places)), 1)
-
-
-def _with_nan(values: Sequence[float | None]) -> FloatArray:
-    """Numbers (n,), nan for None."""
-    return np.array([np.nan if value is None else value for value in values], dtype="<f8")
 
 
 def _real(data: bytes, rows: int) -> FloatArray:
@@ -454,7 +446,7 @@ def _array(name: str, data: bytes, rows: int) -> Column:
     if kind == "bool":
         return np.array(values, dtype=np.bool_)[which]
     if name in NUMBERS:
-        return _with_nan(values)[which]
+        return _number(values)[which]
     if kind.startswith(("str", "Zone", "Literal")):
         return np.array([value or "" for value in values], dtype=_TEXT)[which]
     # filled afterwards: `np.array` would make a table of values that are tuples

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 Classes = Mapping[str, type]
+# keys of the JSON objects: of a record its class and its fields; a mapping; an array
 _IS, _OF = "is", "of"
 _MAP, _ARRAY = "map", "array"
 

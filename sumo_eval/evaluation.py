@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from sumo_eval.record.facts import Evaluable, Recorded
 
 
-# a text, because the report builds on this module
+# loaded by name: `report/` imports this file, so this file cannot import `report/`
 _WRITE_RESULTS = "sumo_eval.report.junit:write_results"
 _NOT_DRIVEN_BY = ("method.", "report.", "run.workers", "run.incomplete")
 """Beginnings of settings on which no recorded fact depends."""
@@ -102,7 +102,7 @@ def record_rounds(
     adaptive = any(entry.sampling.method == "adaptive" for entry in run.settings.scenario)
     if adaptive:
         run = in_rounds(run, folder if resume else None)
-    # Scores need the zones, driving does not.
+    # driving needs no zones, scoring does: those that are not known are found meanwhile
     known = zones_are_known(run.settings, run.source)
     zones = None if known else partial(find_zones, run.settings, run.source, folder)
     record = partial(record_facts, folder=folder, progress=progress, stopping=stopping)
@@ -199,11 +199,10 @@ def _settings_to_score(folder: Path, changes: Sequence[str]) -> EvaluationSettin
     return with_changes(run_folder.read_settings(folder), changes)
 
 
-def refuse_to_score(run: str | os.PathLike[str]) -> None:
+def refuse_to_score(folder: Path) -> None:
     """Raise InputError for a folder that holds no complete run, or one that is not as it was
     recorded.
     """
-    folder = Path(run)
     run_folder.read_settings(folder)
     run_folder.read_manifest(folder)
     with open_store(folder / run_folder.FACTS) as store:
@@ -211,10 +210,10 @@ def refuse_to_score(run: str | os.PathLike[str]) -> None:
 
 
 def discard_trajectories(evaluation: Evaluation) -> int:
-    """Take out the trajectories that `[run] keep` does not ask for; how many cases lost theirs
-    comes back.
+    """Discard the trajectories that `[run] keep` does not ask for; return the number of cases that
+    lost theirs.
 
-    What was scored stays scored: D_i, bands and measures of these drives are kept.
+    Scores stay: D_i, bands and measures of these drives are kept.
     """
     keep, folder = evaluation.settings.run.keep, evaluation.folder
     if keep == "all":

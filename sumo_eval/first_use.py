@@ -1,4 +1,4 @@
-"""Names that a package hands out and imports at first use: who asks for one loads no other."""
+"""Names of a package that are imported at first use, each without the rest."""
 
 from __future__ import annotations
 

@@ -37,8 +37,9 @@ def refuse_command(words: Sequence[str]) -> None:
     """Raise InputError where a command line has a removed command or option."""
     for name, instead in COMMANDS.items():
         command, word = name.split()
-        places = words[1:] if word.startswith("--") else words[1:2]
-        if command in words[:1] and word in [place.partition("=")[0] for place in places]:
+        # an option may stand anywhere, a subcommand only behind its command
+        given = words[1:] if word.startswith("--") else words[1:2]
+        if command in words[:1] and word in [it.partition("=")[0] for it in given]:
             raise InputError(f"`sumo-eval {name}` was removed: {instead}.")
 
 

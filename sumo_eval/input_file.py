@@ -10,15 +10,14 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
 
 from sumo_eval.errors import InputError, nearest
 from sumo_eval.text import capitalised, clean, words_of
 
-LARGEST: Final = 500_000_000
+LARGEST = 500_000_000
 """Bytes of a file that is read as a whole; recordings are streamed and may be of any size."""
 
-_KINDS: Final = {
+_KINDS = {
     stat.S_IFIFO: "named pipe", stat.S_IFCHR: "character device", stat.S_IFBLK: "block device",
     stat.S_IFSOCK: "socket",
 }  # fmt: skip

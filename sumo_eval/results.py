@@ -323,8 +323,7 @@ class ScenarioResult:
 
     def _repr_html_(self) -> str:
         """The table for a notebook."""
-        shown: str = load_object(_SCORE_HTML, None, "Score")(self)
-        return shown
+        return str(load_object(_SCORE_HTML, None, "Score")(self))
 
 
 @dataclass(frozen=True, slots=True)
@@ -443,8 +442,8 @@ class Evaluation:
     scenarios: Mapping[str, LogicalScenario] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        # a caller may give records instead of a table
-        # some rows of a table are made a table of their own, whose parts can be asked for
+        # a caller may give records, or some rows of a table: both become a table of their own,
+        # which has parts
         some = isinstance(self.cases, CaseTable) and self.cases.rows is not None
         object.__setattr__(self, "cases", CaseTable.of(iter(self.cases) if some else self.cases))
 
@@ -514,8 +513,7 @@ class Evaluation:
 
     def _repr_html_(self) -> str:
         """The table for a notebook."""
-        table: str = load_object(_TABLE_HTML, None, "Table")(self)
-        return table
+        return str(load_object(_TABLE_HTML, None, "Table")(self))
 
     def plot(self) -> Any:
         """Draw S+ of every ADS with its interval: a figure of matplotlib (extra `plots`)."""

@@ -11,33 +11,34 @@ import math
 import re
 import traceback
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pandas as pd
 
-SENTENCE: Final = 500
+SENTENCE = 500
 """Characters that are kept of an error's sentence: one or two lines of a table."""
 
-WORDS: Final = 300
+WORDS = 300
 """Characters that are kept of an exception's own words, so that the sentence around them is kept
 whole."""
 
-LOG: Final = 16_000
+LOG = 16_000
 """Characters that are kept of a log: its beginning and its end."""
 
-_LEFT_OUT: Final = "[{} characters left out]"
-_MARK_ROOM: Final = 40  # characters of `_LEFT_OUT` with its number and what stands around it
-_UNFIT: Final = re.compile(
+_LEFT_OUT = "[{} characters left out]"
+_MARK_ROOM = 40  # characters of `_LEFT_OUT` with its number and what stands around it
+_UNFIT = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f"  # controls, escape among them; tab and line feed are kept
     "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"  # what turns the direction of writing
     # line ends of Unicode's own, no characters, halves of characters
     "\u2028\u2029\ufeff\ufffe\uffff\ud800-\udfff]"
 )
-# another in each process; the `>` is optional, so that each text is read once
-_ADDRESS: Final = re.compile(r"(?: at 0x[0-9A-Fa-f]+)+(>?)")
-_NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
-_FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\n")
+# address of an object, another one in each process; the `>` is optional, so that the search reads a
+# text only once
+_ADDRESS = re.compile(r"(?: at 0x[0-9A-Fa-f]+)+(>?)")
+_NUMBER = re.compile(r"\d+(?:\.\d+)?")
+_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
 
 
 def clean(text: str, most: int = SENTENCE, *, lines: bool = False) -> str:
@@ -48,6 +49,7 @@ def clean(text: str, most: int = SENTENCE, *, lines: bool = False) -> str:
     beginning and end. Without `lines` it becomes one line. Addresses of objects are left out: they
     differ between processes. Cleaning what is clean changes nothing.
     """
+    # by `str`'s own methods: a text may be of a user's class
     whole = str.__len__(text)
     end = most if lines else 0  # characters of the end that are kept
     if whole <= most + end:

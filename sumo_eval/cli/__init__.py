@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Final, NoReturn
+from typing import Any, NoReturn
 
 import click
 
@@ -27,7 +27,7 @@ from sumo_eval.errors import InputError, StoppedError, SumoEvalError, did_you_me
 from sumo_eval.gone import refuse_command
 from sumo_eval.text import clean, clean_log
 
-_CORE: Final = {
+_CORE = {
     "run": ("run", "score", "merge", "verify"),
     "look": ("report", "explain", "find", "replay", "export"),
     "compare": ("compare", "nightly", "accept", "trend"),
@@ -37,15 +37,15 @@ _CORE: Final = {
 }
 """Files of this folder, and the commands that each defines."""
 
-_FILE_OF: Final = {name: file for file, names in _CORE.items() for name in names}
+_FILE_OF = {name: file for file, names in _CORE.items() for name in names}
 
-GROUP: Final = "sumo_eval.commands"
+GROUP = "sumo_eval.commands"
 """Group of entry points by which packages add commands: a name and a click command.
 
 The extras of this package use it too.
 """
 
-TASKS: Final = {
+TASKS = {
     "Evaluate": ("run", "score", "merge", "verify"),
     "Look at a run": ("report", "explain", "whatif", "find", "replay", "plot", "export"),
     "Compare runs": ("compare", "nightly", "accept", "trend"),
@@ -58,10 +58,10 @@ TASKS: Final = {
 }
 """Sections of the help, with the commands of this package, extras included."""
 
-FURTHER: Final = "From other packages"
+FURTHER = "From other packages"
 """Section of the help with all other commands."""
 
-MEANT: Final = {
+MEANT = {
     "run": "evaluate simulate start execute go resume launch",
     "score": "rescore rank ranking recompute",
     "merge": "combine join gather shards",
@@ -281,7 +281,7 @@ def _fill_closed_streams() -> None:
     """Replace standard streams that are closed (`>&-` in a shell) by the null device, for children
     too. Else the next file to be opened would get the number of such a stream.
     """
-    # each `open` takes the lowest free number; 0, 1 and 2 are the standard streams
+    # each `open` takes the lowest free number, so first those of closed streams (0, 1, 2)
     while (number := os.open(os.devnull, os.O_RDWR)) < 3:
         os.set_inheritable(number, True)
     nowhere = os.fdopen(number, "w", encoding="utf-8")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -22,9 +22,6 @@ from sumo_eval.cli.options import (
 )
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 @click.command(
@@ -107,12 +104,12 @@ def _partners(pairs: Sequence[str], base: Path, new: Path) -> dict[str, str]:
     listed, partners = " ".join(pairs), []
     olds, news = ([ads.name for ads in read_settings(run).ads] for run in (base, new))
     for pair in pairs:
-        # at each `=` into two names that are not empty
+        # all ways to part it at a `=` into two names that are not empty
         splits = [(pair[:i], pair[i + 1 :]) for i, sign in enumerate(pair) if sign == "="]
         splits = [names for names in splits if all(names)]
         if not splits:
             raise InputError(f"A pair must have the form BASE=NEW, got {listed!r}.")
-        # the first of them with two known names, else the error is about the first of all
+        # the first of these with two known names; without one the error is about the first of all
         known = (names for names in splits if names[0] in olds and names[1] in news)
         old, now = next(known, splits[0])
         check_known("ADS", olds, old)
@@ -182,7 +179,7 @@ def nightly(
     say((*morning_lines(result), *result.notes))
     show_scores(result.evaluation)
     if comparison := result.judged.bases.comparison:
-        # left out: the verdict and the differences, which `morning_lines` has, and the gates
+        # without the verdict and the differences, which `morning_lines` has, and without the gates
         first = 1 + len(comparison.differences)
         say(comparison_lines(comparison, (), result.evaluation)[first:-1])
     say(closing_lines(result.evaluation)[:-1])  # without the path of the report, which follows

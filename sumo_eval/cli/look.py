@@ -19,11 +19,10 @@ from sumo_eval.text import file_stem
 @trusting
 def report(run: Path) -> None:
     """Rewrite RUN/report.html from the recorded facts."""
-    from sumo_eval.evaluation import score as score_run
     from sumo_eval.report.assessed import write_assessed_report
 
+    evaluation = scored(run)
     with Progress() as progress:
-        evaluation = score_run(run, progress=progress)
         path = write_assessed_report(evaluation, progress=progress)
     tell(str(path))
 
@@ -43,7 +42,7 @@ def explain(run: Path, case: str | None) -> None:
     fact = None if case is None else known_case(run, case)
     evaluation = scored(run)
     if fact is None:
-        # imported here: it loads the library of tables, which a case does not need
+        # imported only here: a case does not need the libraries that it loads
         from sumo_eval.report.terminal import ledger_lines
 
         lines = ledger_lines(evaluation)

@@ -8,8 +8,8 @@ from collections.abc import Iterable
 def named_values(texts: Iterable[str], option: str) -> dict[str, float]:
     """The numbers by name.
 
-    option: what they were given with.
-    Raises InputError for whatever has another form.
+    option: beginning of errors, e.g. `A parameter` or the option's name.
+    Raises InputError for a text of another form.
     """
     from sumo_eval.errors import InputError
 

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Final
 
 import click
 
-PATH: Final = click.Path(path_type=Path)
-POSITIVE: Final = click.FloatRange(min=0, min_open=True)
+PATH = click.Path(path_type=Path)
+POSITIVE = click.FloatRange(min=0, min_open=True)
 
 path_argument = partial(click.argument, type=PATH)
 path_option = partial(click.option, type=PATH)
 count_option = partial(click.option, type=click.IntRange(min=1))
 flag = partial(click.option, is_flag=True)
 
-RUN: Final = path_argument("run")
-GATE: Final = path_option("--gate", help="Limits on changes and values (docs/compare.md).")
-WORKERS: Final = count_option(
-    "--workers", help="Processes that simulate cases (default: as in the file)."
-)
-SEED: Final = click.option(
+RUN = path_argument("run")
+GATE = path_option("--gate", help="Limits on changes and values (docs/compare.md).")
+WORKERS = count_option("--workers", help="Processes that simulate cases (default: as in the file).")
+SEED = click.option(
     "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Source of randomness."
 )
 
@@ -32,6 +29,7 @@ def _trust(context: click.Context, option: click.Parameter, said: bool) -> None:
     trust_what_is_opened(said)
 
 
+# gives no argument to its command, as it acts at once
 trusting = flag(
     "--trust",
     expose_value=False,

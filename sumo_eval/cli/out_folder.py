@@ -10,7 +10,7 @@ from sumo_eval.errors import InputError
 
 
 def default(*words: str) -> Path:
-    """The folder of who names none: results/WORDS-TIME, as a run's."""
+    """The folder where `--out` names none: results/WORDS-TIME, as a run's."""
     from datetime import UTC, datetime
 
     name = "-".join(re.sub(r"[^\w.-]+", "_", word).strip("_") or "of" for word in words)

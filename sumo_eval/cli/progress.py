@@ -39,8 +39,8 @@ class _StageProgress:
     def __init__(self, now: float) -> None:
         self.task: Any = None  # its task in the bar of rich
         self.line_time = now  # when its last plain line was printed, s
-        self.finished = False
-        self._under_way = False
+        self.finished = False  # whether its last plain line was printed
+        self._under_way = False  # whether an item has ended since the first report
         self._recent: list[_Burst] = []
 
     def note(self, now: float, done: int) -> None:

@@ -9,11 +9,10 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Iterable
-from typing import Final
 
 import click
 
-WHOLE: Final = 200
+WHOLE = 200
 """Characters that a help line may have: no first sentence of a command is longer."""
 
 
@@ -24,11 +23,10 @@ def say(lines: Iterable[str], *, err: bool = False, fg: str | None = None) -> No
 
     fg: colour on a terminal.
     """
-    width = (
-        shutil.get_terminal_size().columns if (sys.stderr if err else sys.stdout).isatty() else None
-    )
+    is_terminal = (sys.stderr if err else sys.stdout).isatty()
+    width = shutil.get_terminal_size().columns
     for line in lines:
-        parts = [line] if width is None else [broken(part, width) for part in line.split("\n")]
+        parts = [broken(part, width) for part in line.split("\n")] if is_terminal else [line]
         show(["\n".join(click.style(part, fg=fg) if fg else part for part in parts)], err=err)
 
 

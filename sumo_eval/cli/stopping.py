@@ -36,6 +36,7 @@ def stop_on_signal() -> Iterator[Callable[[], bool]]:
     second signal raises KeyboardInterrupt.
     """
     signals: list[int] = []
+    # started by SIGTERM: sends a second one, which stops at once
     at_last = threading.Timer(GRACE, os.kill, (os.getpid(), signal.SIGTERM))
     at_last.daemon = True
 

@@ -209,10 +209,10 @@ def _check_controller(
     findings, printed = check_apart(locator, cases, run)
     if printed:
         tell(f"It printed:\n{last_lines(printed, _MOST_LINES)}", err=True)
-    for finding, after in zip(findings, [*findings[1:], None], strict=True):
+    for finding, following in zip(findings, [*findings[1:], None], strict=True):
         tell(f"{finding.kind:4}  {finding.text}")
         # findings in a row with one remedy share its line
-        if finding.mend and (after is None or after.mend != finding.mend):
+        if finding.mend and (following is None or following.mend != finding.mend):
             tell(f"      -> {finding.mend}")
     failed = sum(finding.kind == "FAIL" for finding in findings)
     points = f"{failed} point{'s' * (failed != 1)}"

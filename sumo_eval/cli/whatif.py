@@ -43,12 +43,12 @@ def whatif(
     search = WhatIf(run)
     if case is None:
         found = _of_all_collisions(search, run, lever)
-        left_out = [one.why_not for one in found if one.why_not]
+        reasons = [one.why_not for one in found if one.why_not]  # of collisions without answers
         found = [one for one in found if not one.why_not]
-        if left_out and not found:
-            raise InputError(left_out[0])
-        if left_out:
-            words = f"{count(len(left_out), 'collision')} left out. The first: {left_out[0]}"
+        if reasons and not found:
+            raise InputError(reasons[0])
+        if reasons:
+            words = f"{count(len(reasons), 'collision')} left out. The first: {reasons[0]}"
             tell(words, err=True)
         lines = _table_of_all(found)
     else:

@@ -131,7 +131,7 @@ def _rule(hint: Any) -> _Rule:
     optional = type(None) in kinds
     kinds = tuple(it for it in kinds if it not in (type(None), ...))
     if optional and len(kinds) == 1:
-        # the None at the end: Annotated must have a mark, and `marks` may be empty
+        # the rule without None; `Annotated` must have a mark, and `marks` may be empty: so None
         return _rule(Annotated[kinds[0], *marks, None])._replace(optional=True)
     kind, kind_words = _KINDS.get(form or base) or (base, f"a table (`{base.__name__}`)")
     bounds = tuple(
@@ -174,7 +174,7 @@ def _wrong(value: Any, rule: _Rule, place: str = "") -> Wrong | None:
     if not wrongs or len(wrongs) < len(rule.inner):
         return None
     words = " or ".join(dict.fromkeys(demand for _, demand, _ in wrongs))
-    # a mistake deeper in the value tells more than the demands of all kinds on all of it
+    # a mistake deeper in the value replaces the demands that all kinds make on all of it
     return next((it for it in wrongs if it[0] != place), (place, words, value))
 
 

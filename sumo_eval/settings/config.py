@@ -52,7 +52,7 @@ def read_evaluation(path: Path, *, own_ads: bool = True) -> EvaluationSettings:
     return settings_from(read_toml(path, "evaluation file"), str(path), own_ads=own_ads, file=path)
 
 
-def with_suites(content: Mapping[str, Any], where: str) -> dict[str, Any]:
+def with_suites(content: Mapping[str, Any], where: str) -> Mapping[str, Any]:
     """An evaluation with the scenarios of a frozen suite instead of `use = "suite:NAME"`.
 
     A suite stands alone and brings its own seed and drivers, so that every score of it means the
@@ -60,14 +60,13 @@ def with_suites(content: Mapping[str, Any], where: str) -> dict[str, Any]:
 
     Raises InputError for a suite that does not exist, and for what would change one.
     """
-    plain = dict(content)
-    entries = plain.get("scenario")
+    entries = content.get("scenario")
     if not isinstance(entries, list | tuple):  # a mistake that `validated` reports
-        return plain
+        return content
     uses = [str(one.get("use", "")) for one in entries if isinstance(one, Mapping)]
     names = [use.removeprefix(_SUITE) for use in uses if use.startswith(_SUITE)]
     if not names:
-        return plain
+        return content
     check_known("suite", sorted(path.stem for path in SUITES.glob("*.toml")), names[0])
     if len(uses) > 1 or len(entries[0]) > 1:
         raise InputError(
@@ -75,12 +74,12 @@ def with_suites(content: Mapping[str, Any], where: str) -> dict[str, Any]:
             "`use`."
         )
     suite = read_toml(SUITES / f"{names[0]}.toml", "suite")
-    changed = [name for name in _FIXED if name in plain and plain[name] != suite.get(name)]
+    changed = [name for name in _FIXED if name in content and content[name] != suite.get(name)]
     if changed:
         raise InputError(
             f"`{changed[0]}` in {where} is fixed by the suite `{names[0]}`; leave it out."
         )
-    return {**plain, **suite}
+    return {**content, **suite}
 
 
 def suite_of(settings: EvaluationSettings) -> str:
@@ -248,17 +247,18 @@ def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) ->
     path = "".join(
         f"[{part}]" if isinstance(part, int) else f".{part}" for part in location
     ).removeprefix(".")
-    if item["type"] in {"unexpected_keyword_argument", "extra_forbidden"}:
+    if item["type"] == "unexpected_keyword_argument":
         return (
             f"Unknown key `{path}` in "
             f"{where}.{did_you_mean(str(location[-1]), _keys_beside(location, root))}"
         )
-    if item["type"] in {"missing", "missing_argument"}:
+    if item["type"] == "missing":
         return f"`{path}` in {where} is missing."
     if item["type"] == "string_too_short":
         return f"`{path}` in {where} must not be empty."
     if item["type"] == "value_error":
         return str(item["ctx"]["error"])
+    # `path` without indices, as the heading of a table
     table, wrong = re.sub(r"\[\d+\]", "", path), item["input"]
     if item["type"] in {"tuple_type", "list_type"} and isinstance(wrong, dict):
         return (

@@ -72,7 +72,7 @@ class SamplingSettings(Checked):
         About(
             "of `adaptive`: no further round once half the width of every ADS's 95 % interval, of "
             "what `aim` names, is at most this; default: all of `count`",
-            unit="points of S+, or share of the space",
+            "points of S+, or share of the space",
         ),
     ] = None
     rounds: Annotated[

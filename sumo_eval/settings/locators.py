@@ -21,9 +21,10 @@ from sumo_eval.text import words_of
 def load_object(locator: str, folder: Path | None, kind: str) -> Any:
     """The object that a locator names.
 
-    `folder`: where paths start and modules are looked for; `kind`: for errors.
-
     Raises InputError when there is no such file, module or name, or when importing it fails.
+
+    folder: where paths start and modules are looked for; None: the current one, and none.
+    kind: of the object, for errors, e.g. `ADS`.
     """
     place, colon, name = locator.rpartition(":")
     owner = f"{kind} `{locator}`"
@@ -66,7 +67,7 @@ def _load_file(place: str, folder: Path | None, owner: str) -> ModuleType:
         content = hash_of(path, "file")
     except InputError as error:
         raise InputError(f"{owner}: {error}") from None
-    # with its content: a file that was edited meanwhile, as beside a notebook, is another module
+    # the content is part of the name: a file that was edited, as beside a notebook, is a new module
     digest = hashlib.sha256(bytes(path) + content.encode()).hexdigest()[:12]
     name = f"_sumo_eval_file_{path.stem}_{digest}"
     if name in sys.modules:

@@ -28,7 +28,7 @@ class FieldSettings(Checked):
     k2: Annotated[
         NotNegativeFloat,
         Le(1.0),
-        About("growth of the field with speed ahead", unit="s/m", symbol="k2", equation="10"),
+        About("growth of the field with speed ahead", "s/m", symbol="k2", equation="10"),
     ] = 0.005
     sample_interval: Annotated[
         PositiveFloat, About("time between summed samples", "s", equation="9")
@@ -106,7 +106,7 @@ class AnthropomorphicSettings(Checked):
         PositiveFloat,
         About(
             "steering wheel angle above which an operation begins (wheel)",
-            unit="deg",
+            "deg",
             symbol="k3",
             equation="12",
         ),
@@ -133,7 +133,7 @@ class AnthropomorphicSettings(Checked):
         PositiveFloat,
         About(
             "longitudinal acceleration above which an operation begins",
-            unit="m/s2",
+            "m/s2",
             symbol="k4",
             equation="12",
         ),
@@ -148,7 +148,7 @@ class AnthropomorphicSettings(Checked):
         PositiveFloat,
         About(
             "speed below which a vehicle has stopped, which ends its length L",
-            unit="m/s",
+            "m/s",
             symbol="L",
             equation="12",
         ),
@@ -162,14 +162,12 @@ class ZoneSettings(Checked):
     deceleration: Annotated[
         float,
         Ge(0.01),
-        About("ideal braking deceleration of the zones", unit="m/s2", symbol="a", equation="5"),
+        About("ideal braking deceleration of the zones", "m/s2", symbol="a", equation="5"),
     ] = 5.0
     critical_inverse_ttc: Annotated[
         float,
         Ge(0.001),
-        About(
-            "inverse TTC from which a point is hazardous", unit="1/s", symbol="ITTC*", equation="6"
-        ),
+        About("inverse TTC from which a point is hazardous", "1/s", symbol="ITTC*", equation="6"),
     ] = 0.7
     target: Annotated[
         Literal["squared_time", "label"],

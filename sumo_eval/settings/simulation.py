@@ -234,11 +234,11 @@ class SimulationSettings(Checked):
     # the ideal vehicle: its U is Ug, which the paper uses in Eq. 17
     ideal_deceleration: Annotated[
         PositiveFloat,
-        About("braking of the ideal vehicle", unit="m/s2", symbol="Ug", equation="17"),
+        About("braking of the ideal vehicle", "m/s2", symbol="Ug", equation="17"),
     ] = 9.0
     ideal_build_up: Annotated[
         PositiveFloat,
-        About("pressure build-up time of its brakes", unit="s", symbol="Ug", equation="17"),
+        About("pressure build-up time of its brakes", "s", symbol="Ug", equation="17"),
     ] = 0.15
     ideal_visible_share: Annotated[
         NotNegativeFloat,

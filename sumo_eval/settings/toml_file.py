@@ -8,7 +8,7 @@ import shlex
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from sumo_eval.errors import InputError
 from sumo_eval.input_file import named, read_input_text
@@ -17,17 +17,17 @@ from sumo_eval.text import clean, shown, words_of
 # name or a.b.c, or one name in quotes
 _NAMES = r"(?P<name>[\w-]+(?:\s*\.\s*[\w-]+)*|\"[^\"]*\"|'[^']*')"
 # [table] or [[list of tables]]
-_HEAD: Final = re.compile(rf"\s*\[(?P<list>\[)?\s*{_NAMES}\s*\]")
+_HEAD = re.compile(rf"\s*\[(?P<list>\[)?\s*{_NAMES}\s*\]")
 # name =
-_KEY: Final = re.compile(rf"\s*{_NAMES}\s*=")
+_KEY = re.compile(rf"\s*{_NAMES}\s*=")
 # text in three quotes, which may have several lines and end with up to two quotes more
-_LONG: Final = r"\"{3}(?:\\.|[^\\])*?\"{3,5}|'{3}.*?'{3,5}"
+_LONG = r"\"{3}(?:\\.|[^\\])*?\"{3,5}|'{3}.*?'{3,5}"
 # any text, or a comment
-_QUOTED: Final = re.compile(rf"(?s:{_LONG})|\"(?:\\.|[^\"\\\n])*\"|'[^'\n]*'|#[^\n]*")
+_QUOTED = re.compile(rf"(?s:{_LONG})|\"(?:\\.|[^\"\\\n])*\"|'[^'\n]*'|#[^\n]*")
 
-_LARGEST: Final = 50_000_000  # bytes of a file
+_LARGEST = 50_000_000  # bytes of a file
 
-DEEPEST: Final = 50
+DEEPEST = 50
 """How deep tables and lists may be nested in a file."""
 
 
@@ -91,7 +91,7 @@ def line_of(text: str, place: Sequence[str | int]) -> int | None:
 def _outer_lines(text: str) -> Iterator[tuple[int, str]]:
     """Lines, numbered from 1, that do not begin within a text or a list over several lines."""
     open_brackets = 0
-    # a text over several lines becomes as many empty lines
+    # a text over several lines, `it`, becomes as many empty lines; others stay
     flat = _QUOTED.sub(lambda it: "\n" * it[0].count("\n") or it[0], text)
     for number, line in enumerate(flat.split("\n"), start=1):  # as TOML and editors count
         if not open_brackets:

@@ -98,8 +98,7 @@ def levers_of(
     for item in (it for it in logical.parameters if it.name != ONLY):
         step, value = (item.high - item.low) / _FINE, values[item.name]
         levers.append(Lever(item.name, item.unit, item.low, item.high, step, value, item.values))
-    # Of two levers of one name the last stays: a parameter replaces a condition of its name, or a
-    # lever of the start.
+    # of two levers of one name the last stays: a parameter of the scenario
     return list({lever.name: lever for lever in levers}.values())
 
 

@@ -114,9 +114,9 @@ class WhatIf:
             for lever in levers
             for value in first_values(logical, fact.values, lever)
         ]
-        # the first drive, any lever at its recorded value, is the recorded case itself
-        now, *outcomes = self._outcomes(fact, [(levers[0], levers[0].recorded), *asked])
-        _check_repeats(fact, now)
+        # first the recorded case itself: any lever at its recorded value
+        rerun, *outcomes = self._outcomes(fact, [(levers[0], levers[0].recorded), *asked])
+        _check_repeats(fact, rerun)
         lines: dict[Lever, Line] = {it: {it.recorded: fact.collision is not None} for it in levers}
         _fill(lines, asked, outcomes)
         if fine:
@@ -193,12 +193,12 @@ def _fill(
             lines[lever][value] = it.status == "collision"
 
 
-def _check_repeats(fact: Fact, now: Outcome | None) -> None:
+def _check_repeats(fact: Fact, outcome: Outcome | None) -> None:
     """Refuse a case whose rerun has another contact than the recorded drive.
 
-    now: outcome of the rerun.
+    outcome: of the rerun; None: it was not evaluated.
     """
-    rerun = None if now is None else now.recording
+    rerun = None if outcome is None else outcome.recording
     if rerun is None or rerun.collision != fact.collision:
         before, after = (
             "no contact" if hit is None else f"a contact at {hit.time:.3f} s"
