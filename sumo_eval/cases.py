@@ -503,9 +503,11 @@ class CaseTable(CaseProperties):
         if isinstance(rows, CaseTable):
             return rows
         chunks = []
-        for kind, group in groupby(rows, key=lambda row: (row.scenario, row.ads, *row.values)):
+        # consecutive rows of one scenario and ADS, with the same parameters
+        of_chunk = groupby(rows, key=lambda row: (row.scenario, row.ads, *row.values))
+        for (scenario, ads, *_), group in of_chunk:
             alike = list(group)
-            chunks.append(Chunk(kind[0], kind[1], len(alike), encode_rows(alike).__getitem__))
+            chunks.append(Chunk(scenario, ads, len(alike), encode_rows(alike).__getitem__))
         return cls(chunks)
 
     def part(self, scenario: str, ads: str | None = None) -> CaseTable:

@@ -223,11 +223,8 @@ def discard_trajectories(evaluation: Evaluation) -> int:
     facts = folder / run_folder.FACTS
     with run_folder.only_writer(folder, resume=True):
         with open_store(facts, create=True) as store:
-            critical: set[tuple[str, int]] = set()
-            if keep == "critical":
-                critical = critical_points(
-                    evaluation, {case: number for case, number, _ in store.names("ads")}
-                )
+            numbers = {case: number for case, number, _ in store.names("ads")}
+            critical = critical_points(evaluation, numbers) if keep == "critical" else set()
             gone = store.discard_trajectories(
                 lambda scenario, number: (scenario, number) in critical
             )

@@ -91,8 +91,10 @@ class Trajectory:
         headings = _channel("heading", _course(xs, ys, times) if heading is None else heading, n)
         rates = _rate(speeds, times) if acceleration is None else acceleration
         angles = np.full(n, np.nan) if steering_wheel_angle is None else steering_wheel_angle
-        channels = [times, xs, ys, headings, speeds, _channel("acceleration", rates, n)]
-        channels.append(_channel("steering_wheel_angle", angles, n, nan_allowed=True))
+        channels = [
+            times, xs, ys, headings, speeds, _channel("acceleration", rates, n),
+            _channel("steering_wheel_angle", angles, n, nan_allowed=True)
+        ]  # fmt: skip
         self._hold(np.array(channels), length, width)
 
     @classmethod

@@ -92,7 +92,7 @@ def idm_acceleration(
 
     Source: Treiber, Hennecke, Helbing, Phys. Rev. E 62, 1805 (2000).
     """
-    free: float = (speed / max(desired_speed, MIN_SPEED)) ** EXPONENT
+    free = (speed / max(desired_speed, MIN_SPEED)) ** EXPONENT
     crowding = desired_gap(speed, speed - lead_speed, idm) / max(gap, MIN_GAP)
     return float(idm.acceleration * (1.0 - free - crowding * crowding))
 

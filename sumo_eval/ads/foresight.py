@@ -125,15 +125,15 @@ def evasion(
         return straight
     begin = min(suddenly_seen.values())
     begin_x, build_up = ego.x + ego.speed * begin, deceleration / vehicle.brake_jerk
-    hits = [
+    brakes_in_time = all(
         ideal_impact_speed(
             ego.speed, actor.start.speed,
             actor.x(begin) - begin_x - 0.5 * (vehicle.length + actor.length),
             deceleration=deceleration, build_up=build_up,
-        ) > 0.0
+        ) <= 0.0
         for actor in suddenly_seen
-    ]  # fmt: skip
-    if not any(hits):
+    )  # fmt: skip
+    if brakes_in_time:
         return straight
     duration = shortest_duration(road.lane_width, EMERGENCY_LATERAL)
     until = _end_at_its_speed(concrete, settings)

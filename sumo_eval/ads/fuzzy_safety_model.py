@@ -135,9 +135,9 @@ def fuzzy_demand(scene: Any, after: float) -> float:
     me, demanded = own.then, 0.0
     for j in range(len(others)):
         other = others[j]
-        if not is_in_sight(me, others, j, SHOWING):
+        if not is_in_sight(me, others, j, SHOWING) or other.x <= me.x:
             continue
-        if other.x > me.x and considered(me, other, closing_across(me, other)):
+        if considered(me, other, closing_across(me, other)):
             gap = bumper_gap(me, other)
             critical = critical_fuzzy_safety(
                 gap - own.p.standstill_gap, me.along, other.along, -me.braking, own.p.as_coded == 1

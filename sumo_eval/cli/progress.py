@@ -133,7 +133,7 @@ def _make_bar() -> Any:
         TextColumn(
             "{task.description}",
             markup=False,
-            table_column=Column(no_wrap=False, overflow="fold"),
+            table_column=Column(overflow="fold"),
         ),
         BarColumn(bar_width=40 if console.width >= _WIDE else 6, table_column=Column(no_wrap=True)),
         MofNCompleteColumn(table_column=Column(no_wrap=True)),

@@ -29,7 +29,6 @@ from sumo_eval.cli.sentences import say, tell
 from sumo_eval.cli.stopping import heard, stop_on_signal
 from sumo_eval.cli.tools import refuse_a_bare_file
 
-ENGINES = ("processes", "serial", "dask")
 _MOST_LISTED = 20  # drives that `verify` lists
 
 
@@ -48,7 +47,7 @@ _MOST_LISTED = 20  # drives that `verify` lists
 )
 @click.option(
     "--engine",
-    type=click.Choice(ENGINES),
+    type=click.Choice(("processes", "serial", "dask")),
     help="Where cases run (default: the file's, else processes).",
 )
 @click.option(

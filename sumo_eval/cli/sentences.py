@@ -64,7 +64,6 @@ def broken(line: str, width: int) -> str:
     indent = " " * (len(line) - len(line.lstrip()) + 4)
     parts = textwrap.wrap(
         line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False,
-        replace_whitespace=False,
-        drop_whitespace=True,
+        replace_whitespace=False
     )  # fmt: skip
     return "\n".join(parts)

@@ -89,13 +89,9 @@ def sample(
     from sumo_eval.report.points_page import write_points
     from sumo_eval.scenario.catalogue import find
     from sumo_eval.scenario.sampling.samples import METHODS
-    from sumo_eval.settings import (
-        AdsSettings,
-        EvaluationSettings,
-        SamplingSettings,
-        ScenarioSettings,
-    )
+    from sumo_eval.settings import EvaluationSettings, SamplingSettings, ScenarioSettings
 
+    # METHODS[method][1]: names of the settings that the method takes
     if count is None and method is not None and method in METHODS and "count" in METHODS[method][1]:
         raise click.UsageError(
             f"`--method {method}` needs `--count`, the number of points, e.g. --count 64."
@@ -103,7 +99,7 @@ def sample(
     entry = ScenarioSettings(
         scenario, SamplingSettings(method, levels, count=count, strength=strength, file=file)
     )
-    settings = EvaluationSettings("sample", (entry,), (AdsSettings("none", "no_reaction"),), seed)
+    settings = EvaluationSettings("sample", (entry,), seed=seed)
     logical = find(scenario, Path.cwd())
     chosen = choose_points(logical, entry, Path.cwd(), settings)
     title = f"{logical.name}: {chosen.method}, {len(chosen.points)} points"

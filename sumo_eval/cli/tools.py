@@ -158,15 +158,11 @@ def _check_scenario(use: str) -> NoReturn:
     from sumo_eval.scenario.catalogue import options_of
     from sumo_eval.scenario.file import check_file
     from sumo_eval.scenario.resolved import Resolved
-    from sumo_eval.settings import AdsSettings, EvaluationSettings, ScenarioSettings
+    from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
     file, given = options_of(use)
     path = Path(file)
-    alone = EvaluationSettings(
-        "check",
-        (ScenarioSettings(path.name + use.removeprefix(file)),),
-        (AdsSettings("idm", "idm"),),
-    )
+    alone = EvaluationSettings("check", (ScenarioSettings(path.name + use.removeprefix(file)),))
     # `check_file` below checks all points of the sample
     space = space_of(Resolved.of(alone, path.parent.resolve()), 0, looked_at=_MOST_POINTS)
     logical = space.logical

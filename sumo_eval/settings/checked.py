@@ -68,7 +68,7 @@ def about(cls: type, name: str) -> About:
 _KINDS: dict[object, tuple[Any, str]] = {
     float: (Real, "a number"), int: (Integral, "a whole number"), bool: (bool, "true or false"),
     str: (str, "a text"), dict: (Mapping, "a table"), tuple: ((list, tuple), "a list"),
-    Union: (object, ""), UnionType: (object, ""), Literal: (object, ""), Any: (object, ""),
+    **dict.fromkeys((Union, UnionType, Literal, Any), (object, "")),
 }  # fmt: skip
 # (bound, its attribute with the limit, test of a value and the limit, words before the limit)
 _CHECKS: tuple[tuple[type, str, Callable[[Any, Any], bool], str], ...] = (

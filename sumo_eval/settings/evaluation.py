@@ -98,17 +98,12 @@ class DeclaredDistribution(Checked):
 
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
-        if self.distribution == "uniform" and not self.second > self.first:
-            raise must_be(
-                "`second`",
-                "a uniform distribution",
-                f"greater than `first` ({self.first:g})",
-                self.second,
-            )
-        if self.distribution != "uniform" and not self.second > 0.0:
-            raise must_be(
-                "`second`", f"a {self.distribution} distribution", "greater than 0", self.second
-            )
+        least, words = 0.0, "0"
+        if self.distribution == "uniform":
+            least, words = self.first, f"`first` ({self.first:g})"
+        if not self.second > least:
+            owner = f"a {self.distribution} distribution"
+            raise must_be("`second`", owner, f"greater than {words}", self.second)
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,7 +60,7 @@ def _load_module(name: str, folder: Path | None, owner: str) -> ModuleType:
 
 
 def _load_file(place: str, folder: Path | None, owner: str) -> ModuleType:
-    path = (Path.cwd() if folder is None else folder).joinpath(place).resolve()
+    path = ((folder or Path()) / place).resolve()
     if not path.exists():
         raise InputError(f"{owner}: there is no file {path}.")
     try:

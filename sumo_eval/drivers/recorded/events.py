@@ -287,8 +287,8 @@ def _stretches(traffic: RecordedTraffic) -> list[slice]:
 
 def _is_ghost(gap: float, ttc: float, accelerations: np.ndarray) -> bool:
     """Whether these extremes are a tracker's, m, s and m/s2."""
-    near = gap < GHOST_GAP or ttc < GHOST_TTC
-    return bool(near or np.abs(accelerations).max() > GHOST_ACCELERATION)
+    strongest = np.abs(accelerations).max()
+    return bool(gap < GHOST_GAP or ttc < GHOST_TTC or strongest > GHOST_ACCELERATION)
 
 
 def _start_kind(traffic: RecordedTraffic, start: int, row: int) -> str:

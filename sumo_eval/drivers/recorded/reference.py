@@ -178,13 +178,14 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
         return None
     columns = [str(column) for column in rows]
     check_known(f"parameter column of {people.folder / NAMED_CASES}", columns, *concrete.values)
-    names, values = list(concrete.values), list(concrete.values.values())
-    checked_numbers(rows, names, people.folder / NAMED_CASES)
-    here = rows[((rows[names] - values).abs() < 1e-6).all(axis=1)]
+    parameters, values = list(concrete.values), list(concrete.values.values())
+    checked_numbers(rows, parameters, people.folder / NAMED_CASES)
+    here = rows[((rows[parameters] - values).abs() < 1e-6).all(axis=1)]
     if here.empty:
         return None
-    drives = [drive for file in here["file"] for drive in _drives_in(people.folder / str(file))]
-    return Reference(tuple(drive for _, drive in drives), tuple(name for name, _ in drives))
+    named = [it for file in here["file"] for it in _drives_in(people.folder / str(file))]
+    names, drives = zip(*named, strict=True)
+    return Reference(drives, names)
 
 
 def _drives_in(path: Path) -> Sequence[tuple[str, Trajectory]]:

@@ -271,9 +271,7 @@ class SyntheticDriver(Compiled):
         others: number of other vehicles in each case.
         """
         count, step = len(together), scenario["step"][0]
-        longest = max(
-            max(it.driver.reaction_time, it.driver.alerted_reaction_time) for it in together
-        )
+        longest = max(it.driver.reaction_time for it in together)
         # a look at each end of every step of the longest reaction time, and two in reserve
         mind = Mind(
             np.zeros((count, others, math.ceil(longest / step) + 3), LOOK),

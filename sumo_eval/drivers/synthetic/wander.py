@@ -9,6 +9,8 @@ import numpy as np
 
 from sumo_eval.kernels import kernel
 
+COMPONENTS = 8  # K, sines of a `SmoothNoise`
+
 
 @kernel
 def noise_at(waves: Any, amplitude: float, time: float) -> tuple[float, float, float]:
@@ -42,12 +44,10 @@ class SmoothNoise:
     amplitude: s sqrt(2 / K).
     """
 
-    COMPONENTS = 8
-
     def __init__(
         self, stream: np.random.Generator, deviation: float, correlation_time: float
     ) -> None:
-        frequencies = stream.normal(0.0, 1.0 / correlation_time, self.COMPONENTS)
-        phases = stream.uniform(0.0, math.tau, self.COMPONENTS)
+        frequencies = stream.normal(0.0, 1.0 / correlation_time, COMPONENTS)
+        phases = stream.uniform(0.0, math.tau, COMPONENTS)
         self.waves = np.stack((frequencies, phases), axis=1)
-        self.amplitude = deviation * math.sqrt(2.0 / self.COMPONENTS)
+        self.amplitude = deviation * math.sqrt(2.0 / COMPONENTS)

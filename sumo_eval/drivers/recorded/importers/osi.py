@@ -124,7 +124,7 @@ def _trace(path: Path) -> Iterator[tuple[str, bytes]]:
         while header := file.read(4):
             size = struct.unpack("<I", header)[0] if len(header) == 4 else _TRACE_LIMIT
             message = file.read(size) if size < _TRACE_LIMIT else b""
-            if size >= _TRACE_LIMIT or len(message) < size:
+            if len(message) < size:
                 raise InputError(
                     f"{path} must be a trace of OSI, each message after its length; it ends "
                     "within one."

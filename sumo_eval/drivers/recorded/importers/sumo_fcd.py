@@ -18,7 +18,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.input_file import input_file
 
 LENGTH, WIDTH = 5.0, 1.8  # m, SUMO's default passenger car
-# SUMO's defaults
+# length and width of SUMO's other classes, m
 BODIES = {
     "truck": (7.1, 2.4),
     "trailer": (16.5, 2.55),
@@ -31,9 +31,8 @@ _NEEDED = ("x", "y", "angle", "speed")
 def read(path: Path) -> Samples:
     """The recordings of a file."""
     rows = _from_xml(path) if path.suffix == ".xml" else _from_csv(path)
-    kinds = rows["type"] if "type" in rows else pd.Series("car", index=rows.index)
-    known = kinds.astype(str).str.lower()
-    bodies = np.array([BODIES.get(kind, (LENGTH, WIDTH)) for kind in known])
+    kinds = rows.get("type", pd.Series("car", index=rows.index)).astype(str).str.lower()
+    bodies = np.array([BODIES.get(kind, (LENGTH, WIDTH)) for kind in kinds])
     heading = np.radians(90.0 - rows["angle"])
     table = pd.DataFrame(
         {
@@ -46,7 +45,7 @@ def read(path: Path) -> Samples:
             "speed": rows["speed"],
             "length": bodies[:, 0],
             "width": bodies[:, 1],
-            "class": known.where(known.isin([*BODIES, "car", "van"]), "car"),
+            "class": kinds.where(kinds.isin([*BODIES, "car", "van"]), "car"),
         }
     )
     if "acceleration" in rows:
@@ -84,8 +83,8 @@ def _from_xml(path: Path) -> pd.DataFrame:
             no_network=True,
         ):
             for vehicle in step.iterchildren("vehicle"):
-                row = {"time": step.get("time"), "row": vehicle.sourceline}
-                rows.append({**vehicle.attrib, **row})
+                place = {"time": step.get("time"), "row": vehicle.sourceline}
+                rows.append({**vehicle.attrib, **place})
             step.clear()
     for row in rows:
         for name in ("id", *_NEEDED):
