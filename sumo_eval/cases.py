@@ -503,7 +503,7 @@ class CaseTable(CaseProperties):
         if isinstance(rows, CaseTable):
             return rows
         chunks = []
-        # consecutive rows of one scenario and ADS, with the same parameters
+        # consecutive rows of one scenario and ADS, with the same names of parameters
         of_chunk = groupby(rows, key=lambda row: (row.scenario, row.ads, *row.values))
         for (scenario, ads, *_), group in of_chunk:
             alike = list(group)

@@ -149,12 +149,9 @@ def path_command(
     if releases and before == 0.0 and lost == 0.0:
         path.owed = 0.0
         return 0.0
-    # the vehicle may exceed `braking` only where it must catch up, as it rises no faster than asked
-    most = (
-        min(brakes.braking, vehicle.max_deceleration)
-        if brakes.jerk < fall
-        else vehicle.max_deceleration
-    )
+    most = vehicle.max_deceleration
+    if brakes.jerk < fall:  # else the vehicle's brakes lag behind, and may exceed it to catch up
+        most = min(brakes.braking, most)
     if releases:
         until_open = lost + path.owed + 0.5 * path.level * path.level / fall
         command = released_level(before, until_open, fall, step, most)
@@ -253,7 +250,7 @@ def follow_demand(
     before, after = demand(scene, wait) > 0.0, demand(scene, step) > 0.0
     change = step if before == after else first_instant(demand, scene, 0.0, wait, step)
     lost = 0.0
-    # within the step: the reaction, then the time up to a change of demand, then the rest
+    # the parts of the step: reaction, up to a change of demand, rest; and whether it then brakes
     for begin, end, brakes_then in (
         (0.0, wait, False),
         (wait, change, before),

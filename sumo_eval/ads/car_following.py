@@ -243,7 +243,7 @@ def change_as_asked(
     has begun it brakes for that vehicle only comfortably (b). It waits before the end of its lane.
     """
     changing = change_if_free(path, way, me, others, scenario)
-    most = math.inf
+    most = math.inf  # no limit yet
     lead = lead_beside(way, me, others, scenario)
     if lead >= 0:
         most = idm_acceleration(

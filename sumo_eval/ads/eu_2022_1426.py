@@ -3,9 +3,8 @@ automated vehicle.
 
 A cut-in must be avoided when its TTC, as it reaches 0.30 m into the lane, is above v_rel / (2 a) +
 tau / 2 + 0.1 s: the vehicle may take 0.1 s, build its braking up over tau and brake with a. With
-standing or
-unbelted passengers a and tau are smaller. Source: Annex III, cut-in (the German AFGBV, Annex 1, has
-the same). Everything else is as `reg157` does it.
+standing or unbelted passengers a and tau are smaller. Source: Annex III, cut-in (the German AFGBV,
+Annex 1, has the same). Everything else is as in `reg157`.
 """
 
 from __future__ import annotations

@@ -63,9 +63,9 @@ def wanted_at(scene: Any, after: float) -> float:
         if known[j].leads == 0:
             later[j].x = math.nan
     _copy_decision(own.tried, own.decided)
-    tried, speed = own.tried, own.then.speed
+    tried = own.tried
     tried.desired_speed = own.desired_speed
-    tried.free = free_acceleration(speed, own.desired_speed, own.p.idm)
+    tried.free = free_acceleration(own.then.speed, own.desired_speed, own.p.idm)
     return float(overtake(tried, own.then, later, known, own.p, way, scenario))
 
 

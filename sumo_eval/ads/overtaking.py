@@ -144,8 +144,7 @@ def overtake(
     for j in range(len(others)):
         known = watched[j]
         if known.leads:
-            behind_it = follow(known, me, others[j], desired_speed, idm, scenario.step)
-            wanted = min(wanted, behind_it)
+            wanted = min(wanted, follow(known, me, others[j], desired_speed, idm, scenario.step))
     memory.passing = 0
     if memory.changing:
         would_clip = False  # what it passes, if it were a little faster

@@ -137,8 +137,9 @@ def careful_driver(
     vehicle, step = scenario[0].vehicle, scenario[0].step
     take(me, ego.seen)
     me.braking = path.level
-    necessary_at = _braking_necessary(own, others, watched, others_then, scenario[0], time)
-    begins_at = necessary_at + own.p.reaction
+    begins_at = own.p.reaction + _braking_necessary(
+        own, others, watched, others_then, scenario[0], time
+    )
     own.looked = 1
     ends = _end_events_within(me, others, watched, step)
     braked = ramped(HUMAN_BRAKING, path, begins_at - time, ends, vehicle, step)

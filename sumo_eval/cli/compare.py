@@ -88,8 +88,7 @@ def compare(
 
         tell(f"The page is {write_comparison(after, Beside(comparison, gates), page)}")
     if with_report:
-        report = write_assessed_report(after, Beside(comparison, gates))
-        tell(f"The report is {report}")
+        tell(f"The report is {write_assessed_report(after, Beside(comparison, gates))}")
     leave(after, GATE_FAILED if failed(gates) else DONE)
 
 

@@ -30,12 +30,8 @@ def load_object(locator: str, folder: Path | None, kind: str) -> Any:
     owner = f"{kind} `{locator}`"
     if not colon or not place or not name:
         raise InputError(f"{owner} must have the form `package.module:name` or `file.py:name`.")
-    module = (
-        _load_file(place, folder, owner)
-        if place.endswith(".py")
-        else _load_module(place, folder, owner)
-    )
-    found: Any = module
+    load = _load_file if place.endswith(".py") else _load_module
+    found: Any = load(place, folder, owner)
     for part in name.split("."):
         if not hasattr(found, part):
             public = [known for known in dir(found) if not known.startswith("_")]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -77,8 +78,7 @@ def levers_of(
     """
     levers = []
     for name, (low, high, step, unit) in _SETTINGS.items():
-        group, _, setting = name.partition(".")
-        value = getattr(getattr(settings, group), setting)
+        value = attrgetter(name)(settings)
         recorded = high if value is None else float(value)
         low, high = min(low, recorded), max(high, recorded)
         step = step or settings.step
@@ -95,9 +95,12 @@ def levers_of(
         gap = ahead.start.x - ego.x - bodies / 2.0
         levers.append(Lever(_GAP, "m", min(0.0, gap), max(_FARTHEST, gap), 0.1, gap))
 
-    for item in (it for it in logical.parameters if it.name != ONLY):
-        step, value = (item.high - item.low) / _FINE, values[item.name]
-        levers.append(Lever(item.name, item.unit, item.low, item.high, step, value, item.values))
+    for item in logical.parameters:
+        if item.name != ONLY:
+            step, value = (item.high - item.low) / _FINE, values[item.name]
+            levers.append(
+                Lever(item.name, item.unit, item.low, item.high, step, value, item.values)
+            )
     # of two levers of one name the last stays: a parameter of the scenario
     return list({lever.name: lever for lever in levers}.values())
 

@@ -162,8 +162,9 @@ def read_csv(path: Path) -> Recordings:
     driver is named, headings, speeds and accelerations follow from the motion, all are cars, lanes
     follow from y.
     """
-    required = ("recording", "vehicle", "t", "x", "y", "length", "width")
-    table = read_table(path, required, dtype=IDENTIFIERS)
+    table = read_table(
+        path, ("recording", "vehicle", "t", "x", "y", "length", "width"), dtype=IDENTIFIERS
+    )
     checked_numbers(table, [name for name in NUMBERS if name in table], path)
     table = table.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)
     for name, value in (("class", "car"), ("driver", ""), ("steering", np.nan)):

@@ -83,6 +83,7 @@ def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], dict[str, int]]:
         members = {rest[0], *stream["vehicle"].unique()}
         rest = [vehicle for vehicle in rest if vehicle not in members]
     driving = {vehicle for stream in streams for vehicle in stream["vehicle"].unique()}
+    # of these vehicles, samples that no stream has
     samples = rows["vehicle"].isin(driving).sum() - sum(map(len, streams))
     return streams, {
         f"vehicles that move less than {SHORTEST_AXIS:g} m are left out": still,
@@ -239,7 +240,7 @@ def _visible_lanes(s: FloatArray, d: FloatArray) -> tuple[float | None, Any, Any
     phasors = _phasors(d, section, width)
     steady = np.convolve(phasors, np.ones(SECTIONS_SMOOTHED), "same")[: len(phasors)]
     drift = np.unwrap(np.angle(steady)) / (2 * np.pi) * width
-    middles = s.min() + SECTION * (np.arange(len(drift)) + 0.5)
+    middles = s.min() + SECTION * (np.arange(len(drift)) + 0.5)  # of the sections
     slopes = np.gradient(drift, SECTION) if len(drift) > 1 else np.zeros(1)
     return width, np.interp(s, middles, drift), np.interp(s, middles, slopes)
 

@@ -272,7 +272,8 @@ class SyntheticDriver(Compiled):
         """
         count, step = len(together), scenario["step"][0]
         longest = max(it.driver.reaction_time for it in together)
-        # a look at each end of every step of the longest reaction time, and two in reserve
+        # a look at each end of every step of the longest reaction time (without a warning), and two
+        # in reserve
         mind = Mind(
             np.zeros((count, others, math.ceil(longest / step) + 3), LOOK),
             np.zeros((count, others), LOOKS),
