@@ -53,7 +53,7 @@ no_reaction = NoReaction()
 # m by which a vehicle that turns into the lane may later reach further along the road than now
 _TURNED = 0.2
 _KNOWN = fields(*Foresight._fields)
-"""What the ideal vehicle knows of each actor: a `Foresight` in numbers."""
+"""A `Foresight` in numbers: knowledge of one actor."""
 
 
 @kernel

@@ -117,7 +117,7 @@ def steering(
     Vehicle Dynamics and Control (2012), ch. 2.
 
     memory: holds the present `curvature`, 1/m; receives the new one.
-    path_y, slope, bend: the values of `path_at` at `rear_axle_next`.
+    path_y and the two arguments after it: the values of `path_at` at `rear_axle_next`.
     """
     memory.curvature = steered(memory.curvature, me, path_y, slope, bend, scenario)
     return float(
@@ -172,7 +172,7 @@ def beside_an_arc(curvature: float, ahead: float, left: float) -> tuple[float, f
         (2 l - k (a^2 + l^2)) / (1 + sqrt(1 + k^2 (a^2 + l^2) - 2 k l)),  atan2(k a, 1 - k l)
 
     curvature: k, of the arc, 1/m.
-    ahead, left: a and l, of the move, m, along the arc at its begin and to the left of that.
+    ahead, left: a and l, of the move, m, along the arc where it starts and to the left of that.
     """
     square = ahead * ahead + left * left
     root = math.sqrt(max(1.0 + curvature * (curvature * square - 2.0 * left), 0.0))

@@ -70,10 +70,10 @@ def avoidable_ttc(closing_speed: float, granted: Any) -> float:
 
 @kernel
 def demands_braking(me: Any, other: Any, p: Any, scenario: Any) -> bool:
-    """Whether braking is demanded for a vehicle ahead.
+    """Whether braking is demanded for another vehicle.
 
-    For one in the path that brakes: at a headway of 2 s or less. For any other one that has
-    intruded into the lane: at the TTC that can just be avoided, or less.
+    Only for one in front. For one in the path that brakes: at a headway of 2 s or less. For any
+    other one that has intruded into the lane: at the TTC that can just be avoided, or less.
 
     p: parameters of `Reg157`.
     """

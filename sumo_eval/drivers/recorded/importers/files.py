@@ -1,4 +1,4 @@
-"""What several importers need: the files of a folder, and readable errors of XML."""
+"""Common parts of importers: the files of a folder, and readable errors of XML."""
 
 from __future__ import annotations
 
