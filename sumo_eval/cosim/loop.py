@@ -150,8 +150,8 @@ class EgoControl:
         # a contact stays the reason
         contact = REASONS[int(world.egos["reason"][row])] == "contact"
         who = "The ADS" if fault == "ads_error" else "The vehicle model"
-        reason: EndReason = "contact" if contact else fault
-        world.fail(row, reason, f"{who} raised in close: {said(error)}.")
+        words = f"{who} raised in close: {said(error)}."
+        world.fail(row, "contact" if contact else fault, words)
 
     def _close_guarded(
         self, world: World, row: int, close: Callable[[], None], target: Any
@@ -563,7 +563,6 @@ class OneEach(Policies):
             getattr(policy.target, "settled", None) if world.settings.end_when_decided else None
             for policy in self._policies
         ]
-        self._any_settles = any(self._settled)
 
     def _check(self, world: World, time: float) -> None:
         """Check the clock where the policy has the simulation to itself."""
@@ -618,7 +617,7 @@ class OneEach(Policies):
             world.latencies.own[case].append(took)
             commands.append(answer)
             commanded_rows.append(row)
-            if self._any_settles and (settled := self._settled[case]) is not None:
+            if (settled := self._settled[case]) is not None:
                 world.egos["settled"][row] = bool(settled())
         if commands:
             self._commands[commanded_rows] = commands

@@ -135,21 +135,20 @@ class OnTraci(EgoControl):
         if self._alone:
             do(self._rows[0], world, time)
             return
-        guard = GUARD
         if rows is None:
             drives_on = (world.egos["live"] != 0) & (world.egos["reason"] == 0)
             rows = np.flatnonzero(drives_on).tolist()
         for row in rows:
             hook = self._rows[row]
-            guard.names = hook.names
+            GUARD.names = hook.names
             try:
                 do(hook, world, time)
             except KeyboardInterrupt:
                 raise
             except BaseException:  # noqa: BLE001 - the case alone says what it is
-                guard.refusal = guard.refusal or ("", "")
-            if guard.refusal is not None:
-                guard.refusal = None
+                GUARD.refusal = GUARD.refusal or ("", "")
+            if GUARD.refusal is not None:
+                GUARD.refusal = None
                 world.leave(row, LEFT_BATCH)
 
     def step(self, world: World, time: float) -> None:
@@ -421,11 +420,11 @@ class _Hook:
         Its speed becomes that over the ground. SUMO counts the motion along the lane and across it
         apart, and on a curved road the first along the road's line.
         """
-        calls, state, at = self._calls, self._state, MAP
+        calls, state = self._calls, self._state
         front_x, front_y = calls.getPosition(self.ego)
         angle, speed = calls.getAngle(self.ego), calls.getSpeed(self.ego)
         last_s, last_speed = state[0], state[3]
-        last_x, last_y, last_heading = state[at], state[at + 1], state[at + 2]
+        last_x, last_y, last_heading = state[MAP], state[MAP + 1], state[MAP + 2]
         if not (
             -LOST < front_x < LOST
             and -LOST < front_y < LOST
@@ -445,7 +444,7 @@ class _Hook:
         moved_x = front_x - last_x - self._half * math.cos(last_heading)
         moved_y = front_y - last_y - self._half * math.sin(last_heading)
         stretch = 1.0  # metres on the map for each metre along the line
-        state[at], state[at + 1], state[at + 2] = x, y, heading
+        state[MAP], state[MAP + 1], state[MAP + 2] = x, y, heading
         if self._bent:
             line = self.road.line
             place = tuple(float(it) for it in frame_places(line, x, y, heading, near=last_s))
@@ -480,20 +479,19 @@ class _Hook:
         """
         ego, calls = self.ego, self._calls
         (x, y), speed = calls.getPosition(ego), calls.getSpeed(ego)
-        state, at = self._state, MAP
-        before = state[_LANE_SPEED]
+        state, before = self._state, self._state[_LANE_SPEED]
         x -= self._half
         if (
-            state[at + 2] != 0.0
+            state[MAP + 2] != 0.0
             or calls.getAngle(ego) != STRAIGHT
             or not goes_straight(
-                x - state[at], y - state[at + 1], speed, before, self._step, self._limits
+                x - state[MAP], y - state[MAP + 1], speed, before, self._step, self._limits
             )
         ):
             return False
         state[_LANE_SPEED] = state[3] = speed
         state[0], state[2], state[7] = x, 0.0, (speed - before) / self._step
-        state[at] = x
+        state[MAP] = x
         return True
 
     def _check_native_motion(self, ahead: float, across: float, speed: float, now: float) -> None:

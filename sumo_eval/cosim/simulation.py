@@ -265,18 +265,17 @@ def simulate_many(
         simulate_together(cases, controller, settings, terms=Terms(folder=folder)),
         strict=True,
     ):
-        if isinstance(driven, Recording):
-            yield driven
-            continue
-        if alone is not None:
-            alone[driven] += 1
-        yield simulate(concrete, own_controller, settings, folder=folder)
+        if isinstance(driven, Alone):
+            if alone is not None:
+                alone[driven] += 1
+            driven = simulate(concrete, own_controller, settings, folder=folder)
+        yield driven
 
 
 def simulate_together(
     cases: Sequence[ConcreteScenario],
     controller: ControllerLike | Sequence[ControllerLike],
-    settings: SimulationSettings | None = None,
+    settings: SimulationSettings | None,
     *,
     terms: Terms | None = None,
     seeds: Sequence[int] | None = None,

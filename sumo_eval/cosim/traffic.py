@@ -208,9 +208,9 @@ class Traffic(Stage):
         over_line = world.settings.seen_over_line
         shadow_lane = self._shadow_lanes(of_all(now, "y"), across, lane, over_line)
         shadow_lane[~(on_lanes & self._has_shadow[number])] = -1
-        for k in np.flatnonzero(~on_lanes).tolist():
-            self._move(int(number[k]), *told[k, 1:5].tolist())
-            self._hide_shadow(int(number[k]))
+        for vehicle, *motion in told[~on_lanes, :5].tolist():
+            self._move(int(vehicle), *motion)
+            self._hide_shadow(int(vehicle))
         along, speed_before = np.maximum(along, 0.0), of_all(before, "speed")
         # the fields of `_OnLane`
         columns = number, lane, shadow_lane, begin, y, along, speed_before

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.cosim.contact import Body, describe, within_a_turn
+from sumo_eval.cosim.contact import Body, describe
 from sumo_eval.cosim.doors.fault_place import fault_place
 from sumo_eval.cosim.impossible import FASTEST
 from sumo_eval.cosim.latency import Latencies
@@ -61,7 +61,8 @@ from sumo_eval.scenario.played import (
     players,
     wake_rows,
 )
-from sumo_eval.scenario.road.reference_line import curvatures, knots_of, map_places
+from sumo_eval.scenario.road.pose import Pose
+from sumo_eval.scenario.road.reference_line import curvatures, knots_of
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.text import clean, clean_log, traceback_of
 from sumo_eval.trajectory import (
@@ -444,14 +445,9 @@ class World:
         body = Body(*vehicle.tolist()[:7])
         if not len(self.line):
             return body
-        line_x, line_y, along = (float(it) for it in map_places(self.cases[0].road.line, x, 0.0))
-        at, c, s = vehicle["map"], math.cos(along), math.sin(along)
-        ahead, left = float(at["x"]) - line_x, float(at["y"]) - line_y
-        return body._replace(
-            x=x + ahead * c + left * s,
-            y=left * c - ahead * s,
-            heading=within_a_turn(float(at["heading"]) - along),
-        )
+        origin = Pose(0.0, 0.0, 0.0).along(self.cases[0].road.line, x)
+        ahead, left, turned = Pose(*vehicle["map"].tolist()).seen_from(origin)
+        return body._replace(x=x + ahead, y=left, heading=turned)
 
     def _clips(self, row: int, case: int) -> tuple[Clip, ...]:
         counted = np.flatnonzero(self.clips["count"][row])

@@ -257,7 +257,7 @@ def _in_range(recordings: Sequence[Recording]) -> Finding:
         if line.startswith("SUMO ignored ")
     }
     text = "; ".join([*map(_said, worst.values()), *sorted(line.rstrip(".") for line in logs)])
-    if any(what in worst for what in _COMMANDS):
+    if worst.keys() & _COMMANDS:
         mend = (
             "the vehicle does what it can, and every case counts that as clips; if that was not "
             "intended: acceleration is in m/s2, steering is the steering WHEEL's angle in rad"

@@ -394,14 +394,13 @@ def departures(
     one_lane: the network has only lane 0 (`shared_files.fits_one_lane`).
     """
     vehicles, road = [], concrete.road
-    end = road.end
     starts = [(EGO, concrete.ego, ego_length)]
     for actor in concrete.actors:
         start, length = actor.start, actor.length
         # An actor that crosses may start beside or beyond the road. SUMO inserts it on the road,
         # and moves it to its position on the map before the first step.
         if actor.on_map is not None:
-            start = replace(start, x=min(max(start.x, length / 2), end - length))
+            start = replace(start, x=min(max(start.x, length / 2), road.end - length))
         starts.append((actor.name, start, length))
     for name, start, length in starts:
         front = start.x + length / 2  # SUMO's position is the front bumper
@@ -417,8 +416,8 @@ def departures(
         )  # fmt: skip
         if road.network is not None:
             # SUMO counts from the edge's right-hand lane, which is lane 1 where lane 0 is missing
-            missing = road.spans and 0 not in road.lanes_at(front)
-            attributes["departLane"] = str(lane + road.network.first_lane - bool(missing))
+            first = road.network.first_lane - (0 not in road.lanes_at(front))
+            attributes["departLane"] = str(lane + first)
         elif road.spans and not one_lane:
             attributes |= _departure(road, name, lane, front)
         if start.y != road.lane_centre(lane):

@@ -216,9 +216,7 @@ def spaces_of(settings: CampaignSettings, folder: Path) -> tuple[EncounterSpace,
 Watch = Callable[[str, int, int], None]
 
 
-def run_campaign(
-    settings: CampaignSettings, folder: Path, watch: Watch = lambda what, done, total: None
-) -> Campaign:
+def run_campaign(settings: CampaignSettings, folder: Path, watch: Watch) -> Campaign:
     """Drive every ADS through every scenario.
 
     folder: where relative paths start.
