@@ -3,6 +3,7 @@
 "use strict";
 
 const sumoDrive = (() => {
+  // functions of keys: their bits as in hands.py, and the keys that have them
   const BITS = { left: 1, right: 2, drive: 4, brake: 8, hard: 16, evade: 32 };
   const KEYS = {
     ArrowLeft: "left", KeyA: "left", ArrowRight: "right", KeyD: "right", ArrowUp: "drive", KeyW: "drive", ArrowDown: "brake", KeyS: "brake",
@@ -12,14 +13,12 @@ const sumoDrive = (() => {
   const LATE_PICTURE = 50; // ms between two pictures; one that comes later counts as dropped
   const FIGURES_EVERY = 1000; // ms between two messages with figures
   const RETRY_AFTER = 1000; // ms until a lost connection is tried again
-  // A drawing is too slow where 95 % of the last inputs take longer than this to the picture, ms:
-  // LATENCY_BOUND, or with long steps a step and AFTER_STEP
-  const LATENCY_BOUND = 50, AFTER_STEP = 30;
-  const TIMED_INPUTS = 40; // least number of inputs for that
-  // It is also too slow where the median time between pictures is longer than this, s; of
-  // TIMED_PICTURES pictures, or after FEW_AFTER ms of FEW_PICTURES
-  const PICTURE_BOUND = 1 / 45;
-  const TIMED_PICTURES = 45, FEW_PICTURES = 5, FEW_AFTER = 1500;
+  // A drawing is too slow where 5 % of the last TIMED_INPUTS inputs take longer to the picture than LATENCY_BOUND, ms, or than a
+  // step and AFTER_STEP, ms, where that is more.
+  const TIMED_INPUTS = 40, LATENCY_BOUND = 50, AFTER_STEP = 30;
+  // It is also too slow where the median time between TIMED_PICTURES pictures is longer than PICTURE_BOUND, s. After FEW_AFTER ms
+  // FEW_PICTURES are enough.
+  const TIMED_PICTURES = 45, PICTURE_BOUND = 1 / 45, FEW_AFTER = 1500, FEW_PICTURES = 5;
   const PAUSE = 500; // ms between two pictures that may be a pause
   const PLAIN = [ // the plain drawings, the most expensive first
     { ratio: 1, coarse: false, above: false, name: "plain drawing" },
@@ -28,13 +27,14 @@ const sumoDrive = (() => {
   ];
   const NOTE_TIME = 8000; // ms for which a note stays over the road
   const FINGER_REACH = 70; // px that a finger moves from straight to full steering
+  const NO_3D = "This browser draws nothing in 3-D, so the road is drawn plainly.";
   const COLOURS = { me: "#0072b2", other: "#b26a00" };
   const HELD = { // why nothing moves
     hidden: "The window was out of sight. Nothing has moved since.", key: "Nothing moves until you continue.",
     asleep: "This computer was asleep, or stood still. Nothing has moved since.",
     silent: "This window did not answer for a while, so it shows no driver. Nothing has moved since.",
   };
-  const REASONS = { 4400: "refused", 4401: "unknown", 4409: "taken", 4429: "refused" };
+  const REASONS = { 4400: "refused", 4401: "unknown", 4409: "taken", 4429: "refused" }; // codes as in window.py
 
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const themed = () => { document.documentElement.dataset.theme = dark.matches ? "dark" : "light"; window.dispatchEvent(new Event("resize")); };
@@ -47,10 +47,10 @@ const sumoDrive = (() => {
   let socket = null, over = false, drive = null, device = matchMedia("(pointer: coarse)").matches ? "touch" : "keys", calibration = null, shown = null;
 
   const element = (tag, className, text) => {
-    const made = document.createElement(tag);
-    if (className) made.className = className;
-    if (text !== undefined) made.textContent = text;
-    return made;
+    const node = document.createElement(tag);
+    if (className) node.className = className;
+    if (text !== undefined) node.textContent = text;
+    return node;
   };
   const say = (message) => { if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
 
@@ -146,7 +146,7 @@ const sumoDrive = (() => {
   const clamp = (value, low, high) => Math.min(high, Math.max(low, value));
   const withoutDeadZone = (value) => (Math.abs(value) < DEAD_ZONE ? 0 : Math.sign(value) * (Math.abs(value) - DEAD_ZONE) / (1 - DEAD_ZONE));
 
-  /** Of an axis or a button of a device: its share from rest to full, 0..1. */
+  /** How far an axis or a button of a device is from rest, 0, to full, 1. */
   function share(it, { axis, button, rest, full }) {
     const value = axis === undefined ? it.buttons[button].value : it.axes[axis];
     return full === rest ? 0 : clamp((value - rest) / (full - rest), 0, 1);
@@ -164,7 +164,7 @@ const sumoDrive = (() => {
       const angle = clamp(turn, -1, 1) * degrees / 2 * Math.PI / 180;
       return ["wheel", 0, angle, share(it, calibration.throttle), share(it, calibration.brake)];
     }
-    if (device === "pad" && it) {
+    if (device === "pad" && it) { // the left stick, the right and the left trigger
       return ["stick", 0, clamp(-withoutDeadZone(it.axes[0]), -1, 1), clamp(it.buttons[7].value, 0, 1), clamp(it.buttons[6].value, 0, 1)];
     }
     return ["keys", hands.keys, 0, 0, 0];
@@ -263,7 +263,7 @@ const sumoDrive = (() => {
       if (why) this.countStepDown();
       const means = sumoScene.means(), forced = this.wish === "3-D";
       if (!why && !forced && this.wish !== "plain") {
-        if (!means) why = "This browser draws nothing in 3-D, so the road is drawn plainly.";
+        if (!means) why = NO_3D;
         else if (means === "processor") why = "This computer would draw 3-D with its processor, too late to drive by: the road is drawn plainly.";
       }
       this.canvas = element("canvas");
@@ -272,7 +272,7 @@ const sumoDrive = (() => {
       this.place.replaceChildren(this.canvas);
       this.space = why || this.wish === "plain" ? null : sumoScene.create(this.canvas); // the scene in 3-D; null: plain
       this.plainly = // why the road is drawn plainly, for the driver; empty: in 3-D, or as wished
-        this.space ? "" : plainReason || why || (forced ? "This browser draws nothing in 3-D, so the road is drawn plainly." : "");
+        this.space ? "" : plainReason || why || (forced ? NO_3D : "");
       this.means = this.space ? { processor: "software WebGL", graphics: "WebGL" }[means] : "plain drawing";
       if (this.space) this.space.steerable(() => this.mode === "free", () => {});
       const modes = this.space ? sumoReplay.CAMERAS : ["behind", "above"];
