@@ -1,5 +1,7 @@
-"""Logical scenarios from recordings: for each class of encounters a scenario file with ranges, a
-joint distribution and a rate, and figures on how well it describes the recordings.
+"""Logical scenarios from recordings, one for each class of encounters, for `sumo-eval learn`.
+
+A scenario file has ranges, a joint distribution and a rate. `Learnt` also says how well the file
+describes the recordings: by vehicles that were held out of the fit, and by the motion of its actor.
 """
 
 from __future__ import annotations
@@ -50,22 +52,23 @@ from sumo_eval.text import cell
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 FOLDS = 5  # groups of vehicles, each held out once
-FACTORS = (0.15, 0.2, 0.27, 0.36, 0.48, 0.64, 0.85)  # bandwidths tried, beside Scott's
-MOST_FITTED = 2000  # events that a distribution is fitted to; more only cost time
-LEAST_EVENTS = 5  # for each parameter; with fewer there is no distribution
-# Kolmogorov distance to held-out vehicles; of models nearer in all parameters the likeliest is best
+FACTORS = (0.15, 0.2, 0.27, 0.36, 0.48, 0.64, 0.85)  # bandwidths to try, in addition to Scott's
+MOST_FITTED = 2000  # events that a distribution is fitted to; more only take longer
+LEAST_EVENTS = 5  # for each parameter; fewer have no distribution
+# Kolmogorov distance within which models count as equally near the held-out vehicles
 NEAR = 0.1
-SAME = 1e-3  # in the parameter's unit; one with a smaller deviation is a constant
-PREFIX = "learnt_"
-STEP = 0.1  # s, at which scripted and recorded motion are compared
+SAME = 1e-3  # in its unit; a parameter with a smaller deviation is a constant
+PREFIX = "learnt_"  # of the scenarios' names
+STEP = 0.1  # s between two positions of the scripted motion
 DATE = "2022-01-01T00:00:00"  # always the same, so that the same events give the same file
 
 
 class Fit(NamedTuple):
-    """Fit of a model to vehicles that it was not fitted to.
+    """How well a model describes vehicles that were held out of its fit.
 
-    log_likelihood: mean, nats an event.
-    kolmogorov: parameter -> distance to the held-out vehicles.
+    model: `even`, or kind and bandwidth of a `Joint`, as `copula 0.27`; without it Scott's.
+    log_likelihood: mean over the held-out events, nats.
+    kolmogorov: parameter -> Kolmogorov distance to the held-out events.
     """
 
     model: str
@@ -76,10 +79,12 @@ class Fit(NamedTuple):
 class Learnt(NamedTuple):
     """Results for a class.
 
-    measured: from its events.
+    encounters: recorded ones.
+    measured: figures before the fit.
     logical: the scenario of its file; None: too few events.
-    models: held out, the best first.
-    replay: distances from the recorded motion, as `replay_errors` has them, m, (n, 3).
+    joint: its distribution.
+    models: all that were tried, the best first.
+    replay: error of the actor's motion in each fitted event, m, (n, 3), as by `replay_errors`.
     thinned: number of events beyond `MOST_FITTED`, which the distribution leaves out evenly.
     """
 
@@ -93,7 +98,11 @@ class Learnt(NamedTuple):
 
 
 class Lesson(NamedTuple):
-    """Results of all classes of a survey."""
+    """Results of all classes.
+
+    learnt: class -> its results.
+    source: name of the recordings in sentences.
+    """
 
     survey: EncounterSurvey
     learnt: Mapping[str, Learnt]
@@ -106,12 +115,12 @@ def learn(
     source: str,
     watch: Callable[[str, int], None] = lambda what, done: None,
 ) -> Lesson:
-    """Learn from recordings and write the scenario files, their events and OpenSCENARIO
-    distributions into `folder`.
+    """Learn from recordings; write scenario files, their events and OpenSCENARIO distributions.
 
-    recordings: read one after another, so that memory holds only one.
-    source: their name in sentences.
-    watch: receives the work under way, and how much is done.
+    recordings: read one by one, so that memory holds only one.
+    folder: receives the files.
+    source: name of the recordings in sentences.
+    watch: receives the work under way, and the number of its parts that are done.
     """
     survey = find_encounters(recordings, watch)
     if not survey.kilometres > 0.0:
@@ -133,19 +142,19 @@ def learn(
 
 
 class Measured(NamedTuple):
-    """Figures of a class's events before a fit.
+    """Figures of a class's events before a distribution is fitted.
 
-    rate: 1/km, and its 95 % limits.
+    rate: of encounters, 1/km, and its 95 % limits.
     needed: least number of events for a distribution.
-    constants: parameters that do not vary, and their values.
-    logical: the scenario of the file; None: too few events.
-    content: of the scenario file, which is written without a distribution.
+    constants: parameter that does not vary -> its value.
+    logical: the scenario of the file, still without a distribution; None: too few events.
+    content: tables of this file.
     kept: whether each of the encounters' rows is within the ranges and constraints, (n,).
-    rows: parameters of those that are, (n, k).
-    ends: parameter -> intervals of the range's lower and upper end.
-    correlations: pair -> Spearman's rank correlation and its limits.
-    rate_together: limits of the rate. With 95 % these, all `ends` and all `correlations` hold at
-        once, so each is wider than one that holds alone.
+    rows: parameters of the kept rows, (kept, k).
+    ends: parameter -> intervals of the lower and of the upper end of its range.
+    correlations: pair of parameters -> Spearman's rank correlation and its limits.
+    rate_together: limits of the rate that hold together with all `ends` and `correlations`, with
+        95 %. So each of these intervals is wider than one that holds alone.
     """
 
     rate: tuple[float, float, float]
@@ -161,8 +170,10 @@ class Measured(NamedTuple):
 
 
 def measure(encounters: Encounters, survey: EncounterSurvey, folder: Path, source: str) -> Measured:
-    """Rate, ranges and correlations of a class, with their intervals, and its scenario file without
-    a distribution; no file where there are too few events for one.
+    """Measure rate, ranges and correlations of a class, and write its file without a distribution.
+
+    folder: receives the file, unless there are too few events.
+    source: of the recordings, for the file.
     """
     quantities = {item.name: item for item in SCENES[encounters.name].quantities}
     counts = encounters.events, survey.kilometres
@@ -176,10 +187,10 @@ def measure(encounters: Encounters, survey: EncounterSurvey, folder: Path, sourc
     free = [name for name in quantities if name not in constants]
     needed = LEAST_EVENTS * len(free or quantities)
     few = Measured(rate, needed, constants)
-    # no distribution is fitted to events that are all alike
+    # events that are all alike have no distribution
     if len(encounters.rows) < needed or not free:
         return few
-    rows = np.column_stack([columns[name] for name in free])
+
     ranges = {name: _range(columns[name], quantities[name]) for name in free}
     content = content_of(
         PREFIX + encounters.name, encounters.name, ranges, constants, survey.lane_width, source
@@ -190,30 +201,23 @@ def measure(encounters: Encounters, survey: EncounterSurvey, folder: Path, sourc
         "where": source,
     }
     path = folder / f"{encounters.name}.toml"
-    # read back, the file says which events its constraints rule out
+    # the constraints of the file rule out events once it is read
     path.write_text(tomli_w.dumps(content), encoding="utf-8")
     logical = read_scenario(path)
+    rows = np.column_stack([columns[name] for name in free])
     kept = logical.in_box(rows) & logical.feasible(rows)
     rows = rows[kept]
     if len(rows) < needed:
         path.unlink()
         return few._replace(kept=kept)
-    return Measured(
-        rate,
-        needed,
-        constants,
-        logical,
-        content,
-        kept,
-        rows,
-        *_intervals_at_once(dict(zip(free, rows.T, strict=True)), *counts),
-    )
+    intervals = _intervals_at_once(dict(zip(free, rows.T, strict=True)), *counts)
+    return Measured(rate, needed, constants, logical, content, kept, rows, *intervals)
 
 
 def _intervals_at_once(
     columns: Mapping[str, FloatArray], events: int, kilometres: float
 ) -> tuple[Any, ...]:
-    """`ends`, `correlations` and `rate_together` of `Measured`, which hold at once with 95 %.
+    """`ends`, `correlations` and `rate_together` of `Measured`.
 
     columns: parameter -> its values, (n,).
     """
@@ -228,95 +232,93 @@ def _intervals_at_once(
 
 
 def _learnt(encounters: Encounters, measured: Measured, path: Path) -> Learnt:
-    """Fit a class and write its files.
+    """Fit a class's distribution and write its files.
 
     path: of the files, without their ending.
     """
     if measured.logical is None:
         return Learnt(encounters, measured)
-    free = measured.logical.names
+    names = measured.logical.names
     low, high = _tuples(np.array([measured.logical.low, measured.logical.high]))
     fitted = min(len(measured.rows), MOST_FITTED)
     even = np.linspace(0, len(measured.rows) - 1, fitted).round().astype(np.intp)
     rows = measured.rows[even]
-    events = np.flatnonzero(measured.kept)[even]  # index of each row among the encounters
+    events = np.flatnonzero(measured.kept)[even].tolist()  # index of each row in the encounters
     sources = [encounters.sources[event] for event in events]
-    motions = [encounters.motions[event] for event in events]
+    models = choose_model(rows, names, (low, high), fold_of(sources))
+    kind, bandwidth = _named(models[0].model)
 
-    models = choose_model(rows, free, (low, high), fold_of(sources))
-    kind, factor = _named(models[0].model)
     table = path.with_suffix(".events.csv")
-    _write_events(table, free, rows, sources)
-    distribution: dict[str, Any] = {"events": table.name, "kind": kind}
-    if factor is not None:
-        distribution["bandwidth"] = factor
-    file = path.with_suffix(".toml")
-    file.write_text(tomli_w.dumps({**measured.content, "joint": distribution}), encoding="utf-8")
-    value_sets(measured, rows, file)
-
-    logical = read_scenario(file)
-    joint = Joint(kind, free, _tuples(rows), low, high, factor, table.name)
-    replay = replay_errors(logical, encounters.name, rows, motions)
-    return Learnt(encounters, measured, logical, joint, models, replay, len(measured.rows) - fitted)
-
-
-def _write_events(
-    path: Path, names: Sequence[str], rows: FloatArray, sources: Sequence[Mapping[str, Any]]
-) -> None:
-    """Write events as CSV: parameters (n, k), then where each was recorded."""
     lines = (
         [*row, *(cell(str(value)) for value in source.values())]
         for row, source in zip(rows.tolist(), sources, strict=True)
     )
-    write_csv(path, [*names, *sources[0]], lines)
+    write_csv(table, [*names, *sources[0]], lines)
+    distribution: dict[str, Any] = {"events": table.name, "kind": kind}
+    if bandwidth is not None:
+        distribution["bandwidth"] = bandwidth
+    file = path.with_suffix(".toml")
+    file.write_text(tomli_w.dumps({**measured.content, "joint": distribution}), encoding="utf-8")
+    value_sets(names, measured.rate, rows, file)
+
+    logical = read_scenario(file)
+    joint = Joint(kind, names, _tuples(rows), low, high, bandwidth, table.name)
+    motions = [encounters.motions[event] for event in events]
+    replay = replay_errors(logical, encounters.name, rows, motions)
+    return Learnt(encounters, measured, logical, joint, models, replay, len(measured.rows) - fitted)
 
 
-def value_sets(measured: Measured, rows: FloatArray, file: Path) -> None:
-    """Write events (n, k) of a scenario file as an OpenSCENARIO ParameterValueDistribution.
+def value_sets(
+    names: Sequence[str], rate: tuple[float, float, float], rows: FloatArray, file: Path
+) -> None:
+    """Write events as an OpenSCENARIO ParameterValueDistribution, next to their scenario file.
 
     It holds value sets: no other distribution of the standard keeps which values occur together.
+
+    names: of the parameters.
+    rate: of encounters, 1/km, and its limits.
+    rows: parameters of the events, (n, k).
+    file: the scenario file.
     """
     root = etree.Element("OpenSCENARIO")
-    value, low, high = measured.rate
+    value, low, high = rate
     about = (
         f"{PREFIX}{file.stem}: {len(rows)} recorded events, {value:.4g} ({low:.4g} to {high:.4g}) "
         "per vehicle-km"
     )
     header = {"revMajor": "1", "revMinor": "1", "date": DATE, "author": "sumo_eval"}
     etree.SubElement(root, "FileHeader", header | {"description": about})
-    distribution = etree.SubElement(root, "ParameterValueDistribution")
-    etree.SubElement(distribution, "ScenarioFile", filepath=file.name)
-    for name in (
+    element = etree.SubElement(root, "ParameterValueDistribution")
+    etree.SubElement(element, "ScenarioFile", filepath=file.name)
+    # each within the one before
+    for tag in (
         "Deterministic",
         "DeterministicMultiParameterDistribution",
         "ValueSetDistribution",
     ):
-        distribution = etree.SubElement(distribution, name)
-    assert measured.logical is not None
+        element = etree.SubElement(element, tag)
     for row in rows.tolist():
-        event = etree.SubElement(distribution, "ParameterValueSet")
-        for name, number in zip(measured.logical.names, row, strict=True):
-            etree.SubElement(
-                event,
-                "ParameterAssignment",
-                {"parameterRef": name, "value": repr(round(number, 9))},
-            )
-    text = etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
-    file.with_suffix(".xosc").write_bytes(text)
+        event = etree.SubElement(element, "ParameterValueSet")
+        for name, number in zip(names, row, strict=True):
+            text = repr(round(number, 9))
+            etree.SubElement(event, "ParameterAssignment", parameterRef=name, value=text)
+    content = etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
+    file.with_suffix(".xosc").write_bytes(content)
 
 
 def _tuples(rows: FloatArray) -> tuple[tuple[float, ...], ...]:
+    """The rows of an array as tuples of floats."""
     return tuple(map(tuple, rows.tolist()))
 
 
 def _range(values: FloatArray, quantity: Quantity) -> tuple[float, float]:
-    """A range that holds the values and one kernel deviation beyond, rounded outwards.
+    """Range of a parameter: its values and one kernel deviation beyond, rounded outwards.
 
-    It ends at the quantity's ceiling at the latest. It begins below the floor only as far as values
-    are recorded there.
+    It ends at the quantity's ceiling at most. It begins below the floor only if values lie there,
+    and then at the least value.
     """
-    width = values.std(ddof=1) * len(values) ** -0.2
-    # unit of the third digit of the values' spread
+    width = values.std(ddof=1) * len(values) ** -0.2  # Scott's, of one parameter
+    # unit of the third digit of the values' spread, at which the range is rounded
     scale = 10.0 ** (math.floor(math.log10(max(np.ptp(values), 1e-6))) - 2)
     low = math.floor((values.min() - width) / scale) * scale
     high = math.ceil((values.max() + width) / scale) * scale
@@ -331,9 +333,11 @@ def _range(values: FloatArray, quantity: Quantity) -> tuple[float, float]:
 
 
 def fold_of(sources: Sequence[Mapping[str, Any]]) -> np.ndarray:
-    """The fold of each event, by a hash of its ego, so that no vehicle is in two folds.
+    """The fold of each event, 0 to `FOLDS` - 1, by a hash of its ego: no ego is in two folds.
 
-    By the event's number where all egos fall into one fold.
+    If all egos fall into one fold, the events are dealt out in order instead.
+
+    sources: as in `Encounters`.
     """
     egos = (f"{source['recording']}/{source['ego']}" for source in sources)
     folds = np.array([zlib.crc32(ego.encode()) % FOLDS for ego in egos])
@@ -341,7 +345,7 @@ def fold_of(sources: Sequence[Mapping[str, Any]]) -> np.ndarray:
 
 
 def _named(model: str) -> tuple[JointKind, float | None]:
-    """Kind and bandwidth of a model by its name, `copula 0.27`; `kde` alone has Scott's, None."""
+    """Kind and bandwidth of a model by its name, as in `Fit`; None: Scott's bandwidth."""
     kind, _, factor = model.partition(" ")
     return ("kde" if kind == "kde" else "copula"), float(factor) if factor else None
 
@@ -352,55 +356,55 @@ def choose_model(
     box: Sequence[tuple[float, ...]],
     folds: np.ndarray,
 ) -> tuple[Fit, ...]:
-    """Every model on vehicles that it was not fitted to, the best first, the even density last.
+    """The fits of all models, the best first, the even density last.
 
-    Best is the likeliest of those that are within `NEAR` of the held-out vehicles in every
-    parameter; where none is, the nearest.
+    Best is the likeliest model within `NEAR` of the held-out vehicles in every parameter. If there
+    is none, it is the nearest one.
 
-    box: lower and upper ends of the ranges.
+    rows: parameters of the events, (n, k).
+    box: lower ends and upper ends of the ranges.
+    folds: of each event, (n,).
     """
-    fits = []
-    for factor in ("", *(f" {factor:g}" for factor in FACTORS)):
-        for kind in ("kde", "copula"):
-            fits += _fits(kind + factor, rows, names, box, folds)
-    # within `NEAR` all count as equally near
-    fits.sort(key=lambda item: (max(*item.kolmogorov.values(), NEAR), -item.log_likelihood))
+    bandwidths = ("", *(f" {factor:g}" for factor in FACTORS))  # "": Scott's
+    fits = [
+        _fit(kind + bandwidth, rows, names, box, folds)
+        for bandwidth in bandwidths
+        for kind in ("kde", "copula")
+    ]
+    fits.sort(key=lambda fit: (max(*fit.kolmogorov.values(), NEAR), -fit.log_likelihood))
     return (*fits, Fit("even", -math.log(np.prod(np.subtract(box[1], box[0]))), {}))
 
 
-def _fits(
+def _fit(
     model: str,
     rows: FloatArray,
     names: Sequence[str],
     box: Sequence[tuple[float, ...]],
     folds: np.ndarray,
-) -> list[Fit]:
-    """The fit of a model to the folds that are held out in turn; none where too few events are left
-    to fit it to.
+) -> Fit:
+    """Fit a model without each fold in turn, and compare it with that fold.
+
+    Other arguments: as in `choose_model`.
     """
     kind, bandwidth = _named(model)
     logs, shares = [], []
     for fold in range(FOLDS):
         train, test = rows[folds != fold], rows[folds == fold]
+        # of `LEAST_EVENTS` for each parameter, one fold at least leaves enough for a `Joint`
         if len(test) and len(train) >= len(names) + 2:
             joint = Joint(kind, tuple(names), _tuples(train), box[0], box[1], bandwidth)
             logs.append(np.log(np.maximum(joint.density(test) / joint.mass(), 1e-300)))
             shares.append(marginal_shares(joint, test))
-    if not logs:
-        return []
     columns = zip(names, np.concatenate(shares).T, strict=True)
     distances = {name: kolmogorov(column) for name, column in columns}
-    return [Fit(model, np.concatenate(logs).mean(), distances)]
+    return Fit(model, np.concatenate(logs).mean(), distances)
 
 
 def marginal_shares(joint: Joint, points: FloatArray) -> FloatArray:
-    """The distribution function of each parameter alone at points (n, k), from draws within the
-    box.
-    """
+    """Distribution function of each parameter alone at points (n, k), from draws within the box."""
     drawn = np.sort(joint.draw(8192, random_stream(0, "marginals", len(joint.events))), axis=0)
-    return np.column_stack(
-        [np.searchsorted(own, at) / len(drawn) for own, at in zip(drawn.T, points.T, strict=True)]
-    )
+    columns = zip(drawn.T, points.T, strict=True)
+    return np.column_stack([np.searchsorted(own, at) / len(drawn) for own, at in columns])
 
 
 # --- replay ---------------------------------------------------------------------------------------
@@ -409,37 +413,38 @@ def marginal_shares(joint: Joint, points: FloatArray) -> FloatArray:
 def replay_errors(
     logical: LogicalScenario, class_: str, rows: FloatArray, motions: Sequence[Motion]
 ) -> FloatArray:
-    """Root mean square distance, m, between the actor's motion of the file and its recorded one:
-    along the road, across it and together, (n, 3).
+    """Errors of the actor's motion in the file against its recorded motion, for each event.
 
-    Along the road the gap to the ego counts, as vehicles of the file all have the same length.
+    Root mean square distances, m: along the road, across it and together, (n, 3).
 
-    rows: the events' parameters (n, k).
+    class_: of the encounters.
+    rows: parameters of the events, (n, k).
+    motions: recorded ones, of each event.
     """
+    scene = SCENES[class_]
     squares = [
-        _replay_squares(
-            logical.placed(dict(zip(logical.names, row, strict=True))), SCENES[class_], motion
-        )
+        _replay_squares(logical.placed(dict(zip(logical.names, row, strict=True))), scene, motion)
         for row, motion in zip(rows.tolist(), motions, strict=True)
     ]
-    both = np.reshape(squares, (-1, 2))
+    both = np.array(squares)
     return np.asarray(np.sqrt(np.column_stack([both, both.sum(axis=1)])))
 
 
 def _replay_squares(
     concrete: ConcreteScenario, scene: EncounterScene, motion: Motion
 ) -> tuple[float, float]:
-    """Mean squares, m2, of an event's distances along the road and across it."""
+    """Mean squares, m2, of an event's distances along the road and across it.
+
+    Along the road, gaps to the ego are compared: all vehicles of the file have the same length.
+    """
     number = [actor.name for actor in scene.actors].index(scene.replayed)
     body = CAR_LENGTH, 1.8  # of the ego, m
     until = max(motion.time[-1], STEP)
     driven = tracks([concrete], [body], STEP, until).others[0, number]
     clock = np.arange(len(driven)) * STEP
-    lane = concrete.road.lane_width
-    # side of the ego that the actor is on, its lane, and the lane that the record begins in
-    side, level, first = (-1.0, 1.0, lane) if scene.behind else (1.0, scene.level, 0.0)
+    side = -1.0 if scene.behind else 1.0  # the actor is behind the ego, or ahead of it
     x = driven[:, 0] - concrete.ego.x - side * CAR_LENGTH
-    y = driven[:, 1] - level * lane
+    y = driven[:, 1] - scene.level * concrete.road.lane_width
     along = np.interp(motion.time, clock, x) - (motion.x - side * motion.bodies)
-    across = np.interp(motion.time, clock, y) - (motion.y - first)
+    across = np.interp(motion.time, clock, y) - motion.y
     return np.mean(along**2), np.mean(across**2)
