@@ -22,7 +22,8 @@ MM: Final = 1.0 / 25.4  # a millimetre in inches
 WIDTHS: Final[dict[str, float]] = {"column": 88.0 * MM, "page": 180.0 * MM}
 """Widths of figures, inches: one column and both columns of a journal's page."""
 
-ENDINGS: Final = ("svg", "png", "pdf")
+ENDINGS: Final = {"svg": {"Date": None}, "png": {}, "pdf": {"CreationDate": None}}
+"""Ending of a figure's file -> its metadata: without a date, the same figure is the same bytes."""
 
 # markers and lines of ADSs in order, for `look_of`
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "*")
@@ -147,12 +148,10 @@ def save(figure: Figure, path: Path) -> Path:
     Raises InputError for another ending, or where the file cannot be written.
     """
     ending = ending_of(path)
-    # without a date, the same figure is the same bytes
-    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}[ending]
     try:
         with styled():
             path.parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(path, format=ending, metadata=undated)
+            figure.savefig(path, format=ending, metadata=ENDINGS[ending])
     except OSError as error:
         raise InputError(f"The figure {path} cannot be written: {said(error)}.") from error
     return path

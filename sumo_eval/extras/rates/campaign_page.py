@@ -1,4 +1,4 @@
-"""Results of a campaign: a page, JSON and sentences."""
+"""Results of `sumo-eval campaign`: a page, JSON and sentences."""
 
 from __future__ import annotations
 
@@ -37,11 +37,10 @@ def write_campaign(campaign: Campaign, folder: Path) -> tuple[Path, ...]:
     """Write `campaign.html` and `campaign.json` into a folder; return their paths."""
     content = plain(campaign)
     write_json(folder / PLAIN, content, "The campaign")
-    title = f"{campaign.settings.name}: collisions per million km"
     write_parts(
         folder / PAGE,
         kicker="Crash rates",
-        title=title,
+        title=f"{campaign.settings.name}: collisions per million km",
         sentences=[],
         parts=parts(campaign, content),
     )
@@ -49,7 +48,7 @@ def write_campaign(campaign: Campaign, folder: Path) -> tuple[Path, ...]:
 
 
 def plain(campaign: Campaign) -> dict[str, Any]:
-    """Everything in plain values."""
+    """All results in plain values, for `campaign.json` and the page."""
     return {
         "name": campaign.settings.name,
         "seed": campaign.settings.seed,
@@ -78,6 +77,7 @@ def plain(campaign: Campaign) -> dict[str, Any]:
 
 
 def _plain_rates(rate: AdsRate | ScenarioRate) -> dict[str, Any]:
+    """Both rates per million km, with their limits."""
     return {
         "collisions": rate.collisions[0],
         "collisions_interval": rate.collisions[1:],
@@ -87,9 +87,9 @@ def _plain_rates(rate: AdsRate | ScenarioRate) -> dict[str, Any]:
 
 
 def _plain_part(part: ScenarioRate, total: float) -> dict[str, Any]:
-    """A scenario of an ADS.
+    """Results of one ADS in one scenario.
 
-    total: of its collisions in all scenarios, per million km.
+    total: collisions of the ADS in all scenarios, per million km.
     """
     estimate = part.estimate
     return {
@@ -108,7 +108,7 @@ def _plain_part(part: ScenarioRate, total: float) -> dict[str, Any]:
 
 
 def rate_words(rate: Limits) -> str:
-    """A rate with its limits; without a collision the upper limit alone."""
+    """A rate with its limits as words; without a collision the upper limit alone."""
     value, low, high = rate
     if value == 0.0:
         return f"none seen, at most {amount(high)}"
@@ -116,7 +116,10 @@ def rate_words(rate: Limits) -> str:
 
 
 def lost_words(lost: Mapping[str, int]) -> str:
-    """Number of drives that could not be evaluated, and why."""
+    """A sentence on the drives that could not be evaluated.
+
+    lost: status -> number of drives.
+    """
     why = ", ".join(f"{status} {count}" for status, count in sorted(lost.items()))
     return (
         f"{sum(lost.values())} drives could not be evaluated ({why}) and count as without a "
@@ -125,7 +128,7 @@ def lost_words(lost: Mapping[str, int]) -> str:
 
 
 def unseen_words(rate: AdsRate) -> str:
-    """Scenarios that a rate leaves out: those without a collision, where others have some."""
+    """A sentence on the scenarios without a collision; "" if there are none, or no others."""
     unseen = [part for part in rate.parts if part.collisions[0] == 0.0]
     if not unseen or len(unseen) == len(rate.parts):
         return ""
@@ -138,7 +141,7 @@ def unseen_words(rate: AdsRate) -> str:
 
 
 def sentences(campaign: Campaign) -> list[str]:
-    """The result, a line or two an ADS and one for the recorded drivers."""
+    """The result: a line for each ADS, then one for the drivers of each recording."""
     rates = [
         f"{rate.ads}: collisions per million km {rate_words(rate.collisions)}; expected loss "
         f"{rate_words(rate.loss)}. {unseen_words(rate)}".rstrip()
@@ -155,7 +158,7 @@ def sentences(campaign: Campaign) -> list[str]:
 def parts(campaign: Campaign, content: Mapping[str, Any]) -> list[Piece]:
     """The page, piece by piece.
 
-    content: of `plain`.
+    content: as made by `plain`.
     """
     collisions, loss = "collisions per million km (95 %)", "expected loss L per million km (95 %)"
     rates = [
@@ -176,7 +179,10 @@ def parts(campaign: Campaign, content: Mapping[str, Any]) -> list[Piece]:
 
 
 def _of_ads(rate: AdsRate, content: dict[str, Any]) -> Fold:
-    """An ADS's rate by scenario, and the drives behind it."""
+    """An ADS's rate by scenario, and the drives behind it.
+
+    content: of the ADS, as made by `plain`.
+    """
     pieces: list[Text | Table] = [table(content["by_scenario"])]
     if rate.lost:
         pieces.append(Text(lost_words(rate.lost), "note"))

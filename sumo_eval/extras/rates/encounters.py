@@ -20,7 +20,6 @@ one side.
 
 from __future__ import annotations
 
-import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -28,6 +27,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sumo_eval.drivers.recorded.events import (
     BRAKING_BELOW,
@@ -38,7 +38,7 @@ from sumo_eval.drivers.recorded.events import (
     encounters,
     find_lane_changes,
 )
-from sumo_eval.drivers.recorded.recordings import INTERVAL, MOTOR_CLASSES, Recordings
+from sumo_eval.drivers.recorded.recordings import INTERVAL, MOTOR_CLASSES, STANDARD_LANE, Recordings
 from sumo_eval.errors import InputError
 from sumo_eval.scenario.concrete import smooth_step
 from sumo_eval.trajectory import FloatArray
@@ -120,7 +120,7 @@ class EncounterSurvey(NamedTuple):
     vehicles: number of motor vehicles.
     recordings: their names.
     speeds: quantiles of the vehicles' speeds at 5, 50 and 95 %, m/s.
-    lane_width: median distance between neighbouring lanes, m; 3.5 if there are none.
+    lane_width: median distance between neighbouring lanes, m; `STANDARD_LANE` if there are none.
     notes: of the importers.
     """
 
@@ -249,22 +249,27 @@ def find_encounters(
                 hours += (traffic.t[track.stop - 1] - traffic.t[track.start]) / 3600.0
             # a view would hold the whole recording
             speeds.append(traffic.speed[::SPEEDS_EVERY].copy())
-            gaps += _lane_gaps(traffic)
+            # ramps have numbers below 0
+            lanes = [traffic.centres[lane] for lane in sorted(traffic.centres) if lane >= 0]
+            gaps += lane_gaps(lanes).tolist()
             _measure_recording(name, traffic, classes)
             watch(name, len(names))
     return EncounterSurvey(
         classes, kilometres, hours, vehicles, tuple(names),
         tuple(np.quantile(np.concatenate(speeds or [np.zeros(1)]), [0.05, 0.5, 0.95]).tolist()),
-        round(float(np.median(gaps)), 2) if gaps else 3.5,
+        round(float(np.median(gaps)), 2) if gaps else STANDARD_LANE,
         tuple(dict.fromkeys(notes)),
     )  # fmt: skip
 
 
-def _lane_gaps(traffic: RecordedTraffic) -> list[float]:
-    """Distances between the middles of neighbouring lanes, m; ramps have numbers below 0."""
-    centres = [traffic.centres[lane] for lane in sorted(traffic.centres) if lane >= 0]
-    # other distances: a lane between them has no vehicle, or one lane is read as two
-    return [b - a for a, b in itertools.pairwise(centres) if 2.5 < b - a < 4.5]
+def lane_gaps(middles: ArrayLike) -> FloatArray:
+    """Distances between neighbouring lanes, m.
+
+    middles: y of lanes with a vehicle, in order, m, (n,).
+    """
+    gaps = np.diff(middles)
+    # other distances: a lane between has no vehicle, or one lane is recorded as two
+    return np.asarray(gaps[(gaps > 2.5) & (gaps < 4.5)])
 
 
 def _measure_recording(

@@ -1,4 +1,4 @@
-"""Results of learning: one page, JSON, sentences and the beginning of a campaign."""
+"""Results of `sumo-eval learn`: a page, JSON, sentences, and a campaign file to begin with."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from sumo_eval.scenario.joint import Joint
 from sumo_eval.settings.random_streams import random_stream
 
 PAGE, JSON, CAMPAIGN = "learned.html", "learned.json", "campaign.toml"
-CURVE_POINTS = 4096  # sampled from the model for its curves
-BINS = 40
+CURVE_POINTS = 4096  # draws from the model for its curves
+BINS = 40  # of each histogram
 SUMMARY = (
     "class", "events", "per_vehicle_km", "per_vehicle_km_interval", "fitted", "model",
     "replay_error",
 )  # fmt: skip
-"""Entries of a class that stand on the page next to those of the other classes."""
+"""Entries of `_plain_class` that the first table of the page compares between classes."""
 NOTES = (
     Text(
         "By chance: the Kolmogorov distance that as many events, drawn from the distribution "
@@ -49,10 +49,9 @@ NOTES = (
 
 
 def write_lesson(lesson: Lesson, folder: Path) -> tuple[Path, ...]:
-    """Write `learned.html`, `learned.json` and a `campaign.toml` over the learnt scenarios; return
-    their paths.
+    """Write `learned.html`, `learned.json` and `campaign.toml`; return their paths.
 
-    Without a learnt scenario there is no campaign, and an earlier one is deleted.
+    The campaign is over the learnt scenarios. If there are none, an earlier file is deleted.
     """
     page, data, campaign = (folder / name for name in (PAGE, JSON, CAMPAIGN))
     content = plain(lesson)
@@ -61,25 +60,31 @@ def write_lesson(lesson: Lesson, folder: Path) -> tuple[Path, ...]:
     names = [name for name, learnt in lesson.learnt.items() if learnt.logical is not None]
     if names:
         write_page(campaign, campaign_text(names), "The campaign")
-    lanes = f"Lanes are {lesson.survey.lane_width:.2f} m apart."
-    pieces = [*(Text(note, "note") for note in lesson.survey.notes), *parts(lesson, content)]
     write_parts(
-        page, kicker=f"Learnt from {lesson.source}", title="Scenarios learnt from recordings",
-        sentences=[sentences(lesson)[0], lanes], parts=pieces,
-    )  # fmt: skip
+        page,
+        kicker=f"Learnt from {lesson.source}",
+        title="Scenarios learnt from recordings",
+        sentences=[sentences(lesson)[0], f"Lanes are {lesson.survey.lane_width:.2f} m apart."],
+        parts=[*(Text(note, "note") for note in lesson.survey.notes), *parts(lesson, content)],
+    )
     return (page, data, campaign) if names else (page, data)
 
 
 def campaign_text(names: list[str]) -> str:
-    """A campaign file over learnt scenarios, with a baseline to begin with."""
-    budget = "budget = 400      # drives of an ADS in a scenario, at most\n"
-    uses = "".join(f'\n[[scenario]]\nuse = "{name}.toml"\n' for name in names)
-    ads = '\n[[ads]]\nname = "idm"\ncontroller = "idm"\n'
-    return f'name = "learned"\nseed = 1\n{budget}{uses}{ads}'
+    """A campaign file over these scenarios, with a baseline to begin with."""
+    uses = "".join(f'[[scenario]]\nuse = "{name}.toml"\n\n' for name in names)
+    return f"""name = "learned"
+seed = 1
+budget = 400      # drives of an ADS in a scenario, at most
+
+{uses}[[ads]]
+name = "idm"
+controller = "idm"
+"""
 
 
 def plain(lesson: Lesson) -> dict[str, Any]:
-    """All results, in plain values."""
+    """All results in plain values, for `learned.json` and the page."""
     survey = lesson.survey
     return {
         "source": lesson.source,
@@ -95,6 +100,7 @@ def plain(lesson: Lesson) -> dict[str, Any]:
 
 
 def _plain_class(learnt: Learnt) -> dict[str, Any]:
+    """Results of a class in plain values."""
     encounters, measured, joint = learnt.encounters, learnt.measured, learnt.joint
     content: dict[str, Any] = {
         "class": encounters.name,
@@ -103,20 +109,19 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
         "per_vehicle_km_interval": measured.rate[1:],
         "ghosts": encounters.ghosts,
         "without_parameters": dict(sorted(encounters.left_out.items())),
-        # of the events with all parameters
-        "against_a_constraint": int((~measured.kept).sum()),
+        "against_a_constraint": _against(learnt),
         "constants": measured.constants,
-        # number of events; 0 unless there are more than the distribution can hold
         "left_out_of_the_distribution_evenly": learnt.thinned,
     }
     if learnt.logical is None or joint is None:
         return content | {"file": None, "events_needed": measured.needed}
     quantiles = np.quantile(joint.events, [0.0, 0.05, 0.5, 0.95, 1.0], axis=0).T.tolist()
     replay = np.quantile(learnt.replay, [0.5, 0.9], axis=0).T.tolist()
-    best, fitted = learnt.models[0], len(learnt.replay)  # each fitted event is replayed once
+    best = learnt.models[0]
+    fitted = len(joint.events)
     return content | {
         "file": f"{encounters.name}.toml",
-        # this, the intervals of all ends and those of all correlations hold at once
+        # "below": the intervals of all ends and of all correlations
         "per_vehicle_km_interval_with_all_below": measured.rate_together,
         "fitted": fitted,
         "model": best.model,
@@ -146,8 +151,13 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
     }
 
 
+def _against(learnt: Learnt) -> int:
+    """Number of events with all parameters that a constraint of the scenario rules out."""
+    return int((~learnt.measured.kept).sum())
+
+
 def sentences(lesson: Lesson) -> list[str]:
-    """The results, a line a class."""
+    """The results: a line on the recordings, then one on each class."""
     survey = lesson.survey
     lines = [
         f"{count(len(survey.recordings), 'recording')}, {survey.vehicles} motor vehicles, "
@@ -157,15 +167,16 @@ def sentences(lesson: Lesson) -> list[str]:
     for name, learnt in lesson.learnt.items():
         rate, low, high = learnt.measured.rate
         events, rows = learnt.encounters.events, learnt.encounters.rows
-        if learnt.logical is None:
-            against = (~learnt.measured.kept).sum()
+        if learnt.joint is None:
+            against = _against(learnt)
             ruled_out = f" ({against} of them against a constraint)" if against else ""
             result = (
                 f"{len(rows)} with all parameters{ruled_out}, {learnt.measured.needed} are needed: "
                 "no scenario file."
             )
         else:
-            best, fitted = learnt.models[0], len(learnt.replay)
+            best = learnt.models[0]
+            fitted = len(learnt.joint.events)
             result = (
                 f"{fitted} fitted ({best.model}), held out {best.log_likelihood:z.2f} nats an "
                 f"event, Kolmogorov distance at most {max(best.kolmogorov.values()):.3f} (by "
@@ -180,19 +191,22 @@ def sentences(lesson: Lesson) -> list[str]:
 def parts(lesson: Lesson, content: dict[str, Any]) -> list[Piece]:
     """The page, piece by piece.
 
-    content: of `plain`.
+    content: as made by `plain`.
     """
     classes = content["classes"]
-    summary = table({name: each.get(name) for name in SUMMARY} for each in classes.values())
+    summary = table({key: each.get(key) for key in SUMMARY} for each in classes.values())
     folds = [
-        Fold(name, SCENES[name].about, tuple(_class_parts(learnt, classes[name])))
+        Fold(name, SCENES[name].about, _class_parts(learnt, classes[name]))
         for name, learnt in lesson.learnt.items()
     ]
     return [summary, *NOTES, *folds]
 
 
 def _class_parts(learnt: Learnt, content: dict[str, Any]) -> list[Text | Table | Chart]:
-    """The results of a class."""
+    """The results of a class.
+
+    content: as made by `_plain_class`.
+    """
     encounters = learnt.encounters
     pieces: list[Text | Table | Chart] = [
         Text(
@@ -206,33 +220,30 @@ def _class_parts(learnt: Learnt, content: dict[str, Any]) -> list[Text | Table |
         ),
     ]
     if learnt.joint is None:
-        pieces.append(
-            Text(
-                f"{content['events_needed']} events with all parameters are needed: no "
-                "scenario file.",
-                "note",
-            )
-        )
+        needed = f"{content['events_needed']} events with all parameters are needed"
+        pieces.append(Text(f"{needed}: no scenario file.", "note"))
     else:
         caption = f"{encounters.name}: recorded and modelled"
         pieces = [Chart(caption, _marginals(learnt.joint)), *pieces, *_fit_parts(learnt, content)]
+    # without the tables that have no row
     return [piece for piece in pieces if not isinstance(piece, Table) or piece.rows]
 
 
 def _fit_parts(learnt: Learnt, content: dict[str, Any]) -> list[Text | Table]:
-    """Results of a class that has a distribution."""
+    """The fit of a class that has a distribution.
+
+    content: as made by `_plain_class`.
+    """
     together = interval(*learnt.measured.rate_together)
-    thinned = learnt.thinned
     texts = [
         f"The intervals of all these ends and correlations and of the rate ({together} per "
         "vehicle-km) hold simultaneously with 95 %, if events do not grow rare towards the ends. "
-        "The interval of the rate alone, above, is narrower.",
-        *([f"{thinned} events are left out of the distribution, evenly."] if thinned else ()),
-        *(
-            f"{key} does not vary: {value:g} in the file."
-            for key, value in content["constants"].items()
-        ),
+        "The interval of the rate alone, above, is narrower."
     ]
+    if learnt.thinned:
+        texts.append(f"{learnt.thinned} events are left out of the distribution, evenly.")
+    for name, value in content["constants"].items():
+        texts.append(f"{name} does not vary: {value:g} in the file.")
     models = (
         {"model": item.model, "held-out log-likelihood, nats an event": item.log_likelihood,
          "Kolmogorov distance": item.kolmogorov}
@@ -250,25 +261,21 @@ def _fit_parts(learnt: Learnt, content: dict[str, Any]) -> list[Text | Table]:
 
 
 def _marginals(joint: Joint) -> Any:
-    """Each parameter as recorded, and as the model has it."""
+    """Histogram of each parameter as recorded, and its curve by the model."""
     drawn = joint.draw(CURVE_POINTS, random_stream(0, "drawn", len(joint.names)))
+    recorded = np.array(joint.events)
     panels = []
-    columns = zip(  # of each parameter
-        joint.names, joint.low, joint.high, np.transpose(joint.events), drawn.T, strict=True
-    )
-    for name, low, high, *values in columns:
-        edges = np.linspace(low, high, BINS + 1)
-        data, model = (np.histogram(column, edges, density=True)[0] for column in values)
+    for column, name in enumerate(joint.names):
+        edges = np.linspace(joint.low[column], joint.high[column], BINS + 1)
         middle = (edges[1:] + edges[:-1]) / 2.0
-        panels.append(
-            Panel(
-                (
-                    Marks("data", middle, data, COLOURS[0], bars=True),
-                    Marks("model", middle, model, COLOURS[1], "-"),
-                ),
-                title=name,
-            )
+        data, model = (
+            np.histogram(points[:, column], edges, density=True)[0] for points in (recorded, drawn)
         )
+        marks = (
+            Marks("data", middle, data, COLOURS[0], bars=True),
+            Marks("model", middle, model, COLOURS[1], "-"),
+        )
+        panels.append(Panel(marks, title=name))
     across = min(len(panels), 4)
     rows = -(-len(panels) // across)  # rounded up
     return on_page(panels, across, 240 * rows + 60)  # px: rows and the legend

@@ -314,8 +314,8 @@ def _tuples(rows: FloatArray) -> tuple[tuple[float, ...], ...]:
 def _range(values: FloatArray, quantity: Quantity) -> tuple[float, float]:
     """Range of a parameter: its values and one kernel deviation beyond, rounded outwards.
 
-    It ends at the quantity's ceiling at most. It begins below the floor only if values lie there,
-    and then at the least value.
+    It ends at the quantity's ceiling or before. It begins below the floor only if values lie there,
+    and then with the lowest value.
     """
     width = values.std(ddof=1) * len(values) ** -0.2  # Scott's, of one parameter
     # unit of the third digit of the values' spread, at which the range is rounded

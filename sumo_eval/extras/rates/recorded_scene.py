@@ -1,10 +1,11 @@
-"""A recorded scene as a scenario file: an ADS replaces one of the recorded vehicles, the rest drive
-as recorded.
+"""A recorded scene as a scenario file, in which an ADS replaces one vehicle, the recorded ego.
 
-The actors drive along their recorded path at their recorded speed. The file's only parameter is
-`react_beyond`, a distance. Where a model is named, SUMO takes over the actors when the ego is
-further than that from where the recorded ego was at the same time. An actor that is changing lane
-ends the change first. At `NEVER` no actor reacts.
+`sumo-eval humans scene` writes it. All other vehicles are actors: they drive along their recorded
+paths at their recorded speeds.
+
+The file's only parameter is `react_beyond`, a distance. If a model is named, SUMO takes over the
+actors when the ego is further than that from where the recorded ego was at the same time. An actor
+that is changing lane ends the change first. At `NEVER` no actor reacts.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import tomli_w
 
 from sumo_eval.drivers.recorded.recordings import INTERVAL, STANDARD_LANE, Recordings
 from sumo_eval.errors import InputError, check_known, must_be
+from sumo_eval.extras.rates.encounters import lane_gaps
 from sumo_eval.scenario.file import check_file, read_scenario
 from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.trajectory import FloatArray
@@ -28,11 +30,11 @@ from sumo_eval.trajectory import FloatArray
 NEVER = 100_000.0  # m; no ADS departs that far
 REACH = 300.0  # m along the road; vehicles that are always further from the ego are left out
 LONGEST = 120.0  # s of a scene
-KNOTS = 0.5  # s between two knots, at which the file has a speed
-PATH_TOLERANCE = 0.03  # m that a written path may be off the recorded one
-WITHIN_LANE = 0.6  # m from a lane's middle; nearer than that SUMO can take over an actor
-ROAD_BEHIND = 100.0  # m behind the last vehicle at the start
-ROAD_AHEAD = 500.0  # m ahead of the first vehicle at the end
+KNOTS = 0.5  # s between two knots, times for which the file has a speed
+PATH_TOLERANCE = 0.03  # m; most distance of a written path from the recorded one
+WITHIN_LANE = 0.6  # m from the middle of a lane; further off, SUMO does not take over an actor
+ROAD_BEHIND = 100.0  # m of road behind the last vehicle at the start
+ROAD_AHEAD = 500.0  # m of road ahead of the first vehicle at the end
 BODIES = {
     "van": "van",
     "truck": "truck",
@@ -42,7 +44,7 @@ BODIES = {
     "bicycle": "bicycle",
     "pedestrian": "pedestrian",
 }
-"""Bodies of scenario files by recorded class; all others are cars."""
+"""Recorded class -> body of scenario files; all other classes are cars."""
 ROAD_AS_WRITTEN = (
     "The lanes are straight and there throughout; curves, ramps and lanes that end are not written."
 )
@@ -56,14 +58,15 @@ FAR, IN_ANOTHER, SHORT = (
 
 
 class WrittenScene(NamedTuple):
-    """The scenario of a scene, and its errors.
+    """Report on a written scene.
 
     others: number of actors.
     left_out: reason -> number of vehicles.
-    continued: number of actors that were not recorded throughout, and are assumed to keep their
-        speed and lane before and after.
-    error: root mean square and largest distance, m, of the actors in the file from their recorded
-        positions.
+    continued: number of actors that were not recorded throughout. Before and after they keep their
+        speed and lane.
+    error: root mean square and largest distance of the actors in the file from their recorded
+        positions, m.
+    seconds: duration of the scene.
     """
 
     others: int
@@ -74,11 +77,13 @@ class WrittenScene(NamedTuple):
 
 
 class _Track(NamedTuple):
-    """Recorded positions of a vehicle.
+    """Positions of a vehicle.
 
-    time: s since the start of the scene.
-    x: along the road, m, as recorded.
-    y: to the left of the middle of the right-most lane, m.
+    body: as in scenario files.
+    length, width: of the body, m.
+    time: s since the start of the scene, (n,).
+    x: along the road, m, (n,).
+    y: to the left of the middle of the right-most lane, m, (n,).
     """
 
     name: str
@@ -101,11 +106,14 @@ def write_scene(
 ) -> WrittenScene:
     """Write the scenario file of a scene and report on it.
 
-    ego: the vehicle that an ADS is to replace.
-    recording: its name; None: the only one that the ego is in.
-    span: start and end of the scene, s of the recording; default: the first 30 s of the ego.
-    model: SUMO's, by which the actors react; None: they do not.
+    path: of the file.
+    ego: name of the vehicle that an ADS is to replace.
+    recording: name of its recording; None: the only one that the ego is in.
+    span: start and end of the scene, s of the recording; None: start and end of the ego's first
+        30 s.
+    model: SUMO's model by which the actors react; None: they do not react.
     beyond: the first value of `react_beyond`, m; the second is `NEVER`.
+    Raises InputError if there is no such scene.
     """
     if path.suffix != ".toml":
         raise must_be("The file", "a scene", "one that ends with .toml", str(path))
@@ -118,19 +126,22 @@ def write_scene(
             beyond,
         )
     first, last = _span_of(table[table["vehicle"] == ego], span)
-    recorded, tracks, road = _recorded_tracks(table, ego, first, last)
+    recorded, others, (width, lanes) = _recorded_tracks(table, ego, first, last)
+    # the ego of the scene: from its start to its end, as `[ego] recorded` of the file has it
     clock = np.arange(round((last - first) / INTERVAL) + 1.0) * INTERVAL
     x, y = (np.interp(clock, recorded.time, values) for values in (recorded.x, recorded.y))
     scene_ego = recorded._replace(time=clock, x=x, y=y)
-    actors, continued, left_out = _actors_of(tracks, scene_ego)
+    actors, continued, left_out = _actors_of(others, scene_ego)
     if not actors:
         raise InputError(
             f"Around vehicle `{ego}` there must be a vehicle from {first:g} to {last:g} s, got "
             "none."
         )
 
-    scene_ego, *actors = _on_road([scene_ego, *actors])
-    # without a model `beyond` is refused, so that one point is left
+    # the file's road begins behind all vehicles
+    shift = ROAD_BEHIND - min(track.x[0] for track in (scene_ego, *actors))
+    scene_ego, *actors = (track._replace(x=track.x + shift) for track in (scene_ego, *actors))
+    # without a model this constraint leaves one point, `NEVER`
     never = {"require": f"react_beyond >= {NEVER:g}", "about": f"one where {NO_REACTION}"}
     reaction = f"from a departure on actors react as SUMO's {model}" if model else NO_REACTION
     content = {
@@ -143,18 +154,20 @@ def write_scene(
         "parameter": [{"name": "react_beyond", "unit": "m", "values": [beyond, NEVER],
             "about": "distance of the ego from the recorded one beyond which actors react"}],
         "constraint": [] if model else [never],
-        **_traffic(scene_ego, _speed(recorded, 0.0), actors, *road, model or "IDM"),
+        **_traffic(scene_ego, _speed(recorded, 0.0), actors, width, lanes, model or "IDM"),
     }  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(tomli_w.dumps(content), encoding="utf-8")
     check_file(path)
-    seconds = clock[-1]
-    error = _error(path, actors, seconds)
-    return WrittenScene(len(actors), dict(sorted(left_out.items())), continued, error, seconds)
+    error = _error(path, scene_ego, actors)
+    return WrittenScene(len(actors), dict(sorted(left_out.items())), continued, error, clock[-1])
 
 
 def _of_recording(table: pd.DataFrame, recording: str | None, ego: str) -> pd.DataFrame:
-    """The rows of the recording that is named, or else of the only one that the ego is in."""
+    """The rows of a recording; None: of the only one that the ego is in.
+
+    table: rows of all recordings.
+    """
     table = table.astype({"recording": str, "vehicle": str})
     if recording is not None:
         check_known("recording", table["recording"].unique().tolist(), recording)
@@ -174,6 +187,7 @@ def _span_of(own: pd.DataFrame, span: tuple[float | None, float | None]) -> tupl
     """Start and end of the scene, s of the recording.
 
     own: the ego's rows.
+    span: as in `write_scene`.
     """
     start, stop = own["t"].iloc[[0, -1]]
     first = start if span[0] is None else span[0]
@@ -190,9 +204,12 @@ def _span_of(own: pd.DataFrame, span: tuple[float | None, float | None]) -> tupl
 def _recorded_tracks(
     table: pd.DataFrame, ego: str, first: float, last: float
 ) -> tuple[_Track, list[_Track], tuple[float, int]]:
-    """The ego's whole track; the other vehicles' during the scene, the earliest recorded first;
-    the lanes' width, m, and their number.
+    """Track of the ego; tracks of all other vehicles; width, m, and number of lanes.
 
+    The ego's track is whole. The other tracks are cut to the scene, in the order in which they
+    begin.
+
+    table: rows of the recording.
     first, last: start and end of the scene, s of the recording.
     """
     begins = table.groupby("vehicle")["t"].min()
@@ -207,10 +224,12 @@ def _recorded_tracks(
 
 
 def _actors_of(tracks: list[_Track], ego: _Track) -> tuple[list[_Track], int, Counter[str]]:
-    """Actors of the file, each from the start of the scene on; how many of them were not recorded
-    throughout; reason -> number of vehicles left out.
+    """Actors of the file; number of them that were not recorded throughout; vehicles left out.
 
-    tracks: of two in the same place at the start the later in the list is left out.
+    tracks: of the vehicles; if two overlap at the start, the later in the list is left out.
+
+    Each actor has a track from the start of the scene on, and a name that SUMO accepts. The last
+    result is reason -> number of vehicles.
     """
     left_out: Counter[str] = Counter()
     actors: list[_Track] = []
@@ -227,17 +246,17 @@ def _actors_of(tracks: list[_Track], ego: _Track) -> tuple[list[_Track], int, Co
         elif any(_overlap(actor, other) for other in (ego, *actors)):
             left_out[IN_ANOTHER] += 1
         else:
-            # after its last position an actor keeps speed and lane, as after every script
-            continued += track.time[0] >= INTERVAL or track.time[-1] <= ego.time[-1] - INTERVAL
+            # After its last position an actor keeps speed and lane, as after every script.
+            if track.time[0] >= INTERVAL or track.time[-1] <= ego.time[-1] - INTERVAL:
+                continued += 1
             actors.append(actor)
     return actors, continued, left_out
 
 
 def _lanes(rows: pd.DataFrame) -> tuple[float, tuple[float, int]]:
-    """y of the right-most lane with a vehicle, m; the lanes' width, m, and their number."""
+    """y of the right-most lane with a vehicle, m; width, m, and number of lanes."""
     middles = np.sort(rows.groupby("lane")["y"].median().to_numpy())
-    gaps = np.diff(middles)
-    gaps = gaps[(gaps > 2.5) & (gaps < 4.5)]  # of neighbours
+    gaps = lane_gaps(middles)
     width = round(float(np.median(gaps)), 2) if len(gaps) else STANDARD_LANE
     return middles[0], (width, round((middles[-1] - middles[0]) / width) + 1)
 
@@ -249,23 +268,24 @@ def _track(rows: pd.DataFrame, first: float, lowest: float) -> _Track:
     lowest: y of the right-most lane, m.
     """
     time, x, y = (rows[key].to_numpy() for key in ("t", "x", "y"))
-    of = rows.iloc[0]
-    body = BODIES.get(str(of["class"]), "car")
-    return _Track(of["vehicle"], body, of["length"], of["width"], time - first, x, y - lowest)
+    row = rows.iloc[0]
+    body = BODIES.get(row["class"], "car")
+    return _Track(row["vehicle"], body, row["length"], row["width"], time - first, x, y - lowest)
 
 
 def _speed(track: _Track, time: float) -> float:
-    """Speed along the road at a time, m/s, over the half second around it that is recorded."""
+    """Mean speed along the road over the recorded half second around a time, m/s."""
     begin = min(max(time - 0.25, track.time[0]), track.time[-1] - 0.5)
     x = np.interp([begin, begin + 0.5], track.time, track.x)
     return float(max(x[1] - x[0], 0.0) / 0.5)
 
 
 def _from_start(track: _Track) -> _Track:
-    """The track from the start of the scene on, at its first speed and in its lane up to its first
-    position.
+    """The track from the start of the scene on.
+
+    Up to its first position the vehicle drives at the speed that it has there, in its lane.
     """
-    # half an interval: rounding must not repeat the first position
+    # half an interval less: rounding must not repeat the first position
     before = np.arange(0.0, track.time[0] - INTERVAL / 2.0, INTERVAL)
     return track._replace(
         time=np.append(before, track.time),
@@ -275,15 +295,9 @@ def _from_start(track: _Track) -> _Track:
 
 
 def _overlap(one: _Track, other: _Track) -> bool:
-    """Whether two bodies share ground at the start of the scene."""
+    """Whether two vehicles overlap at the start of the scene."""
     beside = abs(one.y[0] - other.y[0]) < (one.width + other.width) / 2.0
     return bool(beside and abs(one.x[0] - other.x[0]) < (one.length + other.length) / 2.0)
-
-
-def _on_road(tracks: list[_Track]) -> list[_Track]:
-    """The tracks with x along the file's road, which begins `ROAD_BEHIND` before them all."""
-    shift = ROAD_BEHIND - min(track.x[0] for track in tracks)
-    return [track._replace(x=track.x + shift) for track in tracks]
 
 
 def _traffic(
@@ -292,7 +306,8 @@ def _traffic(
     """Road, end, ego and vehicles of the file.
 
     speed: of the ego at the start, m/s.
-    width: of the lanes, m.
+    width, lanes: width, m, and number of the lanes.
+    model: as in `_vehicle`.
     """
     road = max(float(track.x.max()) for track in (ego, *actors)) + ROAD_AHEAD
     path = np.column_stack([ego.x, ego.y]).round(3).tolist()
@@ -307,7 +322,11 @@ def _traffic(
 
 
 def _vehicle(track: _Track, width: float, lanes: int, model: str) -> dict[str, Any]:
-    """A vehicle of the file: along its path, at its speed, until SUMO takes it over."""
+    """A vehicle of the file: along its path, at its speed, until SUMO takes it over.
+
+    width, lanes: width, m, and number of the lanes.
+    model: by which it then reacts; without a reaction the file's constraint keeps it from that.
+    """
     x, y = track.x, track.y
     driven = np.append(0.0, np.hypot(np.diff(x), np.diff(y)).cumsum())  # m since the start
     knots, speeds = fit_speeds(track.time, driven)
@@ -327,17 +346,18 @@ def _vehicle(track: _Track, width: float, lanes: int, model: str) -> dict[str, A
     return {
         "name": track.name, "speed": speed, "x": begin[0], "y": begin[1],
         "body": track.body, "length": track.length, "width": track.width,
+        # one that stands has no path
         "manoeuvre": [follow] if driven[-1] <= 1.0 else [path, profile, follow],
     }  # fmt: skip
 
 
 def fit_speeds(time: FloatArray, way: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Times of knots, s, the first at time[0], and speeds there, m/s, none below 0.
+    """Times of knots, s, and speeds there, m/s, none below 0.
 
-    Speed is linear between knots. The distance driven is the least squares fit to `way`.
+    Speed is linear between knots, and its integral is the least squares fit to `way`.
 
-    time: (n,), s.
-    way: distance driven at these times, (n,), m.
+    time: s, (n,); the first knot is at the first time.
+    way: distance driven at these times, m, (n,).
     """
     from scipy.interpolate import make_interp_spline
     from scipy.optimize import lsq_linear
@@ -345,23 +365,30 @@ def fit_speeds(time: FloatArray, way: FloatArray) -> tuple[FloatArray, FloatArra
     begin, end = time[0], time[-1]
     count = max(round((end - begin) / KNOTS), 1) + 1
     knots = np.linspace(begin, end, count)
-    # column k: a speed of 1 m/s at knot k, 0 at the others, and the distance driven at that speed
+    # Column k of `hats`: a speed that is 1 m/s at knot k and 0 at all others. Column k of
+    # `distances`: the distance driven at this speed.
     hats = make_interp_spline(knots, np.eye(count), k=1)
     distances = hats.antiderivative()(time)
     return knots, lsq_linear(distances, way - way[0], bounds=(0.0, np.inf)).x
 
 
 def thinned(x: FloatArray, y: FloatArray, tolerance: float) -> list[int]:
-    """Indices of the points that keep a line (n,) within `tolerance` m of its former course, by
-    Douglas and Peucker.
+    """Indices of the points that a line needs to stay within `tolerance` of its former course.
+
+    x, y: points of the line, m, (n,).
+    tolerance: m.
+
+    Source: Douglas and Peucker (1973).
     """
-    whole = (0, len(x) - 1)
-    kept, parts = {*whole}, [whole]  # parts: first and last point of each still to be examined
+    end = len(x) - 1
+    kept = {0, end}
+    parts = [(0, end)]  # first and last point of each part of the line that is to be examined
     while parts:
         a, b = parts.pop()
         dx, dy = x[b] - x[a], y[b] - y[a]
         length = math.hypot(dx, dy)
         px, py = x[a + 1 : b] - x[a], y[a + 1 : b] - y[a]
+        # distances of the points between from the straight line, or from both ends in one place
         off = np.abs(px * dy - py * dx) / length if length > 0.0 else np.hypot(px, py)
         if off.size and off.max() > tolerance:
             middle = a + 1 + int(off.argmax())
@@ -370,18 +397,17 @@ def thinned(x: FloatArray, y: FloatArray, tolerance: float) -> list[int]:
     return sorted(kept)
 
 
-def _error(path: Path, actors: list[_Track], seconds: float) -> tuple[float, float]:
-    """Root mean square and largest distance of the actors from their recorded positions, m."""
+def _error(path: Path, ego: _Track, actors: list[_Track]) -> tuple[float, float]:
+    """Root mean square and largest distance of the actors in a file from their tracks, m."""
     concrete = read_scenario(path).concrete(react_beyond=NEVER)
-    body = concrete.ego_body
-    assert body is not None
-    driven = tracks([concrete], [(body.length, body.width)], INTERVAL, seconds).others[0]
+    driven = tracks([concrete], [(ego.length, ego.width)], INTERVAL, ego.time[-1]).others[0]
     clock = np.arange(driven.shape[1]) * INTERVAL
-    apart = []
+    errors = []
     for (x, y, *_), track in zip(driven.transpose(0, 2, 1), actors, strict=True):
-        seen = track.time <= seconds + 1e-6
+        # the last recorded time may lie within half an interval after the end of the scene
+        seen = track.time <= ego.time[-1] + 1e-6
         time = track.time[seen]
-        ahead = np.interp(time, clock, x) - track.x[seen]
-        apart.append(np.hypot(ahead, np.interp(time, clock, y) - track.y[seen]))
-    every = np.concatenate(apart)
+        along = np.interp(time, clock, x) - track.x[seen]
+        errors.append(np.hypot(along, np.interp(time, clock, y) - track.y[seen]))
+    every = np.concatenate(errors)
     return np.sqrt(np.mean(every**2)), every.max()

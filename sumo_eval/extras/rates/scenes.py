@@ -1,7 +1,7 @@
 """Each class of encounters as a scenario file: parameters, vehicles, moves.
 
-Where a scene needs the left, the lane beside the ego's is on its left; encounters to the other side
-are mirrored.
+`learned` fills in the ranges. A vehicle that comes from the next lane comes from the left, and one
+from a ramp from the right; encounters from the other side are mirrored.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ from typing import Any, NamedTuple
 
 from sumo_eval.extras.rates.encounters import APPROACH_WINDOW
 
-CAR_LENGTH = 4.5  # m, of every vehicle of a learnt scenario
-# m, s, m: when a case of a learnt scenario is over
-END_X, END_TIME, ROAD_LENGTH = 1500.0, 45.0, 5000.0
-GRID_POINTS = 1500  # about so many has the default grid of a learnt scenario
-SLOWEST, FASTEST = 0.5, 60.0
-"""m/s; no vehicle of a learnt scenario begins slower, nor faster than roads of scenario files
-allow."""
+# of all learnt scenarios
+CAR_LENGTH = 4.5  # m, of every vehicle
+END_X, END_TIME = 1500.0, 45.0  # m along the road, and s, at which a case ends
+ROAD_LENGTH = 5000.0  # m
+GRID_POINTS = 1500  # of the default grid, at most
+SLOWEST, FASTEST = 0.5, 60.0  # m/s at t = 0; roads of scenario files allow no more
 
 
 class Quantity(NamedTuple):
     """A parameter of a class.
 
-    floor, ceiling: below and above it there is none, in `unit`; None: no such bound.
+    about: its description in the file.
+    floor, ceiling: least and largest value that it can have, in `unit`; None: no bound.
     """
 
     name: str
@@ -35,11 +35,13 @@ class Quantity(NamedTuple):
 
 
 class SceneActor(NamedTuple):
-    """A vehicle of a scene; the name of its speed at t = 0 is its own with `_speed`.
+    """A vehicle of a scene.
 
-    speed: at t = 0, a formula.
+    name: in the file; `NAME_speed` is its speed at t = 0 in formulas.
+    speed: formula of this speed, m/s.
     words: its name in sentences.
-    place, moves: of its table in the file.
+    place: keys of its table in the file that place it.
+    moves: tables of its manoeuvres in the file.
     """
 
     name: str
@@ -52,18 +54,22 @@ class SceneActor(NamedTuple):
 class EncounterScene(NamedTuple):
     """A class as a scenario.
 
-    replayed: the vehicle whose motion is compared with the recorded one.
-    behind: it comes from behind the ego.
-    ego: of its table, in addition to its speed.
-    define, constraints: in addition to those of the speeds.
-    level: lane from which the recorded position is measured, in lanes to the left of the right one.
+    about: its description in the file.
+    quantities: its parameters.
+    obstacle: the actor by which points are safe or hazardous.
+    replayed: the actor whose motion is compared with the recorded motion.
+    ego: keys of its table in the file, in addition to its speed.
+    define: name -> formula, in addition to the speeds.
+    constraints: condition and description, in addition to those of the speeds.
+    level: the ego's lane, in lanes to the left of the right-most one.
+    behind: whether the replayed actor comes from behind the ego.
     """
 
     about: str
     quantities: tuple[Quantity, ...]
     actors: tuple[SceneActor, ...]
-    obstacle: str
-    replayed: str
+    obstacle: str = "lead"
+    replayed: str = "lead"
     ego: Mapping[str, Any] = {}
     define: Mapping[str, str] = {}
     constraints: tuple[tuple[str, str], ...] = ()
@@ -77,17 +83,31 @@ DURATION = Quantity("duration", "s", "of the move to the side", 0.5)
 
 
 def _closing(name: str, words: str) -> Quantity:
+    """A closing speed.
+
+    words: for the other speed.
+    """
     return Quantity(name, "m/s", f"speed of the ego less {words}")
 
 
 def _speed_change(
     duration: str | float, later: str, slowest: str = f"{SLOWEST:g}"
 ) -> dict[str, Any]:
-    """From t = 0 to the speed `later`, a formula, after `duration`."""
+    """The manoeuvre that changes a vehicle's speed from t = 0 on.
+
+    duration: s, or a formula.
+    later: speed after it, a formula, m/s.
+    slowest: least such speed, m/s.
+    """
     return {"do": "speed_profile", "times": [duration], "speeds": [f"max({later}, {slowest})"]}
 
 
 def _side_move(offset: str, speed: str, acceleration: str) -> tuple[dict[str, Any], ...]:
+    """The manoeuvres of a vehicle that moves to the side with constant acceleration along the road.
+
+    offset: to the left, a formula, m.
+    speed, acceleration: names of its speed at t = 0 and of its acceleration.
+    """
     return (
         {"do": "change_lane", "duration": "duration", "offset": offset},
         _speed_change("duration", f"{speed} + {acceleration} * duration"),
@@ -95,9 +115,10 @@ def _side_move(offset: str, speed: str, acceleration: str) -> tuple[dict[str, An
 
 
 def _moves_in(about: str, gap_about: str, *, ramp: bool = False) -> EncounterScene:
-    """A vehicle beside the ego's lane moves into it.
+    """The scene of a vehicle that moves into the ego's lane.
 
-    ramp: from the right side; else from the left.
+    gap_about: description of the gap.
+    ramp: whether it comes from a ramp on the right; else from the lane on the left.
     """
     return EncounterScene(
         about,
@@ -116,8 +137,8 @@ def _moves_in(about: str, gap_about: str, *, ramp: bool = False) -> EncounterSce
                 _side_move("lane" if ramp else "-lane", "other_speed", "acceleration"),
             ),
         ),
-        "other",
-        "other",
+        obstacle="other",
+        replayed="other",
         ego={"y": "lane"} if ramp else {},
         lanes=3 if ramp else 2,
         level=int(ramp),
@@ -160,8 +181,7 @@ SCENES: Mapping[str, EncounterScene] = {
             SceneActor("revealed", "ego_speed - closing_speed", "the revealed vehicle",
                 {"gap": "gap"}),
         ),
-        "revealed",
-        "lead",
+        obstacle="revealed",
         constraints=(
             (f"gap >= lead_gap + {CAR_LENGTH + 1.0:g}", "one where the revealed vehicle is ahead "
                                                         "of the lead"),
@@ -183,8 +203,6 @@ SCENES: Mapping[str, EncounterScene] = {
                 (_speed_change("braking", "lead_speed - deceleration * duration", "0.0"),),
             ),
         ),
-        "lead",
-        "lead",
         define={"braking": "min(duration, lead_speed / deceleration)"},
     ),
     "approach": EncounterScene(
@@ -204,8 +222,6 @@ SCENES: Mapping[str, EncounterScene] = {
                                                 f"{APPROACH_WINDOW:g}"),),
             ),
         ),
-        "lead",
-        "lead",
     ),
     "lane_change": EncounterScene(
         "A slower vehicle is ahead of the ego, and in the lane on its left a vehicle comes from "
@@ -229,9 +245,8 @@ SCENES: Mapping[str, EncounterScene] = {
                 (_speed_change("duration", "rear_speed + rear_acceleration * duration"),),
             ),
         ),
-        "lead",
-        "rear",
-        ego={"x": 600.0},
+        replayed="rear",
+        ego={"x": 600.0},  # m, so that the road behind it has room for the vehicle
         behind=True,
     ),
 }  # fmt: skip
@@ -248,19 +263,27 @@ def content_of(
 ) -> dict[str, Any]:
     """A scenario file as plain tables, for TOML.
 
-    ranges: of the parameters that vary; constants: of the rest.
+    name: of the scenario.
+    class_: of the encounters, a key of `SCENES`.
+    ranges: parameter that varies -> its least and largest value.
+    constants: parameter that does not vary -> its value.
+    lane_width: m.
+    source: of the recordings.
     """
     scene = SCENES[class_]
     speeds, bounds, vehicles = {}, [], []
-    for it in scene.actors:
-        # a speed is valid at points too that these constraints rule out, where zones are searched
-        speeds[f"{it.name}_speed"] = f"max({it.speed}, {SLOWEST:g})"
+    for actor in scene.actors:
+        speed, words = actor.speed, actor.words
         bounds += [
-            (f"{it.speed} >= {SLOWEST:g}", f"one where {it.words} moves"),
-            (f"{it.speed} <= {FASTEST:g}", f"one where {it.words} drives at most {FASTEST:g} m/s"),
+            (f"{speed} >= {SLOWEST:g}", f"one where {words} moves"),
+            (f"{speed} <= {FASTEST:g}", f"one where {words} drives at most {FASTEST:g} m/s"),
         ]
-        moves = {"manoeuvre": [*it.moves]} if it.moves else {}
-        vehicles.append({"name": it.name, "speed": f"{it.name}_speed", **it.place, **moves})
+        # `max`: the search for zones needs a valid speed even where the constraints do not hold
+        speeds[f"{actor.name}_speed"] = f"max({speed}, {SLOWEST:g})"
+        moves = {"manoeuvre": [*actor.moves]} if actor.moves else {}
+        vehicles.append(
+            {"name": actor.name, "speed": f"{actor.name}_speed", **actor.place, **moves}
+        )
     return {
         "name": name,
         "about": scene.about,
@@ -281,11 +304,12 @@ def content_of(
 def _parameters(
     quantities: Sequence[Quantity], ranges: Mapping[str, tuple[float, float]]
 ) -> list[dict[str, Any]]:
-    """The file's parameters, whose grid has `GRID_POINTS` points at most.
+    """Tables of the parameters, with steps for a grid of at most `GRID_POINTS` points.
 
-    ranges: name -> low and high.
+    ranges: as in `content_of`.
     """
-    levels = max(2, math.floor(GRID_POINTS ** (1.0 / len(ranges))))
+    # of each of at most 7 parameters, and so at least 2
+    levels = math.floor(GRID_POINTS ** (1.0 / len(ranges)))
     return [
         {
             "name": item.name,
