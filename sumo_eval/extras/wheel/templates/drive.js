@@ -52,6 +52,8 @@ const sumoDrive = (() => {
     if (text !== undefined) node.textContent = text;
     return node;
   };
+  /** Options of a select from pairs of value and text, of which one is chosen. */
+  const options = (pairs, chosen) => pairs.map(([value, text]) => new Option(text, value, false, value === chosen));
   const say = (message) => { if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
 
   /** A value that the browser remembers by name; a new `value` replaces it. null where the browser may not remember. */
@@ -278,7 +280,7 @@ const sumoDrive = (() => {
       const modes = this.space ? sumoReplay.CAMERAS : ["behind", "above"];
       if (!modes.includes(this.mode)) this.mode = "behind";
       if (!this.space && PLAIN[plainLevel].above && !cameraChosen) this.mode = "above";
-      this.camera.replaceChildren(...modes.map((mode) => new Option(mode === "seat" ? "driver's seat" : mode, mode, false, mode === this.mode)));
+      this.camera.replaceChildren(...options(modes.map((mode) => [mode, mode === "seat" ? "driver's seat" : mode]), this.mode));
       this.latency = [];
       this.answered = null;
       this.startEvaluation();
@@ -385,10 +387,12 @@ const sumoDrive = (() => {
       if (why === "start") for (const text of lines || []) box.append(element("p", "", text));
       else box.append(element("p", "", HELD[why]));
       const label = element("label", "", "Drive with "), choice = element("select", "device");
-      choice.append(...[["keys", "keyboard"], ["pad", "gamepad"], ["wheel", "steering wheel"], ["mouse", "mouse"], ["touch", "fingers on the screen"]].map(([value, text]) => new Option(text, value, false, value === device)));
+      const devices = [["keys", "keyboard"], ["pad", "gamepad"], ["wheel", "steering wheel"], ["mouse", "mouse"], ["touch", "fingers on the screen"]];
+      choice.append(...options(devices, device));
       label.append(choice);
       const drawn = element("label", "", "Draw the road "), drawing = element("select", "drawing"), because = element("p", "because", this.plainly);
-      drawing.append(...[["automatic", "in 3-D where that is quick enough"], ["3-D", "in 3-D, however slow"], ["plain", "plainly"]].map(([value, text]) => new Option(text, value, false, value === this.wish)));
+      const drawings = [["automatic", "in 3-D where that is quick enough"], ["3-D", "in 3-D, however slow"], ["plain", "plainly"]];
+      drawing.append(...options(drawings, this.wish));
       drawing.addEventListener("change", () => {
         this.wish = kept("drawing", drawing.value) || drawing.value;
         [plainLevel, plainReason, cameraChosen] = [0, "", false];
