@@ -93,6 +93,7 @@ class OnTraci(EgoControl):
         # a proxy: a circle of references would keep a batch's arrays until Python looks for circles
         self._hooks = [_Hook(proxy(self), *it, terms) for it in zip(ads, seeds, strict=True)]
         self._alone = len(ads) == 1
+        self.unguarded = self._hooks[0].waits
 
     def begin(self, world: World, stage: Stage) -> None:
         """Take charge of the vehicles, and reset the ADSs."""
@@ -179,7 +180,7 @@ class _Hook:
         self.ads, self._driver = ads, driver
         self._seed, self._terms = seed, terms
         self._plant = terms.plant
-        self._waits = hasattr(ads, "took")  # for a program that drives in its own time
+        self.waits = hasattr(ads, "took")  # for a program that drives in its own time
         self.target = ads.target
         self._bend = 0.0  # 1/m, the road's curvature beside the ego
 
@@ -320,7 +321,7 @@ class _Hook:
             self._blamed(error, f"at {time:.2f} s", time)
         finally:
             took = perf_counter() - asked
-            if self._waits:
+            if self.waits:
                 took += self.ads.took  # type: ignore[attr-defined]
             self._latencies.append(took)
         if took > self._terms.step_timeout:

@@ -152,14 +152,16 @@ def test_a_client_that_sets_a_wrong_number_is_noticed(tmp_path, setter):
     assert found.error.endswith(" s; it must be a finite number.")
 
 
-def test_a_client_that_makes_its_vehicles_place_no_number_is_not_recorded_so(tmp_path):
+@pytest.mark.parametrize("vehicle", ["ego", "lead"])
+def test_a_client_that_makes_a_vehicles_place_no_number_gives_up(tmp_path, vehicle):
+    """It could end every case that gets dangerous in this way, unscored."""
     (tmp_path / "the_drive.py").write_text(
         "def drive(traci, ego):\n    if traci.simulation.getTime() > 0.2:\n"
-        "        traci.vehicle.setLateralLanePosition(ego, float('nan'))\n"
+        f"        traci.vehicle.setLateralLanePosition('{vehicle}', float('nan'))\n"
     )
     found = run(tmp_path, CLIENT)
-    assert found.end_reason == "sim_error"
-    assert "SUMO gave vehicle `ego` the place (nan, nan) m" in found.error
+    assert found.end_reason == "ads_error"
+    assert f"program answers for this: SUMO gave vehicle `{vehicle}` the place (nan" in found.error
 
 
 def test_a_clients_own_subscriptions_are_its_own_to_make_and_to_end(tmp_path):
