@@ -18,12 +18,12 @@ import numpy as np
 from sumo_eval.ads.lane_change import lane_of, shortest_duration, smooth_step
 from sumo_eval.ads.overtaking import CLEARANCE, EMERGENCY_GAP, EMERGENCY_LATERAL
 from sumo_eval.ads.perception import covers, safe_gap
-from sumo_eval.cosim.contact import Body, share_at_touch
 from sumo_eval.cosim.impossible import farthest_in
 from sumo_eval.method.criticality import ideal_impact_speed
 from sumo_eval.scenario.bodies import half_sizes
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Start
 from sumo_eval.scenario.road.reference_line import Line, map_places
+from sumo_eval.scenario.touch import Body, share_at_touch
 from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import FloatArray

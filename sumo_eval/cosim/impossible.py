@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from sumo_eval.cosim.contact import Body
 from sumo_eval.errors import SimulationError
 from sumo_eval.scenario.concrete import Road
+from sumo_eval.scenario.touch import Body
 
 FASTEST = 1000.0  # m/s; a higher speed in SUMO's answer is an error, not a motion
 LOWEST_SPEED = -1.0  # m/s; SUMO's speeds are 0 or above, a lost vehicle's is far below

@@ -19,7 +19,6 @@ from weakref import proxy
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.controller import Adapter, NativeModel, ObjectController
 from sumo_eval.cosim.doors.observation import (
     Observation,
@@ -70,6 +69,7 @@ from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.road.reference_line import curvatures, frame_places
+from sumo_eval.scenario.touch import Body
 
 _SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
 _ALONG = 0.5  # rad off the road's direction: up to it SUMO finds the lane on which a vehicle is

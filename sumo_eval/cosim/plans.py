@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.cosim.contact import within_a_turn
 from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
 from sumo_eval.cosim.vehicle_model import Command, Pedals
 from sumo_eval.errors import ControllerError, said
 from sumo_eval.scenario.road.reference_line import Line, curvatures
+from sumo_eval.scenario.touch import within_a_turn
 from sumo_eval.settings import SimulationSettings
 
 _SAME_PLACE = 1e-6  # m, points closer than this are one place

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from sumo_eval.cosim.contact import Body, between, keeps_apart, share_at_touch, within_a_turn
 from sumo_eval.cosim.impossible import (
     FASTEST,
     JUMP_TOLERANCE,
@@ -45,6 +44,7 @@ from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.played import BEGUN, Cast, play_actors
 from sumo_eval.scenario.road.lanes import left_edge_at, right_edge_at
 from sumo_eval.scenario.road.reference_line import line_at, to_frame, to_map
+from sumo_eval.scenario.touch import Body, between, keeps_apart, share_at_touch, within_a_turn
 from sumo_eval.trajectory import FloatArray
 
 # -- what rules see --------------------------------------------------------------------------------

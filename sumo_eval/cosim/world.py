@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.cosim.contact import Body, describe
+from sumo_eval.cosim.contact import describe
 from sumo_eval.cosim.doors.fault_place import fault_place
 from sumo_eval.cosim.impossible import FASTEST
 from sumo_eval.cosim.latency import Latencies
@@ -63,6 +63,7 @@ from sumo_eval.scenario.played import (
 )
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import curvatures, knots_of
+from sumo_eval.scenario.touch import Body
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.text import clean, clean_log, traceback_of
 from sumo_eval.trajectory import (

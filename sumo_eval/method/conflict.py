@@ -29,6 +29,7 @@ from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario import ConcreteScenario, LogicalScenario
 from sumo_eval.scenario.first_places import STANDARD_EGO
 from sumo_eval.scenario.motion import quintic, quintic_rate
+from sumo_eval.scenario.touch import Body, share_at_touch, widest_gap
 from sumo_eval.scenario.undisturbed import meetings, tracks
 from sumo_eval.settings import ZoneSettings
 from sumo_eval.trajectory import FloatArray, half_extents
@@ -299,14 +300,14 @@ def _with_actor(
     actor, ways = placed[0].actors[other], np.zeros(len(placed), _WAY)
     for i, concrete in enumerate(placed):
         way = concrete.ego.way
-        change = 0.0, 0.0, 1.0  # without a lane change; `_gaps` divides by the length
+        change = 0.0, 0.0, 1.0  # without a lane change; `_ego` divides by the length
         if way is not None:
             change = way.offset, way.begin, way.length(concrete.ego.speed)
         ways[i] = concrete.ego.y, *change, *size, actor.length, actor.width
     heading, speed, across = np.moveaxis(track[..., 2:], 2, 0)
     c, s = np.cos(heading), np.sin(heading)
     # last the actor's velocity along the road, and to its left
-    motion = np.dstack([track[..., :2], c, s, speed * c - across * s, speed * s + across * c])
+    motion = np.dstack([track[..., :3], speed * c - across * s, speed * s + across * c])
     result = np.zeros((len(placed), 3))
     _search_rows(ways, egos, motion, horizon, result)
     if actor.model is not None:
@@ -324,46 +325,18 @@ def _begins(concrete: ConcreteScenario, other: int) -> float:
 
 
 @kernel
-def _beside(dx: float, dy: float, body: Any, other: Any) -> tuple[float, float, float, float]:
-    """Free road, m, ahead of a body, behind it, to its left and to its right, to one at (dx, dy).
-
-    body, other: cosine and sine of the heading, length and width.
-    """
-    (c, s), (long, wide) = body
-    (its_c, its_s), (its_long, its_wide) = other
-    cos, sin = abs(c * its_c + s * its_s), abs(c * its_s - s * its_c)  # of the angle between them
-    along = 0.5 * (long + its_long * cos + its_wide * sin)
-    across = 0.5 * (wide + its_long * sin + its_wide * cos)
-    ahead, left = dx * c + dy * s, dy * c - dx * s
-    return ahead - along, -ahead - along, left - across, -left - across
-
-
-@kernel
-def _gaps(way: Any, x: float, other: Any) -> tuple[float, ...]:
-    """Free road beside the ego at x, and beside the other, m: all negative where they touch.
-
-    other: x, y, cosine and sine of its heading.
-    """
+def _ego(way: Any, x: float) -> Body:
+    """The ego's body on its way at x."""
     share = min(max((x - way.begin) / way.length, 0.0), 1.0)
-    slope = way.offset * quintic_rate(share) / way.length
-    c = 1.0 / math.sqrt(1.0 + slope * slope)
-    ego = (c, slope * c), (way.ego_long, way.ego_wide)
-    its = (other[2], other[3]), (way.long, way.wide)
-    dx, dy = other[0] - x, other[1] - way.y - way.offset * quintic(share)
-    return _beside(dx, dy, ego, its) + _beside(-dx, -dy, its, ego)
+    heading = math.atan(way.offset * quintic_rate(share) / way.length)
+    y = way.y + way.offset * quintic(share)
+    return Body(x, y, heading, 0.0, way.ego_long, way.ego_wide, 0.0)
 
 
 @kernel
-def _touch(before: Any, after: Any) -> float:
-    """Share of a step at which bodies begin to touch whose `_gaps` change evenly; inf: never."""
-    begin, end = 0.0, 1.0
-    for k in range(8):
-        first, last = before[k], after[k]
-        if first >= 0.0:
-            begin = max(begin, first / (first - last)) if last < 0.0 else math.inf
-        elif last >= 0.0:
-            end = min(end, first / (first - last))
-    return begin if begin < end else math.inf
+def _other(way: Any, pose: Any) -> Body:
+    """The other's body; pose: x, y and heading."""
+    return Body(pose[0], pose[1], pose[2], 0.0, way.long, way.wide, 0.0)
 
 
 @rows
@@ -379,7 +352,7 @@ def _search_rows(
 
     ways: `_WAY`, (n,).
     egos: x and speed at T looks, (n, T, 2).
-    others: as in `_gaps`, then speed along and across the road, (n, T, 6).
+    others: x, y, heading, then speed along and across the road, (n, T, 5).
     horizon: number of looks ahead in which a collision counts.
     result: (n, 3).
     """
@@ -389,24 +362,25 @@ def _search_rows(
         count = np.isfinite(others[i, :, 0]).sum()
         for k in range(count):
             x, speed = egos[i, k, 0], egos[i, k, 1]
-            last = _gaps(way, x, others[i, k])
+            ego, other = _ego(way, x), _other(way, others[i, k])
             if k == 0:
-                before = last
-            nearest = min(nearest, max(max(last), 0.0))
-            if _touch(before, last) <= 1.0:
+                ego_before, other_before = ego, other
+            nearest = min(nearest, max(widest_gap(ego, other)[0], 0.0))
+            if share_at_touch(ego_before, ego, other_before, other) >= 0.0:
                 inverse = math.inf
-                along, across = speed - others[i, k, 4], others[i, k, 5]
+                along, across = speed - others[i, k, 3], others[i, k, 4]
                 impact = math.sqrt(along * along + across * across)
                 break
-            before = last
+            ego_before, other_before = ego, other
             if speed <= 0.0:
                 continue
             for ahead in range(1, min(horizon + 1, count - k)):
-                then = _gaps(way, x + speed * STEP * ahead, others[i, k + ahead])
-                share = _touch(last, then)
-                if share <= 1.0:
+                ego_then = _ego(way, x + speed * STEP * ahead)
+                other_then = _other(way, others[i, k + ahead])
+                share = share_at_touch(ego, ego_then, other, other_then)
+                if share >= 0.0:
                     time = STEP * (ahead - 1 + share)
                     inverse = max(inverse, 1.0 / max(time, 1e-6))  # not by 0
                     break
-                last = then
+                ego, other = ego_then, other_then
         result[i] = inverse, impact, nearest

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from ads_cases import CUT_OUT, EXAMPLES, SLOWER
 
-from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario.concrete import Road
+from sumo_eval.scenario.touch import Body
 from sumo_eval.settings import SimulationSettings
 
 ROAD = Road("road", 1000.0, 2, 3.5, 60.0)

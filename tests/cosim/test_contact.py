@@ -9,16 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from twins import contact as twin
 
-from sumo_eval.cosim.contact import (
-    TOUCH,
-    Body,
-    between,
-    bumper_overlap,
-    describe,
-    share_at_touch,
-    struck_side,
-    widest_gap,
-)
+from sumo_eval.cosim.contact import bumper_overlap, describe, struck_side
+from sumo_eval.scenario.touch import TOUCH, Body, between, share_at_touch, widest_gap
 
 EGO = Body(0.0, 0.0, 0.0, 20.0, 4.5, 1.8)
 

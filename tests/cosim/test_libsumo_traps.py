@@ -16,7 +16,6 @@ from commands import python
 from cosim_cases import HALF_SECOND, ROAD, case, lead
 
 import sumo_eval.cosim.sumo.session as session_module
-from sumo_eval.cosim.contact import Body, widest_gap
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.sumo import insides
 from sumo_eval.cosim.sumo.session import session
@@ -24,6 +23,7 @@ from sumo_eval.cosim.sumo.sumo_files import SIMULATION_OPTIONS, network_xml, rou
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import SimulationError
 from sumo_eval.scenario import Actor, Start, lane_change
+from sumo_eval.scenario.touch import Body, widest_gap
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
 CAR = VehicleSettings()

@@ -10,7 +10,6 @@ import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead
 from refusals import refusal
 
-from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.features import Action, Feature, Interface
 from sumo_eval.cosim.doors.observation import Observation, Perception, signal_names
 from sumo_eval.cosim.simulation import simulate, simulate_many
@@ -18,6 +17,7 @@ from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, Start
 from sumo_eval.scenario.concrete import brake_to_stop
+from sumo_eval.scenario.touch import Body
 from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.settings.config import settings_from
 

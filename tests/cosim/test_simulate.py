@@ -15,7 +15,6 @@ from refusals import refusal
 from road_scenes import every_point
 
 import sumo_eval.cosim.sumo.session as session_module
-from sumo_eval.cosim.contact import Body, widest_gap
 from sumo_eval.cosim.doors.controller import NativeModel, load_controller
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
@@ -31,6 +30,7 @@ from sumo_eval.scenario import (
     motion,
 )
 from sumo_eval.scenario.sampling.samples import sample
+from sumo_eval.scenario.touch import Body, widest_gap
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
 CUT_OUT = catalogue.load("front_vehicle_cut_out")

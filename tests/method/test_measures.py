@@ -11,11 +11,11 @@ from road_scenes import ROAD
 from twins.contact import overlap
 from twins.measures import plain_measures
 
-from sumo_eval.cosim.contact import Body
 from sumo_eval.method import measures as module
 from sumo_eval.method.measures import conflict_pet, course_of, lane_keeping, velocity_change
 from sumo_eval.method.plausibility import extremes_of
 from sumo_eval.scenario.road.reference_line import arc
+from sumo_eval.scenario.touch import Body
 from sumo_eval.trajectory import Collision, Trajectory
 
 TIME = np.arange(0.0, 4.05, 0.1)

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.entry import steps_between
 from sumo_eval.cosim.doors.features import Interface, read_interface, usual
 from sumo_eval.cosim.doors.observation import Observations
@@ -22,6 +21,7 @@ from sumo_eval.cosim.pack import Pack
 from sumo_eval.errors import InputError, must_be, said
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.resolved import find_with
+from sumo_eval.scenario.touch import Body
 from sumo_eval.settings import SimulationSettings
 
 Floats = NDArray[Any]
