@@ -102,9 +102,11 @@ def test_a_straight_road_has_one_pair_of_numbers():
 
 
 @pytest.mark.parametrize(
-    "piece", [(0.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (math.inf, 0.0, 0.0), (5.0, math.nan, 0.0)]
+    "piece",
+    [(0.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (1e9, 0.0, 0.0), (5.0, math.nan, 0.0), (5.0, 0.0, 1e9)],
 )
-def test_a_piece_of_no_length_or_no_curvature_is_refused(piece):
+def test_a_piece_that_no_road_can_have_is_refused(piece):
+    """One of 1e9 m, or of as many turns, took all memory."""
     with refusal("piece of a road"):
         Piece(*piece)
 

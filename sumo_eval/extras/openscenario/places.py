@@ -328,11 +328,7 @@ class Places:
         first = shape.find("ClothoidSplineSegment[1]/PositionStart")
         if first is None:
             raise shape.fault("its first segment must have a <PositionStart>")
-        pieces = tuple(
-            Piece(it.above_zero("length", " m"), it.number("curvatureStart"),
-                it.number("curvatureEnd"))
-            for it in shape.all("ClothoidSplineSegment")
-        )  # fmt: skip
+        pieces = tuple(map(_piece, shape.all("ClothoidSplineSegment")))
         begin, total = self.spot(first), length_of(pieces)
         x, y, _ = map_places(pieces, np.linspace(0.0, total, math.ceil(total / _FINE) + 1), 0.0)
         points = tuple(
@@ -411,3 +407,12 @@ def entity_of(element: Node, catalogs: Catalogs) -> Entity:
         element.attribute("name"), size.above_zero("length", " m"), size.above_zero("width", " m"),
         centre.number("x"), centre.number("y"), body, element,
     )  # fmt: skip
+
+
+def _piece(segment: Node) -> Piece:
+    """A segment of a clothoid spline."""
+    ends = segment.number("curvatureStart"), segment.number("curvatureEnd")
+    try:
+        return Piece(segment.number("length"), *ends)
+    except InputError as error:
+        raise segment.fault(str(error)) from None

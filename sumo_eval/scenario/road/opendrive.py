@@ -202,9 +202,11 @@ def reference_line(road: Element, owner: str) -> tuple[Line, Pose]:
         if kind == "paramPoly3":
             pieces += pieces_along(_cubic(shape, length, owner), length, owner)
         elif kind in _CURVATURES:
-            pieces.append(
-                Piece(length, *(_number(shape, name, owner) for name in _CURVATURES[kind]))
-            )
+            curvatures = (_number(shape, name, owner) for name in _CURVATURES[kind])
+            try:
+                pieces.append(Piece(length, *curvatures))
+            except InputError as error:
+                raise InputError(f"{capitalised(owner)}: {error}") from None
         else:
             raise must_be("A <geometry>", owner, "a line, an arc, a spiral or a paramPoly3", kind)
     if not pieces:

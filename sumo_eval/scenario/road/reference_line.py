@@ -30,6 +30,9 @@ from sumo_eval.trajectory import FloatArray
 _TURN = 0.2  # rad
 _LONGEST = 200.0  # m
 _FAR = 1e9  # m: length of the straight before the line, as a stretch of its own
+# What a file may ask of a piece: more would take minutes and all memory.
+_MOST = 1e5  # m
+_MOST_TURN = 200.0 * math.pi  # rad
 
 # Newton's method for the foot of a perpendicular
 _CLOSE = 1e-7  # m: the method ends after a step as short: the error left is about its square
@@ -81,15 +84,14 @@ class Piece:
     end: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.length) and self.length > 0.0):
-            raise must_be(
-                "`length`", "a piece of a road", "finite and greater than 0 m", self.length
-            )
+        if not 0.0 < self.length <= _MOST:
+            must = f"greater than 0 m and at most {_MOST:g} m"
+            raise must_be("`length`", "a piece of a road", must, self.length)
         for name in ("begin", "end"):
-            if not math.isfinite(getattr(self, name)):
-                raise must_be(
-                    f"`{name}`", "a piece of a road", "a finite curvature, 1/m", getattr(self, name)
-                )
+            curvature = getattr(self, name)
+            if not abs(curvature) * self.length <= _MOST_TURN:
+                must = "a finite curvature, 1/m, with at most 100 turns on the piece"
+                raise must_be(f"`{name}`", "a piece of a road", must, curvature)
 
 
 Line = tuple[Piece, ...]
