@@ -57,7 +57,7 @@ class ThinReference:
 
 
 def _rule(compute: Callable[[Any], Any]) -> Any:
-    """Make a property of a method that computes an outcome from the fields of cases.
+    """Make a property of a method that computes an outcome from fields, of a record or a table.
 
     Its value is plain (bool, float or str) of a record, an array (n,) of a table.
     """

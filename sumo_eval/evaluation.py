@@ -114,7 +114,7 @@ def record_rounds(
             break
         run, notes = replace(run, settings=further), recorded.notes
         recorded = record(run, resume=True, another_round=True)
-        recorded = replace(recorded, notes=notes + recorded.notes)
+        recorded = replace(recorded, notes=notes + recorded.notes)  # of all rounds
     return recorded
 
 

@@ -253,8 +253,7 @@ def _begins(memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenar
     ):
         return False
     lateral = EMERGENCY_LATERAL if emergency else COMFORTABLE_LATERAL
-    quickest = shortest_duration(scenario.road.lane_width, lateral)
-    shortest = max(quickest, LEAST_LENGTH / me.along)
+    shortest = max(shortest_duration(scenario.road.lane_width, lateral), LEAST_LENGTH / me.along)
     duration = _duration(me, others, watched, shortest, habits, scenario)
     if duration < 0.0 or not _left_is_free(memory, me, others, duration, emergency, scenario):
         return False

@@ -28,7 +28,7 @@ PAPER_EVALUATION = Path(__file__).with_name("paper_evaluation.toml")
 
 SUITES = Path(__file__).with_name("suites")
 """Frozen lists of scenarios, samples, drivers and seed, a file each."""
-_SUITE = "suite:"
+_SUITE = "suite:"  # begins `use` of a [[scenario]] that stands for a suite
 _FIXED = ("seed", "drivers", "simulation", "method")
 """Settings of an evaluation that a suite fixes together with the scenarios."""
 

@@ -81,6 +81,7 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
     rows = rows.sort_values(keys, kind="stable", ignore_index=True)
     double = rows.duplicated(keys)
     parts, holes, too_short = _even_tracks(rows[~double])
+    # numbers by the words that follow them in a note
     counted = {
         f"holes of more than {LONGEST_HOLE:g} s in tracks: each side of a hole is a track of its "
         "own.": holes,

@@ -209,7 +209,7 @@ def _laned(stream: pd.DataFrame) -> tuple[pd.DataFrame, float | None]:
     aside = stream["offset"].to_numpy() if "offset" in stream else np.zeros(len(s))
     d = stream["y"].to_numpy() - aside
     x = s - s.min()
-    width, middle, bend = _visible_lanes(s, d)
+    width, middle, slope = _visible_lanes(s, d)
     spacing = width or STANDARD_LANE
     lane = np.round((d - middle) / spacing).astype(np.int64)
     # the right lane of the main road: the first that is driven on enough stretches of the road
@@ -217,13 +217,8 @@ def _laned(stream: pd.DataFrame) -> tuple[pd.DataFrame, float | None]:
     driven = pd.Series(stretch).groupby(lane).nunique()
     enough = min(LANE_COVER * len(np.unique(stretch)), driven.max())
     right = int(driven.index[driven >= enough].min())
-    laned = stream.assign(
-        x=x,
-        y=d + aside - middle - right * spacing,
-        lane=lane - right,
-        heading=stream["heading"] - np.arctan(bend),
-    )
-    return laned, width
+    y, heading = d + aside - middle - right * spacing, stream["heading"] - np.arctan(slope)
+    return stream.assign(x=x, y=y, lane=lane - right, heading=heading), width
 
 
 def _visible_lanes(s: FloatArray, d: FloatArray) -> tuple[float | None, Any, Any]:

@@ -172,7 +172,7 @@ def synthetic_driver(
     ego, others: records of the vehicles. memory: `_MEMORY`. p: `_PARAMETERS`.
     time: since the start, s.
     """
-    me, way, waves = ego.seen, ego.way, mind.waves
+    me, waves = ego.seen, mind.waves
     if memory.began == 0:
         memory.ease = 1.0
     attend(memory, me, others, mind, p, time)
@@ -183,7 +183,7 @@ def synthetic_driver(
     pedal = noise_at(waves[1], p.pedal_amplitude, time)[0]
     free = (desired - me.speed) / SPEED_RELAXATION + pedal
     memory.desired_speed, memory.free = desired, free * smooth_step(time / SETTLING_TIME)
-    wanted = overtake(memory, me, mind.known, mind.watched, p, way, scenario)
+    wanted = overtake(memory, me, mind.known, mind.watched, p, ego.way, scenario)
 
     y, slope, bend = _line(memory, me, waves, p, scenario)
     wheel = steering(memory, me, y, slope, bend, scenario)
@@ -195,7 +195,8 @@ def _line(memory: Any, me: Any, waves: Any, p: Any, scenario: Any) -> tuple[floa
     """y, m, slope and second derivative, 1/m, of the line to drive at the ego's rear axle.
 
     It is the path, shifted by the driver's own place in the lane and by the wander. The wander runs
-    on a clock of its own, which stands while the driver steers closely past something.
+    on a clock of its own, `memory.clock`: it follows the distance at low speed, and stands while
+    the driver steers closely past something (`memory.ease` near 0).
     """
     focus = 0.0 if memory.passing else 1.0
     memory.ease += (focus - memory.ease) * min(scenario.step / FOCUS_TIME, 1.0)
