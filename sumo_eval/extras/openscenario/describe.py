@@ -52,7 +52,7 @@ def described(read: Read) -> Iterator[str]:
     else:
         yield f"  {playing} of {space.size} points play"
     for why, count in list(reasons.items())[:_SHOWN]:
-        yield f"  {count} do not: {why.removeprefix('= ')}"
+        yield f"  {count} do not: {why}"
     if len(reasons) > _SHOWN:
         yield f"  and {len(reasons) - _SHOWN} more reasons"
     yield from (f"  {note}" for note in read.notes)
@@ -89,9 +89,7 @@ def listed(name: str, found: Iterable[Path]) -> Iterator[str]:
             playing += size if count is None else count
             if count is None:
                 told = f"{size} points, tried along each axis"
-            why = "; ".join(
-                f"{it} {why.removeprefix('= ')}" for why, it in [*reasons.items()][:_SHOWN]
-            )
+            why = "; ".join(f"{it} {why}" for why, it in [*reasons.items()][:_SHOWN])
             yield f"{read.logical.name}: {told}{why and '; not: '}{why}"
     yield f"{name}: {files} of {whole} files play, {playing} of {points} points"
 
@@ -102,7 +100,9 @@ def _counted(read: Read) -> tuple[int | None, dict[str, int]]:
     """
     if read.space.size > _MOST:
         return None, dict(read.refused)
-    reasons = Counter(why for _, why in concrete_points(read) if why is not None)
+    points = concrete_points(read)
+    # `= ` is before a constraint that does not hold
+    reasons = Counter(why.removeprefix("= ") for _, why in points if why is not None)
     return read.space.size - reasons.total(), dict(reasons)
 
 

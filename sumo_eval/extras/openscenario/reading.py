@@ -247,28 +247,24 @@ class Node:
         given: values instead of the declared ones.
         Raises InputError for one without a declaration.
         """
-        values = dict(self.values)
+        values, written = dict(self.values), dict[str, str]()
+        # a `$` before a declared name is of version 1.0
         parts = [
-            replace(part, values=values)
+            (part.attribute("name").removeprefix("$"), replace(part, values=values))
             for part in self.all("ParameterDeclarations/ParameterDeclaration")
         ]
-        # a `$` before a declared name is of version 1.0
-        names = [part.attribute("name").removeprefix("$") for part in parts]
         for name in given:
-            if name not in names:
-                near = did_you_mean(name, names)
+            if name not in dict(parts):
+                near = did_you_mean(name, dict(parts))
                 holder = self.find("ParameterDeclarations") or self
                 raise holder.fault(f"parameter `{name}` is not declared.{near}")
-        for earlier, (part, name) in enumerate(zip(parts, names, strict=True)):
-            if name in names[:earlier] and part.get("value") != parts[names.index(name)].get(
-                "value"
-            ):
+        for name, part in parts:
+            value = part.get("value", "")
+            if written.setdefault(name, value) != value:
                 raise part.fault(f"parameter `{name}` is declared twice, with other values")
-            value = given.get(name)
-            values[name] = part.worked_out(part.get("value", "")) if value is None else value
-        broken = [
-            why for part, name in zip(parts, names, strict=True) for why in part._broken(name)
-        ]
+            # a value of one parameter may name those before it
+            values[name] = given[name] if name in given else part.worked_out(value)
+        broken = [why for name, part in parts for why in part._broken(name)]
         return replace(self, values=values), broken
 
     def within(self) -> Node:
