@@ -14,6 +14,7 @@ class Catalogs:
     """The catalogs of a scenario file.
 
     locations: its <CatalogLocations>, None where it has none.
+    folders: each <Directory> with its path.
     """
 
     def __init__(self, locations: Node | None) -> None:
@@ -25,8 +26,8 @@ class Catalogs:
     def _all(self) -> dict[str, list[Node]]:
         """The catalogs by name; several files may have one of a name."""
         catalogs: dict[str, list[Node]] = {}
-        for _, at in self.folders:  # a file may be added there
-            depends_on(at)
+        for _, at in self.folders:
+            depends_on(at)  # a folder changes when a file is added to it
         # one folder may be named for several kinds of catalogs
         for file in dict.fromkeys(
             it.resolve() for _, at in self.folders for it in sorted(at.glob("*.xosc"))
@@ -49,7 +50,7 @@ class Catalogs:
                 for it, at in self.folders
                 if not at.is_dir()
             )
-            raise reference.fault(f"catalog `{name}` is not there.{near}{missing and ' '}{missing}")
+            raise reference.fault(f"catalog `{name}` is not there.{near} {missing}".rstrip())
         parts = [it for catalog in catalogs[name] for it in catalog.children()]
         named = [part for part in parts if part.get("name") == entry]
         if not named:
@@ -85,6 +86,6 @@ class Catalogs:
 def named_file(part: Node) -> Path:
     """A file that an element names, relative to its own; refused where it is not there."""
     path = part.file.parent / part.text("filepath")
-    if depends_on(path) < 0:
+    if depends_on(path) < 0:  # its time of change: -1 without a file
         raise part.fault(f"the file {path} is not there")
     return path

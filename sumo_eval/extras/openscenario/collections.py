@@ -1,5 +1,6 @@
-"""Public catalogues of OpenSCENARIO files, played out of the user's own copy: which files they
-are.
+"""Public catalogues of OpenSCENARIO files: where they are in the user's own copy.
+
+`scenario.formats` makes entries of an evaluation of them (`entries_of`), `import` lists them.
 """
 
 from __future__ import annotations
@@ -7,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.extras.openscenario.logical import Read, read_file
@@ -19,10 +19,10 @@ from sumo_eval.settings import ScenarioSettings
 class Collection:
     """A public catalogue.
 
-    folders: where its files may be below the user's copy;
-    pattern: their names.
-
-    extra: patterns of files that no other file of it varies, below the same folder.
+    folders: where its files may be below the user's copy, which may be the whole repository or a
+        part of it; the first with files counts.
+    pattern: of the names of its files.
+    extra: patterns, below the same folder, of scenario files that no variation file names.
     """
 
     about: str
@@ -50,29 +50,29 @@ class Collection:
         )
 
 
-COLLECTIONS: Mapping[str, Collection] = MappingProxyType(
-    {
-        "osc_alks": Collection(
-            "the 15 scenarios of UN R157 and their variations", "asam-oss/OSC-ALKS-scenarios",
-            ("Scenarios/ALKS_Scenarios", "logical_scenarios", "."), "*_variation.xosc",
-            ("concrete_scenarios/*4_4_2*_template.xosc",),
+COLLECTIONS: Mapping[str, Collection] = {
+    "osc_alks": Collection(
+        about="the 15 scenarios of UN R157 and their variations",
+        source="asam-oss/OSC-ALKS-scenarios",
+        folders=("Scenarios/ALKS_Scenarios", "logical_scenarios", "."),
+        pattern="*_variation.xosc",
+        extra=("concrete_scenarios/*4_4_2*_template.xosc",),
+    ),
+    "ncap_2026": Collection(
+        about="Euro NCAP 2026, crash avoidance, frontal collisions, standard range",
+        source="vectorgrp/OSC-NCAP-scenarios",
+        folders=(
+            "OpenSCENARIO/NCAP/CA-FC_2026/Variations/StandardRange",
+            "CA-FC_2026/Variations/StandardRange", "Variations/StandardRange", ".",
         ),
-        "ncap_2026": Collection(
-            "Euro NCAP 2026, crash avoidance, frontal collisions, standard "
-            "range", "vectorgrp/OSC-NCAP-scenarios",
-            ("OpenSCENARIO/NCAP/CA-FC_2026/Variations/StandardRange",
-                "CA-FC_2026/Variations/StandardRange",
-             "Variations/StandardRange", "."), "*.xosc",
-        ),
-    }
-)  # fmt: skip
+        pattern="*.xosc",
+    ),
+}  # fmt: skip
 """Catalogues by the name that `use` gives them."""
 
 
 def entries_of(entry: ScenarioSettings, folder: Path) -> tuple[ScenarioSettings, ...]:
-    """An entry for each file of a catalogue, or for each road of an OpenSCENARIO file of several.
-
-    The first entry of a catalogue names the files that are not supported.
+    """An entry for each file of a catalogue, and for each road of a file with several roads.
 
     folder: where relative paths start.
     """
@@ -97,6 +97,7 @@ def uses_of(path: Path, use: str) -> Iterator[tuple[str, Read]]:
 
 
 def _of_collection(entry: ScenarioSettings, folder: Path) -> list[ScenarioSettings]:
+    """The entries of a catalogue; the first one carries the files that are not supported."""
     if entry.folder is None:
         source = COLLECTIONS[entry.use].source
         raise InputError(f"Catalogue `{entry.use}` must have a `folder`: your copy of {source}.")

@@ -128,6 +128,8 @@ _ROWS = {
         "StopTrigger": "but by time; of an act: by a condition, over changes of speed",
     },
 }
+IGNORED = tuple(_ROWS["action", "ignored"])
+"""Actions that move no vehicle here; for `scene`."""
 ROWS = tuple(
     Support(*group, element, words)
     for group, rows in _ROWS.items()

@@ -1,4 +1,4 @@
-"""Sentences on an OpenSCENARIO file as it was read."""
+"""Sentences on an OpenSCENARIO file as it was read, for the command `import`."""
 
 from __future__ import annotations
 
@@ -14,22 +14,19 @@ from sumo_eval.extras.openscenario.moves import changes_nothing
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor
 
-_SHOWN = 5  # reasons that are told
-_MOST = 5_000  # points that are all tried
+_SHOWN = 5  # reasons that are listed, at most
+_MOST = 5_000  # points of a space in which all are tried
 _WHAT = {
     played.SMOOTH: "moves across smoothly", played.CONSTANT: "moves across evenly",
-    played.SINUS: "swings",
-    played.COSINE: "moves across along half a cosine",
+    played.SINUS: "swings", played.COSINE: "moves across along half a cosine",
     played.SPEED: "changes its speed", played.KEEP: "keeps its speed",
-    played.BY_TIME: "drives a speed by time", played.BY_PLACE: "drives a speed by "
-                                                               "place",
-                                                               played.PATH: "drives a path",
-    played.MATCH: "keeps a speed relative to another vehicle's",
+    played.BY_TIME: "drives a speed by time", played.BY_PLACE: "drives a speed by place",
+    played.PATH: "drives a path", played.MATCH: "keeps a speed relative to another vehicle's",
 }  # fmt: skip
 
 
 def described(read: Read) -> Iterator[str]:
-    """Sentences on the space, the road, everybody at the first point, and what does not play."""
+    """Sentences on the space, the road, what does not play, and the vehicles at the first point."""
     logical, space = read.logical, read.space
     yield f"{logical.name}: {space.about} (OpenSCENARIO {space.version}, {space.file.name})"
     for item in logical.parameters if space.axes else ():
@@ -70,8 +67,10 @@ def described(read: Read) -> Iterator[str]:
 
 
 def listed(name: str, found: Iterable[Path]) -> Iterator[str]:
-    """A line for each file of a catalogue: its points and how many of them play, or why none does;
-    and their sums.
+    """A line for each road of each file of a catalogue: its points and how many play, or why none
+    does. Then their sums.
+
+    found: the files.
     """
     points = playing = files = whole = 0
     for file in found:
@@ -95,8 +94,8 @@ def listed(name: str, found: Iterable[Path]) -> Iterator[str]:
 
 
 def _counted(read: Read) -> tuple[int | None, dict[str, int]]:
-    """How many points of a file play, None where they are too many to try, and why others do
-    not.
+    """Number of the points that play, None where they are too many to try, and of those that do
+    not, by reason.
     """
     if read.space.size > _MOST:
         return None, dict(read.refused)
@@ -123,7 +122,7 @@ def _of(actor: Actor) -> Iterator[str]:
             else f"at {act.begin:.3f} s"
         )
         how = ""
-        if act.kind <= played.COSINE:
+        if act.kind <= played.COSINE:  # a move across
             how = f" by {act.offset:.3f} m in {act.duration:.3f} s"
         elif act.kind == played.SPEED:
             how = f" to {act.speed:.3f} m/s at {act.acceleration:.3g} m/s2"

@@ -1,4 +1,4 @@
-"""Places on the earth as places of a map."""
+"""Places on the earth as places of a map, for positions by latitude and longitude."""
 
 from __future__ import annotations
 
@@ -11,12 +11,16 @@ from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.extras.openscenario.values import number_of
 
 _RADIUS, _FLATTENING = 6_378_137.0, 1.0 / 298.257223563  # WGS 84
+# `+name=value` of a projection in PROJ's notation
 _PART = re.compile(r"\+(\w+)=([^\s+]+)")
-# another ellipsoid, meridian or unit would put places metres to kilometres off
+# Parts of a projection that are refused: another ellipsoid than WGS 84 (GRS80 differs by 0.1 mm),
+# a shift of the ellipsoid that is not 0, a pole as origin, another meridian or unit. They would put
+# places metres to kilometres off.
 _ELSEWHERE = re.compile(
     r"\+(ellps=(?!WGS84|GRS80)|datum=(?!WGS84)|towgs84=[0.,]*[^0.,\s+]|lat_0=-?90"
     r"|(R|a|b|f|rf|pm|nadgrids|to_meter)=)"
 )
+# Krueger's third flattening n, the first eccentricity, and his coefficients alpha_1 to alpha_3
 _N = _FLATTENING / (2.0 - _FLATTENING)
 _E = 2.0 * math.sqrt(_N) / (1.0 + _N)
 _SERIES = (
@@ -46,6 +50,7 @@ def on_map(position: Node, root: Node) -> tuple[float, float]:
     if not abs(latitude) < 90.0:
         raise position.fault(f"`latitudeDeg` must be between -90 and 90, got {latitude:g}")
     at = transverse_mercator(math.radians(latitude), math.radians(longitude - it["lon_0"]))
+    # the origin of the map, at its central meridian
     at = it["k"] * (at - transverse_mercator(math.radians(it["lat_0"]), 0.0))
     for offset in root.all("header/offset"):
         if offset.number("hdg", 0.0):
@@ -55,7 +60,11 @@ def on_map(position: Node, root: Node) -> tuple[float, float]:
 
 
 def _projection(position: Node, reference: Node | None) -> dict[str, float]:
-    """Numbers of a transverse Mercator projection by their names in PROJ."""
+    """Numbers of a transverse Mercator projection by their names in PROJ.
+
+    x_0, y_0: of the origin, m. lat_0, lon_0: of the origin, degrees. k, k_0: scale, two names of
+    one number.
+    """
     text = "" if reference is None else str(reference.element.text)
     given = dict(_PART.findall(text))
     it: dict[str, Any] = {
@@ -78,7 +87,7 @@ def _projection(position: Node, reference: Node | None) -> dict[str, float]:
         )
     it |= written
     it["k"] *= it["k_0"]
-    if kind[0] == "utm":
+    if kind[0] == "utm":  # zones of 6 degrees; in the south y begins at 10,000 km
         it |= {"x_0": 5e5, "y_0": 1e7 * ("+south" in text), "k": 0.9996}
         it["lon_0"] = 6.0 * it["zone"] - 183.0
     return it

@@ -11,5 +11,6 @@ FORMAT = Format(
     read=lambda path, given: read_file(path, given).logical,
     expand=entries_of,
     catalogues=tuple(COLLECTIONS),
+    # the sampling method, and the keys of [sampling] that it knows
     samplings={"openscenario": (from_openscenario, frozenset({"file", "count"}))},
 )

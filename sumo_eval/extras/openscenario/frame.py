@@ -1,4 +1,7 @@
-"""The road of a scenario file: the frame along the ego's lane, and places in it."""
+"""The road of a scenario: a frame along and across the ego's road, and places in that frame.
+
+`scene` makes it and places every entity in it.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,16 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
-from sumo_eval.extras.openscenario.network import MARKED, WIDEST, MapRoad, Network, in_frame
-from sumo_eval.extras.openscenario.places import Entity, MapPath, Spot
+from sumo_eval.extras.openscenario.network import (
+    MARKED,
+    ON,
+    WIDEST,
+    Lane,
+    MapRoad,
+    Network,
+    in_frame,
+)
+from sumo_eval.extras.openscenario.places import Entity, MapPath
 from sumo_eval.scenario.road.opendrive import DRIVEN, beside
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import (
@@ -15,25 +26,30 @@ from sumo_eval.scenario.road.reference_line import (
     Piece,
     bends,
     curvatures,
-    frame_places,
     length_of,
     tightest,
 )
 
-SAME = 1e-9
-ON = 1e-6  # m
+SAME = 1e-9  # rad, s or m/s between two values that count as equal
 ORIGIN = Pose(0.0, 0.0, 0.0)
 
 _beside = lru_cache(maxsize=64)(beside)
 
 
 class Frame(NamedTuple):
-    """The road: where its frame begins on the map, its line (none: straight), its lanes and its
-    length, m.
+    """The road on which the ego drives, as `concrete.Road` has it.
 
-    offset: of lane 0's centre left of the reference line of the road `road`, m.
-    way: 1 where the ego drives along that line, -1 against it.
-    turns: the line is the path of an ego that turns.
+    Its frame: x along the line, y to the left of it; the line is the centre of lane 0, which is the
+    rightmost one.
+
+    origin: where the frame begins on the map.
+    line: empty: straight.
+    lanes: their number. lane_width, length: m.
+    name: for SUMO and the report.
+    offset: of lane 0's centre to the left of the reference line in the OpenDRIVE file, m.
+    road: id in the OpenDRIVE file.
+    way: 1 where the ego drives along that reference line, -1 against it.
+    turns: the line is the path of an ego that turns, not a lane.
     """
 
     origin: Pose
@@ -47,25 +63,36 @@ class Frame(NamedTuple):
     way: int = 1
     turns: bool = False
 
+    @property
+    def shape(self) -> tuple[object, ...]:
+        """The properties by which two roads differ."""
+        return self.line, self.lanes, self.lane_width, round(self.length, 6)
+
     def ground(self, at: Pose) -> float:
-        """m over the ground for a metre along the road's line, at a place beside that line."""
+        """Length over the ground for a metre along the road's line, at a place beside the line.
+
+        In a curve it is below 1 on the inner side, above 1 on the outer side.
+        """
         if not self.line or self.turns:
             return 1.0
         return 1.0 - float(curvatures(self.line, at.x)) * at.y
 
     def pose_on_map(self, entity: Entity) -> Pose:
-        """The centre of a body that points along its path, in the axes of the road's beginning."""
-        pose = entity.placed(entity.element).pose._replace(heading=entity.heading)
+        """The centre of a body that points along its path, on a map whose origin is this frame's.
+
+        On a straight road that is the place in the frame.
+        """
+        pose = entity.placed().pose._replace(heading=entity.heading)
         return pose.moved(entity.centre, entity.offset).seen_from(self.origin)
 
 
 def frame_of(ego: Entity, network: Network, course: MapPath | None, end: Pose | None) -> Frame:
     """The road on which an ego drives.
 
-    course: its trajectory where it turns.
-    end: of its route, up to which a straight road reaches.
+    course: its trajectory if it turns, else None.
+    end: of its route, up to which a straight road is lengthened.
     """
-    spot = ego.placed(ego.element)
+    spot = ego.placed()
     road, lane = spot.road, spot.lane
     if road is None or lane is None:
         raise ego.element.fault("the ego must be placed in a driving lane")
@@ -74,9 +101,10 @@ def frame_of(ego: Entity, network: Network, course: MapPath | None, end: Pose | 
     width = MARKED if lane.width > WIDEST else lane.width
     if course is not None:
         return _turning(ego, road, width, network.path.stem, course)
+    # an area without marks: a lane around the ego's line, and one to its left
     centre, lanes = lane.centre, 2
     if lane.width <= WIDEST:
-        centre, lanes = _lanes(ego, road, spot)
+        centre, lanes = _lanes(ego, road, lane, spot.way)
     begin, reference = (road.begin, road.line) if spot.way > 0 else road.backward()
     origin = begin.moved(0.0, spot.way * centre)
     name = f"{network.path.stem}_{road.name}_{lanes}x{width:g}m_at_{centre:g}m"
@@ -91,15 +119,13 @@ def frame_of(ego: Entity, network: Network, course: MapPath | None, end: Pose | 
     return Frame(origin, line, lanes, width, length, name, centre, road.name, spot.way)
 
 
-def _lanes(ego: Entity, road: MapRoad, spot: Spot) -> tuple[float, int]:
+def _lanes(ego: Entity, road: MapRoad, own: Lane, way: int) -> tuple[float, int]:
     """The centre of the rightmost driving lane of the ego's width beside the ego's own without a
     gap, m, and the number of such lanes.
     """
-    own = spot.lane
-    assert own is not None
     driving = sorted(
         (it for it in road.lanes.values() if it.kind in DRIVEN),
-        key=lambda it: spot.way * it.centre,
+        key=lambda it: way * it.centre,
     )
     if own not in driving:
         raise ego.element.fault(
@@ -123,7 +149,7 @@ def _turning(ego: Entity, road: MapRoad, width: float, network: str, course: Map
 
     At a junction no lane lies beside a path, and crossing actors use map coordinates.
     """
-    spot = ego.placed(ego.element)
+    spot = ego.placed()
     origin = road.pose(0.0, spot.t)
     place = spot.pose.seen_from(origin)
     if road.bent or abs(place.y) > ON or abs(place.heading) > SAME:
@@ -132,34 +158,38 @@ def _turning(ego: Entity, road: MapRoad, width: float, network: str, course: Map
         raise ego.element.fault("the body of an ego that turns must lie over its axle's middle")
     line = course.pieces
     if place.x > ON:
+        # a straight piece leads from the road's beginning to the path, which may begin straight
         first, *rest = line
         straight = not bends([first])
-        ahead = Piece(place.x + first.length * straight)
-        line = (ahead, *(rest if straight else line))
+        lead = Piece(place.x + first.length if straight else place.x)
+        line = (lead, *(rest if straight else line))
     name = f"{network}_{road.name}_turn_{tightest(line):g}m"
     return Frame(origin, line, 1, width, length_of(line), name, spot.t, road.name, turns=True)
 
 
 def framed(entity: Entity, frame: Frame) -> Pose:
     """The centre of an entity's body along and across the road, and its heading there."""
-    spot = entity.placed(entity.element)
+    spot = entity.placed()
+    # 1. a path that is straight on the map
     if entity.on_map:
         return in_frame(frame.pose_on_map(entity), ORIGIN, frame.line)
     pose = spot.pose.moved(entity.centre, entity.offset)
+    # 2. the ego that turns, on its line
     if frame.turns:
         return pose.seen_from(frame.origin)._replace(y=0.0)
+    # 3. on a straight road; what drives along the ego's road has no heading at all
     along = spot.road is not None and spot.road.name == frame.road
     if not frame.line:
         at = pose.seen_from(frame.origin)
         return at._replace(heading=0.0) if along and spot.way == frame.way else at
+    # 4. on a curved road: the body's centre lies ahead along the curve, if it points along it
     assert spot.road is not None
     if spot.way:
         s, t = spot.s + spot.way * entity.centre, spot.t + spot.way * entity.offset
         pose = spot.road.pose(s, t)
+    # x where the search for the foot of the perpendicular begins, roughly
     near = spot.s + entity.centre if frame.way > 0 else spot.road.length - spot.s
-    x, y, heading = (
-        float(it) for it in frame_places(frame.line, *pose.seen_from(frame.origin), near=near)
-    )
+    x, y, heading = in_frame(pose, frame.origin, frame.line, near)
     if spot.way:
         heading = 0.0 if spot.way == frame.way else math.pi
     return Pose(x, 0.0 if abs(y) < ON else y, heading)

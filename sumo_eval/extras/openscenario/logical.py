@@ -1,5 +1,5 @@
-"""An OpenSCENARIO file as a logical scenario: its parameters the space, its storyboard the scene at
-each point.
+"""An OpenSCENARIO file as a logical scenario: its parameters span the space, its storyboard gives
+the scene at each point. The front of this package: `format`, `describe` and `written` use it.
 
 A space has one road. Where the road is a parameter, the file gives a logical scenario for each,
 which an option picks: `file.xosc?road=2`.
@@ -7,14 +7,15 @@ which an option picks: `file.xosc?road=2`.
 
 from __future__ import annotations
 
-import itertools
 import math
+import os.path
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,32 +52,34 @@ _ROUND = 10.0  # m: a road's end is a multiple of it
 _ALONG = 0.5  # cosine of the largest angle to the road at which an actor still drives along it
 # m that the ego's front is before the road's end when the case ends: at the end SUMO takes it out
 _BEFORE_END = 5.0
-_OPTIONS = {
-    "ego": "the entity that the ADS drives (default: `Ego`, or the only one with a controller)",
-    "map": "the OpenDRIVE file (.xodr) where the file names a simulator's map",
-    "flat": "1: no effect, slopes are always left out",
-    "road": "which of the file's roads, from 1 on",
-    "zones": "1: search zones by ideal braking, which takes seconds a parameter; otherwise "
-    "everything counts as safe",
-}
+_OPTIONS = (
+    Option("ego", "name", "the entity that the ADS drives (default: `Ego`, or the only one with a "
+                          "controller)"),
+    Option("map", "file", "the OpenDRIVE file (.xodr) where the file names a simulator's map"),
+    Option("flat", "1", "1: no effect, slopes are always left out"),
+    Option("road", "1", "which of the file's roads, from 1 on"),
+    Option("zones", "1", "1: search zones by ideal braking, which takes seconds a parameter; "
+                         "otherwise everything counts as safe"),
+)  # fmt: skip
+"""Options behind a file's name: name, unit, meaning."""
 
 Scenes = Sequence[tuple[dict[str, float], FileCase]]
 
 
 @dataclass(frozen=True, slots=True)
 class PlacedByFile:
-    """Values of one point -> (ego's start, the actors), as the file has them."""
+    """Function of a point: the ego's start and the actors, as the file has them there."""
 
     space: FileSpace
     road: Frame
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
-        """The scene at a point, which the constraints may forbid: a search for zones looks there as
-        well.
+        """The scene at a point; also where constraints forbid it, because a search for zones looks
+        there.
         """
         space = self.space
-        case = read_case(space.file, space.given(values), space.options, constrained=False)
-        if _shape(case.frame) != _shape(self.road):
+        case = read_case(space.file, space.given(values), space.options)
+        if case.frame.shape != self.road.shape:
             raise InputError(
                 f"{space.name}: the road must be the same at all points, got {case.frame.name}."
             )
@@ -85,10 +88,11 @@ class PlacedByFile:
 
 @dataclass(frozen=True, slots=True)
 class Holds:
-    """Whether all constraints of the file hold, and every vehicle has a place on its road.
+    """Function of points: whether the file's constraints hold and the scene there is supported.
 
-    allowed: of every grid point, 1 byte each, the first axis slowest, where all of them were tried;
-        otherwise empty, and each point is tried, of many at once the constraints alone.
+    allowed: the answer at every grid point, a byte each, the first axis slowest, where all of them
+        were tried. Otherwise it is empty: then each point is tried, or, of more than `_LOOKED_AT`
+        points at once, the file's constraints alone.
     """
 
     space: FileSpace
@@ -96,8 +100,8 @@ class Holds:
     allowed: bytes
 
     def __call__(self, values: Values) -> BoolArray:
-        """At points; between two grid points, which only maps of the space look at, as at the
-        nearer one.
+        """The answers at points; between grid points, where only maps of the space look, that of
+        the nearest.
         """
         axes = self.space.axes
         rows = np.broadcast_arrays(*(values[axis.name] for axis in axes))
@@ -130,14 +134,15 @@ class Weighted:
 
 
 def refusal(space: FileSpace, road: Frame, point: Mapping[str, float]) -> str | None:
-    """Reason why a point is not supported; None: it is.
+    """Reason why a point is not driven; None: it is.
 
-    A constraint that does not hold is `= constraint`.
+    `= ` stands before a reason that the file intends: it forbids the point, or the road differs
+    there.
     """
     case = _looked_at(space, point)
     if isinstance(case, str):
         return case
-    return None if _shape(case.frame) == _shape(road) else f"= another road, {case.frame.name}"
+    return None if case.frame.shape == road.shape else f"= another road, {case.frame.name}"
 
 
 def _looked_at(space: FileSpace, point: Mapping[str, float]) -> FileCase | str:
@@ -146,11 +151,12 @@ def _looked_at(space: FileSpace, point: Mapping[str, float]) -> FileCase | str:
     return _case_or_why(space.file, changes(space.file), given, space.options)
 
 
-# more than are looked at of a file: each of its roads asks for the same points again
+# more than `_LOOKED_AT`: each road of a file asks for the same points again
 @lru_cache(maxsize=8_192)
 def _case_or_why(
     path: Path, changed: int, given: Assignments, options: FileOptions
 ) -> FileCase | str:
+    """`_looked_at`, once for each number `changed` of changes of files."""
     values: dict[str, Value] = dict(given)
     try:
         _, broken = read_openscenario(path).declared(values)
@@ -167,9 +173,9 @@ def _case_or_why(
 def _impossible(path: Path, case: FileCase) -> Iterator[InputError]:
     """Faults of a scene by the checks that a run makes of every point.
 
-    Their sentences have no number in them, so that points with one fault are counted together.
+    The messages hold no numbers of the point, so that points with one fault count together.
     """
-    frame, starts = case.frame, {actor.name: actor.start for actor in case.actors}
+    frame = case.frame
     road = Road(frame.name, frame.length, frame.lanes, frame.lane_width, 0.0, line=frame.line)
     entities = read_openscenario(path).child("Entities")
     parts = {part.get("name"): part for part in entities.all("ScenarioObject")}
@@ -180,7 +186,7 @@ def _impossible(path: Path, case: FileCase) -> Iterator[InputError]:
 
     for wrong in misplaced(road, case.ego, case.ego_body, case.actors):
         yield declared(wrong.name).fault(f"its body must be {wrong.must}")
-    for name, start in {"ego": case.ego, **starts}.items():
+    for name, start in ("ego", case.ego), *((it.name, it.start) for it in case.actors):
         if start.speed > road.speed_limit:
             fastest = f"at most {road.speed_limit:g} m/s, the fastest that roads here allow"
             yield declared(name).fault(f"its speed at the start must be {fastest}")
@@ -196,13 +202,13 @@ def _impossible(path: Path, case: FileCase) -> Iterator[InputError]:
                 )
 
 
-@dataclass(frozen=True, slots=True)
-class Read:
+class Read(NamedTuple):
     """A file that was read: its logical scenario for one road, and notes on it.
 
-    roads: names of the roads of the file, of which this is number `road`.
+    roads: names of the roads of the file.
+    road: number of this one among them, from 0 on.
     notes: what of the file has no effect here.
-    refused: why points are not supported, and how many.
+    refused: number of the points that are not supported, by reason.
     """
 
     logical: LogicalScenario
@@ -228,9 +234,9 @@ def read_file(path: Path, given: Mapping[str, str] | None = None) -> Read:
 @lru_cache(maxsize=128)
 def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     options = dict(given)
-    check_known(f"option of {path.name}", _OPTIONS, *options)
+    check_known(f"option of {path.name}", [it.name for it in _OPTIONS], *options)
 
-    def number_of(name: str, most: int) -> int:
+    def number_of(name: str, most: int) -> int:  # an option that is a number, from 1 on
         written = options.get(name, "1")
         if not written.isdecimal() or not 1 <= int(written) <= most:
             must = "1" if most == 1 else f"a whole number within 1..{most}"
@@ -239,38 +245,38 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
 
     chosen = FileOptions(options.get("ego", ""), options.get("map", ""))
     whole = read_space(path, chosen)
-    refused = Counter[str]()
-    tried = list(_tried(whole, refused))
+    tried, refused = _tried(whole)
     if not tried:
         raise InputError(
             f"{path.name}: the constraints of {whole.file.name} allow no point of its space."
         )
     roads: dict[tuple[object, ...], Frame] = {}
     for _, case in tried:
-        roads.setdefault(_shape(case.frame), case.frame)
+        roads.setdefault(case.frame.shape, case.frame)
     frames = list(roads.values())
-    for name in ("flat", "zones"):
+    for name in ("flat", "zones"):  # 1, or not there at all
         number_of(name, 1)
     number = number_of("road", len(frames)) - 1
     frame = frames[number]
-    scenes = [(point, case) for point, case in tried if _shape(case.frame) == _shape(frame)]
+    scenes = [(point, case) for point, case in tried if case.frame.shape == frame.shape]
     space, dropped = _without_doubles(_without_roads(whole, frame, tried), scenes)
-    names = _road_names(frames)
-    name = whole.name if len(frames) == 1 else f"{whole.name}_{names[number]}"
+    names: tuple[str, ...] = (frame.name,)
+    name = whole.name
+    if len(frames) > 1:
+        names = _road_names(frames)
+        name += f"_{names[number]}"
     if chosen.ego:
         name = f"{name}_{re.sub(r'[^A-Za-z0-9]+', '_', chosen.ego)}"
     ignored = tuple(dict.fromkeys(kind for _, case in scenes for kind in case.ignored))
     if "zones" in options and len(space.axes) > _SEARCHED:
-        # a search looks at the 3^k neighbours of a point again and again, and reads the file at
-        # each of them
+        # a search looks at the 3^k neighbours of a point again and again, k being the number of
+        # parameters, and reads the file at each of them
         raise must_be(
             "`zones=1`", path.name,
             f"asked of a file with at most {_SEARCHED} parameters (without it every point counts "
             "as safe)", len(space.axes),
         )  # fmt: skip
     logical = replace(_logical(space, frame, scenes), name=name)
-    if "zones" in options:
-        logical = replace(logical, search=_search(scenes, logical.road))
     notes = []
     if dropped:
         notes.append(
@@ -278,79 +284,65 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
         )
     if ignored:
         notes.append(f"Ignored, because they move no vehicle here: {', '.join(ignored)}.")
-    unsupported = (
+    unsupported = [
         f"{count} of the points that were tried are not supported: {why}"
         for why, count in refused.items()
-    )
-    logical = replace(logical, notes=(*notes, *unsupported, *_about_zones(logical, scenes)))
-    return Read(logical, space, frame, names, number, tuple(notes), refused)
-
-
-def _about_zones(logical: LogicalScenario, scenes: Scenes) -> Iterator[str]:
-    """Reason why every point counts as safe, where no zones are searched."""
-    if logical.search is not None:
-        return
-    if _search(scenes, logical.road) is not None:
-        yield (
+    ]
+    search, zones = _search(scenes, logical.road), ""
+    if isinstance(search, str):
+        zones = f"No zone can be defined, so every point counts as safe: {search}."
+    elif "zones" in options:
+        logical = replace(logical, search=search)
+    else:
+        zones = (
             "No zones are searched, so every point counts as safe: `?zones=1` behind the file's "
             "name asks for them."
         )
-        return
-    why = "no actor moves or stands in the way"
-    if logical.road.bent:
-        why = "the road is curved"
-    elif len({len(case.actors) for _, case in scenes}) > 1:
-        why = "some points have fewer actors"
-    yield f"No zone can be defined, so every point counts as safe: {why}."
-
-
-def _shape(frame: Frame) -> tuple[object, ...]:
-    """The properties by which two roads differ."""
-    return frame.line, frame.lanes, frame.lane_width, round(frame.length, 6)
+    logical = replace(logical, notes=(*notes, *unsupported, *filter(None, [zones])))
+    return Read(logical, space, frame, names, number, tuple(notes), refused)
 
 
 def _road_names(frames: Sequence[Frame]) -> tuple[str, ...]:
-    """Distinct names of roads by the files they are from, without the words that all begin with."""
+    """Short names of several roads: without the words that all begin with, numbered if equal."""
     parts = [frame.name.split("_") for frame in frames]
-    columns = zip(*(part[:-1] for part in parts), strict=False) if len(parts) > 1 else ()
-    shared = len(list(itertools.takewhile(lambda words: len(set(words)) == 1, columns)))
+    # `commonprefix` compares lists, too, although it is in `os.path`
+    shared = len(os.path.commonprefix([part[:-1] for part in parts]))  # noqa: RUF071
     names = ["_".join(part[shared:]) for part in parts]
     counts = [names[:number].count(name) for number, name in enumerate(names)]
     return tuple(f"{name}_{count + 1}" if count else name
                  for name, count in zip(names, counts, strict=True))  # fmt: skip
 
 
-def _tried(space: FileSpace, refused: Counter[str]) -> Iterator[tuple[dict[str, float], FileCase]]:
-    """Scenes at all points of a small grid; of a large one along each axis.
+def _tried(space: FileSpace) -> tuple[Scenes, Counter[str]]:
+    """Scenes at all points of a small grid, of a large one along each axis; and why other points
+    that were tried are not supported, with their number.
 
-    refused: receives why points are not supported, and how many of those that were tried. Raises
-        the first reason where no point is.
+    Raises InputError with the first reason where no point is supported.
     """
     if space.size > _MOST:
         raise must_be("The points", space.name, f"at most {_MOST:,}", space.size)
-    supported = False
+    tried, refused = [], Counter[str]()
     for point in space.grid() if space.size <= _LOOKED_AT else space.along_axes():
         case = _looked_at(space, point)
         if not isinstance(case, str):
-            supported = True
-            yield point, case
+            tried.append((point, case))
         elif not case.startswith("= "):
             refused[case] += 1
-    if refused and not supported:
+    if refused and not tried:
         raise InputError(next(iter(refused)))
+    return tried, refused
 
 
 def _without_roads(space: FileSpace, frame: Frame, scenes: Scenes) -> FileSpace:
-    """The space with only those values of the axes that decide on the road at which it is this one.
+    """The space without those listed values of its axes at which the road is never this one.
 
-    Where only some of the points were looked at, an axis decides if each of its values has one
-    road.
+    Where only some points were tried, an axis is cut only if each of its values has one road.
     """
-    kept, own = {}, _shape(frame)
+    kept, own = {}, frame.shape
     for axis in space.axes:
         roads: dict[float, set[tuple[object, ...]]] = {}
         for point, case in scenes:
-            roads.setdefault(point[axis.name], set()).add(_shape(case.frame))
+            roads.setdefault(point[axis.name], set()).add(case.frame.shape)
         several = axis.choices and len(set.union(*roads.values())) > 1
         if several and (space.size <= _LOOKED_AT or all(len(it) == 1 for it in roads.values())):
             # a value that is supported nowhere stays, to be counted with its reason
@@ -359,18 +351,22 @@ def _without_roads(space: FileSpace, frame: Frame, scenes: Scenes) -> FileSpace:
 
 
 def _without_doubles(space: FileSpace, scenes: Scenes) -> tuple[FileSpace, tuple[str, ...]]:
-    """The space without the axes whose values all give the same drive, and their parameters."""
+    """The space without the axes on which no drive depends, and their parameters.
+
+    Drives are compared that differ in the value of that axis alone.
+    """
     dropped: list[str] = []
     kept = {}
     for axis in space.axes:
         drives: dict[tuple[object, ...], list[object]] = {}
         for point, case in scenes:
-            rest = tuple(value for name, value in sorted(point.items()) if name != axis.name)
+            rest = tuple(value for name, value in point.items() if name != axis.name)
             drives.setdefault(rest, []).append((case.ego, case.actors, case.ego_body))
         compared = [group for group in drives.values() if len(group) > 1]
         if compared and all(len(set(group)) == 1 for group in compared):
             dropped += axis.names
-            kept[axis.name] = (*axis.choices, (axis.low, axis.assigned(axis.low)))[:1]
+            # one value is left; of a range, its lowest
+            kept[axis.name] = axis.choices[:1] or ((axis.low, axis.assigned(axis.low)),)
     return space.chosen(kept), tuple(dropped)
 
 
@@ -406,10 +402,7 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
         time_limit=limit,
         samples=samples,
         default_sample=samples[0].name if samples else "grid",
-        options=tuple(
-            Option(key, {"ego": "name", "map": "file"}.get(key, "1"), about)
-            for key, about in _OPTIONS.items()
-        ),
+        options=_OPTIONS,
         # the synthetic drivers know leads alone, none that moves across
         has_drivers=not any(
             _moves(actor) and math.cos(actor.heading) < _ALONG
@@ -417,6 +410,7 @@ def _logical(space: FileSpace, frame: Frame, scenes: Scenes) -> LogicalScenario:
             for actor in case.actors
         ),
     )
+    # an exported case: its road and body as they were, its parameters as numbers without a choice
     whole = scenes[0][1].whole
     if whole is not None:
         parts += [Parameter(name, value, value + 1.0, 1.0, "1", "as exported", (value, value + 1.0))
@@ -458,11 +452,13 @@ def _parameter(axis: Axis, space: FileSpace) -> Parameter:
 
 
 def _road(frame: Frame, scenes: Scenes, time_limit: float) -> Road:
-    """The road, as far as the fastest ego drives in the time that the file gives, or to the file's
-    end of it.
+    """The road, as far as the fastest ego drives in the time limit, or to its end in the file.
+
+    time_limit: s.
     """
     reach = max(case.ego.x + case.ego.speed * time_limit for _, case in scenes)
-    if any(case.ego.speed == 0.0 for _, case in scenes):  # its speed is up to the ADS
+    # an ego that starts from rest drives as fast as the ADS wants: the whole road
+    if any(case.ego.speed == 0.0 for _, case in scenes):
         reach = frame.length
     room = frame.length - max(0.5 * case.ego_body.length for _, case in scenes) - _BEFORE_END
     length = min(math.ceil(reach / _ROUND) * _ROUND, room)
@@ -477,14 +473,14 @@ def _moves(actor: Actor) -> bool:
     return actor.start.speed > 0.0 or any(act.kind != KEEP for act in actor.acts)
 
 
-def _search(scenes: Scenes, road: Road) -> Search | None:
-    """The actor that zones are searched from: the nearest that stands ahead in the way, otherwise
-    the first that moves.
-
-    None on a curved road and without such an actor: no zone can be defined there.
+def _search(scenes: Scenes, road: Road) -> Search | str:
+    """The actor that zones are searched from: the nearest that stands in the ego's way, otherwise
+    the first that moves. A reason where no zone can be defined.
     """
-    if road.bent or len({len(case.actors) for _, case in scenes}) != 1:
-        return None
+    if road.bent:
+        return "the road is curved"
+    if len({len(case.actors) for _, case in scenes}) > 1:
+        return "some points have fewer actors"
     case = scenes[0][1]
     moving = [k for k, actor in enumerate(case.actors) if _moves(actor)]
     in_way = [
@@ -493,7 +489,7 @@ def _search(scenes: Scenes, road: Road) -> Search | None:
         and abs(it.start.y - case.ego.y) < 0.5 * (it.width + case.ego_body.width)
     ]  # fmt: skip
     chosen = [k for _, k in sorted(in_way)] or moving
-    return Search(chosen[0]) if chosen else None
+    return Search(chosen[0]) if chosen else "no actor moves or stands in the way"
 
 
 def concrete_points(read: Read) -> Iterator[tuple[dict[str, float], str | None]]:

@@ -1,13 +1,14 @@
 """Moments at which storyboard elements begin: a time, or a condition on what happens.
 
-A trigger that is known before the drive is a time. A condition on the drive becomes a
-program of `scenario.played`, as a `when` of a scenario file does.
+A trigger that is known before the drive is a time. A condition on the drive becomes a program of
+`scenario.played`, as a `when` of a scenario file does. `scene` asks for moments, `moves` plans by
+them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.extras.openscenario.values import RULES
 from sumo_eval.scenario import played
 from sumo_eval.scenario.bodies import half_sizes
-from sumo_eval.scenario.played import Program, Step
+from sumo_eval.scenario.played import Act, Program, Step
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import length_of, tightest
 from sumo_eval.text import shown
@@ -26,14 +27,13 @@ from sumo_eval.text import shown
 Fact = float | played.Move
 """A time that has passed, s, or a move that has ended."""
 NEVER = math.inf
-_BENT = 0.1  # m that the road's curve may change a distance across it
+AT_ONCE = 1e-6  # s: duration of a change that is a step
+_BENT = 0.1  # m by which a distance along a curve may differ from the one in a straight line
 _ACROSS = 0.1  # cosine of the largest angle to the road at which a body has a speed along it
-
-DISTANCES = ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance")
 
 
 def operation(op: int) -> Step:
-    """A step of a program that works on what is on the stack."""
+    """The step of a program for an operation that takes its values from the stack."""
     return op, 0, 0, 0.0
 
 
@@ -43,15 +43,20 @@ def from_time(time: float) -> Program:
 
 
 def implied(program: Program) -> set[Fact]:
-    """Times that have passed, s, and moves that have ended whenever a condition holds."""
+    """Times that have passed, s, and moves that have ended whenever a condition holds.
+
+    It runs the program with sets of such facts in place of values: both sets hold after AND, what
+    they share after OR. Each operation after `ENDED`, but `ABSOLUTE`, joins two values.
+    """
     stack: list[set[Fact]] = [set()]
     for k, (op, one, two, _) in enumerate(program):
         if op == played.ENDED:
             stack.append({(one, two)})
-        elif op < played.ENDED:  # a time stands before `TIME`, see `from_time`
+        elif op < played.ENDED:  # a number; before `TIME` stands the time, see `from_time`
             stack.append({program[k - 1][3]} if op == played.TIME else set())
         elif op != played.ABSOLUTE:
             last = stack.pop()
+            # BELOW compares numbers, or whether a move has ended with 0.5: that implies nothing
             if op in (played.OR, played.BELOW):
                 stack[-1] &= last
             else:
@@ -61,7 +66,7 @@ def implied(program: Program) -> set[Fact]:
 
 @dataclass(frozen=True, slots=True)
 class DriveNumber:
-    """A number of the drive.
+    """A number that changes during the drive.
 
     program: leaves it on the stack.
     start: its value at the start.
@@ -89,12 +94,12 @@ class DriveNumber:
 
 
 def constant(value: float) -> DriveNumber:
-    """A number that stays."""
+    """A number that does not change during the drive."""
     return DriveNumber(((played.VALUE, 0, 0, value),), value)
 
 
 def of_vehicle(op: int, number: int, start: float = 0.0) -> DriveNumber:
-    """A number of a vehicle."""
+    """A number of a vehicle: its place or speed by an operation such as `played.X`."""
     return DriveNumber(((op, number, 0, 0.0),), start)
 
 
@@ -115,8 +120,9 @@ class Moment:
     """A time, or a condition on the drive.
 
     time: s, inf for never; with a program it is the delay after its condition holds.
-    until: s, when it cannot begin any more.
-    past: whether an element starts then, and remains started when its condition fails again.
+    until: s, from when on nothing can begin any more; inf: no such time.
+    past: whether it counts even if the condition fails again, as the start of an element does.
+        A condition among others must still hold when they do.
     """
 
     time: float
@@ -134,7 +140,8 @@ class Moment:
 class Span:
     """From when to when an element of the storyboard runs.
 
-    ended: the program of its end, where that is not known before.
+    end: s, if its end is a time; otherwise inf.
+    ended: the condition that it has ended, where that is not a time; empty with `end` inf: never.
     """
 
     begin: Moment
@@ -143,7 +150,7 @@ class Span:
 
     @classmethod
     def over(cls, begin: Moment, parts: Sequence[Span]) -> Span:
-        """Until the last of its parts ends; without parts it ends as it begins."""
+        """The span until the last of its parts ends; without parts it ends as it begins."""
         end = max((it.end for it in parts), default=begin.time)
         unending = any(it.end == NEVER and not it.ended for it in parts)
         if unending or not any(it.ended for it in parts):
@@ -153,18 +160,28 @@ class Span:
 
 @dataclass(slots=True)
 class Conditions:
-    """Access of conditions to entities, their numbers among the actors, and elements of the
-    storyboard above.
+    """Conditions of a file as moments, with what they refer to.
 
-    latch: adds a move that changes nothing and begins a time, s, after a program holds; returns the
-        program of its end.
+    actors: by number; none as long as their numbers are unknown.
+    spans: kind, path of names and span of each element of the storyboard above.
     """
 
     places: Places
-    number_of: Mapping[str, int]
     frame: Frame
-    latch: Callable[[Program, float], Program]
+    actors: list[Entity]
     spans: list[tuple[str, str, Span]] = field(default_factory=list)
+
+    def latch(self, program: Program, delay: float) -> Program:
+        """The condition that `program` held, `delay` s before or earlier, even if it fails again.
+
+        Programs remember nothing. The first actor gets a move that changes nothing, which begins
+        `delay` s after `program` holds: the result is that this move has ended.
+        """
+        if not self.actors:  # no move waits for it then
+            return program
+        actor = self.actors[0]
+        actor.acts.append(Act(played.COSINE, delay, AT_ONCE, program=program))
+        return actor.ended()
 
     def note(self, element: Node, span: Span) -> Span:
         """Remember when an element of the storyboard runs, for conditions below it."""
@@ -174,8 +191,9 @@ class Conditions:
         return span
 
     def _span(self, element: Node) -> Span:
-        """When the element above of a kind and a name runs; `act::event` where the name alone is
-        not one element's.
+        """When the element runs that a condition names; it must stand above the condition.
+
+        `act::event` tells elements of one kind and name apart.
         """
         kind = element.text("storyboardElementType")
         name = element.attribute("storyboardElementRef")
@@ -192,8 +210,9 @@ class Conditions:
         return spans[0]
 
     def moment(self, trigger: Node | None, after: Moment) -> Moment:
-        """When a <StartTrigger> lets something begin that cannot begin before `after`; without one,
-        at `after`.
+        """When a <StartTrigger> lets something begin that cannot begin before `after`.
+
+        One of its groups of conditions must hold. Without groups it begins at `after`.
         """
         if trigger is None or trigger.find("ConditionGroup") is None:
             return after
@@ -201,10 +220,12 @@ class Conditions:
         live = [group for group in groups if group.time < NEVER]
         if not live:
             return Moment(NEVER)
+        # 1. all groups are times: the earliest counts, of equal ones that which lasts longest
         if all(group.known for group in live):
             if after.known:
                 return Moment(min(self._later(after, group, trigger).time for group in live))
             found = min(live, key=lambda group: (group.time, -group.until))
+        # 2. all are conditions on the drive: one of them must hold
         elif len(live) > 1 and any(group.known or group.time > 0.0 for group in live):
             raise trigger.fault(
                 "groups of conditions of which some depend on the drive and some are times, or "
@@ -216,7 +237,10 @@ class Conditions:
         return replace(self._later(after, found, trigger), past=True)
 
     def _later(self, one: Moment, two: Moment, element: Node) -> Moment:
-        """The later of two moments."""
+        """The later of two moments: when both conditions hold, or both times have come.
+
+        element: names the fault.
+        """
         time, until = max(one.time, two.time), min(one.until, two.until)
         if one.known and two.known:
             return Moment(time, until=until) if time < until else Moment(NEVER)
@@ -236,6 +260,7 @@ class Conditions:
                 "a delay after a condition on the drive is not supported together with a time or "
                 "another such condition"
             )
+        # what counts even if it fails again is remembered; a time becomes a condition
         first, second = (
             self.latch(it.program, it.time)
             if it.past and it.program
@@ -265,6 +290,7 @@ class Conditions:
 
     def _by_value(self, element: Node, edge: str) -> Moment:
         if element.tag == "SimulationTimeCondition":
+            # the time only grows: `less` holds until a time, all other rules from a time on
             rule, value = element.one_of("rule", RULES), element.number("value")
             less = rule.startswith("less")
             if edge == ("rising" if less else "falling"):
@@ -277,6 +303,7 @@ class Conditions:
                 return Moment(0.0, until=value) if edge == "none" else Moment(value)
             if rule == "equalTo" and value < 0.0:
                 return Moment(NEVER)
+            # any time but one: at the start already; as an edge it becomes true at that time
             at_start = rule == "notEqualTo" and edge == "none"
             return Moment(0.0 if at_start else max(value, 0.0))
         if edge == "falling":
@@ -302,17 +329,23 @@ class Conditions:
         span = self._span(element)
         state = element.text("state")
         if state in ("startTransition", "runningState"):
+            # until its end, where both are times; otherwise the begin alone counts
             lasts = span.begin.known and span.end > span.begin.time
             return replace(span.begin, until=span.end) if lasts else span.begin
         if state not in ("completeState", "endTransition"):
             raise element.fault(f"the state `{state}` is not supported")
         if span.ended:
             return Moment(0.0, span.ended)
+        # nothing in it takes time: it ends when its condition lets it begin
         at_once = not span.begin.known and span.end < NEVER
         return span.begin if at_once else Moment(span.end)
 
     def _by_entity(self, element: Node, edge: str) -> Program:
-        """The program of a condition on entities; an edge needs the opposite before."""
+        """The program of a condition on entities.
+
+        edge: `rising`: it must have been false before, `falling`: the opposite of it, after it was
+            true; `risingOrFalling`: whichever can come first.
+        """
         triggering = element.child("TriggeringEntities")
         every = triggering.one_of("triggeringEntitiesRule", ("any", "all")) == "all"
         names = [part.text("entityRef") for part in triggering.all("EntityRef")]
@@ -335,20 +368,18 @@ class Conditions:
             raise element.fault(
                 f"entity `{entity.name}` is deleted at the start, so nothing depends on it"
             )
-        return self.number_of.get(entity.name, played.EGO)
+        return entity.number
 
     def _of_entity(self, element: Node, one: Entity) -> Truth:
         """A condition on one entity."""
-        known: dict[str, Callable[[Node, Entity], tuple[DriveNumber, float]]] = {
+        known = {
             "RelativeDistanceCondition": self._distance, "DistanceCondition": self._distance,
             "ReachPositionCondition": self._reach, "TimeHeadwayCondition": self._headway,
             "TimeToCollisionCondition": self._to_collision, "SpeedCondition": self._speed,
             "RelativeSpeedCondition": self._speed,
             "TraveledDistanceCondition": self._travelled,
         }  # fmt: skip
-        if element.tag not in known:
-            raise element.unsupported(f"conditions on an entity that are: {', '.join(known)}")
-        number, limit = known[element.tag](element, one)
+        number, limit = element.chosen(known, "conditions on an entity")(element, one)
         default = {
             "TraveledDistanceCondition": "greaterOrEqual", "ReachPositionCondition": "lessOrEqual"
         }.get(element.tag)  # fmt: skip
@@ -365,7 +396,10 @@ class Conditions:
     # -- distances ---------------------------------------------------------------------------------
 
     def _target(self, element: Node) -> Entity | Pose:
-        """The target of a condition: an entity, or a fixed place in the road's frame."""
+        """The target of a condition: an entity, or a fixed place in the road's frame.
+
+        A place at an entity, without a shift, counts as the entity.
+        """
         holder = element.find("TimeToCollisionConditionTarget") or element
         named = holder.find("EntityRef") if holder.get("entityRef") is None else holder
         if named is not None:
@@ -374,10 +408,6 @@ class Conditions:
         if position.get("entityRef") is None:
             pose = self.places.spot(holder.child("Position")).pose
             return in_frame(pose, self.frame.origin, self.frame.line)
-        return self._moving(position)
-
-    def _moving(self, position: Node) -> Entity:
-        """The entity at whose reference point a place is."""
         shifted = any(position.number(key, 0.0) for key in ("dx", "dy"))
         if position.tag != "RelativeObjectPosition" or shifted:
             raise position.fault("a place beside an entity that moves is not supported here")
@@ -391,7 +421,7 @@ class Conditions:
         axis: `played.X` or `played.Y`.
         free: the centre.
         """
-        k = axis - played.X
+        k = axis - played.X  # 0 for x, 1 for y
         if isinstance(body, Pose):
             return constant(body[k])
         centre = of_vehicle(axis, self._number(body, element), body.frame[k])
@@ -420,10 +450,11 @@ class Conditions:
         return apart if scale == 1.0 else apart * constant(scale)
 
     def _scale(self, element: Node, one: Entity) -> float:
-        """m that a condition measures for a metre along the road's line.
+        """Length that a condition measures for a metre along the road's line.
 
-        Entity and lane have a parallel of that line at the start of the entity, the road has its
-        reference line. On a curve the mean curvature counts.
+        In the systems `entity` and `lane` it measures along the parallel of that line through the
+        entity's start, in the system `road` along the reference line. In a curve a metre becomes
+        1 - curvature * left on the parallel `left` m to the left. The mean curvature counts.
         """
         default = "lane" if element.flag("alongRoute") else "entity"
         system = element.one_of("coordinateSystem", ("entity", "lane", "road"), default)
@@ -436,7 +467,8 @@ class Conditions:
 
     def _distance(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
         default = "euclidianDistance" if element.tag == "DistanceCondition" else None
-        kind = element.one_of("relativeDistanceType", DISTANCES, default)
+        kinds = ("longitudinal", "lateral", "cartesianDistance", "euclidianDistance")
+        kind = element.one_of("relativeDistanceType", kinds, default)
         value, other = element.number("value"), self._target(element)
         if kind in ("longitudinal", "lateral"):
             axis = played.X if kind == "longitudinal" else played.Y
@@ -446,8 +478,8 @@ class Conditions:
     def _straight(
         self, element: Node, one: Entity, other: Entity | Pose, value: float
     ) -> tuple[DriveNumber, float]:
-        """The square of the distance in a straight line, m2."""
-        # a distance that is not the one along the road's curve
+        """The square of the distance in a straight line, m2, and that of `value`, with its sign."""
+        # x and y of the frame give it, but along a curve of radius r they are off by d^3 / (24 r^2)
         line = self.frame.line
         if line and abs(value) ** 3 / (24.0 * tightest(line) ** 2) > _BENT:
             raise element.fault("a distance across a curve of the road is not supported")
@@ -483,13 +515,17 @@ class Conditions:
         return along if math.isclose(share, 1.0) else along * constant(1.0 / share)
 
     def _headway(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
-        """The time headway by its sign: gap - value v, m."""
+        """gap - value v, m: the sign of time headway minus value, without a division by 0."""
         speed = self._own(element, one, "relativeDistanceType")
         gap = self._apart(element, one, self._target(element), played.X)
         return gap - constant(element.number("value")) * speed, 0.0
 
     def _to_collision(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
-        """The time to collision by its sign: gap |dx| - value dx dv, m2."""
+        """gap |dx| - value dx dv, m2: the sign of time to collision minus value.
+
+        dx: from this body to the other along the road, m. dv: its speed minus the other's, m/s.
+        Where the bodies close in, dx dv is above 0.
+        """
         other, value = self._target(element), constant(element.number("value"))
         speed = self._along(element, one, "relativeDistanceType")
         if isinstance(other, Entity):
@@ -500,9 +536,10 @@ class Conditions:
 
     def _speed(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
         if element.tag == "SpeedCondition":
-            return self._own(element, one, "direction"), element.number("value")
-        other = self.places.referred(element)
-        speed = self._along(element, one, "direction") - self._along(element, other, "direction")
+            speed = self._own(element, one, "direction")
+        else:
+            speed = self._along(element, one, "direction")
+            speed -= self._along(element, self.places.referred(element), "direction")
         return speed, element.number("value")
 
     def _travelled(self, element: Node, one: Entity) -> tuple[DriveNumber, float]:
@@ -519,7 +556,7 @@ def _joined(programs: list[Program], op: int) -> Program:
 
 
 def _half(body: Entity | Pose, axis: int) -> float:
-    """Half the extent of a body along an axis of the road at the start, m; of a place 0."""
+    """Half the extent of a body along an axis of the road at the start, m; 0 for a place."""
     if isinstance(body, Pose):
         return 0.0
     return half_sizes(body.frame.heading, body.length, body.width)[axis - played.X]

@@ -1,4 +1,5 @@
-"""Actions of a scenario file during the drive, as acts of an actor.
+"""Actions of a scenario file during the drive, as acts of an actor. `scene` calls them in the order
+of the file.
 
 Readings, where the standard leaves a choice or this package supports less:
 
@@ -19,8 +20,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sumo_eval.errors import InputError
-from sumo_eval.extras.openscenario.frame import ON, SAME, Frame, framed
+from sumo_eval.extras.openscenario.frame import ORIGIN, SAME, Frame
 from sumo_eval.extras.openscenario.moments import (
+    AT_ONCE,
     NEVER,
     Fact,
     Moment,
@@ -31,25 +33,26 @@ from sumo_eval.extras.openscenario.moments import (
     of_vehicle,
     operation,
 )
-from sumo_eval.extras.openscenario.network import Lane, in_frame
+from sumo_eval.extras.openscenario.network import ON, Lane, MapRoad, in_frame
 from sumo_eval.extras.openscenario.places import Entity, Places, UnplacedError
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.scenario import played
-from sumo_eval.scenario.played import Act, Move, Pairs, Program
+from sumo_eval.scenario.played import Act, Move, Pairs
 from sumo_eval.scenario.road.pose import Pose
 
-AT_ONCE = 1e-6  # s of a change of speed that is a step
 _PEAKS = {"linear": 1.0, "sinusoidal": 0.5 * math.pi, "cubic": 1.5}
-"""Peak over mean rate by the shape of a change."""
+"""Peak of the rate over its mean, by the shape of a change."""
 _STRONGEST = {"sinusoidal": 0.5 * math.pi**2, "cubic": 6.0}
-"""Peak lateral acceleration of a move by 1 m in 1 s."""
+"""Peak lateral acceleration of a move by 1 m in 1 s, m/s2, by its shape."""
 _DIMENSIONS = ("rate", "time", "distance")
 _SHAPES = ("linear", "step", "cubic", "sinusoidal")
+# kinds of acts that change a speed, and of those that move across
 _SPEEDS, _ACROSS = (played.SPEED, played.BY_TIME, played.MATCH), (played.COSINE, played.CONSTANT)
-_NO_MOVE = played.EGO, 0  # in place of a move that no condition waits for: it has no act
-_SHARES = np.arange(1, 33) / 32  # of a change of speed, at its knots
+# in place of a planned move that has no act: no condition waits for its end
+_NO_MOVE = played.EGO, 0
+_SHARES = np.arange(1, 33) / 32  # knots of a curved change of speed, as shares of its time
 _THERE = 0.05  # m and m/s within which a distance is reached
-_MOST = 1e3  # of a speed or an acceleration without a limit
+_MOST = 1e3  # m/s or m/s2: stands for a limit that the file does not give
 _STEADY = "over the distance of a lateral move the speed must stay the same, above 0 m/s"
 
 
@@ -72,8 +75,9 @@ def synchronized(distance: float, time: float, speed: float, final: float, stead
         raise InputError(
             f"{distance:.2f} m in {time:.2f} s leave no room for {steady:g} m at {final:g} m/s"
         )
-    if rest <= AT_ONCE or ahead <= ON:
-        return ((rest, speed),) * (rest > 0.0) + ((max(rest, 0.0) + AT_ONCE, final),)
+    if rest <= AT_ONCE or ahead <= ON:  # only the steady part is left
+        step = (max(rest, 0.0) + AT_ONCE, final)
+        return ((rest, speed), step) if rest > 0.0 else (step,)
     mean = ahead / rest
     if abs(mean - final) <= SAME and abs(mean - speed) <= SAME:
         return ((rest, final),)
@@ -97,7 +101,7 @@ def synchronized(distance: float, time: float, speed: float, final: float, stead
 
 
 def _knots(*knots: tuple[float, float]) -> Pairs:
-    """Those knots that lie behind the one before them; of two at one time the later one."""
+    """Knots in ascending times; of several at one time, the first time with the last speed."""
     kept: list[tuple[float, float]] = []
     for time, speed in knots:
         if time > (kept[-1][0] if kept else 0.0) + AT_ONCE:
@@ -108,7 +112,7 @@ def _knots(*knots: tuple[float, float]) -> Pairs:
 
 
 def changes_nothing(act: Act) -> bool:
-    """Whether a move only keeps a speed, or remembers that a condition held."""
+    """Whether a move only keeps a speed, or remembers that a condition held (`latch`)."""
     return act.kind == played.KEEP or (act.kind == played.COSINE and act.offset == 0.0)
 
 
@@ -124,16 +128,16 @@ class Moves:
     """Actions of a file made acts.
 
     ego: the entity that the ADS drives.
-    numbers: of the actors, by name.
+    actors: by number.
     """
 
     places: Places
     frame: Frame
     ego: Entity
-    numbers: dict[str, int]
+    actors: list[Entity]
 
     def begin(self, element: Node, entity: Entity, moment: Moment) -> Span:
-        """Let an entity begin an action; from when to when it lasts."""
+        """Give an entity the act of an action; from when to when the action lasts."""
         if entity.deleted:
             return Span(moment, moment.time)
         if element.tag in ("LongitudinalAction", "LateralAction", "RoutingAction"):
@@ -143,57 +147,69 @@ class Moves:
             "LaneOffsetAction": self._lane_offset, "LongitudinalDistanceAction": self._distance,
             "FollowTrajectoryAction": self._follow, "SynchronizeAction": self._synchronize,
         }  # fmt: skip
-        if element.tag not in known:
-            raise element.unsupported(f"moves that are: {', '.join(known)}")
-        move = self._next(entity)
-        span = known[element.tag](element, entity, moment)
-        for other in self.places.entities.values():
-            # it has no act of its own: the one that gets its number is another move
-            if other is not entity and self._next(entity) == move:
-                other.reads = [(*it[:3], _NO_MOVE) if it[3] == move else it for it in other.reads]
+        move = entity.next_move
+        span = element.chosen(known, "moves")(element, entity, moment)
+        if entity.next_move == move:  # it has no act: the act that gets its number is another move
+            for other in self.places.entities.values():
+                if other is not entity:
+                    reads = [(*it[:3], _NO_MOVE) if it[3] == move else it for it in other.reads]
+                    other.reads = reads
         return span
 
     def _read(self, target: Node, mover: Entity, begin: Moment, kinds: tuple[int, ...]) -> Entity:
-        """The entity to which a move is relative; notes when its moves of these kinds are read."""
+        """The entity to which a move is relative.
+
+        kinds: of its moves that the new move depends on. Later ones in the file must not begin
+            before it (`_plan`).
+        """
         other = self.places.referred(target)
         if other is not mover:
             if kinds == _ACROSS and other.moved != 0.0:
                 raise target.fault(f"`{other.name}`, to which it is relative, moves across itself")
-            self._plan(other, begin, kinds, target, self._next(mover))
+            self._plan(other, begin, kinds, target, mover.next_move)
         return other
 
     def _plan(
         self, entity: Entity, begin: Moment, kinds: tuple[int, ...], element: Node, move: Move
     ) -> None:
-        """Note that a move which begins then is planned from an entity's moves above it."""
+        """Note that a move is planned from an entity's acts of some kinds above it in the file.
+
+        begin: of that move: `_add` refuses further acts of these kinds that may begin before.
+        element: names the fault.
+        move: the planned move.
+        """
         fault = element.fault(
             f"`{entity.name}`, on which it depends, may move before by an event below it in the "
             "file, which is not supported"
         )
         entity.reads.append((begin.time if begin.known else math.inf, kinds, fault, move))
 
-    def _next(self, entity: Entity) -> Move:
-        return self.numbers.get(entity.name, played.EGO), len(entity.acts)
-
     def _add(self, entity: Entity, begin: Moment, act: Act, lasts: float) -> Span:
+        """Add an act, unless a move above it in the file was planned without this act.
+
+        lasts: duration, s, if it begins at a time.
+        """
         earliest, past = self._implied(begin)
-        # moves above it are planned from what this entity does when they begin
         for until, kinds, fault, move in entity.reads:
-            planned = act.kind in kinds and move not in (*past, self._next(entity))
+            planned = act.kind in kinds and move not in (*past, entity.next_move)
             if planned and earliest < until and not changes_nothing(act):
                 raise fault
         entity.acts.append(act._replace(begin=begin.time, program=begin.program))
         if begin.known:
             return Span(begin, begin.time + lasts)
-        return Span(begin, NEVER, self._ended(entity))
+        return Span(begin, NEVER, entity.ended())
 
     def _implied(self, begin: Moment) -> tuple[float, set[Fact]]:
-        """Time before which a moment does not come, s, and what is past when it does."""
-        actors = [self.places.entities[name] for name in self.numbers]
+        """Time before which a moment does not come, s; times that have passed and moves that have
+        ended when it comes.
+        """
         past, programs = set[Fact]({0.0}), [begin.program]
-        for program in programs:  # further ones are those of the moves that have ended
+        # the list grows: where a move has ended, the condition of its begin held, too
+        for program in programs:
             new = implied(program) - past
-            programs += (actors[it[0]].acts[it[1]].program for it in new if isinstance(it, tuple))
+            programs += (
+                self.actors[it[0]].acts[it[1]].program for it in new if isinstance(it, tuple)
+            )
             past |= new
         return begin.time + max(it for it in past if isinstance(it, float)), past
 
@@ -214,7 +230,7 @@ class Moves:
         if target.flag("continuous"):
             return self._match_speed(target, dynamics, entity, begin, speed)
         shape = dynamics.one_of("dynamicsShape", _SHAPES)
-        # amid a change, its speed is between those two; the farther one bounds the time
+        # amid a change, the speed lies between those two: assume the one that takes longer
         between = (entity.pace, entity.before) if _changes(entity, begin) else (entity.pace,)
         first = max(between, key=lambda it: abs(it - speed))
         change = abs(speed - first)
@@ -224,18 +240,19 @@ class Moves:
                 raise target.fault(f"the speed of `{other.name}` when this begins is unknown")
         unsure = self._unsure(entity, begin, _SPEEDS)
         if change <= SAME and not unsure:
-            if begin.known:
+            if begin.known:  # it has no act, but depends on the speed
                 self._plan(entity, begin, _SPEEDS, dynamics, _NO_MOVE)
             return Span(begin, begin.time)
         if unsure:
             return self._from_any_speed(dynamics, entity, begin, speed)
         step = is_step(dynamics)
         rate = change / AT_ONCE if step else self._rate(dynamics, entity, begin, speed)
-        if rate == 0.0:  # it never gets there
+        if rate == 0.0:  # it never reaches the speed
             return Span(begin, NEVER)
         lasts = change / rate
         act = Act(played.SPEED, 0.0, 0.0, speed, 0.0, rate)
         if shape in _STRONGEST and not step:
+            # shares of the change after those of the time: `cubic`, `sinusoidal`
             shares = _SHARES * _SHARES * (3.0 - 2.0 * _SHARES)
             if shape == "sinusoidal":
                 shares = 0.5 * (1.0 - np.cos(math.pi * _SHARES))
@@ -244,38 +261,39 @@ class Moves:
             act = Act(played.BY_TIME, table=tuple(map(tuple, table)))
         entity.before, entity.pace = first, speed
         entity.steady = begin.time + lasts if begin.known else 0.0
+        # every change but a step and a linear rate depends on the speed at its begin
         if not step and (shape, dynamics.text("dynamicsDimension")) != ("linear", "rate"):
-            self._plan(entity, begin, _SPEEDS, dynamics, self._next(entity))
+            self._plan(entity, begin, _SPEEDS, dynamics, entity.next_move)
         return self._add(entity, begin, act, lasts)
 
     def _unsure(self, entity: Entity, begin: Moment, kinds: tuple[int, ...]) -> bool:
-        """Whether an earlier move of some kinds may still wait when another begins."""
+        """Whether an earlier move of some kinds may not have ended when another begins.
+
+        With times alone the answer is no: `busy_until` and `steady` say when such moves end.
+        """
         earlier = [k for k, act in enumerate(entity.acts)
                    if act.kind in kinds and not changes_nothing(act)]  # fmt: skip
         if not earlier or (begin.known and not any(entity.acts[k].program for k in earlier)):
             return False
-        return (self.numbers[entity.name], earlier[-1]) not in self._implied(begin)[1]
+        return (entity.number, earlier[-1]) not in self._implied(begin)[1]
 
     def _from_any_speed(self, dynamics: Node, entity: Entity, begin: Moment, speed: float) -> Span:
         """A change from whatever speed the entity then has, at once or at an even rate."""
-        kind, lasts = dynamics.one_of("dynamicsDimension", _DIMENSIONS), AT_ONCE
-        if not is_step(dynamics):
-            if dynamics.text("dynamicsShape") != "linear" or kind == "distance":
-                raise dynamics.fault(f"the speed of `{entity.name}` when this begins is unknown")
-            read = dynamics.number if kind == "rate" else dynamics.above_zero
-            lasts = abs(read("value"))
-        if lasts == 0.0:  # it never gets there
-            return Span(begin, NEVER)
-        act = Act(played.BY_TIME, table=((lasts, speed),))
-        if lasts > AT_ONCE and kind == "rate":
-            act = Act(played.SPEED, 0.0, 0.0, speed, 0.0, lasts)
+        kind = dynamics.one_of("dynamicsDimension", _DIMENSIONS)
+        if is_step(dynamics):
+            act = Act(played.BY_TIME, table=((AT_ONCE, speed),))
+        elif dynamics.text("dynamicsShape") != "linear" or kind == "distance":
+            raise dynamics.fault(f"the speed of `{entity.name}` when this begins is unknown")
+        elif kind == "time":
+            act = Act(played.BY_TIME, table=((dynamics.above_zero("value"), speed),))
+        else:
+            rate = abs(dynamics.number("value"))
+            if rate == 0.0:  # it never reaches the speed
+                return Span(begin, NEVER)
+            act = Act(played.SPEED, 0.0, 0.0, speed, 0.0, rate)
         entity.pace = speed
-        self._add(entity, begin, act, lasts)
-        return Span(begin, NEVER, self._ended(entity))
-
-    def _ended(self, entity: Entity) -> Program:
-        """The program that the last move of an entity has ended."""
-        return ((played.ENDED, self.numbers[entity.name], len(entity.acts) - 1, 0.0),)
+        self._add(entity, begin, act, NEVER)
+        return Span(begin, NEVER, entity.ended())
 
     def _rate(self, dynamics: Node, entity: Entity, begin: Moment, speed: float) -> float:
         """The mean rate of a change of speed, m/s2."""
@@ -289,7 +307,7 @@ class Moves:
         if kind == "rate":
             return abs(dynamics.number("value")) / _PEAKS[shape]
         change, value = abs(speed - entity.pace), dynamics.above_zero("value")
-        # the mean speed of every shape is halfway
+        # over a distance: in every shape the mean speed is halfway
         return change / value * (1.0 if kind == "time" else 0.5 * (speed + entity.pace))
 
     def _match_speed(
@@ -301,23 +319,22 @@ class Moves:
         entity.pace, value = speed, target.number("value")
         factor, added = (value, 0.0) if _by_factor(target) else (1.0, value)
         other = self.places.referred(target)
-        return self._relative(entity, begin, (self._number(other), factor), (added, 0.0))
-
-    def _number(self, entity: Entity) -> float:
-        return float(self.numbers.get(entity.name, played.EGO))
+        return self._relative(
+            entity, begin, (float(other.number), factor), (added, 0.0), (0.0, 0.0)
+        )
 
     def _relative(self, entity: Entity, begin: Moment, *table: tuple[float, float]) -> Span:
-        """Keep a speed or a place relative to another's at every instant.
+        """Keep a speed or a position relative to another vehicle's at every instant.
 
-        table: as in `played.PLAY` under `match`.
+        table: as in `played.PLAY` under `match`: three or five pairs.
         """
         if self.frame.line and math.cos(entity.frame.heading) < 0.0:
             raise entity.element.fault(
                 "a speed relative to another's is not supported of an oncoming vehicle on a curve"
             )
-        table = (*table, (0.0, 0.0))[: max(len(table), 3)]
         span = self._add(entity, begin, Act(played.MATCH, table=table), NEVER)
-        if begin.known:  # it looks at the other after every step, as what waits does
+        # only acts with a condition are looked at after every step, so a time becomes one
+        if begin.known:
             entity.acts[-1] = entity.acts[-1]._replace(begin=0.0, program=from_time(begin.time))
         return span
 
@@ -325,14 +342,17 @@ class Moves:
 
     def place_apart(self, element: Node, entity: Entity) -> None:
         """Put an entity at the distance of a LongitudinalDistanceAction at the start."""
-        other, ahead, apart = self._apart(element, entity)
-        gap = element.not_negative("timeGap", 0.0) * (other.speed if ahead else -entity.speed)
-        x = other.frame.x + (apart + gap / self.frame.ground(other.frame))
+        other, apart, gap = self._apart(element, entity)
+        further = -gap * (other.speed if gap < 0.0 else entity.speed)  # ahead, m over the ground
+        x = other.frame.x + (apart + further / self.frame.ground(other.frame))
         entity.frame = entity.frame._replace(x=x)
 
-    def _apart(self, element: Node, entity: Entity) -> tuple[Entity, bool, float]:
-        """The other entity of a LongitudinalDistanceAction, whether the entity is ahead of it, and
-        how far ahead its centre must be, m along the road's line, without a time gap.
+    def _apart(self, element: Node, entity: Entity) -> tuple[Entity, float, float]:
+        """The other entity of a LongitudinalDistanceAction, and where the entity must be.
+
+        Two numbers follow the other entity: how far ahead of it the centre must be without a time
+        gap, m along the road's line, and the time gap, s, as in `played.PLAY` under `match`: below
+        0 where it must be ahead.
         """
         other = self.places.referred(element)
         if entity.on_map or other.on_map:
@@ -345,7 +365,8 @@ class Moves:
         if free:
             apart += 0.5 * (entity.length + other.length)
         apart = (apart if ahead else -apart) + (0.0 if free else entity.centre - other.centre)
-        return other, ahead, apart / self.frame.ground(other.frame)
+        gap = element.not_negative("timeGap", 0.0) * (-1.0 if ahead else 1.0)
+        return other, apart / self.frame.ground(other.frame), gap
 
     def _distance(self, element: Node, entity: Entity, begin: Moment) -> Span:
         limits, once = element.find("DynamicConstraints"), not element.flag("continuous")
@@ -356,11 +377,11 @@ class Moves:
                 )
             self.place_apart(element, entity)
             return Span(begin, begin.time)
-        other, ahead, apart = self._apart(element, entity)
+        other, apart, gap = self._apart(element, entity)
         if other is not self.ego:
             entity.pace = other.pace
-        gap = element.not_negative("timeGap", 0.0) * (-1.0 if ahead else 1.0)
-        keeps = (self._number(other), 1.0), (0.0, 1.0 if limits is None else 2.0), (apart, gap)
+        # rows of the table: whom it follows; what is kept (1, 2: a position); the position
+        keeps = (float(other.number), 1.0), (0.0, 1.0 if limits is None else 2.0), (apart, gap)
         if limits is None:
             return self._relative(entity, begin, *keeps)
         for name in ("maxAccelerationRate", "maxDecelerationRate"):
@@ -375,22 +396,25 @@ class Moves:
     def _until_there(
         self, entity: Entity, other: Entity, begin: Moment, apart: float, gap: float
     ) -> Span:
-        """Let an entity keep its speed from where it has its distance, and the other's speed.
+        """End a LongitudinalDistanceAction where the entity has the distance and the other's speed:
+        from then on it keeps its speed.
 
-        apart, gap: m and s of its place ahead of the other.
+        apart, gap: as in `_apart`.
         """
-        own, its = (int(self._number(it)) for it in (entity, other))
+        own, its = entity.number, other.number
+        # a move that changes nothing remembers that the action has begun
         self._add(entity, begin, Act(played.COSINE, 0.0, AT_ONCE), 0.0)
-        follows = self._ended(entity)
+        follows = entity.ended()
 
         x, ahead = of_vehicle(played.X, own), of_vehicle(played.X, its) + constant(apart)
         speed, target = (of_vehicle(played.ALONG, it) for it in (own, its))
         behind = constant(gap / self.frame.ground(entity.frame)) * (target if gap < 0.0 else speed)
+        # the larger of both differences must be below `_THERE`
         off = abs(ahead - behind - x).joined(played.LARGER, abs(target - speed))
         ends = (*off.program, *constant(_THERE).program, operation(played.BELOW))
         there = (*follows, *ends, operation(played.AND))
         entity.acts.append(Act(played.KEEP, program=there))
-        # a speed that is kept has no end, its start is remembered
+        # KEEP has no end that a condition could read: a second move remembers its begin
         return self._add(entity, Moment(0.0, there), Act(played.COSINE, 0.0, AT_ONCE), NEVER)
 
     # -- lateral moves -----------------------------------------------------------------------------
@@ -399,11 +423,11 @@ class Moves:
         target = element.child("LaneChangeTarget").only()
         if target.tag == "RelativeTargetLane":
             other = self._read(target, entity, begin, _ACROSS)
-            spot = replace(other.placed(target), lane=self._lane_now(other, target))
-            # to the left of where that entity drives
-            lane = self.places.lane_beside(spot, target.whole("value") * (spot.way or 1), target)
+            # the lanes count to the left of where that entity drives
+            lanes = target.whole("value") * (other.placed().way or 1)
+            lane = self.places.lane_beside(*self._lane_now(other, target), lanes, target)
         elif target.tag == "AbsoluteTargetLane":
-            road = entity.placed(element).road
+            road = entity.placed().road
             if road is None:
                 raise target.fault("the entity is on no road")
             lane = self.places.network.lane(road, target.text("value"), target)
@@ -422,8 +446,9 @@ class Moves:
             if unsure or entity.pace <= 0.0:
                 raise dynamics.fault(_STEADY)
             value /= entity.pace
+            # a later act must not change the speed before the move has ended
             until = begin.time + value if begin.known else math.inf
-            entity.reads.append((until, _SPEEDS, dynamics.fault(_STEADY), self._next(entity)))
+            entity.reads.append((until, _SPEEDS, dynamics.fault(_STEADY), entity.next_move))
         return self._across(element, entity, begin, offset, value, shape)
 
     def _lane_offset(self, element: Node, entity: Entity, begin: Moment) -> Span:
@@ -435,7 +460,7 @@ class Moves:
             other = self._read(target, entity, begin, _ACROSS)
             y = other.frame.y + other.moved
         elif target.tag == "AbsoluteTargetLaneOffset":
-            y = self._y(self._lane_now(entity, target).centre, element, entity)
+            y = self._y(self._lane_now(entity, target)[1].centre, element, entity)
         else:
             raise target.unsupported()
         offset = y + self.frame.way * target.number("value") - entity.frame.y
@@ -455,23 +480,22 @@ class Moves:
             raise dynamics.fault(f"a {what} of the shape `{shape}` is not supported, {names} are")
         return shape
 
-    def _lane_now(self, other: Entity, element: Node) -> Lane:
-        """The lane of an entity when a move that is relative to it begins: of the mover itself
+    def _lane_now(self, other: Entity, element: Node) -> tuple[MapRoad, Lane]:
+        """Road and lane of an entity when a move that is relative to it begins: of the mover itself
         after its own lateral moves, of the ego where it starts.
         """
-        spot = other.placed(element)
-        if spot.road is None or spot.lane is None:
-            raise element.fault("the entity that it is relative to is in no lane")
+        spot = other.placed()
+        road, lane = spot.in_lane(element)
         if other.moved == 0.0:
-            return spot.lane
-        lane = spot.road.lane_at(spot.t + self.frame.way * other.moved)
-        if lane is None:
+            return road, lane
+        now = road.lane_at(spot.t + self.frame.way * other.moved)
+        if now is None:
             raise element.fault(f"`{other.name}`, to which it is relative, is in no lane any more")
-        return lane
+        return road, now
 
     def _y(self, t: float, element: Node, entity: Entity) -> float:
         """y of a place t m left of the reference line of the ego's road."""
-        road = entity.placed(element).road
+        road = entity.placed().road
         if road is None or road.name != self.frame.road:
             raise element.fault("a lateral move is supported on the ego's road only")
         return self.frame.way * (t - self.frame.offset)
@@ -479,7 +503,7 @@ class Moves:
     def _across(
         self, element: Node, entity: Entity, begin: Moment, to: float, lasts: float, shape: str
     ) -> Span:
-        """A lateral move to the offset `to` m from the start, in `lasts` s."""
+        """A lateral move to the offset `to` m from the actor's start, in `lasts` s."""
         if entity.on_map:
             raise element.fault(
                 f"`{entity.name}` drives straight on the map, so it has no lane to move across"
@@ -488,8 +512,9 @@ class Moves:
         if self._unsure(entity, begin, _ACROSS):
             if begin.known:
                 raise element.fault(f"where `{entity.name}` is across when this begins is unknown")
+            # it begins once its own condition holds and the last lateral move has ended
             last = max(k for k, it in enumerate(entity.acts) if it.kind in _ACROSS and it.offset)
-            ended = played.ENDED, self.numbers[entity.name], last, 0.0
+            ended = played.ENDED, entity.number, last, 0.0
             begin = replace(begin, program=(*begin.program, ended, operation(played.AND)))
         if abs(offset) <= ON:
             return Span(begin, begin.time)
@@ -497,7 +522,7 @@ class Moves:
             raise element.fault(
                 f"`{entity.name}` still moves across when this begins, at {begin.time:.2f} s"
             )
-        if math.cos(entity.frame.heading) < 0.0:  # to the left of where it drives
+        if math.cos(entity.frame.heading) < 0.0:  # oncoming: its left is the road's right
             offset = -offset
         entity.moved = to
         entity.busy_until = begin.time + lasts if begin.known else 0.0
@@ -509,9 +534,10 @@ class Moves:
     # -- trajectories ------------------------------------------------------------------------------
 
     def _follow(self, element: Node, entity: Entity, begin: Moment) -> Span:
-        course, spot = self.places.followed(element), entity.placed(element)
+        course, spot = self.places.followed(element), entity.placed()
         ahead, straight = element.number("initialDistanceOffset", 0.0), course.straight
         pose = course.at(ahead, element)
+        # 1. where it begins: at the entity, within 0.5 m
         if math.dist(pose[:2], spot.pose[:2]) > 0.5:
             raise element.fault(f"the trajectory must begin where `{entity.name}` is")
         at_start = begin.known and begin.time == 0.0
@@ -520,9 +546,10 @@ class Moves:
                 "a curved trajectory, or any on a curved road, is supported from the start, or of "
                 "a standing entity"
             )
+        # 2. its path: a straight one gives a heading; along any other the body's centre goes
         if straight:
             entity.way = pose[:2], course.points[-1]
-        else:  # the body's centre follows it
+        else:
             start = course.at(ahead + entity.centre, element)
             entity.way = start[:2], *course.rest(ahead + entity.centre)
             pose = start.moved(-entity.centre, -entity.offset)
@@ -530,9 +557,8 @@ class Moves:
             self._add(entity, begin, Act(played.PATH, table=tuple(path)), NEVER)
         entity.spot = replace(spot, pose=pose)
         entity.on_map = bool(self.frame.line)
-        entity.frame = self.frame.pose_on_map(entity)
-        if entity.on_map:
-            entity.frame = framed(entity, self.frame)
+        entity.frame = in_frame(self.frame.pose_on_map(entity), ORIGIN, self.frame.line)
+        # 3. its speeds, where the trajectory has times
         if not course.times:
             return self._add(entity, begin, Act(played.KEEP), NEVER)
         timing = element.find("TimeReference/Timing") or element
@@ -544,6 +570,7 @@ class Moves:
         if not (lasts > 0.0).all():
             raise element.fault("the times of its trajectory must ascend")
         speeds = np.hypot(*np.diff(course.points, axis=0).T) / lasts
+        # the speed of a stretch from just after its begin to its end: steps between stretches
         at = np.column_stack([times[:-1] + AT_ONCE, times[1:]]).ravel().tolist()
         knots = tuple(zip(at, np.repeat(speeds, 2).tolist(), strict=True))
         entity.pace = knots[-1][1]
@@ -561,7 +588,7 @@ class Moves:
             raise element.fault(f"the place of `{entity.name}` when this begins is unknown")
         goal, start = (
             self.places.spot(element.child("TargetPositionMaster")).pose,
-            master.placed(element).pose,
+            master.placed().pose,
         )
         way = goal.seen_from(start).x
         if self.frame.turns:  # along the path on which it turns
@@ -570,7 +597,7 @@ class Moves:
         arrives = way / master.speed - begin.time
         final, steady = self._final_speed(element, master, entity)
         target = self.places.spot(element.child("TargetPosition")).pose
-        pose = entity.placed(element).pose._replace(heading=entity.heading)
+        pose = entity.placed().pose._replace(heading=entity.heading)
         ahead = target.seen_from(pose).x - entity.pace * begin.time
         try:
             knots = synchronized(ahead, arrives, entity.pace, final, steady)
@@ -582,7 +609,10 @@ class Moves:
         return self._add(entity, begin, Act(played.BY_TIME, table=knots), arrives)
 
     def _final_speed(self, element: Node, master: Entity, entity: Entity) -> tuple[float, float]:
-        """The final speed of a SynchronizeAction, m/s, and the distance over which it has it, m."""
+        """The final speed of a SynchronizeAction, m/s, and the length of its steady part, m.
+
+        master: the entity that the final speed may be relative to.
+        """
         holder = element.find("FinalSpeed")
         if holder is None:
             return entity.pace, 0.0
@@ -592,11 +622,12 @@ class Moves:
             final = master.speed * final if _by_factor(kind) else master.speed + final
         elif kind.tag != "AbsoluteSpeed":
             raise kind.unsupported()
-        for rest in kind.children():
-            if rest.tag == "TargetTimeSteadyState":
-                return final, rest.not_negative("time") * final
-            return final, rest.not_negative("distance")
-        return final, 0.0
+        rest = kind.find("*")
+        if rest is None:
+            return final, 0.0
+        if rest.tag == "TargetTimeSteadyState":
+            return final, rest.not_negative("time") * final
+        return final, rest.not_negative("distance")
 
 
 def _changes(entity: Entity, begin: Moment) -> bool:

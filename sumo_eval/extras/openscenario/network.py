@@ -1,4 +1,7 @@
-"""The OpenDRIVE file of a scenario: where a place on a road, in a lane, lies on the map."""
+"""The OpenDRIVE file of a scenario: where a place on a road, in a lane, lies on the map.
+
+`scene` reads the network, `places` and `frame` look places up in it.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from sumo_eval.scenario.xml_file import read_xml
 
 WIDEST = 6.0  # m: a wider lane is an area without marks
 MARKED = 3.5  # m: the lane that the ego is given in such an area
-_ON = 1e-6  # m
+ON = 1e-6  # m by which a place may miss a road or a line
 _ROUNDS = 20  # of the fixed point in `ahead_in_lane`, which then changes no more
 
 
@@ -34,21 +37,23 @@ class Lane(NamedTuple):
     width: float
 
 
-def in_frame(pose: Pose, begin: Pose, line: Line) -> Pose:
+def in_frame(pose: Pose, begin: Pose, line: Line, near: float | None = None) -> Pose:
     """A place on the map as one along and across a line that starts at `begin`.
 
     line: empty: the straight line in the direction of `begin`.
+    near: as in `frame_places`.
     """
     at = pose.seen_from(begin)
     if not line:
         return at
-    return Pose(*(float(it) for it in frame_places(line, *at)))
+    return Pose(*(float(it) for it in frame_places(line, *at, near)))
 
 
 @dataclass(frozen=True, slots=True)
 class MapRoad:
-    """A road of an OpenDRIVE file: where it begins, its reference line and its lanes by number.
+    """A road of an OpenDRIVE file: where it begins and its reference line.
 
+    lanes: by number; float, because files also write `-1.0`.
     left_out: properties in the file that are ignored: `elevation`, `left-hand traffic`.
     """
 
@@ -85,6 +90,7 @@ class MapRoad:
         """Length along the reference line, m, of a length along the middle of a lane from s.
 
         Left of the line a lane is shorter by its distance times the angle by which the line turns.
+        That angle is the one up to the place that is sought: begin with `length`, and repeat.
         """
         longer = 0.0
         for _ in range(_ROUNDS if self.bent else 0):
@@ -125,15 +131,16 @@ class Network:
         return self.roads[name]
 
     def driving(self, pose: Pose) -> tuple[MapRoad, Lane, Pose] | None:
-        """The road and driving lane in which a place on the map lies, and its coordinates there.
+        """The road and driving lane in which a place on the map lies, and its s and t there.
 
-        Where roads overlap, as in a junction, the one whose direction is nearest.
+        Where roads overlap, as in a junction, the one whose direction is nearest, then the first
+        by name.
         """
-        lanes = []
+        lanes = []  # (how far its direction is off, name, result)
         for road in self.roads.values():
             at = road.coordinates(pose)
             lane = road.lane_at(at.y)
-            if lane is not None and lane.kind in DRIVEN and -_ON <= at.x <= road.length + _ON:
+            if lane is not None and lane.kind in DRIVEN and -ON <= at.x <= road.length + ON:
                 lanes.append((abs(math.sin(at.heading)), road.name, (road, lane, at)))
         return min(lanes)[2] if lanes else None
 
@@ -185,7 +192,8 @@ def _road(element: Node, name: str) -> MapRoad:
     if len(sections) != 1:
         raise element.fault(f"it must have one <laneSection>, got {len(sections)}")
     lanes = _lanes(sections[0], lane_offset(element.element, owner, flat=True))
-    # left-hand traffic: vehicles are in the lanes of the file, but an ADS overtakes on the left
+    # with left-hand traffic too vehicles are in the lanes of the file, but the report must say so:
+    # an ADS here overtakes on the left
     kinds = {"elevation": _sloped(element), "left-hand traffic": element.get("rule") == "LHT"}
     return MapRoad(name, begin, line, lanes, tuple(kind for kind, has in kinds.items() if has))
 
@@ -216,8 +224,10 @@ def _lanes(section: Node, shift: float) -> dict[float, Lane]:
 
 def _sloped(road: Node) -> bool:
     """Whether a road is not level: its height changes, or it has a superelevation."""
-    heights, tilts = (  # polynomials of both profiles, by their coefficients
+    # the different polynomials of either profile, each as its coefficients a, b, c, d
+    heights, tilts = (
         {tuple(it.number(key, 0.0) for key in "abcd") for it in road.all(name)} for name in PROFILES
     )
+    # level: one height `a`, whatever it is, and b, c, d of 0
     level = len(heights) < 2 and not any(any(slopes) for _, *slopes in heights)
     return not level or any(map(any, tilts))

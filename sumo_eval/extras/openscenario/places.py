@@ -1,10 +1,11 @@
-"""Places of OpenSCENARIO on the map: positions, trajectories and routes, and who stands where.
+"""Places of OpenSCENARIO on the map: positions, trajectories, routes, and entities with their
+places. `scene`, `moves` and `moments` use them.
 
-The place of an entity is that of its reference point (the rear axle of a vehicle,
-`BoundingBox/Center` says where the body's centre lies from there). Without an <Orientation> it
+The place of an entity is that of its reference point, of a vehicle the middle of its rear axle.
+`BoundingBox/Center` says where the body's centre lies from there. Without an <Orientation> it
 points along the road's reference line, in left lanes too: the UN R157 file with the ego in lane 4
-drives that way. Along a route, the number and the offset of a lane are those of its road, and t is
-to the left of where the route goes.
+drives that way. Along a route, number and offset of a lane are those of its road, and t is to the
+left of where the route goes.
 """
 
 from __future__ import annotations
@@ -18,16 +19,16 @@ import numpy as np
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.catalogs import Catalogs
 from sumo_eval.extras.openscenario.earth import on_map
-from sumo_eval.extras.openscenario.network import Lane, MapRoad, Network
+from sumo_eval.extras.openscenario.network import ON, Lane, MapRoad, Network
 from sumo_eval.extras.openscenario.reading import Node
-from sumo_eval.scenario.played import Act, Move, Pairs
+from sumo_eval.scenario.played import EGO, ENDED, Act, Move, Pairs, Program
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Line, Piece, length_of, map_places
 
-ALONG = 0.01  # rad that an entity in a lane may point beside it
-EGO_ALONG = 0.1  # rad that the ego may: it starts along its lane
+ALONG = 0.01  # rad: an entity that points off its lane's direction by less drives along the lane
+EGO_ALONG = 0.1  # rad, for the ego, which must start along its lane
 _FINE = 0.25  # m between two points of a curved trajectory
-_STRAIGHT = 0.05  # m that a route may be off the straight line through its ends
+_STRAIGHT = 0.05  # m that a straight route or trajectory may be off the line through its ends
 
 
 NOWHERE = Pose(math.nan, math.nan, math.nan)
@@ -47,8 +48,14 @@ class Spot:
     t: float = math.nan
     way: int = 0
 
+    def in_lane(self, element: Node) -> tuple[MapRoad, Lane]:
+        """Its road and its lane; `element`, which is relative to it, is refused without them."""
+        if self.road is None or self.lane is None:
+            raise element.fault("the entity that it is relative to is in no lane")
+        return self.road, self.lane
+
     def turned(self, way: int) -> Spot:
-        """It along the road's line, or, for -1, against it."""
+        """The place with its heading kept, or, for `way` -1, turned round."""
         heading = self.pose.heading + (math.pi if way < 0 else 0.0)
         return replace(self, pose=self.pose._replace(heading=heading))
 
@@ -66,24 +73,35 @@ class UnplacedError(InputError):
 
 @dataclass(slots=True)
 class Entity:
-    """A vehicle, a person or an object.
+    """A vehicle, a person or an object. Reading the file changes it, step by step.
 
-    centre: of its body, ahead of its reference point, m;
-    offset: to the left, m.
+    From its <ScenarioObject>:
 
-    way: the points of a trajectory on the map that it follows; times: s at them, where it has any.
+    length, width: of its body, m.
+    centre, offset: the body's centre ahead of the reference point and to the left of it, m.
+    body: as in `concrete.Actor`.
+
+    At the start:
+
+    spot: where its reference point is; None as long as that is unknown.
+    speed: m/s.
+    waits: number of actions that set this speed and are not done yet.
+    way: points of a trajectory on the map that it follows.
     frame: the centre of its body along and across the road, once the road is known.
-    on_map: its path is straight on the map, not along the road, which is curved.
+    deleted: it takes no part.
+    on_map: its path is straight on the map and not along the road, which is curved.
+    number: among the actors, by which programs name it; of the ego `played.EGO`.
 
-    acts: its moves by the file so far.
-    waits: actions of Init that set its speed and were not done.
-    pace: its speed by its moves so far, m/s, from `steady` s on; before: the speed that changes to
-        it.
-    moved: to the left of its start, m.
+    By its moves so far, in the order of the file:
+
+    acts: these moves.
+    before, pace: its speed before and after the last change, m/s.
+    steady: end of that change, s.
+    moved: where it is to the left of its start, m.
     busy_until: end of its last lateral move, s.
-    reads: moves planned from what its acts of some kinds lead to: the time until which none of
-        these may begin, s, unless the move has ended; the kinds; the fault; and the move, by actor
-        and number.
+    reads: moves that were planned from its speed or its place, each with the time, s, up to which
+        no further act of some kinds may begin; these kinds; the fault if one does; and the planned
+        move: after its end an act may begin.
     """
 
     name: str
@@ -99,6 +117,7 @@ class Entity:
     frame: Pose = NOWHERE
     deleted: bool = False
     on_map: bool = False
+    number: int = EGO
     acts: list[Act] = field(default_factory=list)
     waits: int = 0
     pace: float = 0.0
@@ -109,17 +128,29 @@ class Entity:
     reads: list[tuple[float, tuple[int, ...], InputError, Move]] = field(default_factory=list)
 
     @property
+    def next_move(self) -> Move:
+        """The move that it is given next."""
+        return self.number, len(self.acts)
+
+    def ended(self) -> Program:
+        """The condition that the last of its moves so far has ended."""
+        return ((ENDED, self.number, len(self.acts) - 1, 0.0),)
+
+    @property
     def heading(self) -> float:
-        """Where it goes, on the map."""
+        """The direction in which it drives on the map, rad."""
         if len(self.way) < 2:
-            return self.placed(self.element).pose.heading
+            return self.placed().pose.heading
         (x, y), (x2, y2) = self.way[:2]
         return math.atan2(y2 - y, x2 - x)
 
-    def placed(self, asks: Node) -> Spot:
-        """Where it is; raises UnplacedError while it has no place."""
+    def placed(self, asks: Node | None = None) -> Spot:
+        """Where it is.
+
+        Raises UnplacedError while it has no place, with the line of the element that asks.
+        """
         if self.spot is None:
-            fault = asks.fault(
+            fault = (asks or self.element).fault(
                 f"entity `{self.name}` has no place: it needs a TeleportAction or a trajectory "
                 "before the start"
             )
@@ -131,8 +162,9 @@ class Entity:
 class MapPath:
     """A trajectory on the map.
 
-    points: (x, y);
-    times: s, empty without;
+    points: (x, y), m.
+    times: at the points, s; empty without.
+    begin: the place of its first point.
     pieces: of a clothoid spline.
     """
 
@@ -149,10 +181,14 @@ class MapPath:
         return all(abs(Pose(*it, 0.0).seen_from(line).y) <= _STRAIGHT for it in self.points)
 
     def at(self, s: float, element: Node, t: float = 0.0) -> Pose:
-        """The place s m along it, and t m to its left."""
+        """The place s m along it, and t m to its left; refused before its start and behind its end.
+
+        element: what asks.
+        """
         ahead = s
         for (x, y), (x2, y2) in pairwise(self.points):
             length = math.hypot(x2 - x, y2 - y)
+            # in this stretch, or in the last one
             if ahead <= length or (x2, y2) == self.points[-1]:
                 if ahead > length + _STRAIGHT or s < -_STRAIGHT:
                     raise element.fault(f"s = {s:g} m is beyond its trajectory")
@@ -161,17 +197,17 @@ class MapPath:
         raise element.fault("a trajectory must have two different points")
 
     def rest(self, s: float) -> Pairs:
-        """Its points behind s m."""
-        ways = accumulate(math.dist(*ends) for ends in pairwise(self.points))
-        return tuple(it for it, way in zip(self.points[1:], ways, strict=True) if way > s + 1e-9)
+        """Its points from s m on."""
+        lengths = accumulate(math.dist(*ends) for ends in pairwise(self.points))
+        return tuple(it for it, at in zip(self.points[1:], lengths, strict=True) if at > s + 1e-9)
 
 
 @dataclass(slots=True)
 class Places:
-    """All places of a scenario at a point: the network, the catalogs and the entities by
-    name.
+    """Reader of places at one point of the file's space.
 
-    side: 1; -1 where y and headings point to the right, as in the files that CARLA writes.
+    entities: by name.
+    side: 1; -1 where y and headings point to the right, as in files for CARLA.
     """
 
     network: Network
@@ -190,7 +226,7 @@ class Places:
         return self.entity(element.text("entityRef"), element)
 
     def spot(self, position: Node) -> Spot:
-        """The place that a <Position> (or what holds one of its kinds) says."""
+        """The place that a <Position>, or another element with one of its kinds, gives."""
         kind = position.only()
         known = {
             "LanePosition": self._lane, "RelativeLanePosition": self._relative_lane,
@@ -201,9 +237,7 @@ class Places:
             "WorldPosition": self._world, "RelativeWorldPosition": self._relative_world,
             "GeoPosition": self._geo,
         }  # fmt: skip
-        if kind.tag not in known:
-            raise kind.unsupported(f"positions that are: {', '.join(known)}")
-        spot = known[kind.tag](kind)
+        spot = kind.chosen(known, "positions")(kind)
         turn = kind.find("Orientation")
         if turn is None:
             return spot
@@ -216,9 +250,9 @@ class Places:
         return replace(spot, pose=spot.pose._replace(heading=heading))
 
     def located(self, spot: Spot, along: float = ALONG) -> Spot:
-        """A place, however it is given, in the lane where it lies.
+        """A place with its road, its lane and the way it points there; without them off all roads.
 
-        along: rad that an entity there may point beside the lane.
+        along: what points off the lane's direction by less, rad, counts as along it.
         """
         road, lane = spot.road, spot.lane
         s, t = spot.s, spot.t
@@ -228,11 +262,11 @@ class Places:
                 return spot
             road, lane, (s, t, _) = driving
         turned = abs(spot.pose.seen_from(road.pose(s, t)).heading)
-        way = int(turned < along) - int(turned > math.pi - along)
+        way = int(turned < along) - int(turned > math.pi - along)  # 1, -1, or 0 for neither
         return Spot(spot.pose, road, lane or road.lane_at(t), s, t, way)
 
     def _on(self, road: MapRoad, s: float, t: float, lane: Lane | None, element: Node) -> Spot:
-        if not -1e-6 <= s <= road.length + 1e-6:
+        if not -ON <= s <= road.length + ON:
             raise element.fault(
                 f"s = {s:g} m is not on road `{road.name}`, which is {road.length:g} m long"
             )
@@ -246,22 +280,19 @@ class Places:
 
     def _relative_lane(self, element: Node) -> Spot:
         other = self.referred(element).placed(element)
-        if other.road is None or other.lane is None:
-            raise element.fault("the entity that it is relative to is in no lane")
+        road, lane = other.in_lane(element)
         s = other.s + element.number("ds", 0.0)
-        s += other.road.ahead_in_lane(other.lane, s, element.number("dsLane", 0.0))
-        lane = self.lane_beside(other, element.whole("dLane"), element)
-        spot = self._on(other.road, s, lane.centre + element.number("offset", 0.0), lane, element)
-        return spot.turned(other.way)
+        s += road.ahead_in_lane(lane, s, element.number("dsLane", 0.0))
+        lane = self.lane_beside(road, lane, element.whole("dLane"), element)
+        t = lane.centre + element.number("offset", 0.0)
+        return self._on(road, s, t, lane, element).turned(other.way)
 
-    def lane_beside(self, spot: Spot, lanes: int, element: Node) -> Lane:
-        """The lane a number of lanes to the left of a place; lane 0 does not count."""
-        assert spot.road is not None
-        assert spot.lane is not None
-        chosen = spot.lane.number + lanes
-        if chosen * spot.lane.number <= 0:
+    def lane_beside(self, road: MapRoad, lane: Lane, lanes: int, element: Node) -> Lane:
+        """The lane a number of lanes to the left of another; lane 0 does not count."""
+        chosen = lane.number + lanes
+        if chosen * lane.number <= 0:  # on the other side of lane 0, or 0 itself
             chosen += 1 if lanes > 0 else -1
-        return self.network.lane(spot.road, str(chosen), element)
+        return self.network.lane(road, str(chosen), element)
 
     def _road(self, element: Node) -> Spot:
         road = self.network.road(element.text("roadId"), element)
@@ -275,7 +306,7 @@ class Places:
         return self._on(other.road, s, t, None, element).turned(other.way)
 
     def _relative_object(self, element: Node) -> Spot:
-        if self.side < 0.0:  # scenario_runner reads it so
+        if self.side < 0.0:  # CARLA's scenario_runner takes dx and dy along the map's axes
             return self._relative_world(element)
         other = self.referred(element).placed(element)
         return Spot(other.pose.moved(element.number("dx"), element.number("dy", 0.0)))
@@ -300,9 +331,8 @@ class Places:
         if element.flag("closed"):
             raise element.fault("a closed trajectory is not supported")
         shape = element.child("Shape").only()
-        if shape.tag not in ("Polyline", "ClothoidSpline"):
-            raise shape.unsupported("shapes that are: Polyline, ClothoidSpline")
-        return self._polyline(shape) if shape.tag == "Polyline" else self._spline(shape)
+        known = {"Polyline": self._polyline, "ClothoidSpline": self._spline}
+        return shape.chosen(known, "shapes")(shape)
 
     def followed(self, action: Node) -> MapPath:
         """The trajectory of a FollowTrajectoryAction."""
@@ -310,7 +340,7 @@ class Places:
         if mode is not None:
             mode.one_of("followingMode", ("position", "follow"))
         course = self.trajectory(action.find("TrajectoryRef") or action)
-        # times that do not count: version 1.0 asks every vertex for one
+        # version 1.0 asks for a time at every vertex: with <None> they do not count
         return replace(course, times=()) if action.find("TimeReference/None") else course
 
     def _polyline(self, shape: Node) -> MapPath:
@@ -343,7 +373,7 @@ class Places:
     # -- routes ------------------------------------------------------------------------------------
 
     def route(self, holder: Node) -> tuple[Spot, Spot]:
-        """Both ends of a route; refused where it turns."""
+        """Both ends of a route, which must lie on one road or on a straight line."""
         waypoints = self.catalogs.held(holder, "Route").all("Waypoint")
         if len(waypoints) < 2:
             raise holder.fault(f"its route must have at least two waypoints, got {len(waypoints)}")
@@ -372,15 +402,17 @@ class Places:
             raise at.unsupported(
                 "places on a route that are: FromLaneCoordinates, FromRoadCoordinates"
             )
-        line = road.pose(begin.s, 0.0)
-        reach = abs(end.s - begin.s) if end.road is road else end.pose.seen_from(line).x
-        if not 0.0 <= s <= reach + 1e-6:
+        # the route's origin: its begin, on the road's reference line
+        origin = road.pose(begin.s, 0.0)
+        reach = abs(end.s - begin.s) if end.road is road else end.pose.seen_from(origin).x
+        if not 0.0 <= s <= reach + ON:
             raise at.fault(f"pathS = {s:g} m is not on its route, which is {reach:g} m long")
         if end.road is road:
             return self._on(road, begin.s + way * s, t, lane, element).turned(way)
-        return Spot(line.moved(s, t), road, lane, begin.s + s, t)
+        return Spot(origin.moved(s, t), road, lane, begin.s + s, t)
 
 
+# bodies by the category of a vehicle
 BODY_OF = {
     "car": "car", "van": "van", "truck": "truck", "trailer": "truck", "semitrailer": "truck",
     "bus": "truck", "motorbike": "motorcycle", "bicycle": "bicycle",
@@ -393,6 +425,7 @@ def entity_of(element: Node, catalogs: Catalogs) -> Entity:
     if len(holders) != 1:
         raise element.fault(f"it must be one vehicle, pedestrian or object, got {len(holders)}")
     held = catalogs.entry(holders[0]) if holders[0].tag == "CatalogReference" else holders[0]
+    # an object counts as a standing car; the body of a vehicle depends on its category
     body = {"Pedestrian": "pedestrian", "MiscObject": "car", "Vehicle": ""}.get(held.tag)
     if body is None:
         raise held.unsupported()

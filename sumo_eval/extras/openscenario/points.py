@@ -21,7 +21,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -50,8 +50,7 @@ class MappingTable(Checked):
     ] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class SpaceMapping:
+class SpaceMapping(NamedTuple):
     """A mapping file: the variation, our parameters as expressions of theirs, and the values that
     theirs are held to.
     """
@@ -61,8 +60,7 @@ class SpaceMapping:
     only: dict[str, Value]
 
 
-@dataclass(frozen=True, slots=True)
-class Variation:
+class Variation(NamedTuple):
     """A parsed variation: combinations to try.
 
     scenario: the file that declares the parameters; None where it is missing, or declares none.
@@ -90,7 +88,8 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
     for name, expression in mapping.parameters.items():
         checked_names(expression, theirs, f"`{name}` of mapping {request.file}")
     check_known(f"parameter in [only] of mapping {request.file}:", theirs, *mapping.only)
-    # keep what [only] does not contradict; it adds parameters that are declared but not varied
+    # Both unions are equal where the combination does not contradict [only]. [only] also sets
+    # parameters that are declared but not varied.
     kept = [
         item | mapping.only
         for item in variation.combinations
@@ -100,7 +99,7 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
         raise InputError(f"[only] of mapping {request.file} keeps no combination.")
     allowed = kept
     if variation.scenario is not None:
-        # `values` include the defaults of other parameters
+        # `scene.values` are the combination and the declared values of all other parameters
         checked = map(variation.scenario.declared, kept)
         allowed = [dict(scene.values) for scene, violated in checked if not violated]
     if not allowed:
@@ -257,6 +256,7 @@ def _draws(kind: Node, runs: int, stream: np.random.Generator) -> list[Value]:
 
 
 def _row(mapping: SpaceMapping, values: Mapping[str, Value]) -> list[float]:
+    """Our parameters at a combination of theirs."""
     known = {name: number_of(value) for name, value in values.items()}
     numbers = {name: value for name, value in known.items() if value is not None}
     row = []

@@ -1,4 +1,4 @@
-"""OpenSCENARIO files as XML: every fault with file, line and element."""
+"""Elements of OpenSCENARIO files, for all readers here: every fault names file, line, element."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from sumo_eval.errors import InputError, did_you_mean
 from sumo_eval.extras.openscenario.values import (
@@ -23,13 +23,16 @@ from sumo_eval.input_file import changed_at, input_file
 from sumo_eval.scenario.xml_file import Element, read_xml
 from sumo_eval.text import shown
 
+Choice = TypeVar("Choice")
 _VERSIONS = ("1.0", "1.1", "1.2", "1.3")
 _BOOLEAN = {"true": True, "false": False, "1": True, "0": False}
+# a value such as `$Ego_kph`, without an expression around it
 _IN_KMH = re.compile(r"\$(\w+_)?(kph|kmh|kmph)", re.IGNORECASE)
 
 
 @lru_cache(maxsize=64)
 def _read_once(path: Path, changed: int) -> Node:
+    """`read_openscenario`, once for each time `changed` at which the file was changed."""
     root = read_xml(path, "OpenSCENARIO file")
     if root.tag != "OpenSCENARIO":
         raise InputError(
@@ -52,11 +55,13 @@ def read_openscenario(path: Path) -> Node:
 
 
 _DEPENDS_ON: dict[Path, int] = {}
+"""Files and folders on which scenes depend, each with the time of its last change that was seen."""
 _CHANGES: list[Path] = []
+"""One entry for each change that was seen."""
 
 
 def depends_on(path: Path) -> int:
-    """Note a file or folder on which scenes depend; `changed_at` of it."""
+    """Note that scenes depend on a file or folder; the time of its last change (`changed_at`)."""
     now = changed_at(path)
     if _DEPENDS_ON.setdefault(path, now) != now:
         _DEPENDS_ON[path] = now
@@ -65,12 +70,12 @@ def depends_on(path: Path) -> int:
 
 
 def changes(*paths: Path) -> int:
-    """How often files and folders on which scenes depend have changed.
+    """Number of changes of files and folders that were seen so far, after a look at `paths`.
 
     A scene depends on its file, on catalogs and on a map. Caches of scenes have this number in
-    their key.
+    their key, so that each change makes them read again.
 
-    paths: those to look at; none: all.
+    paths: none: all on which scenes depend.
     """
     for path in paths or [*_DEPENDS_ON]:
         depends_on(path)
@@ -79,11 +84,12 @@ def changes(*paths: Path) -> int:
 
 @dataclass(slots=True, eq=False)
 class Node:
-    """An element of a file, and what is known in it.
+    """An element of a file, and the parameters that are known in it.
 
-    values: of parameters by name.
-    entries: of catalogs, which led here. Its methods refuse what is not there with file, line and
-        element.
+    Its methods refuse what is missing or wrong, with file, line and element.
+
+    values: of parameters, by name.
+    entries: (catalog, entry) of each reference that led here, to find references in a circle.
     """
 
     element: Element
@@ -106,17 +112,23 @@ class Node:
         return f"{self.file.name}, line {self.element.sourceline}, <{self.tag}>"
 
     def fault(self, text: str) -> InputError:
-        """A sentence on what is wrong with it.
+        """The error that says what is wrong with it.
 
-        text: `value must be a number, got 'x'`.
+        text: `value must be a number, got 'x'`, with or without a full stop or question mark.
         """
         text = text.rstrip(".")
         return InputError(f"{self.where}: {text}{'' if text.endswith('?') else '.'}")
 
-    def unsupported(self, among: str = "") -> InputError:
-        """A message that it is not supported."""
-        rest = f": {among}" if among else ""
+    def unsupported(self, but: str = "") -> InputError:
+        """The message that it is not supported, but others are: `moves that are: SpeedAction`."""
+        rest = f": {but}" if but else ""
         return self.fault(f"this is not supported{rest}, and nothing is guessed instead")
+
+    def chosen(self, known: Mapping[str, Choice], what: str) -> Choice:
+        """The entry of `known` for its kind; refused without one, with the kinds of `what`."""
+        if self.tag not in known:
+            raise self.unsupported(f"{what} that are: {', '.join(known)}")
+        return known[self.tag]
 
     # -- what is in it -----------------------------------------------------------------------------
 
@@ -231,7 +243,10 @@ class Node:
         return _BOOLEAN[found]
 
     def compared(self, one: Value, two: Value, default: str | None = None) -> bool:
-        """Whether its rule holds between two values; texts are equal or not."""
+        """Whether its attribute `rule`, such as `lessThan`, holds between two values.
+
+        Texts can only be equal or not. default: the rule where it has none.
+        """
         rule = self.one_of("rule", RULES, default)
         found = holds(rule, one, two)
         if found is None:
@@ -241,11 +256,12 @@ class Node:
     # -- what is known in it -----------------------------------------------------------------------
 
     def declared(self, given: Mapping[str, Value]) -> tuple[Node, list[str]]:
-        """It with the parameters that its <ParameterDeclarations> add or replace, and the
-        constraints that do not hold.
+        """The element with the parameters that its <ParameterDeclarations> add or replace, and
+        the constraints that do not hold.
 
         given: values instead of the declared ones.
-        Raises InputError for one without a declaration.
+
+        Raises InputError for a given value without a declaration.
         """
         values, written = dict(self.values), dict[str, str]()
         # a `$` before a declared name is of version 1.0
@@ -268,14 +284,17 @@ class Node:
         return replace(self, values=values), broken
 
     def within(self) -> Node:
-        """A story or a manoeuvre, which knows all around it and what it declares itself."""
+        """A story or a manoeuvre with the parameters from around it and its own."""
         inner, broken = self.declared({})
         if broken:
             raise self.fault(f"a constraint does not hold: {broken[0]}")
         return inner
 
     def _broken(self, name: str) -> Iterator[str]:
-        """Of several constraint groups one must hold, with all of its constraints."""
+        """The constraints of this declaration, as one text; nothing where they hold.
+
+        They hold if one of the groups does, with all of its constraints.
+        """
         groups = [group.all("ValueConstraint") for group in self.all("ConstraintGroup")]
         for group in groups:
             wanted = [(it, it.worked_out(it.attribute("value"))) for it in group]

@@ -1,5 +1,6 @@
-"""A scenario file of OpenSCENARIO at one point of its space: the road, the ego's start and the
-actors.
+"""A scenario file of OpenSCENARIO at one point of its space: the road, the ego's start, the actors.
+
+`logical` reads every point by `read_case`.
 
 Readings, where the standard leaves a choice or this package supports less:
 
@@ -12,8 +13,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +22,7 @@ from typing import Any, NamedTuple
 from sumo_eval.cosim.openscenario import CASE, exported_case
 from sumo_eval.errors import InputError
 from sumo_eval.extras.openscenario.catalogs import Catalogs, named_file
+from sumo_eval.extras.openscenario.conformity import IGNORED
 from sumo_eval.extras.openscenario.frame import ORIGIN, Frame, frame_of, framed
 from sumo_eval.extras.openscenario.moments import (
     NEVER,
@@ -30,7 +32,6 @@ from sumo_eval.extras.openscenario.moments import (
     operation,
 )
 from sumo_eval.extras.openscenario.moves import (
-    AT_ONCE,
     Moves,
     changes_nothing,
     is_step,
@@ -52,27 +53,16 @@ from sumo_eval.extras.openscenario.values import Value
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, EgoBody, Start, keeps_on
 from sumo_eval.scenario.first_places import STANDARD_EGO
-from sumo_eval.scenario.played import Act, Program
+from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.road.pose import Pose
 
 EGO = "Ego"
-IGNORED_GLOBAL = (
-    "EnvironmentAction",
-    "VariableAction",
-    "ParameterAction",
-    "InfrastructureAction",
-    "CustomCommandAction",
-)
-"""Actions for all that change no motion here."""
-IGNORED_PRIVATE = ("ControllerAction", "ActivateControllerAction", "VisibilityAction",
-    "AppearanceAction")  # fmt: skip
-"""Actions of one entity that change no motion here."""
 
 
 class FileOptions(NamedTuple):
-    """The user's options behind a file's name.
+    """The user's options behind a file's name, as in `a.xosc?ego=Car1`.
 
-    ego: the entity that the ADS drives; empty: as the file has it.
+    ego: the entity that the ADS drives; empty: `Ego`, or the only one with a controller.
     map: the OpenDRIVE file instead of the one that the file names; empty: the file's.
     """
 
@@ -80,14 +70,13 @@ class FileOptions(NamedTuple):
     map: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class FileCase:
+class FileCase(NamedTuple):
     """The scenario at a point.
 
-    ends: s, inf without a stop by time.
+    ends: time at which the case ends at the latest, s; inf: the file has no stop by time.
     ignored: kinds of elements without a meaning here.
-    ego_name: of the entity that the ADS drives.
-    whole: the case that `sumo-eval export` wrote into the file.
+    ego_name: of the entity that the ADS drives, in the file.
+    whole: the case that `sumo-eval export` wrote into the file; None in other files.
     """
 
     frame: Frame
@@ -100,16 +89,10 @@ class FileCase:
     whole: ConcreteScenario | None = None
 
 
-def read_case(
-    path: Path,
-    given: Mapping[str, Value],
-    options: FileOptions,
-    *,
-    constrained: bool = True,
-) -> FileCase:
-    """A scenario file with given values of its parameters.
+def read_case(path: Path, given: Mapping[str, Value], options: FileOptions) -> FileCase:
+    """The case of a scenario file with given values of its parameters.
 
-    constrained: the constraints of the file must hold.
+    Whether its constraints allow them, `logical` asks before.
 
     Raises InputError with file, line and element.
     """
@@ -122,7 +105,7 @@ def read_case(
             raise root.child("FileHeader").fault(str(error)) from None
         if whole is not None:
             return _exported(whole)
-    return _Player(path, given, options, constrained=constrained).scene()
+    return _Player(root, given, options).scene()
 
 
 def _exported(whole: ConcreteScenario) -> FileCase:
@@ -134,31 +117,43 @@ def _exported(whole: ConcreteScenario) -> FileCase:
 
 def _kinds(holder: Node) -> set[str]:
     """Kinds of the actions in an event or an act that move an entity."""
-    return {action.tag for action in holder.all(".//PrivateAction/*")} - set(IGNORED_PRIVATE)
+    return {action.tag for action in holder.all(".//PrivateAction/*")}.difference(IGNORED)
 
 
 def _awaited(root: Node) -> set[str]:
-    """Names of the elements whose states a move waits for, also by way of other events."""
+    """Names of the elements whose states a move waits for, directly or by way of other events."""
+    # for each condition on a state: the name it waits for, and the names around the condition
     waits: list[tuple[str, set[str]]] = []
     names: set[str] = set()
     for state in root.element.iter("StoryboardElementStateCondition"):
         name = str(state.get("storyboardElementRef")).rpartition("::")[2]
+        # the event or act that waits; none in a stop of the whole storyboard
         for holder in islice(state.iterancestors("Event", "Act"), 1):
             if _kinds(Node(holder)) or holder.find("ManeuverGroup/CatalogReference") is not None:
                 names.add(name)
             waits.append((name, _names_around(holder)))
-    for _ in waits:
+    for _ in waits:  # a chain has at most as many links as there are conditions
         names |= {name for name, around in waits if around & names}
     return names
 
 
 def _names_around(element: Any) -> set[str]:
-    """The names of an element, of its actions and of what it is in."""
+    """The names of an element, of the elements around it and of its actions."""
     return {it.get("name") for it in (element, *element.iterancestors(), *element.iter("Action"))}
 
 
+def distinct(names: Iterable[str], *taken: str) -> list[str]:
+    """Names with a `_` behind those that stand before or are taken."""
+    known = [*taken]
+    for name in names:
+        while name in known:
+            name += "_"
+        known.append(name)
+    return known[len(taken) :]
+
+
 def _deletes(action: Node) -> bool:
-    return action.tag == "EntityAction" and action.find("DeleteEntityAction") is not None
+    return action.find("DeleteEntityAction") is not None
 
 
 def _along_line(act: Act, ground: float) -> Act:
@@ -174,7 +169,7 @@ def _along_line(act: Act, ground: float) -> Act:
 
 
 def _map_of(root: Node, other: str) -> Path:
-    """The OpenDRIVE file: the one that the user names, or the scenario file."""
+    """The OpenDRIVE file that the user names by `other`, or else the scenario file."""
     if other:
         path = root.file.parent / other
         if not path.is_file():
@@ -190,19 +185,19 @@ def _map_of(root: Node, other: str) -> Path:
 
 
 class _Player:
-    """Walks through a file once."""
+    """Reader of one scenario file at one point, for one use.
 
-    def __init__(
-        self, path: Path, given: Mapping[str, Value], options: FileOptions, *, constrained: bool
-    ) -> None:
-        self.root = read_openscenario(path)
-        if self.root.find("Storyboard") is None:
-            raise self.root.fault("it must hold a <Storyboard>")
-        self.root, broken = self.root.declared(given)
-        if broken and constrained:
-            raise self.root.child("ParameterDeclarations").fault(
-                f"a constraint does not hold: {broken[0]}"
-            )
+    ignored: kinds of elements without a meaning here, in the order of the file.
+    distances: LongitudinalDistanceActions of Init; they place an entity once the road is known.
+    begun: actions of Init that are moves from 0 s on, with their entities.
+    ends: time of the first stop by time, s.
+    route_end, turning: end of the ego's route or trajectory; that trajectory if it turns.
+    """
+
+    def __init__(self, root: Node, given: Mapping[str, Value], options: FileOptions) -> None:
+        if root.find("Storyboard") is None:
+            raise root.fault("it must hold a <Storyboard>")
+        self.root, _ = root.declared(given)
         self.catalogs = Catalogs(self.root.find("CatalogLocations"))
         network = read_network(_map_of(self.root, options.map))
         holder = self.root.child("Entities")
@@ -231,7 +226,7 @@ class _Player:
         self.turning: MapPath | None = None
 
     def _only_controlled(self) -> str:
-        """The entity named `Ego`; otherwise the only one with a controller, or none."""
+        """`Ego`, or the name of the only entity with a controller where none is named so."""
         controlled = {
             name
             for name, entity in self.places.entities.items()
@@ -244,19 +239,21 @@ class _Player:
         return controlled.pop() if only else EGO
 
     def scene(self) -> FileCase:
-        """All of it."""
+        """The case. Each step needs the ones before it."""
+        # 1. starts: places and speeds on the map
         story, entities = self.root.child("Storyboard"), self.places.entities
         self._init(story.child("Init").child("Actions"))
         for name, entity in list(entities.items()):
             if entity.spot is None and entity.deleted and entity is not self.ego:
                 del entities[name]
-        roads = [entity.placed(entity.element).road for entity in entities.values()]
+        # 2. the road, and all entities in its frame
+        roads = [entity.placed().road for entity in entities.values()]
         self.ignored |= dict.fromkeys(kind for road in roads if road for kind in road.left_out)
         self.frame = frame_of(self.ego, self.places.network, self.turning, self.route_end)
-        numbers: dict[str, int] = {}
-        self.moves = Moves(self.places, self.frame, self.ego, numbers)
+        self.actors: list[Entity] = []
+        self.moves = Moves(self.places, self.frame, self.ego, self.actors)
         for entity in entities.values():
-            road = entity.placed(entity.element).road
+            road = entity.placed().road
             beside = road is None or road.name != self.frame.road
             entity.on_map = entity is not self.ego and (
                 self.frame.turns or (beside and bool(self.frame.line))
@@ -268,26 +265,21 @@ class _Player:
             if distance.flag("continuous") or distance.find("DynamicConstraints") is not None:
                 self.begun.append((distance, entity))
 
-        # an act that remembers a condition is the first actor's, so deleted ones must be known
-        self.actors = list(entities.values())
-        self.conditions = Conditions(self.places, numbers, self.frame, self._latch)
+        # 3. the actors by number: all but the ego and those that are deleted at the start
+        self.conditions = Conditions(self.places, self.frame, self.actors)
         self._delete_at_once(story)
-        self.actors = [it for it in entities.values() if it is not self.ego and not it.deleted]
-        numbers |= {entity.name: number for number, entity in enumerate(self.actors)}
-        for entity in entities.values():
-            entity.acts.clear()
+        self.actors += [it for it in entities.values() if it is not self.ego and not it.deleted]
+        for number, entity in enumerate(self.actors):
+            entity.number = number
+        # 4. the story: stops, moves from the start on, acts in the order of the file
         self.awaited = _awaited(self.root) if self.actors else set[str]()
         self._stop(story.find("StopTrigger"))
         for element, entity in self.begun:
             self.moves.begin(element, entity, Moment(0.0))
         for act in self._acts(story):
             self._act(act)
-        names: list[str] = []
-        for entity in self.actors:  # as SUMO can have them: `ego` is the ADS's
-            name = re.sub(r"[^\w.-]", "_", entity.name)
-            while name in ("ego", *names):
-                name += "_"
-            names.append(name)
+        # 5. names as SUMO can have them: `ego` is the ADS's
+        names = distinct((re.sub(r"[^\w.-]", "_", it.name) for it in self.actors), "ego")
         ego = self.ego
         return FileCase(
             self.frame,
@@ -325,7 +317,7 @@ class _Player:
             waiting = self._resolved(waiting)
 
     def _resolved(self, waiting: list[tuple[Node, Entity]]) -> list[tuple[Node, Entity]]:
-        """Do the actions that depend on no other one that waits; what remains.
+        """Do those actions of Init that depend on no other one that waits; returns the rest.
 
         Actions of different entities have no order between them.
         """
@@ -341,12 +333,12 @@ class _Player:
             return rest
         names = dict.fromkeys(entity.name for _, entity in rest)
         for unplaced in faults:
-            if unplaced.entity not in names:
+            if unplaced.entity not in names:  # no action of Init places it
                 raise unplaced
         raise rest[0][0].fault(f"the starts of {', '.join(names)} depend on each other in a circle")
 
     def _global(self, element: Node) -> None:
-        if element.tag in IGNORED_GLOBAL:
+        if element.tag in IGNORED:
             self._ignore(element)
         elif _deletes(element):
             self.places.referred(element).deleted = True
@@ -369,14 +361,14 @@ class _Player:
                 self.route_end = end.pose
         elif element.tag == "FollowTrajectoryAction":
             self._follow_from_start(element, entity)
-        elif element.tag in IGNORED_PRIVATE:
+        elif element.tag in IGNORED:
             self._ignore(element)
         else:
             raise element.unsupported()
 
     def _speed_at_start(self, element: Node, entity: Entity) -> None:
         """A first speed; one that is reached in time, or kept relative, is a move from 0 s on."""
-        entity.waits -= 1
+        entity.waits -= 1  # a speed relative to the entity itself does not wait for this action
         try:
             speed = target_speed(element, self.places)
         except UnplacedError:
@@ -417,22 +409,12 @@ class _Player:
         for part in story.all("Story"):
             yield from part.within().all("Act")
 
-    def _latch(self, program: Program, delay: float) -> Program:
-        """A move of the first actor that changes nothing; the program that it has ended, which
-        remembers that `program` held, `delay` s before.
-        """
-        if not self.actors:  # nothing moves then
-            return program
-        acts = self.actors[0].acts
-        acts.append(Act(played.COSINE, delay, AT_ONCE, program=program))
-        return ((played.ENDED, 0, len(acts) - 1, 0.0),)
-
     def _delete_at_once(self, story: Node) -> None:
         """Mark the entities that are deleted at the start."""
         for act in self._acts(story):
             for event in act.all("ManeuverGroup/Maneuver/Event"):
-                deleted = event.all("Action/GlobalAction/EntityAction")
-                if not any(map(_deletes, deleted)):
+                deleted = event.all("Action/GlobalAction/EntityAction[DeleteEntityAction]")
+                if not deleted:
                     continue
                 begin = self.conditions.moment(act.find("StartTrigger"), Moment(0.0))
                 begin = self.conditions.moment(event.find("StartTrigger"), begin)
@@ -463,12 +445,13 @@ class _Player:
             raise stop.fault("an act that a time stops while an actor moves in it is not supported")
 
     def _stopped(self, stop: Node, at: Moment, before: list[int]) -> None:
-        """Let the moves of an act begin only before a condition stops it; speeds stay as they are
-        then.
+        """Let a condition stop an act: further moves do not begin, speeds stay as they are.
 
-        before: how many moves each actor has that are not the act's.
+        at: the condition.
+        before: for each actor, how many moves it had before the act.
         """
-        stays = *self._latch(at.program, 0.0), (played.VALUE, 0, 0, 0.5)
+        # "the condition has held" is 0 or 1, and the stop is still to come where it is below 0.5
+        stays = *self.conditions.latch(at.program, 0.0), (played.VALUE, 0, 0, 0.5)
         rest = (*stays, operation(played.BELOW), operation(played.AND))
         for entity, count in zip(self.actors, before, strict=True):
             acts = entity.acts
@@ -506,13 +489,16 @@ class _Player:
         return self.conditions.note(maneuver, whole)
 
     def _check_priority(self, event: Node, span: Span, other: Node, running: Span) -> None:
-        """Refuse an event that ends a running move of its manoeuvre half-way, or is left out
-        meanwhile.
+        """Refuse an event that would end a running move of its manoeuvre, or would be left out
+        because of it.
+
+        other, running: another event of the manoeuvre, and when it runs.
         """
         priority = event.text("priority")
         skips, kinds, others = priority == "skip", _kinds(event), _kinds(other)
         if not (kinds and others) or (not skips and (priority == "parallel" or kinds == others)):
             return
+        # of two changes of speed with a condition, the later act ends the earlier one here too
         meets = skips or "LateralAction" in others or (span.begin.known and running.begin.known)
         if meets and not (
             self.moves.follows(running.begin, replace(span, end=span.begin.time))
@@ -524,8 +510,10 @@ class _Player:
             )
 
     def _event(self, event: Node, names: list[str], begin: Moment) -> Span:
-        """When an event runs, for what is around it; at once where nothing in it has a meaning here
-        and no condition waits for it.
+        """From when to when an event runs, after its actions were made moves.
+
+        Without an action that has a meaning here, and without a condition that waits for it, it
+        counts as done at `begin`: its own trigger is not read.
         """
         event.one_of("priority", ("overwrite", "override", "parallel", "skip"))
         actions = [(action, action.only()) for action in event.all("Action")]
@@ -550,21 +538,21 @@ class _Player:
             parts.append(self.conditions.note(action, span))
         span = self.conditions.note(event, Span.over(begin, parts))
         if awaited and begin.program and span.end < NEVER and not span.ended:
-            return replace(span, ended=self._latch(begin.program, begin.time))
+            return replace(span, ended=self.conditions.latch(begin.program, begin.time))
         return span
 
     def _idle(self, action: Node, names: list[str]) -> bool:
-        """Whether an action has no meaning here; it is noted. Refuses one that the ego is to do."""
+        """Whether an action has no meaning here, which is noted; refused if it moves the ego."""
         if action.tag == "UserDefinedAction":
             self._ignore(action)
             return True
         inner = action.only()
         if action.tag == "GlobalAction":
-            if inner.tag not in IGNORED_GLOBAL and not _deletes(inner):
+            if inner.tag not in IGNORED and not _deletes(inner):
                 raise inner.unsupported()
         elif action.tag != "PrivateAction":
             raise action.unsupported()
-        elif inner.tag not in IGNORED_PRIVATE:
+        elif inner.tag not in IGNORED:
             if self.ego.name in names:
                 raise inner.fault(
                     "the ego is driven by the ADS: an action of it during the drive is not "
@@ -578,7 +566,7 @@ class _Player:
 
     def _actor(self, name: str, entity: Entity) -> Actor:
         frame, acts = entity.frame, list(entity.acts)
-        spot = entity.placed(entity.element)
+        spot = entity.placed()
         follows = spot.way and not entity.way and (entity.speed or acts)
         if follows and spot.road and spot.road.bent and spot.road.name != self.frame.road:
             raise entity.element.fault(
@@ -590,6 +578,7 @@ class _Player:
         acts = [_along_line(act, ground) for act in acts]
         width = self.frame.lane_width
         on_lanes = -0.5 * width <= frame.y <= width * (self.frame.lanes - 0.5)
+        # off the lanes, at an angle or on the map, the script must move it and not SUMO
         plain = across is None and heading == 0.0 and on_lanes
         if not plain and all(act.timed for act in acts):
             acts.append(keeps_on(acts))
@@ -600,8 +589,9 @@ class _Player:
         )  # fmt: skip
 
     def _stop(self, trigger: Node | None) -> None:
-        """Stops by time end the case; every other stop of a file is replaced by contact, standstill
-        or the ADS.
+        """Note the first stop by time, which ends the case.
+
+        All other stops are ignored: contact, standstill or the ADS end a case here.
         """
         for group in () if trigger is None else trigger.all("ConditionGroup"):
             conditions = group.all("Condition")

@@ -1,9 +1,9 @@
-"""The space that an OpenSCENARIO file spans.
+"""The space of an OpenSCENARIO file, for `logical`: its ParameterValueDistribution as axes.
 
-A ParameterValueDistribution spans the space: a range is a range, a set its values, a set of
-parameters that go together one axis. An axis has numbers where a parameter of it has different
-ones, otherwise the place in the list, from 0 on. A file without a distribution is a space of one
-point.
+A range is an axis with a step, a set an axis of listed values, a list of sets of parameters one
+axis for all of them. The value of a listed axis is the number that the file gives, where these are
+numbers and all different, otherwise the index in the list, from 0 on. A file without a distribution
+is a space of one point.
 """
 
 from __future__ import annotations
@@ -33,8 +33,11 @@ Assignments = tuple[tuple[str, Value], ...]
 class Axis:
     """An axis of the space.
 
-    choices: the assignments of each of its values; empty: the value itself, to `name`.
+    name: one of `names`, the parameters that it sets.
+    low, high: its least and its largest value.
     step: of a range, otherwise 1.
+    choices: listed values, each with what it sets; empty: a range of values of the parameter.
+    distribution: of a range, where it has a density.
     weights: of the choices, where the file gives any.
     """
 
@@ -48,11 +51,12 @@ class Axis:
     weights: tuple[float, ...] = ()
 
     def assigned(self, value: float) -> Assignments:
-        """The assignments at a value; between listed ones, which only maps of the space look at,
+        """The assignments at a value; between listed values, where only maps of the space look,
         those of the nearest.
         """
+        # a range, or listed values that are the parameter's own
         if not self.choices or self.choices[0][1] == ((self.name, self.choices[0][0]),):
-            return ((self.name, float(value)),)
+            return ((self.name, value),)
         return min(self.choices, key=lambda choice: abs(choice[0] - value))[1]
 
     @property
@@ -71,7 +75,7 @@ class Axis:
         return (decimal(self.high) - decimal(self.low)) // decimal(self.step) + 1
 
     def nearest(self, values: ArrayLike) -> NDArray[Any]:
-        """The places of the values on the grid that are nearest to values of any shape."""
+        """Indices of the values on the grid that are nearest to `values`, an array of any shape."""
         apart = np.abs(np.asarray(values)[..., None] - np.array(self.values))
         return np.asarray(apart.argmin(axis=-1))
 
@@ -109,7 +113,9 @@ class FileSpace:
             yield dict(zip(names, row, strict=True))
 
     def along_axes(self) -> list[dict[str, float]]:
-        """Each axis at each of its values, from the first, the last and the middle point."""
+        """Points of three stars: each axis at each of its values, with all other axes at their
+        first, last or middle value.
+        """
         values = {axis.name: axis.values for axis in self.axes}
         rows = values.values()
         points = (
@@ -121,7 +127,10 @@ class FileSpace:
         return [dict(zip(values, point, strict=True)) for point in dict.fromkeys(points)]
 
     def chosen(self, kept: Mapping[str, tuple[tuple[float, Assignments], ...]]) -> FileSpace:
-        """It with these choices of axes alone; axes of one value are fixed."""
+        """The space with fewer choices; an axis with one choice becomes a fixed assignment.
+
+        kept: the choices that stay, by axis; an axis without an entry keeps its own.
+        """
         fixed, axes = list(self.fixed), []
         for axis in self.axes:
             choices = kept.get(axis.name, axis.choices)
@@ -175,15 +184,13 @@ def axes_of(distribution: Node) -> Iterator[Axis]:
     ]
     if len(kinds) != 1:
         raise distribution.fault("it must be either <Deterministic> or <Stochastic>")
+    known = {
+        "DeterministicSingleParameterDistribution": _single,
+        "DeterministicMultiParameterDistribution": _together,
+        "StochasticDistribution": _drawn,
+    }
     for part in kinds[0].children():
-        if part.tag == "DeterministicSingleParameterDistribution":
-            yield _single(part)
-        elif part.tag == "DeterministicMultiParameterDistribution":
-            yield _together(part)
-        elif part.tag == "StochasticDistribution":
-            yield _drawn(part)
-        else:
-            raise part.unsupported()
+        yield part.chosen(known, "distributions")(part)
 
 
 def _single(element: Node) -> Axis:
@@ -210,8 +217,9 @@ def _together(element: Node) -> Axis:
     shared = [name for name in names if len(columns[name]) == len(rows)]
     if not shared:
         raise element.fault("its <ParameterValueSet>s must have a parameter in common")
-    # the axis is named by a parameter with different values in all rows, by one with numbers if
-    # there is one; a parameter without a value in a row keeps the value that the file declares
+    # The axis is named by a parameter with a value in each row: best with different numbers, else
+    # with different values, else by any. In a row without a value of another parameter, that one
+    # keeps the value that the scenario file declares.
     apart = [name for name in shared if len(set(columns[name])) == len(rows)]
     numeric = [name for name in apart if all(isinstance(value, float) for value in columns[name])]
     return _listed(element, (numeric or apart or shared)[0], names, rows)
@@ -223,13 +231,14 @@ def _values(element: Node, name: str, values: Sequence[Value]) -> Axis:
 
 
 def _listed(element: Node, name: str, names: tuple[str, ...], rows: Sequence[Assignments]) -> Axis:
+    """The axis of listed assignments, in the order of its values."""
     if not rows:
         raise element.fault("it must list at least one value")
     pairs = itertools.chain(*rows)
-    places = [value for it, value in pairs if it == name and isinstance(value, float)]
-    if len(set(places)) < len(rows):
-        places = list(map(float, range(len(rows))))
-    choices = sorted(zip(places, rows, strict=True))
+    values = [value for it, value in pairs if it == name and isinstance(value, float)]
+    if len(set(values)) < len(rows):
+        values = list(map(float, range(len(rows))))
+    choices = sorted(zip(values, rows, strict=True))
     return Axis(name, names, choices[0][0], choices[-1][0], 1.0, tuple(choices))
 
 
@@ -269,4 +278,5 @@ def _drawn(element: Node) -> Axis:
         deviation = math.sqrt(kind.above_zero("variance"))
         loc = kind.number("expectedValue")
         density = Distribution("norm", (("loc", loc), ("scale", deviation)))
+    # on a grid the range has eleven values
     return Axis(name, (name,), low, high, (high - low) / 10.0, (), density)

@@ -1,5 +1,5 @@
 """Values in OpenSCENARIO files: literals, `$name` and `${expression}`, and the rules that compare
-them.
+them. `reading.Node` uses them for attributes.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
 _OPERATIONS: dict[str, tuple[Callable[..., float], int]] = {
     "Add": (operator.add, 2), "Sub": (operator.sub, 2), "Mult": (operator.mul, 2),
     "Div": (operator.truediv, 2), "USub": (operator.neg, 1), "UAdd": (operator.pos, 1),
-    # 0: divides by zero
+    # the sign of the dividend, as in C; for 0, Python's own `%` raises ZeroDivisionError
     "Mod": (lambda one, two: math.fmod(one, two) if two else operator.mod(one, two), 2),
     **{f"{name}()": known for name, known in FUNCTIONS.items()},
 }  # fmt: skip
@@ -49,7 +49,7 @@ def number_of(value: Value) -> float | None:
     """A value as a number; None of a text that is none."""
     if isinstance(value, float):
         return value
-    if "_" in value:  # a number in Python alone
+    if "_" in value:  # Python reads 1_0 as 10, other tools do not
         return None
     try:
         return float(value)
@@ -68,10 +68,11 @@ class WrongValueError(Exception):
 
 
 def worked_out(written: str, known: Mapping[str, Value]) -> Value:
-    """The value of what is written in an attribute: a literal, `$name`, or `${expression of
-    $names}`.
+    """The value of what is written in an attribute: `$name`, `${expression of $names}`, or a
+    literal, which stays a text.
 
-    known: values by name.
+    known: values of parameters, by name.
+
     Raises WrongValueError.
     """
     written = written.strip()
@@ -84,6 +85,7 @@ def worked_out(written: str, known: Mapping[str, Value]) -> Value:
         return _value(named[1], known)
     if not written.endswith("}"):
         raise WrongValueError(f"`{shown(written)}` cannot be read: its bracket does not close")
+    # in Python's tree `$name` is `p_name`, so that no parameter hides pi or a function
     names = {"pi": math.pi, "PI": math.pi}
     for name in _REFERENCE.findall(written[2:-1]):
         value = number_of(_value(name, known))
@@ -132,7 +134,7 @@ def _evaluate(node: ast.expr, names: Mapping[str, float], depth: int) -> float:
     name, parts = operation(node)
     if name in _OPERATIONS:
         function, count = _OPERATIONS[name]
-        if len(parts) != count:
+        if len(parts) != count:  # of a function: its name without `()`
             raise WrongValueError(f"must give {count} values to `{name[:-2]}`, got {len(parts)}")
         return function(*(_evaluate(part, names, depth + 1) for part in parts))
     held = re.sub(r"\bp_(?=[^\W\d])", "$", ast.unparse(node))  # as the file has it
@@ -141,7 +143,7 @@ def _evaluate(node: ast.expr, names: Mapping[str, float], depth: int) -> float:
 
 
 def holds(rule: str, one: Value, two: Value) -> bool | None:
-    """Whether a rule holds between two values; None where it compares texts by their size."""
+    """Whether a rule holds between two values; None: it asks which of two texts is larger."""
     first, second = number_of(one), number_of(two)
     if first is not None and second is not None:
         return _RULES[rule](first, second)

@@ -1,4 +1,4 @@
-"""An OpenSCENARIO file at one point as an equal scenario file of this project."""
+"""An OpenSCENARIO file at one point as an equal scenario file of this project: `import --out`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import tomli_w
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.extras.openscenario.logical import Read, concrete
+from sumo_eval.extras.openscenario.scene import distinct
 from sumo_eval.report.page import write_page
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
@@ -32,9 +33,9 @@ _OF_NUMBERS = {played.SMALLER: "min", played.LARGER: "max"}
 
 
 def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
-    """The scenario file, as a plain mapping, of what a file is understood to say at a point.
+    """The content of the scenario file for one point of an OpenSCENARIO file.
 
-    Raises InputError where the point is not one: the whole space plays from the file itself.
+    Raises InputError where `point` leaves parameters open, or a scenario file cannot say it all.
     """
     missing = [axis.name for axis in read.space.axes if axis.name not in point]
     if missing:
@@ -50,7 +51,7 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
                 f"A scenario file has no words for {what} of {there.scenario}: it plays from the "
                 "OpenSCENARIO file itself."
             )
-    label = point_words(point)
+    label, body = point_words(point), there.ego_body
     names = _names(there.actors)
     ends = {
         "x": there.road.length, "time": there.time_limit, "standstill": there.standstill_time,
@@ -68,14 +69,19 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
         "default_sample": "the_case",
         "road": _road(there.road),
         "end": {key: value for key, value in ends.items() if value is not None},
-        "ego": _ego(there),
+        # a number of the parameter, too, because a file must use each of its parameters
+        "ego": {"speed": f"{there.ego.speed!r} + 0 * {ONLY}", "x": there.ego.x, "y": there.ego.y}
+               | ({} if body is None else {"length": body.length, "width": body.width}),
         "vehicle": [_vehicle(actor, name, names) for actor,
             name in zip(there.actors, names, strict=True)],
     }  # fmt: skip
 
 
 def _unsaid(there: ConcreteScenario) -> dict[str, bool]:
-    """Whether a case, as an exported one can be, is what a scenario file cannot say."""
+    """For each thing that a scenario file cannot say, whether the case has it.
+
+    Cases that `sumo-eval export` wrote can have these.
+    """
     road, ego = there.road, there.ego
     return {
         "the lanes, which are not the same throughout,": road.shaped or road.network is not None,
@@ -96,15 +102,9 @@ def write_scenario(content: Mapping[str, Any], path: Path) -> None:
 
 
 def _names(actors: Sequence[Actor]) -> list[str]:
-    """Names that conditions can say, in the order of the actors."""
-    found: list[str] = []
-    for actor in actors:
-        name = re.sub(r"\W", "_", actor.name)
-        name = name if name.isidentifier() and name != "ego" else f"other_{name}"
-        while name in found:
-            name += "_"
-        found.append(name)
-    return found
+    """Names that are words of conditions, in the order of the actors."""
+    names = (re.sub(r"\W", "_", actor.name) for actor in actors)
+    return distinct(it if it.isidentifier() and it != "ego" else f"other_{it}" for it in names)
 
 
 def _road(road: Road) -> dict[str, Any]:
@@ -123,12 +123,6 @@ def _piece(piece: Piece) -> dict[str, float]:
     return {"length": piece.length} | {key: 1.0 / value for key, value in values if value}
 
 
-def _ego(there: ConcreteScenario) -> dict[str, Any]:
-    ego, body = there.ego, there.ego_body
-    found: dict[str, Any] = {"speed": f"{ego.speed!r} + 0 * {ONLY}", "x": ego.x, "y": ego.y}
-    return found if body is None else {**found, "length": body.length, "width": body.width}
-
-
 def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> dict[str, Any]:
     x, y, heading = actor.on_map or (actor.start.x, actor.start.y, actor.heading)
     found: dict[str, Any] = {
@@ -138,8 +132,9 @@ def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> dict[str, Any]:
     }  # fmt: skip
     if actor.lively:
         found["heading"] = math.degrees(heading)
-    told = [act for act in actor.acts if math.isfinite(act.begin)]
-    found["manoeuvre"] = [_act(act, f"act{k}", names) for k, act in enumerate(told)]
+    # without `concrete.keeps_on`, the last one, which never begins
+    begin = [act for act in actor.acts if math.isfinite(act.begin)]
+    found["manoeuvre"] = [_act(act, f"act{k}", names) for k, act in enumerate(begin)]
     return found
 
 
