@@ -70,8 +70,8 @@ def change_if_free(path: Any, way: Any, me: Any, others: Any, scenario: Any) -> 
 
 @kernel
 def lead_beside(way: Any, me: Any, others: Any, scenario: Any) -> int:
-    """Index of the vehicle behind which the ego will be in the other lane; -1: none, or the ego may
-    not change yet.
+    """Index of the vehicle behind which the ego will be in the other lane; -1: none, one alongside,
+    or the ego may not change yet.
     """
     if me.x < way.begin:
         return -1

@@ -27,7 +27,7 @@ LARGEST = 2.0**53
 IDENTIFIERS = {"recording": str, "vehicle": str}
 
 Samples = tuple[pd.DataFrame, list[str]]
-"""A table of tracks, with the sampling rate of the source, and sentences on what was assumed."""
+"""A table of tracks, sampled as in the source, and sentences on what was assumed."""
 
 
 def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFrame:
