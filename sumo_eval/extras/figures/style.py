@@ -25,7 +25,7 @@ WIDTHS: Final[dict[str, float]] = {"column": 88.0 * MM, "page": 180.0 * MM}
 ENDINGS: Final = {"svg": {"Date": None}, "png": {}, "pdf": {"CreationDate": None}}
 """Ending of a figure's file -> its metadata: without a date, the same figure is the same bytes."""
 
-# markers and lines of ADSs in order, for `look_of`
+# of ADSs in order, as many as `COLOURS`, for `look_of`
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "*")
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
 
@@ -162,8 +162,8 @@ def look_of(ads: str, names: Sequence[str]) -> tuple[str, str, Any]:
 
     names: of all ADSs, among which it must be told apart.
     """
-    place = list(names).index(ads)
-    return COLOURS[place % len(COLOURS)], MARKERS[place % len(MARKERS)], LINES[place % len(LINES)]
+    place = list(names).index(ads) % len(COLOURS)
+    return COLOURS[place], MARKERS[place], LINES[place]
 
 
 def label(name: str, unit: str) -> str:

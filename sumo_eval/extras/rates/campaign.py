@@ -302,7 +302,7 @@ def _rate(own: FloatArray, draws: FloatArray, most: float) -> Limits:
 
     own: the rate and its limits by the drives alone, (3,); wider where few of them collided.
     draws: of the rate, (2, `DRAWS`).
-    most: that it may be.
+    most: largest possible rate.
     """
     value, low, high = own.tolist()
     lowest, highest = _limits(draws)
@@ -345,7 +345,7 @@ def _summed_rates(
     """Rate of encounters, 1/km, times the sum over the hits of each row of terms.
 
     points: of the hits, (h, k).
-    terms: (2, h).
+    terms: weight of each hit, and its weight times L, (2, h).
 
     The result broadcasts to (2, 2, `DRAWS`), as in `ScenarioRate`. It has one form for both where
     the points' distribution has no events, and one draw where the rate is given.

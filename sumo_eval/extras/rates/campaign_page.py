@@ -36,15 +36,15 @@ BASIS = (
 def write_campaign(campaign: Campaign, folder: Path) -> tuple[Path, ...]:
     """Write `campaign.html` and `campaign.json` into a folder; return their paths."""
     content = plain(campaign)
-    write_json(folder / PLAIN, content, "The campaign")
-    write_parts(
+    data = write_json(folder / PLAIN, content, "The campaign")
+    page = write_parts(
         folder / PAGE,
         kicker="Crash rates",
         title=f"{campaign.settings.name}: collisions per million km",
         sentences=[],
         parts=parts(campaign, content),
     )
-    return folder / PAGE, folder / PLAIN
+    return page, data
 
 
 def plain(campaign: Campaign) -> dict[str, Any]:

@@ -277,9 +277,9 @@ class RareEvents:
         drawn, density = 0, np.zeros(size)
         while not density.any():  # until at least one point is possible
             rows = self.met.base(size, stream)
-            share = stream.uniform(size=size)
+            lots = stream.uniform(size=size)  # below `defensive`: stays drawn by exposure
             for mixture, turn in zip(mixtures, turns, strict=True):
-                chosen = turn & (share >= defensive)
+                chosen = turn & (lots >= defensive)
                 rows[chosen] = logical.from_unit(mixture.draw(size, stream))[chosen]
             density = self.met.density(rows)
             drawn += size
@@ -293,7 +293,7 @@ class RareEvents:
         return Draw(rows, density / proposal, drawn)
 
     def _mixtures(self, stream: np.random.Generator) -> list[Mixture]:
-        """Mixtures over exposed points: one where a collision is likely, one where it is sure.
+        """Mixtures over exposed points where a collision is likely, and where it is nearly sure.
 
         Far from all drives the classifier's probability is 0.5. The second mixture keeps such
         places from taking all drives.
@@ -359,8 +359,8 @@ def _pick(
     if not len(possible):
         return points[:0]
     share = weight[possible] / weight[possible].sum()
-    count = min(count, len(possible))
-    return np.asarray(points[stream.choice(possible, size=count, replace=False, p=share)])
+    rows = stream.choice(possible, size=min(count, len(possible)), replace=False, p=share)
+    return np.asarray(points[rows])
 
 
 def _fitted(unit: FloatArray, weight: FloatArray, stream: np.random.Generator) -> Mixture | None:

@@ -201,7 +201,7 @@ def measure(encounters: Encounters, survey: EncounterSurvey, folder: Path, sourc
         "where": source,
     }
     path = folder / f"{encounters.name}.toml"
-    # the constraints of the file rule out events once it is read
+    # read back, the file says which events its constraints rule out
     path.write_text(tomli_w.dumps(content), encoding="utf-8")
     logical = read_scenario(path)
     rows = np.column_stack([columns[name] for name in free])
@@ -241,9 +241,10 @@ def _learnt(encounters: Encounters, measured: Measured, path: Path) -> Learnt:
     names = measured.logical.names
     low, high = _tuples(np.array([measured.logical.low, measured.logical.high]))
     fitted = min(len(measured.rows), MOST_FITTED)
+    # evenly spaced indices of the rows to fit, and the index of each in the encounters
     even = np.linspace(0, len(measured.rows) - 1, fitted).round().astype(np.intp)
     rows = measured.rows[even]
-    events = np.flatnonzero(measured.kept)[even].tolist()  # index of each row in the encounters
+    events = np.flatnonzero(measured.kept)[even].tolist()
     sources = [encounters.sources[event] for event in events]
     models = choose_model(rows, names, (low, high), fold_of(sources))
     kind, bandwidth = _named(models[0].model)
@@ -286,8 +287,10 @@ def value_sets(
         f"{PREFIX}{file.stem}: {len(rows)} recorded events, {value:.4g} ({low:.4g} to {high:.4g}) "
         "per vehicle-km"
     )
-    header = {"revMajor": "1", "revMinor": "1", "date": DATE, "author": "sumo_eval"}
-    etree.SubElement(root, "FileHeader", header | {"description": about})
+    header = {
+        "revMajor": "1", "revMinor": "1", "date": DATE, "author": "sumo_eval", "description": about,
+    }  # fmt: skip
+    etree.SubElement(root, "FileHeader", header)
     element = etree.SubElement(root, "ParameterValueDistribution")
     etree.SubElement(element, "ScenarioFile", filepath=file.name)
     # each within the one before
@@ -322,11 +325,8 @@ def _range(values: FloatArray, quantity: Quantity) -> tuple[float, float]:
     scale = 10.0 ** (math.floor(math.log10(max(np.ptp(values), 1e-6))) - 2)
     low = math.floor((values.min() - width) / scale) * scale
     high = math.ceil((values.max() + width) / scale) * scale
-    if quantity.floor is not None:
-        low = max(low, min(quantity.floor, float(values.min())))
-    if quantity.ceiling is not None:
-        high = min(high, quantity.ceiling)
-    return round(low, 6), round(high, 6)
+    low = max(low, min(quantity.floor, float(values.min())))
+    return round(low, 6), round(min(high, quantity.ceiling), 6)
 
 
 # --- held out -------------------------------------------------------------------------------------

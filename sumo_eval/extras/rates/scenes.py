@@ -24,14 +24,14 @@ class Quantity(NamedTuple):
     """A parameter of a class.
 
     about: its description in the file.
-    floor, ceiling: least and largest value that it can have, in `unit`; None: no bound.
+    floor, ceiling: bounds of its values, in `unit`.
     """
 
     name: str
     unit: str
     about: str
-    floor: float | None = None
-    ceiling: float | None = None
+    floor: float = -math.inf
+    ceiling: float = math.inf
 
 
 class SceneActor(NamedTuple):
@@ -40,7 +40,7 @@ class SceneActor(NamedTuple):
     name: in the file; `NAME_speed` is its speed at t = 0 in formulas.
     speed: formula of this speed, m/s.
     words: its name in sentences.
-    place: keys of its table in the file that place it.
+    place: keys of its table in the file for its position.
     moves: tables of its manoeuvres in the file.
     """
 
