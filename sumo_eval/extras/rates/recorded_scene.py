@@ -206,8 +206,8 @@ def _recorded_tracks(
 ) -> tuple[_Track, list[_Track], tuple[float, int]]:
     """Track of the ego; tracks of all other vehicles; width, m, and number of lanes.
 
-    The ego's track is whole. The other tracks are cut to the scene, in the order in which they
-    begin.
+    The ego's track is whole. The other tracks are cut to the scene; the vehicle that was recorded
+    first is the first.
 
     table: rows of the recording.
     first, last: start and end of the scene, s of the recording.
