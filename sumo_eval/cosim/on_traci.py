@@ -204,11 +204,10 @@ class _Hook:
         """Make what carries out commands."""
         case, settings = self._case, world.each[self._case]
         self._latencies = world.latencies.own[case]
-        decides = settings.end_when_decided
-        self._settled = getattr(self.target, "settled", None) if decides else None
-        concrete = world.cases[case]
-        self.road, self._bent = concrete.road, concrete.road.bent
-        self._executor = Executor(settings, partial(world.note, case), concrete.road.line)
+        self._settled = getattr(self.target, "settled", None) if settings.end_when_decided else None
+        self.road = world.cases[case].road
+        self._bent = self.road.bent
+        self._executor = Executor(settings, partial(world.note, case), self.road.line)
         self._delay, budget = settings.conditions.actuation_delay, settings.conditions.step_budget
         self._at_once = self._delay == 0.0 and budget is None
 

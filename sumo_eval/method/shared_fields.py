@@ -274,8 +274,9 @@ def _boxes(stretch: Stretch) -> _Boxes:
     counts, places, finer = _across([length / stretch.half for length in lengths])
     bounds, across = np.array([stretch.west, stretch.east]), stretch.middle + stretch.half * places
     # length of each box, and where it begins, level after level
-    length = np.concatenate([np.full(2**level, one) for level, one in enumerate(lengths)])
-    number = np.concatenate([np.arange(2**level) for level in range(len(lengths))])
+    boxes = 2 ** np.arange(len(lengths))
+    length = np.repeat(lengths, boxes)
+    number = np.arange(boxes.sum()) - np.repeat(boxes - 1, boxes)
     begin = bounds[0] + length * number
     return _Boxes(
         Grid(bounds, *_nodes()[:2], counts, across, finer),

@@ -791,11 +791,11 @@ def test_a_distance_of_a_lateral_move_counts_until_it_ends(tmp_path):
 
 
 @pytest.mark.parametrize(("reads", "value", "moves", "refused"), [
-    (AT.format(5), 1, timed(BRAKE, 2, n=2), True),
-    (AT.format(5), 1, CUT_IN.replace(ACROSS, BRAKE).replace("lessThan", "greaterThan"), True),
-    (AT.format(0), 1, CUT_IN.replace(ACROSS, BRAKE), False),
-    (AT.format(1), 1, timed(BRAKE, COMPLETE.format("e1"), n=2), False),
-    (AT.format(5), -15, timed(BRAKE, COMPLETE.format("e"), n=2), True),  # no change at 5 s
+    (5, 1, timed(BRAKE, 2, n=2), True),
+    (5, 1, CUT_IN.replace(ACROSS, BRAKE).replace("lessThan", "greaterThan"), True),
+    (0, 1, CUT_IN.replace(ACROSS, BRAKE), False),
+    (1, 1, timed(BRAKE, COMPLETE.format("e1"), n=2), False),
+    (5, -15, timed(BRAKE, COMPLETE.format("e"), n=2), True),  # no change at 5 s
 ])  # fmt: skip
 def test_a_speed_relative_to_a_later_event_is_refused(tmp_path, reads, value, moves, refused):
     """It would be that from which the other brakes before."""

@@ -266,16 +266,17 @@ class Moves:
             self._plan(entity, begin, _SPEEDS, dynamics, entity.next_move)
         return self._add(entity, begin, act, lasts)
 
-    def _unsure(self, entity: Entity, begin: Moment, kinds: tuple[int, ...]) -> bool:
-        """Whether an earlier move of some kinds may not have ended when another begins.
+    def _unsure(self, entity: Entity, begin: Moment, kinds: tuple[int, ...]) -> Move | None:
+        """The last earlier move of some kinds, if it may not have ended when another begins.
 
-        With times alone the answer is no: `busy_until` and `steady` say when such moves end.
+        With times alone it has: `busy_until` and `steady` say when such moves end.
         """
         earlier = [k for k, act in enumerate(entity.acts)
                    if act.kind in kinds and not changes_nothing(act)]  # fmt: skip
         if not earlier or (begin.known and not any(entity.acts[k].program for k in earlier)):
-            return False
-        return (entity.number, earlier[-1]) not in self._implied(begin)[1]
+            return None
+        last = entity.number, earlier[-1]
+        return None if last in self._implied(begin)[1] else last
 
     def _from_any_speed(self, dynamics: Node, entity: Entity, begin: Moment, speed: float) -> Span:
         """A change from whatever speed the entity then has, at once or at an even rate."""
@@ -509,12 +510,11 @@ class Moves:
                 f"`{entity.name}` drives straight on the map, so it has no lane to move across"
             )
         offset = to - entity.moved
-        if self._unsure(entity, begin, _ACROSS):
+        if last := self._unsure(entity, begin, _ACROSS):
             if begin.known:
                 raise element.fault(f"where `{entity.name}` is across when this begins is unknown")
             # it begins once its own condition holds and the last lateral move has ended
-            last = max(k for k, it in enumerate(entity.acts) if it.kind in _ACROSS and it.offset)
-            ended = played.ENDED, entity.number, last, 0.0
+            ended = played.ENDED, *last, 0.0
             begin = replace(begin, program=(*begin.program, ended, operation(played.AND)))
         if abs(offset) <= ON:
             return Span(begin, begin.time)
