@@ -154,10 +154,10 @@ class EgoControl:
             return
         world.keep_fault(int(world.rows[row]), error, target, self._terms.folder)
         # a contact stays the reason
-        contact = REASONS[int(world.egos["reason"][row])] == "contact"
         who = "The ADS" if fault == "ads_error" else "The vehicle model"
-        words = f"{who} raised in close: {said(error)}."
-        world.fail(row, "contact" if contact else fault, words)
+        if REASONS[int(world.egos["reason"][row])] == "contact":
+            fault = "contact"
+        world.fail(row, fault, f"{who} raised in close: {said(error)}.")
 
     def _close_guarded(
         self, world: World, row: int, close: Callable[[], None], target: Any

@@ -44,7 +44,7 @@ def sumo_gui() -> str:
 def replay_in_gui(
     road: Road, vehicles: Mapping[str, Trajectory], collision: Collision | None,
     program: str | None = None,
-    *, bodies: Mapping[str, str] | None = None,
+    *, bodies: Mapping[str, str],
 ) -> None:  # fmt: skip
     """Play a recording in sumo-gui in real time, and leave its window open at the end until the
     user closes it.
@@ -62,7 +62,7 @@ def replay_in_gui(
             program, "--step-length", str(STEP), "--collision.action", "none",
             "--no-step-log", "true", "--no-warnings", "true",
         ]  # fmt: skip
-        files = {"-n": network_xml(road), "-r": _types(vehicles, bodies or {})}
+        files = {"-n": network_xml(road), "-r": _types(vehicles, bodies)}
         if shows:
             files["-g"] = view_xml(road)
             command += ["--start", "true", "--window-size", "1400,600"]
