@@ -623,6 +623,9 @@ def test_a_harder_brake_follows_a_gentle_one(tmp_path):
     assert np.interp((4.0, 5.6, 6.7), other.time, other.speed) == pytest.approx((13, 5, 0), abs=0.1)
     with refusal("only a linear change by `rate` is supported then"):
         find(str(changed(tmp_path, events=events[0] + events[2])))
+    # after a change that may still wait, too, the rate is the file's
+    tiny = timed(BRAKE.replace('\nvalue="5"', '\nvalue="1e-7"'), 2, n=2)
+    assert acts_of(tmp_path, events=CUT_IN.replace(ACROSS, BRAKE) + tiny)[-1].acceleration == 1e-7
 
 
 @pytest.mark.parametrize("shape", ["linear", "cubic", "step"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from sumo_eval.errors import InputError
@@ -66,15 +66,14 @@ def described(read: Read) -> Iterator[str]:
             yield from _of(actor)
 
 
-def listed(name: str, found: Iterable[Path]) -> Iterator[str]:
+def listed(name: str, found: Sequence[Path]) -> Iterator[str]:
     """A line for each road of each file of a catalogue: its points and how many play, or why none
     does. Then their sums.
 
     found: the files.
     """
-    points = playing = files = whole = 0
+    points = playing = files = 0
     for file in found:
-        whole += 1
         try:
             reads = [read for _, read in uses_of(file, file.name)]
         except InputError as error:
@@ -90,7 +89,7 @@ def listed(name: str, found: Iterable[Path]) -> Iterator[str]:
                 told = f"{size} points, tried along each axis"
             why = "; ".join(f"{it} {why}" for why, it in [*reasons.items()][:_SHOWN])
             yield f"{read.logical.name}: {told}{why and '; not: '}{why}"
-    yield f"{name}: {files} of {whole} files play, {playing} of {points} points"
+    yield f"{name}: {files} of {len(found)} files play, {playing} of {points} points"
 
 
 def _counted(read: Read) -> tuple[int | None, dict[str, int]]:

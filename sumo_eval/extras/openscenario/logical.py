@@ -276,7 +276,7 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
             f"asked of a file with at most {_SEARCHED} parameters (without it every point counts "
             "as safe)", len(space.axes),
         )  # fmt: skip
-    logical = replace(_logical(space, frame, scenes), name=name)
+    logical = _logical(space, frame, scenes)
     notes = []
     if dropped:
         notes.append(
@@ -284,21 +284,21 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
         )
     if ignored:
         notes.append(f"Ignored, because they move no vehicle here: {', '.join(ignored)}.")
-    unsupported = [
+    further = [
         f"{count} of the points that were tried are not supported: {why}"
         for why, count in refused.items()
     ]
-    search, zones = _search(scenes, logical.road), ""
+    search = _search(scenes, logical.road)
     if isinstance(search, str):
-        zones = f"No zone can be defined, so every point counts as safe: {search}."
+        further.append(f"No zone can be defined, so every point counts as safe: {search}.")
     elif "zones" in options:
         logical = replace(logical, search=search)
     else:
-        zones = (
+        further.append(
             "No zones are searched, so every point counts as safe: `?zones=1` behind the file's "
             "name asks for them."
         )
-    logical = replace(logical, notes=(*notes, *unsupported, *filter(None, [zones])))
+    logical = replace(logical, name=name, notes=(*notes, *further))
     return Read(logical, space, frame, names, number, tuple(notes), refused)
 
 

@@ -109,6 +109,7 @@ def read_case(path: Path, given: Mapping[str, Value], options: FileOptions) -> F
 
 
 def _exported(whole: ConcreteScenario) -> FileCase:
+    """The scenario of a file that `sumo-eval export` wrote."""
     road, body = whole.road, whole.ego_body or STANDARD_EGO
     frame = Frame(ORIGIN, road.line, road.lanes, road.lane_width, road.end, road.name, 0.0, "")
     ends = math.inf if whole.time_limit is None else whole.time_limit
@@ -226,7 +227,7 @@ class _Player:
         self.turning: MapPath | None = None
 
     def _only_controlled(self) -> str:
-        """`Ego`, or the name of the only entity with a controller where none is named so."""
+        """`Ego`; if no entity has this name, that of the only one with a controller."""
         controlled = {
             name
             for name, entity in self.places.entities.items()
@@ -235,8 +236,8 @@ class _Player:
         for part in self.root.all("Storyboard/Init/Actions/Private"):
             if part.find("PrivateAction/ControllerAction") is not None:
                 controlled.add(part.text("entityRef"))
-        only = len(controlled) == 1 and EGO not in self.places.entities
-        return controlled.pop() if only else EGO
+        unnamed = EGO not in self.places.entities
+        return controlled.pop() if unnamed and len(controlled) == 1 else EGO
 
     def scene(self) -> FileCase:
         """The case. Each step needs the ones before it."""
@@ -260,9 +261,10 @@ class _Player:
             )
             entity.frame = framed(entity, self.frame)
         for distance, entity in self.distances:
-            if distance.find("DynamicConstraints") is None:
+            limits = distance.find("DynamicConstraints")
+            if limits is None:
                 self.moves.place_apart(distance, entity)
-            if distance.flag("continuous") or distance.find("DynamicConstraints") is not None:
+            if limits is not None or distance.flag("continuous"):
                 self.begun.append((distance, entity))
 
         # 3. the actors by number: all but the ego and those that are deleted at the start
