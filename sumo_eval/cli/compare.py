@@ -165,7 +165,7 @@ def nightly(
     from sumo_eval.cli.stopping import stop_on_signal
     from sumo_eval.nightly.morning import morning_lines, tell_github
     from sumo_eval.nightly.night import run_night
-    from sumo_eval.report.terminal import closing_lines, comparison_lines
+    from sumo_eval.report.terminal import change_lines, closing_lines
     from sumo_eval.scoring.gate_settings import read_gate
 
     settings = read_gate(gate)
@@ -178,9 +178,8 @@ def nightly(
     say((*morning_lines(result), *result.notes))
     show_scores(result.evaluation)
     if comparison := result.judged.bases.comparison:
-        # without the verdict and the differences, which `morning_lines` has, and without the gates
-        first = 1 + len(comparison.differences)
-        say(comparison_lines(comparison, (), result.evaluation)[first:-1])
+        # verdict, differences and gates stand in `morning_lines`
+        say(change_lines(comparison))
     say(closing_lines(result.evaluation)[:-1])  # without the path of the report, which follows
     say(tell_github(result))
     tell(f"The report is {result.report}")

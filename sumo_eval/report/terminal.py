@@ -195,7 +195,13 @@ def comparison_lines(
         f"{'DIFFERS' if other.decides else 'differs'}: {one_line(other.words)}"
         for other in comparison.differences
     ]
-    lines += map(one_line, comparison_notes(comparison))
+    lines += change_lines(comparison)
+    return [*lines, *gate_lines(gates, Path(comparison.new_folder))]
+
+
+def change_lines(comparison: Comparison) -> list[str]:
+    """Changes between two runs: notes, then for each ADS flipped cases and quantities."""
+    lines = [*map(one_line, comparison_notes(comparison))]
     for one in comparison.ads:
         lines.append(
             f"{one_line(one.ads)} in {one.scenario}: {count(one.pairs, 'case')} side by side"
@@ -214,7 +220,7 @@ def comparison_lines(
                 lines.append(f"    and {len(found) - MOST_CHANGES} more, all in the report.")
         for name, change in one.quantities.items():
             lines.append(f"  {name}: {quantity_words(name, change, comparison.confidence)}")
-    return [*lines, *gate_lines(gates, Path(comparison.new_folder))]
+    return lines
 
 
 def comparison_notes(comparison: Comparison) -> Iterator[str]:

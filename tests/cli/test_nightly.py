@@ -60,6 +60,7 @@ def test_each_night_is_compared_with_the_last_good_one(week):
     assert outputs[2].startswith("WORSE than")
     assert "1 case collided, not so in the base (new)" in outputs[2]
     assert "ego_speed=30, lead_speed=0: ok -> contact with U 30.0 m/s" in outputs[2]
+    assert "  collision_probability: 0.0000 -> 0.1667" in outputs[2], "the last line of the changes"
     assert "1 case gave up, not so in the base (new)" in outputs[3]
     worse = (folder / "history" / found[2].folder / "report.html").read_text()
     assert "ego_speed=30, lead_speed=0</a>, collision at" in worse, "its levers are drawn"
