@@ -362,6 +362,15 @@ def test_speeds_and_gaps_on_a_curved_road_are_over_the_ground(tmp_path):
     way = np.cumsum(np.hypot(np.diff(x), np.diff(y)))
     assert way[39] == pytest.approx(2.0 * 15.0, abs=1e-3)
     assert way[-1] == pytest.approx(2.0 * 15.0 + 18.75, abs=1e-3)
+    # by the road's own coordinates a distance counts along its line, between bodies as well
+    head, tail = CUT_IN.replace(ACROSS, BRAKE).split('<RelativeDistanceCondition entityRef="Other"')
+    tail = tail.replace("/>", f' coordinateSystem="road">{_at(-1, 300)}</DistanceCondition>', 1)
+    for free in ("true", "false"):
+        events = f"{head}<DistanceCondition {tail}".replace('space="true"', f'space="{free}"')
+        path = changed(tmp_path, events=events)
+        (tmp_path / "road.xodr").write_text(ROAD.replace("<line/>", '<arc curvature="0.002"/>'))
+        (act,) = find(str(path)).concrete(only=0.0).actors[0].acts
+        assert pytest.approx(500.0 / 501.75) in [value for *_, value in act.program]
 
 
 def _at(lane, s):

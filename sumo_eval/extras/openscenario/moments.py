@@ -436,18 +436,17 @@ class Conditions:
 
     def _apart(self, element: Node, one: Entity, other: Entity | Pose, axis: int) -> DriveNumber:
         """Distance of two bodies, or of their reference points, along one axis, m."""
-        apart = abs(self._ahead(element, one, other, axis))
+        apart, free = abs(self._ahead(element, one, other, axis)), element.flag("freespace")
+        bodies = constant(_half(one, axis) + _half(other, axis))
+        if free and axis == played.X and isinstance(other, Entity):
+            # a gap is between the bodies as they point at that time
+            a, b = self._number(one, element), self._number(other, element)
+            gaps = (played.GAP, a, b, 0.0), (played.GAP, b, a, 0.0), operation(played.LARGER)
+            apart, free = DriveNumber(gaps, apart.start - bodies.start), False
         scale = self._scale(element, one) if axis == played.X else 1.0
-        if not element.flag("freespace"):
-            return apart if scale == 1.0 else apart * constant(scale)
-        apart -= constant(_half(one, axis) + _half(other, axis))
-        if axis == played.Y or isinstance(other, Pose):
-            return apart
-        # along the road of the bodies as they point at that time
-        a, b = self._number(one, element), self._number(other, element)
-        gaps = (played.GAP, a, b, 0.0), (played.GAP, b, a, 0.0), operation(played.LARGER)
-        apart = DriveNumber(gaps, apart.start)
-        return apart if scale == 1.0 else apart * constant(scale)
+        if scale != 1.0:
+            apart *= constant(scale)
+        return apart - bodies if free else apart
 
     def _scale(self, element: Node, one: Entity) -> float:
         """Length that a condition measures for a metre along the road's line.
