@@ -88,7 +88,7 @@ class ConditionSettings(Checked):
 
     Conditions from `perception_delay` to `occlusion` limit an `Observation` (`act(obs)`, `exec:`,
     `fmu:`). Baselines, TraCI code and policies over arrays see everything. No condition limits the
-    ideal vehicle or the drivers.
+    ideal vehicle or the drivers. Noise makes no speed negative.
     """
 
     perception_delay: Annotated[
@@ -102,7 +102,7 @@ class ConditionSettings(Checked):
         About("standard deviation of seen positions, along and across the road", "m"),
     ] = 0.0
     speed_noise: Annotated[
-        NotNegativeFloat, About("standard deviation of seen speeds along the road", "m/s")
+        NotNegativeFloat, About("standard deviation of seen speeds along the heading", "m/s")
     ] = 0.0
     sensor_range: Annotated[
         float | None,
