@@ -253,8 +253,9 @@ def ideal_impact_speed(
     # gap closed on a ramp that lasts until equal speeds, and the share of it that is there
     needed = 2.0 / 3.0 * closing * np.sqrt(2.0 * closing * ramp / strength)
     plenty = np.ones(np.broadcast(left, needed).shape)
-    share = np.divide(left, needed, out=plenty, where=needed > 0.0)
-    at_root = closing * (1.0 - 4.0 * np.sin(np.arcsin(np.clip(share, 0.0, 1.0)) / 3.0) ** 2)
+    there = np.maximum(left, 0.0)
+    share = np.divide(there, needed, out=plenty, where=there < needed)
+    at_root = closing * (1.0 - 4.0 * np.sin(np.arcsin(share) / 3.0) ** 2)
     on_ramp = np.where(share < 1.0, at_root, 0.0)
 
     contact_on_ramp = np.where(after_ramp >= 0.0, left < ramp_length, True)

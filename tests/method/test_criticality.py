@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from refusals import refusal
 from twins.criticality import braked
@@ -172,6 +172,7 @@ def test_critical_gap_is_where_max_inverse_ttc_meets_the_threshold(closing, dece
 
 
 @given(st.floats(0.0, 30.0), st.floats(0.0, 30.0), gaps, delays, st.floats(0.0, 1.0))
+@example(1e-161, 0.0, 1.0, 0.0, 1e-161)
 def test_only_the_speed_difference_counts(closing, lead, gap, delay, build_up):
     moving = ideal_impact_speed(
         lead + closing, lead, gap, deceleration=6, delay=delay, build_up=build_up
