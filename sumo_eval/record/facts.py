@@ -135,6 +135,8 @@ def _read(
         content = _with_locators(evaluation, folder, resume)
         return settings_from(content, "the evaluation", own_ads=own_ads), Path.cwd()
     default = folder if resume and run_folder.is_run(folder) else PAPER_EVALUATION
+    if resume and evaluation is None and not folder.exists():
+        raise InputError(f"{folder} does not exist: there is no run to resume.")
     path = default if evaluation is None else Path(evaluation)
     if not run_folder.is_run(path):
         return read_evaluation(path, own_ads=own_ads), path.parent.resolve()

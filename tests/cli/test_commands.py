@@ -120,6 +120,7 @@ def test_partition_says_where_the_danger_is_greatest():
         (("report", "nowhere"), "is not a run folder"),
         (("partition", "front_vehicle_cutout"), "Did you mean `front_vehicle_cut_out`?"),
         (("run", "--resume"), "need `--out`"),
+        (("run", "--resume", "--out", "nowhere"), "there is no run to resume"),
         (("sample", "cut_in", "--method", "sobol", "--out", "x"), "needs `--count`"),
         (("run", "--out", "x", "--workers", "0"), "--workers"),
     ],
