@@ -18,7 +18,7 @@ from sumo_eval.settings import RunSettings
 from sumo_eval.text import clean
 
 _TIMEOUT = 600.0  # s for all drives of a check
-_LONGEST = 100_000  # characters of one
+_LONGEST = 100_000  # characters of a text of a finding
 
 
 def check_apart(

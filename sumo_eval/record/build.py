@@ -32,7 +32,7 @@ def commit_of(folder: Path) -> str:
         "--always",
         "--dirty",
         "--abbrev=12",
-        "--exclude=*",
+        "--exclude=*",  # no tags: always the commit
     ]
     try:
         done = subprocess.run(

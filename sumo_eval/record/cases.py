@@ -104,7 +104,7 @@ def on_its_own(cases: Sequence[Case]) -> bool:
 class Outcome:
     """Outcome of a case.
 
-    recording: None where the process that drove the case was lost.
+    recording: None where the case was rejected, or the process that drove it was lost.
     error: message of what failed; None: nothing.
     log: the traceback of an exception, and beginning and end of the case's output.
     error_place: file, line and function of the user's code that an exception came from.

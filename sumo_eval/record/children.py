@@ -143,10 +143,10 @@ def tie_to_owner(lifeline: Connection) -> None:
 
     # Opened again: all children share the pipe's open file, whose owner and signal would be those
     # of the last child.
-    own = os.open(f"/proc/self/fd/{lifeline.fileno()}", os.O_RDONLY | os.O_NONBLOCK)
-    fcntl.fcntl(own, fcntl.F_SETOWN, -os.getpgrp())
-    fcntl.fcntl(own, fcntl.F_SETSIG, signal.SIGKILL)
-    fcntl.fcntl(own, fcntl.F_SETFL, os.O_ASYNC | os.O_NONBLOCK)
+    reopened = os.open(f"/proc/self/fd/{lifeline.fileno()}", os.O_RDONLY | os.O_NONBLOCK)
+    fcntl.fcntl(reopened, fcntl.F_SETOWN, -os.getpgrp())  # to this child's process group,
+    fcntl.fcntl(reopened, fcntl.F_SETSIG, signal.SIGKILL)  # this signal,
+    fcntl.fcntl(reopened, fcntl.F_SETFL, os.O_ASYNC | os.O_NONBLOCK)  # at an event of the pipe
     if lifeline.poll():  # the owner ended before the signal was set up
         os._exit(1)
 

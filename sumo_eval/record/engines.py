@@ -204,8 +204,8 @@ def is_late_by_chance(outcome: Outcome, ended: Ended[Batch], setup: Setup) -> bo
     or waited too long for a processor.
     """
     recording = outcome.recording
-    first = recording is not None and recording.simulated_time <= setup.simulation.step
-    return outcome.status in ("timeout", "ads_timeout") and (first or ended.idle > IDLE)
+    in_first_step = recording is not None and recording.simulated_time <= setup.simulation.step
+    return outcome.status in ("timeout", "ads_timeout") and (in_first_step or ended.idle > IDLE)
 
 
 def what_happened(

@@ -35,7 +35,7 @@ _ROUND_TRIP = "%.17g"  # of trajectories: every double is read back to the bit
 _NAMES = ("case", "scenario", "ads")  # columns of names: text, even if a name looks like a number
 _ROWS_AT_ONCE = 1000
 _COLUMNS = [field.name for field in fields(Fact) if field.name not in ("log", "clips", "collision")]
-_TIMES = [name for name in _COLUMNS if name.startswith(("wall_time", "latency"))]
+_TIMES = [name for name in _COLUMNS if name.startswith(("wall_time", "latency"))]  # last
 _CONTACT = {
     "collision_time": "time", "collision_with": "other", "impact_speed": "relative_speed",
     "overlap": "overlap",
@@ -128,7 +128,7 @@ class Run:
 def open_run(path: str | os.PathLike[str]) -> Run:
     """A run folder as pandas tables and trajectories.
 
-    Raises InputError if the folder holds no run, or one of a newer format.
+    Raises InputError if the folder holds no run, or one of another format.
     """
     folder = Path(path)
     run_folder.read_settings(folder)

@@ -66,7 +66,7 @@ run's own when it is resumed, else the paper's.
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """Contents of a run folder: all drives, and those of ADSs without an outcome that counts.
+    """Number of drives in a run folder, and of cases of ADSs that were not evaluated.
 
     notes: sentences on cases that were recorded before and had to be rerun.
     """
@@ -436,15 +436,15 @@ def drive_again(cases: Sequence[Case], setup: Setup, store: Store) -> Iterator[t
     """Each case, simulated once more, and its difference from what is recorded: empty where it is
     the same.
     """
-    with open_store(Path(":memory:"), create=True) as again:
+    with open_store(Path(":memory:"), create=True) as repeats:
         for outcome in run_cases(cases, setup):
             key = outcome.case.key
             # trajectories are compared unless they were deleted
             whole = not store.is_discarded(key)
-            again.add(outcome)
-            same = again.drive(key, whole=whole) == store.drive(key, whole=whole)
-            yield outcome.case, "" if same else store.difference(key, again)
-            again.remove([key])
+            repeats.add(outcome)
+            same = repeats.drive(key, whole=whole) == store.drive(key, whole=whole)
+            yield outcome.case, "" if same else store.difference(key, repeats)
+            repeats.remove([key])
 
 
 def _spaces(run: Resolved, progress: Progress = quiet, looked_at: int | None = None) -> list[Space]:

@@ -87,7 +87,7 @@ class LeftOut:
         """Results of leaving out drivers, from the indexes of `left_out_pairings`: everyone, each
         driver left out, each exchange.
         """
-        first = len(indexes) - exchanges
+        first = len(indexes) - exchanges  # place of the first exchange
         values = [index.value for index in indexes]
         likenesses = [index.likeness.value for index in indexes if index.likeness is not None]
         # `or`: without exchanges, the mean of everyone alone
@@ -216,8 +216,8 @@ def method_sources() -> str:
 
 def _looked_up(keys: Mapping[_Name, bytes], kept: KeptResults) -> dict[_Name, bytes]:
     """Those results of a point that are kept, by name; `name[0]` is the kind of result."""
-    found = ((name, kept.get(name[0], key)) for name, key in keys.items())
-    return {name: data for name, data in found if data is not None}
+    results = ((name, kept.get(name[0], key)) for name, key in keys.items())
+    return {name: data for name, data in results if data is not None}
 
 
 def _missing(job: PointJob, kept: Collection[_Name]) -> PointJob:

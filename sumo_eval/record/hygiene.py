@@ -93,7 +93,7 @@ def _work_and_leave(
             os.close(descriptor)
         os.setsid()
         _prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
-        if os.getppid() == supervisor:  # else it ended before that signal was set
+        if os.getppid() == supervisor:  # else the supervisor ended before that signal was set
             work()
             code = 0
     except BaseException:  # noqa: BLE001 - nothing may leave this function but the exit
@@ -188,8 +188,8 @@ def _held(limit: float) -> float:
 def memory(pid: int, column: int = 1) -> float:
     """Memory of a process, bytes; 0 if it has ended.
 
-    column: of `/proc/PID/statm`. 1: resident set; 2: the part of it that belongs to files or is
-        shared; 5: its own data, as RLIMIT_DATA counts it.
+    column: of `/proc/PID/statm`, the first is 0. 1: resident set; 2: the part of that set that
+        belongs to files or is shared; 5: the process's own data, as RLIMIT_DATA counts it.
     """
     with suppress(OSError, IndexError), open(f"/proc/{pid}/statm") as file:
         return float(int(file.read().split()[column]) * _PAGE)

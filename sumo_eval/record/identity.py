@@ -76,18 +76,18 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str:
     """
     before = set(sys.modules)
     kind, locator = named
-    found = (
+    loaded = (
         find_controller(locator, folder) if kind == "ADS" else load_object(locator, folder, kind)
     )
     of_python = locator.partition(":")[0] not in _NOT_PYTHON
-    module = sys.modules.get(getattr(found, "__module__", "")) if of_python else None
+    module = sys.modules.get(getattr(loaded, "__module__", "")) if of_python else None
     files = _own_files(module, before) if module is not None else named_files(locator, folder)
     # files of an ONNX policy: the table beside the model, and external weights
-    files |= {Path(file) for file in getattr(getattr(found, "target", None), "files", ())}
+    files |= {Path(file) for file in getattr(getattr(loaded, "target", None), "files", ())}
     package = module.__name__.partition(".")[0] if module is not None else ""
     # a list of pairs, no mapping: files in several folders can have the same `_place`
     sources = sorted((_place(file, folder), hash_of(file, "file")) for file in files)
-    over_arrays = {"batch": True} if kind == "ADS" and takes_arrays(found) else {}
+    over_arrays = {"batch": True} if kind == "ADS" and takes_arrays(loaded) else {}
     return _text(
         {
             "locator": locator,
@@ -178,7 +178,7 @@ def named_files(locator: str, folder: Path) -> set[Path]:
         folders = [
             parent for parent in file.parents if any(parent.is_relative_to(home) for home in homes)
         ]
-        new |= {found for parent in folders for found in _imported(file, parent)} - files
+        new |= {module for parent in folders for module in _imported(file, parent)} - files
     return files
 
 
@@ -208,7 +208,7 @@ def _version(package: str, module: ModuleType | None) -> str:
 
 def _place(file: Path, folder: Path) -> str:
     """Path of a file relative to the evaluation's folder, else to a folder of `sys.path`, else its
-    name: it is the same on another machine.
+    name. Another machine gives the same.
     """
     if file.is_relative_to(folder):
         return str(file.relative_to(folder))

@@ -100,6 +100,7 @@ def unpack(data: bytes) -> Trajectory:
         )
     block = np.empty((len(CHANNELS), n))
     begin = 0
+    # `CHANNELS` begins with `_DOUBLE`
     for row, each in enumerate([8] * len(_DOUBLE) + [4] * len(_SINGLE)):  # bytes of a value
         plane = body[begin : begin + n * each].reshape(each, n)
         block[row] = np.ascontiguousarray(plane.T).view(f"<f{each}").reshape(n)

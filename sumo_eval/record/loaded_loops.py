@@ -29,8 +29,8 @@ def _load() -> None:
     import sumo_eval.record.worker  # noqa: F401
     from sumo_eval.record.loops import OF_EVERY_RUN, compiled, load
 
-    if known := set(OF_EVERY_RUN).intersection(compiled()):
-        load(sorted(known))
+    if on_disk := set(OF_EVERY_RUN).intersection(compiled()):
+        load(sorted(on_disk))
     gc.freeze()
     gc.enable()
 

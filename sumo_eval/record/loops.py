@@ -73,8 +73,8 @@ def _locators() -> dict[type[Compiled], list[str]]:
 
 def _rule(locator: str) -> Compiled:
     """A shipped rule: its locator names an object or its class."""
-    found = find_controller(locator)
-    return found() if isinstance(found, type) else found  # type: ignore[no-any-return]
+    rule = find_controller(locator)
+    return rule() if isinstance(rule, type) else rule  # type: ignore[no-any-return]
 
 
 def everything() -> list[str]:
@@ -110,7 +110,7 @@ def load(pieces: Iterable[str]) -> None:
 
 
 def _concrete(heading: float) -> ConcreteScenario:
-    """A case that needs no simulator.
+    """A concrete scenario to compile with, which is never driven.
 
     heading: of the actor, rad.
     """
@@ -161,7 +161,7 @@ def compiled() -> list[str]:
 
 
 def of_evaluation(settings: EvaluationSettings) -> set[str]:
-    """Loops that every evaluation needs: drivers, the world, and fields."""
+    """Pieces that an evaluation needs by its settings, whatever its scenarios are."""
     drivers = settings.drivers
     # synthetic drivers are added where recorded ones are too few, not to a user's function (`:`)
     fills = drivers.too_thin == "fill" and ":" not in drivers.source
@@ -171,7 +171,7 @@ def of_evaluation(settings: EvaluationSettings) -> set[str]:
 
 
 def of_cases(cases: Iterable[Case]) -> set[str]:
-    """Loops that these cases need."""
+    """Pieces that these cases need."""
     listed = list(cases)
     world = {WORLD} if listed else set()
     people = {PEOPLE for case in listed if case.role == "human"}

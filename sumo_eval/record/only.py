@@ -18,22 +18,22 @@ Place = tuple[str, int, str]
 def narrowed(run: Resolved) -> Resolved:
     """An evaluation without the ADSs and logical scenarios of which `run.only` names no case.
 
-    Raises InputError for a name that no ADS of the evaluation has a case of.
+    Raises InputError for a name that is not a case of the evaluation.
     """
     settings = run.settings
     if not settings.run.only:
         return run
     places = []
     for case in settings.run.only:
-        known = _places(case, run.scenarios, settings)
-        check_known("case of the evaluation", known, case)
-        places.append(known[case])
+        place_of = _places(case, run.scenarios, settings)
+        check_known("case of the evaluation", place_of, case)
+        places.append(place_of[case])
     scenarios = {scenario for scenario, *_ in places}
     chosen_ads = {ads for *_, ads in places}
     kept = [(entry, logical) for entry, logical in run.entries if logical.name in scenarios]
     gone, method, report = run.scenarios.keys() - scenarios, settings.method, settings.report
-    weights = {name: it for name, it in method.ranking.weights.items() if name not in gone}
-    axes = {name: it for name, it in report.axes.items() if name not in gone}
+    weights = {name: w for name, w in method.ranking.weights.items() if name not in gone}
+    axes = {name: pair for name, pair in report.axes.items() if name not in gone}
     settings = replace(
         settings,
         method=replace(method, ranking=replace(method.ranking, weights=weights)),

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from sumo_eval.method.zone_partition import ZonePartition
     from sumo_eval.scenario.sampling.samples import Sample
 
-Exposure = Callable[[Values], FloatArray]
+Exposure = Callable[[Values], FloatArray]  # p up to a factor, of values by name
 
 ZONES: dict[bytes, ZonePartition] = {}
 """Partitions that this process has read or computed, by the hash of all that they depend on."""
@@ -107,7 +107,7 @@ def refuse_unknown_axes(scenarios: Collection[str], settings: ReportSettings) ->
 def scenario_weights(scenarios: Sequence[str], settings: RankingSettings) -> dict[str, float]:
     """The weight of every scenario of an evaluation, by name.
 
-    Raises InputError for one that it does not have.
+    Raises InputError for a weight of another scenario, and where all weights are 0.
     """
     check_known("scenario in `method.ranking.weights`", scenarios, *settings.weights)
     weights = {name: float(settings.weights.get(name, 1.0)) for name in scenarios}

@@ -62,9 +62,11 @@ _COPY_TIME = 0.2  # s in which a forked copy of a child comes to the end of the 
 _LONGEST_WAIT = 3600.0  # s, of one call of poll
 _LONGEST_REFUSAL = 20_000  # characters of an InputError's text
 _WARNING_SHARE = 0.9  # share of the deadline after which the child prints where it hangs
-_LENGTH = struct.Struct("<Q")
+_LENGTH = struct.Struct("<Q")  # number of bytes of an order, which follows it in the pipe
 _CLOSED = "closed its connection"
-_FULL = 0.8  # of the memory limit: what an ADS keeps would end a later case
+# share of the memory limit beyond which a child gets no more items: what an ADS keeps would end a
+# later case
+_FULL = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,8 +146,8 @@ class Pool:
         self._limits = limits
         self._items_per_child = items_per_child
         self._children: list[_Child] = []
-        self._numbers = count(1)
-        self._looked = clock.monotonic()
+        self._numbers = count(1)  # of items: a frame is accepted for its own item only
+        self._looked = clock.monotonic()  # end of the last wait for children, s
 
     def __enter__(self) -> Pool:
         # a killed child leaves SUMO's files behind: they are in this folder, which the pool deletes
@@ -276,6 +278,7 @@ class _Child:
             os.set_blocking(own.fileno(), False)
         self.affinity = affinity
         self.items = 0
+        # of the item, s: clock at its deadline and when it was given, processor time until then
         self.deadline = self._begun = self._used = 0.0
         self.is_last = False  # whether the child ends with its present item
         self._item: Any = None
@@ -442,14 +445,14 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
     keep_open(orders, results)
     # own memory, without what is shared with others: an allocation fails before the supervisor has
     # to end the process
-    own = os.getpid()
-    limit = max(int(memory_limit * MEGABYTE - memory(own, 2)), 1)
+    pid = os.getpid()
+    limit = max(int(memory_limit * MEGABYTE - memory(pid, 2)), 1)
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
     limits = _resource_limits()
     tempfile.tempdir = scratch
     faulthandler.enable(file=2)
     c_library = ctypes.CDLL(None)
-    forks: list[bool] = []
+    forks: list[bool] = []  # not empty once this process has forked
     os.register_at_fork(after_in_parent=lambda: forks.append(True))
     threads = len(sys._current_frames())
     while (head := _read(orders, _LENGTH.size)) and (order := _read(orders, *_LENGTH.unpack(head))):
@@ -458,7 +461,7 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
         faulthandler.dump_traceback_later(_WARNING_SHARE * deadline, file=2)
         refusal, answer = _answer(*work)
         faulthandler.cancel_dump_traceback_later()
-        if os.getpid() != own:
+        if os.getpid() != pid:  # a forked copy has come to the end of the item
             os._exit(COPY)
         # flushed here, so that the output belongs to the item that printed it
         for stream in (sys.stdout, sys.stderr):
@@ -468,7 +471,7 @@ def _serve(ends: Sequence[int], memory_limit: float, scratch: str) -> None:
         left, twice = _left_processes(patience=_COPY_TIME if forks else 0.0)
         is_last = (
             left
-            or memory(own, 5) > _FULL * limit
+            or memory(pid, 5) > _FULL * limit
             or len(sys._current_frames()) > threads
             or _resource_limits() != limits
         )

@@ -42,7 +42,7 @@ _CODE = (*_PYTHON, ".pyd", ".so", ".zip", ".egg", ".whl", ".pyz")
 _EVENTS = frozenset({"open", "import", "os.rename", "sqlite3.connect", "ctypes.dlopen"})
 _HASHED_WHOLE = 256 << 20  # bytes; a larger file is identified by its size and time of change
 _MOST_REPORTED = 1_000  # written files of one process: an ADS may write one a step
-_busy = threading.local()
+_busy = threading.local()  # `now`: this thread notes a file, and its own opening does not count
 _IMPORT_TIME = clock.time()  # of this module, by the system's clock, s
 
 File = tuple[str, str]
@@ -70,7 +70,7 @@ class _Watch:
         self._states: dict[str, State] = {}  # of files when they were read
         self._written: set[str] = set()
         self._open_for_both: dict[str, State] = {}  # of files when they were opened
-        self._known: set[File] = set()
+        self._known: set[File] = set()  # all files noted so far
         self._new: list[File] = []  # of the known files those that are not reported yet
         self._modules = 0  # number of loaded modules at the last look
         if before is None:
@@ -281,10 +281,10 @@ _INSTALLED = _installed_places()
 def _state(place: str) -> State:
     """State of a file, by which a change of its content is noticed; None: no such file exists."""
     try:
-        it = os.stat(place)
+        status = os.stat(place)
     except (OSError, ValueError):
         return None
-    return it.st_mtime_ns, it.st_size, it.st_ino, it.st_mode
+    return status.st_mtime_ns, status.st_size, status.st_ino, status.st_mode
 
 
 def content(place: str, state: State) -> str | None:
@@ -345,10 +345,10 @@ def changed(read: Iterable[FileOfAds], folder: Path) -> dict[str, list[str]]:
     """Files whose content is not, or perhaps not, what the ADS has read, by the ADS's locator."""
     now: dict[str, str] = {}
     differing: dict[str, list[str]] = {}
-    for locator, path, then in read:
+    for locator, path, digest in read:
         if path not in now:
             place = os.path.join(folder, path)
             now[path] = content(place, _state(place)) or UNKNOWN
-        if then == UNKNOWN or then not in (WRITTEN, now[path]):
+        if digest == UNKNOWN or digest not in (WRITTEN, now[path]):
             differing.setdefault(locator, []).append(path)
     return differing

@@ -139,7 +139,7 @@ class Planner:
         )
         for number in space.numbers:
             case = Case(number, space.concrete(number).without_ads, role, role, controller)
-            # no identity: that of an ADS under test with the same locator must not change it
+            # "": a reference keeps its fingerprint where an ADS under test has its locator
             yield with_fingerprint(case, settings.simulation, "", self.harness)
 
     def humans(self, space: Space) -> Iterator[Case]:
@@ -342,7 +342,7 @@ def refuse_to_lose_cases(
     """
     numbers = {space.logical.name: space.numbers for space in spaces}
     drivers, only = {ads.name for ads in settings.ads}, settings.run.only
-    for scenario in sorted({row[0] for row in store.counts()}):
+    for scenario in sorted({scenario for scenario, *_ in store.counts()}):
         for case, point, driver in store.names("ads", scenario):
             if (
                 driver not in drivers
@@ -446,6 +446,6 @@ def _own_drives(plan: Planner, number: int, concrete: ConcreteScenario) -> Itera
             )
         case = plan.human(number, concrete, f"driver_{index:02d}")
         # the files that the function has read are unknown: the trajectory stands for them
-        content = hashlib.sha256(case.fingerprint.encode() + packed(trajectory)).hexdigest()
-        case = replace(case, fingerprint=content)
+        fingerprint = hashlib.sha256(case.fingerprint.encode() + packed(trajectory)).hexdigest()
+        case = replace(case, fingerprint=fingerprint)
         yield Outcome(case, "ok", Recording(trajectory, {}, None, "recorded"))

@@ -112,8 +112,8 @@ def create(
     before = read_manifest(folder) if is_run(folder) else {}
     named = settings.run.qualification
     # the file need not exist any more when a run continues
-    known = before.get("qualification")
-    qualified = {"qualification": known or read_qualification(named, source)} if named else {}
+    earlier = before.get("qualification")
+    qualified = {"qualification": earlier or read_qualification(named, source)} if named else {}
     with writing(f"The run folder {folder}"):
         for name in ("networks", "routes"):
             (folder / name).mkdir(parents=True, exist_ok=True)
@@ -204,8 +204,9 @@ def source_of(folder: Path) -> Path:
 
 
 def give_what_is_own(*runs: Path) -> bool:
-    """Trust the code that is named by those of the runs that this user recorded here, in all of the
-    runs. Gives whether this user recorded all of them.
+    """Trust the code of those runs that this user recorded here, also where another run names it.
+
+    Returns whether this user recorded all of the runs.
     """
     own = []
     for run in runs:

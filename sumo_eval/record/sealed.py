@@ -48,6 +48,7 @@ def read_sealed(path: Path, version: int | None = None) -> dict[str, Any]:
             f"Run {path.parent} has format version {shown(content.get('format_version'))}; this "
             f"sumo_eval reads {version}."
         )
+    # the hash is the last entry
     if not whole or content.popitem()[1] != _hash(content):
         raise InputError(
             f"{path} is not as it was written: its content does not fit its `{SEAL}`. {FIX}"

@@ -67,8 +67,8 @@ def _results(
 
 @contextmanager
 def alongside(work: Callable[[], object]) -> Iterator[Callable[[], bool]]:
-    """Do `work` in a child process while the block runs. The end of the block waits for it; an
-    exception in the block ends it.
+    """Do `work` in a child process while the block runs. The end of the block waits for that
+    process; an exception in the block kills it.
 
     Gives the function that returns whether `work` has failed. The caller may then repeat it in this
     process to get its error.

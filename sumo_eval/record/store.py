@@ -2,9 +2,9 @@
 transaction.
 
 Every case carries a hash of all that is recorded of it, and a complete run a seal over all its
-cases. Each process checks a file against them once, before its first answer. A file that has not
-changed since it was scored (`vouch`) was checked then: its cases are checked when they are read,
-and all of them before many are.
+cases. Each process checks a file against them once, before its first answer. `vouch` notes that a
+file was checked when it was scored. While that file does not change, a case is checked when it is
+read, and all cases before many are read.
 """
 
 from __future__ import annotations
@@ -68,11 +68,12 @@ _TABLES = ("facts", "circumstances", "latencies", "trajectories")
 _SEAL = "seal"
 _CONTENT = "content"  # the seal before trajectories were discarded
 _DISCARDED = "discarded bytes"
-# bytes: damage and edits are found; who can write the file can also write a hash that fits
+# bytes; the hash finds damage and careless edits, but a forger of the file can write one that fits
 _HASH_SIZE = 16
 # files that this process has checked: path, size, time of last change
 _checked: set[tuple[str, int, int]] = set()
 
+# cases in one of two tables only, though every case is in both, and latencies that are no numbers
 _HALVES = """
 SELECT * FROM (SELECT "case" FROM facts EXCEPT SELECT "case" FROM circumstances)
 UNION SELECT * FROM (SELECT "case" FROM circumstances EXCEPT SELECT "case" FROM facts)
@@ -80,7 +81,7 @@ UNION SELECT "case" FROM latencies WHERE typeof(latency_median) NOT IN ('real', 
 OR typeof(latency_p99) NOT IN ('real', 'null')
 OR typeof(latency_reference) NOT IN ('real', 'null') ORDER BY 1
 """
-Row = Sequence[Any]
+Row = Sequence[Any]  # one value a column
 _ALL_FACTS = 'SELECT * FROM facts ORDER BY "case"'
 _ALL_DRIVES = 'SELECT "case", vehicle, data FROM trajectories ORDER BY "case", vehicle'
 _DRIVES = 'SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle'
@@ -94,6 +95,7 @@ class Fact:
 
     alone: why it was not simulated together with others, an `Alone` as JSON; "": no reason.
     batched: as in `Recording`.
+    wall_time, latency_...: s; `latency_max`, `latency_p99` are `longest`, `late` of `Latency`.
     """
 
     case: str
@@ -123,7 +125,8 @@ class Fact:
 
 
 _COLUMNS = [field.name for field in fields(Fact)]
-# one column of the file has the company of a case: why it had none, as JSON, or how it shared SUMO
+# The file's column `alone` holds two fields: why a case was simulated alone, as JSON, or how it
+# shared a simulation (`batched`).
 _SPLIT = {
     "alone": "CASE WHEN alone LIKE '{%' THEN alone ELSE '' END",
     "batched": "CASE WHEN alone LIKE '{%' THEN '' ELSE alone END",
@@ -146,7 +149,7 @@ class Store:
             raise InputError(f"{path.parent} is not a run folder: there is no {path.name} in it.")
         self.path = path
         self._writing = create
-        self.unchecked = False  # each case is checked when it is read, all before many are
+        self.unchecked = False  # True: a case is checked when it is read, all before many are
         # locators of ADSs that have read files that have changed since
         self.stale: frozenset[str] = frozenset()
         try:
@@ -220,7 +223,7 @@ class Store:
             self._connection.rollback()
 
     def check_all(self) -> None:
-        """Check the whole file now, where only what is read would be."""
+        """Check the whole file now, if so far only the cases that are read are checked."""
         if self.unchecked:
             self.check()
             self.unchecked = False
@@ -258,17 +261,18 @@ class Store:
                 raise InputError(f"{self.path} is damaged: {words.splitlines()[-1]}. {FIX}")
         for (case,) in self._read(_HALVES):
             raise self._lacking(case)
+        # each group: a case, and its rows of `trajectories`
         groups = groupby(self._read(_ALL_DRIVES), key=lambda row: row[0])
-        recorded = next(groups, None)
+        group = next(groups, None)
         circumstances = self._read('SELECT * FROM circumstances ORDER BY "case"')
         for fact, circumstance in zip(self._read(_ALL_FACTS), circumstances, strict=True):
             drives = []
-            if recorded is not None and recorded[0] == fact[0]:
-                drives = [(vehicle, data) for _, vehicle, data in recorded[1]]
-                recorded = next(groups, None)
+            if group is not None and group[0] == fact[0]:
+                drives = [(vehicle, data) for _, vehicle, data in group[1]]
+                group = next(groups, None)
             self._check_hash(fact, circumstance, drives)
-        if recorded is not None:
-            raise self._lacking(recorded[0])
+        if group is not None:
+            raise self._lacking(group[0])
         before, now = self.noted(_SEAL), self._sealed()
         if before not in ("", now):
             raise InputError(
@@ -281,6 +285,7 @@ class Store:
         self.note(_SEAL, self._sealed())
 
     def _sealed(self) -> str:
+        """The seal: number of cases, a space, the hash over their hashes."""
         cases, seal = 0, hashlib.blake2b(digest_size=_HASH_SIZE)
         for (digest,) in self._read('SELECT hash FROM circumstances ORDER BY "case"'):
             cases += 1
@@ -298,7 +303,7 @@ class Store:
         self.note(_CONTENT, "")
 
     def discard_trajectories(self, stays: Callable[[str, int], bool]) -> int:
-        """Delete the trajectories at all points except those that stay; all of it or nothing.
+        """Delete the trajectories at all points except those that stay, in one transaction.
 
         Rows of facts stay. Each case gets a new hash; the old one is kept in `let_go`, because the
         cache has the results computed from the trajectories under it.
@@ -384,11 +389,12 @@ class Store:
                 key = outcome.case.key
                 if self._fingerprint(key) is not None and not self.holds(outcome.case):
                     self._remove(key)
+            # `tables` is empty where there are no outcomes
             for table, rows in zip(_TABLES, tables, strict=False):
                 self._insert(table, chain.from_iterable(rows))
 
     def _insert(self, table: str, rows: Iterator[Row]) -> None:
-        for row in rows:
+        for row in rows:  # once: the first row shows how many columns there are
             query = f"INSERT INTO {table} VALUES ({','.join('?' * len(row))})"  # noqa: S608
             self._connection.executemany(query, chain((row,), rows))
 
@@ -399,14 +405,14 @@ class Store:
 
     def note_files(self, files: Iterable[FileOfAds]) -> None:
         """Note files that ADSs have read."""
-        rows = [(locator, os.fsencode(path), found) for locator, path, found in files]
+        rows = [(locator, os.fsencode(path), digest) for locator, path, digest in files]
         with self._changes():
             self._connection.executemany("INSERT OR REPLACE INTO files_read VALUES (?,?,?)", rows)
 
     def files_read(self) -> Iterator[FileOfAds]:
         """Files that ADSs have read."""
-        for locator, path, found in self._read("SELECT * FROM files_read ORDER BY path"):
-            yield locator, os.fsdecode(path), found
+        for locator, path, digest in self._read("SELECT * FROM files_read ORDER BY path"):
+            yield locator, os.fsdecode(path), digest
 
     def driven_by(self, locator: str) -> list[tuple[str, str]]:
         """Case and ADS of the recorded cases with this locator."""
@@ -479,7 +485,7 @@ class Store:
                 for table in _TABLES:
                     self._insert(table, part._read(f"SELECT * FROM {table}"))  # noqa: S608
                 for file in part._read("SELECT * FROM files_read"):
-                    # `?`: one that another shard has read in another version
+                    # `?`, `reads.UNKNOWN`: another shard has read another version of the file
                     self._connection.execute(
                         "INSERT INTO files_read VALUES (?,?,?) ON CONFLICT DO UPDATE SET hash = "
                         "iif(hash = excluded.hash, hash, '?')",
@@ -518,7 +524,7 @@ class Store:
         """Drives of roles at a point that ended well and whose trajectories are there."""
         here = range(point, point + 1)
         drives = chain.from_iterable(self.facts_at(here, role, scenario) for role in roles)
-        return [one for one in drives if one.status == "ok" and not self.is_discarded(one.case)]
+        return [it for it in drives if it.status == "ok" and not self.is_discarded(it.case)]
 
     def fact(self, case: str) -> Fact | None:
         """One recorded case; None where there is none of that name."""
@@ -573,7 +579,7 @@ class Store:
     def counts(self) -> list[tuple[str, str, str, str, int, float]]:
         """Scenario, role, driver, status; how many such cases and their exposure.
 
-        Computed by the database.
+        Human drivers count together, with "" as driver.
         """
         return list(
             self._read(
@@ -584,8 +590,8 @@ class Store:
         )
 
     def simulated_alone(self, scenario: str, ads: str) -> dict[Alone, int]:
-        """Number of drives of an ADS, and of those that it is compared with, that left their batch,
-        by reason.
+        """Number of drives that were simulated alone, by reason: those of an ADS, and those that it
+        is compared with.
         """
         rows = self._read(
             'SELECT alone, count(*) FROM facts JOIN circumstances USING ("case") WHERE scenario = '
@@ -675,7 +681,7 @@ def _is_written(path: Path) -> bool:
     return path.with_name(path.name + "-wal").exists()
 
 
-_FACTS = b"facts"
+_FACTS = b"facts"  # key of the note in the cache
 
 
 def vouch(path: Path, kept: KeptResults) -> None:
@@ -716,7 +722,7 @@ def _real(value: float) -> float | None:
     return None if math.isnan(value) else float(value) + 0.0
 
 
-# what the facts have of a case without a recording
+# what the facts have of a case without a recording; it has no end reason either
 _NONE: Any = None
 _NO_RECORDING = KeptRecording({}, None, _NONE, (), Latency(*5 * [math.nan]), math.nan, math.nan)
 
@@ -743,6 +749,7 @@ def _rows(outcome: Outcome) -> tuple[Sequence[Row], ...]:
         case.fingerprint,
     )
     times = list(map(_real, (kept.wall_time, *kept.controller_latency)))
+    # `times[:3]`: wall time, mean and longest latency; `times[3:]`: the latencies added later
     company = outcome.batched if outcome.alone is None else json.dumps(_plain(outcome.alone))
     circumstance = (case.key, outcome.log, *times[:3], outcome.error_place, company)
     drives = sorted(kept.drives.items())
@@ -786,4 +793,5 @@ _MAKES: dict[str, Callable[[Any], Any]] = {
     "clips": lambda text: tuple(Clip(**clip) for clip in json.loads(text)),
 }  # fmt: skip
 """Functions that make a field of a fact out of its column; all other columns are as they are."""
+# the same by the index of the column
 _PLACES = [(_COLUMNS.index(name), make) for name, make in _MAKES.items()]

@@ -110,8 +110,8 @@ class WatchedController(Adapter):
 
         Raises ControllerTimeoutError when it is over its time.
         """
-        asked: Wanted | None = self._in_time(self._controller.step, traci, ego, time)
-        return asked
+        wanted: Wanted | None = self._in_time(self._controller.step, traci, ego, time)
+        return wanted
 
     def act(self, seen: Any) -> Any:
         """Ask the policy.

@@ -233,4 +233,5 @@ def _seed_global_generators(case: Case) -> None:
 def _states_of_global_generators() -> tuple[object, ...]:
     """States of both generators; they differ after a draw."""
     legacy: Any = np.random.get_state()  # noqa: NPY002 - the one that ADSs use
+    # `legacy`: name, array, then the place in the array and a normal number drawn ahead
     return random.getstate(), legacy[1].tobytes(), legacy[2:]
