@@ -114,7 +114,7 @@ class RecordedTraffic:
         self.lane = _settled_lanes(rows)
         self.centres: dict[Any, float] = pd.Series(self.y).groupby(self.lane).median().to_dict()
         self.across = np.zeros(len(rows))
-        for part in self.slices.values():
+        for part in self.slices.values():  # 11 samples: 1 s
             self.across[part] = np.gradient(smooth(self.y[part], 11), INTERVAL)
 
         self.lead, self.follower = _neighbours(self.frame, self.lane, self.x)
@@ -131,8 +131,8 @@ class RecordedTraffic:
     def row_at(self, frame: int, row: int) -> int | None:
         """The row at a frame of a row's vehicle; None where it is not recorded."""
         part = self.slices[self.names[row]]
-        there = row + frame - self.frame[row]
-        return there if part.start <= there < part.stop else None
+        target = row + frame - self.frame[row]
+        return target if part.start <= target < part.stop else None
 
     def onset_of(self, row: int, change: RecordedLaneChange) -> tuple[int, float]:
         """Row of a vehicle at which another's lane change begins, and that time, s: a scenario's
@@ -152,7 +152,8 @@ class RecordedTraffic:
 def _settled_lanes(rows: pd.DataFrame) -> np.ndarray:
     """Lane of each row, (n,).
 
-    A visit shorter than `LANE_KEPT` stays with the lane before, at first with that after.
+    A visit shorter than `LANE_KEPT` counts as the lane before it, a vehicle's first as the lane
+    after it.
     """
     visit = (rows[["vehicle", "lane"]] != rows[["vehicle", "lane"]].shift()).any(axis=1)
     samples = visit.groupby(visit.cumsum()).transform("size")
@@ -209,12 +210,12 @@ def _table(kind: str, events: Sequence[Event]) -> pd.DataFrame:
 class RecordedLaneChange(NamedTuple):
     """A lane change that is kept.
 
-    t: crossing;
-    onset, end: of the lateral motion;
-    duration: between them;
-    middle: from 10 to 90 % of the offset, all s.
-    lateral_speed: the largest, m/s.
+    t: time of the crossing of the lane line, s.
     row: of the crossing in the traffic.
+    origin, to: lanes.
+    onset, end, duration: of the lateral motion, s.
+    middle: time from 10 to 90 % of the offset, s; None where 0.5 m of it or less were recorded.
+    lateral_speed: the largest, m/s.
     complete: whether beginning and end were both recorded.
     """
 
@@ -286,7 +287,7 @@ def _stretches(traffic: RecordedTraffic) -> list[slice]:
 
 
 def _is_ghost(gap: float, ttc: float, accelerations: np.ndarray) -> bool:
-    """Whether these extremes are a tracker's, m, s and m/s2."""
+    """Whether a gap, m, a TTC, s, or accelerations, m/s2, are a fault of the tracker."""
     strongest = np.abs(accelerations).max()
     return bool(gap < GHOST_GAP or ttc < GHOST_TTC or strongest > GHOST_ACCELERATION)
 
@@ -296,7 +297,7 @@ def _start_kind(traffic: RecordedTraffic, start: int, row: int) -> str:
     if row == start:
         # whether the recording of the ego or of the lead begins here
         edge = any(
-            it == traffic.slices[traffic.names[it]].start for it in (start, traffic.lead[start])
+            at == traffic.slices[traffic.names[at]].start for at in (start, traffic.lead[start])
         )
         return "dataset_edge" if edge else "lane_entry_or_cut_in"
     far = traffic.gap[row - 1] > APPROACH_HEADWAY * traffic.speed[row - 1]
@@ -305,7 +306,10 @@ def _start_kind(traffic: RecordedTraffic, start: int, row: int) -> str:
 
 
 def _outcome(traffic: RecordedTraffic, row: int, end: int) -> tuple[str, int]:
-    """Kind and row of the end of an approach that begins at a row of a stretch up to `end`."""
+    """Kind and row of the end of an approach.
+
+    row: where it begins. end: the row after the last of its stretch.
+    """
     lane = traffic.lane
     follows = traffic.closing[row:end] < FOLLOWS_BELOW
     if follows.any():
@@ -371,7 +375,7 @@ def _approach(
         event |= {
             "to_left": bool(traffic.lane[end] > traffic.lane[row]),
             "change_onset": onset,
-            "headway_at_onset": gap[at] / max(speed[at], 0.1),
+            "headway_at_onset": gap[at] / max(speed[at], 0.1),  # finite at a standstill
             "ttc_at_onset": None if traffic.closing[at] <= 0 else traffic.ttc[at],
         }
     return event
@@ -499,5 +503,5 @@ def write_events(events: Events, folder: Path) -> None:
 
 def lane_centres(table: pd.DataFrame) -> dict[tuple[str, int], float]:
     """Median y of the vehicles in each lane of each recording, m."""
-    middles: dict[Any, float] = table.groupby(["recording", "lane"])["y"].median().to_dict()
-    return middles
+    centres: dict[Any, float] = table.groupby(["recording", "lane"])["y"].median().to_dict()
+    return centres

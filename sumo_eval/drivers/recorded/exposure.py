@@ -66,8 +66,8 @@ class RunExposure(NamedTuple):
     density: p at values by name.
     about: one sentence.
     recorded: the KDE, where recordings are the source.
-    unsupported_share: of the possible space, outside the data's support; None without data, or
-        where no point that was tried is possible.
+    unsupported_share: share of the possible space outside the data's support; None without data,
+        or where no point that was tried is possible.
     """
 
     density: Callable[[Values], FloatArray]
@@ -196,7 +196,10 @@ def _folds(events: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
 
 
 def _held_out(events: FloatArray, fit: Any) -> float:
-    """Mean log density of each event under a fit without its fold."""
+    """Mean log density of each event under a fit without its fold.
+
+    fit: takes events, gives a function for the log density at points.
+    """
     return float(np.concatenate([fit(train)(test) for train, test in _folds(events)]).mean())
 
 
@@ -233,6 +236,9 @@ def _declared(
 
 
 def _frozen(item: DeclaredDistribution) -> Any:
+    """Distribution with its two numbers: mean and deviation, for `lognormal` those of the
+    logarithm, or the two ends of `uniform`.
+    """
     stats = _stats()
     if item.distribution == "normal":
         return stats.norm(item.first, item.second)

@@ -159,7 +159,10 @@ def _aligned(
 
 
 def _trajectory(rows: pd.DataFrame, **body: float) -> Trajectory:
-    """A track with what is known of it; body: its length and width, m."""
+    """A track as a trajectory, with those of its channels that are known.
+
+    body: its length and width, m.
+    """
     channels: Any = dict(rows.filter(_MOTION))
     wheel = pd.to_numeric(rows["steering"], errors="coerce") if "steering" in rows else None
     return Trajectory(
@@ -180,10 +183,10 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
     check_known(f"parameter column of {people.folder / NAMED_CASES}", columns, *concrete.values)
     parameters, values = list(concrete.values), list(concrete.values.values())
     checked_numbers(rows, parameters, people.folder / NAMED_CASES)
-    here = rows[((rows[parameters] - values).abs() < 1e-6).all(axis=1)]
-    if here.empty:
+    matching = rows[((rows[parameters] - values).abs() < 1e-6).all(axis=1)]
+    if matching.empty:
         return None
-    named = [it for file in here["file"] for it in _drives_in(people.folder / str(file))]
+    named = [it for file in matching["file"] for it in _drives_in(people.folder / str(file))]
     names, drives = zip(*named, strict=True)
     return Reference(drives, names)
 
@@ -194,12 +197,12 @@ def _drives_in(path: Path) -> Sequence[tuple[str, Trajectory]]:
     """
     table = read_table(path, ("t", "x", "y"))
     checked_numbers(table, ["t", "x", "y", *table.filter(_MOTION)], path)
-    table["driver"] = table.get("driver")  # without such a column, nobody is named
+    table["driver"] = table.get("driver")  # without such a column no driver is named
     drives = []
-    for named, rows in table.groupby("driver", sort=False, dropna=False):
-        who = path.stem if pd.isna(named) else str(named)
+    for name, rows in table.groupby("driver", sort=False, dropna=False):
+        driver = path.stem if pd.isna(name) else str(name)
         try:
-            drives.append((who, _trajectory(rows)))
+            drives.append((driver, _trajectory(rows)))
         except InputError as error:
-            raise InputError(f"Driver `{who}` in {path}: {error}") from error
+            raise InputError(f"Driver `{driver}` in {path}: {error}") from error
     return drives

@@ -73,7 +73,7 @@ def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], dict[str, int]]:
     lengths = np.hypot(steps["x"], steps["y"]).groupby(rows["vehicle"]).sum()
     lengths = lengths.sort_values(ascending=False)
     rest = list(lengths.index[lengths >= SHORTEST_AXIS])  # vehicles without a stream, longest first
-    still = len(lengths) - len(rest)
+    standing = len(lengths) - len(rest)
     paths = {name: track.to_numpy() for name, track in tracks}
     streams = []
     while rest:
@@ -86,8 +86,8 @@ def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], dict[str, int]]:
     # of these vehicles, samples that no stream has
     samples = rows["vehicle"].isin(driving).sum() - sum(map(len, streams))
     return streams, {
-        f"vehicles that move less than {SHORTEST_AXIS:g} m are left out": still,
-        "vehicles that drive along no path are left out": len(lengths) - still - len(driving),
+        f"vehicles that move less than {SHORTEST_AXIS:g} m are left out": standing,
+        "vehicles that drive along no path are left out": len(lengths) - standing - len(driving),
         "samples of vehicles beside or beyond the path that they drive along are left out": samples,
     }
 
@@ -141,7 +141,7 @@ def _furthest(line: FloatArray, others: Iterable[FloatArray]) -> FloatArray:
     end, course = line[-1], line[-1] - line[-min(6, len(line))]
     course = course / np.hypot(*course)
     normal = np.array([-course[1], course[0]])
-    best = line[:0]
+    furthest = line[:0]
     for other in others:
         offset = other - end
         aside, along = offset @ normal, offset @ course
@@ -151,9 +151,9 @@ def _furthest(line: FloatArray, others: Iterable[FloatArray]) -> FloatArray:
         joint = near[np.argmin(np.abs(along[near]))]
         ahead = other[min(joint + 5, len(other) - 1)] - other[joint]
         forward = ahead @ course >= np.cos(WRONG_WAY) * np.hypot(*ahead)
-        if forward and len(other) - joint > len(best) + 1:
-            best = other[joint + 1 :] - aside[joint] * normal
-    return best
+        if forward and len(other) - joint > len(furthest) + 1:
+            furthest = other[joint + 1 :] - aside[joint] * normal
+    return furthest
 
 
 def distances(points: FloatArray) -> FloatArray:
@@ -175,9 +175,10 @@ def _axis(line: FloatArray) -> FloatArray:
     if window > 3:
         line = np.column_stack([smooth(column, window) for column in line.T])
     reach = np.arange(1, int(HALF_WIDTH / AXIS_SPACING) + 1)[:, None]
-    start, end = line[0] - line[min(5, len(line) - 1)], line[-1] - line[-min(6, len(line))]
-    before = line[0] + (reach * start / np.hypot(*start))[::-1] * AXIS_SPACING
-    after = line[-1] + reach * end / np.hypot(*end) * AXIS_SPACING
+    # directions out of both ends, over five points
+    back, ahead = line[0] - line[min(5, len(line) - 1)], line[-1] - line[-min(6, len(line))]
+    before = line[0] + (reach * back / np.hypot(*back))[::-1] * AXIS_SPACING
+    after = line[-1] + reach * ahead / np.hypot(*ahead) * AXIS_SPACING
     return np.vstack((before, line, after))
 
 
@@ -212,7 +213,8 @@ def _laned(stream: pd.DataFrame) -> tuple[pd.DataFrame, float | None]:
     width, middle, slope = _visible_lanes(s, d)
     spacing = width or STANDARD_LANE
     lane = np.round((d - middle) / spacing).astype(np.int64)
-    # the right lane of the main road: the first that is driven on enough stretches of the road
+    # The right lane of the main road: the first that is driven on enough stretches of the road.
+    # A stretch is a twentieth of it, or `SECTION` if that is longer.
     stretch = (x / max(np.ptp(s) / 20, SECTION)).astype(int)
     driven = pd.Series(stretch).groupby(lane).nunique()
     enough = min(LANE_COVER * len(np.unique(stretch)), driven.max())

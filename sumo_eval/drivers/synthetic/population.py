@@ -6,8 +6,8 @@ reaction time is the literature value given below. The IDM parameters come from 
 (233 followers), because it is the only free-flowing motorway among the five sources: NGSIM I-80 is
 stop-and-go at 6 m/s, and OpenACC is a test track behind a lead with ACC.
 
-Every distribution is cut off at bounds, so that ten skilled drivers hold no freak; a value outside
-is drawn again.
+Every distribution is cut off at bounds, so that no driver among ten is extreme; a value outside is
+drawn again.
 """
 
 from __future__ import annotations
@@ -78,8 +78,8 @@ they would be a tenth too quick, where they are measured in drives as the record
 chosen on each half of the recording and holds on the other (docs/explanation/drivers.md).
 """
 
-ONSET_HEADWAY = LogNormal(0.866, 0.395, 1.0, 5.5)  # s, headway at which people's lane changes begin
-ONSET_TTC = LogNormal(2.345, 0.399, 4.5, 25.0)  # s, TTC at which they begin
+ONSET_HEADWAY = LogNormal(0.866, 0.395, 1.0, 5.5)  # s, headway at which recorded lane changes begin
+ONSET_TTC = LogNormal(2.345, 0.399, 4.5, 25.0)  # s, TTC at which these begin
 HEADWAY_LIMIT = LogNormal(0.680, 0.317, 0.98, 3.88)  # s
 TTC_LIMIT = LogNormal(2.366, 0.433, 4.27, 27.6)  # s
 """Limits of headway and TTC: a driver begins to pass below the first of the two.

@@ -54,9 +54,9 @@ def read(path: Path) -> Samples:
     rows = []
     left_out: Counter[str] = Counter()
     for obstacle in root.iter("dynamicObstacle", "obstacle", "staticObstacle"):
-        why = _why_left_out(obstacle)
-        if why:
-            left_out[why] += 1
+        reason = _why_left_out(obstacle)
+        if reason:
+            left_out[reason] += 1
         else:
             rows += _samples(obstacle, path)
     if not rows:
@@ -75,7 +75,7 @@ def read(path: Path) -> Samples:
     if len(centres):
         table["offset"] = _offsets(table, centres)
     return table, [
-        f"{path.name}: {number} obstacles are left out, {why}." for why, number in left_out.items()
+        f"{path.name}: {n} obstacles are left out, {reason}." for reason, n in left_out.items()
     ]
 
 

@@ -61,8 +61,8 @@ def read(path: Path) -> Samples:
         }
     )
     # y = 0 in the lane nearest to lane 0 that a recording has
-    aside = table["lane"].abs()
-    right = table["y"].where(aside == aside.groupby(table["recording"]).transform("min"))
+    distance = table["lane"].abs()
+    right = table["y"].where(distance == distance.groupby(table["recording"]).transform("min"))
     table["y"] -= right.groupby(table["recording"]).transform("median")
     notes = [
         f"{path.name} has no headings: 0 is assumed. Its lane {MAIN_LANES} is the right lane "
@@ -82,9 +82,9 @@ def _rows(path: Path) -> pd.DataFrame:
         first = file.readline().lstrip()
     has_heading = first[:1].isalpha() or first[:1] in (b'"', b"\xef")
     if has_heading:
-        known = {name.lower(): name for name in _NEEDED}
+        spelling = {name.lower(): name for name in _NEEDED}
         rows = read_table(path, (), dtype={"Location": str}).rename(
-            columns=lambda name: known.get(name.lower(), name)
+            columns=lambda name: spelling.get(name.lower(), name)
         )
         require_columns(rows, _NEEDED, path)
     else:

@@ -78,7 +78,7 @@ def read(path: Path) -> Samples:
         f"{path.name} is recorded as {chains} platoons: gaps to the lead vehicle are known only "
         "inside each.",
     ]
-    engaged = next((value for value in head["ACC"] if value), "0")
+    engaged = next((value for value in head["ACC"] if value), "0")  # number of cars
     if engaged not in ("0", "0.0"):
         notes.append(
             f"{path.name} was driven with ACC engaged in {engaged} cars: these are not people."
@@ -93,6 +93,6 @@ def _head(path: Path) -> dict[str, list[str]]:
             head = {row[0]: row[1:] for row in islice(csv.reader(file), _HEAD_ROWS) if row}
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path} cannot be read: {error}.") from error
-    known = {"Vehicle_order", "ACC"} <= head.keys()
-    require(known, path, "must begin with the five rows of OpenACC's head")
+    is_head = {"Vehicle_order", "ACC"} <= head.keys()
+    require(is_head, path, "must begin with the five rows of OpenACC's head")
     return head

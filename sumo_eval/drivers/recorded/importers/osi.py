@@ -41,7 +41,7 @@ _VARINT, _BYTES = 0, 2
 _FIXED64, _FIXED32 = 1, 5
 _TRACE_LIMIT = 1 << 28  # bytes of a message; a longer one is no message
 
-Row = tuple[float, int, float, float, float, float, float, float, int, int]
+Row = tuple[float, int, float, float, float, float, float, float, int, int]  # as `_COLUMNS`
 _COLUMNS = "t", "vehicle", "x", "y", "length", "width", "heading", "speed", "type", "subtype"
 
 
@@ -50,11 +50,11 @@ def read(path: Path) -> Samples:
     rows = _moving_objects(path)
     kinds = rows.groupby("vehicle")[["type", "subtype"]].first()
     bodies = rows.groupby("vehicle")[["length", "width"]].median()
-    why = _why_left_out(kinds, bodies)
-    counts = why[why != ""].value_counts().sort_index()
+    reasons = _why_left_out(kinds, bodies)
+    counts = reasons[reasons != ""].value_counts().sort_index()
     left_out = ", ".join(f"{number} {reason}" for reason, number in counts.items())
     notes = [f"{path.name}: moving objects left out: {left_out}."] if left_out else []
-    rows = rows[rows["vehicle"].isin(why.index[why == ""])]
+    rows = rows[rows["vehicle"].isin(reasons.index[reasons == ""])]
     if rows.empty:
         raise InputError(
             f"{path} must hold vehicles or pedestrians with a body, got none: {notes[-1]}"
@@ -105,6 +105,7 @@ def _objects(path: Path) -> Iterator[Row]:
         ):
             try:
                 if kind == _SENSOR_VIEW:
+                    # field 7: global_ground_truth
                     message = dict(_fields(message)).get(7, b"")
                 yield from _ground_truth(message)
             except (IndexError, KeyError, struct.error, ValueError, TypeError) as error:
@@ -136,7 +137,7 @@ def _mcap(path: Path) -> Iterator[tuple[str, bytes]]:
     """The messages of an MCAP file that are GroundTruth or SensorView."""
     try:
         reader: Any = importlib.import_module("mcap.reader")
-        wrong: Any = importlib.import_module("mcap.exceptions").McapError
+        mcap_error: Any = importlib.import_module("mcap.exceptions").McapError
     except ImportError:
         raise needs_extra(f"{path} is an MCAP file, which", "osi") from None
     with path.open("rb") as file:
@@ -145,14 +146,14 @@ def _mcap(path: Path) -> Iterator[tuple[str, bytes]]:
                 kind = "" if schema is None else schema.name.rpartition(".")[2]
                 if kind in ("GroundTruth", _SENSOR_VIEW):
                     yield kind, message.data
-        except (wrong, ValueError, struct.error) as error:
+        except (mcap_error, ValueError, struct.error) as error:
             raise InputError(f"{path} is not an MCAP file, or a damaged one: {error}.") from error
 
 
 def _ground_truth(message: bytes) -> Iterator[Row]:
     """The moving objects of a GroundTruth: its fields 2, timestamp, and 5, moving_object."""
     fields = list(_fields(message))
-    stamp = dict(_fields(dict(fields).get(2, b"")))
+    stamp = dict(_fields(dict(fields).get(2, b"")))  # 1: s, 2: ns
     time = stamp.get(1, 0) + 1e-9 * stamp.get(2, 0)
     yield from (_moving_object(time, value) for number, value in fields if number == 5)
 
@@ -229,8 +230,8 @@ def _omega_prime(path: Path) -> pd.DataFrame:
         raise InputError(f"{path} is not a Parquet table: {str(error).splitlines()[0]}.") from error
     require_columns(rows, wanted, path)
     rows = rows[list(wanted)].rename(columns={"idx": "vehicle", "yaw": "heading"})
-    known = rows[["total_nanos", "vel_x", "vel_y"]].apply(pd.to_numeric, errors="coerce")
-    rows["t"], rows["speed"] = known["total_nanos"] * 1e-9, np.hypot(known["vel_x"], known["vel_y"])
+    clock = rows[["total_nanos", "vel_x", "vel_y"]].apply(pd.to_numeric, errors="coerce")
+    rows["t"], rows["speed"] = clock["total_nanos"] * 1e-9, np.hypot(clock["vel_x"], clock["vel_y"])
     rows = rows.fillna({"type": 0, "subtype": 0})
     # an id of 64 bits is a whole number already, and too large for a check of doubles
     kinds = [name for name in ("vehicle", "type", "subtype") if rows[name].dtype.kind not in "iu"]
