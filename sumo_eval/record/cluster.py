@@ -85,7 +85,7 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> O
                 result = future.result()
                 if isinstance(result, str):
                     raise InputError(f"A worker of the Dask cluster {address} {result}.")
-                yield list(_that_count(result, batches))
+                yield list(_counted(result, batches))
             elif times < _TIMES:
                 submit(batch, times + 1)
             else:
@@ -102,7 +102,7 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> O
         log.setLevel(level)
 
 
-def _that_count(outcomes: Iterable[Outcome], batches: Batches) -> Iterator[Outcome]:
+def _counted(outcomes: Iterable[Outcome], batches: Batches) -> Iterator[Outcome]:
     """The outcomes, except those from batches of an ADS that keeps state between cases. If one
     worker finds that it does, its cases run alone on all workers.
     """

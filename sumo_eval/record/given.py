@@ -51,11 +51,9 @@ def _place(ads: Any) -> str:
     """`/path/my_ads.py:Name` of a class or a function at the top of a file that others can read;
     else "".
     """
-    if ads.__module__ == "__main__":
-        return ""
     home, name = ads.__module__, ads.__qualname__
     module = sys.modules.get(home)
-    file = getattr(module, "__file__", None)
+    file = getattr(module, "__file__", None) if home != "__main__" else None
     if not file or not file.endswith(".py") or getattr(module, name, None) is not ads:
         return ""
     return f"{home}:{name}" if "." in home else f"{Path(file).resolve()}:{name}"
