@@ -38,7 +38,9 @@ looks: number of steps in which a demand was looked for.
 
 
 class Braked(NamedTuple):
-    """lost: speed taken off within a time, m/s.
+    """Result of braking for a time.
+
+    lost: speed taken off within that time, m/s.
     level: deceleration at its end, m/s2.
     """
 

@@ -37,7 +37,9 @@ MIN_SPEED = 0.1  # m/s; they divide by the desired speed too
 
 @dataclass(frozen=True, slots=True)
 class IdmParameters:
-    """headway: T, s.
+    """Parameters of the IDM.
+
+    headway: T, s.
     standstill_gap: s0, m.
     acceleration: a, m/s2.
     deceleration: b, the comfortable one, m/s2, > 0.
@@ -298,7 +300,8 @@ def _decide(
         known[j].last_speed = math.nan if math.isnan(others[j].x) else others[j].along
     strongest = scenario.vehicle.max_deceleration
     now = max(idm_acceleration(me.speed, own.desired_speed, gap, lead_speed, p), -strongest)
-    # in the middle of the cycle, at these accelerations: its value there is the cycle's mean
+    # The acceleration that the formula asks for in the middle of the cycle, where these
+    # accelerations lead, serves as the mean over the cycle.
     half = 0.5 * scenario.step
     gap = gap + (lead_speed - me.speed) * half - 0.5 * (braking + now) * half * half
     speed, lead_speed = max(me.speed + now * half, 0.0), max(lead_speed - braking * half, 0.0)
@@ -332,9 +335,9 @@ class Idm(Compiled):
 
     steps: driven so far.
     """
-    known = fields("last_speed")
+    known = fields("last_speed")  # of each vehicle along the road, m/s; nan: it was not seen
     numbers: ClassVar = [("idm", PARAMETERS), *flags("watches")]
-    watches = False
+    watches = False  # whether a road user that comes into the path counts, see `Attentive`
 
     def __init__(self, parameters: IdmParameters | Mapping[str, float] | None = None) -> None:
         self.idm = IdmParameters.of(parameters)

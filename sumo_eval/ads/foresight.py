@@ -72,16 +72,16 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
     until = _end_at_its_speed(concrete, settings)
     undisturbed = tracks([concrete], [(vehicle.length, vehicle.width)], step, until)
     of_actors = zip(concrete.actors, undisturbed.others[0], strict=True)
-    theirs = [_Foreseen(actor, step, rows) for actor, rows in of_actors]
-    known = []
-    for track, first_move in zip(theirs, undisturbed.begins[0].tolist(), strict=True):
+    tracks_ahead = [_Foreseen(actor, step, rows) for actor, rows in of_actors]
+    foresights = []
+    for track, first_move in zip(tracks_ahead, undisturbed.begins[0].tolist(), strict=True):
         actor = track.actor
         ahead = actor.start.x > ego.x
         slower = actor.start.speed * math.cos(actor.heading) < ego.speed
         caught_up = ahead and slower and _on_the_way(ego, actor, vehicle)
         # a slower one ahead is a hazard from the start, and so is one whose motion never changes
         changes = 0.0 if caught_up or math.isinf(first_move) else first_move
-        others = [other.shape for other in theirs if other is not track]
+        others = [other.shape for other in tracks_ahead if other is not track]
         noticed = first_sight(ego, settings, track.shape, others, changes, until)
         # one with a SUMO model, from behind, brakes for an ego that keeps its speed
         yields = actor.model is not None and not ahead
@@ -89,8 +89,8 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
         # an ego that has to change lane waits for one from behind, as if that stood still
         comes_from_behind = ego.way is not None and not ahead
         speed = 0.0 if comes_from_behind else track.slowest
-        known.append(Foresight(noticed, meets, speed, hidden=noticed > changes))
-    return tuple(known)
+        foresights.append(Foresight(noticed, meets, speed, hidden=noticed > changes))
+    return tuple(foresights)
 
 
 def evasion(

@@ -1,10 +1,10 @@
 """ADS `fsm`: the fuzzy safety model, performance model 2 of UN Regulation No. 157 (01 series, Annex
 3).
 
-Two surrogate safety metrics between 0 (safe) and 1 (unsafe) set the braking: PFS supposes that the
-lead may brake hard, CFS that both continue as they are. Source: the regulation, and Mattas et al.,
-Accid. Anal. Prev. 148, 105794 (2020); constants as in the JRC's implementation. docs/baselines.md
-lists the readings.
+Two surrogate safety metrics between 0 (safe) and 1 (unsafe) set the braking: PFS (proactive fuzzy
+safety) supposes that the lead may brake hard, CFS (critical fuzzy safety) that both continue as
+they are. Source: the regulation, and Mattas et al., Accid. Anal. Prev. 148, 105794 (2020);
+constants as in the JRC's implementation. docs/baselines.md lists the readings.
 """
 
 from __future__ import annotations

@@ -198,7 +198,7 @@ def lane_kept(ego: Any, scenario: Any) -> float:
     return float(vehicle.steering_ratio * math.atan(vehicle.wheelbase * curvature))
 
 
-@functools.cache  # it is the same for every driver of a population
+@functools.cache  # all drivers of a population ask for the same share
 def share_of_duration(done: float) -> float:
     """The share of a lane change's duration, 0..1, after which the share `done` of its offset,
     0..1, is covered.
@@ -212,7 +212,7 @@ def share_of_duration(done: float) -> float:
 def share_when_done(done: float) -> float:
     """`share_of_duration` without the check, by bisection."""
     low, high = 0.0, 1.0
-    for _ in range(40):
+    for _ in range(40):  # to 1e-12
         middle = 0.5 * (low + high)
         if smooth_step(middle) < done:
             low = middle

@@ -168,8 +168,10 @@ def _has_left_lane(memory: Any, me: Any, road: Any) -> bool:
     lane = lane_of(memory.path.start, road)
     if lane + 1 >= road.lanes or road.shaped == 0:
         return bool(lane + 1 < road.lanes)
+    # the right lane may be parted from its neighbour here
     if not (lane > 0 or road.right_parted_until < me.x < road.right_parted_from):
         return False
+    # of the lanes to change to, only the leftmost may be closed or parted here
     begin = max(road.left_is_open, road.left_parted_until)
     end = min(road.left_closes, road.left_parted_from)
     return bool(lane + 2 < road.lanes or begin <= me.x < end - END_AHEAD * me.along)
@@ -229,6 +231,7 @@ def _find_leads(memory: Any, me: Any, others: Any, watched: Any, scenario: Any) 
 
 @kernel
 def _nearest_lead(others: Any, watched: Any) -> int:
+    """Index of the nearest vehicle in the way; -1: none."""
     nearest = -1
     for j in range(len(others)):
         if watched[j].leads and (nearest < 0 or watched[j].gap < watched[nearest].gap):
@@ -279,11 +282,16 @@ def _waits_to_overtake(
 
 @kernel
 def _pays(memory: Any, lead: Any, habits: Any) -> bool:
+    """Whether the ego overtakes, and the lead is slow enough to be worth it."""
     return bool(habits.inclined and memory.cruising_speed - lead.along >= habits.worth)
 
 
 @kernel
 def _is_time(me: Any, lead: Any, habits: Any) -> bool:
+    """Whether the lead is near enough to begin the change, by headway or TTC.
+
+    lead: its `WATCHED`.
+    """
     return bool(lead.gap <= max(habits.onset_headway * me.along, habits.onset_ttc * lead.closing))
 
 

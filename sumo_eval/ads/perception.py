@@ -41,9 +41,9 @@ def lateral_overlap(me: Any, other: Any) -> float:
     """Width of the strip along the road that both bodies share, m; negative: their distance
     across.
     """
-    mine, its = me.half_width, other.half_width
+    half, other_half = me.half_width, other.half_width
     # the strip is at most as wide as either body
-    return float(min(mine + its - abs(me.y - other.y), 2.0 * mine, 2.0 * its))
+    return float(min(half + other_half - abs(me.y - other.y), 2.0 * half, 2.0 * other_half))
 
 
 @kernel

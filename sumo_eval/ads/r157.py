@@ -105,6 +105,7 @@ then: where the ego is foreseen to be at some instant.
 told: acceleration of this cycle, m/s2.
 steps: driven so far.
 """
+# parameter of a rule: its `Brakes`
 BRAKES = ("brakes", fields("response", "braking", "jerk"))
 
 

@@ -131,7 +131,7 @@ def careful_driver(
     own: `CarefulDriver.memory`.
     watched: `CarefulDriver.known`, of each other vehicle.
     others_then: room for the other vehicles at another instant, as `own.then` is for the ego.
-    scenario: the first of the two is used: the driver decides at every step.
+    scenario: two `SCENARIO` records; only the first is used, as the driver decides at every step.
     """
     me, path, time = own.me, own.path, ego.time
     vehicle, step = scenario[0].vehicle, scenario[0].step
