@@ -372,7 +372,7 @@ class Chunk:
     """Consecutive rows of a table: of one ADS in one scenario, parameters of the same names.
 
     rows: their number.
-    columns: function that reads columns, as `encode_rows` made them, from a slice of their places.
+    columns: function that reads the columns at a slice of places, as `encode_rows` made them.
     """
 
     scenario: str
@@ -410,8 +410,8 @@ def _encoded(name: str, values: Sequence[Any]) -> bytes:
     if _is_real(name):
         return zlib.compress(_number(values).view(np.uint8).reshape(-1, 8).T.tobytes(), 1)
     places: dict[Any, int] = {}  # of the distinct values, in the order of their first row
-    which = [places.setdefault(value, len(places)) for value in values]
-    return zlib.compress(np.array(which, dtype="<u4").tobytes() + encoded(list(places)), 1)
+    indices = [places.setdefault(value, len(places)) for value in values]
+    return zlib.compress(np.array(indices, dtype="<u4").tobytes() + encoded(list(places)), 1)
 
 
 def _real(data: bytes, rows: int) -> FloatArray:
@@ -425,8 +425,8 @@ def _listed(data: bytes, rows: int) -> tuple[tuple[Any, ...], IntArray]:
     them, (n,).
     """
     body = zlib.decompress(data)
-    which = np.frombuffer(body[: 4 * rows], dtype="<u4")
-    return decoded(body[4 * rows :], _RECORDS), which.astype(np.intp)
+    indices = np.frombuffer(body[: 4 * rows], dtype="<u4")
+    return decoded(body[4 * rows :], _RECORDS), indices.astype(np.intp)
 
 
 @lru_cache(256)
@@ -441,18 +441,18 @@ def _array(name: str, data: bytes, rows: int) -> Column:
     """
     if _is_real(name):
         return _real(data, rows)
-    values, which = _listed(data, rows)
+    values, indices = _listed(data, rows)
     kind = _TYPES[name]
     if kind == "bool":
-        return np.array(values, dtype=np.bool_)[which]
+        return np.array(values, dtype=np.bool_)[indices]
     if name in NUMBERS:
-        return _number(values)[which]
+        return _number(values)[indices]
     if kind.startswith(("str", "Zone", "Literal")):
-        return np.array([value or "" for value in values], dtype=_TEXT)[which]
+        return np.array([value or "" for value in values], dtype=_TEXT)[indices]
     # filled afterwards: `np.array` would make a table of values that are tuples
     objects = np.empty(len(values), dtype=object)
     objects[:] = values
-    return objects[which]
+    return objects[indices]
 
 
 def _plain(name: str, data: bytes, rows: int) -> list[Any]:
@@ -463,8 +463,8 @@ def _plain(name: str, data: bytes, rows: int) -> list[Any]:
         for row in np.flatnonzero(np.isnan(numbers)).tolist():
             plain[row] = None
         return plain
-    values, which = _listed(data, rows)
-    return [values[place] for place in which.tolist()]
+    values, indices = _listed(data, rows)
+    return [values[index] for index in indices.tolist()]
 
 
 @lru_cache(_CACHED_CHUNKS)
@@ -516,16 +516,16 @@ class CaseTable(CaseProperties):
         Only of a table that has all rows of its chunks.
         """
         return CaseTable(
-            one for one in self.chunks if one.scenario == scenario and ads in (None, one.ads)
+            it for it in self.chunks if it.scenario == scenario and ads in (None, it.ads)
         )
 
     def parameters(self, names: Sequence[str]) -> FloatArray:
         """Points of the cases, (n, k): the parameters of these names."""
         points = np.empty((self._starts[-1], len(names)))
         for first, chunk in zip(self._starts, self.chunks, strict=False):
-            known = json.loads(chunk.columns(slice(_PLACES["values"], _PLACES["values"] + 1))[0])
+            stored = json.loads(chunk.columns(slice(_PLACES["values"], _PLACES["values"] + 1))[0])
             for axis, name in enumerate(names):
-                place = len(_PLACES) + known.index(name)
+                place = len(_PLACES) + stored.index(name)
                 points[first : first + chunk.rows, axis] = _array_of(chunk, "", place)
         return points if self.rows is None else points[self.rows]
 

@@ -65,7 +65,7 @@ def nearest(name: str, known: Sequence[str]) -> str | None:
     if not known:
         return None
     matcher = difflib.SequenceMatcher(b=name)
-    best, near = LEAST_ALIKE, ""
+    best, near = LEAST_ALIKE, ""  # highest similarity so far, and its name
     # `commonprefix` compares texts letter by letter, although it is in `os.path`
     first = max(known, key=lambda it: len(os.path.commonprefix([it, name])))  # noqa: RUF071
     for candidate in itertools.chain((first,), known):

@@ -4,8 +4,8 @@ The only module that knows both SUMO's side and the equations'.
 
 Facts first: `evaluate` simulates and stores what happened. Scores second: `score` computes every
 index from the stored facts alone, again and again, with other settings if wanted, without a
-simulation. What simulates and what computes is imported where it is needed: answers from what a run
-keeps come without the second that these imports take.
+simulation. What simulates and what computes is imported where it is needed: scores that a run keeps
+are read without these imports, which take a second.
 """
 
 from __future__ import annotations
@@ -103,8 +103,8 @@ def record_rounds(
     if adaptive:
         run = in_rounds(run, folder if resume else None)
     # driving needs no zones, scoring does: those that are not known are found meanwhile
-    known = zones_are_known(run.settings, run.source)
-    zones = None if known else partial(find_zones, run.settings, run.source, folder)
+    zones_known = zones_are_known(run.settings, run.source)
+    zones = None if zones_known else partial(find_zones, run.settings, run.source, folder)
     record = partial(record_facts, folder=folder, progress=progress, stopping=stopping)
     recorded = record(run, resume=resume, meanwhile=zones)
     # a round of single cases chooses no further one
@@ -163,26 +163,26 @@ def score(
         run_folder.check_complete(store, folder)
         kept = KeptResults(folder)
         key = scores_key(settings, store.content, resolved.source, severity.sha256, exposures)
-        found = kept_scores(kept, key)
-        if found is None:
+        results = kept_scores(kept, key)
+        if results is None:
             from sumo_eval.record.human_reference import point_processes
             from sumo_eval.scoring.steps import Scoring
 
             store.check_all()
             with point_processes(store, settings.run.workers) as spread:
                 scoring = Scoring(resolved, exposures, severity, store, kept, spread, progress)
-                found = keep_scores(kept, key, scoring.scores(RowWriter(kept, key)))
+                results = keep_scores(kept, key, scoring.scores(RowWriter(kept, key)))
         vouch(facts, kept)
     return Evaluation(
         settings.name,
         folder,
         settings,
         manifest,
-        found.zones,
-        found.scores,
-        table_of(kept, key, found.chunks),
+        results.zones,
+        results.scores,
+        table_of(kept, key, results.chunks),
         exposures,
-        found.ranking,
+        results.ranking,
         resolved.scenarios,
     )
 
@@ -225,14 +225,14 @@ def discard_trajectories(evaluation: Evaluation) -> int:
         with open_store(facts, create=True) as store:
             numbers = {case: number for case, number, _ in store.names("ads")}
             critical = critical_points(evaluation, numbers) if keep == "critical" else set()
-            gone = store.discard_trajectories(
+            discarded = store.discard_trajectories(
                 lambda scenario, number: (scenario, number) in critical
             )
         kept = KeptResults(folder)
         with open_store(facts, whole=True):
             vouch(facts, kept)
         kept.close()
-    return gone
+    return discarded
 
 
 def zone_partitions(evaluation: Evaluation) -> dict[str, ZonePartition]:

@@ -50,7 +50,7 @@ _ROOMS = (
 )
 """Files and folders of this package with kernels, or with constants that are compiled into them."""
 
-_SEAL = 32  # a file of machine code begins with the SHA-256 of the rest: so many bytes
+_SEAL = 32  # bytes at the beginning of a file of machine code: the SHA-256 of the rest
 _unregistered: list[Callable[..., Any]] = []
 """Kernels that numba does not know yet: they were defined before it was loaded."""
 

@@ -444,8 +444,8 @@ class Evaluation:
     def __post_init__(self) -> None:
         # a caller may give records, or some rows of a table: both become a table of their own,
         # which has parts
-        some = isinstance(self.cases, CaseTable) and self.cases.rows is not None
-        object.__setattr__(self, "cases", CaseTable.of(iter(self.cases) if some else self.cases))
+        is_part = isinstance(self.cases, CaseTable) and self.cases.rows is not None
+        object.__setattr__(self, "cases", CaseTable.of(iter(self.cases) if is_part else self.cases))
 
     @property
     def source(self) -> Path:

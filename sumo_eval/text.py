@@ -50,15 +50,15 @@ def clean(text: str, most: int = SENTENCE, *, lines: bool = False) -> str:
     differ between processes. Cleaning what is clean changes nothing.
     """
     # by `str`'s own methods: a text may be of a user's class
-    whole = str.__len__(text)
+    length = str.__len__(text)
     end = most if lines else 0  # characters of the end that are kept
-    if whole <= most + end:
+    if length <= most + end:
         fit, left_out = _replaced(text, lines=lines), 0
     else:  # what is cut anyway is not looked through
         head = str.__getitem__(text, slice(0, most))
-        tail = str.__getitem__(text, slice(whole - end, whole))
+        tail = str.__getitem__(text, slice(length - end, length))
         fit = _replaced(head, lines=lines) + _replaced(tail, lines=lines)
-        left_out = whole - most - end
+        left_out = length - most - end
     if len(fit) <= most and not left_out:
         return fit
     room = max(most - _MARK_ROOM, 0)
@@ -89,8 +89,8 @@ def last_lines(log: str, most: int) -> str:
 def _replaced(text: str, *, lines: bool) -> str:
     plain = str.replace(text, "\r\n", "\n")
     plain = plain.replace("\r", "\n") if lines else " ".join(plain.split("\n"))
-    plain = _ADDRESS.sub(lambda found: found[1] or found[0], plain)
-    return _UNFIT.sub(lambda found: ascii(found.group())[1:-1], plain)
+    plain = _ADDRESS.sub(lambda match: match[1] or match[0], plain)
+    return _UNFIT.sub(lambda match: ascii(match.group())[1:-1], plain)
 
 
 def words_of(value: object, most: int = WORDS) -> str:

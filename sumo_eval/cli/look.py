@@ -70,8 +70,8 @@ def find(
     from sumo_eval.scoring.nearest import nearest
 
     evaluation = scored(run)
-    found = nearest(evaluation, named_values(values, "A parameter"), ads, scenario, most)
-    say(nearest_cases(found))
+    cases = nearest(evaluation, named_values(values, "A parameter"), ads, scenario, most)
+    say(nearest_cases(cases))
 
 
 @click.command(

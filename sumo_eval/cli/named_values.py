@@ -13,15 +13,15 @@ def named_values(texts: Iterable[str], option: str) -> dict[str, float]:
     """
     from sumo_eval.errors import InputError
 
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for text in texts:
-        name, _, value = (part.strip() for part in text.partition("="))
-        if name in found:
+        name, _, number = (part.strip() for part in text.partition("="))
+        if name in values:
             raise InputError(f"{option} must be given once, got `{name}` twice.")
         try:
-            found[name] = float(value)
+            values[name] = float(number)
         except ValueError:
             raise InputError(
                 f"{option} must have the form NAME=VALUE with a number, got {text!r}."
             ) from None
-    return found
+    return values

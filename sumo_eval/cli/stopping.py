@@ -37,24 +37,24 @@ def stop_on_signal() -> Iterator[Callable[[], bool]]:
     """
     signals: list[int] = []
     # started by SIGTERM: sends a second one, which stops at once
-    at_last = threading.Timer(GRACE, os.kill, (os.getpid(), signal.SIGTERM))
-    at_last.daemon = True
+    last_signal = threading.Timer(GRACE, os.kill, (os.getpid(), signal.SIGTERM))
+    last_signal.daemon = True
 
     def ask(number: int, frame: FrameType | None) -> None:
         if signals:
             raise KeyboardInterrupt
         signals.append(number)
-        then = "; Ctrl-C once more stops at once."
+        ending = "; Ctrl-C once more stops at once."
         if number == signal.SIGTERM:
-            at_last.start()
-            then = f", in {GRACE:g} s at the latest."
-        tell(f"Stopping when the running cases have ended{then}", err=True)
+            last_signal.start()
+            ending = f", in {GRACE:g} s at the latest."
+        tell(f"Stopping when the running cases have ended{ending}", err=True)
 
     with _handled(ask):
         try:
             yield lambda: bool(signals)
         finally:
-            at_last.cancel()
+            last_signal.cancel()
 
 
 @contextmanager

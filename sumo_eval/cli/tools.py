@@ -160,14 +160,14 @@ def _check_scenario(use: str) -> NoReturn:
     from sumo_eval.scenario.resolved import Resolved
     from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
-    file, given = options_of(use)
+    file, options = options_of(use)
     path = Path(file)
     alone = EvaluationSettings("check", (ScenarioSettings(path.name + use.removeprefix(file)),))
     # `check_file` below checks all points of the sample
     space = space_of(Resolved.of(alone, path.parent.resolve()), 0, looked_at=_MOST_POINTS)
     logical = space.logical
     refuse_impossible_zones(logical, alone.method.zones)
-    say(check_file(path, given))
+    say(check_file(path, options))
     if asks_some(logical):
         sampled = (
             f"some {_MOST_POINTS} of these points and " if len(space.points) > _MOST_POINTS else ""
@@ -230,14 +230,14 @@ def _check_evaluation(path: Path) -> None:
     tell(f"ok    {path}: the settings are valid")
 
     spaces: list[Space] = []
-    wrong = _count_mistakes(_scenario_parts(settings, source, spaces))
-    wrong += _count_mistakes(_planned_parts(settings, source))
+    mistakes = _count_mistakes(_scenario_parts(settings, source, spaces))
+    mistakes += _count_mistakes(_planned_parts(settings, source))
     # recorded drivers need valid settings and all spaces
-    if settings.drivers.source == "recorded" and not wrong:
-        wrong = sum(_check_recorded_people(space, settings, source) for space in spaces)
+    if settings.drivers.source == "recorded" and not mistakes:
+        mistakes = sum(_check_recorded_people(space, settings, source) for space in spaces)
     names = [space.logical.name for space in spaces]
-    wrong += _count_mistakes(_closing_parts(settings, source, names))
-    sys.exit(INPUT_WRONG if wrong else DONE)
+    mistakes += _count_mistakes(_closing_parts(settings, source, names))
+    sys.exit(INPUT_WRONG if mistakes else DONE)
 
 
 def _scenario_parts(
@@ -266,7 +266,7 @@ def _points(settings: EvaluationSettings, source: Path, spaces: list[Space]) -> 
     from sumo_eval.scenario.resolved import Resolved, refuse_doubles
 
     space = space_of(Resolved.of(settings, source), 0)
-    refuse_doubles([known.logical.name for known in (*spaces, space)])
+    refuse_doubles([valid.logical.name for valid in (*spaces, space)])
     spaces.append(space)
     refuse_impossible_zones(space.logical, settings.method.zones)
     return f"{len(space.points)} points of {', '.join(space.logical.names)}"
@@ -344,14 +344,14 @@ def _count_mistakes(parts: Iterable[Part]) -> int:
     """Check parts of a file, print a line for each, and return how many are wrong."""
     from sumo_eval.errors import InputError
 
-    wrong = 0
+    mistakes = 0
     for described, check_part in parts:
         try:
             tell(f"ok    {described}: {check_part()}")
         except InputError as error:
-            wrong += 1
+            mistakes += 1
             tell(f"FAIL  {described}: {error}")
-    return wrong
+    return mistakes
 
 
 def _check_recorded_people(space: Space, settings: EvaluationSettings, source: Path) -> int:
@@ -372,13 +372,13 @@ def _check_recorded_people(space: Space, settings: EvaluationSettings, source: P
             return "drives in named cases only"
         return f"{len(matching_events(people.events, name, recorded))} events like it"
 
-    wrong = _count_mistakes([(f"recorded people of {name}", matching)])
+    mistakes = _count_mistakes([(f"recorded people of {name}", matching)])
     # read without a mistake, and no drive at any safe point
     if matched == [False] and space.safe:
         tell(
             f"WARN  recorded people of {name}: none match any of its {len(space.safe)} safe points"
         )
-    return wrong
+    return mistakes
 
 
 @click.command(epilog="Example: sumo-eval schema evaluation > evaluation.schema.json")

@@ -42,20 +42,20 @@ def whatif(
         raise InputError("`whatif` needs either a CASE or --all-collisions.")
     search = WhatIf(run)
     if case is None:
-        found = _of_all_collisions(search, run, lever)
-        reasons = [one.why_not for one in found if one.why_not]  # of collisions without answers
-        found = [one for one in found if not one.why_not]
-        if reasons and not found:
+        levers = _of_all_collisions(search, run, lever)
+        reasons = [it.why_not for it in levers if it.why_not]  # of collisions without answers
+        levers = [it for it in levers if not it.why_not]
+        if reasons and not levers:
             raise InputError(reasons[0])
         if reasons:
             words = f"{count(len(reasons), 'collision')} left out. The first: {reasons[0]}"
             tell(words, err=True)
-        lines = _table_of_all(found)
+        lines = _table_of_all(levers)
     else:
-        found = [search.answers(known_case(run, case), lever)]
-        lines = _table(found[0])
+        levers = [search.answers(known_case(run, case), lever)]
+        lines = _table(levers[0])
     if as_json:
-        plain = {one.fact.case: [_plain(it) for it in one.answers] for one in found}
+        plain = {it.fact.case: list(map(_plain, it.answers)) for it in levers}
         tell(json.dumps(plain, indent=1))
     else:
         show(lines)
@@ -68,13 +68,13 @@ def _of_all_collisions(search: WhatIf, run: Path, lever: str | None) -> list[Cas
 
     with open_store(run / FACTS) as store:
         facts = [fact for fact in store.facts("ads") if fact.collision is not None]
-    found = []
+    levers = []
     with Progress() as progress:
         for number, fact in enumerate(facts, start=1):
             # to count, the values of the first round are enough
-            found.append(search.answers_or_why_not(fact, lever, fine=False))
+            levers.append(search.answers_or_why_not(fact, lever, fine=False))
             progress("collisions", number, len(facts))
-    return found
+    return levers
 
 
 def _plain(answer: Answer) -> dict[str, object]:
@@ -82,38 +82,38 @@ def _plain(answer: Answer) -> dict[str, object]:
     return {**asdict(answer), "share": answer.share if answer.flips else None}
 
 
-def _table(found: CaseLevers) -> Iterator[str]:
+def _table(levers: CaseLevers) -> Iterator[str]:
     """A line for each lever: recorded value, value needed, change as a share of the range."""
     from sumo_eval.report.levers_section import effect_words, ends_words
 
-    hit = found.fact.collision
-    yield f"{found.fact.case}: {ends_words(hit)}"
-    for it in found.answers:
-        line = f"  {it.lever.name:<28} {effect_words(it, hit)}"
-        if it.flips:
-            bar = "█" * max(round(it.share * _BAR), 1)
-            line += f"  {bar} {100.0 * it.share:z.1f} % of its range"
+    hit = levers.fact.collision
+    yield f"{levers.fact.case}: {ends_words(hit)}"
+    for answer in levers.answers:
+        line = f"  {answer.lever.name:<28} {effect_words(answer, hit)}"
+        if answer.flips:
+            bar = "█" * max(round(answer.share * _BAR), 1)
+            line += f"  {bar} {100.0 * answer.share:z.1f} % of its range"
         yield line
-    yield f"{found.drives} drives; a delay acts in whole steps of the simulation."
+    yield f"{levers.drives} drives; a delay acts in whole steps of the simulation."
 
 
-def _table_of_all(found: Sequence[CaseLevers]) -> Iterator[str]:
+def _table_of_all(levers: Sequence[CaseLevers]) -> Iterator[str]:
     """A line for each lever of each ADS and scenario: how many collisions it avoids."""
     from sumo_eval.report.words import count
 
-    if not found:
+    if not levers:
         yield "The run has no collision."
     groups: dict[tuple[str, str], list[CaseLevers]] = {}
-    for one in found:
-        groups.setdefault((one.fact.driver, one.fact.scenario), []).append(one)
+    for it in levers:
+        groups.setdefault((it.fact.driver, it.fact.scenario), []).append(it)
     for (ads, scenario), cases in groups.items():
         yield f"{ads} in {scenario}: {count(len(cases), 'collision')}"
         # of each lever, the change of each collision that it avoids
         avoided: dict[str, list[float]] = {}
-        for it in chain.from_iterable(one.answers for one in cases):
-            changes = avoided.setdefault(it.lever.name, [])
-            if it.flips:
-                changes.append(it.share)
+        for answer in chain.from_iterable(it.answers for it in cases):
+            changes = avoided.setdefault(answer.lever.name, [])
+            if answer.flips:
+                changes.append(answer.share)
         for name, changes in sorted(avoided.items(), key=lambda pair: -len(pair[1])):
             line = f"  {name:<28} avoids {len(changes)}"
             if changes:

@@ -63,7 +63,7 @@ def with_suites(content: Mapping[str, Any], where: str) -> Mapping[str, Any]:
     entries = content.get("scenario")
     if not isinstance(entries, list | tuple):  # a mistake that `validated` reports
         return content
-    uses = [str(one.get("use", "")) for one in entries if isinstance(one, Mapping)]
+    uses = [str(entry.get("use", "")) for entry in entries if isinstance(entry, Mapping)]
     names = [use.removeprefix(_SUITE) for use in uses if use.startswith(_SUITE)]
     if not names:
         return content
@@ -176,13 +176,13 @@ def with_changes(settings: EvaluationSettings, changes: Sequence[str]) -> Evalua
         *parents, last = path.strip().split(".")
         place: Any = content
         for index, name in enumerate(parents):
-            known = place if isinstance(place, dict) else {}
-            if name not in known:
+            table = place if isinstance(place, dict) else {}
+            if name not in table:
                 raise InputError(
                     f"Unknown setting `{'.'.join(parents[: index + 1])}`."
-                    f"{did_you_mean(name, known)}"
+                    f"{did_you_mean(name, table)}"
                 )
-            place = known[name]
+            place = table[name]
         if not isinstance(place, dict):
             raise InputError(f"Unknown setting `{path.strip()}`.")
         place[last] = value
@@ -218,14 +218,14 @@ def mistakes(error: ValidationError, where: str, root: type, file: Path | None) 
     file: source of the line numbers.
     """
     text = "" if file is None else read_input_text(file, "file")
-    found: dict[tuple[Any, ...], list[Any]] = {}
+    findings: dict[tuple[Any, ...], list[Any]] = {}
     for item in error.errors():
-        found.setdefault(_place(item), []).append(item)
+        findings.setdefault(_place(item), []).append(item)
     return "\n".join(
         _sentence(items, where, root, line_of(text, place))
-        for place, items in found.items()
+        for place, items in findings.items()
         # unless another finding is inside this place
-        if not any(other != place and other[: len(place)] == place for other in found)
+        if not any(other != place and other[: len(place)] == place for other in findings)
     )
 
 
@@ -259,14 +259,14 @@ def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) ->
     if item["type"] == "value_error":
         return str(item["ctx"]["error"])
     # `path` without indices, as the heading of a table
-    table, wrong = re.sub(r"\[\d+\]", "", path), item["input"]
-    if item["type"] in {"tuple_type", "list_type"} and isinstance(wrong, dict):
+    table, value = re.sub(r"\[\d+\]", "", path), item["input"]
+    if item["type"] in {"tuple_type", "list_type"} and isinstance(value, dict):
         return (
             f"`{table}` in {where} must be a list of tables: write [[{table}]], with two "
             f"brackets, not [{table}]."
         )
     # an entry of a list of tables, `ads[0]`, has no brackets to be corrected
-    if item["type"] == "dataclass_type" and isinstance(wrong, list) and not path.endswith("]"):
+    if item["type"] == "dataclass_type" and isinstance(value, list) and not path.endswith("]"):
         return (
             f"`{table}` in {where} must be one table: write [{table}], with one bracket, not "
             f"[[{table}]]."
@@ -274,13 +274,13 @@ def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) ->
     message = " or ".join(dict.fromkeys(map(_demand, items)))
     allowed = [
         name
-        for one in items
-        if one["type"] == "literal_error"
-        for name in re.findall(r"'([^']*)'", one["ctx"]["expected"])
+        for finding in items
+        if finding["type"] == "literal_error"
+        for name in re.findall(r"'([^']*)'", finding["ctx"]["expected"])
     ]
-    near = nearest(wrong, allowed) if isinstance(wrong, str) else None
+    near = nearest(value, allowed) if isinstance(value, str) else None
     hint = "" if near is None else f" Did you mean `{near}`?"
-    return f"`{path}` in {where} must be {message}, got {shown(wrong)}.{hint}"
+    return f"`{path}` in {where} must be {message}, got {shown(value)}.{hint}"
 
 
 def _demand(item: Any) -> str:

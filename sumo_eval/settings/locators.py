@@ -31,13 +31,13 @@ def load_object(locator: str, folder: Path | None, kind: str) -> Any:
     if not colon or not place or not name:
         raise InputError(f"{owner} must have the form `package.module:name` or `file.py:name`.")
     load = _load_file if place.endswith(".py") else _load_module
-    found: Any = load(place, folder, owner)
+    value: Any = load(place, folder, owner)
     for part in name.split("."):
-        if not hasattr(found, part):
-            public = [known for known in dir(found) if not known.startswith("_")]
+        if not hasattr(value, part):
+            public = [item for item in dir(value) if not item.startswith("_")]
             raise InputError(f"{owner}: `{place}` has no `{name}`.{did_you_mean(part, public)}")
-        found = getattr(found, part)
-    return found
+        value = getattr(value, part)
+    return value
 
 
 def _load_module(name: str, folder: Path | None, owner: str) -> ModuleType:
