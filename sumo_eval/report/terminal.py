@@ -72,6 +72,7 @@ def _not_computed_lines(scores: Sequence[ScenarioResult]) -> Iterator[str]:
             if getattr(score, field) is not None or (name != "C" and score in alone) or not reason:
                 continue
             line = missing_term(f"{name} of {score.ads} in {score.scenario}", reason)
+            # its full stop moves to the end
             yield f"{line[:-1]} of S+." if name == "H" else line
     if alone:
         reason = reason_without("H", alone[0])
@@ -96,7 +97,7 @@ def _missing_lines(evaluation: Evaluation) -> Iterator[str]:
     missing.
     """
     first: dict[tuple[str, str, str], tuple[str, str]] = {}
-    more: Counter[tuple[str, str, str] | None] = Counter()
+    more: Counter[tuple[str, str, str] | None] = Counter()  # None: all kinds that are not listed
     for case in chain.from_iterable(unevaluated(evaluation)):
         sentence = why_missing(case)
         alike = without_numbers(sentence) if case.evaluated else case.error_place or sentence
@@ -150,7 +151,7 @@ def _space_lines(evaluation: Evaluation) -> Iterator[str]:
 
 
 def ranking_lines(ranking: Ranking | None) -> list[str]:
-    """The ADSs in the order of S+, each with the difference to the one above it; nothing of a
+    """The ADSs in the order of S+, each with the difference to the one above it; none for a
     single ADS.
     """
     if ranking is None or len(ranking.ads) < 2:
@@ -169,10 +170,12 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
         interval = f" ({interval_words(one.interval, 1)})" if one.interval else ""
         words = f"  {one.place}. {one_line(one.ads)}  {number(one.s_plus, 1)}{interval}"
         if above:
+            # its numbers are of the ADS above less this one, the words the other way round
             pair = ranking.pair(above, one.ads)
             low, high = pair.interval or (0.0, 0.0)
             ends = f" ({interval_words((-high, -low), 1)})" if pair.interval else ""
             words += f"  {number(-pair.difference, 1)}{ends} to {one_line(above)}"
+            # with S+ = 0 every replicate is 0, however the cases differ
             alike = pair.scored_alike and one.s_plus
             why = "scored alike in every case" if alike else "not told apart"
             words += "" if pair.told_apart else f": {why}, the place is shared"
@@ -192,8 +195,8 @@ def comparison_lines(
     """Changes between two runs: verdict, flipped cases, quantities, gates."""
     lines = [verdict(comparison, gates, evaluation).sentence]
     lines += [
-        f"{'DIFFERS' if other.decides else 'differs'}: {one_line(other.words)}"
-        for other in comparison.differences
+        f"{'DIFFERS' if one.decides else 'differs'}: {one_line(one.words)}"
+        for one in comparison.differences
     ]
     lines += change_lines(comparison)
     return [*lines, *gate_lines(gates, Path(comparison.new_folder))]
@@ -207,17 +210,17 @@ def change_lines(comparison: Comparison) -> list[str]:
             f"{one_line(one.ads)} in {one.scenario}: {count(one.pairs, 'case')} side by side"
         )
         for kind in (*WORSE, *BETTER):
-            found = one.changed.of(kind)
-            if not len(found):
+            cases = one.changed.of(kind)
+            if not len(cases):
                 continue
-            lines.append(f"  {kind}: {len(found)}")
-            for item in islice(found, MOST_CHANGES):
+            lines.append(f"  {kind}: {len(cases)}")
+            for item in islice(cases, MOST_CHANGES):
                 by = "".join(f", {words}" for words in moved_words(item, one.units[1]))
                 lines.append(
                     f"    {one_line(item.new.case)}: {one_line(point_words(item.new.values))}{by}"
                 )
-            if len(found) > MOST_CHANGES:
-                lines.append(f"    and {len(found) - MOST_CHANGES} more, all in the report.")
+            if len(cases) > MOST_CHANGES:
+                lines.append(f"    and {len(cases) - MOST_CHANGES} more, all in the report.")
         for name, change in one.quantities.items():
             lines.append(f"  {name}: {quantity_words(name, change, comparison.confidence)}")
     return lines
@@ -299,6 +302,7 @@ def ways_to(run: Path, case: str) -> dict[str, str]:
 
 def _unjudged_lines(gates: Sequence[GateResult]) -> Iterator[str]:
     """Limits that could not be evaluated, those with one reason on one line."""
+    # (ADS, if its cases cannot show a change of the quantity; reason) -> limits
     unjudged: defaultdict[tuple[str, str], list[GateResult]] = defaultdict(list)
     for gate in gates:
         if gate.passed is None:
@@ -359,44 +363,44 @@ def cause_of(line: LedgerLine, score: ScenarioResult) -> str:
     return ": ".join(filter(None, (f"{line.term} {line.cause}", reasons.get(line.term))))
 
 
-def ledger_sentences(found: Ledger) -> list[str]:
+def ledger_sentences(account: Ledger) -> list[str]:
     """The lines that cost points, the costliest first: `H lost 6.1 of 50 points: plausibility in 14
     cases.`
     """
-    # terms of S begin with a line of gain, without cases
+    # points that a term of S can give: its first line, a gain without cases; S+ has 100 points
     whole = {
-        line.term: line.points for line in found.lines if line.index > 0.0 and not line.entries
+        line.term: line.points for line in account.lines if line.index > 0.0 and not line.entries
     }
     # less would print as 0.0
-    losses = [line for line in found.lines if line.points <= -0.05]
+    losses = [line for line in account.lines if line.points <= -0.05]
     return [
         f"{line.term} lost {-line.points:z.1f} of {whole.get(line.term, FULL):g} points: "
-        f"{cause_of(line, found.score)}"
+        f"{cause_of(line, account.score)}"
         + (f" in {count(line.cases, 'case')}" if line.cases else "")
         + "."
         for line in sorted(losses, key=lambda line: line.points)
     ]
 
 
-def ledger_words(found: Ledger, digits: int) -> str:
+def ledger_words(account: Ledger, digits: int) -> str:
     """`S+ = 63.3`, or that there is none."""
-    value = found.score.s_plus if found.name == "S+" else found.score.s
-    known = f"= {found.total:z.{digits}f}" if value is not None else "is not computed"
-    return f"{found.name} {known}"
+    value = account.score.s_plus if account.name == "S+" else account.score.s
+    result = f"= {account.total:z.{digits}f}" if value is not None else "is not computed"
+    return f"{account.name} {result}"
 
 
-def _ledger_lines(found: Ledger) -> list[str]:
-    who = f"{one_line(found.score.ads)} in {found.score.scenario}"
-    lines = [f"{who}: {ledger_words(found, 2)}"]
-    for line in found.lines:
+def _ledger_lines(account: Ledger) -> list[str]:
+    who = f"{one_line(account.score.ads)} in {account.score.scenario}"
+    lines = [f"{who}: {ledger_words(account, 2)}"]
+    for line in account.lines:
         cases = f", {count(line.cases, 'case')}" if line.entries else ""
         equation = f"Eq. {line.equation}: " if line.equation else ""
         lines.append(
             f"  {line.points:+z8.2f}  {line.term} {line.index:+z.4f}  {equation}"
-            f"{cause_of(line, found.score)}{cases}"
+            f"{cause_of(line, account.score)}{cases}"
         )
         lines += [
             f"            {points:+z8.2f}  {one_line(f'{case.case}: {point_words(case.values)}')}"
             for case, points in line.worst(MOST_ENTRIES)
         ]
-    return [*lines, f"  {found.total:z8.2f}  {found.name}, the sum"]
+    return [*lines, f"  {account.total:z8.2f}  {account.name}, the sum"]

@@ -169,7 +169,7 @@ _CAUSES = {
 
 
 def cause_words(case: CaseResult | ContactCause) -> str:
-    """Cause of a contact beside its point of no return; "" without a contact."""
+    """Cause of a contact, by the braking and the point of no return; "" without a contact."""
     last, braked = case.no_return_time or 0.0, case.braking_time or 0.0
     words = _CAUSES.get(case.contact_cause, "")
     return words.format(last=f"{last:z.2f} s", after=braked - last)
@@ -251,16 +251,16 @@ def count(n: int, noun: str, nouns: str | None = None) -> str:
     return f"{n} {noun if n == 1 else nouns or noun + 's'}"
 
 
-def collision_words(known: bool) -> str:
+def collision_words(exposure_known: bool) -> str:
     """Name of the collision probability.
 
-    known: whether exposures were declared or measured.
+    exposure_known: whether exposures were declared or measured.
     """
-    return "Collision probability" if known else "Share of the points with a collision"
+    return "Collision probability" if exposure_known else "Share of the points with a collision"
 
 
 def one_line(text: str) -> str:
-    """Without line breaks and without control characters, which would repaint a terminal."""
+    """A text on one line, without control characters, which would repaint a terminal."""
     return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
 
 
@@ -291,8 +291,9 @@ def people_sentence(evaluation: Evaluation) -> str:
             "and no recorded driver matches them."
         )
     if drivers.source != "recorded":
-        without = [score.scenario for score in evaluation.scores if score.nobody_compared]
-        alone = ", ".join(dict.fromkeys(without))
+        without = ", ".join(
+            dict.fromkeys(score.scenario for score in evaluation.scores if score.nobody_compared)
+        )
         origin = (
             f"The {drivers.count} human drivers of each concrete scenario are synthetic: "
             "drawn from distributions fitted to recorded traffic. They are not recorded people."
@@ -300,7 +301,7 @@ def people_sentence(evaluation: Evaluation) -> str:
             else f"The human drivers come from `{drivers.source}`, which this evaluation names as "
             "its reference."
         )
-        return origin + (f" There are none in {alone}." if alone else "")
+        return origin + (f" There are none in {without}." if without else "")
     behind = people_behind(evaluation)
     source = ", ".join(drivers.recordings) or drivers.cases
     fills = drivers.too_thin == "fill"
@@ -331,9 +332,10 @@ def sampling_words(sampling: SamplingSettings, logical: LogicalScenario) -> str:
     suffixes = {item.name: item.unit_suffix for item in logical.parameters}
     grid = "grid" if sampling.levels is not None or sampling.steps else None
     method = sampling.method or grid or ("file" if sampling.file else logical.default_sample)
-    own = [item.about for item in logical.samples if item.name == method]
-    if own:
-        return f"{method}, {own[0]}"
+    # a sample that the scenario brings along describes itself
+    texts = [item.about for item in logical.samples if item.name == method]
+    if texts:
+        return f"{method}, {texts[0]}"
     if sampling.count is not None:
         return f"{method}, {sampling.count} points asked for"
     if sampling.file is not None:
@@ -427,7 +429,11 @@ def explain_a(found: Findings) -> str:
 
 
 def _most_from(name: str, case: CaseResult, lost: float, of: float) -> str:
-    """Case that took most from a score, if it is worth naming."""
+    """Sentence on the case that took most from a score; empty if it is not worth naming.
+
+    lost: loss of the case.
+    of: loss of all cases; 0 where nothing is lost.
+    """
     if not (lost and lost >= SHARE_WORTH_NAMING * of):
         return ""
     return f" {point_words(case.values)} took the most from {name}: {lost:z.3f} of {of:z.3f}."
@@ -453,10 +459,10 @@ def explain_s_plus(found: Findings) -> str:
     if score.s_plus is None:
         reason = REASON_WITHOUT_T if score.task_share is None else REASON_WITHOUT_C
         return f"S+ is not computed: {reason}."
-    done = f"{score.task_share:z.3f} x {max(score.avoidance_grade or 0.0, 0.0):z.3f}"
+    product = f"{score.task_share:z.3f} x {max(score.avoidance_grade or 0.0, 0.0):z.3f}"
     missing = "" if score.human_likeness is not None else ", H not computed"
     manner = f"({points.a:g} + {points.b:g} x {score.human_likeness or 0.0:z.3f}{missing})"
-    return f"S+ = T A' (a + b H) = {done} x {manner} = {score.s_plus:z.1f} points."
+    return f"S+ = T A' (a + b H) = {product} x {manner} = {score.s_plus:z.1f} points."
 
 
 def explain_t(found: Findings) -> str:
@@ -526,7 +532,7 @@ def explain_d(found: Findings) -> str:
     if 0 < low < indexed:
         said += f" {low} of them {'scores' if low == 1 else 'score'} below 0.1."
     notes = cases.index_note[cases.safe]
-    if split := sum(any(note.kind == "two_groups" for note in some) for some in notes):
+    if split := sum(any(note.kind == "two_groups" for note in of_case) for of_case in notes):
         said += f" In {split} of them {TWO_GROUPS}"
     return said
 
@@ -552,8 +558,8 @@ def _limit(means: Mapping[str, float], words: str) -> str:
 def parts_of_total(ranking: Ranking) -> str:
     """Scenarios of an evaluation without S+, and those in which H counts 0; empty without any."""
     parts = [
-        f"{why} in {', '.join(names)}"
-        for names, why in (
+        f"{effect} in {', '.join(names)}"
+        for names, effect in (
             (ranking.without_task, "no task, so no S+,"),
             (ranking.without_people, "H counts 0, without people,"),
         )
@@ -659,6 +665,7 @@ _COUNTED = {
     "ideal_collides_too": "The ideal vehicle has {number} of {of_hits} in the safe zone as well: C "
     "and A count them, D and H leave them out.",
 }
+"""Sentence of a `Counted` note, by what it counts."""
 
 
 def score_note(note: ScoreNote) -> str:
@@ -748,19 +755,22 @@ def index_notes(evaluation: Evaluation) -> list[GatheredNote]:
     """The notes on D_i, gathered by kind and manoeuvre, the most frequent first."""
     gathered = []
     for one in findings(evaluation):
+        # each different note -> number of cases
         often = Counter(note for notes in one.cases.index_note for note in notes)
+        # the same notes by kind and manoeuvre
         alike: dict[tuple[NoteKind, Manoeuvre], list[IndexNote]] = {}
         for note in often:
             alike.setdefault((note.kind, note.manoeuvre), []).append(note)
-        cases = {kind: sum(often[note] for note in notes) for kind, notes in alike.items()}
+        cases = {key: sum(often[note] for note in notes) for key, notes in alike.items()}
         gathered += [
-            GatheredNote(one.score.ads, one.score.scenario, cases[kind], notes_sentence(notes))
-            for kind, notes in sorted(alike.items(), key=lambda it: (-cases[it[0]], it[0]))
+            GatheredNote(one.score.ads, one.score.scenario, cases[key], notes_sentence(alike[key]))
+            for key in sorted(alike, key=lambda key: (-cases[key], key))
         ]
     return gathered
 
 
 def _range(numbers: Sequence[int]) -> str:
+    """`3`, or `3 to 5`."""
     low, high = min(numbers), max(numbers)
     return f"{low}" if low == high else f"{low} to {high}"
 
@@ -780,4 +790,4 @@ def explain_s(found: Findings) -> str:
 
 EXPLAIN = (explain_t, explain_a, explain_h, explain_s_plus)
 EXPLAIN_PAPER = (explain_c, explain_d, explain_s)
-"""Sentences on one ADS in one scenario, the paper's scores apart."""
+"""Functions that make the sentences on one ADS in one scenario, the paper's scores apart."""

@@ -1,6 +1,6 @@
 """Contributions of each case to the scores, as arrays, and all scores of one sample of the cases
 or of many. `scoring.quantities` makes the scores of a run here, `scoring.confidence` their
-intervals.
+intervals, `scoring.comparison` the scores of paired cases.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ def scores_of(
     d = np.where(voided, np.nan, d)
     harm = terms.severity, terms.ideal, terms.unreacting
     avoided = score_terms.avoided_share(*harm, terms.weight, counts)
-    by_exposure = np.full(d.shape, np.nan)
+    by_exposure = np.full(d.shape, np.nan)  # where no case has an exposure
     if terms.exposure.any() if exposed is None else exposed:
         by_exposure = score_terms.avoided_share(*harm, terms.exposure, counts)
     human = score_terms.exposure_mean(terms.likeness, terms.exposure, counts)
@@ -271,7 +271,7 @@ def _at_worst(
     ideal = _filled(terms.ideal, 0.0)
     idle = np.maximum(_filled(terms.unreacting, _hardest(terms)), ideal)
     severity = np.where(missing.lost, idle, terms.severity)
-    # that of a collision which the ideal vehicle avoids
+    # ratio of each case if the ideal vehicle avoids its collision; one not known is the severest
     ratio = ratios(np.where(missing.gone, _SEVEREST, cases.severity), np.zeros(len(cases)), method)
     return replace(
         _with_shares(terms, missing, missing.unlike, 0.0),

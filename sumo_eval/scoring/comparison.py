@@ -34,9 +34,10 @@ Change = Literal[
     "new collision", "left the road", "not evaluated any more", "harsher", "less human",
     "collision gone", "back on the road", "evaluated again", "softer", "more human",
 ]  # fmt: skip
+"""What became of a case: changes for the worse, the worst first, then those for the better."""
 
 _ORDER: Final[tuple[Change, ...]] = get_args(Change)
-WORSE, BETTER = _ORDER[:5], _ORDER[5:]
+WORSE, BETTER = _ORDER[:5], _ORDER[5:]  # the two lines above
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,9 +268,9 @@ def builds_besides(builds: Mapping[str, str], comparison: Comparison | None) -> 
 
     builds: ADS -> its build.
     """
-    known = {one.what for one in comparison.differences} if comparison else set()
+    listed = {one.what for one in comparison.differences} if comparison else set()
     named = [(f"build of {ads}", build) for ads, build in builds.items()]
-    return [f"{what}: {build}" for what, build in named if what not in known]
+    return [f"{what}: {build}" for what, build in named if what not in listed]
 
 
 def compare(
@@ -374,18 +375,18 @@ def _partners(olds: Sequence[str], news: Sequence[str], pairs: Mapping[str, str]
 def _compare_ads(
     base: Evaluation, new: Evaluation, paired: Paired, settings: GateSettings
 ) -> AdsComparison:
-    """The cases of an ADS in a scenario, pair by pair."""
+    """Compare the cases of an ADS in a scenario, pair by pair."""
     case, tables = paired.new[0], (paired.base, paired.new)
     methods = base.settings.method, new.settings.method
-    old, now = (method.collision for method in methods)
-    one_unit = old.regret_unit == now.regret_unit
+    base_collision, new_collision = (method.collision for method in methods)
+    one_unit = base_collision.regret_unit == new_collision.regret_unit
     pairs = zip(tables, methods, strict=True)
     runs = [(case_terms(cases, method), method) for cases, method in pairs]
-    numbers, new_numbers = (
+    base_counts, new_counts = (
         counts(cases) | {"requirements_missed": int(np.sum(cases.requirements_missed != ""))}
         for cases in tables
     )
-    units = old.unit, now.unit
+    units = base_collision.unit, new_collision.unit
     return AdsComparison(
         case.ads,
         paired.base[0].ads,
@@ -393,7 +394,7 @@ def _compare_ads(
         identical_pairs(paired, base.folder, new.folder),
         _changes(paired, [terms for terms, _ in runs], settings, units, one_unit=one_unit),
         _quantity_changes(runs, settings, one_unit=one_unit),
-        {name: (numbers[name], new_numbers[name]) for name in numbers},
+        {name: (base_counts[name], new_counts[name]) for name in base_counts},
         units,
     )
 
@@ -404,9 +405,10 @@ def _paired(base: CaseTable, new: CaseTable) -> Paired:
     Of several cases at one point the last one counts. Pairs have the order in which their points
     first occur in the new run.
     """
-    none = np.empty(0, dtype=np.intp)
+    no_rows = np.empty(0, dtype=np.intp)
+    # without cases, or with other parameters, nothing is paired
     if not (len(base) and len(new)) or base[0].values.keys() != new[0].values.keys():
-        return Paired(base[none], new[none], none, base, new)
+        return Paired(base[no_rows], new[no_rows], no_rows, base, new)
     (olds, _, last_old), (news, first_new, last_new) = map(_cases_at, point_numbers([base, new]))
     # positions of the common points in `olds` and in `news`
     in_old, in_new = np.intersect1d(olds, news, assume_unique=True, return_indices=True)[1:]

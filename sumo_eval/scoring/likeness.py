@@ -114,7 +114,7 @@ class Survey:
     points: values, (points, k), nan where no case was driven.
     people: whether ADSs can be compared with human drivers.
     driven: points of each ADS's cases, in their order.
-    left_out: points at which drivers are left out one by one for each ADS's case.
+    left_out: of each ADS, points at which drivers are left out one by one for its case.
     """
 
     hazardous: BoolArray
@@ -142,8 +142,8 @@ def as_driven(chosen: Sample, driven: FloatArray, *, whole: bool) -> Sample:
     ):
         return chosen
     # a point that was not driven gets the values of the first one that was
-    known = sample_of(np.where(there[:, None], driven, driven[there][0]), chosen.method)
-    return known if len(chosen.points) else replace(known, notes=chosen.notes)
+    driven_sample = sample_of(np.where(there[:, None], driven, driven[there][0]), chosen.method)
+    return driven_sample if len(chosen.points) else replace(driven_sample, notes=chosen.notes)
 
 
 def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey:
@@ -166,7 +166,8 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
         weights = weights * space.points.stands_for[:points]
     usable, any_drivers = np.zeros(points, dtype=np.bool_), False
     for point, drivers, recorded in space.store.drivers_at_points(space.name):
-        usable[point], any_drivers = _usable(drivers, recorded, space.settings.drivers)[1], True
+        usable[point] = _usable(drivers, recorded, space.settings.drivers)[1]
+        any_drivers = True
 
     driven, with_index = _points_of_ads(space, usable & ~hazardous)
     all_values = np.full((points, values.shape[1]), np.nan)
@@ -235,7 +236,7 @@ class DriverComparison:
 
 def compare_with_people(
     space: ScenarioRun,
-    known: Survey,
+    overview: Survey,
     points: range,
     compared: Mapping[int, PointReference],
     unhit: Mapping[str, Sequence[Fact]],
@@ -243,6 +244,7 @@ def compare_with_people(
     """Eqs. 9-12: D_i of every evaluated case at a point with a usable reference, and of the drivers
     there.
 
+    overview: has the points at which drivers are left out.
     points: numbers of the points.
     compared: drivers of these points.
     unhit: drives of each ADS at the safe ones of these points, without contact.
@@ -255,7 +257,7 @@ def compare_with_people(
         for fact in facts:
             if fact.status in EVALUATED and fact.point in usable:
                 cases[fact.point].append(fact.case)
-                if fact.point in known.left_out[name]:
+                if fact.point in overview.left_out[name]:
                     left_out[fact.point].append(fact.case)
     jobs = {}
     for point, reference in usable.items():
@@ -273,7 +275,9 @@ def compare_with_people(
     def progress(done: int) -> None:
         first, share = points.start, done / len(jobs) * len(points)
         space.progress(
-            f"{space.name}: comparison with the drivers", first + round(share), len(known.weights)
+            f"{space.name}: comparison with the drivers",
+            first + round(share),
+            len(overview.weights),
         )
 
     results = compute_points(
@@ -292,7 +296,7 @@ def compare_with_people(
             for point, result in zip(jobs, results, strict=True)
             if result.band is not None
         },
-        {case: found for result in results for case, found in result.left_out.items()},
+        {case: without for result in results for case, without in result.left_out.items()},
         {case: usable[point].drivers for point in jobs for case in left_out[point]},
     )
 

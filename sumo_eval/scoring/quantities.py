@@ -95,7 +95,7 @@ class Remarks:
     ) -> Iterator[ScoreNote]:
         """Make the notes.
 
-        plausible: notes on the drivers of the plausibility.
+        plausible: notes on the people that the plausibility compares with.
         cases: all cases of the ADS.
         """
         ended = Counter[str]()  # status -> drives of human drivers
@@ -140,7 +140,7 @@ def struck_by_other(fact: Fact, space: ScenarioRun) -> bool:
 
 def harm_at(
     space: ScenarioRun,
-    known: Survey,
+    overview: Survey,
     points: range,
     idle: Sequence[Fact],
     tasks: Mapping[str, TaskOfDrive],
@@ -148,7 +148,8 @@ def harm_at(
     """Point -> fields that all cases there share: r (Eq. 16), Ug (Eq. 17), U0, and PET and time to
     the conflict if no vehicle reacts.
 
-    known: weights of the points.
+    overview: has the weights of all points.
+    points: numbers of the points.
     idle: the drives of `no_reaction` at these points.
     tasks: departures, by case.
     """
@@ -156,7 +157,7 @@ def harm_at(
     harm = {}
     for fact in space.facts_at(points, "ideal"):
         shared = {
-            "weight": float(known.weights[fact.point]),
+            "weight": float(overview.weights[fact.point]),
             **_reference("ideal", fact, 0.0, space),
         }
         if (no_reaction := unreacting.get(fact.point)) is not None:
@@ -206,7 +207,7 @@ def _severity(fact: Fact, space: ScenarioRun) -> float | None:
 def tabulate(
     facts: Sequence[Fact],
     space: ScenarioRun,
-    known: Survey,
+    overview: Survey,
     people: DriverComparison,
     harm: Mapping[int, Mapping[str, Any]],
     tasks: Mapping[str, TaskOfDrive],
@@ -215,14 +216,14 @@ def tabulate(
     """Make the row of each case.
 
     facts: one ADS's drives, each becomes a row.
-    known: zones and weights of the points.
+    overview: zones and weights of the points.
     people: comparison with the human drivers.
     harm: fields that the cases at a point share, by point, from `harm_at`.
     tasks: departure and t_i, by case.
     measured: fields with measures of the drive, by case.
     """
     for fact in facts:
-        zone: Zone = "hazardous" if known.hazardous[fact.point] else "safe"
+        zone: Zone = "hazardous" if overview.hazardous[fact.point] else "safe"
         hit, task, struck = fact.collision, tasks.get(fact.case), struck_by_other(fact, space)
         severity = _severity(fact, space)
         ideal = harm[fact.point]["ideal_severity"]
@@ -268,8 +269,8 @@ def tabulate(
             requirements_missed=requirements_missed(fact, space),
             **fields_of_row,
         )
-        # needs properties of the row
-        yield replace(row, human_likeness=_human_likeness(row) if known.people else None)
+        # H_i is computed from properties of the row
+        yield replace(row, human_likeness=_human_likeness(row) if overview.people else None)
 
 
 def _human_likeness(row: CaseResult) -> float | None:
@@ -332,7 +333,7 @@ def combine(
     plus = plus_of(values["task_share"], values["avoidance_grade"], human_likeness, method.score)
     scores: dict[str, Any] = {f"{name}_interval": ends for name, ends in bounds.items()}
     scores |= values | counts(cases) | {"not_evaluated": missing.total()}
-    # this field of the result is a number, not an option
+    # this field of the result is never None
     if values["collision_probability"] is None:
         scores["collision_probability"] = math.nan
     return ScenarioResult(
@@ -376,12 +377,12 @@ def _references_missing(cases: CaseTable) -> Iterator[ReferenceMissing]:
             yield ReferenceMissing(who, str(reasons[first]), 1 + len(more), cases[first].case)
 
 
-def _without_mean(safe: int, voiding: int, known: int, *, people: bool) -> NotComputed:
+def _without_mean(safe: int, voiding: int, with_value: int, *, people: bool) -> NotComputed:
     """The reason why there is no mean over the safe cases.
 
     safe: number of safe cases.
     voiding: number of collisions each of which alone voids the mean.
-    known: number of safe cases with a value.
+    with_value: number of safe cases with a value.
     """
     if not people:
         return NotComputed("no_drivers")
@@ -389,7 +390,7 @@ def _without_mean(safe: int, voiding: int, known: int, *, people: bool) -> NotCo
         return NotComputed("collisions", voiding)
     if not safe:
         return NotComputed("no_safe_case")
-    return NotComputed("no_exposure" if known else "nothing_compared")
+    return NotComputed("no_exposure" if with_value else "nothing_compared")
 
 
 def describe_zones(logical: LogicalScenario, zones: ZonePartition, points: Sample) -> ZoneResult:

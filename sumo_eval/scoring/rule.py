@@ -65,7 +65,7 @@ class Noise:
         return self.repeats.get(ads, Repeats(0, 0))
 
 
-QUIET = Noise()
+QUIET = Noise()  # no ADS was driven twice
 
 
 # --- equations ------------------------------------------------------------------------------------
@@ -89,8 +89,8 @@ def floor_of(differences: FloatArray, settings: NoiseSettings) -> float:
 
     differences: between two drives of each case with one build, (n,); nan where not known.
     """
-    known = np.abs(differences[np.isfinite(differences)])
-    return float(settings.factor * np.quantile(known, settings.quantile)) if len(known) else 0.0
+    sizes = np.abs(differences[np.isfinite(differences)])
+    return float(settings.factor * np.quantile(sizes, settings.quantile)) if len(sizes) else 0.0
 
 
 def sign_test(worse: int, better: int) -> float:
@@ -303,17 +303,17 @@ def tally(
     worse, kept = [], 1.0
     better = cases = 0
     for one in compared:
-        before, after, there = values_of(one, measure, fill=near)
+        before, after, counts = values_of(one, measure, fill=near)
         by = worsening(before, after, measure)
         limit = tolerance(before, measure, floor) * (1.0 + LAST_DIGIT)
         if near and measure.zone is not None:
             # the sign makes the worse value the smaller one
             sign = 1.0 if measure.higher_is_better else -1.0
-            there &= np.fmin(sign * before, sign * after) < sign * measure.zone
-        flags = there & (by > limit)
+            counts &= np.fmin(sign * before, sign * after) < sign * measure.zone
+        flags = counts & (by > limit)
         kept = float(kept_margin(before, after, measure)[flags].min(initial=kept))
-        better += int(np.sum(there & (by < -limit)))
-        cases += int(np.sum(there))
+        better += int(np.sum(counts & (by < -limit)))
+        cases += int(np.sum(counts))
         worse.append(Worse.of(one, flags, by, (before, after)))
     return Tally(ads, measure, near, tuple(worse), better, cases, kept)
 
@@ -330,41 +330,41 @@ def values_of(
     paired, (before, after) = one.changed.paired, one.comparable(measure.quantity)
     if fill and measure.zone is not None:
         before, after = (np.where(np.isnan(it), measure.zone, it) for it in (before, after))
-    there = (paired.base.status == "ok") & (paired.new.status == "ok")
-    return before, after, there & np.isfinite(before) & np.isfinite(after)
+    counts = (paired.base.status == "ok") & (paired.new.status == "ok")
+    return before, after, counts & np.isfinite(before) & np.isfinite(after)
 
 
 # --- the parts ------------------------------------------------------------------------------------
 
 
-def got_worse(found: Tally, settings: GateSettings) -> bool:
+def got_worse(total: Tally, settings: GateSettings) -> bool:
     """Whether a tally of an ADS that repeats itself fails, with W worse and B better cases.
 
     Part two: W > B, and one of: P < 0.1; B = 0; a worse case kept at most 60 % of its margin.
     Part three: W >= max(3, 5 % of all cases) and P < 0.02; or W >= max(3, 15 % of all cases) and
     B = 0.
     """
-    if found.near:
+    if total.near:
         rule = settings.near_miss
-        certain = found.chance < rule.chance or not found.better
-        return found.number > found.better and (certain or found.least_kept <= rule.kept_margin)
+        certain = total.chance < rule.chance or not total.better
+        return total.number > total.better and (certain or total.least_kept <= rule.kept_margin)
     shift = settings.shift
-    none_better = not found.better and many(found, settings, shift.share_alone)
-    return none_better or (many(found, settings, shift.share) and found.chance < shift.chance)
+    none_better = not total.better and many(total, settings, shift.share_alone)
+    return none_better or (many(total, settings, shift.share) and total.chance < shift.chance)
 
 
-def many(found: Tally, settings: GateSettings, share: float) -> bool:
+def many(total: Tally, settings: GateSettings, share: float) -> bool:
     """Whether at least 3 cases, and at least `share` of all cases, are worse."""
-    return found.number >= max(settings.shift.cases, share * found.cases)
+    return total.number >= max(settings.shift.cases, share * total.cases)
 
 
-def can_fail(found: Tally, settings: GateSettings, *, noisy: bool) -> bool:
+def can_fail(total: Tally, settings: GateSettings, *, noisy: bool) -> bool:
     """Whether a tally could fail if all of its cases were worse.
 
     noisy: the ADS does not repeat itself, so that P must be small.
     """
-    least = 1 if found.near else settings.shift.cases
-    return found.cases >= least and (not noisy or 0.5**found.cases <= settings.noise.chance)
+    least = 1 if total.near else settings.shift.cases
+    return total.cases >= least and (not noisy or 0.5**total.cases <= settings.noise.chance)
 
 
 def tallies(comparison: Comparison, settings: GateSettings, noise: Noise) -> list[Tally]:

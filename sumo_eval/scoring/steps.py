@@ -135,9 +135,9 @@ class Scoring:
                 density = exposure_of(logical, entry.exposure, settings.drivers, source).density
             return choose_points(logical, entry, source, settings, density)
         except InputError as error:
-            none = sample_of(np.empty((0, len(logical.names))), entry.sampling.method or "")
-            why = "The settings choose no points any more, so those that were driven count"
-            return none if recorded else replace(none, notes=(f"{why}: {error}",))
+            no_points = sample_of(np.empty((0, len(logical.names))), entry.sampling.method or "")
+            remark = "The settings choose no points any more, so those that were driven count"
+            return no_points if recorded else replace(no_points, notes=(f"{remark}: {error}",))
 
 
 Scored = list[tuple[ScenarioResult, ScoreIntervals | None]]
@@ -151,27 +151,27 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
     key = zones_key(space.entry, space.settings, space.source)
     zones = kept_zones(space.logical, method.zones, space.kept, key)
     # 2  the ADSs in every concrete scenario
-    known = survey(space, zones, key)
+    overview = survey(space, zones, key)
     plausible = plausible_people(space.logical, space.store, method.plausibility)
     remarks = {ads.name: Remarks() for ads in space.settings.ads}
     left_out: dict[str, LeftOut] = {}
     present: dict[str, Sequence[str]] = {}
-    for first in range(0, len(known.weights), POINTS_AT_ONCE):
-        some = range(first, min(first + POINTS_AT_ONCE, len(known.weights)))
+    for first in range(0, len(overview.weights), POINTS_AT_ONCE):
+        part = range(first, min(first + POINTS_AT_ONCE, len(overview.weights)))
         # 3 to 5  D_i, losses and weights of the cases, Eqs. 9-12 and 14-16
-        compared = score_points(space, known, some, plausible.people, remarks, rows)
+        compared = score_points(space, overview, part, plausible.people, remarks, rows)
         left_out |= compared.left_out
         present |= compared.present
     tables = [rows.rows(ads.name, space.name) for ads in space.settings.ads]
     # 6  C, D and S, Eqs. 13, 17, 18; T, A', H, S+
     scores = [
-        _combined(space, known, name, table, remark.notes(name, space, plausible.notes, table))
+        _combined(space, overview, name, table, remark.notes(name, space, plausible.notes, table))
         for (name, remark), table in zip(remarks.items(), tables, strict=True)
     ]
 
     # intervals, and the summary of the zones
-    points = as_driven(space.points, known.points, whole=not space.settings.run.only)
-    places = [known.driven[name] for name in remarks]  # of each ADS the points of its cases
+    points = as_driven(space.points, overview.points, whole=not space.settings.run.only)
+    places = [overview.driven[name] for name in remarks]  # of each ADS the points of its cases
     deviations = [
         driver_deviations(table, left_out, present, space.settings.drivers, space.settings.seed)
         for table in tables
@@ -189,12 +189,12 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
 
 
 def _combined(
-    space: ScenarioRun, known: Survey, ads: str, cases: CaseTable, notes: Iterable[ScoreNote]
+    space: ScenarioRun, overview: Survey, ads: str, cases: CaseTable, notes: Iterable[ScoreNote]
 ) -> ScenarioResult:
     """The scores of an ADS from all its cases."""
     score = combine(
         ads, space.name, cases, space.method, notes,
-        people=known.people, task_reference=space.car,
+        people=overview.people, task_reference=space.car,
     )  # fmt: skip
     return with_counts(score, cases, space.logical)
 
@@ -213,7 +213,7 @@ def _on_points(space: ScenarioRun, points: Sample, places: Sequence[IntArray]) -
     places: of each ADS the numbers of the points of its cases.
     """
     chosen = space.points
-    # the choice by recordings is not known
+    # scoring does not repeat a choice by recordings
     if points is not chosen and len(chosen.points) and space.entry.exposure.kind != "recorded":
         yield "The settings choose other points now, so those that were driven count."
     if space.settings.run.only:
@@ -226,7 +226,7 @@ def _on_points(space: ScenarioRun, points: Sample, places: Sequence[IntArray]) -
 
 def score_points(
     space: ScenarioRun,
-    known: Survey,
+    overview: Survey,
     points: range,
     people: Quantiles,
     remarks: Mapping[str, Remarks],
@@ -235,9 +235,9 @@ def score_points(
     """Steps 3 to 5 at some points: add every ADS's cases there to `rows`, and notes on them to
     `remarks`.
 
-    known: zones and weights of all points.
+    overview: zones and weights of all points.
     points: numbers of the points.
-    people: whose driving the plausibility is computed from.
+    people: table of people that the plausibility compares with.
     """
     drives: dict[str, list[Fact]] = {ads.name: [] for ads in space.settings.ads}
     for fact in space.facts_at(points, "ads"):
@@ -248,27 +248,29 @@ def score_points(
     cars = space.facts_at(points, "task_reference") if space.car else []
     # 3  the cases that may have a D_i: safe, without a collision
     unhit = {
-        name: [fact for fact in facts if not known.hazardous[fact.point] and fact.collision is None]
+        name: [
+            fact for fact in facts if not overview.hazardous[fact.point] and fact.collision is None
+        ]
         for name, facts in drives.items()
     }
     # 4  D_i, Eqs. 9-12
     by_point = references(drivers, space.settings.drivers)
-    compared = compare_with_people(space, known, points, by_point, unhit)
+    compared = compare_with_people(space, overview, points, by_point, unhit)
     egos = [*unreacting, *(fact for facts in drives.values() for fact in facts)]
     # not in the paper: departures and t_i
     tasks = tasks_of_drives(egos, [*drivers, *cars], space)
     # 5  U, L, Ug, r, Eqs. 14-16
-    harm = harm_at(space, known, points, unreacting, tasks)
+    harm = harm_at(space, overview, points, unreacting, tasks)
     # a hash of the files that a scenario's measures depend on
     files = (
         f"{space.entry.use} {space_key(space.entry, space.source)} "
         f"{sources('scenario', 'settings')}"
     )
-    safe = [fact for fact in (*drivers, *cars) if not known.hazardous[fact.point]]
+    safe = [fact for fact in (*drivers, *cars) if not overview.hazardous[fact.point]]
     for name, facts in drives.items():
         # not in the paper: TTC, PET, plausibility ...
         measured = drive_measures(facts, space, people, files)
-        rows.add(list(tabulate(facts, space, known, compared, harm, tasks, measured)))
+        rows.add(list(tabulate(facts, space, overview, compared, harm, tasks, measured)))
         remarks[name].add(facts, safe, space.severity)
-    space.progress(f"{space.name}: comparison with the drivers", points.stop, len(known.weights))
+    space.progress(f"{space.name}: comparison with the drivers", points.stop, len(overview.weights))
     return compared

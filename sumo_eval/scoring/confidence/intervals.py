@@ -59,6 +59,7 @@ LEVEL = 0.95  # probability with which an interval covers its score
 REPLICATES = 2_000  # of the bootstrap
 ONE_MORE = 0.5  # mean weight of the one more case, in cases
 UNSEEN = 3.0  # rule of three: with none seen among n, at most 3/n with 95 % confidence
+# scores with such an interval; `assessment` has that of the collision probability
 SCORED = tuple(name for name in COMPUTED if name != "collision_probability")
 BAD_SIDE_UP = frozenset({"regret"})  # scores of which more is worse
 
@@ -94,7 +95,7 @@ class ScoreIntervals:
     """The intervals of one ADS in one scenario, and what its rank needs.
 
     limits: low and high of each score that exists, by its name in `ScenarioResult`.
-    sources: half-width of S and S+ by each source alone, by score.
+    sources: score (`s`, `s_plus`) -> source (`cases`, `drivers`) -> half-width by it alone.
     worse, better: S+ of every replicate, with and without one more case, (m,).
     freedom: degrees of freedom of S+.
     missing: how far missing cases may move S+, down (at most 0) and up.
@@ -149,7 +150,7 @@ class _Sums:
         # case at each of the points, -1: none
         self._rows = np.full(points, -1)
         self._rows[one.points] = np.arange(len(one.points))
-        self._exposed = bool(one.terms.exposure.any())
+        self._exposed = bool(one.terms.exposure.any())  # whether any case has an exposure
         self._unseen = UnseenCollisions.of(one, method)
         # sums with balanced and with drawn counts, (m, terms)
         self._balanced: Any = 0.0
@@ -166,8 +167,8 @@ class _Sums:
         self._drawn += drawn @ np.column_stack(hits)
 
     def _asked(self, rows: IntArray | slice) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Terms of these cases that are summed with balanced counts, those of the scores and then
-        those of unseen collisions, and terms that are summed with drawn counts.
+        """Terms of these cases: those that are summed with balanced counts (of the scores, then of
+        unseen collisions), and those that are summed with drawn counts.
 
         Number and order of the terms are the same for any cases.
         """
@@ -178,7 +179,7 @@ class _Sums:
     def _scores(
         self, rows: IntArray | slice, counts: Counts, hits: Counts
     ) -> dict[str, FloatArray]:
-        """The scores of these cases in each replicate."""
+        """The scores of these cases in each replicate; `AskedTerms` note what is to be summed."""
         terms = self._one.terms.part(rows)
         return scores_of(terms, counts, self._method, hits, exposed=self._exposed)
 
@@ -187,12 +188,14 @@ class _Sums:
         one, method, m = self._one, self._method, self._replicates
         sums = self._balanced.T
         of_scores = len(sums) - len(self._unseen.terms)  # the first sums
+        # the sums are known, so no case is asked for its terms
         plain = self._scores(slice(0, 0), KnownSums(sums[:of_scores]), KnownSums(self._drawn.T))
 
         def stream(*names: str) -> np.random.Generator:
             """A random stream by its names."""
             return random_stream(seed, "intervals", *names)
 
+        # in each replicate: number of unseen collisions, weight of the one more case
         unseen = stream("unseen", scenario, one.ads).standard_exponential(m)
         weight = stream("one more", scenario).exponential(ONE_MORE, m)
         deviates = driver_deviates(one.drivers, seed, m)
@@ -211,28 +214,33 @@ class _Sums:
             worse[name] = better[name] + lost if name in BAD_SIDE_UP else better[name] - lost
         worse = _with_one_more(worse, better, one.terms, weight, method)
 
-        values, free = point_values(one.terms, method), _freedom(one, groups)
-        limits = self._limits(values, worse, better, free)
+        values, freedom = point_values(one.terms, method), _freedom(one, groups)
+        limits = self._limits(values, worse, better, freedom)
         # the scores themselves in every replicate: what varies then are the drivers alone
         fixed = {
             name: np.full(m, np.nan if value is None else value) for name, value in values.items()
         }
         alone = {"cases": plain, "drivers": with_drivers(fixed)}
         sources: dict[str, Mapping[str, float]] = {
-            name: {source: _half(scores[name], free[name]) for source, scores in alone.items()}
+            name: {source: _half(scores[name], freedom[name]) for source, scores in alone.items()}
             for name in ("s", "s_plus")
             if name in limits
         }
-        return ScoreIntervals(limits, sources, worse["s_plus"], better["s_plus"], free["s_plus"])
+        return ScoreIntervals(limits, sources, worse["s_plus"], better["s_plus"], freedom["s_plus"])
 
     def _limits(
         self,
         values: Mapping[str, float | None],
         worse: Mapping[str, FloatArray],
         better: Mapping[str, FloatArray],
-        free: Mapping[str, int],
+        freedom: Mapping[str, int],
     ) -> dict[str, tuple[float, float]]:
-        """Low and high of each score that exists."""
+        """Low and high of each score that exists.
+
+        values: the scores themselves.
+        worse, better: their replicates on the bad and on the good side, (m,).
+        freedom: degrees of freedom of each score.
+        """
         terms, lost, limits = self._one.terms, dict[str, FloatArray](), {}
         if not terms.collided.any():
             # no collision was seen: the rule of three gives the losses, without any draw
@@ -241,7 +249,7 @@ class _Sums:
         for name in SCORED:
             value, up = values[name], name in BAD_SIDE_UP
             low, high = (better, worse) if up else (worse, better)
-            ends = percentiles(low[name], high[name], free[name])
+            ends = percentiles(low[name], high[name], freedom[name])
             if value is None or ends is None:
                 continue
             # without any incident such a loss is the whole interval; C counts collisions alone
@@ -294,9 +302,9 @@ def _with_one_more(
     Its share of a mean over n cases is e / (n + e). T loses that share of itself. 1 - A moves by
     that share of its distance towards 1, where anything is at stake.
     """
-    known, stake = _known_stake(terms)
+    comparable, stake = _stake(terms)
     timed = int(np.isfinite(terms.task).sum())
-    compared = int(known.sum()) if stake.any() else 0
+    compared = int(comparable.sum()) if stake.any() else 0
     of_task, of_harm = (
         weight / (n + weight) if n else np.zeros(len(weight)) for n in (timed, compared)
     )
@@ -329,21 +337,22 @@ class UnseenCollisions:
     def of(cls, one: Judged, method: MethodSettings) -> UnseenCollisions:
         """Unseen collisions of an ADS, from all its cases."""
         terms = one.terms
-        known, stake = _known_stake(terms)
-        among = known & one.hazardous
+        comparable, stake = _stake(terms)
+        among = comparable & one.hazardous
         if not among.any():
-            among = known
+            among = comparable
         weight, exposure = (
-            np.where(known, weights if (weights * known).any() else 1.0, 0.0)
+            np.where(comparable, weights if (weights * comparable).any() else 1.0, 0.0)
             for weights in map(np.nan_to_num, (terms.weight, terms.exposure))
         )
         free = stake * (among & ~terms.incident)
+        # pairs of terms, in the order of `losses`; that of C only without a collision
         losses = [
             weight * free, weight * stake, exposure * free, exposure * stake, weight * free, weight
         ]  # fmt: skip
         if not terms.collided.any():
-            hit = np.nan_to_num(1.0 - ratios(terms.unreacting, terms.ideal, method)) * among
-            losses += [weight * hit, weight * among]
+            lost_ratio = np.nan_to_num(1.0 - ratios(terms.unreacting, terms.ideal, method)) * among
+            losses += [weight * lost_ratio, weight * among]
         points = int(among.sum())
         return cls(points, tuple(losses) if points else ())
 
@@ -360,24 +369,25 @@ class UnseenCollisions:
         chance = np.minimum(unseen / max(self.points, 1), 1.0)
         names = ("avoided_share", "avoided_share_exposure", "regret", "c")
         losses = {}
+        # strict=False: C has no sums after a collision
         for name, over, under in zip(names, sums[::2], sums[1::2], strict=False):
             whole = np.divide(over, under, out=np.zeros(over.shape), where=under > 0.0)
             losses[name] = (1.0 - (1.0 - chance) ** self.points if name == "c" else chance) * whole
         return losses
 
 
-def _known_stake(terms: CaseTerms) -> tuple[BoolArray, FloatArray]:
+def _stake(terms: CaseTerms) -> tuple[BoolArray, FloatArray]:
     """Whether each case was evaluated and can be compared with its references, and max(0, U0 - Ug)
     there, 0 elsewhere.
     """
     stake = excess(terms.unreacting, terms.ideal)
-    known = terms.counted & np.isfinite(stake)
-    return known, np.where(known, stake, 0.0)
+    comparable = terms.counted & np.isfinite(stake)
+    return comparable, np.where(comparable, stake, 0.0)
 
 
 def _freedom(one: Judged, groups: Strata) -> dict[str, int]:
     """Degrees of freedom of each score's error: the number of points with a part in it, less one
-    for each group.
+    for each group; of C after a collision, the number of collisions less one.
     """
     group = groups.numbers()
 
@@ -386,9 +396,9 @@ def _freedom(one: Judged, groups: Strata) -> dict[str, int]:
         return max(len(places) - len(np.unique(places)), 1)
 
     terms = one.terms
-    everyone = free(terms.counted)
+    all_counted = free(terms.counted)
     return {
-        **dict.fromkeys(SCORED, everyone),
+        **dict.fromkeys(SCORED, all_counted),
         "s": free(terms.evaluated),
         "task_share": free(np.isfinite(terms.task)),
         "c": free(terms.evaluated)
