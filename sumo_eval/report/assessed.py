@@ -30,11 +30,11 @@ def write_assessed_report(
     Both files are kept if they were made of the same scores, settings and sources, and have not
     changed since.
     """
-    path, confidences = evaluation.folder / REPORT, evaluation.folder / CONFIDENCE
+    path, data = evaluation.folder / REPORT, evaluation.folder / CONFIDENCE
     key = _key(evaluation) if beside is None else None
     with closing(KeptResults(evaluation.folder)) if key else nullcontext() as kept:
-        if kept is None or key is None or kept.get("report", key) != _hash(path, confidences):
-            # A second of imports that an unchanged page does not need.
+        if kept is None or key is None or kept.get("report", key) != _hash(path, data):
+            # these imports take a second, and an unchanged page does not need them
             from sumo_eval.evaluation import zone_partitions
             from sumo_eval.report.confidence_section import write_confidence
             from sumo_eval.report.html import NOTHING_BESIDE, write_report
@@ -47,7 +47,7 @@ def write_assessed_report(
                 evaluation, partitions, replace(beside or NOTHING_BESIDE, confidence=confidence)
             )
             if kept is not None and key is not None:
-                kept.put([("report", key, 0, _hash(path, confidences))])
+                kept.put([("report", key, 0, _hash(path, data))])
     progress("report", 1, 1)
     return path
 
@@ -58,7 +58,7 @@ def _key(evaluation: Evaluation) -> bytes | None:
     """
     if evaluation.cases.key is None:
         return None
-    people = _hash(
+    studies = _hash(
         evaluation.folder / OPINION, evaluation.source / evaluation.settings.drivers.cases / STUDY
     )
     return key_of(
@@ -67,7 +67,7 @@ def _key(evaluation: Evaluation) -> bytes | None:
         evaluation.settings,
         evaluation.manifest,
         evaluation.folder,
-        people,
+        studies,
         _sources(),
     )
 

@@ -34,7 +34,7 @@ class CheckedCase(NamedTuple):
 
     def verdict_of(self, check: str) -> str:
         """Whether one of them passed."""
-        return NOT_EVALUATED if self.missed is None else FAILED if check in self.missed else PASSED
+        return PASSED if self.missed and check not in self.missed else self.verdict
 
 
 def checked_cases(
@@ -48,6 +48,7 @@ def checked_cases(
         if score.scenario in evaluation.checks:
             for case in evaluation.cases_of(score.ads, score.scenario):
                 text = case.requirements_missed  # None: not evaluated; "": none is missed
+                # None and "" stay what they are
                 yield CheckedCase(case, text and text.split(SEPARATOR))
 
 

@@ -17,7 +17,7 @@ DIGITS = 6
 
 
 def citation(evaluation: Evaluation) -> str:
-    """`suite 2026.1; sumo_eval 0.2.0, libsumo 1.28.0; seed 1; scores 3f2a91c04b7e; check it:
+    """`Cite: suite 2026.1; sumo_eval 0.2.0, libsumo 1.28.0; seed 1; scores 3f2a91c04b7e; check:
     sumo-eval verify ...`.
     """
     suite = suite_of(evaluation.settings)

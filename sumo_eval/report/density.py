@@ -45,7 +45,7 @@ def density_maps(
 
 def _tiles(
     shade: FloatArray,
-    said: FloatArray | IntArray,
+    values: FloatArray | IntArray,
     colour: str,
     words: str,
     axes: tuple[Parameter, Parameter],
@@ -53,14 +53,14 @@ def _tiles(
     """A square for each tile with a shade above 0.
 
     shade: 0..1, of each tile.
-    said: value of each tile in the saved table, which has the tile's middle, too.
+    values: value of each tile in the saved table, which has the tile's middle, too.
     """
     size = TILES * _SIDE
     middle = [
         [item.low + (item.high - item.low) * (k + 0.5) / TILES for k in range(TILES)]
         for item in axes
     ]
-    made = [
+    squares = [
         Markup(
             '<rect x="{}" y="{}" width="{}" height="{}" fill="var({})" fill-opacity="{:z.2f}" '
             'data-row="[{:z.6g},{:z.6g},{:z.4g}]"/>'
@@ -73,7 +73,7 @@ def _tiles(
             _FAINTEST + (1.0 - _FAINTEST) * float(shade[place]),
             middle[0][place % TILES],
             middle[1][place // TILES],
-            said[place],
+            values[place],
         )
         for place in np.flatnonzero(shade > 0.0).tolist()
     ]
@@ -86,5 +86,5 @@ def _tiles(
         words,
         size,
         size,
-        Markup().join(made),
+        Markup().join(squares),
     )

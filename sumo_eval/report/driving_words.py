@@ -157,6 +157,7 @@ def _extreme(scene: CaseDrives, people: Quantiles) -> tuple[str, float]:
         done += f", {away:z.1f} s {order} `{found.event.actor}` {found.event.what}"
     most = "none of the recorded people does"
     if found.share > 0.0:
+        # one significant digit
         most = f"{percent(float(f'{found.share:z.1g}'))} of people do"
     side = "below" if found.usual < found.value else "above"
     source = f"({people.people} people, {people.source})"
@@ -180,11 +181,14 @@ def picture(scene: CaseDrives, moment: float | None) -> list[str]:
     moment.
     """
     drives = [scene.ego, *scene.drivers]
+    # drivers that take longer are drawn up to 1.5 times the ego's time; never 0
     end = min(max(drive.duration for drive in drives), 1.5 * scene.ego.duration) or 1.0
     times = np.linspace(0.0, end, PICTURE)
     top = max(float(drive.speed.max()) for drive in drives) or 1.0
     rows = ("ego", [scene.ego]), ("drivers", scene.drivers)
-    lines = [f"  {name:<8}{_blocks(mean_speed(some, times), top)}" for name, some in rows if some]
+    lines = [
+        f"  {name:<8}{_blocks(mean_speed(group, times), top)}" for name, group in rows if group
+    ]
     if moment is not None:
         column = round(min(moment / end, 1.0) * (PICTURE - 1))
         lines.append(f"  {'':<8}{'':<{column}}^ {moment:z.1f} s")
@@ -194,5 +198,5 @@ def picture(scene: CaseDrives, moment: float | None) -> list[str]:
 def _blocks(speeds: FloatArray, top: float) -> str:
     """A block for each speed, blank where there is none."""
     level = np.clip(np.round(np.nan_to_num(speeds) / top * (len(BLOCKS) - 1)), 0, len(BLOCKS) - 1)
-    known = zip(level.astype(int), np.isfinite(speeds), strict=True)
-    return "".join(BLOCKS[k] if there else " " for k, there in known).rstrip()
+    cells = zip(level.astype(int), np.isfinite(speeds), strict=True)
+    return "".join(BLOCKS[k] if finite else " " for k, finite in cells).rstrip()

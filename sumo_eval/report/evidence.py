@@ -40,7 +40,7 @@ class Claim:
 
     interval: of the number that the claim is about, with its level; None: it is about none.
     cases: keys of those that speak against it, at most `MOST_CASES`.
-    assumptions: what has to be so, and was not shown by the run.
+    assumptions: conditions that must hold and that the run does not show.
     """
 
     id: str
@@ -118,8 +118,9 @@ def _claims(evaluation: Evaluation, score: ScenarioResult) -> Iterator[Claim]:
 def _claim(
     score: ScenarioResult, kind: str, against: CaseTable | None = None, **parts: Any
 ) -> Claim:
-    """A claim.
+    """A claim with its id.
 
+    kind: last part of the id.
     against: cases that speak against it.
     """
     named = () if against is None else tuple(case.case for case in against[:MOST_CASES])
@@ -151,30 +152,31 @@ def _collisions(
         if evaluation.exposure_known(score.scenario)
         else "equal weights of its points"
     )
-    judged = cases[cases.evaluated]
-    hit, found = judged[judged.collided], risk_of(evaluation, score)
-    if found is None:
+    evaluated = cases[cases.evaluated]
+    hit, risk = evaluated[evaluated.collided], risk_of(evaluation, score)
+    if risk is None:
         return _claim(
             score, "collisions", claim=f"The collision share of {about} is known.", verdict="open",
             argument="An interval needs two evaluated cases with exposure.",
-            evidence=(f"{count(len(judged), 'case')} evaluated.",), against=hit,
+            evidence=(f"{count(len(evaluated), 'case')} evaluated.",), against=hit,
         )  # fmt: skip
-    it = found.collision_probability
+    share = risk.collision_probability
     return _claim(
         score, "collisions",
         claim=f"The collision share of {about} is below "
-              f"{_outward(it.high, ROUND_CEILING)} in this space under {under}.",
+              f"{_outward(share.high, ROUND_CEILING)} in this space under {under}.",
         verdict=(
-            "not supported" if score.not_evaluated else "open" if it.high >= 1.0 else "supported"
+            "not supported" if score.not_evaluated else "open" if share.high >= 1.0 else "supported"
         ),
         argument="Upper end of the two-sided interval of the weighted share: a bootstrap over the "
                  "cases, or, where none collided, the exact binomial limit for as many equally "
                  "frequent cases as tell as much.",
         evidence=(
-            f"{count(len(hit), 'collision')} in {count(len(judged), 'evaluated case')}.",
-            f"As informative as {found.effective_cases:z.1f} equally frequent cases.",
+            f"{count(len(hit), 'collision')} in {count(len(evaluated), 'evaluated case')}.",
+            f"As informative as {risk.effective_cases:z.1f} equally frequent cases.",
         ),
-        interval={"estimate": it.value, "low": it.low, "high": it.high, "level": it.level},
+        interval={"estimate": share.value, "low": share.low, "high": share.high,
+                  "level": share.level},
         against=hit,
     )  # fmt: skip
 
@@ -209,7 +211,7 @@ def _preventable(
 def _avoided(evaluation: Evaluation, about: str, score: ScenarioResult, cases: CaseTable) -> Claim:
     """The avoided share A is above the lower end of its interval."""
     ends = score.avoided_share_interval
-    # what was never seen takes something off wherever there is any harm
+    # unseen collisions lower the end wherever harm is at stake, so there was none
     if ends is not None and ends[0] >= 1.0:
         return _claim(
             score, "avoided", claim=f"{about} had harm to avoid.", verdict="open",
@@ -217,7 +219,6 @@ def _avoided(evaluation: Evaluation, about: str, score: ScenarioResult, cases: C
                      "for every ADS.",
             evidence=(f"In none of {count(len(cases), 'case')} a car that does nothing does more "
                       "harm.",),
-
         )  # fmt: skip
     if score.avoided_share is None or ends is None:
         return _claim(
@@ -285,7 +286,7 @@ def _assumptions(evaluation: Evaluation, score: ScenarioResult) -> Iterator[str]
     )
     conditions = evaluation.settings.simulation.conditions
     varied = any(name.startswith("conditions.") for name in logical.names)
-    if conditions == type(conditions)() and not varied:
+    if conditions == type(conditions)() and not varied:  # all of them are the defaults
         yield "The ADS perceives without error and without delay: no conditions are set."
     if zone.zones == 0:
         yield "No hazardous zone was found or could be defined: every case counts as safe."

@@ -41,7 +41,7 @@ from sumo_eval.scoring.findings import FACTORS, LIKENESS_FACTORS, Findings
 from sumo_eval.scoring.zones import star_distance
 from sumo_eval.text import point_words
 
-ROUNDING = 1e-9  # of a D_i that is computed again
+ROUNDING = 1e-9  # largest difference of a D_i that is computed again
 
 
 def known_case(run: Path, key: str) -> Fact:
@@ -124,9 +124,9 @@ def _collision(
         f"{hit.relative_speed / overlap:z.3f} m/s, "
         f"with `{hit.other}` at t = {hit.time:z.2f} s"
     )
-    chosen = findings.settings.method.collision
-    if not chosen.unit:  # a loss in 0..1
-        yield f"`{chosen.severity}` replaces U: {number(case.severity, 4)}"
+    settings = findings.settings.method.collision
+    if not settings.unit:  # a loss in 0..1
+        yield f"`{settings.severity}` replaces U: {number(case.severity, 4)}"
     yield f"Eq. 14: L = {number(case.loss, 1)}"
     if case.ideal_severity is None:
         why = because(case.ideal_error)
@@ -137,18 +137,18 @@ def _collision(
         return
     counted = findings.cases.collided & np.isfinite(findings.cases.ideal_severity)
     part = findings.part(case, counted, findings.cases.weight, findings.ratios)
-    what = "Ug/U" if chosen.loss == "severity" else "Lg/L"
+    ratio = "Ug/U" if settings.loss == "severity" else "Lg/L"
     ideal = case.ideal_severity
-    best = f"hits with Ug = {ideal:z.3f}{chosen.unit}" if ideal else "avoids, Ug = 0"
+    best = f"hits with Ug = {ideal:z.3f}{settings.unit}" if ideal else "avoids, Ug = 0"
     capped = ", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else ""
-    yield f"Eq. 17: the ideal vehicle {best}: {what} = {part.value:z.4f}{capped}"
+    yield f"Eq. 17: the ideal vehicle {best}: {ratio} = {part.value:z.4f}{capped}"
     yield from _weight(case, zones)
-    whole = worth(findings.settings.method.score)
+    points = worth(findings.settings.method.score)
     yield (
         f"Eq. 17: of 1 - C = {1.0 - (findings.score.c or 0.0):z.4f} this case took "
-        f"r (1 - {what}) / sum r = {number(case.weight, 4)} x {1.0 - part.value:z.4f} / "
+        f"r (1 - {ratio}) / sum r = {number(case.weight, 4)} x {1.0 - part.value:z.4f} / "
         f"{part.total:z.4f} = {part.takes:z.4f} ({count(part.cases, 'collision')}), "
-        f"{whole.c * part.takes:z.2f} points of S"
+        f"{points.c * part.takes:z.2f} points of S"
     )
 
 
@@ -195,12 +195,12 @@ def _likeness(
         yield f"WARNING: the score has D_i = {case.index:z.6f}, which this arithmetic does not give"
     part = findings.part(case, findings.indexed, findings.cases.exposure, findings.cases.index)
     of = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
-    whole = worth(findings.settings.method.score)
+    points = worth(findings.settings.method.score)
     yield (
         f"Eq. 13: share of {of} p / sum p = {case.exposure:z.6g} / {part.total:z.6g} = "
         f"{part.share:z.5f} ({count(part.cases, 'case')}); of D = {number(findings.score.d, 4)} "
         f"this case gives {part.gives:z.5f} and took {part.takes:z.5f}, "
-        f"{whole.d * part.takes:z.2f} points of S"
+        f"{points.d * part.takes:z.2f} points of S"
     )
     for note in index.notes:
         yield f"note: {notes_sentence([note])}"

@@ -18,7 +18,7 @@ from sumo_eval.results import Evaluation, RankedAds, Ranking
 from sumo_eval.scoring.behaviour import Behaviour, behaviour_of, harm_beside, ranked
 
 SELDOM = 2.0 / 3.0
-"""Most contacts a case that the page states as cases for each contact: 1.5 cases."""
+"""Contacts a case, up to which the page says in how many cases there is one: every 1.5 or more."""
 MOST_NAMED = 3
 """ADSs that share the first place and are named; the rest is a number."""
 
@@ -40,17 +40,21 @@ class Headline:
 def headline(evaluation: Evaluation) -> Headline:
     """Answers to three questions, and an alarm for each ADS that needs one."""
     order = ranked(evaluation)
-    known = [behaviour_of(evaluation, one.ads) for one in order]
+    behaviours = [behaviour_of(evaluation, one.ads) for one in order]
     questions = ("Safety", "Human-likeness", "S+")
     if len(order) > 1:
         questions = ("Safest", "Most human", "Best by S+")
     # without a ranking: `run.only` names different points for the ADSs
     said = 3 * ("not known: the ADSs drove different points.",)
     if evaluation.ranking is not None:
-        said = _safest(evaluation, known), _most_human(known), _best(evaluation.ranking, order)
+        said = (
+            _safest(evaluation, behaviours),
+            _most_human(behaviours),
+            _best(evaluation.ranking, order),
+        )
     answers = tuple(zip(questions, said, strict=True))
-    alarmed = tuple((one.ads, words) for one in known if (words := "; ".join(alarms(one))))
-    return Headline(tuple(zip(order, known, strict=True)), answers, alarmed)
+    alarmed = tuple((one.ads, words) for one in behaviours if (words := "; ".join(alarms(one))))
+    return Headline(tuple(zip(order, behaviours, strict=True)), answers, alarmed)
 
 
 def alarms(found: Behaviour) -> list[str]:
@@ -91,17 +95,18 @@ def safety_words(evaluation: Evaluation, found: Behaviour) -> str:
 
 
 def _safest(evaluation: Evaluation, every: Sequence[Behaviour]) -> str:
-    known = sorted(
+    graded = sorted(
         (one for one in every if one.grade is not None), key=lambda one: -(one.grade or 0.0)
     )
-    if not known:
+    if not graded:
         return "not known: no case could be evaluated."
-    words = f"{known[0].ads} with {safety_words(evaluation, known[0])}."
-    if len(known) == 1:
+    words = f"{graded[0].ads} with {safety_words(evaluation, graded[0])}."
+    if len(graded) == 1:
         return words
-    other = known[1].ads
-    beside = harm_beside(evaluation, known[0].ads, other)
-    if beside.less == beside.more == 0:  # none in common: single cases that `run.only` names
+    other = graded[1].ads
+    beside = harm_beside(evaluation, graded[0].ads, other)
+    if beside.less == beside.more == 0:
+        # `run.only` may name cases of which the two have none in common
         return f"{words} {other} does the same harm in every case." if beside.common else words
     apart = "Told apart" if beside.told_apart else "Not told apart"
     return (
@@ -111,10 +116,11 @@ def _safest(evaluation: Evaluation, every: Sequence[Behaviour]) -> str:
 
 
 def _most_human(every: Sequence[Behaviour]) -> str:
-    known = sorted((-one.human, one.ads) for one in every if one.human is not None)
-    if not known:
+    # (-H, ADS), so that the highest H is first
+    likeness = sorted((-one.human, one.ads) for one in every if one.human is not None)
+    if not likeness:
         return "not known: no safe case could be compared with drivers."
-    best, *others = known
+    best, *others = likeness
     if others and not round(best[0], 2):
         return "no ADS, every H is 0.00."
     beside = f"; next {others[0][1]}, {number(-others[0][0], 2)}" if others else ""

@@ -1,6 +1,6 @@
 """The report: one HTML file that holds everything it shows and loads nothing from outside.
 
-For `sumo-eval report`, `compare` and nightly runs.
+Users: `report.assessed`, and `cli.compare` for a page of the comparison alone.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def _shared(
     in_page: Mapping[str, IntArray],
 ) -> dict[str, Any]:
     """Values that the sections of the page share."""
-    settings, known = evaluation.settings, evaluation.exposure_known()
+    settings, exposure_known = evaluation.settings, evaluation.exposure_known()
     synthetic = settings.drivers.source == "synthetic" or nobody_recorded(evaluation)
     missing = unevaluated(evaluation)
     number_missing = sum(map(len, missing))
@@ -149,8 +149,8 @@ def _shared(
         "given_up": GIVEN_UP,
         "index_notes": index_notes(evaluation),
         "synthetic": synthetic and not nobody_drove(evaluation),
-        "exposure_known": known,
-        "collision_words": collision_words(known),
+        "exposure_known": exposure_known,
+        "collision_words": collision_words(exposure_known),
         "drivers_sentence": people_sentence(evaluation),
         "settings": settings,
         # a few words on a folded section that a reader should not miss
@@ -196,20 +196,20 @@ def _group(
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     scores = evaluation.scores_in(logical.name)
     # the verdicts that occur, e.g. `preventable`
-    given = {str(one) for score in scores for one in np.unique(verdicts(evaluation, score))}
+    occurring = {str(one) for score in scores for one in np.unique(verdicts(evaluation, score))}
     # Chunk by chunk: words of a million cases would be 50 MB.
     outcomes = {one for chunk in cases.chunks for one in CaseTable([chunk]).outcome.tolist()}
-    known = evaluation.exposure_known(logical.name)
+    exposure_known = evaluation.exposure_known(logical.name)
     return {
         "index": index,
         "name": logical.name,
         "logical": logical,
-        "probability": collision_words(known),
-        "mean": "exposure-weighted mean" if known else "mean over the points",
+        "probability": collision_words(exposure_known),
+        "mean": "exposure-weighted mean" if exposure_known else "mean over the points",
         "rows": [_row(Findings.of(evaluation, score)) for score in scores],
         "zone": evaluation.zones[index],
         "map_words": map_words(view),
-        "looks": [verdict for verdict in LOOKS if verdict in given],
+        "looks": [verdict for verdict in LOOKS if verdict in occurring],
         "map_note": gathered_words(view),
         "outcomes": [outcome for outcome in OUTCOMES if outcome in outcomes],
         "has_index": np.isfinite(cases.index).any(),
@@ -235,8 +235,8 @@ def _left_out(
         for one in evaluation.scores_in(logical.name)
     }
     # an ADS with fewer cases than another lacks the last indices
-    there = sum(np.count_nonzero(shown < len(cases)) for cases in tables.values())
-    left_out = sum(map(len, tables.values())) - there
+    in_page = sum(np.count_nonzero(shown < len(cases)) for cases in tables.values())
+    left_out = sum(map(len, tables.values())) - in_page
     if not left_out:
         return {"left_out": 0}
     return {
@@ -245,7 +245,7 @@ def _left_out(
             f"{item.name}={(item.low + item.high) / 2.0:g}" for item in logical.parameters
         ),
         "left_out": left_out,
-        "there": there,
+        "there": in_page,
         "densities": [
             (ads, density_maps(logical, cases, view.x, view.y))
             for ads, cases in tables.items()
@@ -259,16 +259,17 @@ def _row(found: Findings) -> dict[str, Any]:
     score, cases, likened = found.score, found.cases, found.likened
     hits, losses = found.collisions, found.share_lost
     # widths of the two parts of S+ in a bar of 100 %
-    task = min(score.a_points, 100.0)
+    a_width = min(score.a_points, 100.0)
     means, likeness = found.factor_means, found.likeness_means
+    # strict=False: only the first places are listed
     shares = zip(hits.places[:MOST_LISTED], hits.avoided, hits.lost, strict=False)
     return {
         "notes": [score_note(note) for note in score.notes],
         "score": score,
         "no_d": reason_without("D", score),
         "no_h": reason_without("H", score),
-        "a_width": f"{task:z.2f}",
-        "h_width": f"{min(score.h_points, 100.0 - task):z.2f}",
+        "a_width": f"{a_width:z.2f}",
+        "h_width": f"{min(score.h_points, 100.0 - a_width):z.2f}",
         "explained": [explain(found) for explain in EXPLAIN],
         "explained_paper": [explain(found) for explain in EXPLAIN_PAPER],
         "factor_means": [means.get(name) for name in FACTORS],

@@ -281,8 +281,8 @@ def _change_test(case: CaseResult, change: ChangedCase | None, unit: str) -> Tes
         return result("passed")
     kind = change.change
     if kind == "not evaluated any more":
-        why = _first_line(placed(case.error or case.status, case))
-        return result("error", case.status, f"{kind}: {why}", case.case)
+        reason = _first_line(placed(case.error or case.status, case))
+        return result("error", case.status, f"{kind}: {reason}", case.case)
     ending = (
         ", not so in the base"
         if change.by is None

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     import jinja2
 
 REPORT = "report.html"
-CONFIDENCE = "confidence.json"  # what the report says of it, for other tools
-_TEMPLATES = "sumo_eval.report"
+CONFIDENCE = "confidence.json"  # the confidence in the scores, for other tools
+_TEMPLATES = "sumo_eval.report"  # package that has the folder `templates`
 
 
 def write_page(path: Path, page: str, what: str) -> Path:

@@ -47,8 +47,8 @@ def page_data(
 ) -> dict[str, Any]:
     """Everything the page draws, as plain JSON values.
 
-    told: the cases that it has, by scenario.
-    sent_drives: gives the drives that travel in it, called last.
+    told: the cases of the page, by scenario.
+    sent_drives: gives the drives of the page; called last, because a thread prepares them.
     """
     field = evaluation.settings.method.anthropomorphic.field
     scenarios = [_scenario(evaluation, partitions[name], cases) for name, cases in told.items()]
@@ -85,6 +85,7 @@ def told_cases(evaluation: Evaluation, shown: Mapping[str, IntArray]) -> dict[st
         parts = zip(shares.avoided, shares.lost, strict=True)
         part_of = dict(zip(shares.places.tolist(), parts, strict=True))
         losses = one.share_lost
+        # an ADS with fewer cases than another lacks the last indices
         places = shown[one.score.scenario]
         for place in places[places < len(one.cases)].tolist():
             case = one.cases[place]
@@ -106,7 +107,8 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
     cases = evaluation.cases_in(logical.name)
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     telling = telling_slice(view, cases)
-    drawn = replace(view, fixed=telling or view.fixed)  # computed where the page opens
+    # the maps are for the slice at which the page opens
+    drawn = replace(view, fixed=telling or view.fixed)
     rows = [_case(case, logical.row(case.values)) | beside for case, beside in told]
     names_of_ads = [score.ads for score in evaluation.scores_in(logical.name)]
     return {
@@ -118,9 +120,9 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
         ],
         "ads": names_of_ads,
         "meanIndex": {
-            ads: mean_of(its.index, its.exposure)
+            ads: mean_of(of_ads.index, of_ads.exposure)
             for ads in names_of_ads
-            for its in [evaluation.cases_of(ads, logical.name)]
+            for of_ads in [evaluation.cases_of(ads, logical.name)]
         },
         "road": drawn_road(logical.road),
         "bodies": drawn_bodies(logical.concrete(**cases[0].values)) if len(cases) else {},
@@ -145,11 +147,11 @@ def _groups(logical: LogicalScenario, cases: CaseTable, keys: set[str]) -> dict[
 
     keys: of the cases that the page has; a group names no other.
     """
-    found, names = failure_groups(logical, cases), cases.case
+    groups, names = failure_groups(logical, cases), cases.case
     of_ads: dict[str, list[FailureGroup]] = {}
-    for group in found:
+    for group in groups:
         of_ads.setdefault(group.ads, []).append(group)
-    listed = [group for its in of_ads.values() for group in its[:MOST_GROUPS]]
+    listed = [group for own in of_ads.values() for group in own[:MOST_GROUPS]]
     told = [
         {
             "ads": group.ads, "kind": group.kind, "words": _group_words(group, logical),
@@ -158,7 +160,7 @@ def _groups(logical: LogicalScenario, cases: CaseTable, keys: set[str]) -> dict[
         }
         for group in listed
     ]  # fmt: skip
-    return {"groups": told, "moreGroups": len(found) - len(listed)}
+    return {"groups": told, "moreGroups": len(groups) - len(listed)}
 
 
 def _group_words(group: FailureGroup, logical: LogicalScenario) -> str:
@@ -196,7 +198,7 @@ def _case(case: CaseResult, row: FloatArray) -> dict[str, Any]:
         "kind": "undecided" if case.kind == "not known" else case.kind,
         "index_note": index_note_words(case),
         "ttc": case.min_ttc,
-        "measures": [row for row in measures if row[1] is not None],
+        "measures": [measure for measure in measures if measure[1] is not None],
     }
 
 
@@ -227,8 +229,8 @@ def zone_map(zones: ZonePartition, view: View, panel: int) -> dict[str, Any]:
 
 
 def lattice(zones: ZonePartition) -> dict[str, Any] | None:
-    """The zones on a lattice over the whole space, from which the page draws any slice, if there
-    is one.
+    """The zones on a lattice over the whole space, from which the page draws any slice; None where
+    the space has no lattice.
     """
     points = lattice_points(zones.logical)
     return points and {"size": points.size} | _packed(zone_levels(zones, points.rows))
@@ -258,11 +260,12 @@ def drawn_shape(road: Road) -> dict[str, Any]:
 
     gone: where an outermost lane is missing, four points [x, y], m, of which the last three are the
         edge of the road there.
-    solid: lines that no vehicle may cross, [x, x, y].
-    crossings: [x, width, reach].
+    solid: lines that no vehicle may cross, [x, x, y], m.
+    crossings: [x, width, length to each side], m.
     """
     gone, solid, last = [], [], road.length + road.run_out
     for span in road.spans:
+        # x, m, at which the lane begins to open, is open, begins to narrow and is gone
         (opens, is_open), (closes, is_gone) = span.places[:2], span.places[2:]
         middle, half = road.lane_centre(span.lane), 0.5 * road.lane_width
         outer, inner = (

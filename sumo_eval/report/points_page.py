@@ -66,7 +66,7 @@ def picture(logical: LogicalScenario, points: Sample) -> go.Figure:
                 mode="markers",
                 name=f"{name}: {len(rows)}",
                 legendgroup=name,
-                showlegend=y < 2 and x == 0,
+                showlegend=y < 2 and x == 0,  # of the first pair, (0, 1) or (0, 0), alone
                 marker={"color": colour, "symbol": symbol, "size": sizes, "opacity": 0.75},
                 **place,
             )

@@ -17,8 +17,8 @@ from sumo_eval.settings import About, EvaluationSettings, about
 class SettingRow:
     """One setting as the report lists it.
 
-    path: `method.zones.deceleration`;
-    changed: not the default.
+    path: its tables and its name, e.g. `method.zones.deceleration`.
+    changed: whether it differs from the default.
     """
 
     path: str

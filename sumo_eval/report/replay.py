@@ -104,6 +104,10 @@ def _view(fact: Fact, store: Store, trajectories: list[Trajectory]) -> dict[str,
 
 
 def _companion(fact: Fact, store: Store, name: str) -> Fact:
+    """The drive of an ADS or of a driver at the point of a drive.
+
+    Raises InputError where it has no recorded drive there.
+    """
     at_point = [
         other
         for role in ROLES_BESIDE

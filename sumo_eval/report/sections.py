@@ -69,7 +69,7 @@ class Section:
 
 
 def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
-    """Verdict, gates, flipped cases and differences; nothing where no earlier run was looked
+    """Verdict, gates, flipped cases and differences; None where no earlier run was looked
     for.
     """
     comparison = beside.comparison
@@ -96,6 +96,7 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
                 if comparison and gate.worst
                 else "",
             )
+            # failed, passed, not evaluated
             for gate in sorted(
                 beside.gates, key=lambda gate: [False, True, None].index(gate.passed)
             )
@@ -169,7 +170,7 @@ def preventability_content(evaluation: Evaluation, _: Beside) -> Mapping[str, An
 
 
 def ranking_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
-    """The ADSs in order of S+ over all scenarios; nothing where they were not ranked."""
+    """The ADSs in order of S+ over all scenarios; None where they were not ranked."""
     ranking = evaluation.ranking
     if ranking is None:
         return None

@@ -40,8 +40,10 @@ Point = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class Embedded:
-    """Points whose trajectories travel in the page: of the ADSs and the other vehicles, and of the
-    drivers too.
+    """Points whose trajectories travel in the page.
+
+    points: those of the ADSs and of the other vehicles.
+    with_drivers: some of these, with the trajectories of the drivers too.
     """
 
     points: frozenset[Point]
@@ -49,7 +51,7 @@ class Embedded:
 
 
 MOST_BYTES = 4_500_000  # of embedded trajectories; the whole page stays below 10 MB at 5,000 cases
-BYTES_OF_A_RUN = 900  # about; what is chosen is measured before it is embedded
+BYTES_OF_A_RUN = 900  # about, of a trajectory; the chosen ones are measured before embedding
 BYTES_BEYOND = 40  # about, of an entry of `beyond`
 
 
@@ -88,12 +90,14 @@ def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> Se
     Reading, rounding and deflating hold the interpreter's lock for a quarter of the time, so this
     is for a thread.
     """
-    runs = MOST_BYTES // BYTES_OF_A_RUN
+    runs = MOST_BYTES // BYTES_OF_A_RUN  # trajectories
     with open_store(facts) as store:
         points = _points_of(store, cases_of)
         while True:
             embedded = worth_embedding(cases_of, points, store, runs)
-            found = {name: _drives(name, store, embedded, its) for name, its in points.items()}
+            found = {
+                name: _drives(name, store, embedded, of_cases) for name, of_cases in points.items()
+            }
             size = sum(one.size for one in found.values())
             if size <= MOST_BYTES or not embedded.points:
                 return SentDrives(embedded, found)
@@ -104,8 +108,8 @@ def _drives(scenario: str, store: Store, embedded: Embedded, points: Mapping[str
     """The drives of a page's cases, by their points."""
     trajectories: list[Trajectory] = []
     rows: list[dict[str, Any]] = []
-    there = set(points.values())
-    numbers = {at: drives for at, drives, _ in store.drivers_at_points(scenario) if at in there}
+    shown = set(points.values())
+    numbers = {at: drives for at, drives, _ in store.drivers_at_points(scenario) if at in shown}
     for case, number in points.items():
         here = (scenario, number) in embedded.points
         recorded = store.trajectories(case) if here else {}
@@ -114,6 +118,7 @@ def _drives(scenario: str, store: Store, embedded: Embedded, points: Mapping[str
         fact = store.fact(case) if EGO in recorded else None
         rows.append({
             "point": number,
+            # nothing lacks of a drive that never began; a discarded one lacks its trajectories
             "embedded": here and (bool(recorded) or not store.is_discarded(case)),
             "vehicles": vehicles,
             "contact": fact and contact_of(fact, recorded[EGO]),
@@ -143,24 +148,25 @@ def worth_embedding(
     points_of: their points, by case.
     most_runs: trajectories that the page may have.
     """
-    # scipy comes with it, and an animation of one case chooses nothing
+    # imported here because it imports scipy, which the animation of one case does not need
     from sumo_eval.scoring.shown_cases import HIT, telling
 
     runs: dict[Role, Counter[Point]] = {"ads": Counter(), "human": Counter()}
     tells: dict[Point, float] = {}
     for name in cases_of:
-        there = set(points_of[name].values())
+        shown = set(points_of[name].values())
         for role, counts in runs.items():
-            counts.update((name, at) for _, at, _ in store.names(role, name) if at in there)
+            counts.update((name, at) for _, at, _ in store.names(role, name) if at in shown)
     every = [case for cases in cases_of.values() for case in cases]
     for case, tell in zip(every, telling(CaseTable.of(every)).tolist(), strict=True):
         at = case.scenario, points_of[case.scenario][case.case]
         tells[at] = max(tells.get(at, 0.0), tell)
     own, humans = runs.values()
-    order = sorted(tells, key=lambda known: (-tells[known], known))
+    order = sorted(tells, key=lambda point: (-tells[point], point))
     chosen: set[Point] = set()
     with_drivers: set[Point] = set()
     left = most_runs
+    # first incidents and cases not evaluated without their drivers, then all points with them
     for drivers in (False, True):
         for here in order:
             cost = (0 if here in chosen else own[here]) + (humans[here] if drivers else 0)
@@ -228,7 +234,7 @@ def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
         held = np.abs(whole) <= MOST_WHOLE
         beyond += [[name, *run] for run in _runs_of_one_value(channel, ~held)]
         change = np.diff(np.where(held, whole, 0.0).astype("<i4"), prepend=np.int32(0))
-        # 2 c, and -2 c - 1 below 0: small numbers of either sign
+        # 2 c, and -2 c - 1 below 0: small numbers of either sign; first all lowest bytes, and so on
         folded = change << 1 ^ change >> 31
         planes.append(folded.astype("<i4").view(np.uint8).reshape(-1, 4).T.tobytes())
     return {
@@ -243,6 +249,7 @@ def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
 
 def _runs_of_one_value(channel: FloatArray, chosen: BoolArray) -> Iterator[tuple[int, int, float]]:
     """(place of the first, how many, value) of chosen samples, equal neighbours together."""
+    # place - rank stays the same from one neighbour to the next
     for (value, _), run in groupby(
         enumerate(np.flatnonzero(chosen).tolist()),
         key=lambda pair: (float(channel[pair[1]]), pair[1] - pair[0]),

@@ -54,8 +54,10 @@ def cases_csv(evaluation: Evaluation, path: Path) -> None:
     taken = (*_FIRST, *_REST, *_ALSO)
     headings = [f"parameter_{name}" if name in taken else name for name in parameters]
     cases = evaluation.cases
-    worst = (None if math.isnan(value) else value for value in cases.incident_severity.tolist())
-    also = zip(cases.departed.tolist(), cases.gave_up.tolist(), worst, strict=True)
+    severities = (
+        None if math.isnan(value) else value for value in cases.incident_severity.tolist()
+    )
+    also = zip(cases.departed.tolist(), cases.gave_up.tolist(), severities, strict=True)
     rows = (
         (
             *(getattr(case, name) for name in _FIRST),

@@ -1,5 +1,6 @@
-"""Behaviour of each ADS of a run in all scenarios together, and its cases to look at first, for the
-report's headline and summary.
+"""Behaviour of each ADS of a run in all scenarios together, and its cases to look at first.
+
+Users: `report.headline`, `report.summary`, `scoring.shown_cases`.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ Change = Literal[
     "new collision", "left the road", "not evaluated any more", "harsher", "less human",
     "collision gone", "back on the road", "evaluated again", "softer", "more human",
 ]  # fmt: skip
-"""What became of a case: changes for the worse, the worst first, then those for the better."""
+"""Change of a case: those for the worse, the worst first, then those for the better."""
 
 _ORDER: Final[tuple[Change, ...]] = get_args(Change)
 WORSE, BETTER = _ORDER[:5], _ORDER[5:]  # the two lines above

@@ -1,6 +1,4 @@
-"""Cause of a contact, by when its ADS braked and by the point of no return, for the rows of
-`scoring.quantities`.
-"""
+"""Cause of a contact, by when its ADS braked and by the point of no return."""
 
 from __future__ import annotations
 
@@ -30,7 +28,7 @@ def cause_of_contact(fact: Fact) -> ContactCause:
     clip = next((clip for clip in fact.clips if clip.what == NO_RETURN), None)
     if clip is None or clip.first_time == UNKNOWN:
         return ContactCause("not_repeatable")
-    last, braked = clip.first_time, clip.requested
+    last, braked = clip.first_time, clip.requested  # s; `NO_RETURN` says what a clip has
     if last == NEVER:
         return ContactCause("unavoidable_by_braking")
     if braked == NEVER:

@@ -30,13 +30,13 @@ def critical_points(evaluation: Evaluation, numbers: Mapping[str, int]) -> set[t
         name, logical = score.scenario, evaluation.scenarios[score.scenario]
         cases = evaluation.cases_of(score.ads, name)
         points = np.array([numbers[case] for case in cases.case.tolist()], dtype=np.intp)
-        ended, likeness = cases.collided, cases.human_likeness
-        critical = ended | cases.departed | (cases.status != "ok")
-        liked = np.flatnonzero(np.isfinite(likeness))
-        critical[liked[np.lexsort((points[liked], likeness[liked]))[:LEAST_HUMAN]]] = True
+        collided, likeness = cases.collided, cases.human_likeness
+        critical = collided | cases.departed | (cases.status != "ok")
+        likened = np.flatnonzero(np.isfinite(likeness))
+        critical[likened[np.lexsort((points[likened], likeness[likened]))[:LEAST_HUMAN]]] = True
         if len(points) > 1:
             places = logical.to_unit(cases.parameters(logical.names))
             nearest = np.asarray(KDTree(places).query(places, k=2)[1])[:, 1]
-            critical |= ended[nearest] != ended
+            critical |= collided[nearest] != collided
         found |= {(name, number) for number in points[critical].tolist()}
     return found

@@ -1,6 +1,6 @@
 """One recorded drive beside the drivers at its point: what stands out, when, and by how much.
 
-`report.driving_words` makes sentences of it.
+`report.driving_words` makes sentences of it, `report.explain` takes D_i from here.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ LEAST_SPREADS = {"speed": 1.0, "y": 0.2}
 class CaseDrives:
     """Drive of a case, with all drives that it is compared with at its point.
 
-    road: in whose frame they are.
+    road: its frame has the coordinates of the drives.
     drivers: drives of the human drivers.
-    beside: these and the drive of the reference car, by name.
+    beside: the same and the drive of the reference car, by name.
     """
 
     case: CaseResult
@@ -138,7 +138,7 @@ def behind(scene: CaseDrives, logical: LogicalScenario, margin: float) -> Behind
     if share is None or share >= LOW or scene.case.incident or not asked or not len(asked.places):
         return None
     drivers = sum(one in scene.drivers for one in clean)
-    references = drivers, len(clean) > drivers
+    references = drivers, len(clean) > drivers  # the last two fields
     if start.way is not None and misses(ego, start.way):
         when = float(times_at(ego, np.array([start.way.by]))[0])
         return Behind("missed", start.way.by - start.x, when, np.nan, *references)
@@ -184,6 +184,7 @@ def rarest_extreme(scene: CaseDrives, people: Quantiles) -> Extreme:
     value, half = extremes[name], HALF_WINDOWS.get(name, 0.0)
     when = max(0.0, _reached(scene, name, value) - half)
     near = min(_events(scene), key=lambda event: abs(event.time - when), default=None)
+    # the last level of the table is the median
     return Extreme(name, value, share, people.values[name][-1], when, near)
 
 
@@ -232,20 +233,21 @@ def furthest(scene: CaseDrives) -> Furthest:
     """Where path or speed differ most from the drivers' own spread."""
     ego = scene.ego
     end = min(float(one.x.max()) for one in (ego, *scene.drivers))
+    # every metre, at least the first place
     places = np.arange(float(ego.x[0]), max(end, float(ego.x[0]) + 1.0))
-    speed, y = (_furthest(scene, places, "speed"), _furthest(scene, places, "y"))
+    speed, y = _furthest(scene, places, "speed"), _furthest(scene, places, "y")
     return speed if speed.deviations > y.deviations else y
 
 
 def _furthest(scene: CaseDrives, places: FloatArray, channel: Literal["speed", "y"]) -> Furthest:
-    """Where one of both differs most, among places x, (n,), m."""
+    """Where `channel` differs most, among places x, (n,), m."""
     own = _at_places(scene.ego, places, channel)
     theirs = np.array([_at_places(one, places, channel) for one in scene.drivers])
     spread = np.maximum(theirs.std(axis=0, ddof=1), LEAST_SPREADS[channel])
     away = np.abs(own - theirs.mean(axis=0)) / spread
     worst = int(np.argmax(away))
-    when, there = times_at(scene.ego, places[worst : worst + 1])[0], theirs[:, worst]
-    ends = there.min(), there.mean(), there.max()
+    when, drivers_there = times_at(scene.ego, places[worst : worst + 1])[0], theirs[:, worst]
+    ends = drivers_there.min(), drivers_there.mean(), drivers_there.max()
     return Furthest(float(away[worst]), channel, float(when), float(own[worst]), *map(float, ends))
 
 
@@ -265,4 +267,5 @@ def mean_speed(drives: Sequence[Trajectory], times: FloatArray) -> FloatArray:
     """Mean speed of drives at times since their start, m/s; nan after the first of them ends."""
     speeds = [np.interp(times, one.time - one.time[0], one.speed) for one in drives]
     last = min(one.duration for one in drives)
+    # 1e-9 s is rounding
     return np.where(times <= last + 1e-9, np.mean(speeds, axis=0), np.nan)

@@ -38,7 +38,7 @@ _AT_ONCE = 32  # drives that a process measures before it answers
 class _Request:
     """A drive to be measured.
 
-    road: in whose frame it was recorded.
+    road: its frame has the coordinates of the drive.
     conflicting: the actor whose way conflicts with the ego's, "" for none.
     """
 
@@ -53,7 +53,7 @@ def drive_measures(
 ) -> dict[str, dict[str, float | None]]:
     """Fields of every evaluated case that follow from its trajectories, by case.
 
-    people: whose driving its plausibility is computed from.
+    people: table of people that the plausibility compares with.
     files: a hash of the scenario's files.
     """
     road, hash_of = space.logical.road, space.store.case_hash

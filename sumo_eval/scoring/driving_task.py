@@ -83,7 +83,7 @@ def tasks_of_drives(
         hits = {
             fact.case: fact.status == "collision"
             for fact in here
-            # without a drive to judge; one that the ADS gave up may have left the road before
+            # these two ends have no drive; a case given up has one, which may leave the road
             if fact.end_reason not in (None, "sim_error")
         }
         points.append(_Point(hits, others, road, margin, start.x, start.way))

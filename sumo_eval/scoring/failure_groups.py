@@ -52,10 +52,10 @@ def failure_kinds(cases: CaseTable) -> tuple[IntArray, list[str]]:
     of the list counts: a contact, not a departure. A plain collision is one whose ideal vehicle
     is not known.
     """
-    known = ("unavoidable", "avoidable", "caused")
-    words = ["", "off road", "collision", *(f"{kind} collision" for kind in known)]
+    by_ideal = ("unavoidable", "avoidable", "caused")
+    words = ["", "off road", "collision", *(f"{kind} collision" for kind in by_ideal)]
     flags = [cases.off_road | cases.departed, cases.collided]
-    flags += [getattr(cases, kind) for kind in known]
+    flags += [getattr(cases, kind) for kind in by_ideal]
     kinds = np.zeros(len(cases), dtype=np.intp)
     for code, flag in enumerate(flags, 1):  # a later kind replaces an earlier one
         kinds[flag] = code

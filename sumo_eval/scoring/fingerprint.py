@@ -22,10 +22,12 @@ from sumo_eval.scenario.formats import GROUP, format_of
 from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
 _PACKAGE = Path(__file__).parent.parent
+# rooms and files of this package that scores depend on
 _ROOMS = ("drivers", "method", "record", "scenario", "scoring", "settings")
 _FILES = ("cases.py", "coded.py", "evaluation.py", "results.py", "trajectory.py")
 _READERS = "extras/openscenario"  # makes scenarios of files, as the room `scenario` does
-_COMPUTES = ("numpy", "scipy", "numba")
+_COMPUTES = ("numpy", "scipy", "numba")  # libraries whose version may change a score
+# a quoted text, which may name a file, and endings of files in which such texts are looked for
 _QUOTED = re.compile(r"""["']([^"'\n]{1,300})["']""")
 _WITH_NAMES = (".toml", ".xosc", ".py", ".json", ".xml")
 _LARGEST = 8 << 20  # bytes of a file whose text may name others
@@ -45,10 +47,10 @@ def sources(*rooms: str) -> str:
     ]
     files += [] if rooms else [_PACKAGE / name for name in _FILES]
     readers = [(one.value, one.dist and one.dist.version) for one in entry_points(group=GROUP)]
-    found = hashlib.blake2b(repr(([version(name) for name in _COMPUTES], readers)).encode())
+    digest = hashlib.blake2b(repr(([version(name) for name in _COMPUTES], readers)).encode())
     for file in sorted(files):
-        found.update(str(file.relative_to(_PACKAGE)).encode() + b"\0" + file.read_bytes())
-    return found.hexdigest()
+        digest.update(str(file.relative_to(_PACKAGE)).encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()
 
 
 def scores_key(
@@ -76,14 +78,14 @@ def space_key(entry: ScenarioSettings, source: Path) -> str:
     """A hash of the files that a user's scenario and its sample come from. A shipped scenario has
     none: `sources` covers it.
     """
-    found = hashlib.blake2b()
+    digest = hashlib.blake2b()
     sampling = entry.sampling
     for locator in (options_of(entry.use)[0], sampling.method, sampling.file):
         for file in _files_of(locator, source) if locator else []:
             # a missing file matches no earlier state
             content = file.read_bytes() if file.is_file() else os.urandom(16)
-            found.update(str(file).encode() + b"\0" + content)
-    return found.hexdigest()
+            digest.update(str(file).encode() + b"\0" + content)
+    return digest.hexdigest()
 
 
 def _files_of(locator: str, source: Path) -> list[Path]:

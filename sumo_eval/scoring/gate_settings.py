@@ -1,7 +1,7 @@
 """The gate file: which changes between two runs, and which values of the new one, fail it.
 
-`nightly/` and `scoring/` take their bounds and tolerances from here; `report/` and `extras/`, which
-scores are better when higher.
+`nightly/`, `scoring/` and `cli/compare.py` take bounds and tolerances from here. `report/` and
+`extras/` look up which scores are better when higher.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ QUANTITIES: Final = (
 """Numbers of an ADS in a logical scenario that a limit may be about."""
 
 COLUMNS: Final = (*NUMBERS, "d_i", "departed", "incident_severity")
-"""Columns of cases.csv that a limit may be about; it holds for each case by itself."""
+"""Columns of cases.csv that a limit may be about; the limit holds for each case."""
 HIGHER_COLUMNS: Final = frozenset((
     "min_ttc", "min_thw", "min_gap", "pet", "conflict_pet", "undisturbed_pet", "time_to_conflict",
     "index", "d_i", "length_factor", "operation_factor", "similarity",

@@ -1,7 +1,7 @@
 """The ledger of a score: where every point went, term by term and case by case, adding up to the
 printed number.
 
-The terminal and the pages print it.
+Users: `report.terminal`, `report.sections`, `extras.figures`.
 
 S+ is 100 times the product of T, A' and (a + b H) / 100. Each of the three factors takes its
 Shapley value from 100 points. Its cases share that value in proportion to their losses in T, A or
@@ -39,7 +39,7 @@ Term = Literal["S+", "T", "A", "H", "C", "D"]
 class LedgerLine:
     """One term of the ledger.
 
-    cause: why the points were gained or lost, `NOT_COMPUTED` among them.
+    cause: why the points were gained or lost, in words, or `NOT_COMPUTED`.
     index: what the line adds to T, A, H, C or D; a loss is negative.
     scale: points of S+ or S for 1 of the index.
     entries: its m cases, the costliest first.
@@ -84,7 +84,7 @@ class Ledger:
         return 0.0 if abs(total) < ROUNDING else total
 
 
-_NONE: Final[Any] = np.empty(0, dtype=np.intp)
+_NONE: Final[Any] = np.empty(0, dtype=np.intp)  # no rows, and no losses
 _Lines = Iterable[LedgerLine]
 
 
@@ -167,10 +167,10 @@ def _first_of(
     lost: loss of each case in the index, (n,).
     counts: whether each case lost something worth counting, (n,).
     """
-    left = lost > 0.0
+    remaining = lost > 0.0
     for cause, belongs in groups.items():
-        places = np.flatnonzero(belongs & left)
-        left = left & ~belongs
+        places = np.flatnonzero(belongs & remaining)
+        remaining = remaining & ~belongs
         if len(places):
             line = _line(found, term, cause, places, lost=lost[places])
             yield replace(line, cases=int(np.count_nonzero(counts[places])))

@@ -1,6 +1,6 @@
 """The map of a space: its x and y, its panels along a third parameter, its slice through others.
 
-Pages, figures and JUnit draw it.
+Users: `report/`, `scoring.zone_levels`, `extras/figures/`.
 """
 
 from __future__ import annotations

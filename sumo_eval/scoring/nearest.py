@@ -32,15 +32,15 @@ def nearest(
     having = [name for name, logical in scenarios.items() if values.keys() <= set(logical.names)]
     name = scenario or next(iter((*having, *scenarios)))
     check_known("scenario of this run", scenarios, name)
-    everybody = [score.ads for score in evaluation.scores_in(name)]
-    check_known(f"ADS of scenario `{name}`", everybody, *([] if ads is None else [ads]))
+    names = [score.ads for score in evaluation.scores_in(name)]
+    check_known(f"ADS of scenario `{name}`", names, *([] if ads is None else [ads]))
     logical = scenarios[name]
     check_known(f"parameter of scenario `{name}`", logical.names, *values)
     if bad := [item for item in values.items() if not np.isfinite(item[1])]:
         raise InputError(f"`{bad[0][0]}` must be a finite number, got {bad[0][1]}.")
     columns = [logical.column(parameter) for parameter in values]
     spans = (logical.high - logical.low)[columns]
-    for one in everybody if ads is None else [ads]:
+    for one in names if ads is None else [ads]:
         cases = evaluation.cases_of(one, name)
         away = (cases.parameters(list(values)) - list(values.values())) / spans
         with np.errstate(over="ignore"):  # beyond 1e154 all cases are equally far

@@ -1,5 +1,6 @@
-"""The people from whose table the plausibility of a scenario's cases is read, for
-`scoring.steps`.
+"""The people from whose table the plausibility of a scenario's cases is read.
+
+Users: `scoring.steps`, `report.driving_words`.
 """
 
 from __future__ import annotations
@@ -42,9 +43,9 @@ def plausible_people(
     logical: LogicalScenario, store: Store, settings: PlausibilitySettings
 ) -> PlausiblePeople:
     """The people of the motorway, or the recorded drivers of the run in this scenario, each among
-    its other vehicles.
+    its other vehicles as these move undisturbed.
 
-    Drives of one person at several points are one person's. Fewer than `LEAST_PEOPLE` persons
+    All drives of a person count as one person. Fewer than `LEAST_PEOPLE` persons
     cannot show a share of 5 %: the motorway's stand in.
     """
     if settings.table == "motorway":

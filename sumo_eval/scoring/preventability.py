@@ -4,7 +4,7 @@ scenario.
 The question of type approval (UN Regulation No. 157): a collision that a careful and competent
 driver avoids must not happen. Leaving the road and giving up are incidents as a collision is, and U
 counts them. The reference is an ADS of the same run, `[report] reference`, or the ideal vehicle
-where the run has none. Pages, tables and evidence show the counts.
+where the run has none. Users: `report/`, `extras/figures/`.
 """
 
 from __future__ import annotations
@@ -71,6 +71,7 @@ def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
     beside = cases.ideal_collided
     if reference is not None:
         beside = _incidents_at(cases, evaluation.cases_of(reference, score.scenario))
+    # texts as long as the longest verdict
     found = np.full(len(cases), "avoided", dtype=f"U{max(map(len, get_args(Verdict)))}")
     rules: tuple[tuple[Verdict, BoolArray], ...] = (
         ("better", beside == 1.0),

@@ -27,7 +27,7 @@ Levels = NDArray[np.int16]
 class ZoneLevels(NamedTuple):
     """The zones at points, (n,) each.
 
-    gp: y of the GP, times 32000; 0 is the boundary, above it is safe.
+    gp: y of the GP, times 32000 (which 16 bits hold); 0 is the boundary, above it is safe.
     exact: y of the criterion itself, in the same way.
     rooms: of each constraint its room (`rooms_of`); a point is impossible where one is below 0.
     """

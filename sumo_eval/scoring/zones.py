@@ -1,6 +1,6 @@
 """The zones of a run's scenarios, kept in its folder or computed (Eqs. 7-8).
 
-Scoring and `report.explain` read them here.
+Users: `evaluation`, `scoring.steps`, `report.explain`.
 """
 
 from __future__ import annotations

@@ -93,20 +93,20 @@ def _points(evaluation: Evaluation, zones: ZonePartition) -> FloatArray:
 
 def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition) -> Assessment:
     settings = evaluation.settings
-    found = risk_of(evaluation, score)
-    if found is None:
+    risk = risk_of(evaluation, score)
+    if risk is None:
         reason = "fewer than two evaluated cases with exposure"
         return Assessment(score.ads, score.scenario, {}, {}, None, None, reason)
     cases = evaluation.cases_of(score.ads, score.scenario)
-    judged = cases[cases.evaluated]
-    moved = influence(case_terms(judged, settings.method), settings.method)
-    points = judged.parameters(zones.logical.names)
+    evaluated = cases[cases.evaluated]
+    moved = influence(case_terms(evaluated, settings.method), settings.method)
+    points = evaluated.parameters(zones.logical.names)
     return Assessment(
         score.ads,
         score.scenario,
         intervals_of(score),
         score.half_widths_by_source,
-        found,
+        risk,
         further_cases(zones.logical, points, moved, FURTHER),
     )
 
@@ -142,11 +142,11 @@ def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
 def risk_of(evaluation: Evaluation, score: ScenarioResult) -> Risk | None:
     """Risk of an ADS in a scenario; None with fewer than two evaluated cases with exposure."""
     cases = evaluation.cases_of(score.ads, score.scenario)
-    judged = cases[cases.evaluated]
-    if len(judged) < 2 or not judged.exposure.sum() > 0.0:
+    evaluated = cases[cases.evaluated]
+    if len(evaluated) < 2 or not evaluated.exposure.sum() > 0.0:
         return None
-    loss = np.nan_to_num(judged.loss)
-    return risk(judged.exposure, loss, evaluation.settings.seed, (score.scenario, score.ads))
+    loss = np.nan_to_num(evaluated.loss)
+    return risk(evaluated.exposure, loss, evaluation.settings.seed, (score.scenario, score.ads))
 
 
 def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] = ()) -> Risk:
@@ -174,7 +174,7 @@ def risk(exposure: FloatArray, loss: FloatArray, seed: int, name: Sequence[str] 
     effective = float(exposure.sum() ** 2 / np.sum(exposure**2))
     tail = (1.0 - LEVEL) / 2.0
     unseen = 1.0 - tail ** (1.0 / effective)
-    weighing = hit[exposure > 0.0]
+    weighing = hit[exposure > 0.0]  # outcomes of the cases that have exposure
 
     def interval(values: FloatArray, drawn_sums: FloatArray) -> Interval:
         low, high = np.quantile(drawn_sums[drawn] / over[drawn], [tail, 1.0 - tail])

@@ -66,19 +66,19 @@ def driver_deviations(
 
     The same driver is left out of all cases at once, because it is the same person.
     """
-    there = np.isin(cases.case, [case for case, one in left_out.items() if one.without])
-    chosen, weights = cases.case[there].tolist(), cases.exposure[there]
+    jackknifed = np.isin(cases.case, [case for case, one in left_out.items() if one.without])
+    chosen, weights = cases.case[jackknifed].tolist(), cases.exposure[jackknifed]
     names = sorted({name for case in chosen for name in present[case]})
     if len(names) < 3 or not weights.any():  # a deviation needs two that stay
         return NO_DEVIATIONS
     results, drivers = [left_out[case] for case in chosen], [list(present[case]) for case in chosen]
-    plausible = np.nan_to_num(cases.plausibility[there])
+    plausible = np.nan_to_num(cases.plausibility[jackknifed])
 
     def mean(values: ArrayLike) -> FloatArray:
         """Mean over the cases, by exposure, of values (..., cases)."""
         return np.asarray((np.array(values) @ weights) / weights.sum())
 
-    # of each case without each driver; a driver that it does not have changes nothing
+    # a row for each driver: every case without it; where a case does not have it, nothing changes
     index = [
         [
             one.without[of_case.index(name)] if name in of_case else one.everyone
@@ -96,6 +96,7 @@ def driver_deviations(
     index_change = mean([one.exchanged - one.everyone for one in results])
     likeness_change = mean(plausible * [one.likeness_exchanged - one.likeness for one in results])
     likened = cases.safe & np.isfinite(cases.human_likeness)
+    # exposure of the cases in H, and of those among them without an incident
     whole, calm = (
         sum(cases.exposure[part].tolist()) for part in (likened, likened & ~cases.incident)
     )
@@ -105,7 +106,7 @@ def driver_deviations(
         stratified_deviations(mean(values), groups, share, float(change))
         for values, change in ((index, index_change), (plausible * likeness, likeness_change))
     )
-    # drivers move H only in cases without an incident: their share of H
+    # drivers move H only in cases without an incident: the share of these
     compared = calm / whole if whole else 0.0
     freedom = max(len(names) - len(set(groups)), 1)
     return DriverDeviations((*names, INCLINATION), errors, compared * likeness_errors, freedom)
@@ -172,10 +173,10 @@ def stratified_deviations(
 
 def _group(name: str, settings: DriverSettings, seed: int) -> bool | None:
     """Whether a synthetic driver overtakes; None for any other driver."""
-    found = _SYNTHETIC.fullmatch(name)
-    if found is None or settings.source not in ("synthetic", RECORDED):
+    match = _SYNTHETIC.fullmatch(name)
+    if match is None or settings.source not in ("synthetic", RECORDED):
         return None
-    return _overtakes(int(found[1]), seed, settings.population)
+    return _overtakes(int(match[1]), seed, settings.population)
 
 
 @lru_cache(maxsize=4096)

@@ -81,14 +81,14 @@ def standing(
         wide = f"half the widest 95 % interval is {width}{unit}"
     further = size_of_next(budget, size, done)
     # why there are no more rounds
-    why = f"{wide}; it was stopped, `--resume` drives more rounds"
+    reason = f"{wide}; it was stopped, `--resume` drives more rounds"
     if sampling.until is not None and half <= sampling.until:
-        further, why = 0, f"{wide}, no more than the {sampling.until:g} asked for"
+        further, reason = 0, f"{wide}, no more than the {sampling.until:g} asked for"
     elif not further:
         asked = "" if sampling.until is None else f", more than the {sampling.until:g} asked for"
-        why = f"all it may drive; {wide}{asked}"
-    so_far = f"Adaptive sampling: {done} of at most {budget} points in {rounds} rounds; {why}."
-    return Standing(rounds, size, further, so_far)
+        reason = f"all it may drive; {wide}{asked}"
+    sentence = f"Adaptive sampling: {done} of at most {budget} points in {rounds} rounds; {reason}."
+    return Standing(rounds, size, further, sentence)
 
 
 def further_round(

@@ -46,11 +46,11 @@ def paired_differences(base: Run, new: Run, replicates: int, seed: int) -> dict[
     before, after = (
         _scores(run, slice(0, 0), KnownSums(total.T)) for total, run in zip(sums, runs, strict=True)
     )
-    known = [point_values(*run) for run in runs]
+    whole = [point_values(*run) for run in runs]
     moved = {
         name: after[score] - before[score]
         for name, score in COMPARED.items()
-        if all(values[score] is not None for values in known)
+        if all(values[score] is not None for values in whole)
     }
     return {name: values[np.isfinite(values)] for name, values in moved.items()}
 

@@ -74,9 +74,14 @@ def rank(
         )  # fmt: skip
     unranked = sorted(results_of.keys() - totals.keys())
     rows += [RankedAds(name, place=None, s_plus=None, interval=None) for name in unranked]
-    bare = tuple(name for name in weighted if name in without_people)
-    taskless = tuple(name for name in weighted if name not in with_task)
-    return Ranking(weights, LEVEL, tuple(rows), tuple(pairs), bare, taskless)
+    return Ranking(
+        weights,
+        LEVEL,
+        tuple(rows),
+        tuple(pairs),
+        without_people=tuple(name for name in weighted if name in without_people),
+        without_task=tuple(name for name in weighted if name not in with_task),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,16 +112,16 @@ class _Means:
 
         In a replicate without safe points no ADS has an S+: it counts 0 for all of them.
         """
-        known: list[Any] = [replicates.get((ads, scenario)) for scenario in self.weights]
-        if None in known:
+        intervals: list[Any] = [replicates.get((ads, scenario)) for scenario in self.weights]
+        if None in intervals:
             return None
         weights = np.array(list(self.weights.values()))[:, None]
         return _Spread(
-            worse=self.of(np.nan_to_num(one.worse) for one in known),
-            better=weights * np.nan_to_num([one.better for one in known]) / weights.sum(),
-            freedom=np.array([one.freedom for one in known]),
-            lower=self.of(one.missing[0] for one in known),
-            higher=self.of(one.missing[1] for one in known),
+            worse=self.of(np.nan_to_num(one.worse) for one in intervals),
+            better=weights * np.nan_to_num([one.better for one in intervals]) / weights.sum(),
+            freedom=np.array([one.freedom for one in intervals]),
+            lower=self.of(one.missing[0] for one in intervals),
+            higher=self.of(one.missing[1] for one in intervals),
         )
 
 

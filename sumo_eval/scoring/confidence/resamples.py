@@ -189,8 +189,8 @@ class Balance:
         about = unit - unit.mean(axis=0)
         # singular values and directions; of `about` itself they would need three times the memory
         _, extent, directions = np.linalg.svd(np.linalg.qr(about, mode="r"))
-        there = extent > _FLAT
-        trend = about @ (directions[there].T / extent[there])
+        wide = extent > _FLAT
+        trend = about @ (directions[wide].T / extent[wide])
         del about
         # tr G: the variance of each point in a list of s is s/(s - 1) (1 - 1/s) = 1
         spread = float(sizes[sizes > 1].sum())
