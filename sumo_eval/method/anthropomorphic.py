@@ -1,8 +1,7 @@
 """Anthropomorphic index D, Eqs. 11-13: how closely an ADS drives as skilled humans do in the same
 concrete scenario.
 
-`record.human_reference` and `method.leave_one_out` compute D_i of all cases here, reports explain
-it.
+Users: `record/`, `scoring/`, `report/`, `cases.py`, `extras/`.
 
 Readings of the paper (docs/method.md) that this file is built on:
 - A trajectory's centre at a slice is the vehicle's own lateral position where it first gets there.
@@ -36,7 +35,7 @@ from sumo_eval.errors import must_be
 from sumo_eval.method import score_terms
 from sumo_eval.method.checks import finite, not_negative
 from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, everyone, manoeuvre_of, spread
-from sumo_eval.method.operations import count_operations as count_operations
+from sumo_eval.method.operations import count_operations as count_operations  # for users, too
 from sumo_eval.method.operations import most_operations
 from sumo_eval.method.shared_fields import SharedFields, Stretch
 from sumo_eval.scenario.concrete import Road
@@ -302,8 +301,8 @@ class _Slices(NamedTuple):
     spacing: float
 
 
-_Points = tuple[int, _Slices]
-"""Name of the sample points of an ADS (its index among the trajectories) at some slices."""
+_PointsKey = tuple[int, _Slices]
+"""Key of sample points: index of the ADS among the trajectories, and the slices."""
 
 
 class _Comparison(NamedTuple):
@@ -333,7 +332,8 @@ def _indexes(
     """The indexes of one group."""
     if not pairings:
         return []
-    # a D_i in the mode of the settings, and for `Likeness` one in mixture mode
+    # a D_i in the mode of the settings, and for `Likeness` one in mixture mode; of each, the drivers
+    # that count and the slices
     modes: tuple[Mode, Mode] = settings.mode, "mixture"
     choices = {
         (pairing, mode): _choice(pairing, mode, vehicles)
@@ -380,8 +380,8 @@ def _indexes(
 
 
 def _fields_at(
-    points: Mapping[_Points, FloatArray], places: Sequence[int], shared: SharedFields
-) -> dict[_Points, FloatArray]:
+    points: Mapping[_PointsKey, FloatArray], places: Sequence[int], shared: SharedFields
+) -> dict[_PointsKey, FloatArray]:
     """Eq. 9: fields of trajectories at all sample points, computed together.
 
     points: of each ADS at its slices, (m, 7, 2), m.
@@ -403,19 +403,21 @@ def _choice(pairing: Pairing, mode: Mode, vehicles: Sequence[_Vehicle]) -> tuple
     return choice, _Slices(ads.begin, min(ads.reach, mean_reach), pairing.spacing)
 
 
-def _index(one: _Comparison, road: Road, settings: AnthropomorphicSettings) -> AnthropomorphicIndex:
+def _index(
+    compared: _Comparison, road: Road, settings: AnthropomorphicSettings
+) -> AnthropomorphicIndex:
     """Eqs. 11-12: D_i = f_L f_n mean(min(1, pt/pt_2sigma) min(1, pv/pv_2sigma)).
 
     f_L = min(1, L / mean of the drivers' L); f_n = min(1, mean of the drivers' n / n).
     """
-    ads, drivers, choice = one.ads, one.drivers, one.choice
+    ads, drivers, choice = compared.ads, compared.drivers, compared.choice
     lengths = np.array([driver.length for driver in drivers])[choice.members]
     operations = np.array([driver.operations for driver in drivers])[choice.members]
 
     length_factor = _capped_ratio(ads.length, lengths.mean())
     operation_factor = _capped_ratio(operations.mean(), ads.operations)
-    centre, centre_notes = _centre_term(one, road, settings)
-    field, field_notes = _field_term(one, settings)
+    centre, centre_notes = _centre_term(compared, road, settings)
+    field, field_notes = _field_term(compared, settings)
     terms = centre[:, None] * field
     similarity = choice.usual * float(terms.mean())  # `usual` is 1 in gaussian mode
 
@@ -441,17 +443,20 @@ def _index(one: _Comparison, road: Road, settings: AnthropomorphicSettings) -> A
             mean_length=float(lengths.mean()),
             ads_operations=ads.operations,
             mean_operations=float(operations.mean()),
-            slices=len(one.x),
+            slices=len(compared.x),
             centre_similarity=float(centre.mean()),
             field_similarity=float(field.mean()),
             lowest=float(of_slices[worst]),
-            lowest_at=float(one.x[worst]),
+            lowest_at=float(compared.x[worst]),
         ),
     )
 
 
 def _likeness(pairing: Pairing, vehicles: Sequence[_Vehicle], similarity: float) -> Likeness:
-    """The human-likeness of a case, whose similarity in mixture mode is known."""
+    """The human-likeness of a case.
+
+    similarity: that of mixture mode, computed before.
+    """
     ads, drivers = vehicles[pairing.ads], [vehicles[place] for place in pairing.drivers]
     return Likeness(
         _capped_ratio(ads.length, np.mean([driver.length for driver in drivers])),
@@ -486,6 +491,10 @@ def driven_length(
 ) -> float:
     """Eq. 12: L, m, from the start to where the vehicle stopped or left the road sideways, else to
     the road's end.
+
+    trajectory: in road coordinates, x in m.
+    road: its length and edges, m.
+    settings: `stop_speed` of `[method.anthropomorphic]`, m/s.
 
     A vehicle that still drives at the end of its recording has not stopped: its L ends at the
     road's end.
@@ -555,6 +564,9 @@ def slice_positions(start: float, length: float, spacing: float) -> FloatArray:
 def lateral_position(trajectory: Trajectory, positions: ArrayLike) -> FloatArray:
     """Eq. 11: y where the vehicle first gets to each x of `positions`, (m,), m.
 
+    trajectory: in road coordinates, m.
+    positions: x of the slices, (m,), m, from `slice_positions`.
+
     Behind its start this is its first y, ahead of the furthest x that it reached its last y.
     """
     x, y = trajectory.x, trajectory.y
@@ -602,7 +614,11 @@ def slice_points(
 def gaussian_similarity(value: ArrayLike, mean: ArrayLike, deviation: ArrayLike) -> FloatArray:
     """Eq. 11: min(1, p(value) / p(mean + 2 deviation)) = min(1, exp(2 - z^2 / 2)).
 
-    p: Gaussian density; z = (value - mean) / deviation. The arguments broadcast.
+    value: of the ADS, in any unit; the arguments broadcast.
+    mean: of the drivers' values, same unit.
+    deviation: of the drivers' values, same unit, above 0.
+
+    p: Gaussian density; z = (value - mean) / deviation.
     """
     z = (np.asarray(value) - np.asarray(mean)) / np.asarray(deviation)
     similarity: FloatArray = np.exp(np.minimum(2.0 - z * z / 2.0, 0.0))
@@ -610,14 +626,14 @@ def gaussian_similarity(value: ArrayLike, mean: ArrayLike, deviation: ArrayLike)
 
 
 def _centre_term(
-    one: _Comparison, road: Road, settings: AnthropomorphicSettings
+    compared: _Comparison, road: Road, settings: AnthropomorphicSettings
 ) -> tuple[FloatArray, list[IndexNote]]:
     """Eq. 11: min(1, pt / pt_2sigma) at each slice, (m,), and notes."""
-    ads, humans, choice = one.y[0], one.y[1:], one.choice
+    ads, humans, choice = compared.y[0], compared.y[1:], compared.choice
     members = choice.members
-    ends = np.array([driver.begin + driver.reach for driver in one.drivers])
-    reached: BoolArray = one.x <= ends[:, None] + SAME_PLACE  # (k, m)
-    # Where too few members got that far, all of them count, with their last y. In mixture mode one
+    ends = np.array([driver.begin + driver.reach for driver in compared.drivers])
+    reached: BoolArray = compared.x <= ends[:, None] + SAME_PLACE  # (k, m)
+    # Where too few members got that far, all of them count, with their last y. In mixture mode compared
     # is enough, because its deviation is pooled with those of the other manoeuvres.
     too_few = np.count_nonzero(reached[members], axis=0) < (1 if choice.manoeuvre else 2)
     counted = reached | (too_few & members[:, None])
@@ -626,7 +642,7 @@ def _centre_term(
     term = gaussian_similarity(ads, mean, np.maximum(deviation, floor))
 
     of_members = np.where(counted[members], humans[members], np.nan)
-    outside = (ads < road.right_edge_at(one.x)) | (ads > road.left_edge_at(one.x))
+    outside = (ads < road.right_edge_at(compared.x)) | (ads > road.left_edge_at(compared.x))
     return term, [
         *_note(deviation < floor, "centre_floor"),
         *_note(_two_groups(of_members, SPLIT_GAP * road.lane_width), "two_groups"),
@@ -651,14 +667,16 @@ def _two_groups(y: FloatArray, gap: float) -> BoolArray:
 
 
 def _field_term(
-    one: _Comparison, settings: AnthropomorphicSettings
+    compared: _Comparison, settings: AnthropomorphicSettings
 ) -> tuple[FloatArray, list[IndexNote]]:
     """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes."""
     # every driver has a field everywhere
-    everywhere = np.ones((len(one.drivers), 1, 1), dtype=bool)
-    mean, deviation = spread(one.fields[1:], everywhere, one.choice, settings.pooled_drivers)
+    everywhere = np.ones((len(compared.drivers), 1, 1), dtype=bool)
+    mean, deviation = spread(
+        compared.fields[1:], everywhere, compared.choice, settings.pooled_drivers
+    )
     floor = settings.field_deviation_floor * mean
-    term = gaussian_similarity(one.fields[0], mean, np.maximum(deviation, floor))
+    term = gaussian_similarity(compared.fields[0], mean, np.maximum(deviation, floor))
     return term, _note(deviation < floor, "field_floor")
 
 

@@ -1,6 +1,6 @@
 """Collision avoidance of an ADS, Eqs. 14-17: severity, loss, weight and the index C.
 
-`scoring/` computes U, L and r of every case here.
+Users: `scoring/` (U, L and r of every case), `report/`, `extras/`, `method.severity`.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ def impact_severity(
     ego_velocity, obstacle_velocity: (..., 2), m/s, in one frame.
     overlap: w, share of the ego's bumper width that faces the obstacle, (...), 0..1.
 
-    The paper has w in [0.5, 1]: a smaller share counts as 0.5, so that a graze is at most twice as
-    severe as a full hit, never without limit.
+    The paper has w in [0.5, 1]: a smaller share counts as 0.5, so a graze is at most twice as
+    severe as a full hit. Without this floor its U would have no limit.
 
     Raises InputError for velocities that are not finite pairs and for an overlap outside 0..1.
     """
@@ -120,17 +120,17 @@ def collision_avoidance_index(
     """
     if loss not in ("severity", "class"):
         raise must_be("`loss`", "`collision_avoidance_index`", "'severity' or 'class'", loss)
-    hit, best = _not_negative("u", u), _not_negative("u_ideal", u_ideal)
+    hit, ideal = _not_negative("u", u), _not_negative("u_ideal", u_ideal)
     r = _not_negative("weights", weights)
-    if hit.ndim != 1 or not hit.shape == best.shape == r.shape:
-        shapes = [array.shape for array in (hit, best, r)]
+    if hit.ndim != 1 or not hit.shape == ideal.shape == r.shape:
+        shapes = [array.shape for array in (hit, ideal, r)]
         wanted = "of one length (n,)"
         raise must_be("`u`, `u_ideal` and `weights`", "the collisions", wanted, shapes)
     if hit.size == 0:
         return 1.0
     if loss == "class":
-        hit, best = collision_loss(hit), collision_loss(best)
-    ratio, flags = score_terms.ideal_ratio(hit, best), np.ones(hit.shape, dtype=bool)
+        hit, ideal = collision_loss(hit), collision_loss(ideal)
+    ratio, flags = score_terms.ideal_ratio(hit, ideal), np.ones(hit.shape, dtype=bool)
     once = score_terms.once(hit.size)
     return float(score_terms.collision_avoidance(ratio, r, flags, flags, once)[0])
 

@@ -1,6 +1,7 @@
 """Encounters with an actor that moves in two dimensions, and conflicts of two ways.
 
-Zones (`point_criticality`) need encounters, cases.csv (`scoring/`) conflicts.
+Zones (`point_criticality`) need encounters, cases.csv (`scoring/`) conflicts; `record/` compiles
+the loop.
 
 Encounter: the ego brakes ideally on its path (Eqs. 2 and 5-6, searched in time). Braking begins at
 the obstacle's first move plus the scenario's delay, and ends at a standstill. The obstacle follows
@@ -139,7 +140,7 @@ def crossing_conflict(
     apart = np.abs(y - ego.y_at(x)) - wide - 0.5 * width
     inside = np.flatnonzero(apart < 0.0)
     if not inside.size:
-        return Conflict(*(math.nan,) * 6)
+        return Conflict(*(math.nan,) * 6)  # all fields
     first, last = int(inside[0]), int(inside[-1])
 
     def crossed(after: int) -> float:
@@ -147,9 +148,9 @@ def crossing_conflict(
         share = apart[after - 1] / (apart[after - 1] - apart[after])
         return float(times[after - 1] + (times[after] - times[after - 1]) * share)
 
-    def reached(x: float) -> float:
-        """Time at which the ego's centre is at x, s."""
-        return (x - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
+    def reached(place: float) -> float:
+        """Time at which the ego's centre is at x = `place`, s."""
+        return (place - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
 
     enters = crossed(first) if first else 0.0
     leaves = crossed(last + 1) if last + 1 < len(times) else math.inf
@@ -216,8 +217,8 @@ def conflict_criticality(
     """
     strength, waits = settings.deceleration, np.array(delays)
     # long enough for the latest braking to a standstill
-    stands = [_begins(concrete, other) + concrete.ego.speed / strength for concrete in placed]
-    until = np.minimum(stands + waits + HORIZON, _LONGEST)
+    standstills = [_begins(concrete, other) + concrete.ego.speed / strength for concrete in placed]
+    until = np.minimum(standstills + waits + HORIZON, _LONGEST)
     motion = tracks(placed, [size] * len(placed), STEP, float(until.max()))
     others, looks = motion.others, np.arange(motion.others.shape[2])
     # A case ends at its own time: nothing may depend on the cases searched with it. From then on
@@ -297,6 +298,7 @@ def _with_actor(
     An actor that reacts and comes from behind does not count: no braking of the ego averts its
     acts, which SUMO alone knows.
     """
+    # all cases of one scenario have the same actor, at other places
     actor, ways = placed[0].actors[other], np.zeros(len(placed), _WAY)
     for i, concrete in enumerate(placed):
         way = concrete.ego.way

@@ -6,7 +6,8 @@ Everything has a closed form, except where the lead vehicle brakes or comes in f
 `searched_criticality` looks along the time axis. Arrays broadcast; `[()]` makes a number of an
 array without axes.
 
-`method.point_criticality` uses this for the zones, `ads.foresight` for the ideal vehicle.
+Users: `method.point_criticality` for the zones, `ads.foresight` for the ideal vehicle,
+`extras/studies/` to verify the equations.
 """
 
 from __future__ import annotations
@@ -111,7 +112,9 @@ def ideal_braking_gap(
     closing = _closing_speed(ego_speed, lead_speed)
     strength = _not_negative("deceleration", deceleration, above_zero=True)
     braking = _braking_time(time, delay)
-    before = np.asarray(time) - braking
+    before = np.asarray(time) - braking  # s at constant speed
+    # s of braking until the speeds are equal, and m/s lost in them; an ego that does not close in
+    # loses none
     lasting = np.where(closing > 0.0, np.minimum(braking, closing / strength), braking)
     slower = np.where(closing > 0.0, strength * lasting, 0.0)
     return np.asarray(_finite("gap", gap) - closing * before - lasting * (closing - slower / 2.0))[
@@ -287,7 +290,8 @@ def searched_criticality(
 
     ego_speed: v0, (n,), m/s.
     gap: d0, (n,), m.
-    lead: its speed v1, m/s, and the distance that it has driven, m, at times (n, m).
+    lead: two functions of times (n, m), s: its speed v1, m/s, and the distance that it has driven
+        since t = 0, m.
     deceleration: a, m/s2, of the ego, which after the delay brakes to a standstill.
     delay: s before braking.
     conflict_begin: s before which the lead is not in the way, so that neither ITTC nor contact
@@ -338,7 +342,7 @@ def searched_criticality(
         before, after = np.where(touches, before, middle), np.where(touches, middle, after)
     impact = np.where(hit, np.abs(relative(after[:, None])[0][:, 0]), 0.0)
 
-    # The largest ITTC at these times, then at closer times around it. Where the ego touches or does
+    # The largest ITTC at these times, then at refined times around it. Where the ego touches or does
     # not close in, the quotient may be inf or nan, and 0 replaces it.
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = np.where((closing > 0.0) & ~touching, closing / distance, 0.0)
@@ -347,8 +351,8 @@ def searched_criticality(
         high = times[rows, np.minimum(peak + 1, _TIMES - 1)]
         near = low[:, None] + np.linspace(0.0, 1.0, _ZOOM) * (high - low)[:, None]
         closing, distance = relative(near)
-        closer = np.where((closing > 0.0) & (distance > 0.0), closing / distance, 0.0).max(axis=1)
-    largest = np.maximum(inverse.max(axis=1), closer)
+        refined = np.where((closing > 0.0) & (distance > 0.0), closing / distance, 0.0).max(axis=1)
+    largest = np.maximum(inverse.max(axis=1), refined)
     return np.where(passed, 0.0, np.where(hit, np.inf, largest)), impact
 
 

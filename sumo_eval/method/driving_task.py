@@ -2,7 +2,8 @@
 driven in time.
 
 Both follow from recorded trajectories, so a run recorded earlier has them as well.
-`scoring.driving_task` computes them for every case.
+
+Users: `scoring/` (for every case), `drivers/`.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory, h
 PLACE_SPACING = 1.0  # m between the places of a way at which times are compared
 SHORT_OF_THE_END = 5.0
 """m by which the asked way ends before the shortest reference: vehicles stop a few metres apart."""
-# a road user excuses an ego that stands if it is, between bodies,
-EXCUSE_AHEAD = 10.0  # m, at most this far ahead, and
-EXCUSE_BESIDE = 3.5  # m, at most this far to the side (a lane), and
-EXCUSE_SPEED = 1.0  # m/s, moves at most this fast along the road
+# a road user within all three limits excuses an ego that stands; distances are between bodies
+EXCUSE_AHEAD = 10.0  # m, largest distance ahead of the ego
+EXCUSE_BESIDE = 3.5  # m, largest distance to its side (a lane)
+EXCUSE_SPEED = 1.0  # m/s, largest speed along the road
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +123,8 @@ def times_at(drive: Trajectory, places: FloatArray) -> FloatArray:
     # the next place is interpolated from the end of the stop, not from its beginning
     arrives, leaves = np.append(True, rises), np.append(rises, False)
     x = np.where(arrives, furthest, np.nextafter(furthest, np.inf))
-    known = arrives | leaves
-    return np.asarray(np.interp(places, x[known], drive.time[known] - drive.time[0], right=np.inf))
+    ends = arrives | leaves
+    return np.asarray(np.interp(places, x[ends], drive.time[ends] - drive.time[0], right=np.inf))
 
 
 class AskedWay(NamedTuple):

@@ -240,13 +240,13 @@ def _across(values: FloatArray, count: int, finer: FloatArray, n: int) -> FloatA
     values: (boxes, p, q).
     finer: the matrix that does this, (q, q).
     """
-    found = np.zeros(values.shape)
+    result = np.zeros(values.shape)
     for box in range(values.shape[0]):
         for a in range(values.shape[1]):
             for b in range(count):
                 for c in range(n):
-                    found[box, a, c] += finer[b, c] * values[box, a, b]
-    return found
+                    result[box, a, c] += finer[b, c] * values[box, a, b]
+    return result
 
 
 @compiled
@@ -283,7 +283,8 @@ def put_field(
                 value, share = far[box, a, b], shares[a, first:last]
                 for row in range(n):
                     into[row] += value * share[row]
-        now, before, found = np.empty(n), np.empty(n), np.empty(n)
+        # the two last terms of Clenshaw's recurrence, and its result: the field of far samples
+        now, before, interpolated = np.empty(n), np.empty(n), np.empty(n)
         for point in range(k):
             place = across[point, first:last]
             for row in range(n):  # Clenshaw's sum of a Chebyshev series
@@ -295,6 +296,6 @@ def put_field(
                     before[row] = now[row]
                     now[row] = following
             for row in range(n):
-                found[row] = series[0, row] + (place[row] * now[row] - before[row])
+                interpolated[row] = series[0, row] + (place[row] * now[row] - before[row])
             for row in range(n):
-                field[order[first + row], point] = sums[row * k + point] + found[row]
+                field[order[first + row], point] = sums[row * k + point] + interpolated[row]

@@ -18,7 +18,7 @@ def _spacing(settings: AnthropomorphicSettings) -> float:
 
 
 def _all_but_one(places: Sequence[int]) -> list[tuple[int, ...]]:
-    """The places without each of them."""
+    """For each place, all other places."""
     return [tuple(place for place in places if place != without) for without in places]
 
 
@@ -39,7 +39,7 @@ def left_out_pairings(
 
     ads: index of its trajectory.
     drivers: indices of theirs.
-    exchanges: positions in `drivers` of the one left out and of the one that counts twice.
+    exchanges: pairs of positions in `drivers`: of the one left out, of the one that counts twice.
     settings: `[method.anthropomorphic]`.
 
     This measures the effect of the choice of drivers on the D_i and the human-likeness of the ADS.

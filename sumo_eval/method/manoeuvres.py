@@ -2,7 +2,7 @@
 and drivers who follow into one.
 
 The paper puts one Gaussian over all drivers. Where some overtake and some follow, that Gaussian is
-so wide that a car which drives straight on through the slower one counts as human (docs/method.md).
+so wide that a car which drives straight through the slower one counts as human (docs/method.md).
 A manoeuvre is the lane in which a vehicle begins and the first one to which it changes, if it does;
 a lane counts once it is kept for `manoeuvre_time`. Later changes (back to the right, or to the left
 again for the next vehicle) make no manoeuvre of their own: they depend on the length of the

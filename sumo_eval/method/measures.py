@@ -1,5 +1,5 @@
 """Criticality measures of one recorded case, in the terms that traffic safety and type approval
-use. `scoring.drive_measures` puts them into cases.csv.
+use. Users: `scoring/` (which puts them into cases.csv), `cases.py`, `method/`.
 
 Everything is measured along the road, x, at the ego's samples. A vehicle is in the ego's path where
 the two bodies overlap across the road, |y_other - y_ego| < (w_ego + w_other)/2, and ahead where its
@@ -20,8 +20,8 @@ from sumo_eval.scenario.road.reference_line import curvatures
 from sumo_eval.trajectory import Collision, FloatArray, Trajectory, half_extents
 
 TOUCH = 1e-3
-"""Bodies nearer than this touch, m: the last sample before a contact is not the place to divide by
-a gap."""
+"""Bodies nearer than this, m, touch: a quotient by a gap this small, in the last sample before a
+contact, means nothing."""
 CLOCK = 0.1
 """Time between two samples of `smooth_motion`, s, whatever the recording's own rate."""
 SLOPE_SAMPLES = 11
@@ -135,9 +135,10 @@ def measures(
     collision: the ego's first contact if any.
     seen: the drive's `course_of`.
     """
+    ttc = least(seen.ttc)
     return CriticalityMeasures(
-        min_ttc=(ttc := least(seen.ttc)),
-        max_ittc=1.0 / ttc if ttc else np.inf,
+        min_ttc=ttc,
+        max_ittc=1.0 / ttc if ttc else np.inf,  # nan stays nan
         min_thw=least(seen.thw),
         min_gap=least(seen.gap),
         max_drac=largest(deceleration_to_avoid(seen.gap, seen.closing)),
@@ -193,8 +194,8 @@ def lane_keeping(ego: Trajectory, lane_width: float) -> LaneKeeping:
 
 
 def smooth_motion(drive: Trajectory) -> SmoothMotion:
-    """A drive's derivatives, made alike for recorded people, whose positions are noisy, and for
-    simulated vehicles.
+    """A drive's derivatives, by one rule for recorded vehicles, whose positions are noisy, and for
+    simulated ones.
 
     Speed and y are read every 0.1 s from the start on. A derivative is the slope of the
     least-squares line through 11 samples (1 s), where all of them exist; a second derivative is the
@@ -261,7 +262,8 @@ def vehicle_ahead(
 
     d = x_other - x_ego - (l_ego + l_other)/2, bumper to bumper, at least 0; l_other and w_other of
     a turned body are its extents along and across the road. The ego counts as parallel to the road,
-    as it did for the table of recorded drivers. Closing speed = v_ego - v_other along the road.
+    because `plausibility.MOTORWAY_PEOPLE` was measured with the same rule. Closing speed =
+    v_ego - v_other along the road.
     """
     gap, closing = np.full(len(ego), np.inf), np.full(len(ego), np.nan)
     own_speed = speed_along(ego, road)
@@ -323,8 +325,8 @@ def deceleration_to_avoid(gap: FloatArray, closing: FloatArray) -> FloatArray:
 def post_encroachment_time(
     ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None
 ) -> float:
-    """PET, s: least time from another's rear leaving a place of the road to the ego's front
-    reaching it (Allen 1978).
+    """PET, s: least time from another vehicle's rear leaving a place of the road to the ego's
+    front reaching it (Allen 1978).
 
     ego: its trajectory.
     actors: the other vehicles by name.
@@ -349,8 +351,8 @@ def post_encroachment_time(
         left_at = actor.time[end - 1] + share * (actor.time[end] - actor.time[end - 1])
         y = actor.y[end - 1] + share * (actor.y[end] - actor.y[end - 1])
         overlaps = np.abs(y - ego.y[passed]) < (ego.width + actor.width) / 2.0
-        times = (ego.time[passed] - left_at)[overlaps]
-        pet = min(pet, float(times[times >= 0.0].min(initial=np.inf)))
+        waits = (ego.time[passed] - left_at)[overlaps]
+        pet = min(pet, float(waits[waits >= 0.0].min(initial=np.inf)))
     return pet if np.isfinite(pet) else float("nan")
 
 

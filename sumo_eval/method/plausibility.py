@@ -6,10 +6,11 @@ braking, the largest jerk and unrest, lateral speed and lateral acceleration. Ea
 that of recorded drives, measured by one set of rules on both sides (`method.measures`): distances
 at the recorded samples, derivatives of speed and y by `smooth_motion`.
 
-A drive is one vehicle in one encounter with another (it comes up to a slower one, one cuts in
-before it, one before it leaves its lane), 10 to 32 s long, as most cases of the motorway scenarios
-are; a longer drive has more chances of an extreme. `scoring.drive_measures` computes it of every
-case.
+A recorded drive is one vehicle in one encounter with another (it approaches a slower vehicle, a
+vehicle cuts in ahead of it, or its lead vehicle leaves the lane), 10 to 32 s long, as most cases of
+the motorway scenarios are; a longer drive has more chances of an extreme.
+
+Users: `scoring/` (`drive_measures` computes it of every case), `report/`.
 """
 
 from __future__ import annotations
@@ -179,13 +180,13 @@ def quantiles_of(
     shares: dict[str, tuple[float, ...]] = {}
     for name, side in EXTREMES.items():
         extreme = np.array([drive[name] for drive in drives], dtype=float)
-        known = np.flatnonzero(~np.isnan(extreme))
-        names = [people[place] for place in known.tolist()]
-        times = Counter(names)
-        if len(times) < LEAST_PEOPLE:
+        valid = np.flatnonzero(~np.isnan(extreme))
+        names = [people[place] for place in valid.tolist()]
+        drives_of = Counter(names)
+        if len(drives_of) < LEAST_PEOPLE:
             continue
-        weights = np.array([1.0 / times[person] for person in names]) / len(times)
-        table = _table(side * extreme[known], weights)
+        weights = np.array([1.0 / drives_of[person] for person in names]) / len(drives_of)
+        table = _table(side * extreme[valid], weights)
         if table is not None:
             shares[name], values[name] = table[0], tuple(side * value for value in table[1])
     return Quantiles(values, shares, persons, len(drives), source)

@@ -1,7 +1,7 @@
 """Criticality of points of a parameter space under ideal braking, Eqs. 5-7.
 
 Each point is solved in closed form where its scenario has one, and searched over time elsewhere.
-`zone_partition` learns the zones from it.
+Users: `zone_partition`, which learns the zones from it, `record/`, `scoring/`, `cli/`, `extras/`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from sumo_eval.settings import ZoneSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 DEFAULT_SETTINGS = ZoneSettings()
-PASSING_SCALE = 10.0  # m, about two cars: how fast "has passed" becomes "is safe"
+# m, about two cars: with this much free road behind it an ego that has passed has y = tanh(1) = 0.76
+PASSING_SCALE = 10.0
 # points whose criticality is searched over time in one go; their arrays, 1.3 MB each, stay in the
 # processor's cache
 SEARCHED_AT_ONCE = 1_000
@@ -51,8 +52,9 @@ class Criticality(NamedTuple):
 def criticality(
     logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
 ) -> Criticality:
-    """Eqs. 5-6: criticality of points itself, in closed form or searched; without an approach all
-    are safe.
+    """Eqs. 5-7: criticality of points itself, in closed form or searched.
+
+    Without an approach, a search or a margin all points are safe.
 
     logical: the scenario.
     points: (n, k), in the parameters' units.
@@ -65,7 +67,8 @@ def criticality(
     """
     n = len(points)
     if logical.margin is not None:
-        # A scenario with a margin, m, has no impact speed: what the margin lacks stands for it.
+        # A scenario with a margin, m, has no impact speed: how far the margin is below 0, in m,
+        # stands for it.
         margin = np.asarray(logical.margin(logical.columns(points)))
         lacks = margin <= 0.0
         y = np.tanh(margin / PASSING_SCALE)
@@ -212,5 +215,7 @@ def asks_some(logical: LogicalScenario) -> bool:
     """Whether criticality in a scenario is searched over time, and not in closed form."""
     if logical.approach is None:
         return logical.search is not None
-    middle = np.array([[0.5 * (one.low + one.high) for one in logical.parameters]])
+    middle = np.array(
+        [[0.5 * (parameter.low + parameter.high) for parameter in logical.parameters]]
+    )
     return not logical.approach(logical.columns(middle)).has_closed_form

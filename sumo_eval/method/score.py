@@ -43,16 +43,15 @@ def combined_score(
     c: C, 0..1, or None: no case could be evaluated.
     d: D, 0..1, or None: after a collision in the safe zone there is no D.
     a, b: points for either, not negative, together 100.
-    k5, k6: scales, above 0 (1, or see `population_scale`: with other scales S can pass 100, and is
-        not cut).
+    k5, k6: scales, above 0: 1, or from `population_scale`. With other scales S can be above 100.
 
     The term of an index that was not computed counts 0.
 
-    Raises InputError for anything else.
+    Raises InputError for values outside these ranges.
     """
     for index, value in (("c", c), ("d", d)):
         if value is not None:
-            _index(index, value)
+            _check_index(index, value)
     if not (a >= 0.0 and b >= 0.0 and math.isclose(a + b, 100.0, abs_tol=1e-9)):
         raise must_be("`a` and `b`", "the score", "at least 0 and together 100", (a, b))
     for name, scale in (("k5", k5), ("k6", k6)):
@@ -105,7 +104,7 @@ def population_scale(
     if len(values) == 0:
         raise must_be("`values`", "`population_scale`", "at least one index", values)
     for value in values:
-        _index("values", value)
+        _check_index("values", value)
     if not 0.0 < share <= 1.0:
         raise must_be("`share`", "`population_scale`", "within 0..1 and above 0", share)
     if centre not in ("median", "mean"):
@@ -121,7 +120,7 @@ def middle(values: Sequence[float], centre: Literal["median", "mean"]) -> float:
     return float(np.median(values) if centre == "median" else np.mean(values))
 
 
-def _index(name: str, value: float) -> None:
+def _check_index(name: str, value: float) -> None:
     """Raise InputError unless an index is within 0..1."""
     if not -ROUNDING <= value <= 1.0 + ROUNDING:
         raise must_be(f"`{name}`", "the score", "within 0..1", value)

@@ -5,7 +5,9 @@ Every function takes arrays (n,) with a quantity of each case, nan where a case 
 and `counts`, (m, n): how often each case occurs in each of m samples. A row of ones is the
 evaluation itself; a bootstrap draws further rows. Each score comes back as (m,), nan where a sample
 holds nothing to compute it from. A score, its interval and a difference between two scores are so
-computed by the same functions, from their arguments alone. `scoring.case_terms` calls them.
+computed by the same functions, from their arguments alone.
+
+Users: `scoring/`, `report/`, `extras/`, and the scores of this room.
 """
 
 from __future__ import annotations
@@ -68,10 +70,10 @@ def weighted_mean(values: ArrayLike, weights: ArrayLike, counts: Counts) -> Floa
     values, weights: (n,), weights at least 0; a case of which either is nan has no part.
     counts: (m, n).
     """
-    known = np.isfinite(values) & np.isfinite(weights)
-    weight = np.where(known, weights, 0.0)
+    counted = np.isfinite(values) & np.isfinite(weights)
+    weight = np.where(counted, weights, 0.0)
     total = counts @ weight
-    terms = counts @ (weight * np.where(known, values, 0.0))
+    terms = counts @ (weight * np.where(counted, values, 0.0))
     return _ratio(terms, total, np.full(total.shape, np.nan))
 
 
@@ -101,9 +103,9 @@ def collision_avoidance(
     1 if a case of it was evaluated; without an evaluated case, or with collisions none of which can
     be compared, it has nan.
     """
-    share = np.where(np.isfinite(weight), ratio, np.nan)
-    plain = weighted_mean(share, np.ones(share.shape), counts)
-    c = weighted_mean(share, np.nan_to_num(weight), counts)
+    compared = np.where(np.isfinite(weight), ratio, np.nan)
+    plain = weighted_mean(compared, np.ones(compared.shape), counts)
+    c = weighted_mean(compared, np.nan_to_num(weight), counts)
     c = np.where(np.isnan(c), plain, c)
     without = ~_drawn(collided, counts) & _drawn(evaluated, counts)
     return np.where(np.isnan(c) & without, 1.0, c)
@@ -137,8 +139,8 @@ def paper_score(c: ArrayLike, d: ArrayLike, points: ScoreSettings) -> FloatArray
     points: a, b, k5 and k6.
     """
     terms = np.asarray([c, d], dtype=float)
-    whole = worth(points)
-    total = whole.c * np.nan_to_num(terms[0]) + whole.d * np.nan_to_num(terms[1])
+    full = worth(points)
+    total = full.c * np.nan_to_num(terms[0]) + full.d * np.nan_to_num(terms[1])
     return np.where(np.isnan(terms).all(axis=0), np.nan, total)
 
 

@@ -116,7 +116,7 @@ car as a function of closing speed and age", Traffic Safety Research 2, 000006 (
 in-depth accident data (GIDAS).
 """
 INJURY_AGES: Final = (15.0, 95.0)
-"""Years outside which a score has that note, too.
+"""Years outside which a score has the note of `InjuryCurve.fastest`, too.
 
 This and `fastest` are bounds of this project: the source's abstract states none.
 """
@@ -225,6 +225,7 @@ CHOICES: Final = ("severity", "eq14", *(_INJURY + name for name in INJURY_CURVES
 EXAMPLE: Final = Collision(
     0.0, "example", (20.0, 0.0), (0.0, 0.0), 1.0, "front", (0.0, 0.0, 0.0), (4.5, 0.0, 0.0)
 )
+"""The ego at 20 m/s meets a standing car in line, bumper to bumper at the full width."""
 
 
 def _hash_of(function: object) -> str:

@@ -20,7 +20,8 @@ h <= L/3.2. So the sums of half-axes are
 
 The error is then about 6.5e-12 of each sample's field; measured are 2.6e-12 (k1 = 0.5) to 6e-12
 (k1 = 1). Where this does not hold (large constants, superposition "vector", points off the
-stretch), or saves nothing, the plain sum is used. `anthropomorphic` computes all fields here.
+stretch), or saves nothing, the plain sum is used. Users: `anthropomorphic`; `record/` prepares the
+loops.
 """
 
 from __future__ import annotations
@@ -270,6 +271,7 @@ class _Boxes(NamedTuple):
 
 @functools.lru_cache(maxsize=1)
 def _boxes(stretch: Stretch) -> _Boxes:
+    """The boxes of a stretch; those of the last one are kept."""
     lengths = [stretch.length / 2**level for level in range(stretch.levels + 1)]
     counts, places, finer = _across([length / stretch.half for length in lengths])
     bounds, across = np.array([stretch.west, stretch.east]), stretch.middle + stretch.half * places

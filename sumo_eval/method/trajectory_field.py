@@ -5,12 +5,12 @@ Readings of the paper (docs/method.md) that this file is built on:
 - Magnitudes are summed. The printed unit vector would cancel on the path itself, where the paper
   draws the peak.
 - Nearer than 1 m the distance counts as 1 m; the angle stays what it is.
-- A point on the vehicle itself lies straight ahead of it (cos theta = 1), so the field never rises
-  on the way out.
+- A point on the vehicle itself counts as straight ahead of it (cos theta = 1), so the field never
+  rises with the distance from the vehicle.
 - The velocity points along the heading.
 
 The sum of magnitudes is compiled by numba, which is imported at first use, because that takes a
-while. `shared_fields` computes the fields behind D_i with it.
+while. Users: `shared_fields` for the fields behind D_i, `operations`, `extras/`.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ points in the box that satisfy the constraints. Distances are taken in the unit 
 distance cannot add metres to metres per second. A scenario may name coordinates in which its
 criticality is smoother than in its parameters. The GP then learns in those, scaled to a unit box.
 
-`record.points.kept_zones` calls `partition`, for `scoring.zones`, too; weights of Eq. 16, scoring,
-figures and reports read the result.
+Users: `record/` (`points.kept_zones` calls `partition`), `scoring/`, `report/`, `cli/`, `extras/`,
+`evaluation.py`; Eq. 16 (`collision_avoidance`).
 """
 
 from __future__ import annotations
@@ -308,7 +308,8 @@ def _dense_grid(
 def fitted_parts(zones: ZonePartition) -> dict[str, Any]:
     """Fields of a partition as they are stored; `of_parts` restores the partition.
 
-    Not stored: the scenario, the settings, and the coordinates, because these are a function.
+    Not stored: the scenario and the settings, which the caller of `of_parts` has, and the surface's
+    `coordinates`, a function that follows from the scenario and the training points.
     """
     # all fields after `logical` and `settings`
     parts = {item.name: getattr(zones, item.name) for item in fields(zones)[2:]}
@@ -364,6 +365,7 @@ class _Learnt(NamedTuple):
     """Outcome of one fit of the GP.
 
     training: training points, (n, k).
+    surface: the GP that was fitted to them.
     y: on the dense grid, (g,).
     wrong: where y has the wrong sign at a point that satisfies the constraints, (g,).
     notes: sentences on what limits the trust in the surface.
@@ -386,6 +388,10 @@ def _learn(
 ) -> _Learnt:
     """Fit the GP in up to `rounds` rounds, and return the round with the fewest wrong grid points.
 
+    training: training points of the first round, (n, k).
+    grid: points of the dense grid, (g, k).
+    feasible: which of these satisfy the constraints, (g,).
+
     As long as more than `ERROR_WORTH_A_NOTE` of the dense grid is on the wrong side, some of those
     points become training points of the next round.
     """
@@ -396,7 +402,7 @@ def _learn(
     for _ in range(rounds):
         danger = criticality(logical, training, settings)
         target = danger.target
-        if settings.target == "label":
+        if settings.target == "label":  # the zone alone, without how far the point is inside it
             target = np.where(danger.inverse >= settings.critical_inverse_ttc, -1.0, 1.0)
         surface, notes = fit(logical, training, target, settings)
         y = surface.value(unit)
@@ -548,6 +554,7 @@ def _crossings(
     """
     parts = []
     for axis in range(y.ndim):
+        # neighbours along this axis are neighbours along the first axis of these
         along_y, along_unit = np.moveaxis(y, axis, 0), np.moveaxis(unit, axis, 0)
         changes = (along_y[:-1] <= 0.0) != (along_y[1:] <= 0.0)
         y0, y1 = along_y[:-1][changes], along_y[1:][changes]
@@ -586,7 +593,7 @@ def _most_dangerous(
     # values on each axis of a window; fewer with more parameters, as a window has their k-th power
     values_per_axis = 3 if searched else {1: 21, 2: 15, 3: 9, 4: 5}.get(k, 3)
     offsets = mesh([np.linspace(-1.0, 1.0, values_per_axis).tolist()] * k)
-    for _ in range(200):
+    for _ in range(200):  # a bound; usually the window is small enough long before
         around = logical.from_unit(np.clip(logical.to_unit(best) + half_width * offsets, 0.0, 1.0))
         rows = np.concatenate([best[None, :], around[logical.feasible(around)]])
         order = _by_danger(zones, rows)
@@ -601,7 +608,7 @@ def _most_dangerous(
             break
     # the fewest digits with which the point moves by less than `tolerance` and stays in the zone
     tolerance = SEARCHED_WINDOW if searched else 1e-7  # unit-box length
-    for digits in range(10):
+    for digits in range(10):  # at 10 digits and more, the point stays as it is
         rounded = np.clip(np.round(best, digits), logical.low, logical.high)
         near = np.all(np.abs(logical.to_unit(rounded) - logical.to_unit(best)) < tolerance)
         if near and len(zones.members(zone, rounded[None, :])):
