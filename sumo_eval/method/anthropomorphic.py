@@ -332,8 +332,8 @@ def _indexes(
     """The indexes of one group."""
     if not pairings:
         return []
-    # a D_i in the mode of the settings, and for `Likeness` one in mixture mode; of each, the drivers
-    # that count and the slices
+    # a D_i in the mode of the settings, and for `Likeness` one in mixture mode; of each,
+    # the drivers that count and the slices
     modes: tuple[Mode, Mode] = settings.mode, "mixture"
     choices = {
         (pairing, mode): _choice(pairing, mode, vehicles)
@@ -633,7 +633,7 @@ def _centre_term(
     members = choice.members
     ends = np.array([driver.begin + driver.reach for driver in compared.drivers])
     reached: BoolArray = compared.x <= ends[:, None] + SAME_PLACE  # (k, m)
-    # Where too few members got that far, all of them count, with their last y. In mixture mode compared
+    # Where too few members got that far, all of them count, with their last y. In mixture mode one
     # is enough, because its deviation is pooled with those of the other manoeuvres.
     too_few = np.count_nonzero(reached[members], axis=0) < (1 if choice.manoeuvre else 2)
     counted = reached | (too_few & members[:, None])

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.method import checks, score_terms
 from sumo_eval.trajectory import BoolArray, FloatArray, IntArray
 
@@ -192,12 +192,10 @@ def _rows(point: Mapping[str, float] | ArrayLike, partition: ZonePartition) -> F
                 "`point`", f"scenario `{logical.name}`", "values by name, a row or rows", point
             )
         return array
-    for name in point:
-        if name not in logical.names:
-            raise unknown(f"parameter of scenario `{logical.name}`", name, logical.names)
-    missing = [name for name in logical.names if name not in point]
-    if missing:
-        raise InputError(f"Parameter `{missing[0]}` of scenario `{logical.name}` is missing.")
+    check_known(f"parameter of scenario `{logical.name}`", logical.names, *point)
+    for name in logical.names:
+        if name not in point:
+            raise InputError(f"Parameter `{name}` of scenario `{logical.name}` is missing.")
     return logical.row(point)
 
 

@@ -342,7 +342,7 @@ def searched_criticality(
         before, after = np.where(touches, before, middle), np.where(touches, middle, after)
     impact = np.where(hit, np.abs(relative(after[:, None])[0][:, 0]), 0.0)
 
-    # The largest ITTC at these times, then at refined times around it. Where the ego touches or does
+    # The largest ITTC at these times, then at closer times around it. Where the ego touches or does
     # not close in, the quotient may be inf or nan, and 0 replaces it.
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = np.where((closing > 0.0) & ~touching, closing / distance, 0.0)

@@ -5,10 +5,10 @@ Readings of the paper:
 - The signal of an operation is neutral at or below its threshold. Neutral time runs from the first
   neutral sample to the next sample above the threshold. Steering wheel angles that are not known
   (nan) are left out.
-- One rule counts the steering operations of the ADS and of the drivers. By default an operation is a lateral
-  manoeuvre: a move to one side at more than 0.12 m/s (mean over 1 s) that shifts the vehicle by at
-  least 1 m. At motorway speed a lane change turns the wheel by 1 to 7 degrees, so the paper's 10
-  degrees would count none there.
+- One rule counts the steering operations of the ADS and of the drivers. By default an operation is
+  a lateral manoeuvre: a move to one side at more than 0.12 m/s (mean over 1 s) that shifts the
+  vehicle by at least 1 m. At motorway speed a lane change turns the wheel by 1 to 7 degrees, so the
+  paper's 10 degrees would count none there.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ def most_operations(trajectory: Trajectory, settings: AnthropomorphicSettings = 
     """f_n+ of H: n of Eq. 12 at that level of |acceleration|, from 0.5 m/s2 on, at which it is
     largest.
 
-    Eq. 12 counts an oscillation without neutral time as level operation, so a stronger oscillation
-    may have fewer operations than a weaker level. Here it never has: the levels are the signal's
+    Eq. 12 counts an oscillation without neutral time as one operation, so a stronger oscillation
+    may have fewer operations than a weaker one. Here it never has: the levels are the signal's
     peaks, and grow with it. Between two operations at a level the signal also falls to 0.8 of the
     level, so the rounding of a constant acceleration makes no operations.
     """

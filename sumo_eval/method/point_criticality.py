@@ -26,7 +26,7 @@ from sumo_eval.settings import ZoneSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 DEFAULT_SETTINGS = ZoneSettings()
-# m, about two cars: with this much free road behind it an ego that has passed has y = tanh(1) = 0.76
+# m, about two cars: with this much free road behind it an ego that has passed has y = tanh(1)
 PASSING_SCALE = 10.0
 # points whose criticality is searched over time in one go; their arrays, 1.3 MB each, stay in the
 # processor's cache

@@ -78,6 +78,7 @@ def _first_usable(
     settings: GateSettings,
     notes: list[str],
 ) -> tuple[Night | None, Comparison | None]:
+    """The first night that can be compared with, and the comparison; adds a note on each other."""
     for night in nights:
         try:
             return night, side_by_side(score(history / night.folder), done, settings)

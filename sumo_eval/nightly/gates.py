@@ -71,7 +71,7 @@ def _without_cases(new: Evaluation, settings: GateSettings) -> Iterator[GateResu
     for limit in settings.limit:
         if (limit.ads, limit.scenario) not in known:
             where = limit.ads or "every ADS", limit.scenario or EVERYWHERE
-            none = f"the run has no case of {where[0]} in {where[1]}"
+            none = f"the run has no case of {' in '.join(where)}"
             yield GateResult(limit.quantity, *where, None, f"{limit.quantity}: {none}", reason=none)
 
 
@@ -96,8 +96,8 @@ def _judge(
     for bound, sign, words in ((limit.at_least, 1.0, "least"), (limit.at_most, -1.0, "most")):
         if bound is None:
             continue
-        known = "not computed" if value is None or np.isnan(value) else _number(quantity, value)
-        sentence = f"{quantity} is {known}; it must be at {words} {bound:g}"
+        stated = "not computed" if value is None or np.isnan(value) else _number(quantity, value)
+        sentence = f"{quantity} is {stated}; it must be at {words} {bound:g}"
         ok = value is not None and sign * (value - bound) >= -limit.tolerance * max(1.0, abs(bound))
         keys, worst = ((), ()) if ok or value is None else _worst(quantity, compared)
         if keys:
@@ -174,6 +174,7 @@ def _change_words(
 
 
 def _why_missing(quantity: str, score: ScenarioResult) -> str:
+    """Reason, in words, why a score was not computed."""
     if quantity == "T" or (quantity == "S+" and score.task_share is None):
         return not_computed(REASON_WITHOUT_T)
     name = {"S": "D"}.get(quantity, quantity)
@@ -215,12 +216,12 @@ def _judge_cases(
         before[compared.changed.paired.new_rows] = compared.comparable(name)[0]
     for beyond, scale, words in _column_bounds(limit, before, after):
         # bounds on a change have the base's values as their scale, others the bound itself
-        own, known = scale is not before, int(np.isfinite(beyond).sum())
+        own, valued = scale is not before, int(np.isfinite(beyond).sum())
         result = partial(GateResult, limit.quantity, score.ads, score.scenario, own=own)
-        if known:
+        if valued:
             bad = np.flatnonzero(beyond > limit.tolerance * np.maximum(1.0, np.abs(scale)))
             worst = bad[np.argsort(-beyond[bad], kind="stable")]
-            where = f"{words} in {len(bad)} of {count(known, 'case')}"
+            where = f"{words} in {len(bad)} of {count(valued, 'case')}"
             yield result(
                 not len(bad), f"{limit.quantity} is {where}", float(len(bad)), None,
                 tuple(cases.case[worst[:MOST_KEYS]].tolist()),

@@ -34,6 +34,7 @@ _KEPT = (
     "caused_collisions",
     "departures", "gave_up", "not_evaluated",
 )  # fmt: skip
+# fields of a `ScenarioResult` that the history keeps, beside its scores
 _TABLES = ("nights", "quantities", "gates", "begun", "accepted", "shaky", "builds")
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS begun (night TEXT PRIMARY KEY);
@@ -204,12 +205,12 @@ class History:
             for score in evaluation.scores
             for quantity, value in _quantities(evaluation, score).items()
         ]
-        of = attrgetter(*(column.name for column in fields(GateLine)[1:]))
+        columns_of = attrgetter(*(column.name for column in fields(GateLine)[1:]))
         with self._connection:
             self._insert("nights", [astuple(night)])
             self._insert("quantities", values)
             self._insert("builds", [(name, *build) for build in builds.items()])
-            self._insert("gates", [(name, *of(gate)) for gate in gates])
+            self._insert("gates", [(name, *columns_of(gate)) for gate in gates])
             self._insert("shaky", [(name, *astuple(case)) for case in shaky])
             self._insert("accepted", [] if pin is None else [astuple(pin)])
 

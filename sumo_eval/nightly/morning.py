@@ -81,6 +81,7 @@ def write_night(
 
 
 def _plain(gate: GateResult, since: Since, folder: Path) -> dict[str, Any]:
+    """A failed limit, as `night.json` has it."""
     return {
         "quantity": gate.quantity,
         "ads": gate.ads,

@@ -150,11 +150,11 @@ def _levers(done: Evaluation, beside: Beside, progress: Progress) -> CaseLevers 
     fact = known_case(done.folder, case) if case else None
     if fact is None or fact.collision is None:
         return None
-    took = LEVER_DRIVES * (fact.wall_time or 0.0)
-    if took > LONGEST_LEVERS:
+    seconds = LEVER_DRIVES * (fact.wall_time or 0.0)
+    if seconds > LONGEST_LEVERS:
         command = shlex.join(["sumo-eval", "whatif", str(done.folder), case])
         return CaseLevers(
-            fact, why_not=f"Its drives may take {took / 60.0:z.0f} min, so run: {command}"
+            fact, why_not=f"Its drives may take {seconds / 60.0:z.0f} min, so run: {command}"
         )
     return WhatIf(done.folder, progress).answers_or_why_not(fact)
 
@@ -274,11 +274,11 @@ def _clear_away(history: Path, lines: History, resumed: str | None = None) -> li
 
     resumed: name of the night that continues.
     """
-    known = {(history / night.folder).resolve() for night in lines.nights()}
+    night_folders = {(history / night.folder).resolve() for night in lines.nights()}
     stopped = lines.stopped()
     notes = []
     for path in sorted((history / NIGHTS).glob("*")):
-        if path.resolve() in known or path.name == resumed:
+        if path.resolve() in night_folders or path.name == resumed:
             continue
         if path.name not in stopped:
             notes.append(f"{path} is not in the history; it was left as it is.")
@@ -315,6 +315,7 @@ def _removed(folder: Path) -> bool:
 
 
 def _name(moment: datetime) -> str:
+    """Name of a night that begins at a moment, UTC."""
     return moment.strftime("%Y-%m-%dT%H-%M-%SZ")
 
 
@@ -375,7 +376,7 @@ def _prune(history: Path, lines: History, keep: int) -> list[str]:
     good = [night for night in nights if night.good]
     kept = {night.night for night in (*nights[-keep:], *good[-1:])}
     pins = in_force(lines.accepted())
-    # the acceptance that counts on each day on which one ends
+    # the acceptance that counts on each day on which one ends; 9999: without an end
     for day in {pin.until or "" for pin in pins}:
         kept |= {pin.night for pin in in_force(pins, day or "9999-12-31")[-1:]}
     notes, removed = [], 0

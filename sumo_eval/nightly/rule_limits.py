@@ -44,6 +44,7 @@ def judge_rule(comparison: Comparison, settings: GateSettings, noise: Noise) -> 
     tallied = tallies(comparison, settings, noise)
     noisy = [tally for tally in tallied if noise.of(tally.ads).noisy]
     rejected = holm([(tally.chance, tally.least_chance) for tally in noisy], settings.noise.chance)
+    # by identity, because a tally holds arrays
     certain = {id(tally) for tally, one in zip(noisy, rejected, strict=True) if one}
     for tally in tallied:
         share = settings.shift.share
@@ -104,6 +105,7 @@ def _gone(comparison: Comparison) -> Iterator[str]:
 
 
 def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> Iterator[GateResult]:
+    """The part on outcomes: each kind of bad end of each ADS in each scenario."""
     for one in comparison.ads:
         repeats = noise.of(one.ads)
         for quantity, worse in newly_bad(one, settings, repeats).items():
@@ -176,6 +178,7 @@ def _end_words(case: CaseResult, unit: str) -> str:
 def _result(
     tally: Tally, comparison: Comparison, settings: GateSettings, noise: Noise, *, bad: bool
 ) -> GateResult:
+    """A measure of the parts on near misses and on shifts; `bad`: it failed."""
     quantity, zone = tally.measure.quantity, tally.measure.zone
     words, unit = WORDS.get(quantity, (quantity, ""))
     where = list(dict.fromkeys(one.scenario for one in comparison.ads if one.ads == tally.ads))

@@ -38,6 +38,7 @@ CHARTS = (
     ("not_evaluated", "Not evaluated", "cases"),
     ("run_time", "Run time of the cases", "s"),
 )
+"""The charts in order: quantity of the history, title, unit."""
 COLOURS = ("var(--c)", "var(--actor)", "var(--d)", "var(--off)", "var(--muted)", "var(--bad)")
 DASHES = ("", "7 3", "2 3", "9 3 2 3", "4 4", "1 3")
 # of a chart, and its margins, in units of the SVG
@@ -66,6 +67,7 @@ class TrendLine:
     """One ADS on a chart.
 
     parts: runs of points; a night in which the quantity was not computed ends one.
+    last: value of the last night, in words.
     """
 
     ads: str
@@ -80,6 +82,7 @@ class TrendChart:
     """One quantity in one logical scenario.
 
     gates: where each gate of a night fails, and its ADS's colour; a stroke of `half` to both sides.
+    ticks, dates: place on the vertical axis, or on that of nights, and words.
     """
 
     title: str
@@ -197,8 +200,8 @@ def _drawn(
         parts = groupby(at, key=lambda night: (night, ads) in series)
         points = (
             tuple(point(night, ads, series[night, ads]) for night in part)
-            for known, part in parts
-            if known
+            for computed, part in parts
+            if computed
         )
         latest = series.get((nights[-1].night, ads))
         last = "not computed" if latest is None else f"{latest:z.4g}"
@@ -214,6 +217,7 @@ def _drawn(
         unit,
         tuple(map(line, names)),
         tuple(gates),
+        # nearly half of a night's part of the axis: strokes of neighbours do not touch
         half=round(0.42 * _AXIS / max(len(nights), 1), 2),
         ticks=tuple((height(tick), f"{tick:g}") for tick in ticks),
         dates=_dates(nights),

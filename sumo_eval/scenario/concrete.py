@@ -547,6 +547,7 @@ def _changed(
     time_limit: float | None,
     standstill_time: float | None,
 ) -> SimulationSettings:
+    """`ConcreteScenario.simulation` of the parts of a case that it depends on."""
     for name, value in changes:
         group, _, setting = name.partition(".")
         changed = replace(getattr(settings, group), **{setting: value})

@@ -45,12 +45,12 @@ class Distribution:
         for shape in shapes:
             if shape not in arguments:
                 raise InputError(f"Distribution `{name}` of {owner} must be given `{shape}`.")
-        found = cls(name, tuple(sorted((key, float(value)) for key, value in arguments.items())))
-        if not np.isfinite(found._frozen().ppf(0.5)):  # no median
+        checked = cls(name, tuple(sorted((key, float(value)) for key, value in arguments.items())))
+        if not np.isfinite(checked._frozen().ppf(0.5)):  # no median
             raise InputError(
-                f"Distribution `{name}` of {owner} does not exist with {dict(found.arguments)}."
+                f"Distribution `{name}` of {owner} does not exist with {dict(checked.arguments)}."
             )
-        return found
+        return checked
 
     def density(self, values: ArrayLike, low: float, high: float) -> FloatArray:
         """Probability density within the range low..high, per unit of the parameter; it integrates
@@ -67,8 +67,8 @@ class Distribution:
         """Values below which these shares of the probability within low..high lie."""
         frozen = self._frozen()
         begin = frozen.cdf(low)
-        found = frozen.ppf(begin + np.asarray(shares, float) * (frozen.cdf(high) - begin))
-        return np.asarray(np.clip(found, low, high))
+        values = frozen.ppf(begin + np.asarray(shares, float) * (frozen.cdf(high) - begin))
+        return np.asarray(np.clip(values, low, high))
 
     def __str__(self) -> str:
         return f"{self.name}({', '.join(f'{name}={value:g}' for name, value in self.arguments)})"

@@ -168,10 +168,10 @@ class Definitions:
         return self._with(values, Expression.at)
 
     def _with(self, values: Mapping[str, Any], evaluate: Callable[..., Any]) -> dict[str, Any]:
-        known = {**values, **dict(self.options)}
+        extended = {**values, **dict(self.options)}
         for name, expression in self.entries:
-            known[name] = evaluate(expression, known)
-        return known
+            extended[name] = evaluate(expression, extended)
+        return extended
 
 
 def checked_names(expression: Expression, known: Iterable[str], owner: str) -> Expression:

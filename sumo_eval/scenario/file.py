@@ -66,15 +66,16 @@ def _with_options(
             value = math.nan
         if not (math.isfinite(value) and (item.above is None or value > item.above)):
             raise must_be(f"`{item.name}`", owner, wanted, given[item.name])
-        values[item.name], then = value, item.given
+        values[item.name] = value
+        changes = item.given
         # the value as a part of the scenario's name, which has no `-`, `.` and `+`
         word = f"{value:g}".replace("-", "minus_").replace(".", "_").replace("+", "")
         table = replace(
             table,
-            name=f"{table.name}_{(then.suffix or item.name).replace('{value}', word)}",
-            about=table.about if then.about is None else then.about,
-            road=then.road or table.road,
-            vehicle=(*table.vehicle, *then.vehicle),
+            name=f"{table.name}_{(changes.suffix or item.name).replace('{value}', word)}",
+            about=table.about if changes.about is None else changes.about,
+            road=changes.road or table.road,
+            vehicle=(*table.vehicle, *changes.vehicle),
         )
     return table, values
 
@@ -110,11 +111,11 @@ def leaving(logical: LogicalScenario, points: FloatArray) -> Iterator[str]:
     """
     limit = SimulationSettings().time_limit if logical.time_limit is None else logical.time_limit
     end = logical.road.end
-    left: dict[str, list[tuple[float, str]]] = {}
+    departures: dict[str, list[tuple[float, str]]] = {}
     for concrete in logical.concretes(points):
         for name, time in leaves_at(concrete, end, limit):
-            left.setdefault(name, []).append((time, concrete.label))
-    for name, times in left.items():
+            departures.setdefault(name, []).append((time, concrete.label))
+    for name, times in departures.items():
         time, where = min(times)
         yield (
             f"Vehicle `{name}` comes to the end of the road, x = {end:g} m, before the ego is at "

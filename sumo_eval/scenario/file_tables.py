@@ -101,7 +101,7 @@ class ParameterTable(Checked):
                 if value is None:
                     raise InputError(f"`{key}` of {owner} is missing.")
             low, high, step = (value for value in ranged.values() if value is not None)
-        spread = self._spread(owner)
+        spread = self._distribution(owner)
         parameter = Parameter(
             self.name, low, high, step, self.unit, self.about, self.values, spread
         )
@@ -111,7 +111,8 @@ class ParameterTable(Checked):
             )
         return parameter
 
-    def _spread(self, owner: str) -> Distribution | None:
+    def _distribution(self, owner: str) -> Distribution | None:
+        """How often values occur; None: unknown."""
         if self.distribution is None:
             return None
         arguments = dict(self.distribution)
@@ -198,8 +199,8 @@ class RoadTable(Checked):
                 raise InputError(f"`road.{key}` of {where} is of a `{source}`, and there is none.")
         if self.network is not None:
             road = read_road(folder / self.network, self.edges, end)
-            # SUMO's models need shadows of bodies (`cosim/traffic.py`): without the user's network
-            # one that has them is written
+            # SUMO's models need shadows of bodies (`cosim/traffic.py`): a network with them is
+            # written instead of the user's
             return replace(road, network=None) if reacts else road
 
         crossings: tuple[Crossing, ...] = ()
@@ -305,6 +306,7 @@ class SampleTable(Checked):
             for name, formula in self.set.items()
         }
         points = []
+        # further: one value of each parameter in `each`
         for further, row in itertools.product(itertools.product(*self.each.values()), self.points):
             if len(row) != len(columns):
                 raise must_be("Each point", owner, f"{len(columns)} numbers", list(row))

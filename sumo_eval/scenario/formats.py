@@ -96,6 +96,7 @@ def _readers() -> Mapping[str, EntryPoint]:
 
 @cache
 def _loaded(ending: str) -> Format:
+    """The format of an ending that is installed."""
     reader = _readers()[ending]
     try:
         form = reader.load()

@@ -47,7 +47,7 @@ class Joint:
     low, high: the box it is cut to.
     bandwidth: kernel deviation over the data's own; None: Scott's n^(-1/(k+4)), where a copula's k
         is 1.
-    narrow: whether events and kernels are drawn together.
+    narrow: whether it is the narrow form.
     source: the file it was read from, for sentences.
     """
 
@@ -94,11 +94,11 @@ class Joint:
         """
         rows = np.asarray(points, float).reshape(-1, len(self.names))
         inside = self._inside(rows)
-        found = np.zeros(len(rows))
+        densities = np.zeros(len(rows))
         if inside.any():
-            of = _kde_density if self.kind == "kde" else _copula_density
-            found[inside] = of(_prepared(self), rows[inside])
-        return found
+            density_of = _kde_density if self.kind == "kde" else _copula_density
+            densities[inside] = density_of(_prepared(self), rows[inside])
+        return densities
 
     def mass(self) -> float:
         """Share of this density that lies within the box: 1 of a copula, which is cut by itself."""
@@ -143,10 +143,13 @@ class Joint:
 
 
 class _Prepared(NamedTuple):
-    """rows (n, k): where the kernels of a KDE stand, or the events of a copula; shares (n,) that
-    sum to 1; root (k, k) of the kernel's covariance or of the scores' correlation.
+    """A `Joint` made ready for densities and draws.
 
-    Of a copula: grids, density and distribution of each parameter at `GRID` places, (k, GRID).
+    rows: where the kernels of a KDE stand, or the events of a copula, (n, k).
+    shares: weights of the rows, (n,), together 1.
+    root: Cholesky factor of the kernel's covariance, or of the scores' correlation, (k, k).
+    grids, densities, distributions: of a copula, places of each parameter, and density and
+        distribution there, (k, GRID); of a KDE without places.
     """
 
     rows: FloatArray
@@ -186,7 +189,8 @@ class _Prepared(NamedTuple):
 @lru_cache(maxsize=64)
 def _share_inside(joint: Joint) -> float:
     prepared = _prepared(joint)
-    stream = np.random.default_rng(len(joint.events))
+    stream = np.random.default_rng(len(joint.events))  # any fixed seed
+    # 1e-4: a density is divided by the share
     return max(float(np.mean(joint._inside(prepared.draw(MASS_DRAWS, stream)))), 1e-4)
 
 
@@ -199,10 +203,11 @@ def _prepared(joint: Joint) -> _Prepared:
         covariance = np.atleast_2d(np.cov(rows.T, aweights=shares)) * joint.factor**2
         root = np.asarray(np.linalg.cholesky(covariance), float)
         if joint.narrow:
+            # nearer: factor of the narrow form
             nearer, mean = 1.0 / np.sqrt(1.0 + joint.factor**2), shares @ rows
             rows, root = mean + nearer * (rows - mean), nearer * root
-        none = np.zeros((len(root), 0))
-        return _Prepared(rows, shares, root, none, none, none)
+        no_grid = np.zeros((len(root), 0))
+        return _Prepared(rows, shares, root, no_grid, no_grid, no_grid)
 
     correlation = _correlation(np.column_stack([_normal_scores(it) for it in rows.T]), shares)
     # the correlation is singular where two parameters put the events in the same order
@@ -239,10 +244,10 @@ def _marginal(
         nearer = float(1.0 / np.sqrt(1.0 + width**2 / (shares @ (values - mean) ** 2)))
         values, width = mean + nearer * (values - mean), nearer * width
     away = (grid[:, None] - values) / width
-    whole = ndtr(away) @ shares
-    mass = max(whole[-1] - whole[0], 1e-12)
+    uncut = ndtr(away) @ shares
+    mass = max(uncut[-1] - uncut[0], 1e-12)
     density = np.exp(-0.5 * away**2) @ shares / (width * np.sqrt(2.0 * np.pi) * mass)
-    return density, (whole - whole[0]) / mass
+    return density, (uncut - uncut[0]) / mass
 
 
 def _correlation(scores: FloatArray, shares: FloatArray) -> FloatArray:
@@ -273,22 +278,22 @@ def _kde_density(prepared: _Prepared, points: FloatArray) -> FloatArray:
     whiten = np.linalg.inv(prepared.root)
     centres = prepared.rows @ whiten.T
     norm = np.abs(np.linalg.det(whiten)) / (2.0 * np.pi) ** (k / 2.0)
-    found = np.zeros(len(points))
-    for first in range(0, len(points), 4096):
+    sums = np.zeros(len(points))
+    for first in range(0, len(points), 4096):  # so many at once, to limit the memory in use
         white = points[first : first + 4096] @ whiten.T
-        found[first : first + 4096] = bells(white, centres) @ prepared.shares
-    return np.asarray(found * norm)
+        sums[first : first + 4096] = bells(white, centres) @ prepared.shares
+    return np.asarray(sums * norm)
 
 
 def _copula_density(prepared: _Prepared, points: FloatArray) -> FloatArray:
     scores = prepared.scores(points)
     whitened = np.linalg.solve(prepared.root, scores.T).T
-    found = np.exp(0.5 * (scores**2 - whitened**2).sum(axis=1)) / np.abs(
+    density = np.exp(0.5 * (scores**2 - whitened**2).sum(axis=1)) / np.abs(
         np.prod(np.diag(prepared.root))
     )
     for j in range(points.shape[1]):
-        found = found * np.interp(points[:, j], prepared.grids[j], prepared.densities[j])
-    return np.asarray(found)
+        density = density * np.interp(points[:, j], prepared.grids[j], prepared.densities[j])
+    return np.asarray(density)
 
 
 def of_values(joint: Joint, values: Mapping[str, ArrayLike]) -> FloatArray:

@@ -240,9 +240,9 @@ class LogicalScenario:
     Its zones come from one of `approach`, `search` and `margin`. Without any of them no zone can be
     defined, and all points are safe.
 
-    place: values of one point -> (ego's start, the other vehicles).
+    place: values of one point -> (ego's start, the actors).
     approach: values by name (arrays) -> `Approach`: criticality without a simulation.
-    search: simulates an actor; where scripts depend on what happens.
+    search: criticality by simulating an actor, where its script depends on what happens.
     margin: values by name (arrays) -> distance to a limit that is known, m; hazardous at 0 and
         below.
     exposure: values by name (arrays) -> naturalistic probability density, up to a factor.

@@ -96,6 +96,7 @@ TABLE = np.dtype(_fields("f8", "one", "two"))
 """Pairs of numbers: points of a path (x, y), knots of a profile (time or position, speed),
 positions of a recorded ego (x, y), or what a `MATCH` follows (see `PLAY`)."""
 PROGRAM = np.dtype([("value", "f8"), *_fields("i8", "op", "one", "two")])
+"""An operation of a condition, as a `Step`."""
 PLAY = np.dtype(
     _fields("f8", "x", "y", "heading", "line_s", "line_time", "since", "s", "v", "first_begin")
     + _fields("i8", "acts", "pieces", "path", "points", "slides", "model", "on_map", "match")
@@ -234,7 +235,7 @@ def driven(play: Any, pieces: Any, time: float) -> tuple[float, float, float]:
     s, v, left = play.s, play.v, time - play.since  # left: time that is not yet driven, s
     for k in range(play.pieces):
         piece = pieces[k]
-        d = min(left, piece.duration)
+        d = min(left, piece.duration)  # time in this piece, s
         s += d * (v + d * (0.5 * piece.acceleration + d * piece.jerk / 6.0))
         if left < piece.duration:
             speed = v + d * (piece.acceleration + 0.5 * d * piece.jerk)
@@ -291,7 +292,7 @@ def _follow_profile(pieces: Any, v: float, x: float, act: Any, table: Any) -> in
             duration = apart
         elif v + speed > 0.0:
             duration = 2.0 * apart / (v + speed)
-        else:
+        else:  # it stands, and never gets to the knot
             duration = math.inf
         if math.isinf(duration):
             return _put(pieces, k, duration, 0.0, 0.0, 0.0)
@@ -429,6 +430,7 @@ def _body_of(cast: Any, number: int, end: int) -> Snapshot:
 
 @kernel
 def _body(record: Any, end: int) -> Snapshot:
+    """The vehicle of a record at an end of the step."""
     if end == BEFORE:
         was = record.before
         return Snapshot(
@@ -649,10 +651,10 @@ def _begin(play: Any, acts: Any, chosen: int, pieces: Any, table: Any) -> None:
         return
     else:
         play.pieces = _follow_profile(pieces, v, x, act, table)
-    lasts = 0.0
+    duration = 0.0
     for k in range(play.pieces):
-        lasts += pieces[k].duration
-    act.end = act.begin + lasts
+        duration += pieces[k].duration
+    act.end = act.begin + duration
 
 
 @kernel
@@ -725,19 +727,23 @@ def _match(cast: Any, j: int, now: float, line: Any) -> None:
 
 
 @kernel
-def _approach(play: Any, speed: float, ahead: float, gap: float, since: float, table: Any) -> float:
+def _approach(
+    play: Any, speed: float, ahead: float, headway: float, since: float, table: Any
+) -> float:
     """Speed, within its limits, of a vehicle that closes in on its position of a `MATCH`, m/s.
 
     speed: of the other vehicle, m/s.
     ahead: distance to the position, m.
-    gap: headway by which the position moves back with the own speed, s; below 0: it does not.
+    headway: times the own speed, the distance by which the position moves back, s; below 0: it does
+        not.
     since: time since the last step, s.
     """
     rates, top_speed = table[play.match + 2], table[play.match + 3].one
-    behind = max(gap, 0.0)
+    behind = max(headway, 0.0)
     # distance before this step, in which the position moved with the other vehicle
     apart = ahead - speed * since - behind * play.v
     # the fastest closing speed that ends in time, and does not pass the position in this step
+    # (1e-9: not by 0)
     rate = rates.two if apart > 0.0 else rates.one
     closing = min(math.sqrt(2.0 * rate * abs(apart)), abs(apart) / max(since + behind, 1e-9))
     wanted = min(speed + (closing if apart > 0.0 else -closing), top_speed)

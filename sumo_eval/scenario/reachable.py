@@ -36,14 +36,14 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
     """
     ego, road = concrete.ego, concrete.road
     # range of a value by operation and vehicle
-    known = {
+    ranges = {
         (played.TIME, 0): (0.0, time_limit),
         (played.X, played.EGO): (ego.x, road.length + _PAST),
         (played.Y, played.EGO): (road.right_edge, road.left_edge),
     }
     for number, actor in enumerate(concrete.actors):
         fastest = math.inf if road.bent else _fastest(actor)
-        known[played.ALONG, number] = (-fastest, fastest)
+        ranges[played.ALONG, number] = (-fastest, fastest)
 
     acts = {
         (number, index): act
@@ -58,7 +58,7 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
         never = {
             place
             for place, act in acts.items()
-            if act.program and not _may_hold(act.program, known, endless)
+            if act.program and not _may_hold(act.program, ranges, endless)
         }
         if never | keeps <= endless:
             return [(concrete.actors[number], index) for number, index in sorted(never)]
@@ -114,13 +114,13 @@ def _fastest(actor: Actor) -> float:
 
 def _may_hold(
     program: played.Program,
-    known: dict[tuple[int, int], Range],
+    ranges: dict[tuple[int, int], Range],
     endless: set[tuple[int, int]],
 ) -> bool:
     """Whether a condition may hold.
 
     program: its operations on a stack, as in `played.Act`.
-    known: range of a value, by operation and vehicle; missing: any.
+    ranges: of a value, by operation and vehicle; missing: any.
     endless: moves that never end, as (vehicle, index).
     """
     stack: list[Range] = []
@@ -132,7 +132,7 @@ def _may_hold(
         elif op in (played.DISTANCE, played.TTC, played.THW, played.DEPARTED):
             stack.append(_NOT_NEGATIVE)
         elif op <= played.GAP:  # time, or a value of one vehicle or between two
-            stack.append(known.get((op, one), _ANY))
+            stack.append(ranges.get((op, one), _ANY))
         elif op in (played.NEGATE, played.ABSOLUTE):
             low, high = stack.pop()
             if op == played.NEGATE or high < 0.0:
@@ -161,5 +161,5 @@ def _joined(op: int, first: Range, second: Range) -> Range:
         return _ANY
     # the extremes are at ends of the ranges; with infinite ends, some results are undefined
     corners = [played.arithmetic(op, x, y) for x in first for y in second]
-    known = [corner for corner in corners if not math.isnan(corner)]
-    return (min(known), max(known)) if known else _ANY
+    defined = [corner for corner in corners if not math.isnan(corner)]
+    return (min(defined), max(defined)) if defined else _ANY

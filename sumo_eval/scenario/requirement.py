@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.errors import InputError, check_known, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.scenario.expression import (
     Definitions,
     Expression,
@@ -127,7 +127,7 @@ def requirement(
     known: names of parameters, options and definitions.
     vehicles: names of the actors.
 
-    Raises InputError.
+    Raises InputError for a text that is no condition on a drive.
     """
     # a cell of cases.csv lists missed requirements, with `;` between their names
     if not name or ";" in name:
@@ -140,10 +140,10 @@ def requirement(
                 "it."
             )
     tree = parsed(text, f"Requirement `{text[:200]}` of {owner}")
-    found = _Parts(text, owner, vehicles)
-    outer = condition(ast.unparse(found.visit(tree)), owner)
-    moments = [*SERIES, *(placeholder for placeholder, _, _ in found.asks)]
-    for _, _, inner in found.parts:
+    replaced = _Parts(text, owner, vehicles)
+    outer = condition(ast.unparse(replaced.visit(tree)), owner)
+    moments = [*SERIES, *(placeholder for placeholder, _, _ in replaced.asks)]
+    for _, _, inner in replaced.parts:
         checked_names(inner, [*names, *moments], owner)
         if not inner.names & set(moments):
             raise must_be(
@@ -152,7 +152,7 @@ def requirement(
                 f"of {', '.join(SERIES)}",
                 inner.text,
             )
-    for asked in sorted(outer.names - {part[0] for part in found.parts}):
+    for asked in sorted(outer.names - {part[0] for part in replaced.parts}):
         if asked in SERIES:
             raise must_be(
                 f"`{asked}`",
@@ -160,9 +160,8 @@ def requirement(
                 "within min(), max() or at_end()",
                 text,
             )
-        if asked not in names:
-            raise unknown(f"name in requirement `{name}` of {owner}:", asked, [*names, *SERIES])
-    return Requirement(name, text, about, outer, tuple(found.parts), tuple(found.asks))
+        check_known(f"name in requirement `{name}` of {owner}:", [*names, *SERIES], asked)
+    return Requirement(name, text, about, outer, tuple(replaced.parts), tuple(replaced.asks))
 
 
 class _Parts(ast.NodeTransformer):

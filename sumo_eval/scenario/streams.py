@@ -96,6 +96,7 @@ class StreamTable(Checked):
             )
         draws = np.random.Generator(np.random.PCG64(self.seed)).uniform(-1.0, 1.0, (2, MOST + 1))
         place = end
+        # faster, further: each vehicle's speed and distance within their spreads, -1..1
         for count, (faster, further) in enumerate(draws.T.tolist(), 1):
             if place < begin:
                 break

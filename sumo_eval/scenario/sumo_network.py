@@ -387,8 +387,9 @@ class _Link(NamedTuple):
 
 
 def _links(root: Element, one: str, other: str, owner: str) -> _Link:
-    found = _connections(root, {"from": one, "to": other})
-    if not found:
+    """Connection from edge `one` to edge `other`."""
+    connections = _connections(root, {"from": one, "to": other})
+    if not connections:
         raise InputError(
             f"Edge `{one}` of {owner} must lead to edge `{other}`: no lane of it does."
         )
@@ -396,7 +397,7 @@ def _links(root: Element, one: str, other: str, owner: str) -> _Link:
     # lane before, lane after, id of the lane through the junction
     indices = [
         (_index(it.get("fromLane", "0"), what), _index(it.get("toLane", "0"), what), it.get("via"))
-        for it in found
+        for it in connections
     ]
     shifts = Counter(before - after for before, after, _ in indices)
     # that of most lanes; of several such the smallest
@@ -429,6 +430,7 @@ def _connections(root: Element, wanted: dict[str, str]) -> list[Element]:
 
 
 def _shape(root: Element, name: str) -> tuple[Point, ...]:
+    """The centre line of a lane, by its id; empty without such a lane."""
     return next(
         (_points(it.get("shape", "")) for it in root.iter("lane") if it.get("id") == name), ()
     )
@@ -483,6 +485,7 @@ def _straighten(edge: Element, places: Mapping[str, int]) -> None:
 
 
 def _parsed(network: NetworkFile) -> Element:
+    """Root of the network's file. Raises InputError for a file that has changed."""
     path = Path(network.path)
     root = read_xml(path, "Network", LARGEST)
     if hash_of(path, "network") != network.sha256:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import ast
 from dataclasses import dataclass
 
-from sumo_eval.errors import InputError, check_known, must_be, unknown
+from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.scenario import played
 from sumo_eval.scenario.expression import (
     ARITHMETIC,
@@ -63,7 +63,7 @@ def trigger(text: str, owner: str, names: Names, *, departs: bool) -> list[Step]
     """
     tree = parsed(text, f"Condition `{text[:200]}` of {owner}")
     steps = _Writer(text, owner, names, departs).steps(tree, condition=True)
-    if len(steps) > 4 * played.DEEPEST:
+    if len(steps) > 4 * played.DEEPEST:  # a bound: all of them are done in every step of a drive
         raise InputError(f"Condition `{text[:200]}` of {owner} is too long.")
     return steps
 
@@ -163,11 +163,11 @@ class _Writer:
         """Number of a vehicle by its name."""
         if name == EGO_NAME:
             return played.EGO
-        if name not in self.names.vehicles:
-            raise unknown(f"vehicle in {self._place}:", name, [EGO_NAME, *self.names.vehicles])
+        check_known(f"vehicle in {self._place}:", [EGO_NAME, *self.names.vehicles], name)
         return list(self.names.vehicles).index(name)
 
     def _wrong(self, node: ast.expr, wanted: str) -> InputError:
+        """The error of a node that must be as `wanted` says."""
         return must_be(
             f"`{ast.unparse(node)}` in the condition", self.owner, wanted, self.text[:200]
         )

@@ -69,10 +69,10 @@ def tracks(
     """
     cast = _begun(concretes, bodies)
     n, m = cast.others.shape
-    found = np.zeros((n, 1 + m, _looks(until, step), 5))
+    motion = np.zeros((n, 1 + m, _looks(until, step), 5))
     run = interpreted(_run_rows) if in_python else _run_rows
-    run(cast, found, step, np.zeros((DEEPEST, 3)), knots_of(concretes[0].road.line))
-    return Tracks(found[:, 0], found[:, 1:], cast.plays["first_begin"])
+    run(cast, motion, step, np.zeros((DEEPEST, 3)), knots_of(concretes[0].road.line))
+    return Tracks(motion[:, 0], motion[:, 1:], cast.plays["first_begin"])
 
 
 class Braking(NamedTuple):
@@ -135,17 +135,6 @@ def _begun(concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, 
 
 
 @kernel
-def _braking_from(play: Any, delay: float) -> float:
-    """Time at which ideal braking begins, s; inf while the obstacle's first move is to come.
-
-    play: motion of the obstacle. delay: s.
-    """
-    if not math.isinf(play.first_begin):
-        return float(play.first_begin + delay)
-    return delay if play.acts == 0 else math.inf
-
-
-@kernel
 def _keep_before(body: Any) -> None:
     """Keep the state of a body as that before the next step."""
     was = body.before
@@ -197,24 +186,26 @@ def _look(case: Any, now: float, before: float, deceleration: float, stack: Any,
 
 
 @kernel
-def _write(found: Any, i: int, j: int, k: int, body: Any) -> None:
+def _write(motion: Any, i: int, j: int, k: int, body: Any) -> None:
     """Write the channels of a body: case i, vehicle j (0: the ego), look k."""
-    found[i, j, k, 0], found[i, j, k, 1] = body.x, body.y
-    found[i, j, k, 2], found[i, j, k, 3] = body.heading, body.speed
-    found[i, j, k, 4] = body.across
+    motion[i, j, k, 0], motion[i, j, k, 1] = body.x, body.y
+    motion[i, j, k, 2], motion[i, j, k, 3] = body.heading, body.speed
+    motion[i, j, k, 4] = body.across
 
 
 @rows
-def _run_rows(cast: Cast, found: FloatArray, step: float, stack: FloatArray, line: Records) -> None:
-    """Fill the tracks of every case: found, (n, 1 + m, T, 5), the ego first."""
+def _run_rows(
+    cast: Cast, motion: FloatArray, step: float, stack: FloatArray, line: Records
+) -> None:
+    """Fill the tracks of every case: motion, (n, 1 + m, T, 5), the ego first."""
     for i in range(len(cast.egos)):
         case = case_of(cast, i)
         ego, others = case.egos[0], case.others
-        for k in range(found.shape[2]):
+        for k in range(motion.shape[2]):
             _look(case, k * step, max(k - 1, 0) * step, 0.0, stack, line)
-            _write(found, i, 0, k, ego)
+            _write(motion, i, 0, k, ego)
             for j in range(len(others)):
-                _write(found, i, 1 + j, k, others[j])
+                _write(motion, i, 1 + j, k, others[j])
 
 
 @rows
@@ -232,8 +223,11 @@ def _meet_rows(
         met[i, 2] = math.inf
         for k in range(braking.looks[i]):
             now = k * step
+            # inf while the obstacle's first move is to come
             if math.isinf(ego.brakes_from):
-                ego.brakes_from = _braking_from(case.plays[obstacle], braking.delays[i])
+                play = case.plays[obstacle]
+                begin = 0.0 if play.acts == 0 else play.first_begin
+                ego.brakes_from = begin + braking.delays[i]
             _look(case, now, max(k - 1, 0) * step, braking.deceleration, stack, line)
             # c, s: of the obstacle's heading. Bodies overlap where their centres are less than
             # `long` m apart along the road and less than `wide` m across it.

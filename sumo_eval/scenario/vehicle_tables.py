@@ -66,7 +66,7 @@ _MANOEUVRES: dict[str, tuple[tuple[str, ...], tuple[str, ...], Callable[..., Act
 """By `do`: keys that a manoeuvre must have, keys that it may have (any may have `name`, `begin` and
 `when`), and the function that makes its act of its numbers.
 """
-_ENDLESS = Limits(above=0.0, endless=True)
+_ENDLESS = Limits(above=0.0, endless=True)  # above 0, inf too
 # rad: a vehicle with a heading up to this may have a speed by `places`, which are along the road
 _AHEAD = 0.1
 
@@ -306,6 +306,7 @@ class ManoeuvreTable(Checked):
                 raise InputError(f"{owner} must have `{key}`.")
             if not absent and key not in (*needed, *allowed):
                 raise InputError(f"{owner} has no `{key}`.{did_you_mean(key, (*needed, *allowed))}")
+        # where they are not those of the key
         limits = {
             "follow": {"speed": ABOVE_0},
             # inf is its default; `constant_lateral` refuses 0 and less

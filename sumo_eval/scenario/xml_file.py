@@ -19,7 +19,9 @@ _DECLARES = re.compile(rb"<!\s*(DOCTYPE|ENTITY)", re.IGNORECASE)
 
 
 def read_xml(path: Path, what: str, largest: int = LARGEST) -> Element:
-    """The root of an XML file of at most `largest` bytes; `what` it is in sentences.
+    """The root of an XML file of at most `largest` bytes.
+
+    what: how error messages call the file.
 
     Raises InputError for what cannot or must not be read.
     """

@@ -57,13 +57,13 @@ class ZoneTable(Checked):
 
         searched: zones by a search, because no closed form exists.
         """
-        found: dict[str, Any] = {}
+        parts: dict[str, Any] = {}
         if self.coordinates:
             formulas = [
                 names.expression(it, f"zone.coordinates `{name}`")
                 for name, it in self.coordinates.items()
             ]
-            found["zone_coordinates"] = ZoneCoordinates(
+            parts["zone_coordinates"] = ZoneCoordinates(
                 tuple(self.coordinates), Formulas.of(definitions, *formulas)
             )
         numbers = {
@@ -73,7 +73,7 @@ class ZoneTable(Checked):
         }
         if self.margin is not None:
             self._refuse(" beside `margin`, which says all", names.where, "obstacle", "delay")
-            return found | {"margin": Number(Formulas.of(definitions, numbers["margin"]))}
+            return parts | {"margin": Number(Formulas.of(definitions, numbers["margin"]))}
         if not self.obstacle:
             raise InputError(f"[zone] of {names.where} must have an `obstacle`, or a `margin`.")
         check_known(f"vehicle in `zone.obstacle` of {names.where}:", names.vehicles, self.obstacle)
@@ -81,7 +81,7 @@ class ZoneTable(Checked):
         if searched:
             self._refuse(": what a vehicle does that is played is searched as it is", names.where)
             delay = Number(Formulas.of(definitions, numbers["delay"]))
-            return found | {"search": Search(number, delay, self.conflict)}
+            return parts | {"search": Search(number, delay, self.conflict)}
         obstacle = place.vehicles[number]
         if self.gap is None and obstacle.table.gap is None:
             raise InputError(
@@ -97,10 +97,10 @@ class ZoneTable(Checked):
             *(brakes[:1] or [Expression("0.0")]),
             numbers["conflict_begin"],
         )  # fmt: skip
-        return found | {"approach": ZoneRule(approach, self.passing_length or math.inf)}
+        return parts | {"approach": ZoneRule(approach, self.passing_length or math.inf)}
 
     def _refuse(self, why: str, where: str, *further: str) -> None:
-        """Refuse keys that say nothing here."""
+        """Refuse keys that say nothing here; `why` ends the message."""
         defaults = {item.name: item.default for item in fields(self)}
         for key in (*further, "gap", "conflict_begin", "passing_length"):
             if getattr(self, key) != defaults[key]:

@@ -1,6 +1,6 @@
 """The least change of each lever that changes the outcome of a recorded case.
 
-Used by `sumo-eval whatif` and by the nightly run. The first round drives 33 values along each
+Users: `sumo-eval whatif`, the nightly run. The first round drives 33 values along each
 lever, or all if it has fewer. The second drives every step between the two values where the outcome
 changes, for the nearest change on each side of the recorded value. Then both ends of these changes
 are rerun: an ADS must repeat its outcome.
@@ -99,10 +99,10 @@ class WhatIf:
         Raises InputError for a case that was not evaluated or does not repeat.
         """
         logical = self._run.scenarios[fact.scenario]
-        known = levers_of(logical, fact.values, self._run.settings.simulation)
-        levers = [it for it in known if name in (None, it.name, it.name.split(".")[-1])]
+        all_levers = levers_of(logical, fact.values, self._run.settings.simulation)
+        levers = [it for it in all_levers if name in (None, it.name, it.name.split(".")[-1])]
         if name is not None and not levers:
-            raise unknown(f"lever of `{fact.scenario}`", name, [it.name for it in known])
+            raise unknown(f"lever of `{fact.scenario}`", name, [it.name for it in all_levers])
         self._drives = 0
         if fact.status not in EVALUATED:
             raise InputError(

@@ -167,6 +167,7 @@ def _grid(length: float, apart: float) -> _Grid:
     middle = 0.5 * (s[:-1] + s[1:])
     knots = np.linspace(0.0, length, pieces + 1)
     unit = np.eye(pieces + 1)  # row k: curvature 1 at knot k, 0 at the others
+    # hat: curvature at each middle, where the curvature is 1 at one knot, (count, k)
     hat = np.array([np.interp(middle, knots, curvatures) for curvatures in unit]).T
     turned = np.concatenate([np.zeros((1, pieces + 1)), np.cumsum(hat, axis=0) * step])
     smooth = _SMOOTH * apart**2 * np.diff(unit, 2, axis=0)

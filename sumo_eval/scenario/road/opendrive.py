@@ -239,6 +239,7 @@ def _check_joint(pieces: list[Piece], begin: Pose, place: Pose, owner: str) -> N
 
 
 def _check_near(what: str, owner: str, must: str, off: float, turned: float) -> None:
+    """Refuse a curve that begins `off` m and `turned` rad off its place, beyond `_JOINT`."""
     if max(off, turned) > _JOINT:
         got = f"{off:.3f} m and {turned:.3f} rad off"
         raise must_be(what, owner, f"{must}, within {_JOINT:g} m and rad", got)
@@ -256,7 +257,7 @@ def lane_offset(road: Element, owner: str, *, flat: bool = False) -> float:
     Raises InputError where the shift or the height changes along the road, or where the road is
     tilted.
     """
-    found = {}
+    constants = []  # of the shift, then of the profiles
     for name in ("lanes/laneOffset", *(() if flat else PROFILES)):
         entries = list(road.iterfind(name))
         # each entry: a + b ds + c ds^2 + d ds^3 from its s on
@@ -271,8 +272,8 @@ def lane_offset(road: Element, owner: str, *, flat: bool = False) -> float:
             shown = etree.tostring((changing or entries)[0]).decode().strip()
             wanted = "0: roads are driven on the plane" if tilted else "constant along the road"
             raise must_be(f"<{entries[0].tag}>", owner, wanted, shown)
-        found[name] = values.pop()
-    return found["lanes/laneOffset"]
+        constants.append(values.pop())
+    return constants[0]
 
 
 class _Section(NamedTuple):
@@ -406,7 +407,7 @@ def _widths(lane: Element, begin: float, end: float, owner: str) -> _Knots:
 
     begin, end: s of its section, m.
     """
-    found: _Knots = []
+    knots: _Knots = []
     entries = lane.findall("width")
     if not entries:
         raise InputError(f"Lane {lane.get('id')} of {owner} must have a <width>.")
@@ -419,8 +420,8 @@ def _widths(lane: Element, begin: float, end: float, owner: str) -> _Knots:
                 f"The width of lane {lane.get('id')}", owner, "constant, or linear", "a polynomial"
             )
         a, b = _number(entry, "a", owner), _number(entry, "b", owner, "0")
-        found += [(first, a), (last, a + b * (last - first))]
-    return found
+        knots += [(first, a), (last, a + b * (last - first))]
+    return knots
 
 
 def _span_of(
@@ -481,7 +482,7 @@ def beside(reference: Line, offset: float, owner: str) -> Line:
 
     A piece ds of curvature k becomes one of length (1 - k offset) ds, curvature k / (1 - k offset).
     """
-    found = []
+    pieces = []
     for piece in reference:
         if max(piece.begin * offset, piece.end * offset) >= 1.0:
             wanted = f"above {abs(offset):g} m, the distance of its lane from the reference line"
@@ -495,5 +496,5 @@ def beside(reference: Line, offset: float, owner: str) -> Line:
             own_length = length * (1.0 - mean * offset)
             # so that it turns exactly as far as the reference
             correction = mean * length / own_length - 0.5 * (begin + end)
-            found.append(Piece(own_length, begin + correction, end + correction))
-    return tuple(found)
+            pieces.append(Piece(own_length, begin + correction, end + correction))
+    return tuple(pieces)

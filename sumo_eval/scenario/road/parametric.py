@@ -82,16 +82,16 @@ def pieces_along(cubic: Cubic, length: float, owner: str) -> list[Piece]:
         stretch = length / own
         begins, behind = curvature[:-1] + missing, curvature[1:] + missing
         pieces = np.array([lengths * stretch, begins / stretch, behind / stretch])
-        found = list(itertools.starmap(Piece, pieces.T.tolist()))
+        drawn = list(itertools.starmap(Piece, pieces.T.tolist()))
         # how far the pieces are off the cubic, at their ends and between them
         looks = np.linspace(0.0, cubic.last, 4 * count + 1)
         s = np.append(0.0, np.cumsum(cubic.lengths(looks))) * stretch
-        x, y, _ = map_places(tuple(found), s, 0.0)
+        x, y, _ = map_places(tuple(drawn), s, 0.0)
         u, v = (along - along[0] for along in cubic.at(looks))
         cos, sin = math.cos(heading[0]), math.sin(heading[0])
         off = np.hypot(x - (u * cos + v * sin), y - (v * cos - u * sin)).max()
         if off <= NEAR + abs(own - length):
-            return found
+            return drawn
         count *= 2
     raise InputError(
         f"A <paramPoly3> of {owner} curves too sharply for pieces of {length / count:.3f} m."

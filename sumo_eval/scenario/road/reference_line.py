@@ -244,23 +244,23 @@ def to_frame(line: Any, x: float, y: float, heading: float, near: float) -> Posi
 
 
 @kernel
-def _write(found: Any, at: Any) -> None:
-    found[0], found[1] = at.x, at.y
-    found[2], found[3] = at.heading, at.curvature
+def _write(row: Any, at: Any) -> None:
+    row[0], row[1] = at.x, at.y
+    row[2], row[3] = at.heading, at.curvature
 
 
 @rows
-def _to_map_rows(line: NDArray[Any], places: FloatArray, found: FloatArray) -> None:
+def _to_map_rows(line: NDArray[Any], places: FloatArray, mapped: FloatArray) -> None:
     for i in range(len(places)):
-        _write(found[i], to_map(line, places[i, 0], places[i, 1], places[i, 2]))
+        _write(mapped[i], to_map(line, places[i, 0], places[i, 1], places[i, 2]))
 
 
 @rows
 def _to_frame_rows(
-    line: NDArray[Any], places: FloatArray, near: FloatArray, found: FloatArray
+    line: NDArray[Any], places: FloatArray, near: FloatArray, framed: FloatArray
 ) -> None:
     for i in range(len(places)):
-        _write(found[i], to_frame(line, places[i, 0], places[i, 1], places[i, 2], near[i]))
+        _write(framed[i], to_frame(line, places[i, 0], places[i, 1], places[i, 2], near[i]))
 
 
 def map_places(
@@ -270,8 +270,8 @@ def map_places(
 
     s, d, heading: m, m and rad, arrays that broadcast to one shape.
     """
-    found = _each(pieces, (s, d, heading), _to_map_rows)
-    return found[0], found[1], found[2]
+    mapped = _each(pieces, (s, d, heading), _to_map_rows)
+    return mapped[0], mapped[1], mapped[2]
 
 
 def frame_places(
@@ -288,7 +288,7 @@ def frame_places(
         this s, m, a number or (n,). None: the nearest one, by points of the line every 5 m.
     """
 
-    def find_feet(line: NDArray[Any], places: FloatArray, found: FloatArray) -> None:
+    def find_feet(line: NDArray[Any], places: FloatArray, framed: FloatArray) -> None:
         begins = np.full(len(places), 0.0 if near is None else near)
         if near is None:
             grid = np.arange(0.0, length_of(pieces) + 5.0, 5.0)
@@ -296,10 +296,10 @@ def frame_places(
             for i, (place_x, place_y, _) in enumerate(places):
                 squares = np.square(grid_x - place_x) + np.square(grid_y - place_y)
                 begins[i] = grid[np.argmin(squares)]
-        _to_frame_rows(line, places, begins, found)
+        _to_frame_rows(line, places, begins, framed)
 
-    found = _each(pieces, (x, y, heading), find_feet)
-    return found[0], found[1], found[2]
+    framed = _each(pieces, (x, y, heading), find_feet)
+    return framed[0], framed[1], framed[2]
 
 
 def curvatures(pieces: Line, s: ArrayLike) -> FloatArray:
@@ -319,12 +319,12 @@ def _each(
     """
     arrays = np.broadcast_arrays(*(np.asarray(it, float) for it in places))
     shape, stacked = arrays[0].shape, np.stack([it.ravel() for it in arrays], axis=1)
-    found = np.zeros((len(stacked), 4))
+    result = np.zeros((len(stacked), 4))
     if pieces:
-        rule(knots_of(pieces), stacked, found)
+        rule(knots_of(pieces), stacked, result)
     else:
-        found[:, :3] = stacked
-    return [found[:, k].reshape(shape) for k in range(4)]
+        result[:, :3] = stacked
+    return [result[:, k].reshape(shape) for k in range(4)]
 
 
 def drawn_points(pieces: Line, begin: float, end: float, longest: float = 1.0) -> FloatArray:
@@ -334,7 +334,7 @@ def drawn_points(pieces: Line, begin: float, end: float, longest: float = 1.0) -
     longest: m between two corners, at most, where the line is curved. Also where two pieces meet
         there is a corner.
     """
-    found, s = [begin], 0.0
+    corners, s = [begin], 0.0
     for piece in pieces:
         low, high = max(s, begin), min(s + piece.length, end)
         s += piece.length
@@ -342,5 +342,5 @@ def drawn_points(pieces: Line, begin: float, end: float, longest: float = 1.0) -
             continue
         # - 1e-9: rounding must not add a corner
         count = max(math.ceil((high - low) / longest - 1e-9), 1) if bends([piece]) else 1
-        found += [low, *(low + (high - low) * k / count for k in range(1, count + 1))]
-    return np.unique([*found, end])
+        corners += [low, *(low + (high - low) * k / count for k in range(1, count + 1))]
+    return np.unique([*corners, end])

@@ -69,6 +69,7 @@ def line_of(
 
 
 def _curvature(radius: str | float | None, options: Mapping[str, float], owner: str) -> float:
+    """Curvature of a radius that stands in a file, 1/m; None: straight."""
     if radius is None:
         return 0.0
     formula = checked_names(number(radius, f"the radius of {owner}"), options, owner)
@@ -113,7 +114,7 @@ def bend_name(line: Sequence[Piece], *, named: bool) -> str:
     if not line:
         return ""
     sharpest = max((value for piece in line for value in (piece.begin, piece.end)), key=abs)
-    found = f"_{'left' if sharpest > 0.0 else 'right'}_{tightest(line):g}m"
+    words = f"_{'left' if sharpest > 0.0 else 'right'}_{tightest(line):g}m"
     return (
-        found if named else f"{found}_{hashlib.sha256(repr(tuple(line)).encode()).hexdigest()[:6]}"
+        words if named else f"{words}_{hashlib.sha256(repr(tuple(line)).encode()).hexdigest()[:6]}"
     )

@@ -35,9 +35,9 @@ from sumo_eval.trajectory import FloatArray
 LEAST_IN_CELL = 2
 """Points of a round in a cell, at least: one point alone shows no deviation."""
 
-SMALLEST_ROUND = 8
+SMALLEST_ROUND = 8  # points
 MOST_CELLS = 512
-DEFAULT_ROUNDS, MOST_ROUNDS = 5, 16
+DEFAULT_ROUNDS, MOST_ROUNDS = 5, 16  # rounds of one sample
 _CANDIDATES = 64  # for each point of a round
 _LEAST_CANDIDATES, _MOST_CANDIDATES = 2**12, 2**21
 _SPARE = 2  # possible candidates for each point of the budget, at least
@@ -79,8 +79,8 @@ def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
         raise must_be("`rounds`", owner, must, int(ends[-1][full][0]))
     chosen = [
         cells[cell][end - count : end]
-        for row, reach in zip(taken, ends, strict=True)
-        for cell, (count, end) in enumerate(zip(row, reach, strict=True))
+        for row, cell_ends in zip(taken, ends, strict=True)
+        for cell, (count, end) in enumerate(zip(row, cell_ends, strict=True))
     ]
     points = possible[np.concatenate(chosen)]
     weight = taken.sum(axis=1, keepdims=True) * capacity / float(len(possible)) / taken
@@ -134,6 +134,7 @@ def spread(points: int, attention: FloatArray, room: FloatArray) -> tuple[int, .
     room: number of points that a cell can give, (H,).
     """
     largest = float(attention.max())
+    # rounded, so that the last bit does not decide between cells
     wanted = np.round(attention / largest, 9) if largest > 0.0 else np.ones(len(attention))
     counts = [LEAST_IN_CELL] * len(attention)
 
@@ -181,6 +182,7 @@ def _cells(
 
 
 def _halved(rows: IntArray, unit: FloatArray, parts: int) -> Iterator[IntArray]:
+    """The rows in `parts` equal parts, by halving across the widest side of the unit box."""
     if parts == 1 or len(rows) < 2:
         yield rows
         return

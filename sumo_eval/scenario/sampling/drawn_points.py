@@ -19,6 +19,7 @@ from sumo_eval.scenario.sampling.request import Drawn, Request, owner_of
 from sumo_eval.trajectory import FloatArray
 
 Attention = Callable[[FloatArray], FloatArray]
+"""Points (n, k) -> how much more often than by exposure each is drawn, up to a factor, (n,)."""
 CANDIDATES = 64  # drawn for each point that is chosen among them
 MOST_CANDIDATES = 2**18
 # share of the attention that goes where nothing is dangerous: no place is left out
@@ -110,30 +111,33 @@ def _drawn(
             points[:, column] = item.rounded(drawn)
             density *= item.distribution.density(points[:, column], low, high)
     exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points))
-    more = np.asarray(attention(points))
-    weight = more * np.divide(exposure, density, out=np.zeros(len(points)), where=density > 0.0)
+    attentions = np.asarray(attention(points))
+    weight = attentions * np.divide(
+        exposure, density, out=np.zeros(len(points)), where=density > 0.0
+    )
     if not (np.all(np.isfinite(weight)) and weight.sum() > 0.0):
         must = "finite, and above 0 somewhere"
         raise must_be("The exposure", f"scenario `{logical.name}`", must, weight.sum())
     if np.ptp(weight) <= 1e-9 * weight.max():
-        return points[:count], more[:count]
+        return points[:count], attentions[:count]
     # Systematic sampling: the candidates' weights stand side by side, and picks at equal distances
     # take the candidates they fall on, a heavy one perhaps twice. First the candidates are
     # shuffled, because neighbours in a Sobol sequence are not neighbours in space.
     order = stream.permutation(len(points))
-    points, more, weight = points[order], more[order], weight[order]
+    points, attentions, weight = points[order], attentions[order], weight[order]
     picks = (stream.uniform() + np.arange(count)) / count
     reach = np.cumsum(weight) / weight.sum()
     places = np.minimum(np.searchsorted(reach, picks), len(points) - 1)
     chosen, times = np.unique(places, return_counts=True)
-    return points[chosen], more[chosen] / times
+    return points[chosen], attentions[chosen] / times
 
 
-def _fewer(found: int, request: Request) -> tuple[str, ...]:
-    if request.count == found:
+def _fewer(different: int, request: Request) -> tuple[str, ...]:
+    """A note where fewer different points came than were asked for."""
+    if request.count == different:
         return ()
     return (
-        f"{request.count} points were asked for; {found} different ones came, because some are "
+        f"{request.count} points were asked for; {different} different ones came, because some are "
         "very frequent.",
     )
 
@@ -148,7 +152,7 @@ def _sobol(k: int, count: int, stream: np.random.Generator) -> FloatArray:
 
 
 def _qmc() -> Any:
-    """scipy.stats takes 0.6 s to import, and most evaluations drive a grid."""
+    """scipy's sequences; most evaluations drive a grid and do not need the 0.6 s of this import."""
     from scipy.stats import qmc
 
     return qmc

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError, check_known
 from sumo_eval.scenario.formats import formats
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.adaptive import adaptive
@@ -40,8 +40,7 @@ class Sample:
         how much more likely the method was to choose the point.
     notes: sentences about what the choice could not do as asked.
     method: its name.
-    stands_for: (n,) how many points of an even sample each stands for, stratum: (n,) points with
-        one number may stand for each other; None as in `Drawn`.
+    stands_for, stratum: as in `Drawn`.
     """
 
     points: FloatArray
@@ -59,7 +58,7 @@ def sample_of(points: FloatArray, method: str) -> Sample:
 
 
 Method = tuple[Callable[[LogicalScenario, Request], Drawn], frozenset[str]]
-
+"""A way to choose points: its function, and the keys of a request that it takes."""
 METHODS: Mapping[str, Method] = MappingProxyType(
     {
         "grid": (full_grid, frozenset({"levels", "steps"})),
@@ -160,8 +159,7 @@ def _method(name: str, prescribed: Collection[str]) -> Method:
     if ":" in name:
         return partial(from_function, locator=name), frozenset({"count"})
     methods = METHODS if name in METHODS else all_methods()
-    if name not in methods:
-        raise unknown("sampling method", name, (*methods, *prescribed))
+    check_known("sampling method", (*methods, *prescribed), name)
     return methods[name]
 
 
