@@ -127,7 +127,7 @@ def requirement(
     known: names of parameters, options and definitions.
     vehicles: names of the actors.
 
-    Raises InputError for a text that is no condition on a drive.
+    Raises InputError unless the text is a condition on a drive.
     """
     # a cell of cases.csv lists missed requirements, with `;` between their names
     if not name or ";" in name:
