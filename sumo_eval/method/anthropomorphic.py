@@ -468,8 +468,9 @@ def _likeness(pairing: Pairing, vehicles: Sequence[_Vehicle], similarity: float)
 def exposure_weighted_index(values: ArrayLike, exposure: ArrayLike) -> float:
     """Eq. 13: D = sum(p_i D_i) / sum(p_i) over the concrete scenarios of the safe zone.
 
-    values: D_i, (n,).
-    exposure: p_i, naturalistic probability of each concrete scenario, (n,), at least 0, not all 0.
+    values: D_i, (n,), from `anthropomorphic_index`.
+    exposure: p_i, naturalistic probability of each concrete scenario, (n,), at least 0, not all 0,
+        from the logical scenario.
 
     Raises InputError for arguments outside these meanings.
     """
@@ -550,9 +551,10 @@ def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
 def slice_positions(start: float, length: float, spacing: float) -> FloatArray:
     """Eq. 11: x of the slices, (m,), m.
 
-    start: x of the first slice, m.
-    length: distance to the last slice, m.
-    spacing: between neighbouring slices, m; the last two may be closer.
+    start: x of the first slice, m: the ADS's start.
+    length: distance to the last slice, m: min(L, mean human L).
+    spacing: between neighbouring slices, m, `slice_spacing` of the settings; the last two may be
+        closer.
     """
     steps = int(length / spacing)
     positions: FloatArray = start + spacing * np.arange(steps + 1, dtype=float)

@@ -34,7 +34,7 @@ _not_negative = partial(checks.not_negative, "a collision")
 def collision_loss(u: ArrayLike) -> FloatArray:
     """Eq. 14: L = 1 if U > 15, 0.7 if 8 < U <= 15, 0.4 if 0 < U <= 8, 0.1 otherwise.
 
-    u: U, severity of a collision, m/s, any shape.
+    u: U, severity of a collision, m/s, any shape, from `impact_severity`.
 
     Raises InputError for values that are negative or not finite.
     """
@@ -48,7 +48,8 @@ def impact_severity(
 ) -> FloatArray:
     """Eq. 15: U = |v_ego - v_obstacle| / w at first contact, m/s.
 
-    ego_velocity, obstacle_velocity: (..., 2), m/s, in one frame.
+    ego_velocity: v_ego, (..., 2), m/s, of a recorded `Collision`.
+    obstacle_velocity: v_obstacle, (..., 2), m/s, in the same frame.
     overlap: w, share of the ego's bumper width that faces the obstacle, (...), 0..1.
 
     The paper has w in [0.5, 1]: a smaller share counts as 0.5, so a graze is at most twice as
@@ -106,9 +107,9 @@ def collision_avoidance_index(
 ) -> float:
     """Eq. 17: C = sum(r_i Ug_i / U_i) / sum(r_i) over the collisions; 1 if there are none.
 
-    u: U_i of the ADS, (n,), m/s.
-    u_ideal: Ug_i of the ideal vehicle in the same concrete scenarios, (n,), 0 where it avoids.
-    weights: r_i, (n,).
+    u: U_i of the ADS, (n,), m/s, from `impact_severity`.
+    u_ideal: Ug_i of the ideal vehicle in the same concrete scenarios, (n,), m/s, 0 where it avoids.
+    weights: r_i, (n,), from `collision_weight`.
     loss: "severity" compares U as printed, "class" the loss L of Eq. 14 of both.
 
     An ADS that hits no harder than the ideal vehicle, at 0 m/s included, counts 1. If all weights

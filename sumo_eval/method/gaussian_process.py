@@ -47,8 +47,8 @@ class Hyperparameters(NamedTuple):
 def covariance(points: FloatArray, parameters: Hyperparameters) -> FloatArray:
     """Eq. 7: K of training points, (n, n), without the training values' own variances.
 
-    points: x, (n, k), in unit boxes.
-    parameters: sf^2, sl, sn^2.
+    points: x, (n, k), in unit boxes, from `zone_surface.fit`.
+    parameters: sf^2, sl (k,), sn^2, without unit.
     """
     between = pdist(points / np.array(parameters.length_scales), "sqeuclidean")
     between *= -0.5

@@ -93,7 +93,11 @@ def _steering_operations(trajectory: Trajectory, settings: AnthropomorphicSettin
 
 
 def _wheel_threshold(speed: FloatArray, settings: AnthropomorphicSettings) -> FloatArray:
-    """Eq. 12: the steering wheel angle above which an operation begins at each speed (n,), rad."""
+    """Eq. 12: the steering wheel angle above which an operation begins at each speed, rad, (n,).
+
+    speed: m/s, (n,), of the trajectory.
+    settings: threshold, deg, or lateral acceleration, m/s2, with steering ratio and wheelbase, m.
+    """
     lateral = settings.steering_lateral_acceleration
     if lateral is None:
         return np.full(speed.shape, math.radians(settings.steering_threshold_deg))

@@ -184,8 +184,10 @@ def _lead(speed: FloatArray, slowing: FloatArray) -> tuple[Profile, Profile]:
 def exact_target(
     logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
 ) -> FloatArray:
-    """Eqs. 5-7: the criticality of points (n, k) itself, on the scale that the GP learns it:
-    hazardous where <= 0, (n,).
+    """Eqs. 5-7: criticality y of points itself, on the scale that the GP learns: hazardous where
+    <= 0, (n,).
+
+    logical, points, settings: as in `criticality`.
     """
     return criticality(logical, points, settings).target
 
@@ -205,8 +207,9 @@ def danger(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings)
 def exactly_hazardous(
     logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
 ) -> BoolArray:
-    """Eqs. 5-6: where max ITTC itself reaches its threshold, at points (n, k) of the box, (n,),
-    without any partition.
+    """Eqs. 5-6: whether max ITTC itself, without any partition, reaches its threshold, (n,).
+
+    logical, points, settings: as in `criticality`.
     """
     return criticality(logical, points, settings).inverse >= settings.critical_inverse_ttc
 

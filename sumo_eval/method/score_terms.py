@@ -81,8 +81,8 @@ def ideal_ratio(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
     """Eq. 17: Ug_i / U_i of each collision, 1 where the ADS hit no harder than the ideal vehicle;
     nan where one is nan.
 
-    severity: U_i, m/s, or its loss L, of any shape.
-    ideal: Ug_i, or its loss, of the same shape.
+    severity: U_i of the ADS (Eq. 15), m/s, or its loss L (Eq. 14), of any shape.
+    ideal: Ug_i of the ideal vehicle, m/s, or its loss, of the same shape.
     """
     # 1 or nan stays where the division is not made
     otherwise = np.where(np.isnan(severity) | np.isnan(ideal), np.nan, 1.0)
@@ -95,8 +95,9 @@ def collision_avoidance(
     """Eq. 17: C = sum(r_i Ug_i / U_i) / sum(r_i) over the collisions of every sample, (m,).
 
     ratio: Ug_i / U_i (`ideal_ratio`), (n,), nan without a collision and where Ug_i is not known.
-    weight: r_i, (n,), nan likewise.
-    collided, evaluated: flags (n,).
+    weight: r_i (Eq. 16), (n,), nan likewise.
+    collided: whether the ADS collided, (n,).
+    evaluated: whether the case could be evaluated, (n,).
     counts: (m, n).
 
     A sample whose collisions all have r = 0 has their plain mean. A sample without a collision has
@@ -134,9 +135,9 @@ def paper_score(c: ArrayLike, d: ArrayLike, points: ScoreSettings) -> FloatArray
     """Eq. 18: S = a k5 C + b k6 D, points, (m,); a term that is nan counts 0, S is nan where both
     are.
 
-    c: C, (m,), 0..1.
-    d: D, (m,), 0..1.
-    points: a, b, k5 and k6.
+    c: C, (m,), 0..1, from `collision_avoidance`.
+    d: D, (m,), 0..1, from `exposure_mean`.
+    points: a, b, points, k5 and k6, of the settings.
     """
     terms = np.asarray([c, d], dtype=float)
     full = worth(points)

@@ -85,7 +85,9 @@ class ZonePartition:
         return len(self.zone_shares)
 
     def predicted(self, points: ArrayLike) -> FloatArray:
-        """Eq. 8: the GP's y; above 0 is safe.
+        """Eq. 8: the GP's y, (...); above 0 is safe.
+
+        points: (..., k), in the parameters' units.
 
         Exactly +1 or -1 everywhere if all training points agree.
         """
@@ -97,7 +99,9 @@ class ZonePartition:
         return self.predicted(points) <= 0.0
 
     def exactly_hazardous(self, points: ArrayLike) -> BoolArray:
-        """Eqs. 5-6: whether max ITTC itself, without the GP, reaches its threshold.
+        """Eqs. 5-6: whether max ITTC itself, without the GP, reaches its threshold, (...).
+
+        points: (..., k), in the parameters' units.
 
         This decides the zone of every case that is driven, because the GP may call a point safe at
         which even ideal braking collides.
