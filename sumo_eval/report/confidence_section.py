@@ -55,18 +55,18 @@ def confidence_content(evaluation: Evaluation, beside: Beside) -> dict[str, Any]
 
 def _further(item: Assessment, confidence: Confidence) -> dict[str, Any]:
     plain: dict[str, Any] = {"ads": item.ads, "scenario": item.scenario}
-    found = item.further
+    further = item.further
     names = list(confidence.coverage[item.scenario].empty_centre)
-    if found is None or "s" not in item.sources or not len(found.points):
+    if further is None or "s" not in item.sources or not len(further.points):
         return plain | {"points": []}
     half_width = item.sources["s"]["cases"]  # of the interval of S, by the choice of cases
     return plain | {
-        "count": len(found.points),
+        "count": len(further.points),
         "before": f"{half_width:z.1f}",
-        "after": f"{half_width * found.shrink:z.1f}",
+        "after": f"{half_width * further.shrink:z.1f}",
         "points": [
             ", ".join(f"{name} = {value:z.4g}" for name, value in zip(names, row, strict=True))
-            for row in found.points[:SHOWN].tolist()
+            for row in further.points[:SHOWN].tolist()
         ],
     }
 

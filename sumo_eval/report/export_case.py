@@ -44,7 +44,8 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
     resolved = run_folder.resolved_run(run)
     settings, source = resolved.settings, resolved.source
     fact = known_case(run, case)
-    with open_store(run / run_folder.FACTS) as store:  # no trajectories of one that did not start
+    with open_store(run / run_folder.FACTS) as store:
+        # a drive that did not start has no trajectories
         started = fact.simulated_time is not None and not store.is_discarded(case)
         driven = store.trajectories(case) if started else None
     entry, logical = next(named for named in resolved.entries if named[1].name == fact.scenario)
@@ -93,7 +94,7 @@ def _evaluation(
     return replace(
         alone,
         scenario=(replace(scenario, sampling=sampling, exposure=ExposureSettings()),),
-        run=replace(settings.run, qualification=""),  # it is about the run that this case is of
+        run=replace(settings.run, qualification=""),  # that qualification is of the whole run
     )
 
 

@@ -28,7 +28,7 @@ from sumo_eval.text import cell, point_words
 
 CHECKS = "checks.csv"
 _ALSO = ("d_i", "departed", "gave_up", "incident_severity")
-"""Columns behind the fields."""
+"""Columns behind the fields of `CaseResult`."""
 _IN_WORDS: dict[str, Callable[[CaseResult], str]] = {
     "index_note": index_note_words,
     "reference_note": reference_note_words,

@@ -80,7 +80,7 @@ class RowWriter:
         self._chunks: list[KeptChunk] = []
 
     def add(self, rows: Sequence[CaseResult]) -> None:
-        """Keep rows of one ADS in one scenario, after those of it that are there."""
+        """Keep rows of one ADS in one scenario, after the rows of it that are kept already."""
         if rows:
             chunk = KeptChunk(rows[0].scenario, rows[0].ads, len(rows), len(self._chunks))
             parts = enumerate(encode_rows(rows), chunk.place * COLUMNS)

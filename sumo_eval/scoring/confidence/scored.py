@@ -58,7 +58,7 @@ def with_intervals(
 
     An ADS with fewer than two cases that count keeps the intervals that it has.
     """
-    judged = {}
+    judged = {}  # index of an ADS in `scores` -> its cases
     for number, (score, cases) in enumerate(zip(scores, rows, strict=True)):
         terms = case_terms(cases, settings.method)
         if np.count_nonzero(terms.counted) >= LEAST:
