@@ -499,6 +499,15 @@ def test_times_without_a_reference_do_not_count(tmp_path):
     assert not any(act.table for act in acts)
 
 
+def test_a_trajectory_may_pass_its_last_point_before(tmp_path):
+    """s = 70 m, 90 m, back to 60 m and again to 90 m: 60 m along it is at 70 m, where the other
+    is."""
+    line = _line(*(_at(1, s) for s in (70.0, 70.0, 90.0, 60.0, 90.0)))
+    follow = _following(line).replace("ryAction>", 'ryAction initialDistanceOffset="60">', 1)
+    (other,) = only_case(changed(tmp_path, (' offset="0.25"', ""), events=timed(follow, 0))).actors
+    assert (other.start.x, other.start.y) == pytest.approx((71.5, 3.5))
+
+
 def test_a_trajectory_crosses_a_curved_road_straight_on_the_map(tmp_path):
     """A left bend of 500 m, a body that goes from the left lane, 3.5 m to the left, to the right
     one 10 m before: on the map its places lie on the chord between both ends, 1.5 m ahead of where

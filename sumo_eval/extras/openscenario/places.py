@@ -1,11 +1,11 @@
 """Places of OpenSCENARIO on the map: positions, trajectories, routes, and entities with their
-places. `scene`, `moves` and `moments` use them.
+places.
 
 The place of an entity is that of its reference point, of a vehicle the middle of its rear axle.
 `BoundingBox/Center` says where the body's centre lies from there. Without an <Orientation> it
-points along the road's reference line, in left lanes too: the UN R157 file with the ego in lane 4
-drives that way. Along a route, number and offset of a lane are those of its road, and t is to the
-left of where the route goes.
+points along the road's reference line, also in a lane to the left of it (the UN R157 file with its
+ego in lane 4 is written so). Along a route, number and offset of a lane are those of its road, and
+t is to the left of where the route goes.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from sumo_eval.scenario.played import EGO, ENDED, Act, Move, Pairs, Program
 from sumo_eval.scenario.road.pose import Pose
 from sumo_eval.scenario.road.reference_line import Line, Piece, length_of, map_places
 
-ALONG = 0.01  # rad: an entity that points off its lane's direction by less drives along the lane
-EGO_ALONG = 0.1  # rad, for the ego, which must start along its lane
+ALONG = 0.01  # rad between headings of an entity and its lane, below which it drives along the lane
+EGO_ALONG = 0.1  # rad, the same for the ego, which must start along its lane
 _FINE = 0.25  # m between two points of a curved trajectory
 _STRAIGHT = 0.05  # m that a straight route or trajectory may be off the line through its ends
 
@@ -55,13 +55,13 @@ class Spot:
         return self.road, self.lane
 
     def turned(self, way: int) -> Spot:
-        """The place with its heading kept, or, for `way` -1, turned round."""
+        """The same place, with its heading reversed if `way` is -1."""
         heading = self.pose.heading + (math.pi if way < 0 else 0.0)
         return replace(self, pose=self.pose._replace(heading=heading))
 
 
 class UnplacedError(InputError):
-    """A place or a speed that needs that of an entity which has none yet.
+    """A place or a speed depends on that of an entity, which has none yet.
 
     entity: its name.
     """
@@ -85,8 +85,8 @@ class Entity:
 
     spot: where its reference point is; None as long as that is unknown.
     speed: m/s.
-    waits: number of actions that set this speed and are not done yet.
-    way: points of a trajectory on the map that it follows.
+    waits: number of actions of Init that set this speed and are not done yet.
+    way: points on the map of the trajectory that it follows; empty: none.
     frame: the centre of its body along and across the road, once the road is known.
     deleted: it takes no part.
     on_map: its path is straight on the map and not along the road, which is curved.
@@ -99,9 +99,9 @@ class Entity:
     steady: end of that change, s.
     moved: where it is to the left of its start, m.
     busy_until: end of its last lateral move, s.
-    reads: moves that were planned from its speed or its place, each with the time, s, up to which
-        no further act of some kinds may begin; these kinds; the fault if one does; and the planned
-        move: after its end an act may begin.
+    reads: (until, kinds, fault, move) for each move, of any entity, that was planned from its acts
+        of these kinds: a further one that may begin before `until`, s, raises the fault, unless
+        that move has ended.
     """
 
     name: str
@@ -129,7 +129,7 @@ class Entity:
 
     @property
     def next_move(self) -> Move:
-        """The move that it is given next."""
+        """Identity of the move that it is given next."""
         return self.number, len(self.acts)
 
     def ended(self) -> Program:
@@ -141,8 +141,7 @@ class Entity:
         """The direction in which it drives on the map, rad."""
         if len(self.way) < 2:
             return self.placed().pose.heading
-        (x, y), (x2, y2) = self.way[:2]
-        return math.atan2(y2 - y, x2 - x)
+        return _towards(*self.way[:2]).heading
 
     def placed(self, asks: Node | None = None) -> Spot:
         """Where it is.
@@ -156,6 +155,11 @@ class Entity:
             )
             raise UnplacedError(str(fault), self.name)
         return self.spot
+
+
+def _towards(begin: tuple[float, float], end: tuple[float, float]) -> Pose:
+    """A point on the map, with the heading to another one."""
+    return Pose(*begin, math.atan2(end[1] - begin[1], end[0] - begin[0]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,8 +180,7 @@ class MapPath:
     @property
     def straight(self) -> bool:
         """Whether it is one straight line."""
-        (x, y), (x2, y2) = self.points[0], self.points[-1]
-        line = Pose(x, y, math.atan2(y2 - y, x2 - x))
+        line = _towards(self.points[0], self.points[-1])
         return all(abs(Pose(*it, 0.0).seen_from(line).y) <= _STRAIGHT for it in self.points)
 
     def at(self, s: float, element: Node, t: float = 0.0) -> Pose:
@@ -185,19 +188,21 @@ class MapPath:
 
         element: what asks.
         """
-        ahead = s
-        for (x, y), (x2, y2) in pairwise(self.points):
-            length = math.hypot(x2 - x, y2 - y)
-            # in this stretch, or in the last one
-            if ahead <= length or (x2, y2) == self.points[-1]:
-                if ahead > length + _STRAIGHT or s < -_STRAIGHT:
-                    raise element.fault(f"s = {s:g} m is beyond its trajectory")
-                return Pose(x, y, math.atan2(y2 - y, x2 - x)).moved(ahead, t)
-            ahead -= length
-        raise element.fault("a trajectory must have two different points")
+        ahead, length = s, 0.0
+        pairs = list(pairwise(self.points))
+        # a stretch between equal points has no direction: it counts only if there is no other
+        stretches = [it for it in pairs if it[0] != it[1]] or pairs
+        for begin, end in stretches:
+            ahead -= length  # of the stretch before
+            length = math.dist(begin, end)
+            if ahead <= length:
+                break
+        if ahead > length + _STRAIGHT or s < -_STRAIGHT:
+            raise element.fault(f"s = {s:g} m is beyond its trajectory")
+        return _towards(begin, end).moved(ahead, t)
 
     def rest(self, s: float) -> Pairs:
-        """Its points from s m on."""
+        """Its points further along than s m."""
         lengths = accumulate(math.dist(*ends) for ends in pairwise(self.points))
         return tuple(it for it, at in zip(self.points[1:], lengths, strict=True) if at > s + 1e-9)
 
@@ -340,7 +345,7 @@ class Places:
         if mode is not None:
             mode.one_of("followingMode", ("position", "follow"))
         course = self.trajectory(action.find("TrajectoryRef") or action)
-        # version 1.0 asks for a time at every vertex: with <None> they do not count
+        # with <None> the times at its vertices do not count, which version 1.0 requires all the same
         return replace(course, times=()) if action.find("TimeReference/None") else course
 
     def _polyline(self, shape: Node) -> MapPath:
@@ -409,6 +414,7 @@ class Places:
             raise at.fault(f"pathS = {s:g} m is not on its route, which is {reach:g} m long")
         if end.road is road:
             return self._on(road, begin.s + way * s, t, lane, element).turned(way)
+        # the route ends on another road: `s` may be beyond its first road, on the line straight on
         return Spot(origin.moved(s, t), road, lane, begin.s + s, t)
 
 
@@ -425,7 +431,7 @@ def entity_of(element: Node, catalogs: Catalogs) -> Entity:
     if len(holders) != 1:
         raise element.fault(f"it must be one vehicle, pedestrian or object, got {len(holders)}")
     held = catalogs.entry(holders[0]) if holders[0].tag == "CatalogReference" else holders[0]
-    # an object counts as a standing car; the body of a vehicle depends on its category
+    # an object counts as a standing car; "": the body depends on the vehicle's category
     body = {"Pedestrian": "pedestrian", "MiscObject": "car", "Vehicle": ""}.get(held.tag)
     if body is None:
         raise held.unsupported()
