@@ -22,8 +22,8 @@ from sumo_eval.record.store import open_store
 from sumo_eval.scenario.resolved import Resolved
 
 _TIMED = 32  # drives of a kind that an estimate times, at most
-_A_KIND_FOR = 1.0  # s for the drives of a kind, if a user's ADS drives
-_TIMED_FOR = 2.0  # s for all kinds; the drive that runs then is the last one
+_A_KIND_FOR = 1.0  # s that the drives of one kind may take, if a user's ADS drives
+_TIMED_FOR = 2.0  # s for all kinds: after that no further drives begin
 _LONGEST_DRIVE = 3.0  # s; a longer one is broken off
 _KINDS = 12  # ADSs that are loaded, at most, and pairs of ADS and scenario that are timed, at most
 _SORTS = {"ads": "ADSs", "references": "references", "humans": "human drivers"}
@@ -31,7 +31,9 @@ _SORTS = {"ads": "ADSs", "references": "references", "humans": "human drivers"}
 _LOOKED_AT = 2_000  # points of each scenario that are checked and classified, at most
 
 Kind = tuple[str, list[Case]]
-"""A sort (of `_SORTS`), and cases to time: all of one scenario, those of ADSs all of one ADS."""
+"""Cases that are timed together, and their sort (of `_SORTS`): all of one scenario, those of ADSs
+all of one ADS.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +80,7 @@ class Estimate:
         if self.broken_off:
             lines.append(
                 f"A drive was broken off after {_LONGEST_DRIVE:g} s: the run takes longer than "
-                "that."
+                "estimated."
             )
         return "\n".join(lines)
 
@@ -103,6 +105,7 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
         refuse_impossible_zones(space.logical, settings.method.zones)  # a run would end there
     compile_loops(settings, spaces)
 
+    # all ADSs count, also those that are not loaded
     plan_of_all, drives = replace(plan, run=run), Counter[str]()
     for stage in chain.from_iterable(stages(space, plan_of_all) for space in spaces):
         drives[_sort(stage.role)] += stage.total
@@ -124,7 +127,7 @@ def estimate(run: Resolved, folder: Path | None) -> Estimate:
 
 
 def _in_one_round(run: Resolved) -> Resolved:
-    """The evaluation with samples whose first round has all points, also those chosen in rounds."""
+    """The evaluation with each adaptive sample drawn whole in its first round."""
     entries = tuple(
         replace(entry, sampling=replace(entry.sampling, round=entry.sampling.count, rounds=()))
         if entry.sampling.method == "adaptive"
@@ -140,7 +143,7 @@ def _recorded(folder: Path, run: Resolved) -> int:
         return 0
     plan, spaces = planned(in_rounds(run, folder), looked_at=_LOOKED_AT)
     with open_store(folder / FACTS) as store:
-        find_stale(store, run.source)  # the store does not hold cases of stale ADSs
+        find_stale(store, run.source)  # marks stale ADSs, of which the store then holds no case
         cases = (stage.cases for space in spaces for stage in stages(space, plan))
         return sum(map(store.holds, chain.from_iterable(cases)))
 
@@ -183,7 +186,7 @@ def _seconds_a_drive(kinds: Iterable[Kind], setup: Setup) -> tuple[dict[str, flo
         # the time of the first drive, with imports and compilation, counts if no other is timed
         seconds, in_time = _seconds_each(cases[:1], replace(setup, run=limits))
         timed += 1
-        # a drive beyond the run's own limit would end in the run as well
+        # a limit of the run that is no longer ends the drive in the run as well
         broken_off |= not in_time and limits != setup.run
         number = _TIMED
         if affinity(cases[0], setup) != NO_USER_CODE:
