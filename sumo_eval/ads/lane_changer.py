@@ -20,12 +20,13 @@ from sumo_eval.cosim.compiled import Compiled, decides, each_row
 from sumo_eval.cosim.records import MOVER, fields, flags
 from sumo_eval.kernels import kernel
 
+# it overtakes when not in danger, too (`inclined`); times in s
 SMOOTH = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, duration=8.0)
 
 
 @kernel
 def _copy_decision(to: Any, source: Any) -> None:
-    """Copy a record of `OVERTAKING`, except the fields that are of one step alone."""
+    """Copy a record of `OVERTAKING`, except the fields that hold for one step alone."""
     path, copied = source.path, to.path
     copied.start, copied.offset = path.start, path.offset
     copied.begin, copied.length = path.begin, path.length
@@ -35,7 +36,10 @@ def _copy_decision(to: Any, source: Any) -> None:
 
 @kernel
 def _foresee_ego(then: Any, me: Any, acceleration: float, time: float) -> None:
-    """Write into `then` the ego `time` s from now, if it continues with an acceleration, m/s2."""
+    """Write into `then` the ego `time` s from now, if it continues with an acceleration, m/s2.
+
+    `along` and `across` are speeds, m/s; it does not roll back.
+    """
     take(then, me)
     gained = max(acceleration * time, -me.along)
     then.x, then.y = me.x + (me.along + 0.5 * gained) * time, me.y + me.across * time
@@ -48,14 +52,16 @@ def wanted_at(scene: Any, after: float) -> float:
     then is in `own.tried`.
 
     scene: the ego; the rule's memory; what it knows of each actor; room for the foreseen actors;
-        the lane change that is asked for; the cycle.
+        `way`, the lane change that is asked for; the `SCENARIO` record whose step is a cycle.
     """
     me, own, known = scene[:3]
     later, way, scenario = scene[3:]
     _foresee_ego(own.then, me, own.pedals.level, after)
     for j in range(len(later)):
         foresee(later[j], known[j].sighting, after, scenario.step)
+        # each try begins with what was decided; no actor is expected to brake (0)
         later[j].braking, known[j].accepted = 0.0, known[j].kept
+    # here `leads` says whether the actor is seen at all; `overtake` writes it again
     for j in range(len(later)):
         known[j].leads = 1 if is_visible(own.then, later, j, 0.0) else 0
     # hidden actors are removed once all have been looked for, as they hide others
@@ -78,7 +84,10 @@ def _changes_at(scene: Any, after: float) -> float:
 
 @kernel
 def _decide_at(scene: Any, after: float) -> float:
-    """Decide as `after` s from now; the acceleration wanted then, m/s2. Call once a step."""
+    """Decide as if it were `after` s from now; the acceleration wanted then, m/s2.
+
+    Call once a cycle.
+    """
     wanted = wanted_at(scene, after)
     own, known = scene[1], scene[2]
     _copy_decision(own.decided, own.tried)
@@ -88,9 +97,9 @@ def _decide_at(scene: Any, after: float) -> float:
 
 
 @kernel
-def _turn_in(scene: Any, step: float) -> float:
-    """Time in the coming `step` at which the lane change begins, or the wanted acceleration jumps,
-    s; `step`: neither.
+def _part_at(scene: Any, step: float) -> float:
+    """Instant within the coming cycle, 0..`step` s, at which the lane change begins, or the wanted
+    acceleration jumps; `step`: neither.
     """
     memory = scene[1]
     now, changes_now = wanted_at(scene, 0.0), memory.tried.changing
@@ -98,7 +107,7 @@ def _turn_in(scene: Any, step: float) -> float:
     if changes_now != memory.decided.changing:
         return 0.0
     if changes != changes_now:
-        return first_instant(_changes_at, scene, 0.5, 0.0, step)
+        return first_instant(_changes_at, scene, 0.5, 0.0, step)  # 0.5: between 0 and 1
     if abs(end - now) >= JUMP:
         return first_instant(wanted_at, scene, 0.5 * (now + end), 0.0, step)
     return step
@@ -113,17 +122,17 @@ def _decide(scene: Any) -> float:
     """
     me, memory, scenario = scene[0], scene[1], scene[5]
     step, vehicle = scenario.step, scenario.vehicle
-    turn = _turn_in(scene, step)
-    gained, lasts = 0.0, step
-    if turn >= step:
+    part = _part_at(scene, step)
+    gained, rest = 0.0, step  # m/s so far; s of the cycle that are left
+    if part >= step:
         wanted = _decide_at(scene, 0.5 * step)
     else:
-        if turn > 0.0:
-            before = max(wanted_at(scene, 0.5 * turn), -vehicle.max_deceleration)
-            gained, lasts = gained_towards(memory.pedals, before, turn, vehicle), step - turn
-        _decide_at(scene, turn)
-        wanted = wanted_at(scene, 0.5 * (turn + step))
-    gained += gained_towards(memory.pedals, max(wanted, -vehicle.max_deceleration), lasts, vehicle)
+        if part > 0.0:
+            before = max(wanted_at(scene, 0.5 * part), -vehicle.max_deceleration)
+            gained, rest = gained_towards(memory.pedals, before, part, vehicle), step - part
+        _decide_at(scene, part)
+        wanted = wanted_at(scene, 0.5 * (part + step))
+    gained += gained_towards(memory.pedals, max(wanted, -vehicle.max_deceleration), rest, vehicle)
     return float(pedal_command(memory.pedals, me.speed, gained, vehicle, step))
 
 
@@ -132,8 +141,10 @@ def lane_changer(ego: Any, others: Any, own: Any, known: Any, later: Any, scenar
     """Acceleration and steering wheel angle: decide once a cycle, then steer along the path decided
     on.
 
-    While it passes a lead, the rule may brake in one cycle and not in the next: once just clear of
-    the lead it stops following it, and by that may no longer be clear.
+    While it passes a lead, the rule may brake in one cycle and not in the next: just clear of the
+    lead it stops following it, speeds up, and so may no longer be clear.
+
+    scenario: two records; the step of the first is the simulation's, of the second a cycle.
     """
     me = ego.seen
     if own.steps == 0:
@@ -153,9 +164,10 @@ class LaneChanger(Compiled):
 
     It begins at 10 s TTC or 2.5 s headway (the medians of recorded drivers, DLR-HT 2024) and takes
     8 s, or the time that is left to be clear of the lead, but not less than a lateral acceleration
-    of 2 m/s2 allows (3.2 s); where braking alone would need over 80 % of the brakes, 4 m/s2 (2.25
-    s). The left lane must be free: see `sumo_eval.ads.overtaking`. If it cannot change, it follows
-    by the enhanced IDM. It sees a hidden vehicle once nothing covers any of it.
+    of 2 m/s2 allows (3.2 s). In danger, where braking alone would need over 80 % of the brakes,
+    this acceleration is 4 m/s2 (2.25 s). The left lane must be free: see
+    `sumo_eval.ads.overtaking`. If it cannot change, it follows by the enhanced IDM. It sees a
+    hidden vehicle once nothing covers any of it.
     """
 
     loop = staticmethod(each_row(lane_changer))
@@ -170,7 +182,7 @@ class LaneChanger(Compiled):
     steps: number driven so far.
     """
     known: ClassVar = [*WATCHED, *fields("kept"), *SIGHTED]
-    """`WATCHED` belongs to `tried`; kept: headway accepted in `decided`, s."""
+    """`WATCHED`: what `tried` knows of an actor; kept: headway that `decided` accepts, s."""
     numbers: ClassVar = [("idm", PARAMETERS), ("habits", HABITS)]
 
     def __init__(

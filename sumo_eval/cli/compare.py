@@ -70,8 +70,8 @@ def compare(
     from sumo_eval.scoring.gate_settings import read_gate
 
     settings = read_gate(gate)
-    give_what_is_own(base, new)  # trust code of runs that this user recorded here
-    # before either is scored, which may take hours
+    give_what_is_own(base, new)  # trusts the ADS code of a run that this user recorded here
+    # fails now for a run that is not complete or was changed, as scoring may take hours
     for run in (base, new):
         refuse_to_score(run)
     partners = _partners(pairs, base, new)
@@ -108,7 +108,7 @@ def _partners(pairs: Sequence[str], base: Path, new: Path) -> dict[str, str]:
         splits = [names for names in splits if all(names)]
         if not splits:
             raise InputError(f"A pair must have the form BASE=NEW, got {listed!r}.")
-        # the first of these with two known names; without one the error is about the first of all
+        # the first split with two known names; if none has, the error names the first split
         known = (names for names in splits if names[0] in olds and names[1] in news)
         old, now = next(known, splits[0])
         check_known("ADS", olds, old)
@@ -161,7 +161,7 @@ def nightly(
         raise click.UsageError("Missing argument 'EVALUATION'.")
     from sumo_eval.record.children import warm_up
 
-    warm_up()  # before the imports below, which take a second
+    warm_up()  # loads the simulator for the workers during the imports below
     from sumo_eval.cli.stopping import stop_on_signal
     from sumo_eval.nightly.morning import morning_lines, tell_github
     from sumo_eval.nightly.night import run_night
@@ -215,7 +215,7 @@ def accept(history: Path, run: str | None, reason: str, until: datetime | None) 
 
 @click.command(epilog="Example: sumo-eval trend nights")
 @path_argument("history")
-@path_option("--import", "runs", multiple=True, help="Add an older run first; may be repeated.")
+@path_option("--import", "runs", multiple=True, help="First add an older run; may be repeated.")
 @trusting
 def trend(history: Path, runs: tuple[Path, ...]) -> None:
     """Write HISTORY/trend.html: S, C, D, risk and run time of every ADS over the nights, with the

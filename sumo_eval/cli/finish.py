@@ -1,4 +1,4 @@
-"""Last step of every scoring command: files for people and machines, the table, the exit status."""
+"""Last step of scoring commands: files for people and machines, the table, the exit status."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ ALL = flag(
 def scored(run: Path, changes: Sequence[str] = (), resolved: Resolved | None = None) -> Evaluation:
     """A run, scored with a bar on the terminal.
 
-    changes, resolved: as of `score`.
+    changes, resolved: as in `score`.
     """
     from sumo_eval.evaluation import score
 
@@ -39,7 +39,7 @@ def scored(run: Path, changes: Sequence[str] = (), resolved: Resolved | None = N
 
 
 def show_scores(evaluation: Evaluation, everything: bool = False) -> None:
-    """Print the first words and the table: as wide as the terminal, elsewhere 100 characters."""
+    """Print the headline and the table, as wide as the terminal; without one, 100 characters."""
     from sumo_eval.report.citation import citation
     from sumo_eval.report.headline import headline
     from sumo_eval.report.score_table import WIDTH, WORDS, score_lines
@@ -49,7 +49,7 @@ def show_scores(evaluation: Evaluation, everything: bool = False) -> None:
     say((f"! {ads}: {words}." for ads, words in said.alarms), fg="red")
     width = shutil.get_terminal_size((WIDTH, 24)).columns
     show(("", *score_lines(evaluation, width, everything), ""))
-    say((WORDS, citation(evaluation)))
+    say((WORDS, citation(evaluation)))  # WORDS: what the columns mean
 
 
 def finish(
@@ -58,7 +58,7 @@ def finish(
     """Write what a person and a machine read, print the table, and leave with the status that the
     cases deserve.
 
-    notes: sentences that stand before where the report is.
+    notes: sentences to print above the line that says where the report is.
     everything: whether all tables are printed.
     """
     from sumo_eval.report.assessed import write_assessed_report

@@ -1,6 +1,4 @@
-"""Spaces: the `scenarios` that ship, the `partition` of one, a `sample` of it, the `boundary` of an
-ADS in it.
-"""
+"""Commands on spaces: the `scenarios` that ship, the `partition` of one, a `sample` of it."""
 
 from __future__ import annotations
 
@@ -28,10 +26,8 @@ def scenarios() -> None:
                 f"step {item.step:g}: {item.about}"
             )
         for option in scenario.options:
-            tell(
-                f"  ?{option.name}=...{'' if option.unit == '1' else f' {option.unit}'}: "
-                f"{option.about}"
-            )
+            unit = "" if option.unit == "1" else f" {option.unit}"
+            tell(f"  ?{option.name}=...{unit}: {option.about}")
 
 
 @click.command(epilog="Example: sumo-eval partition front_vehicle_cut_out")
@@ -106,7 +102,7 @@ def sample(
     table, page = write_points(
         logical, chosen, out or out_folder.default(logical.name, "points"), title
     )
-    total = len(chosen.points) + len(chosen.refused)
-    share = len(chosen.refused) / total
-    tell(f"{title}; constraints refuse {len(chosen.refused)} of {total} ({share:z.1%}).")
+    refused = len(chosen.refused)
+    total = len(chosen.points) + refused
+    tell(f"{title}; constraints refuse {refused} of {total} ({refused / total:z.1%}).")
     say((*(f"  {note}" for note in chosen.notes), str(table), str(page)))

@@ -1,6 +1,6 @@
 """The Gaussian process from which `zone_partition` makes zones, Eqs. 7-8.
 
-Not on the page, and stated here: the GP may miss each training value by about 10 % of it
+Not in the paper, and stated here: the GP may miss each training value by about 10 % of it
 (`TARGET_TOLERANCE`) and by a common noise that the likelihood finds like its other constants. The
 target has plateaus and kinks away from the zone boundary. A surface that must pass through all of
 them takes length scales so short that it falls back to 0 between the points; this one is exact
@@ -41,8 +41,8 @@ class Surface:
     length_scales: sl, (m,).
     signal_deviation: sf.
     noise_deviation: sn.
-    level: 0. Where all training points are on one side, n is 0 and y is this constant: +1 (safe) or
-        -1 (hazardous).
+    level: added to y. It is 0, except where all training points are on one side: then n is 0, and y
+        is this constant, +1 (safe) or -1 (hazardous).
     coordinates: function from points (n, k) of the parameters' unit box to x; None: x are these
         points.
     """
@@ -85,12 +85,12 @@ def coordinates(
     """Function from the parameters' unit box to the scenario's coordinates for the GP, scaled so
     that the training points fill a unit box; None: the scenario has none.
     """
-    better = logical.zone_coordinates
-    if better is None:
+    own = logical.zone_coordinates
+    if own is None:
         return None
 
     def raw(points: FloatArray) -> FloatArray:
-        return np.stack(better.of(logical.columns(points)), axis=-1)
+        return np.stack(own.of(logical.columns(points)), axis=-1)
 
     low, high = raw(training).min(axis=0), raw(training).max(axis=0)
     span = np.where(high > low, high - low, 1.0)
@@ -111,15 +111,15 @@ def fit(
         most_likely,
     )
 
-    better, unit = coordinates(logical, training), logical.to_unit(training)
-    if better is not None:
-        unit = better(unit)
+    to_x, unit = coordinates(logical, training), logical.to_unit(training)
+    if to_x is not None:
+        unit = to_x(unit)
     n, k = unit.shape
     hazardous = target <= 0.0
     if hazardous.all() or not hazardous.any():
         side, level = ("hazardous", -1.0) if hazardous[0] else ("safe", 1.0)
         nothing = np.empty(0)
-        return Surface(unit[:0], nothing, np.full(k, np.inf), 0.0, 0.0, level, better), [
+        return Surface(unit[:0], nothing, np.full(k, np.inf), 0.0, 0.0, level, to_x), [
             f"All {n} training points are {side}: no GP is fitted, and the whole space counts as "
             "such."
         ]
@@ -130,6 +130,7 @@ def fit(
     bounds = np.log(
         [SIGNAL_BOUNDS, *((0.5 * step, LONGEST_SCALE) for step in spacing), NOISE_BOUNDS]
     )
+    # variance of the signal, length scales, variance of the noise
     start = Hyperparameters(1.0, tuple(np.maximum(0.5, 2.0 * spacing).tolist()), 1e-3)
     tolerance = (TARGET_TOLERANCE * target) ** 2
     sample = np.random.default_rng(SEED).permutation(n)[:SEARCH_POINTS]
@@ -145,7 +146,7 @@ def fit(
         rounded = Hyperparameters.of_logarithms(
             np.log([float(f"{value:.3g}") for value in np.exp(theta)])
         )
-        k_training = covariance(unit, rounded)
+        k_training = covariance(unit, rounded)  # with the noise, without the tolerance
         k_training[np.diag_indices_from(k_training)] += tolerance
         factor = cholesky(k_training, lower=True, check_finite=False)
         weights = cho_solve((factor, True), target, check_finite=False)
@@ -161,7 +162,7 @@ def fit(
         length_scales=np.array(rounded.length_scales),
         signal_deviation=math.sqrt(rounded.signal),
         noise_deviation=math.sqrt(rounded.noise),
-        coordinates=better,
+        coordinates=to_x,
     )
     return surface, notes + _bound_notes(logical, theta, bounds)
 
@@ -170,6 +171,7 @@ def _bound_notes(logical: LogicalScenario, theta: FloatArray, bounds: FloatArray
     """One sentence for each hyperparameter that the search left at a bound."""
     seen = logical.names if logical.zone_coordinates is None else logical.zone_coordinates.names
     names = ["signal deviation", *(f"length scale of `{name}`" for name in seen), "noise deviation"]
+    # by the first word of a name
     meaning = {
         ("length", "upper"): "the zones hardly depend on it",
         (

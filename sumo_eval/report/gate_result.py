@@ -1,6 +1,4 @@
-"""Outcome of a limit, and the cases that it names. `nightly` makes them, pages and terminal show
-them.
-"""
+"""Outcome of a limit, and the cases that it names. `nightly` makes them."""
 
 from __future__ import annotations
 
@@ -43,15 +41,16 @@ class CaseChange:
 
 @dataclass(frozen=True, slots=True)
 class GateResult:
-    """One limit applied to one ADS in one logical scenario, or in all that are in `scenario`.
+    """One limit applied to one ADS, or to "every ADS", in one logical scenario, or in "all
+    scenarios".
 
     passed: None if the limit could not be evaluated; then the sentence has the reason.
-    reason: why it could not be evaluated, without the limit's own values; "": as in the sentence.
-    blind: name of the quantity, of a limit that cannot see a change of this ADS.
+    reason: why it could not be evaluated: limits with equal reasons share a line; "": the sentence.
+    blind: the quantity in words, if the cases of this ADS cannot show a change of it; else "".
     threshold: the value of the new run at which it would fail, for drawing.
     cases: keys of the cases that a failed limit is about, at most `MOST_KEYS`.
     worst: the worst of them.
-    against: the accepted night where only the comparison with that one failed.
+    against: name of the accepted night, if the limit failed only beside that one; else "".
     own: whether it bounds a value of the new run alone, so that no base changes it.
     """
 
@@ -76,5 +75,5 @@ class GateResult:
 
 
 def failed(results: Sequence[GateResult]) -> tuple[GateResult, ...]:
-    """The gates that did not hold."""
+    """The limits that failed. One that could not be evaluated did not."""
     return tuple(result for result in results if result.passed is False)

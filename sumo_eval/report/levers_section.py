@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # they load the simulator, which a look at a report does not 
     from sumo_eval.whatif.levers import Lever
     from sumo_eval.whatif.search import Answer
 
-MOST_CHANGES = 4  # further changes of a lever that are named; JSON has all
+MOST_CHANGES = 4  # values named after the first at which the outcome changes; JSON has all
 
 
 def levers_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
@@ -77,8 +77,8 @@ def unit_of(lever: Lever) -> str:
 def _bar(answer: Answer, hit: Collision | None) -> dict[str, Any]:
     """A lever on a rail of 100 units, its range from left to right.
 
-    at: recorded value; to: value of the least change, `at` without one.
-    low, width: of the part between both.
+    at: place of the recorded value; to: of the nearest that changes the outcome, `at` without one.
+    share: distance between both, % of the range. low, width: of the part between both.
     parts: those with a collision.
     """
     lever, flips = answer.lever, answer.flips
@@ -101,7 +101,7 @@ def _collides(answer: Answer, hit: Collision | None) -> Iterator[tuple[str, str]
     """Begin and width of each part of the rail whose values collide."""
     lever = answer.lever
     changes = sorted(100.0 * lever.place(flip.after) for flip in answer.flips)
-    # at the left end, from the recorded outcome: each change below the recorded value reverses it
+    # at the left end: the recorded outcome, reversed by each change on the way there
     below = sum(flip.after < lever.recorded for flip in answer.flips)
     collides = (hit is not None) != (below % 2 == 1)
     for begin, end in pairwise([0.0, *changes, 100.0]):

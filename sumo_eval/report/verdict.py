@@ -13,7 +13,7 @@ from sumo_eval.results import Evaluation
 from sumo_eval.scoring.comparison import Comparison
 
 if TYPE_CHECKING:
-    # scipy, which a look at a report does without
+    # they load scipy, which a look at a report does not need
     from sumo_eval.scoring.confidence.assessment import Confidence
     from sumo_eval.whatif.search import CaseLevers
 
@@ -34,11 +34,11 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class Beside:
-    """Content of a report in addition to the evaluation; without its part, a section is left out.
+    """What a report has in addition to the evaluation. A section without its part is left out.
 
     comparison, gates: the change since an earlier run.
-    since: when failed limits began to fail, in words, by their names.
-    notes: whole sentences about it.
+    since: name of a failed limit (`GateResult.name`) -> when it began to fail, in words.
+    notes: whole sentences on the run.
     confidence: how far the scores can be trusted.
     levers: of the worst case, what avoids its contact.
     """
@@ -71,13 +71,14 @@ def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tup
         return "first", f"NOT GOOD: {limits}; {alone}" if bad else f"FIRST: {alone}"
 
     base = Path(comparison.base_folder).name
-    pins = {gate.against for gate in bad}
-    than = f"the accepted {pins.pop()}" if bad and "" not in pins else base
+    against = {gate.against for gate in bad}  # "": failed not only beside the accepted night
+    than = f"the accepted {against.pop()}" if bad and "" not in against else base
     if bad and all(gate.quantity == "pairs" for gate in bad):
         return "incomplete", f"INCOMPLETE beside {than}: {bad[0].sentence}"
     worse, better, pairs = comparison.worse, comparison.better, comparison.pairs
     moved = f"outcome or likeness worse in {count(worse, 'case')}, better in {better}"
     if bad:
+        # limits on values of the new run alone do not say that it became worse
         how = "NOT GOOD beside" if all(gate.own for gate in bad) else "WORSE than"
         moved = moved if than == base else f"beside {base} {moved}"
         return "worse", f"{how} {than}: {limits}; {moved}"
@@ -85,9 +86,9 @@ def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tup
     if comparison.identical:
         return "same", f"THE SAME as {base}: {count(pairs, 'case')} {equal}"
     alike = sum(one.identical for one in comparison.ads)
-    less = pairs - alike - worse - better
+    little = pairs - alike - worse - better  # cases changed by less than the tolerances
     words = [moved] if worse or better else []
-    words += [f"{count(less, 'case')} changed by less than the tolerances"] if less > 0 else []
+    words += [f"{count(little, 'case')} changed by less than the tolerances"] if little > 0 else []
     words = words or [f"{count(alike, 'case')} {equal}"]
     if lost := sum(one.lost for one in comparison.unpaired):
         words.append(f"{lost} of the base have no partner")

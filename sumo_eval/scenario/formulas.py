@@ -1,7 +1,7 @@
 """Formulas of a scenario file: read, checked against the names that are known, evaluated at points.
 
-The tables of scenario files make them. They are plain data throughout: two readings of one file are
-equal, and all of it can be sent to another process.
+Reading the tables of a scenario file makes them. They are plain data throughout: two readings of
+one file are equal, and all of it can be sent to another process.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ Formula = str | float
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits of a formula's values, in the annotation of its key.
+    """Limits of a formula's values. A table annotates the formula's key with them.
 
-    endless: inf as well.
+    endless: whether inf is allowed.
     """
 
     at_least: float = -math.inf
@@ -78,7 +78,7 @@ class Condition:
 
     def __call__(self, values: Values) -> BoolArray:
         """Whether it holds."""
-        # one point, as `LogicalScenario.concrete` asks
+        # scalars, as `LogicalScenario.concrete` gives: one point, as floats instead of arrays
         if _FLOATS.issuperset(map(type, values.values())):
             return np.asarray(
                 self.formulas.at(dict(zip(values, map(float, values.values()), strict=True)))
@@ -93,8 +93,8 @@ class Condition:
 
 @dataclass(frozen=True, slots=True)
 class ExposureDensity:
-    """Density: the product of the parameters' distributions in their ranges, or a joint one, times
-    an expression.
+    """Density: the product of the parameters' distributions in their ranges, or a joint one (then
+    no parameter has one of its own), times an expression.
 
     constraints: where one of them does not hold, the expression may be undefined, which counts 0.
     """
@@ -118,7 +118,7 @@ class ExposureDensity:
                 )
         if self.expression is not None:
             factor = self.expression.value(self.definitions.extend(values))
-            # wrong: undefined at points that exist
+            # undefined: not finite, or below 0; wrong: this where all constraints hold
             wrong = undefined = ~(np.isfinite(factor) & (factor >= 0.0))
             for constraint in self.constraints:
                 wrong = wrong & constraint.holds(values)
@@ -134,7 +134,7 @@ class ExposureDensity:
 class LimitedFormula:
     """A number of a concrete scenario.
 
-    what, owner: they name it in sentences.
+    what, owner: its name, and what it belongs to, in error messages.
     """
 
     what: str
@@ -145,7 +145,7 @@ class LimitedFormula:
     def at(self, known: Mapping[str, float]) -> float:
         """Its value where these names have these values.
 
-        Raises InputError for one that it must not have.
+        Raises InputError for a value outside its limits.
         """
         found: float = self.expression.at(known)
         least, above, endless = self.limits.at_least, self.limits.above, self.limits.endless
@@ -176,10 +176,10 @@ class LimitedFormulas:
 class Names:
     """The names that formulas and conditions of a file may use.
 
-    where: how errors call the file.
-    owner: how they call the scenario.
+    where: name of the file in error messages.
+    owner: name of the scenario in them.
     known: parameters, options and definitions.
-    vehicles: of each actor, by its name: the indices of its acts, by the names of its manoeuvres.
+    vehicles: name of an actor -> name of a manoeuvre -> index of the act.
     departs: whether the ego has recorded positions, so that a condition may use `departed`.
     scene: expressions that the scene depends on, as read so far.
     """
@@ -202,7 +202,7 @@ class Names:
         return checked_names(number(formula, owner), self.known, owner)
 
     def quantity(self, formula: Formula, what: str, limits: Limits = ANY) -> LimitedFormula:
-        """A number of each concrete scenario."""
+        """A number of each concrete scenario; adds its expression to `scene`."""
         self.scene.append(self.expression(formula, what))
         return LimitedFormula(what, self.owner, self.scene[-1], limits)
 
@@ -211,7 +211,7 @@ class Names:
 
         others: limits of keys, instead of those in their annotations.
         """
-        # the cache hashes the class, of which mypy does not know that it can be hashed
+        # the cache hashes the class; mypy does not know that a class can be hashed
         keys = _formulas(type(table))  # type: ignore[arg-type]
         return LimitedFormulas(
             tuple(
@@ -237,10 +237,11 @@ class Names:
 
 
 @functools.cache
-def _formulas(table: Any) -> list[tuple[str, Limits]]:
-    """The keys of a table that are formulas, with their limits."""
+def _formulas(cls: Any) -> list[tuple[str, Limits]]:
+    """The keys of a table's class that are formulas, with their limits."""
     found = []
-    for key, hint in hints_of(table).items():
+    for key, hint in hints_of(cls).items():
+        # `Annotated[base, *marks]`, or `base` alone; a formula is `str | float`, also `| None`
         base, *marks = get_args(hint) if hasattr(hint, "__metadata__") else (hint,)
         if {str, float} <= set(get_args(base)):
             found.append((key, next((mark for mark in marks if isinstance(mark, Limits)), ANY)))

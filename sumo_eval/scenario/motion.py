@@ -1,8 +1,7 @@
 """Closed forms of actors' moves: across the road, and braking, of one vehicle at one instant.
 
-Kernels (`scenario/played.py`) and methods of an `Actor` use them. Here a `move` across the road and
-a `brake` are acts (`scenario.played`), or records with the same fields. The `duration` of a move is
-above 0, the `begin` of a brake finite.
+Here a `move` across the road and a `brake` are acts (`scenario.played`), or records with the same
+fields. The `duration` of a move is above 0, the `begin` of a brake finite.
 """
 
 from __future__ import annotations
@@ -12,8 +11,9 @@ from typing import Any
 
 from sumo_eval.kernels import kernel
 
-# kinds of lateral moves
+# kinds of lateral moves: `quintic`, constant speed after a rise
 SMOOTH, CONSTANT = 0, 1
+# `swing`, half a swing
 SINUS, COSINE = 2, 3
 
 
@@ -37,8 +37,8 @@ def quintic_bend(s: Any) -> Any:
 
 @kernel
 def swing(move: Any, time: float) -> tuple[float, float, float]:
-    """Offset m, speed m/s and acceleration m/s2 of swings, each to one side and back: first to the
-    side of `offset`, then to the other, and so on.
+    """Offset, m, speed, m/s, and acceleration, m/s2, of swings, each to one side and back: first to
+    the side of `offset`, then to the other, and so on.
 
     A swing is A (1 - cos wt) / 2 with A = `offset`. Its largest acceleration A w^2 / 2 is the
     move's `acceleration`, which gives w. The move begins at rest; it ends at rest only if
@@ -58,7 +58,7 @@ def swing(move: Any, time: float) -> tuple[float, float, float]:
 
 @kernel
 def lateral_motion(move: Any, time: float) -> tuple[float, float, float]:
-    """Offset m, speed m/s and acceleration m/s2 to the left of a lateral move at a time.
+    """Offset, m, speed, m/s, and acceleration, m/s2, of a lateral move at a time, all to the left.
 
     At an instant at which the speed jumps, it is the speed after the jump.
     """
@@ -69,11 +69,11 @@ def lateral_motion(move: Any, time: float) -> tuple[float, float, float]:
     since, rate = time - move.begin, move.offset / move.duration
     s = min(max(since / move.duration, 0.0), 1.0)  # share of the duration that is over
     if move.kind != COSINE:
-        curvature = move.offset / (move.duration * move.duration)
-        return move.offset * quintic(s), rate * quintic_rate(s), curvature * quintic_bend(s)
+        bend = move.offset / (move.duration * move.duration)
+        return move.offset * quintic(s), rate * quintic_rate(s), bend * quintic_bend(s)
 
-    # A (1 - cos pi s) / 2. The angles pi s and w since are the same, but rounded in two ways:
-    # recorded digits depend on which of them is used where.
+    # A (1 - cos(pi s)) / 2. The angles `pi * s` and `w * since` are the same, but rounded in two
+    # ways: recorded digits depend on which of them is used where.
     half, w = 0.5 * move.offset, math.pi / move.duration
     speed = 0.5 * math.pi * move.offset / move.duration * math.sin(math.pi * s)
     going = 0.0 <= since < move.duration
@@ -85,7 +85,8 @@ def lateral_motion(move: Any, time: float) -> tuple[float, float, float]:
 def _at_constant_speed(move: Any, since: float) -> tuple[float, float, float]:
     """`lateral_motion` of a move at constant speed, `since` s after it began.
 
-    The speed builds up linearly and ends at once; `concrete.constant_lateral` has the duration.
+    The speed builds up linearly and ends at once. `concrete.constant_lateral` computes the duration
+    in which it covers `offset`.
     """
     rise, t = move.speed / move.acceleration, max(since, 0.0)
     going = 0.0 <= since < move.duration
@@ -98,7 +99,8 @@ def _at_constant_speed(move: Any, since: float) -> tuple[float, float, float]:
     return (
         math.copysign(min(covered, abs(move.offset)), move.offset),
         math.copysign(speed, move.offset) if going else 0.0,
-        math.copysign(acceleration, move.offset) if going and t < rise else 0.0,  # never -0.0
+        # not by copysign alone, which makes 0 negative
+        math.copysign(acceleration, move.offset) if going and t < rise else 0.0,
     )
 
 
@@ -117,10 +119,11 @@ def braked(brake: Any, speed: float, time: float) -> tuple[float, float]:
     `speed` m/s until it brakes.
     """
     since = time - brake.begin
-    rise = brake.acceleration / brake.jerk
+    rise = brake.acceleration / brake.jerk  # s; 0: the jerk is infinite
     t = min(max(since, 0.0), time_to_stand(brake, speed))
     rising, plateau = min(t, rise), max(t - rise, 0.0)
     share = rising / rise if rise > 0.0 else 0.0
+    # m that braking has cost so far; m driven since it began, below 0 before that
     lost = brake.acceleration * (
         rising * rising * share / 6.0 + rise * plateau / 2.0 + plateau * plateau / 2.0
     )

@@ -49,11 +49,11 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
     try:
         with input_file(path, f"file of {what}").open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file)
-            # (number of the line, its cells); of an empty file a head without cells
+            # (number of the line, its cells), the head first; an empty file counts as an empty head
             (_, head), *lines = [(reader.line_num, row) for row in reader if row] or [(0, [])]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"The {what} {path} cannot be read: {error}.") from error
-    titles = [from_cell(title.strip()) for title in head]
+    titles = [from_cell(title.strip()) for title in head]  # undoes `cell` of a written table
     header, factors = [], {}
     for title in titles:
         name, factor = title, 1.0
@@ -75,7 +75,7 @@ def read_numbers(path: Path, what: str, units: Mapping[str, str], further: str =
             f"The {what} {path} must have every column once, got {shown(double[0])} twice."
         )
     names = list(units)
-    # "" is no name of a column: pandas writes its index under it
+    # `further` "": none is asked for, though pandas writes its index under the title ""
     if further and further in header and further not in units:
         names.append(further)
     table = []

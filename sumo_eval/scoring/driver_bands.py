@@ -16,13 +16,13 @@ from sumo_eval.scoring.findings import findings, mean_of
 
 @dataclass(frozen=True, slots=True)
 class DriverBand:
-    """D_i of the drivers, over an ADS's safe cases with a D_i.
+    """D_i of the drivers, over the safe cases in which an ADS has a D_i.
 
-    low, mean, high: D_i of the least human driver, of all drivers and of the most human one: mean
-        over the cases by exposure, None without any.
+    low, mean, high: D_i of the least human driver, mean D_i of all drivers, D_i of the most human
+        driver, each averaged over the cases by exposure; None where no case has a band.
     below: number of cases in which the ADS is below every driver.
     banded: number of cases with a band of the drivers.
-    drivers: fewest and most drivers of a case.
+    drivers: fewest and most drivers of a case; empty where no case has drivers.
     recorded: share of recorded drivers, 0..1.
     thin: number of cases with too few recorded drivers.
     outside: number of cases outside the support of the exposure.
@@ -55,7 +55,7 @@ def driver_bands(evaluation: Evaluation) -> Iterator[DriverBand]:
         )
         known = own.drivers[np.isfinite(own.drivers)].astype(int)
         everybody, recorded = known.sum(), np.nansum(own.recorded_drivers)
-        flags_of = (  # thin, outside, bimodal, unlike
+        in_each_case = (  # thin (a note says so), outside, bimodal, unlike: the last four fields
             [note is not None for note in own.reference_note], own.exposure_note != "",
             own.bimodal, own.manoeuvre_share == 0.0,
         )  # fmt: skip
@@ -64,12 +64,13 @@ def driver_bands(evaluation: Evaluation) -> Iterator[DriverBand]:
             int(np.sum(own.index < own.human_low)), int(np.isfinite(own.human_mean).sum()),
             (int(known.min()), int(known.max())) if len(known) else (),
             float(recorded / everybody) if everybody else 0.0,
-            *(int(np.sum(flags)) for flags in flags_of),
+            *(int(np.sum(it)) for it in in_each_case),
         )  # fmt: skip
 
 
 def below_drivers(evaluation: Evaluation, most: int) -> CaseTable:
     """The cases in which an ADS scores furthest below the drivers' own mean, at most `most`."""
-    cases, below = evaluation.cases, evaluation.cases.index - evaluation.cases.human_mean
-    places = np.flatnonzero(below < 0.0)
-    return cases[places[np.lexsort((cases.case[places], below[places]))[:most]]]
+    cases, ahead = evaluation.cases, evaluation.cases.index - evaluation.cases.human_mean
+    places = np.flatnonzero(ahead < 0.0)
+    # the furthest below first, then by name (the last key is first)
+    return cases[places[np.lexsort((cases.case[places], ahead[places]))[:most]]]

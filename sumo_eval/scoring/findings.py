@@ -36,7 +36,7 @@ LIKENESS_FACTORS = {
 }
 """The factors of a case's part in H: name -> field of CaseResult."""
 NOTICEABLE = 0.01
-"""Share of the task from which an ADS counts as slower than the slowest reference."""
+"""Share of the task by which an ADS is slower than the slowest reference, to be counted as slow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +44,7 @@ class CollisionShares:
     """Collisions of one ADS in one scenario, the one that took most from C first (Eq. 17).
 
     places: their rows, (h,).
-    avoided: Ug/U of each (or of the loss classes), (h,).
+    avoided: Ug/U of each, or of their loss classes if `collision.loss` is `class`, (h,).
     lost: part of each in 1 - C, (h,), nan where unknown; the parts add up to 1 - C.
     """
 
@@ -82,7 +82,7 @@ class Part:
 class Harm(NamedTuple):
     """One case in A.
 
-    u, ideal, nothing: U, Ug and U0, or their classes.
+    u, ideal, nothing: U, Ug and U0 (without any reaction), or their loss classes.
     lost, at_stake: w max(0, U - Ug) and w max(0, U0 - Ug).
     taken: what it takes from A.
     """
@@ -113,10 +113,11 @@ class Findings:
     @property
     def missing(self) -> BoolArray:
         """Whether each case is missing from a mean, (n,)."""
-        cases, why = self.cases, self.score.d_reason
+        cases, reason = self.cases, self.score.d_reason
         missed = cases.counts_for_index & np.isnan(cases.index)
-        if why is not None and why.why in ("collisions", "no_drivers"):
-            missed = np.zeros(len(cases), dtype=np.bool_)  # there is no D whatever the D_i are
+        if reason is not None and reason.why in ("collisions", "no_drivers"):
+            # whatever the D_i are, there is no D, so that none is missing from it
+            missed = np.zeros(len(cases), dtype=np.bool_)
         return np.asarray(cases.missing | missed)
 
     @property
@@ -154,7 +155,7 @@ class Findings:
 
     @property
     def ratios(self) -> FloatArray:
-        """Ug/U of each case (or that of the loss classes), (n,); nan without a collision."""
+        """Ug/U of each case, or of its loss classes, (n,); nan without a collision."""
         return ratios(self.cases.severity, self.cases.ideal_severity, self.settings.method)
 
     @property
@@ -197,9 +198,9 @@ class Findings:
         self, case: CaseResult, counted: BoolArray, weights: FloatArray, values: FloatArray
     ) -> Part:
         """The part of a case in a mean of values, (n,), over the cases that are counted."""
-        here, known = self.cases.case == case.case, np.nan_to_num(weights[counted]).tolist()
+        here, in_mean = self.cases.case == case.case, np.nan_to_num(weights[counted]).tolist()
         share, value = self.shares(counted, weights)[here], values[here]
-        return Part(len(known), math.fsum(known), float(share[0]), float(value[0]))
+        return Part(len(in_mean), math.fsum(in_mean), float(share[0]), float(value[0]))
 
     def shares(self, counted: BoolArray, weights: FloatArray) -> FloatArray:
         """Share of each case in a mean over those that are counted, (n,); 0 for any other."""
@@ -229,7 +230,8 @@ class Findings:
 
 
 def mean_of(values: FloatArray, exposure: FloatArray) -> float | None:
-    """The mean of values by exposure, (n,) each; None where nothing has any."""
+    """The mean of values by exposure, (n,) each; None where no value counts."""
+    # `once`: each case counts once, as there is no resampling
     mean = float(exposure_mean(values, exposure, once(len(values)))[0])
     return None if np.isnan(mean) else mean
 
@@ -276,7 +278,7 @@ def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
             continue
         people = np.nan_to_num(cases.recorded_drivers[safe])
         points, place = np.unique(point_numbers([cases])[0][safe], return_inverse=True)
-        # drivers at each point, of which each ADS has a case
+        # recorded drivers at each point: the most of its cases, one of each ADS
         most = np.zeros(len(points))
         np.maximum.at(most, place, np.where(people >= fewest, people, 0.0))
         found.append(PeopleBehind(name, len(points), int(np.count_nonzero(most)), int(most.sum())))

@@ -1,7 +1,8 @@
-"""State that an ADS keeps outside its objects, where its cases share it.
+"""State that an ADS keeps outside its objects, where its cases share it: `cosim.simulation` compares
+it before and after a batch.
 
-One object a case keeps cases apart. A global of a module, an attribute of a class or a function, a
-closure and the global random generators do not.
+Cases do not share the state of an object of their own. They share globals of modules, attributes
+of classes and functions, closures, and the global random generators.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ _ITERATOR = "itertools"  # module whose objects show their position in their `re
 def kept_state(ads: Any) -> dict[str, object]:
     """State outside the ADS's objects that its code can change, by name (`module.variable`).
 
-    Objects of the standard library and of compiled code, except those of `_LOOKED_INTO`, and
-    iterators of containers are compared by identity alone.
+    Compared by identity alone: objects of the standard library (except those of `_LOOKED_INTO`) and
+    of compiled code, and iterators of containers.
 
     ads: a class or a function.
     """
@@ -80,11 +81,11 @@ def _module_of(value: Any) -> ModuleType | None:
     A module that was loaded from a file's path may be missing in `sys.modules`. Its variables are
     then taken from a function that it defines.
     """
-    code = value if isinstance(value, type | FunctionType) else type(value)
-    if code.__module__ in sys.modules:
-        return sys.modules[code.__module__]
+    kind = value if isinstance(value, type | FunctionType) else type(value)
+    if kind.__module__ in sys.modules:
+        return sys.modules[kind.__module__]
     function = next(
-        (it for it in (code, *vars(code).values()) if isinstance(it, FunctionType)), None
+        (it for it in (kind, *vars(kind).values()) if isinstance(it, FunctionType)), None
     )
     if function is None:
         return None
@@ -120,20 +121,20 @@ def _frozen(value: Any, depth: int, seen: frozenset[int] = frozenset()) -> objec
     if isinstance(value, _PLAIN):
         return "nan" if value != value else value
     contains = isinstance(value, _CONTAINERS)
-    # not the id of a container: `_parts` makes some anew in each picture
+    # a container counts by its length, not its id: `_parts` makes some anew in each picture
     identity = len(value) if contains else id(value)
     if depth > _DEEPEST or id(value) in seen:
         return identity
-    stream = _stream(value)
-    if stream is not None:
-        return stream
+    content = _content(value)
+    if content is not None:
+        return content
     seen |= {id(value)}
     members = value.items() if isinstance(value, dict) else value
     parts = islice(members, _MOST) if contains else _parts(value)
     return identity, [_frozen(it, depth + 1, seen) for it in parts]
 
 
-def _stream(value: Any) -> object:
+def _content(value: Any) -> object:
     """Content of an array, or position of a random generator, an iterator or a cache; None: it is
     none of these.
     """
@@ -161,11 +162,13 @@ def _parts(value: Any) -> tuple[Any, ...]:
         return _place(value)
     kind = value if isinstance(value, type | FunctionType) else type(value)
     module = kind.__module__ or ""
+    # objects of `_LOOKED_INTO` have parts, its classes and functions none
     if _is_foreign(module) and (kind is value or module not in _LOOKED_INTO):
         return ()
     if isinstance(value, FunctionType):
         cells = map(_cell, value.__closure__ or ())
         return vars(value), value.__defaults__, value.__kwdefaults__, [*cells]
+    # a class defines slots, its objects have values in them
     slots = [getattr(value, name, None) for name in _slots(kind) if kind is not value]
     return dict(getattr(value, "__dict__", {})), slots
 

@@ -1,6 +1,6 @@
 """Skilled human drivers as controllers: synthetic ones, whose drives the ADS's are compared with.
 
-`record.worker` makes one for a case by `human_controller`; the loop of `cosim` runs the kernels.
+`human_controller` makes one for a case; the loop of `cosim` runs the kernels.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ from sumo_eval.settings.random_streams import random_stream
 
 WANDER_DEVIATION = 0.25  # m, of one driver's wander in the lane (DLR Highway Traffic)
 WANDER_CORRELATION_TIME = 2.2
-"""l of the wander's correlation exp(-t^2 / (2 l^2)), s.
+"""The l of the wander's correlation exp(-t^2 / (2 l^2)), s.
 
-Within 0.04 it is the correlation of 80 recorded cars after 1, 2, 3, 4 and 5 s. The integral of this
-correlation is 2.8 s.
+It agrees within 0.04 with the correlation of 80 recorded cars after 1, 2, 3, 4 and 5 s. Its
+integral from 0 on is 2.8 s.
 """
 # m/s; slower vehicles wander by distance instead of time, so that they need no sharper curves
 WANDER_PACE = 10.0
@@ -51,18 +51,18 @@ Before, every case begins in the middle of the lane at a given steady speed.
 FOCUS_TIME = 0.3
 
 PEDAL_DEVIATION = 0.39
-"""Wander of the pedals, m/s2.
+"""Deviation of the pedals' wander, m/s2.
 
-The acceleration wanders less, because the driver holds the speed. With this value it changes in
-drivers who overtake, within 0.5, 1, 2, 3 and 4 s, by 0.09, 0.18, 0.33, 0.44 and 0.51 m/s2 (root
-mean square): as in 64 recorded overtakers, within 3 % (DLR Highway Traffic).
+The acceleration wanders less, because the driver holds the speed. With this value the acceleration
+of drivers who overtake changes within 0.5, 1, 2, 3 and 4 s by 0.09, 0.18, 0.33, 0.44 and 0.51 m/s2
+(root mean square): as in 64 recorded overtakers, within 3 % (DLR Highway Traffic).
 """
 PEDAL_CORRELATION_TIME = 2.0  # s (DLR Highway Traffic: the correlation is 0.59 at 2 s, 0.28 at 3 s)
 SPEED_RELAXATION = 8.0  # s, time constant in which a driver approaches the desired speed
 
-# share of a vehicle's width that may be hidden: one rear lamp, within 30 % of it, is enough
+# share of a vehicle's width that may be hidden: its outer 30 %, with one rear lamp, is enough
 HIDING_SHARE = 0.7
-# m/s2 of a vehicle ahead, below which it is not seen: engine braking lights no lamps
+# m/s2; weaker braking of a vehicle ahead is not noticed: engine braking lights no lamps
 NOTICED_BRAKING = 0.5
 CROSSING_SPEED = 0.3  # m/s across the road, above which a vehicle ahead begins to change lane
 # m/s, above which a vehicle ahead is approached (the recorded approaches were chosen by this rule)
@@ -72,7 +72,8 @@ CLOSING_SPEED = 2.0
 LOOK = np.dtype([*fields("time"), ("mover", MOVER)])
 """A look at a vehicle: when, s, and the vehicle then."""
 LOOKS = [*fields("first_seen"), *flags("begun", "first", "count")]
-"""The looks at a vehicle; look number k stands at place k % size of an array of `LOOK`, a ring.
+"""What is kept beside the looks at a vehicle. The looks are an array of `LOOK`, a ring: look number
+k stands at place k % its size.
 
 first_seen: time of the first look, s.
 begun: 1 if there was one.
@@ -90,7 +91,8 @@ class Mind(NamedTuple):
     memories: `LOOKS`, (n, m).
     known: vehicles as the driver assumes them, `MOVER`, (n, m); x is nan: not known.
     watched: memory of `overtake` for each vehicle, (n, m).
-    waves: of `SmoothNoise`: first of the wander, then of the pedals, (n, 2, 8, 2).
+    waves: w_k and p_k of the 8 sines of `SmoothNoise`: of the wander, then of the pedals, (n, 2, 8,
+        2).
     """
 
     looks: Any
@@ -135,11 +137,11 @@ def attend(attention: Any, me: Any, others: Any, mind: Any, p: Any, time: float)
             last = ring[(memory.count - 1) % len(ring)]
             braking = (last.mover.along - other.along) / (time - last.time)
         look = ring[memory.count % len(ring)]
-        take(look.mover, other)
+        take(look.mover, other)  # copies `other` into the look
         look.time, look.mover.braking = time, braking if braking > NOTICED_BRAKING else 0.0
         memory.count += 1
 
-    # act upon the last look that is a reaction time old; + 1e-9: as old within rounding
+    # act upon the newest look that is at least a reaction time old; 1e-9 s against rounding
     past = time - attention.delay + 1e-9
     for j in range(len(others)):
         memory, ring = memories[j], looks[j]
@@ -153,6 +155,7 @@ def attend(attention: Any, me: Any, others: Any, mind: Any, p: Any, time: float)
         carry_on(known[j], time - look.time)
 
 
+# clock: time of the wander, s; ease: share of its usual pace at which this clock runs, 0..1
 _MEMORY = np.dtype([*OVERTAKING, *ATTENTION, *fields("clock", "ease")])
 _PARAMETERS = np.dtype(
     [
@@ -192,15 +195,16 @@ def synthetic_driver(
 
 @kernel
 def _line(memory: Any, me: Any, waves: Any, p: Any, scenario: Any) -> tuple[float, float, float]:
-    """y, m, slope and second derivative, 1/m, of the line to drive at the ego's rear axle.
+    """The line to drive, at the ego's rear axle: y, m; slope; second derivative, 1/m.
 
     It is the path, shifted by the driver's own place in the lane and by the wander. The wander runs
     on a clock of its own, `memory.clock`: it follows the distance at low speed, and stands while
     the driver steers closely past something (`memory.ease` near 0).
     """
-    focus = 0.0 if memory.passing else 1.0
-    memory.ease += (focus - memory.ease) * min(scenario.step / FOCUS_TIME, 1.0)
-    pace = max(me.speed, WANDER_PACE) / max(memory.ease, 1e-3)  # m of road a second of the clock
+    target = 0.0 if memory.passing else 1.0  # of `ease`
+    memory.ease += (target - memory.ease) * min(scenario.step / FOCUS_TIME, 1.0)
+    # m of road for each second of the clock, which all but stands with `ease` 0 (1e-3)
+    pace = max(me.speed, WANDER_PACE) / max(memory.ease, 1e-3)
     memory.clock += scenario.step * me.speed / pace
     y, slope, curve = path_at(memory.path, rear_axle_next(me, scenario))
     value, noise_rate, noise_bend = noise_at(waves[0], p.wander_amplitude, memory.clock)
@@ -273,13 +277,13 @@ class SyntheticDriver(Compiled):
         """
         count, step = len(together), scenario["step"][0]
         longest = max(it.driver.reaction_time for it in together)
-        # a look at each end of every step of the longest reaction time (without a warning), and two
-        # in reserve
+        # looks at the start and the end of every step within the longest reaction time, which is
+        # that before an alert; and two in reserve
         mind = Mind(
             np.zeros((count, others, math.ceil(longest / step) + 3), LOOK),
             np.zeros((count, others), LOOKS),
             np.zeros((count, others), MOVER),
-            unknown(count, others, WATCHED),
+            unknown(count, others, WATCHED),  # nan: not seen yet
             np.array([(it.wander.waves, it.pedal.waves) for it in together]),
         )
         return np.zeros(count, _MEMORY), mind, parameters(together)

@@ -41,7 +41,7 @@ def summary(boundary: FailureBoundary) -> dict[str, Any]:
             {"name": p.name, "low": p.low, "high": p.high, "unit": p.unit}
             for p in logical.parameters
         ],
-        **last._asdict(),
+        **last._asdict(),  # simulations, collisions, expected_change, doubt
         "not_evaluated": boundary.not_evaluated,
         "stopped": boundary.stopped,
         "collision_share_of_space": np.mean(collides),
@@ -84,7 +84,7 @@ def write_boundary(
         ],
         figures={title: on_page(panels, len(panels), 560)},  # in one row, 560 px high
         rows=[[*names, "collided"], *([f"{value:g}" for value in row] for row in trials)],
-        least_width=MAP_WIDTH * len(panels) if len(panels) > 1 else 300,
+        least_width=MAP_WIDTH * len(panels) if len(panels) > 1 else 300,  # px
     )
     return tuple(folder / name for name in (TRIALS, SUMMARY, PAGE, CHANCES))
 
@@ -102,7 +102,7 @@ def chances_on(boundary: FailureBoundary, share: float) -> tuple[FloatArray, Flo
     logical = boundary.logical
     k = len(logical.parameters)
     ticks = np.linspace(0.0, 1.0, CELLS)
-    # the points in the unit box: second parameter, first parameter, k
+    # points in the unit box; axes: second parameter, first parameter, the k coordinates
     unit = np.full((CELLS if k > 1 else 1, CELLS, k), 0.5)
     unit[..., 0] = ticks
     if k > 1:

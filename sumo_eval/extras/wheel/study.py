@@ -75,7 +75,7 @@ def participants(plan: StudyPlan) -> list[Participant]:
     for path in (plan.folder / "participants").glob("*/journal.jsonl"):
         done = {entry["step"]: entry for entry in json_lines(path, "journal")}
         if done:
-            number = next(iter(done.values()))["number"]
+            number = next(iter(done.values()))["number"]  # of the first step, `begun`
             people.append(Participant(path.parent.name, number, path.parent, done))
     return sorted(people, key=lambda person: (person.number, person.folder))
 
@@ -126,7 +126,7 @@ async def study(window: Window, plan: StudyPlan, tell: Callable[[str], None]) ->
         if answer.get("button") == "end":
             break
     over = sheet("The session is over", "You can close this window.")
-    await window.show({**over, "show": "over"})
+    await window.show({**over, "show": "over"})  # a sheet, after which the page does not reconnect
 
 
 class StopsError(Exception):
@@ -226,8 +226,9 @@ async def practised(window: Window, plan: StudyPlan, person: Participant) -> boo
 
 def practice_drive(rule: PracticeSettings, road: Road) -> ConcreteScenario:
     """A road with one vehicle far ahead, at the speed that the driver is to keep."""
-    ego = Start(50.0, 0.0, rule.speed)  # x in m
+    ego = Start(50.0, 0.0, rule.speed)  # x and y in m; x as by default in scenario files
     ahead = Start(ego.x + 60.0 + 2.0 * rule.speed, 0.0, rule.speed)  # 60 m and 2 s further on
+    # no parameters; exposure 1
     return ConcreteScenario(
         "practice", {}, 1.0, road, ego, (Actor("ahead", ahead),), time_limit=rule.seconds
     )
@@ -303,6 +304,6 @@ async def rate(
 
 
 def scale(question: QuestionSettings) -> dict[str, Any]:
-    """A question as the page asks it."""
+    """A question as the page asks it. low, high: numbers at its ends; least, most: their words."""
     return {"key": question.key, "kind": "scale", "text": question.text, "low": LOW, "high": HIGH,
             "least": question.least, "most": question.most}  # fmt: skip

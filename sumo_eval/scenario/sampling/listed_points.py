@@ -1,4 +1,4 @@
-"""Points that the user chose: a CSV file, or a Python function."""
+"""Points that the user chose: a CSV file, or a Python function; two methods of `samples`."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _check_box(logical: LogicalScenario, points: np.ndarray, owner: str) -> None
     excludes.
     """
     outside = np.argwhere((points < logical.low) | (points > logical.high))
-    for row, column in outside[:1].tolist():
+    for row, column in outside[:1].tolist():  # the error names the first one
         item = logical.parameters[column]
         what, must = f"`{item.name}` of point {row + 1}", f"within {item.low:g}..{item.high:g}"
         raise must_be(what, owner, must, float(points[row, column]))
