@@ -34,7 +34,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class Beside:
-    """What a report has in addition to the evaluation. A section without its part is left out.
+    """Content of a report in addition to the evaluation. A section without its part is left out.
 
     comparison, gates: the change since an earlier run.
     since: name of a failed limit (`GateResult.name`) -> when it began to fail, in words.

@@ -1,5 +1,5 @@
-"""State that an ADS keeps outside its objects, where its cases share it: `cosim.simulation` compares
-it before and after a batch.
+"""State that an ADS keeps outside its objects, where its cases share it. `cosim.simulation`
+compares it before and after a batch.
 
 Cases do not share the state of an object of their own. They share globals of modules, attributes
 of classes and functions, closures, and the global random generators.

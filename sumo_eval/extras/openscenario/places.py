@@ -55,7 +55,7 @@ class Spot:
         return self.road, self.lane
 
     def turned(self, way: int) -> Spot:
-        """The same place, with its heading reversed if `way` is -1."""
+        """The place, its heading reversed if `way` is -1."""
         heading = self.pose.heading + (math.pi if way < 0 else 0.0)
         return replace(self, pose=self.pose._replace(heading=heading))
 
@@ -158,7 +158,7 @@ class Entity:
 
 
 def _towards(begin: tuple[float, float], end: tuple[float, float]) -> Pose:
-    """A point on the map, with the heading to another one."""
+    """A point on the map, with the heading from it to a second point."""
     return Pose(*begin, math.atan2(end[1] - begin[1], end[0] - begin[0]))
 
 
@@ -345,7 +345,7 @@ class Places:
         if mode is not None:
             mode.one_of("followingMode", ("position", "follow"))
         course = self.trajectory(action.find("TrajectoryRef") or action)
-        # with <None> the times at its vertices do not count, which version 1.0 requires all the same
+        # with <None> the times at its vertices do not count, but version 1.0 requires them
         return replace(course, times=()) if action.find("TimeReference/None") else course
 
     def _polyline(self, shape: Node) -> MapPath:
