@@ -133,7 +133,7 @@ class ChildProgram:
 
     def kill(self) -> None:
         """End the program and everything that it started, now."""
-        # no process is left in the group: Linux reports the first error, macOS the second
+        # where no process is left in the group, Linux reports the first error, macOS the second
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self.process.pid, signal.SIGKILL)
 

@@ -91,6 +91,7 @@ def check_controller(
     """
     if not cases:
         raise must_be("`cases`", "`check_controller`", "at least one concrete scenario", cases)
+    # every step is recorded: `_same` compares all of them
     asked = settings or SimulationSettings()
     settings = replace(asked, record_interval=asked.step)
     load_controller(controller, folder)
@@ -147,7 +148,7 @@ def _projected(
         return [Finding("FAIL", f"{loses}{step_timeout:g} s", mend)]
     if any(recording.end_reason == "ads_error" for recording in recordings):
         return []  # what a drive that broke off took says nothing of a whole one
-    worst = max(recording.controller_latency[1] for recording in recordings)
+    worst = max(recording.controller_latency.longest for recording in recordings)
     findings = []
     if worst > _MARGIN * step_timeout:
         text = (
@@ -199,6 +200,7 @@ def _ends(cases: Sequence[ConcreteScenario], recordings: Sequence[Recording]) ->
     """Findings on how cases end: each case that does well, and each cause of a fault once, with its
     count.
     """
+    # cases and their recordings by cause; "": no fault
     alike = defaultdict[str, list[tuple[ConcreteScenario, Recording]]](list)
     for case, one in zip(cases, recordings, strict=True):
         cause = "" if one.error is None else without_numbers(one.error) + one.error_place
@@ -215,7 +217,7 @@ def _ends(cases: Sequence[ConcreteScenario], recordings: Sequence[Recording]) ->
 
 
 def _fault(case: ConcreteScenario, recording: Recording, count: int, cases: int) -> Finding:
-    """One cause.
+    """Finding on one cause of a fault.
 
     count: how many of the cases it ended; the first of them is reported.
     """
@@ -227,7 +229,7 @@ def _fault(case: ConcreteScenario, recording: Recording, count: int, cases: int)
         "sim_error": "SUMO's own words are above; check the vehicle, the parameters and the FMU",
     }.get(recording.end_reason, "fix what the message names")
     error, log = f"{recording.error}", recording.log
-    mend = next((hint for told, hint in _HINTS.items() if re.search(told, error)), mend)
+    mend = next((hint for words, hint in _HINTS.items() if re.search(words, error)), mend)
     if recording.error_place:
         error += f" At {recording.error_place}."
     elif log.strip():
@@ -319,8 +321,8 @@ def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:
 
 
 def _latency(recordings: Sequence[Recording], step: float) -> Finding:
-    mean = float(np.mean([recording.controller_latency[0] for recording in recordings]))
-    worst = max(recording.controller_latency[1] for recording in recordings)
+    mean = float(np.mean([recording.controller_latency.mean for recording in recordings]))
+    worst = max(recording.controller_latency.longest for recording in recordings)
     text = f"{_time(mean)} a step, {_time(worst)} at most; SUMO's step is {_time(step)}"
     if worst > step and math.isfinite(worst):
         return Finding(

@@ -42,14 +42,16 @@ from sumo_eval.settings.locators import load_object
 
 @dataclass(frozen=True, slots=True)
 class Briefing:
-    """Facts that a controller receives before a case: the road, its own vehicle, the step, s, and
-    the wall time of one, s.
+    """Facts that a controller receives before a case.
 
+    vehicle: its own.
+    step: of the simulation, s.
     step_timeout: wall time that one call may take, s.
     period: s from one call to the next.
     desired_speed: the speed that the ego wants, m/s: the one that it starts with.
     goal: the end of the road in the lane that it starts in or has to change to, x, y m.
-    change: x from which it may change lanes and x by which it must have, m; None: it may stay.
+    change: x from which it may change lanes and x by which it must have changed, m; None: it may
+        stay.
     way: the same lane change as an object; only baselines use it.
     scenario, values: the scenario's name and its parameters' values if `reveal_scenario` is set,
         else "" and None.
@@ -177,13 +179,13 @@ def as_command(action: Any) -> Wanted:
     if hasattr(action, "tolist"):
         action = action.tolist()
     values = list(action) if isinstance(action, list | tuple) else [action]
-    found = [finite_number(value) for value in values] if len(values) <= 2 else []
-    if not found or None in found:
+    numbers = [finite_number(value) for value in values] if len(values) <= 2 else []
+    if not numbers or None in numbers:
         raise ControllerError(
             "The action of the ADS must be a Command, an acceleration or (acceleration, steering), "
             f"of finite numbers, or a Plan, got {shown(action)}"
         )
-    return Command(*cast(list[float], found))
+    return Command(*cast(list[float], numbers))
 
 
 # lane change mode, bits 0 and 9: strategic changes alone, with gaps that are safe for other
@@ -319,9 +321,9 @@ def load_controller(controller: ControllerLike, folder: Path | None = None) -> A
     Raises InputError when it cannot be found or is not a controller.
     """
     with seen_as_traci():
-        found, name, entry = located(controller, folder)
+        target, name, entry = located(controller, folder)
         try:
-            return adapted(found, name, entry.options)
+            return adapted(target, name, entry.options)
         except InputError:
             raise
         except Exception as error:  # a property of the user's class
@@ -357,9 +359,9 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
             f"`file.py:name`.{did_you_mean(locator, (*SHIPPED, 'sumo:IDM'))}"
         )
     with seen_as_traci():
-        found = load_object(target, folder, "ADS")
-    check_options(found, entry.options, locator)
-    return found
+        loaded = load_object(target, folder, "ADS")
+    check_options(loaded, entry.options, locator)
+    return loaded
 
 
 _WEIGHTS = (".zip", ".pt", ".pth", ".pkl", ".npz", ".h5", ".keras", ".safetensors")
@@ -410,7 +412,7 @@ def _adapter(name: str, agent: str) -> str:
 
 
 def knows_the_scripts(driver: Any) -> bool:
-    """Whether it is the ideal vehicle of Eq. 17 itself, which alone knows what other vehicles
+    """Whether `driver` is the ideal vehicle of Eq. 17 itself, which alone knows what other vehicles
     will do: no ADS does, nor a subclass.
     """
     return type(driver) is _ideal_vehicle()
@@ -547,14 +549,14 @@ def _foreign(found: Any, described: str) -> str | None:
         if inspect.isfunction(call) and len(inspect.signature(call).parameters) > 1:
             return None
         whose, tool = FOREIGN[name]
-    way = (
+    hint = (
         f"{_adapter(_BY_SCHEME[tool], described)} drives it (docs/ads/other_simulators.md). Or "
         if tool
         else ""
     )
     return (
         f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a "
-        f"`step` method, got {kind.__name__}. It has `{name}`, as {whose}: {way}put it in a class "
+        f"`step` method, got {kind.__name__}. It has `{name}`, as {whose}: {hint}put it in a class "
         "with `act(observation)` that calls it (docs/ads/observation.md)."
     )
 

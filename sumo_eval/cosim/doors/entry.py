@@ -133,13 +133,13 @@ def check_options(kind: Any, options: Mapping[str, Any], described: str) -> None
         signature = inspect.signature(kind)
     except (TypeError, ValueError):
         return
-    known = [
+    names = [
         p.name
         for p in signature.parameters.values()
         if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)
     ]
     if not any(p.kind == p.VAR_KEYWORD for p in signature.parameters.values()):
-        check_known(f"option of ADS `{described}`", known, *options)
+        check_known(f"option of ADS `{described}`", names, *options)
 
 
 def steps_between(period: float, step: float, owner: str) -> int:

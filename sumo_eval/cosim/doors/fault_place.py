@@ -54,7 +54,7 @@ def _asked_at(driver: Any, folder: Path | None) -> str:
     Python code.
     """
     methods = (getattr(type(driver), name, None) for name in ("act", "step"))
-    code = next((one.__code__ for one in (driver, *methods) if isinstance(one, FunctionType)), None)
+    code = next((it.__code__ for it in (driver, *methods) if isinstance(it, FunctionType)), None)
     if code is None or code.co_filename.startswith(_OURS):
         return ""
     return _place(code, code.co_firstlineno, folder)

@@ -156,10 +156,10 @@ class _Fmu:
         kind = "platform" if self.description.fmiVersion == "2.0" else "platform_tuple"
         library = f"binaries/{getattr(self._library, kind)}/{name}"
         folder = Path(self._folder)
-        held = sorted(it.relative_to(folder).as_posix() for it in folder.glob("binaries/*/*"))
-        if library not in held:
+        libraries = sorted(it.relative_to(folder).as_posix() for it in folder.glob("binaries/*/*"))
+        if library not in libraries:
             owner = f"FMU `{self.path.name}` for this platform"
-            raise must_be("The library", owner, library, ", ".join(held) or "none")
+            raise must_be("The library", owner, library, ", ".join(libraries) or "none")
 
     def _variable(self, name: str, key: str) -> Any:
         check_known(f"variable of FMU `{self.path.name}` in `{key}`", self._variables, name)
@@ -224,14 +224,14 @@ class _Fmu:
         optional: Sequence[str],
         lists: Sequence[str],
     ) -> dict[str, tuple[Any, int]]:
-        known = (*needed, *optional)
+        names = (*needed, *optional)
         check_known(
-            f"output in the mapping of FMU `{self.path.name}`", (*known, *lists), *wiring.outputs
+            f"output in the mapping of FMU `{self.path.name}`", (*names, *lists), *wiring.outputs
         )
         wired = {}
-        for what in known:
-            found = self._variables.get(what)
-            if what in wiring.outputs or (found is not None and found.causality == "output"):
+        for what in names:
+            variable = self._variables.get(what)
+            if what in wiring.outputs or (variable is not None and variable.causality == "output"):
                 wired[what] = self._output(wiring.outputs.get(what, what))
             elif what in needed:
                 outputs = [n for n, v in self._variables.items() if v.causality == "output"]
@@ -402,6 +402,7 @@ class _Fmu:
             raise ControllerError(f"FMU `{self.path.name}` failed: {words}") from error
 
     def _plain(self, variable: Any, value: Any) -> Any:
+        """A value as the type of a variable, whole numbers rounded."""
         kind = variable.type
         if kind in _MADE:
             return _MADE[kind](value)
@@ -550,19 +551,19 @@ class FmuPlant:
                     )
                 turn = state.heading - first["heading"]
                 self._offset = complex(state.x, state.y) - _turned(first, turn), turn
-            found = self._fmu.step(signals, self._time, step)
+            outputs = self._fmu.step(signals, self._time, step)
         except ControllerError as error:
             raise SimulationError(f"The vehicle model: {error}.") from error
         self._time += step
         offset, turn = self._offset
-        place = _turned(found, turn) + offset
+        place = _turned(outputs, turn) + offset
         return EgoState(
             x=place.real,
             y=place.imag,
-            heading=found["heading"] + turn,
-            speed=found["speed"],
-            acceleration=found.get("acceleration", (found["speed"] - state.speed) / step),
-            steering_wheel_angle=found.get("steering_wheel_angle", command.steering),
+            heading=outputs["heading"] + turn,
+            speed=outputs["speed"],
+            acceleration=outputs.get("acceleration", (outputs["speed"] - state.speed) / step),
+            steering_wheel_angle=outputs.get("steering_wheel_angle", command.steering),
         )
 
     def close(self) -> None:

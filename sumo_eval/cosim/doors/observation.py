@@ -120,14 +120,14 @@ def lane_borders(road: Road) -> tuple[LaneLine, ...]:
 
     Of a lane that opens or ends, only the part of full width.
     """
-    half, found = 0.5 * road.lane_width, []
+    half, lines = 0.5 * road.lane_width, []
     for lane in range(road.lanes):
         span, y = road.span(lane), road.lane_centre(lane)
         begin, end = max(span.begin, 0.0), min(span.end, road.end)
-        found.append(
+        lines.append(
             LaneLine(*(((begin, y + beside), (end, y + beside)) for beside in (0.0, half, -half)))
         )
-    return tuple(found)
+    return tuple(lines)
 
 
 class SeenEgo(NamedTuple):
@@ -270,15 +270,15 @@ class Observation:
         """Nearest vehicles by lane: `left_ahead`, `left_behind`, `right_ahead`, `right_behind`,
         `behind`.
         """
-        lane, found = self.ego.lane, {}
+        lane, nearest = self.ego.lane, {}
         for name, place in (
             ("left_ahead", (lane + 1, True)), ("left_behind", (lane + 1, False)),
             ("right_ahead", (lane - 1, True)), ("right_behind", (lane - 1, False)),
             ("behind", (lane, False)),
         ):  # fmt: skip
-            there = (v for v in self.vehicles if (v.lane, v.ahead) == place)
-            found[name] = min(there, key=lambda v: v.gap, default=None)
-        return found
+            candidates = (v for v in self.vehicles if (v.lane, v.ahead) == place)
+            nearest[name] = min(candidates, key=lambda v: v.gap, default=None)
+        return nearest
 
     @_Worked
     def lanes(self) -> tuple[float, ...]:
@@ -349,12 +349,12 @@ class Observation:
         me_x, me_y, turned = map(float, map_places(self.road.line, x, y, heading))
         c, s = math.cos(turned), math.sin(turned)
         along = x + np.arange(0.0, ahead + 0.5 * every, every)
-        found = []
+        lines = []
         for lane in range(self.road.lanes):
             map_x, map_y, _ = map_places(self.road.line, along, self.road.lane_centre(lane))
             dx, dy = map_x - me_x, map_y - me_y
-            found.append(np.stack([dx * c + dy * s, dy * c - dx * s], 1))
-        return tuple(found)
+            lines.append(np.stack([dx * c + dy * s, dy * c - dx * s], 1))
+        return tuple(lines)
 
     def plain(self) -> dict[str, Any]:
         """Everything as plain values, ready for JSON."""
@@ -376,7 +376,7 @@ class Observation:
         """
         me, road = self.ego, self.road
         change_from, change_by = self.change or (math.nan, math.nan)
-        found = {
+        values = {
             "time": self.time, "ego_x": me.x, "ego_y": me.y, "ego_heading": me.heading,
             "ego_speed": me.speed,
             "ego_acceleration": me.acceleration, "ego_lane": float(me.lane),
@@ -392,8 +392,8 @@ class Observation:
         }  # fmt: skip
         places = {"lead": self.lead, "second_lead": self.second_lead, **self.neighbours}
         for place, vehicle in places.items():
-            found |= _place_signals(place, vehicle, me)
-        return found
+            values |= _place_signals(place, vehicle, me)
+        return values
 
 
 @dataclass(frozen=True)
@@ -424,11 +424,11 @@ class Observations:
     @cached_property
     def kinds(self) -> IntArray:
         """Kinds of the vehicles, by their numbers in `KINDS`, (n, m): 0 is a car."""
-        shown = [
+        kinds = [
             [KINDS[actor.body] for actor in self._cases[number].actors]
             for number in self.number.tolist()
         ]
-        return np.array(shown, dtype=np.intp).reshape(self._seen.shape)
+        return np.array(kinds, dtype=np.intp).reshape(self._seen.shape)
 
     @cached_property
     def ego(self) -> SimpleNamespace:
@@ -468,11 +468,14 @@ class Observations:
         """The nearest vehicle in front in the ego's strip of road: present, gap (inf without one),
         relative_speed (0), speed (the ego's), offset (0).
         """
-        its, rows = self.vehicles, np.arange(len(self._egos))
+        vehicles, rows = self.vehicles, np.arange(len(self._egos))
         nothing = np.zeros(len(rows))
         # a column more than vehicles: it stands for no lead
         gaps = np.column_stack(
-            [np.where(its.ahead & its.overlaps, its.gap, np.inf), nothing + np.inf]
+            [
+                np.where(vehicles.ahead & vehicles.overlaps, vehicles.gap, np.inf),
+                nothing + np.inf,
+            ]
         )
         nearest = gaps.argmin(axis=1)
         gap = gaps[rows, nearest]
@@ -485,9 +488,9 @@ class Observations:
         return SimpleNamespace(
             present=present,
             gap=gap,
-            relative_speed=of_lead(its.relative_speed, nothing),
-            speed=of_lead(its.speed, self._egos["speed"]),
-            offset=of_lead(its.offset, nothing),
+            relative_speed=of_lead(vehicles.relative_speed, nothing),
+            speed=of_lead(vehicles.speed, self._egos["speed"]),
+            offset=of_lead(vehicles.offset, nothing),
         )
 
     @cached_property
@@ -557,25 +560,25 @@ class Perception:
             # when each was last seen, s, and how fast, m/s
             self._last = np.full((2, *others.shape[:2]), math.nan)
         x, speed = seen[..., 0], seen[..., 3]
-        there = x == x  # false where x is nan
+        visible = x == x  # false where x is nan
         if self._used[_REACH].any():
-            there &= self._within_reach(egos, others)
+            visible &= self._within_reach(egos, others)
         if self._random:
             at = self._steps % _DRAWN
             if at == 0:
                 self._draw(others.shape[1])
-            there &= self._chance[:, at] >= self._limits[:, 1, None]
+            visible &= self._chance[:, at] >= self._limits[:, 1, None]
             errors = self._errors[:, at]
             seen[..., :2] += errors[..., :2]
             # noise makes no speed negative; without noise a speed stays as it is
             np.maximum(speed + errors[..., 2], 0.0, out=speed, where=errors[..., 2] != 0.0)
-        np.copyto(x, math.nan, where=~there)
+        np.copyto(x, math.nan, where=~visible)
         when, last = self._last
         since = time - when
         seen[..., 7] = 0.0
         np.divide(speed - last, since, out=seen[..., 7], where=since > 0.0)
-        np.copyto(when, time, where=there)
-        np.copyto(last, speed, where=there)
+        np.copyto(when, time, where=visible)
+        np.copyto(last, speed, where=visible)
         self._steps += 1
         return self._late(time, egos.copy(), seen)
 
@@ -677,8 +680,7 @@ def lane_at(road: Road, y: float) -> int:
 
 def lanes_at(road: Road, y: Any) -> IntArray:
     """Numbers of the lanes nearest to each y, m; `lane_at` for arrays."""
-    found: FloatArray = np.clip(np.round(y / road.lane_width), 0, road.lanes - 1)
-    return found.astype(np.intp)
+    return np.asarray(np.clip(np.round(y / road.lane_width), 0, road.lanes - 1), np.intp)
 
 
 def _velocity(body: Sequence[float]) -> tuple[float, float]:
@@ -693,6 +695,7 @@ def _velocity(body: Sequence[float]) -> tuple[float, float]:
 def _seen(
     number: int, me: Sequence[float], other: Sequence[float], road: Road, kind: str
 ) -> SeenVehicle:
+    """An actor relative to the ego; `me` and `other`: numbers as in `Observation._look`."""
     half, half_width = half_sizes(other[2], other[4], other[5])
     my_half, my_half_width = half_sizes(me[2], me[4], me[5])
     along, across = _velocity(other)

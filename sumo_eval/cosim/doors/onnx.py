@@ -95,8 +95,9 @@ class OnnxPolicy:
         return commands
 
     def _answers(self, features: NDArray[np.float32]) -> NDArray[Any]:
+        """Outputs of the model for rows of features, (n, `Interface.width`)."""
         n, rows, wanted = len(features), self._rows, self.interface.width
-        found = np.empty((n, wanted))
+        answers = np.empty((n, wanted))
         for begin in range(0, n, rows):
             part = features[begin : begin + rows]
             block = np.zeros((rows, features.shape[1]), self._dtype)
@@ -118,8 +119,8 @@ class OnnxPolicy:
                     f"The output `{self._output}` of {self._name} must have the shape ({rows}, "
                     f"{wanted}) for {rows} rows, by the actions of its table, got {answer.shape}"
                 )
-            found[begin : begin + rows] = answer.reshape(rows, wanted)[: len(part)]
-        return found
+            answers[begin : begin + rows] = answer.reshape(rows, wanted)[: len(part)]
+        return answers
 
 
 def from_locator(text: str, folder: Path | None) -> PolicyController:

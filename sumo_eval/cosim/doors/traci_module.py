@@ -112,11 +112,11 @@ class Guard:
         self.step = step
         self.interference = interference
         self.listeners = libsumo.StepManager()
-        self.touched: dict[str, int] = {}
+        self.touched: dict[str, int] = {}  # events, by the name of their clip
         self.heeding = set(heeding)
         self.asked: dict[str, int] = {}  # number of each call that SUMO may ignore
         self.moved = False  # whether a call has moved the ego since the step began
-        self.refusal: tuple[str, str] | None = None
+        self.refusal: tuple[str, str] | None = None  # `deed` and `why` of `refuse`
         self.names, self.shared = SumoNames(), False  # whether other cases share the simulation
         self.moded = True  # whether the ADS may have changed the ego's speed mode
         # Read after the last step, by the vehicles' names in SUMO. The first call that may change
@@ -155,8 +155,8 @@ class Guard:
 
         Beside it are the roads of other cases, and the nearest edge could be one of theirs.
         """
-        known = (_ON_ITS_ROUTE, _ANYWHERE, _ANYWHERE_ON_ITS_ROUTE)
-        if len(args) != 6 or args[0] not in ("", "road") or args[5] not in known:
+        modes = (_ON_ITS_ROUTE, _ANYWHERE, _ANYWHERE_ON_ITS_ROUTE)
+        if len(args) != 6 or args[0] not in ("", "road") or args[5] not in modes:
             self.leave()
         keep = _ANYWHERE_ON_ITS_ROUTE if args[5] == _ANYWHERE else args[5]
         return ("road", *args[1:5], keep)
@@ -183,12 +183,12 @@ class Guard:
         self, domain: str, call: str, name: object, args: Sequence[Any], kwargs: Mapping[str, Any]
     ) -> None:
         """Refuse a meaningless number, which SUMO would take."""
-        found = breach(domain, call, name, args, kwargs)
-        if found is not None:
+        fault = breach(domain, call, name, args, kwargs)
+        if fault is not None:
             self.refuse(
-                f"The ADS called traci.{domain}.{call} with `{found.argument}` = "
-                f"{shown(found.given)}",
-                f"it must be {found.must_be}",
+                f"The ADS called traci.{domain}.{call} with `{fault.argument}` = "
+                f"{shown(fault.given)}",
+                f"it must be {fault.must_be}",
             )
 
     def note_touched(self, domain: str, call: str, name: object) -> None:
@@ -320,13 +320,13 @@ def _clock_call(guard: Guard) -> Callable[..., Any]:
 
 def _running_call(guard: Guard, call: str) -> Callable[..., Any]:
     """Stand-in of a call that starts, loads or closes SUMO, which it never does."""
-    doing = {"close": "closed", "start": "started", "load": "loaded", "loadState": "loaded"}.get(
+    deed = {"close": "closed", "start": "started", "load": "loaded", "loadState": "loaded"}.get(
         call, f"{call} for"
     )
 
     def guarded(*args: Any, **kwargs: Any) -> Any:
         guard.note_interference(
-            "started_or_closed", f"The ADS {doing} the simulation", "that is the harness's"
+            "started_or_closed", f"The ADS {deed} the simulation", "that is the harness's"
         )
 
     return guarded

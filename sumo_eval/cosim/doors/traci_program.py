@@ -90,15 +90,15 @@ class TraciProgram(Adapter):
 
 def sumo_binary() -> str:
     """Path of the sumo program. Raises InputError naming the extra to install."""
-    found = shutil.which("sumo")
-    if found is None:
+    path = shutil.which("sumo")
+    if path is None:
         with suppress(ImportError, AttributeError):
             import sumo
 
-            found = shutil.which("sumo", path=str(Path(sumo.SUMO_HOME) / "bin"))
-    if found is None:
+            path = shutil.which("sumo", path=str(Path(sumo.SUMO_HOME) / "bin"))
+    if path is None:
         raise needs_extra("`traci:`, for the program sumo,", "gui")
-    return found
+    return path
 
 
 class ServedSimulation:
@@ -264,8 +264,8 @@ def _over(connected: socket.socket) -> Any:
     import traci.connection
     import traci.main  # makes the domains that a connection has
 
-    with socket.create_server((LOOPBACK, 0)) as nobody:
-        connection = traci.connection.Connection(*nobody.getsockname(), None, None, False, None)
+    with socket.create_server((LOOPBACK, 0)) as listener:
+        connection = traci.connection.Connection(*listener.getsockname(), None, None, False, None)
     connection._socket.close()
     connection._socket = connected
     return connection

@@ -88,6 +88,8 @@ def _reading_by_name(guard: Guard, read: Callable[[str], Any]) -> Any:
 
 
 def _of_ego(guard: Guard, reading: Callable[..., Any]) -> Any:
+    """A call that reads from the ego alone."""
+
     def of_ego(*args: Any, **kwargs: Any) -> Any:
         if args[:1] != (EGO,):
             guard.leave()  # raises
@@ -148,6 +150,8 @@ def _listing(guard: Guard, read: Callable[[], Any]) -> Any:
 
 
 def _leaving(guard: Guard) -> Any:
+    """A call that takes the row out of its batch."""
+
     def leaving(*args: Any, **kwargs: Any) -> Any:
         guard.leave()  # raises
 
