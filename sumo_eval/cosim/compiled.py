@@ -27,6 +27,7 @@ from sumo_eval.settings import SimulationSettings
 
 @compiled_rows
 def _show_rows(movers: Records, bodies: Records, line: Records, rear: float) -> None:
+    """`show_body` of each body; the first is the ego's, which alone has a rear axle at `rear`."""
     for i in range(len(movers)):
         show_body(movers[i], bodies[i], line, rear if i == 0 else 0.0)
 
@@ -47,8 +48,8 @@ def each_row(rule: Callable[..., None]) -> Callable[..., None]:
         for i in range(len(egos)):
             if egos[i].live:
                 at = first_of(scenario, i)
-                its = scenario[at : at + 2]
-                rule(egos[i], seen[i], own[i], known[i], later[i], its)
+                both = scenario[at : at + 2]
+                rule(egos[i], seen[i], own[i], known[i], later[i], both)
 
     return loop
 
@@ -116,6 +117,7 @@ class Compiled:
         """Arrays of `loop` that are the rule's own, a row for each object: own records, records of
         the actors, predictions of the actors.
 
+        together: the objects, one for each row.
         scenario: the `SCENARIO` records.
         others: number of actors.
         """
@@ -165,6 +167,7 @@ class Compiled:
                 (traci.vehicle.getLength(n), traci.vehicle.getWidth(n)) for n in (ego, *self._names)
             ]
         sized = zip((ego, *self._names), self._sizes, strict=True)
+        # TraCI shows no speed across: 0
         bodies = np.array(
             [(*_pose(calls, name, size[0], gone), *size, 0.0) for name, size in sized], BODY
         )
@@ -210,6 +213,8 @@ def _pose(
 ) -> tuple[float, float, float, float]:
     """Centre, heading and speed of a vehicle of which SUMO shows the front bumper and an angle
     clockwise from north; nan of one that has left.
+
+    gone: the exception of TraCI for that.
     """
     try:
         x, y = calls.getPosition(name)

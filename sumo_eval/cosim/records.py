@@ -142,6 +142,7 @@ strays: 1 once it has been beside the lanes, from where SUMO moves no vehicle.
 """
 
 CLIP = np.dtype([*flags("count"), *fields("first", "requested", "applied")])
+"""A limit that a drive ran into: fields as in `trajectory.Clip`, of the kind `WHATS`[number]."""
 
 PLACES = ("opens", "is_open", "closes", "is_gone", "parted_until", "parted_from")
 _ROAD = [
@@ -149,7 +150,9 @@ _ROAD = [
     *flags("lanes", "bent", "shaped"),
     *fields(*(f"{side}_{name}" for side in ("right", "left") for name in PLACES)),
 ]
-"""A road; by the fields of `PLACES` where the outermost lane of each side is (`road.lanes`)."""
+"""A road; the fields of `PLACES` are x, m, at which the outermost lane of each side begins to open,
+is open, begins to end, is gone, stops being an on-ramp and becomes an exit ramp.
+"""
 LIMITS = fields(
     "length", "width", "wheelbase", "steering_ratio", "max_steering_wheel_angle_deg",
     "max_steering_wheel_rate_deg",

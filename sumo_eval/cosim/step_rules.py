@@ -3,8 +3,8 @@
 The vehicle model moves the ego on the map, and contact is found there. The frame is along and
 across the road's line; on a straight road frame and map are the same numbers.
 
-Callers: `cosim/world.py` runs the functions marked `@rows`, those before SUMO's step (`move_rows`)
-and those after it (`read_rows`, `see_rows`).
+`cosim/world.py` runs the functions marked `@rows`, before SUMO's step (`move_rows`) and after it
+(`read_rows`, `see_rows`); `cosim/loop.py` runs `stop_rows`. Kernels of other files call the rest.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
         body turned back by that angle, so that it takes the same width as on a straight.
     """
     curvature = line_at(line, body.x).curvature
-    # m driven at the offset y for each metre of the line
+    # inner: m driven at the offset y for each metre of the line
     inner, speed = 1.0 - curvature * body.y, body.speed
     length, width = body.length, body.width
     heading = 0.0 if abs(body.heading) < ALONG else within_a_turn(body.heading)
@@ -145,7 +145,7 @@ def first_of(scenario: Any, row: int) -> int:
 
 @kernel
 def _sample(samples: Any, vehicle: Any, time: float, acceleration: float, steering: float) -> None:
-    """Record a vehicle as it is now, unless it has been at this instant.
+    """Record a vehicle as it is now, unless there is a sample of this instant.
 
     samples: (instants, channels).
     """
@@ -261,6 +261,7 @@ def _move_egos(
             place = to_frame(line, ego.map.x, ego.map.y, ego.map.heading, near)
             ego.x, ego.y, ego.heading = place[:3]
             _put_front(ego)
+            # SUMO continues a straight motion at one speed by itself, but not along a curve
             turned = ego.heading != 0.0 or before.heading != 0.0
             if len(line) or turned or ego.speed != before.speed:
                 ego.stale = 1
@@ -315,6 +316,7 @@ def _read_ego(ego: Any, shown: FloatArray, scenario: Any) -> bool:
     """
     at, step = ego.map, scenario.step
     x, speed = shown[0] - 0.5 * ego.length, shown[3]
+    # the first arguments of `goes_straight`
     motion = x - at.x, shown[1] - at.y, speed, ego.next.speed
     if not (
         _goes_along(ego, shown, scenario.road) and goes_straight(*motion, step, scenario.vehicle)
@@ -380,8 +382,9 @@ def _stand(other: Any, shown: FloatArray, line: Any) -> None:
 def _go_back(body: Any, share: float) -> None:
     """Put a vehicle where it was when a share of the step had passed."""
     was, at = body.before, body.map
-    here = between(_body(was.map, was, body), _body(at, body, body), share)
-    at.x, at.y, at.heading = here.x, here.y, here.heading
+    # on the map, then in the frame
+    on_map = between(_body(was.map, was, body), _body(at, body, body), share)
+    at.x, at.y, at.heading = on_map.x, on_map.y, on_map.heading
     here = between(_body(was, was, body), _body(body, body, body), share)
     body.x, body.y, body.heading = here.x, here.y, here.heading
     body.speed, body.across = here.speed, here.across
@@ -449,6 +452,7 @@ def see_rows(
                 at = shown[i, j]
                 ahead, left = at[0] - other.front_x, at[1] - other.front_y
                 off = math.sqrt(ahead * ahead + left * left)
+                # inf: no script says where the actors should be
                 if sampling and off > SCRIPT_TOLERANCE and ego.scripted_until < math.inf:
                     count_clip(clips[i], OFF_SCRIPT, now, 0.0, off)
                 _stand(other, at, line)

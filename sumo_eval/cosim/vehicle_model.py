@@ -32,6 +32,8 @@ class Command:
     acceleration: along the vehicle, m/s2, negative brakes; nan beside a speed.
     steering: steering wheel angle, rad, positive to the left.
     speed: m/s, wanted from now on; `TrackerSettings.speed_time` says how soon.
+
+    Of acceleration and speed one must be given; `...` is an acceleration that is not.
     """
 
     acceleration: float
@@ -131,9 +133,9 @@ def move(
         if lateral > KINEMATIC_UP_TO:
             count_clip(clips, _BEYOND_KINEMATIC, ego.time, lateral, KINEMATIC_UP_TO)
     target = _limit_acceleration(wanted, lateral, limits, ego.time, clips)
-    after, faster, distance = _drive_within(ego, target, limits, step, clips)
+    end_acceleration, end_speed, distance = _drive_within(ego, target, limits, step, clips)
     _along_arc(at, distance, curvature, limits.wheelbase)
-    ego.speed, ego.acceleration, ego.steering = faster, after, end
+    ego.speed, ego.acceleration, ego.steering = end_speed, end_acceleration, end
 
 
 @kernel
@@ -204,14 +206,14 @@ def _drive_within(
 
     Counts what that speed, or the rate at which acceleration may change, took away.
     """
-    after, faster, distance = drive(ego.speed, ego.acceleration, target, limits, step)
-    if faster > limits.max_speed:
-        count_clip(clips, _SPEED, ego.time, faster, limits.max_speed)
-        after, faster = 0.0, limits.max_speed
-        distance = 0.5 * (ego.speed + faster) * step
-    elif abs(after - target) > _GRANTED and faster > 0.0:
-        count_clip(clips, _ACCELERATION_RATE, ego.time, target, after)
-    return after, faster, distance
+    end_acceleration, end_speed, distance = drive(ego.speed, ego.acceleration, target, limits, step)
+    if end_speed > limits.max_speed:
+        count_clip(clips, _SPEED, ego.time, end_speed, limits.max_speed)
+        end_acceleration, end_speed = 0.0, limits.max_speed
+        distance = 0.5 * (ego.speed + end_speed) * step
+    elif abs(end_acceleration - target) > _GRANTED and end_speed > 0.0:
+        count_clip(clips, _ACCELERATION_RATE, ego.time, target, end_acceleration)
+    return end_acceleration, end_speed, distance
 
 
 @kernel
@@ -225,47 +227,48 @@ def move_dynamic(
     method in ten parts of the step; speed and distance along the path are the exact ones of
     `drive`.
     """
-    speed, wheel = ego.speed, ego.steering
+    # begin, end: steering wheel angles, rad; `wheel` and `wheel2` are those of the road wheels
+    speed, begin = ego.speed, ego.steering
     slip, yaw_rate = ego.slip, ego.yaw_rate
     end = _limit_steering(
         ego, steering, math.radians(limits.max_steering_wheel_angle_deg), limits, step, clips
     )
     target = _limit_acceleration(wanted, speed * yaw_rate, limits, ego.time, clips)
-    after, faster, distance = _drive_within(ego, target, limits, step, clips)
+    end_acceleration, end_speed, distance = _drive_within(ego, target, limits, step, clips)
     acceleration = ego.acceleration
-    ego.speed, ego.acceleration, ego.steering = faster, after, end
-    if speed < _SLOWEST_SLIP or faster < _SLOWEST_SLIP:
-        _along_arc(at, distance, _curvature(0.5 * (wheel + end), limits), limits.wheelbase)
+    ego.speed, ego.acceleration, ego.steering = end_speed, end_acceleration, end
+    if speed < _SLOWEST_SLIP or end_speed < _SLOWEST_SLIP:
+        _along_arc(at, distance, _curvature(0.5 * (begin + end), limits), limits.wheelbase)
         bend = _curvature(end, limits)
         behind = (1.0 - limits.front_share) * limits.wheelbase
-        ego.slip, ego.yaw_rate = math.atan(behind * bend), faster * bend
+        ego.slip, ego.yaw_rate = math.atan(behind * bend), end_speed * bend
         return
     # m from the body's centre, in the middle between the axles, ahead to the centre of gravity
     ahead = (0.5 - limits.front_share) * limits.wheelbase
     heading = at.heading
     x, y = at.x + ahead * math.cos(heading), at.y + ahead * math.sin(heading)
-    part, way = step / _PARTS, distance / _PARTS
+    part, path = step / _PARTS, distance / _PARTS  # s and m of a part
     most = 0.0
     for k in range(_PARTS):
         # Heun's method: rates at the start of the part, then (names with a 2) at its predicted end
         share, next_share = k / _PARTS, (k + 1) / _PARTS
-        v, v2 = speed + share * (faster - speed), speed + next_share * (faster - speed)
-        turned = (wheel + share * (end - wheel)) / limits.steering_ratio
-        turned2 = (wheel + next_share * (end - wheel)) / limits.steering_ratio
+        v, v2 = speed + share * (end_speed - speed), speed + next_share * (end_speed - speed)
+        wheel = (begin + share * (end - begin)) / limits.steering_ratio
+        wheel2 = (begin + next_share * (end - begin)) / limits.steering_ratio
         slipping, turning, used = slip_rates(
-            v, slip, yaw_rate, turned, acceleration, limits, limits.friction
+            v, slip, yaw_rate, wheel, acceleration, limits, limits.friction
         )
         most = max(most, used)
         slip2, yaw2 = slip + part * slipping, yaw_rate + part * turning
         slipping2, turning2, used = slip_rates(
-            v2, slip2, yaw2, turned2, after, limits, limits.friction
+            v2, slip2, yaw2, wheel2, end_acceleration, limits, limits.friction
         )
         before, course = yaw_rate, heading + slip  # course: direction of motion, rad
         slip += 0.5 * part * (slipping + slipping2)
         yaw_rate += 0.5 * part * (turning + turning2)
         heading += 0.5 * part * (before + yaw_rate)
         course = 0.5 * (course + heading + slip)  # the part's mean
-        x, y = x + way * math.cos(course), y + way * math.sin(course)
+        x, y = x + path * math.cos(course), y + path * math.sin(course)
     if most > 1.0:
         held = limits.friction * GRAVITY
         count_clip(clips, _LATERAL_FRICTION, ego.time, most * held, held)
@@ -301,6 +304,8 @@ def _limit_steering(
 ) -> float:
     """Steering wheel angle at the end of the step: within its end stops, its rate, and the grip of
     the tyres.
+
+    grip: largest angle that the tyres hold, rad.
     """
     stop = math.radians(limits.max_steering_wheel_angle_deg)
     angle = min(max(requested, -stop), stop)
@@ -318,7 +323,7 @@ def _limit_steering(
 
 @kernel
 def _grip_left(limits: Any, other: float) -> float:
-    """sqrt((mu g)^2 - other^2): what the tyres hold beside an acceleration across, m/s2."""
+    """sqrt((mu g)^2 - other^2): what the tyres hold at right angles to an acceleration, m/s2."""
     grip = limits.friction * GRAVITY
     return math.sqrt(max(grip * grip - other * other, 0.0))
 
