@@ -35,10 +35,10 @@ COLOURS = {EGO: "0,114,178", "": "178,106,0"}  # of the ego, of actors
 def sumo_gui() -> str:
     """The path of sumo-gui. Raises InputError where there is none."""
     beside = Path(sys.executable).with_name("sumo-gui")
-    found = str(beside) if beside.is_file() else shutil.which("sumo-gui")
-    if found is None:
+    path = str(beside) if beside.is_file() else shutil.which("sumo-gui")
+    if path is None:
         raise needs_extra("The program sumo-gui, of which there is none on this machine,", "gui")
-    return found
+    return path
 
 
 def replay_in_gui(

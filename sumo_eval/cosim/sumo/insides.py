@@ -74,6 +74,7 @@ _DIRECT = SimpleNamespace(**{call: getattr(_LIBSUMO, f"vehicle_{call}") for call
 
 
 def _borrows(traci: Any) -> bool:
+    """Whether a simulation is stepped and read by libsumo's inner functions."""
     return traci is libsumo and not kernels.PLAIN
 
 

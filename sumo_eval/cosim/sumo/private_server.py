@@ -89,8 +89,9 @@ class Relay:
     each other.
 
     has_asked, has_order: whether the client has asked for a step, and whether it has set its order.
-    has_left: whether it has closed its connection. SUMO is not asked to close it, and so ends at
-        the next step: with one client less it would run by itself.
+    has_left: whether it has closed its connection. Its request to close is not passed on: SUMO
+        would run by itself with one client less, but ends at the next step when a connection is
+        gone.
     """
 
     has_asked = has_order = has_left = False
@@ -113,21 +114,21 @@ class Relay:
                 client, _ = self._listener.accept()
             with client:
                 client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                other = {client: self._server, self._server: client}
+                opposite = {client: self._server, self._server: client}
                 tail = b""
                 while True:
-                    for one in select.select(list(other), [], [])[0]:
-                        data = one.recv(65_536)
-                        if one is client:
+                    for side in select.select(list(opposite), [], [])[0]:
+                        data = side.recv(65_536)
+                        if side is client:
                             tail = (tail + data)[-len(_CLOSE) :]  # `_CLOSE` may come in pieces
                             self.has_left = not data or tail == _CLOSE
-                            self.has_asked |= data[_COMMAND] == _STEP and not self.has_order
+                            self.has_asked |= data[_COMMAND] == _STEP
                             self.has_order |= data[_COMMAND] == _SET_ORDER
                         if self.has_left:
                             client.sendall(_CLOSED)
                         if self.has_left or not data:
                             return
-                        other[one].sendall(data)
+                        opposite[side].sendall(data)
 
 
 def _into_own_network(report: socket.socket) -> Callable[[], None]:
@@ -154,7 +155,7 @@ def _into_own_network(report: socket.socket) -> Callable[[], None]:
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
                 request = struct.pack("16sh14x", b"lo", _UP_AND_RUNNING)
                 fcntl.ioctl(any_socket, _SET_FLAGS, request)
-            made = [socket.socket() for _ in range(CLIENTS)]
-            socket.send_fds(report, [_WORD], [one.fileno() for one in made])
+            sockets = [socket.socket() for _ in range(CLIENTS)]
+            socket.send_fds(report, [_WORD], [one.fileno() for one in sockets])
 
     return prepare

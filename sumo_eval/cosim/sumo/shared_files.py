@@ -145,15 +145,15 @@ def shared_routes_xml(
         )
         for index, (kind, departure) in enumerate(_vehicles(concrete, settings, own_lanes)):
             name = names[case][index]
-            in_file = kind.pop("id")
-            # of the ego (index 0) unless its ADS asks SUMO, and of actors without a SUMO model
+            type_name = kind.pop("id")
+            # switched off: the ego (index 0) unless its ADS asks SUMO, actors without a SUMO model
             if concrete.actors[index - 1].model is None if index else not asked:
                 kind["actionStepLength"] = str(_NEVER)
             if asked:
-                kind["id"] = in_file = name
+                kind["id"] = type_name = name
             elif count > 1:
-                in_file = f"type{len(types)}"
-            own = {"type": types.setdefault((*kind.items(),), in_file), "route": route}
+                type_name = f"type{len(types)}"
+            own = {"type": types.setdefault((*kind.items(),), type_name), "route": route}
             ids = [name]
             if not asked and has_shadow(concrete, index):
                 ids.append(shadow_name(name))

@@ -153,12 +153,12 @@ def network_xml(road: Road) -> str:
         return laid_along_x(road.network)
     parts = sections(road)
     nodes = ["begin", *(f"node{number}" for number in range(1, len(parts))), "end"]
-    edges, where = _edges_along(road, nodes)
+    edges, positions = _edges_along(road, nodes)
     for number, crossing in enumerate(road.crossings):
         edge = f"crossing{number}"
         begin, end, reach = f"{edge}_begin", f"{edge}_end", crossing.reach
-        where |= {begin: (crossing.at, -reach), end: (crossing.at, reach)}
-        shape = " ".join(_place(road, *where[name]) for name in (begin, end))
+        positions |= {begin: (crossing.at, -reach), end: (crossing.at, reach)}
+        shape = " ".join(_place(road, *positions[name]) for name in (begin, end))
         lane = _lane(road, f"{edge}_0", 0, 2.0 * reach, crossing.width, shape)
         edges.append(_edge(edge, begin, end, [lane]))
 
@@ -168,12 +168,12 @@ def network_xml(road: Road) -> str:
     }
     junctions = [
         _junction(road, name, place, edges, len(joints.get(name, ())))
-        for name, place in where.items()
+        for name, place in positions.items()
     ]
     connections = [
-        E.connection({"from": one, "to": other, "fromLane": str(first), "toLane": str(then),
-            "dir": "s", "state": "M"})
-        for (one, first), (other, then) in itertools.chain(*joints.values())
+        E.connection({"from": edge, "to": next_edge, "fromLane": str(lane),
+            "toLane": str(next_lane), "dir": "s", "state": "M"})
+        for (edge, lane), (next_edge, next_lane) in itertools.chain(*joints.values())
     ]  # fmt: skip
     bounds = _bounds(road)
     return document(E.net(
@@ -195,7 +195,7 @@ def _edges_along(
     last, parts = road.end, sections(road)
     middle = 0.5 * (road.left_edge + road.right_edge)
     places = ((x, middle) for x in (*(part.begin for part in parts), last))
-    where = dict(zip(nodes, places, strict=True))
+    positions = dict(zip(nodes, places, strict=True))
     edges = []
     for part, (begin, end) in zip(parts, itertools.pairwise(nodes), strict=True):
         edges.append(_section_edge(road, part, part.edge, (begin, end), part.lanes))
@@ -203,12 +203,12 @@ def _edges_along(
             y, ramp = road.lane_centre(part.ramp), part.ramp_edge
             if part.begin == 0.0:
                 begin = f"{ramp}_begin"
-                where[begin] = (0.0, y)
+                positions[begin] = (0.0, y)
             if part.end == last:
                 end = f"{ramp}_end"
-                where[end] = (last, y)
+                positions[end] = (last, y)
             edges.append(_section_edge(road, part, ramp, (begin, end), (part.ramp,)))
-    return edges, where
+    return edges, positions
 
 
 def _section_edge(
@@ -242,12 +242,12 @@ def _junction(
     links: number of lanes that continue; none of them gives way to another.
     """
     x, y = _place(road, *place).split(",")
-    none = "0" * links
+    no_link = "0" * links  # a bit for each
     borders = [road.right_edge, road.left_edge]
     if name == "begin":  # the shape goes from left to right there
         borders.reverse()
     return E.junction(
-        *(E.request(index=index, response=none, foes=none, cont=0) for index in range(links)),
+        *(E.request(index=index, response=no_link, foes=no_link, cont=0) for index in range(links)),
         id=name, type="priority" if links else "dead_end", x=x, y=y,
         incLanes=" ".join(lane.get("id") for it in edges if it.get("to") == name for lane in it),
         intLanes="",
