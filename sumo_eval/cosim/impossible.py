@@ -1,7 +1,7 @@
 """Limits of what SUMO may show of a vehicle: beyond them it is on no lane, has jumped, or is
 faster than any vehicle.
 
-The loop, the stages and TraCI's ADSs check what SUMO shows by them.
+The loop, its kernels, the stages and `OnTraci` check what SUMO shows by them.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """The loop that steps every simulation, of one case or of hundreds in a batch.
 
 A step: the ADS commands, the vehicle model moves the egos and the scripts move the actors, SUMO
-steps all vehicles, the world takes in what SUMO shows. One of five controls the egos: `Rules`
-(kernels), `OneEach` (a policy in plain Python for each row), `OverArrays` (one policy over arrays),
-`OnTraci` (an ADS that calls TraCI), `Replays` (recorded commands).
+steps all vehicles, the world takes in what SUMO shows. One of five classes controls the egos:
+`Rules` (kernels), `OneEach` (a policy in plain Python for each row), `OverArrays` (one policy over
+arrays), `Replays` (recorded commands), and `OnTraci` of `cosim/on_traci.py` (an ADS that calls
+TraCI).
 """
 
 from __future__ import annotations
@@ -55,11 +56,11 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import SENTENCE, words_of
 from sumo_eval.trajectory import Alone, EndReason, FloatArray, IntArray
 
-# characters of an error message, to which `at 12.34 s.` or the like is added: 20 at most
+# characters of an error message; 20 are left for ` at 12.34 s.` or the like
 _LONGEST_WORDS = SENTENCE - 20
 _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
-ASKS_SUMO = Alone("asks_sumo")  # why a case is driven alone
-_STANDS = 1e-3  # m in a step; an ego that drives less does not turn
+ASKS_SUMO = Alone("asks_sumo")  # reason to drive a case alone: its ADS calls TraCI
+_STANDS = 1e-3  # m in a step, lower bound of a divisor: an ego that stands does not turn
 KEPT = 0.75  # rows of ended cases are dropped when the share of live rows falls below this
 
 
@@ -92,8 +93,8 @@ def error_of(call: Callable[..., Any], *arguments: Any) -> BaseException | None:
 class EgoControl:
     """Controls the egos of all rows.
 
-    unguarded: whether the ADS writes to SUMO past the harness: it answers for a vehicle that SUMO
-        shows where none can be.
+    unguarded: whether the ADS writes to SUMO past the harness. If SUMO then shows a vehicle where
+        none can be, that is the ADS's fault.
     """
 
     unguarded = False
@@ -104,7 +105,7 @@ class EgoControl:
     def begin(self, world: World, stage: Stage) -> None:
         """Prepare for the first step."""
         self._traci, self._clock = stage.traci, simulation_time(stage.traci)
-        conditions = [its.conditions for its in world.each]
+        conditions = [settings.conditions for settings in world.each]
         self.actuation = Actuation(
             conditions, world.settings.step, world.egos["command"].dtype, partial(world.note, 0)
         )
@@ -153,11 +154,10 @@ class EgoControl:
         if error is None:
             return
         world.keep_fault(int(world.rows[row]), error, target, self._terms.folder)
-        # a contact stays the reason
-        who = "The ADS" if fault == "ads_error" else "The vehicle model"
-        if REASONS[int(world.egos["reason"][row])] == "contact":
+        subject = "The ADS" if fault == "ads_error" else "The vehicle model"
+        if REASONS[int(world.egos["reason"][row])] == "contact":  # it stays the reason
             fault = "contact"
-        world.fail(row, fault, f"{who} raised in close: {said(error)}.")
+        world.fail(row, fault, f"{subject} raised in close: {said(error)}.")
 
     def _close_guarded(
         self, world: World, row: int, close: Callable[[], None], target: Any
@@ -172,8 +172,8 @@ class EgoControl:
         refusal of a call that is not allowed.
         """
         if GUARD.refusal is not None:
-            deed, why = GUARD.refusal
-            raise ControllerError(f"{deed} at {time:.2f} s; {why}.")
+            deed, reason = GUARD.refusal
+            raise ControllerError(f"{deed} at {time:.2f} s; {reason}.")
         try:
             now = self._clock()
         except (self._traci.TraCIException, self._traci.FatalTraCIError) as error:
@@ -191,8 +191,8 @@ class EgoControl:
 
 def note_unlimited(world: World) -> None:
     """Record of each case with limited perception that its ADS sees everything all the same."""
-    for case, its in enumerate(world.each):
-        if not sees_all(its.conditions):
+    for case, settings in enumerate(world.each):
+        if not sees_all(settings.conditions):
             world.note(case, "perception_not_limited", 1.0, 0.0)
 
 
@@ -202,7 +202,8 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
     driver: controls the egos of all rows.
     """
     settings = world.settings
-    step, every = settings.step, round(settings.record_interval / settings.step)  # steps
+    step, every = settings.step, round(settings.record_interval / settings.step)
+    # step: s; every: steps from one sample to the next
     moved = 0  # 1 while a step is under way: an error then takes it back
     try:
         driver.begin(world, stage)
@@ -240,7 +241,7 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
             world.keep_commands()
             if world.see(sampling=sampling, as_read=stage.as_read):
                 _end_rows(world, driver, stage)
-    except LeftTheRoadError:
+    except LeftTheRoadError:  # raised only where the case is alone
         world.egos["reason"][0] = REASONS.index("off_road")
         _stop(world, moved)
     except (
@@ -283,6 +284,7 @@ def break_off(world: World, error: Exception, moved: int = 0) -> None:
 
 
 def _stop(world: World, moved: int) -> None:
+    """Record the vehicles of a single case where it stops; `moved` as in `break_off`."""
     world.room_for_samples()
     stop_rows(world.egos, world.others, world.samples, 0, moved)
 
@@ -292,6 +294,7 @@ def _end_rows(world: World, driver: EgoControl, stage: Stage) -> None:
     egos = world.egos
     for row in np.flatnonzero((egos["reason"] != 0) & (egos["live"] != 0)).tolist():
         case = int(world.rows[row])
+        # `move_rows` refused a command that is not finite; it cannot make the message
         if REASONS[int(egos["reason"][row])] == "ads_error" and case not in world.errors:
             acceleration, steering = egos["command"][row].tolist()
             name, value = "acceleration", acceleration
@@ -389,6 +392,7 @@ class Rules(EgoControl):
 
     def keep(self, world: World, rows: IntArray) -> None:
         """Keep the memory of these rows."""
+        # each an array, or a named tuple of arrays
         self._arrays = tuple(
             type(it)(*(array[rows] for array in it)) if isinstance(it, tuple) else it[rows]
             for it in self._arrays
@@ -398,7 +402,8 @@ class Rules(EgoControl):
 class Replay(NamedTuple):
     """A recorded drive up to a step, and full braking from there on.
 
-    commands: of a `Recording`: commands (steps, 2), or states and commands (steps, 6).
+    commands: of a `Recording`: acceleration and steering, (steps, 2), or, where SUMO or a plant
+        moved the ego, its motion as in `records.MOTION`, (steps, 6).
     until: index of the first step of braking.
     """
 
@@ -415,8 +420,7 @@ class Replays(EgoControl):
 
     def __init__(self, replays: Sequence[Replay], terms: Terms) -> None:
         super().__init__(terms)
-        # (n, steps, 6): x, y, heading, speed, acceleration, steering. Replays of two columns have
-        # the last two alone: the vehicle model moved the ego.
+        # (n, steps, 6), as in `records.MOTION`; of replays of two columns the first four are 0
         self._commands = np.zeros((len(replays), 1 + max(len(it.commands) for it in replays), 6))
         for row, it in enumerate(replays):
             self._commands[row, : len(it.commands), -it.commands.shape[1] :] = it.commands
@@ -428,7 +432,7 @@ class Replays(EgoControl):
         """Find the strongest braking of each ego, and the steering of those that need it."""
         super().begin(world, stage)
         stage.take_charge(world)
-        self._strongest = np.array([its.vehicle.max_deceleration for its in world.each])
+        self._strongest = np.array([it.vehicle.max_deceleration for it in world.each])
         if world.cases[0].road.bent and self._moved.any():
             self._commands[self._moved, :, -1] = self._steering(world)[self._moved]
 
@@ -476,7 +480,7 @@ class Policies(EgoControl):
         )  # fmt: skip
         self._tasks = [task_of(concrete) for concrete in world.cases]
         self._kinds = [kinds_of(concrete) for concrete in world.cases]
-        conditions = [its.conditions for its in world.each]
+        conditions = [settings.conditions for settings in world.each]
         self._limited = np.array([not sees_all(it) for it in conditions])
         self._perception = (
             Perception(conditions, list(map(stream_of, self._seeds, world.cases)))
@@ -484,8 +488,8 @@ class Policies(EgoControl):
             else None
         )
         self._executors = [
-            Executor(its, partial(world.note, case), world.cases[case].road.line)
-            for case, its in enumerate(world.each)
+            Executor(settings, partial(world.note, case), world.cases[case].road.line)
+            for case, settings in enumerate(world.each)
         ]
         self.keep(world, world.rows)
 
@@ -512,11 +516,12 @@ class Policies(EgoControl):
         when: `in reset` or `at 1.50 s`, for the message.
         target: the user's code, for the place of the error.
         """
-        short = isinstance(error, MemoryError)
-        asks = isinstance(error, RefusedCallError | self._traci.TraCIException)
-        if (short or asks) and not self._alone:
+        out_of_memory = isinstance(error, MemoryError)
+        asks_sumo = isinstance(error, RefusedCallError | self._traci.TraCIException)
+        if (out_of_memory or asks_sumo) and not self._alone:
+            reason = Alone("together_failed", said(error)) if out_of_memory else ASKS_SUMO
             for row in rows:
-                world.leave(row, Alone("together_failed", said(error)) if short else ASKS_SUMO)
+                world.leave(row, reason)
             return
         if len(rows) > 1:
             when = f"{when}, in one call for {len(rows)} cases, which fails them all"
@@ -582,14 +587,14 @@ class OneEach(Policies):
         """Call the policy of each row."""
         egos, seen_egos, others = self._look(time)
         commands, commanded_rows, took = [], [], None
-        now, terms = clock.perf_counter, self._terms
+        wall_time, terms = clock.perf_counter, self._terms
         if self._alone:
-            GUARD.heard()
+            GUARD.heard()  # step listeners come before the policy
         # a single row is live, and need not be looked for
         for row in np.flatnonzero(world.egos["live"]).tolist() if len(egos) > 1 else (0,):
             case = int(world.rows[row])
             policy, executor = self._policies[case], self._executors[case]
-            asked = now()
+            asked = wall_time()
             try:
                 if world.steps % terms.every:  # between two calls
                     command = executor.command(None, egos[row], time)
@@ -611,7 +616,7 @@ class OneEach(Policies):
                     wanted = None if action is None and executor.holds_plan else as_command(action)
                     command = executor.command(wanted, egos[row], time)
                     answer = command.acceleration, command.steering
-                took = now() - asked
+                took = wall_time() - asked
                 if took > terms.step_timeout:
                     raise ControllerTimeoutError(
                         f"The ADS must answer within {terms.step_timeout:g} s, took longer"
@@ -619,7 +624,7 @@ class OneEach(Policies):
             except KeyboardInterrupt:
                 raise
             except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
-                world.latencies.own[case].append(now() - asked)
+                world.latencies.own[case].append(wall_time() - asked)
                 self._fail(world, [row], error, f"at {time:.2f} s", policy.target)
                 continue
             world.latencies.own[case].append(took)

@@ -59,8 +59,10 @@ def with_no_return(
     }
     for place, last in _last_steps(contacts, settings).items():
         contact = contacts[place]
+        # the column before the last is the acceleration in both kinds of `Replay`
         braking = np.flatnonzero(contact.commands[:, -2] <= -BRAKES)
         first = round(float(braking[0]) * settings.step, 6) if len(braking) else NEVER
+        # `UNKNOWN` and `NEVER` are below 0
         time = last if last < 0.0 else round(last * settings.step, 6)
         clip = Clip(NO_RETURN, 1, time, first, contact.hit.time)
         marked[place] = replace(contact.recording, clips=(*contact.recording.clips, clip))
@@ -79,8 +81,8 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
     def braked(steps: Mapping[int, int]) -> dict[int, Collision | Alone | None]:
         """The contacts of replays that brake from these steps on."""
         replays = [Replay(contacts[i].commands, step) for i, step in steps.items()]
-        found = simulate_together([contacts[i].case for i in steps], replays, plain)
-        hits = (it if isinstance(it, Alone) else it.collision for it in found)
+        drives = simulate_together([contacts[i].case for i in steps], replays, plain)
+        hits = (it if isinstance(it, Alone) else it.collision for it in drives)
         return dict(zip(steps, hits, strict=True))
 
     # steps from which braking avoids a contact, or does not; the last that does is between them
@@ -88,6 +90,7 @@ def _last_steps(contacts: Mapping[int, _Contact], settings: SimulationSettings) 
     high = {i: len(it.commands) for i, it in contacts.items()}
 
     def narrow(steps: Mapping[int, int]) -> None:
+        """Move one of the two to a step of each contact."""
         for i, hit in braked(steps).items():
             (low if _avoids(hit, contacts[i].hit) else high)[i] = steps[i]
 

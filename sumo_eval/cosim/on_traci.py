@@ -1,9 +1,9 @@
 """ADSs that drive through TraCI: hooks (TraCI code), step listeners, programs, FMUs, SUMO's own
 models.
 
-In any step such an ADS may return a command, or let SUMO move the ego. Then the harness checks that
-the ego moves as a vehicle can. Calls through TraCI are guarded (`doors/traci_module.py`).
-`cosim/simulation.py` says which of these ADSs share a simulation.
+In any step such an ADS may return a command, or let SUMO move the ego. In the latter case the
+harness checks that the ego moves as a vehicle can. Calls through TraCI are guarded
+(`doors/traci_module.py`). `cosim/simulation.py` says which of these ADSs share a simulation.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ _CHORD_SHARE = 0.03
 
 # indices among the numbers of an ego
 _FRONT_X, _FRONT_Y = first_number("front_x"), first_number("front_y")
-_LANE_SPEED = NEXT.start + 3  # its speed as SUMO counts it, along the lane
+_LANE_SPEED = NEXT.start + 3  # the ego's speed as SUMO counts it, along the lane
 
 
 class OnTraci(EgoControl):
@@ -101,7 +101,7 @@ class OnTraci(EgoControl):
         concrete, settings = world.cases[0], world.settings
         others = [actor.name for actor in concrete.actors]
         GUARD.begin(others, settings.step, settings.conditions.interference, heeding(concrete))
-        # moded: an ADS that is alone may have changed its speed mode in any step; in a batch
+        # moded: an ADS that is alone may have changed the ego's speed mode in any step; in a batch
         # `GUARD` sees every call
         GUARD.shared, GUARD.moded = not self._alone, self._alone
         GUARD.positions, GUARD.speeds = stage.fronts, stage.speeds
@@ -129,7 +129,7 @@ class OnTraci(EgoControl):
     def _each(
         self, world: World, do: Callable[[Any, World, float], None], time: float, rows: Any = None
     ) -> None:
-        """Do something with the hooks of rows; one with anything out of the ordinary leaves.
+        """Call `do` with the hook of each row; in a batch, a row for which it fails leaves.
 
         rows: None: those that drive on.
         """
@@ -146,8 +146,8 @@ class OnTraci(EgoControl):
                 do(hook, world, time)
             except KeyboardInterrupt:
                 raise
-            except BaseException:  # noqa: BLE001 - the case alone says what it is
-                GUARD.refusal = GUARD.refusal or ("", "")
+            except BaseException:  # noqa: BLE001 - driven alone, the case reports it
+                GUARD.refusal = GUARD.refusal or ("", "")  # any: the row leaves
             if GUARD.refusal is not None:
                 GUARD.refusal = None
                 world.leave(row, LEFT_BATCH)
@@ -201,7 +201,7 @@ class _Hook:
         self._take_wheel(world)
 
     def _take_wheel(self, world: World) -> None:
-        """Make what carries out commands."""
+        """Make the executor of commands, and find out what delays them."""
         case, settings = self._case, world.each[self._case]
         self._latencies = world.latencies.own[case]
         self._settled = getattr(self.target, "settled", None) if settings.end_when_decided else None
@@ -209,10 +209,12 @@ class _Hook:
         self._bent = self.road.bent
         self._executor = Executor(settings, partial(world.note, case), self.road.line)
         self._delay, budget = settings.conditions.actuation_delay, settings.conditions.step_budget
+        # whether commands arrive in the step in which they are given
         self._at_once = self._delay == 0.0 and budget is None
 
     def watch(self, world: World, row: int) -> None:
         """Look at this row of the world's arrays from now on."""
+        # _mine: the ego's record in the world, as an array of one
         self._row, self._mine = row, world.egos[row : row + 1]
         # Memory views: to read one number of them takes a tenth as long as of an array.
         # _state: the numbers of an ego, first those of a `BODY` (x, y, heading, speed, ...)
@@ -278,7 +280,7 @@ class _Hook:
             self._settles[0] = bool(self._settled())
 
     def _held(self, time: float) -> tuple[Command | None, None]:
-        """Command between two calls."""
+        """The command between two calls, without a wall time; None: SUMO moves the ego."""
         return (self._obeyed(HOLD, time) if self._executor.holds else None), None
 
     def _arriving(
@@ -297,11 +299,11 @@ class _Hook:
         return Command(*due[0].tolist()) if given else None
 
     def _look(self, world: World, time: float) -> None:
-        """Look at what is there, as the ADS is shown it."""
+        """Make the `Observation` that the ADS is shown; its case is the only row."""
         ego, others = numbers_of(world.egos), numbers_of(world.others)
-        there = present(others[..., :7], world.others["present"])
-        me, seen = self._perception.look(time, ego[:, :7], there)
-        look = me[0].tolist(), seen[0].tolist()
+        actors = present(others[..., :7], world.others["present"])
+        seen_ego, seen = self._perception.look(time, ego[:, :7], actors)
+        look = seen_ego[0].tolist(), seen[0].tolist()
         self._seen = Observation(
             time, self.road, ego[0, :8].tolist(), look, self._task, self._kinds
         )
@@ -339,12 +341,12 @@ class _Hook:
         return command, took
 
     def _obeyed(self, answer: object, time: float) -> Command:
-        """Command to the vehicle."""
+        """The command by which the executor carries out an answer of the ADS."""
         try:
             if type(answer) is Command:  # nearly every answer of nearly every ADS
                 return self._executor.command(answer, self._state, time)
-            asked = None if answer is HOLD and self._executor.holds else checked_answer(answer)
-            return self._executor.command(asked, self._state, time)
+            wanted = None if answer is HOLD and self._executor.holds else checked_answer(answer)
+            return self._executor.command(wanted, self._state, time)
         except ControllerError as error:
             raise with_time(error, f"at {time:.2f} s") from error
 
@@ -371,7 +373,7 @@ class _Hook:
         if self._placed[0] == SUMO:
             self._calls.setSpeedMode(self.ego, EXACT_SPEED_MODE)
             # an ADS that commands the first step has a straight steering wheel at the start: 0, not
-            # nan, in the first sample
+            # nan, in the first sample (its channel 6)
             if world.steps == 0:
                 world.samples[self._row, 0, 0, 6] = 0.0
             ego["steering"][0] = 0.0
@@ -397,7 +399,7 @@ class _Hook:
             self.road.right_edge <= self._state[1] <= self.road.left_edge
             and abs(self._state[2]) < _ALONG
         )
-        if GUARD.shared and not on_lanes:
+        if GUARD.shared and not on_lanes:  # the row leaves its batch
             raise SimulationError("SUMO alone knows which lane it is in.")
 
     def _check_placed_ego(self, now: float) -> None:
@@ -417,8 +419,8 @@ class _Hook:
     def _read_driven_ego(self, now: float) -> None:
         """Take in the ego as SUMO moved it.
 
-        Its speed becomes that over the ground. SUMO counts the motion along the lane and across it
-        apart, and on a curved road the first along the road's line.
+        Its speed becomes that over the ground. SUMO counts the motion along the lane and that
+        across it apart; on a curved road, the motion along the lane is counted on the road's line.
         """
         calls, state = self._calls, self._state
         front_x, front_y = calls.getPosition(self.ego)
@@ -447,9 +449,11 @@ class _Hook:
         state[MAP], state[MAP + 1], state[MAP + 2] = x, y, heading
         if self._bent:
             line = self.road.line
+            # along and across the road's line, m, and heading relative to it
             place = tuple(float(it) for it in frame_places(line, x, y, heading, near=last_s))
             self._bend = float(curvatures(line, place[0]))
             stretch = 1.0 - self._bend * place[1]
+            # all of it is checked as motion along the lane
             moved_x, moved_y = math.hypot(moved_x, moved_y) / stretch, 0.0
         self._check_native_motion(moved_x, moved_y, speed, now)
         acceleration = (speed - state[_LANE_SPEED]) / self._step
@@ -457,6 +461,7 @@ class _Hook:
         if self._stale[0]:  # the first step in which SUMO moves it: it may turn it into the lane
             self._stale[0] = 0
             turned = abs(math.remainder(heading - last_heading, math.tau))
+            # more than rounding and the road's own curve
             if turned > 1e-3 + abs(last_speed * self._step * self._bend):
                 self._world.note(self._case, "heading", last_heading, heading)
         turned_or_moved = self._bent or moved_y != 0.0 or heading != 0.0
@@ -535,7 +540,7 @@ class _Hook:
         """Raise ControllerError for impossible motion; of SUMO's own models only record it."""
         if not self._native:
             raise ControllerError(sentence)
-        if what == "jump" and not requested < FASTEST * self._step:
+        if what == "jump" and not requested < FASTEST * self._step:  # `not <`: true of nan as well
             raise SimulationError(
                 f"SUMO moved vehicle `{EGO}` {requested:g} m in the step after "
                 f"{self._world.time:.2f} s."

@@ -45,7 +45,7 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Trajectory
 
 VERTEX_INTERVAL = 0.1  # s between the vertices of a trajectory
-HEIGHT = 1.5  # m of every body: nothing here knows it, and the format asks
+HEIGHT = 1.5  # m, of every body: the format needs one, and the package has none
 _ON_FOOT = ("pedestrian", "child")
 
 
@@ -204,11 +204,11 @@ def openscenario_xml(
     settings = concrete.simulation(settings)
     vehicle, road, actors = settings.vehicle, concrete.road, concrete.actors
     # a polyline has at least two vertices
-    known = {name: path for name, path in (driven or {}).items() if len(path) > 1}
-    unrecorded = ", ".join(it.name for it in actors if it.lively and it.name not in known)
+    recorded = {name: path for name, path in (driven or {}).items() if len(path) > 1}
+    unrecorded = ", ".join(it.name for it in actors if it.lively and it.name not in recorded)
     if unrecorded:
         remark = f"Not recorded, and so at one speed throughout: {unrecorded}. {remark}"
-    end = float(known[EGO].time[-1]) if EGO in known else settings.time_limit
+    end = float(recorded[EGO].time[-1]) if EGO in recorded else settings.time_limit
     root = E.OpenSCENARIO(
         E.FileHeader(
             revMajor=1, revMinor=2, date="2022-01-01T00:00:00", author="sumo_eval",
@@ -226,7 +226,7 @@ def openscenario_xml(
                 _begin(EGO, concrete.ego, concrete.ego.heading, road),
                 *(_begin(it.name, it.start, it.heading, road) for it in actors),
             )),
-            E.Story(_act(concrete, settings, known), name="others"),
+            E.Story(_act(concrete, settings, recorded), name="others"),
             E.StopTrigger(_after(end, "end")),
         ),
     )  # fmt: skip
@@ -293,11 +293,11 @@ def _begin(name: str, start: Start, heading: float, road: Road) -> Any:
 
 
 def _act(
-    concrete: ConcreteScenario, settings: SimulationSettings, known: Mapping[str, Trajectory]
+    concrete: ConcreteScenario, settings: SimulationSettings, recorded: Mapping[str, Trajectory]
 ) -> Any:
     """The act in which vehicles follow trajectories.
 
-    known: recorded trajectories by vehicle.
+    recorded: trajectories by vehicle.
     """
     road, actors = concrete.road, concrete.actors
     scripted = tracks(
@@ -314,14 +314,14 @@ def _act(
         if actor.acts and not actor.lively
     ]
     for name in (EGO, *(actor.name for actor in actors if actor.lively)):
-        if path := known.get(name):
+        if path := recorded.get(name):
             vertices = np.column_stack([path.time, path.x, path.y, path.heading]).tolist()
             groups.append(_follow(name, vertices, road))
     # an act must hold a group, even where no vehicle has a trajectory
-    nobody = E.ManeuverGroup(
+    empty = E.ManeuverGroup(
         E.Actors(selectTriggeringEntities="false"), maximumExecutionCount=1, name="nobody"
     )
-    return E.Act(*(groups or [nobody]), E.StartTrigger(_after(0.0, "begin")), name="others")
+    return E.Act(*(groups or [empty]), E.StartTrigger(_after(0.0, "begin")), name="others")
 
 
 def _on_the_road(
@@ -389,19 +389,19 @@ def exported_case(root: Any, road: bytes) -> ConcreteScenario | None:
 
     Raises InputError where either file was changed since.
     """
-    held = {
+    properties = {
         it.get("name"): it.get("value", "")
         for it in root.iterfind("FileHeader/Properties/Property")
     }
-    if CASE not in held:
+    if CASE not in properties:
         return None
-    if held.get(_SEAL) != _seal(root, road, held[CASE]):
+    if properties.get(_SEAL) != _seal(root, road, properties[CASE]):
         raise InputError(
             "an exported file and its road must be unchanged since; without the <Properties> of "
             "its <FileHeader> it is read as any other file"
         )
     try:
-        case: ConcreteScenario = decoded(held[CASE].encode(), _RECORDS)
+        case: ConcreteScenario = decoded(properties[CASE].encode(), _RECORDS)
         if not re.fullmatch(r"[\w.-]+", case.road.name):  # it becomes part of file names
             raise ValueError(case.road.name)
     except (AttributeError, KeyError, TypeError, ValueError) as error:

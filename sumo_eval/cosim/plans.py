@@ -3,7 +3,7 @@
 A tracker follows plans (`Executor._along` states its law), a first-order law takes up speeds, a
 linear map reads pedals. One `Executor` a case holds what was asked for until it is replaced.
 
-`cosim/loop.py` and `cosim/on_traci.py` carry out the answers of ADSs by it.
+`cosim/loop.py` and `cosim/on_traci.py` carry out the answers of ADSs by an executor.
 """
 
 from __future__ import annotations
@@ -295,20 +295,20 @@ def _directions(x: Sequence[float], y: Sequence[float], if_still: float) -> list
 
     if_still: of the points before the first movement.
     """
-    found: list[float] = []
+    directions: list[float] = []
     last = if_still
     for i in range(len(x)):
         a, b = max(i - 1, 0), min(i + 1, len(x) - 1)
         along, across = x[b] - x[a], y[b] - y[a]
         if abs(along) > _SAME_PLACE or abs(across) > _SAME_PLACE:
             last += within_a_turn(math.atan2(across, along) - last)
-        found.append(last)
+        directions.append(last)
     # at an end the chord of one segment is the direction at its middle: extrapolate to the end
     if len(x) > 2:
         for end, inner in ((0, 1), (-1, -2)):
             if math.hypot(x[inner] - x[end], y[inner] - y[end]) > _SAME_PLACE:
-                found[end] += found[end] - found[inner]
-    return found
+                directions[end] += directions[end] - directions[inner]
+    return directions
 
 
 def _speeds(
@@ -317,8 +317,8 @@ def _speeds(
     """Speeds of the places over the times, m/s; of a single point the one that the ego has."""
     if len(time) == 1:
         return [ego_speed]
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    speeds: list[float] = np.gradient(way, time, edge_order=2 if len(time) > 2 else 1).tolist()
+    driven = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    speeds: list[float] = np.gradient(driven, time, edge_order=2 if len(time) > 2 else 1).tolist()
     return [max(speed, 0.0) for speed in speeds]  # second order may extrapolate below 0
 
 

@@ -6,9 +6,9 @@ the ADS looks through observations: baselines, synthetic drivers, and users' pol
 TraCI code of one function or class, shares a simulation too; some of its cases are driven alone as
 well and compared. An ADS that needs the simulation to itself (listeners, programs, TraCI code that
 keeps state) is driven alone; when a batch fails as a whole, each of its cases is driven alone too.
-The caller receives how many, and why.
+The caller receives the reason for each case that is driven alone.
 
-Callers: `record/worker.py`, `cosim/no_return.py`, `sumo-eval check`, the extras, and users of
+Users: `record/`, `cosim/no_return.py`, `cosim/doors/contract.py`, the extras; users' own code calls
 `sumo_eval.simulate`.
 """
 
@@ -115,8 +115,8 @@ def simulate(
     folder: where relative paths in a locator start.
     step_timeout: longest wall time of one controller step, s.
     seed: of what `settings.conditions` leave to chance.
-    period: s from one call of the controller to the next, in between its answer holds; None: as its
-        locator says.
+    period: s from one call of the controller to the next; its answer holds in between. None: as
+        its locator says.
 
     A fault of the ADS (an exception, a command that is not a finite number, motion that no vehicle
     can do, touching SUMO's clock) ends the run with `end_reason` "ads_error" and a sentence in
@@ -172,7 +172,10 @@ def _driven_object(ads: Adapter) -> Any:
 
 
 def _control(ads: Sequence[Any], seeds: Sequence[int], terms: Terms) -> EgoControl:
-    """Control of the egos of cases by what drives each, all of one kind."""
+    """Control of the egos of cases.
+
+    ads: what drives each case, all of one kind: baseline (`Compiled`), `Replay` or `Adapter`.
+    """
     if isinstance(ads[0], Compiled):
         return Rules(ads, terms)
     if isinstance(ads[0], Replay):
@@ -211,12 +214,12 @@ def _opened(
             road,
             collisions="none",
         )
-    kind = (
+    ego_type = (
         ads.vtype_on(road)
         if isinstance(ads, NativeModel)
         else own_vehicle_type(_driven_object(ads), road)
     )
-    return session(concrete, settings, kind)
+    return session(concrete, settings, ego_type)
 
 
 def _check_intervals(settings: SimulationSettings) -> None:
@@ -339,10 +342,10 @@ def simulate_together(
 def _kind(
     concrete: ConcreteScenario, manner: _Manner, basis: SimulationSettings
 ) -> tuple[object, ...] | None:
-    """Cases of equal kinds share a simulation; None: one has to be driven alone.
+    """The kind of a case: cases of equal kinds share a simulation; None: it has to be driven alone.
 
-    Kinds are equal only where driving together gives the same bits as driving alone: one road, as
-    many actors (of a stream, its density decides how many), and alike what SUMO sees of them.
+    Kinds are equal only where driving together gives the same bits as driving alone: on one road,
+    with equally many actors (in a stream its density decides), which SUMO sees alike.
     """
     road, ego = concrete.road, concrete.ego
     if (
@@ -403,8 +406,8 @@ def _drive_batch(
 class _Manner(NamedTuple):
     """Manner in which an ADS drives its cases.
 
-    driven: type of what drives, or of a policy over arrays its `id`; only cases with equal ones
-        share a simulation.
+    driven: the type of what drives, or the `id` of a policy over arrays; only cases with equal
+        ones share a simulation.
     make: gives what drives one case.
     alone: why it is driven alone; None: it may share a simulation.
     over_arrays: one policy drives all cases at once.
@@ -428,47 +431,48 @@ def _manner(
     one_case: the controller serves one case only.
     """
 
-    def alone(why: Alone) -> _Manner:
-        return _Manner(None, lambda: None, why)
+    def alone(reason: Alone) -> _Manner:
+        return _Manner(None, lambda: None, reason)
 
     if isinstance(controller, Replay):
         return _Manner(Replay, lambda: controller)
-    # found: the user's class, function or object
-    found, name, entry = located(controller, folder)
+    # user_code: class, function or object
+    user_code, name, entry = located(controller, folder)
     if not entry.batch:
         return alone(Alone("asked", "batch=false"))
     if one_case and entry.period:  # a batch has one period
         return alone(Alone("asked", "period"))
-    make = partial(adapted, found, name, entry.options)
+    make = partial(adapted, user_code, name, entry.options)
     with seen_as_traci():
         ads: Any = make()
     target = _driven_object(ads)
     if Compiled.rides(target):
         return _Manner(type(target), lambda: target)
     if not ads.is_policy:
-        can_share = isinstance(ads, ObjectController) and not _reaches_libsumo(found)
-        if not can_share or getattr(found, "vehicle_type", None) is not None:
+        can_share = isinstance(ads, ObjectController) and not _reaches_libsumo(user_code)
+        if not can_share or getattr(user_code, "vehicle_type", None) is not None:
             return alone(ON_TRACI)
-        if not inspect.isclass(found) and not inspect.isfunction(found):
+        if not inspect.isclass(user_code) and not inspect.isfunction(user_code):
             return alone(ONE_OBJECT)
-        if getattr(found, "batch", True) is False:
+        if getattr(user_code, "batch", True) is False:
             return alone(Alone("asked", "batch = False"))
-        if found in _KEEPS_STATE:
-            return alone(_KEEPS_STATE[found])
-        if inspect.isfunction(found):
-            make = partial(ObjectController, found)  # type: ignore[assignment]
-        return _Manner(ObjectController, lambda: wrap(make()), hook=found)
+        if user_code in _KEEPS_STATE:
+            return alone(_KEEPS_STATE[user_code])
+        if inspect.isfunction(user_code):
+            make = partial(ObjectController, user_code)  # type: ignore[assignment]
+        return _Manner(ObjectController, lambda: wrap(make()), hook=user_code)
     if _asks_traci(ads.target if ads.target is not None else ads.act):
         return alone(ASKS_SUMO)
     if takes_arrays(ads.target):
-        all_of_them = wrap(ads)
+        shared = wrap(ads)
         if not batches:
             return alone(Alone("batch"))
         # `id`, not type: in a list of controllers, each such policy drives its own cases
-        return _Manner(id(ads.target), lambda: all_of_them, over_arrays=True)
+        return _Manner(id(ads.target), lambda: shared, over_arrays=True)
     if one_case:
         return _Manner(type(ads), lambda: ads)
-    if ads.target is None or isinstance(found, type):  # a function or a class: fresh for each case
+    # a function or a class: fresh for each case
+    if ads.target is None or isinstance(user_code, type):
         return _Manner(type(ads), lambda: wrap(make()))
     return alone(ONE_OBJECT)
 
@@ -497,8 +501,8 @@ def _chunks(items: list[int], size: int) -> Iterator[list[int]]:
 
 
 def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
-    """About when a case ends, s: cases that end together share a simulation, which lasts as long as
-    its last.
+    """Estimated end of a case, s: cases that end together share a simulation, which lasts as long
+    as its last.
 
     decided: cases end once they are decided: when the ego reaches an actor ahead at their first
         speeds. Else: when it reaches the road's end at the lowest speed above 0.

@@ -1,12 +1,13 @@
 """SUMO's side of the cases that are driven: what it receives before a step, what it shows after it,
 whether both agree.
 
-SUMO steps the ego and every actor of every case. Where no ADS asks SUMO, it receives the vehicles
-in the first step and in every tenth alone, and must then show each at its place.
+SUMO steps the ego and every actor of every case. If no ADS asks SUMO, the vehicles are sent to it
+only in the first and in every tenth step, and it must then show each at its place.
 
 A vehicle's number is its index row by row, the ego first: row * (1 + m) + column.
 
-`cosim/loop.py` calls a stage at every step; `cosim/traffic.py` has the one for vehicles that react.
+`cosim/loop.py` and `cosim/pack.py` call a stage at every step; `cosim/traffic.py` has the one for
+vehicles that react.
 """
 
 from __future__ import annotations
@@ -81,6 +82,7 @@ class Stage:
             "" if any_edge else edge_name(case, count, asked=asked) for case in range(count)
         ]
         self._lane = -1 if finds_lane else 0  # -1: SUMO looks for it
+        # `keepRoute` of moveToXY
         self._keep = _KEEPS_ROUTE if any_edge else _KEEPS_ROUTE_OFF_ROAD
         actors = [name for names in self.names for name in names[1:]]
         fronts = world.others[["front_x", "front_y"]]
@@ -134,12 +136,12 @@ class Stage:
                 self._told[name] = start.speed
 
     def closely(self, steps: int) -> bool:
-        """Whether SUMO receives the vehicles in the step after n; else it receives none."""
+        """Whether SUMO receives the vehicles in the step after `steps`; else it receives none."""
         return self.asked or self.compares(steps)
 
     def compares(self, steps: int) -> bool:
-        """Whether SUMO and the world are compared in the step after n: in the first and every tenth
-        step.
+        """Whether SUMO and the world are compared in the step after `steps`: in the first and every
+        tenth step.
         """
         return not self.as_read and (steps == 0 or (steps + 1) % CHECKED_EVERY == 0)
 

@@ -137,6 +137,7 @@ class World:
         self.errors: dict[int, str] = {}
         self.logs: dict[int, str] = {}
         self.places: dict[int, str] = {}  # where in the user's code an exception came from
+        # clips that no kernel counts, by case and name
         self.notes: dict[int, Any] = defaultdict(
             lambda: defaultdict(
                 lambda: SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0)
@@ -160,7 +161,7 @@ class World:
         self.clips = np.zeros((n, len(WHATS)), CLIP)
         self.seen = np.zeros((n, m), MOVER)
         self.shown = np.zeros((n, m, 4))
-        self.tell = np.zeros((n * (1 + m), 8))
+        self.tell = np.zeros((n * (1 + m), 8))  # as in `move_rows`
         self._sampled, self._room = 1, 64  # samples taken of a vehicle, at most; room for as many
         self.samples = np.zeros((n, 1 + m, self._room, len(CHANNELS)))
         self._batched = "batched" if placed == SUMO and n > 1 else ""  # `Recording.batched`
@@ -170,9 +171,11 @@ class World:
         self._kept = np.r_[COMMAND] if models else np.array(MOTION)
         self._commands = np.zeros((n, self._room, 2 if models else 6))
         self._codes: dict[Any, Any] = {}  # the rules of a step as machine code for these arrays
+        # whether SUMO's models drive actors; whether the actors' motion depends on time alone;
+        # whether moves wait for conditions
         self.reacts = any(case.reacts for case in cases)
-        self._stack = np.zeros((DEEPEST, 3))
         self.timed = not any(case.lively for case in cases)
+        self._stack = np.zeros((DEEPEST, 3))  # working space of `wake_rows`
         self.waits = bool(self.players.acts["steps"].any())
         for bodies in (self.egos, self.others):
             for name in ("x", "y", "heading", "speed"):
@@ -199,8 +202,8 @@ class World:
         self.cast = Cast(self.egos, self.others, *self.players)
 
     def move(self, *, closely: bool, as_read: bool = False) -> tuple[int, Sequence[int]]:
-        """Move all vehicles to the end of the coming step; the number of rows of `tell`, and the
-        vehicles that have left.
+        """Move all vehicles to the end of the coming step; return the number of rows of `tell`, and
+        the numbers of the vehicles that have left.
 
         closely: SUMO receives the vehicles in this step.
         as_read: the actors are where SUMO shows them.
@@ -209,7 +212,7 @@ class World:
         steps, quiet = self.steps + 1, as_read and self.timed and not len(self.line)
         told = self._run(
             move_rows, self.cast, self.clips, self.tell, self.scenario, self.line, steps,
-            closely * (1 + quiet),
+            closely * (1 + quiet),  # 0, 1 or 2, as in `move_rows`
         )  # fmt: skip
         now = steps * self.settings.step
         return self.let_leave(now, told, as_read) if self.may_leave(now) else (told, ())
@@ -224,15 +227,13 @@ class World:
     def see(self, *, sampling: bool = False, as_read: bool = False) -> int:
         """Take in what SUMO shows at the end of the step; the number of cases that ended."""
         self.steps += 1
-        ended: int = self._run(
+        return int(self._run(
             see_rows, self.scenes, self.scenario, self.line, self.steps, int(sampling), int(as_read)
-        )
-        return ended
+        ))  # fmt: skip
 
     def read(self, numbers: IntArray, read: FloatArray, odd: IntArray) -> int:
         """Take in what SUMO shows of vehicles, as in `read_rows`."""
-        left: int = self._run(read_rows, self.scenes, self.scenario, numbers, read, odd)
-        return left
+        return int(self._run(read_rows, self.scenes, self.scenario, numbers, read, odd))
 
     def may_leave(self, now: float) -> bool:
         """Whether a vehicle may come to the end of its lanes in the step that ends `now`, s.
@@ -286,15 +287,15 @@ class World:
         """s since the start of the cases."""
         return float(self.steps * self.settings.step)
 
-    def note(self, case: int, what: str, requested: float, applied: float, **known: float) -> None:
+    def note(self, case: int, what: str, requested: float, applied: float, **values: float) -> None:
         """Count a clip that no kernel counts, and keep its worst instance.
 
-        known: `count` and `first`, its first time, s, where they are not 1 and now.
+        values: `count`, and `first`, the first time, s, where they are not 1 and now.
         """
         notes = self.notes[case]
-        kind: Any = what
-        count_clip(notes, kind, self.time, float(requested), float(applied))
-        vars(notes[what]).update(known)
+        name: Any = what  # instead of the number that kernels use
+        count_clip(notes, name, self.time, float(requested), float(applied))
+        vars(notes[what]).update(values)
 
     def keep_fault(self, case: int, error: BaseException, driver: Any, folder: Path | None) -> None:
         """Keep the traceback of an exception for the log, and its place in the user's code.
@@ -367,7 +368,7 @@ class World:
                 self.note(case, "trigger_never_fired", float(count), 0.0, count=count)
         way, concrete = ego["way"], self.cases[case]
         actors, vehicle = concrete.actors, self.settings.vehicle
-        # m from the middle of the lane that it had to change to
+        # m from the ego to the middle of the lane that it had to change to
         aside = abs(float(ego["y"]) - float(way["start"] + way["offset"]))
         if way["asked"] and aside > 0.5 * concrete.road.lane_width and ego["x"] >= way["by"]:
             self.note(case, "goal_missed", float(way["by"]), float(ego["y"]))
@@ -406,6 +407,7 @@ class World:
         """Time for which the ego's centre has been in its present lane, s."""
         count, width = int(self.egos["samples"][row]), float(self.scenario["road"]["lane_width"][0])
         time, y = self.samples[row, 0, :count, 0], self.samples[row, 0, :count, 2]
+        # a lane's number: y = 0 is the middle of lane 0
         elsewhere = np.flatnonzero(np.round(y / width) != np.round(y[-1] / width))
         return float(time[-1] - time[elsewhere[-1]] if len(elsewhere) else time[-1])
 
@@ -490,8 +492,8 @@ def _put_in_curve(egos: Records, road: Road, vehicle: VehicleSettings) -> None:
     So the centre is sqrt(1 / k^2 + h^2) from the circle's centre: further out by
     k h^2 / (1 + sqrt(1 + (k h)^2)).
     """
-    line, half = curvatures(road.line, egos["x"]), 0.5 * vehicle.wheelbase
-    bend = line / (1.0 - line * egos["y"])
+    of_line, half = curvatures(road.line, egos["x"]), 0.5 * vehicle.wheelbase
+    bend = of_line / (1.0 - of_line * egos["y"])
     egos["y"] -= bend * half * half / (1.0 + np.sqrt(1.0 + np.square(bend * half)))
     egos["heading"] -= np.arctan(bend * half)
     egos["steering"] = vehicle.steering_ratio * np.arctan(vehicle.wheelbase * bend)
