@@ -745,5 +745,5 @@ class OverArrays(Policies):
         """Close the policy when the last row has ended."""
         self._unreleased -= 1
         if self._unreleased == 0:
-            self._closed(world, row, self._policy.close, "ads_error")
+            self._closed(world, row, self._policy.close, "ads_error", self._policy.target)
         super().release(world, row)
