@@ -306,7 +306,7 @@ def simulate_together(
         terms = terms._replace(every=_steps_per_call(controller, None, basis))
         manners = [_manner(controller, terms.folder, wrap, batches)] * len(cases)
 
-    for window in _chunks(list(range(len(cases))), SORTED_AT_ONCE):
+    for window in _chunks(range(len(cases)), SORTED_AT_ONCE):
         drives: dict[int, Recording | Alone] = {}
         by_kind: dict[tuple[object, ...] | None, list[int]] = {}  # indices of the cases
         for index in window:
@@ -496,7 +496,7 @@ def _asks_traci(target: Any) -> bool:
     return any(isinstance(it, ModuleType) and it.__name__ in ("traci", "libsumo") for it in values)
 
 
-def _chunks(items: list[int], size: int) -> Iterator[list[int]]:
+def _chunks(items: Sequence[int], size: int) -> Iterator[Sequence[int]]:
     return (items[begin : begin + size] for begin in range(0, len(items), size))
 
 

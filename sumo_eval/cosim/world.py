@@ -352,8 +352,8 @@ class World:
         self._numbers = numbers_of(self.egos)
         self.gather()
 
-    def end(self, row: int) -> int:
-        """Keep the recording and the notes of a case that has ended; its index."""
+    def end(self, row: int) -> None:
+        """Keep the recording and the notes of a case that has ended."""
         ego, case = self.egos[row], int(self.rows[row])
         self.egos["live"][row] = 0
         self.going -= 1
@@ -388,7 +388,6 @@ class World:
             self._clips(row, case),
             commands=commands,
         )
-        return case
 
     def _note_departure(self, row: int, case: int) -> None:
         """Record how far the ego was from the recorded one, and when actors began to react."""

@@ -97,6 +97,7 @@ class JsonLinesProgram(Adapter):
             self._program = None
 
     def _ask(self, message: dict[str, Any]) -> dict[str, Any]:
+        """Send a message, and return the program's answer to it."""
         text = json.dumps(message, separators=(",", ":")).encode() + b"\n"
         self._until = clock.monotonic() + self._deadline
         try:

@@ -99,6 +99,8 @@ def _of_ego(guard: Guard, reading: Callable[..., Any]) -> Any:
 
 
 def _kept_speed(guard: Guard, reading: Callable[..., Any]) -> Any:
+    """`getSpeed`, answered by what was read after the last step while that is valid."""
+
     def speed(vehID: Any) -> Any:  # noqa: N803 - TraCI's name
         try:
             return guard.speeds[guard.names[vehID]]
@@ -109,6 +111,8 @@ def _kept_speed(guard: Guard, reading: Callable[..., Any]) -> Any:
 
 
 def _kept_position(guard: Guard, reading: Callable[..., Any]) -> Any:
+    """`getPosition`, answered as by `_kept_speed`."""
+
     def position(vehID: Any, *more: Any) -> Any:  # noqa: N803 - TraCI's name
         name = guard.names[vehID]
         # a kept position is valid as long as its vehicle has a kept speed (`Guard.begin`)
@@ -118,6 +122,7 @@ def _kept_position(guard: Guard, reading: Callable[..., Any]) -> Any:
 
 
 def _nearest(guard: Guard, reading: Callable[..., Any]) -> Any:
+    """`getLeader`; errors, and vehicles of other rows, are left to `reading`."""
     read = insides.direct("getLeader", libsumo.vehicle.getLeader)
 
     def nearest(vehID: Any, dist: Any = 100.0) -> Any:  # noqa: N803 - TraCI's name
