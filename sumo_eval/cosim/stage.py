@@ -6,8 +6,8 @@ only in the first and in every tenth step, and it must then show each at its pla
 
 A vehicle's number is its index row by row, the ego first: row * (1 + m) + column.
 
-`cosim/loop.py` and `cosim/pack.py` call a stage at every step; `cosim/traffic.py` has the one for
-vehicles that react.
+`cosim/loop.py` and the gym's episodes call a stage at every step; `cosim/traffic.py` has the one
+for vehicles that react.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ libsumo accepts a second `start` silently, delays insertions, and reports a bad 
 "Process Error". So a session refuses a second one, checks that the initial state is the requested
 one, and quotes SUMO's own log.
 
-Users: `cosim/simulation.py` and `cosim/pack.py` open sessions; `cosim/doors/traci_program.py` and
-`extras/bench` start SUMO by its command line; the stages check starts.
+Users: `cosim/simulation.py` and the gym's episodes open sessions; `cosim/doors/traci_program.py`
+and `extras/bench` start SUMO by its command line; the stages check starts.
 """
 
 from __future__ import annotations
