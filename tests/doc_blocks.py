@@ -128,7 +128,7 @@ class Desk:
         name."""
         (self.folder / "evaluation.toml").write_text(EVALUATION)
         (self.folder / "gate.toml").write_text(
-            code_of("docs/tutorials/a_night.md", "new_collisions")
+            code_of("docs/tutorials/a_night.md", "only_if_certain")
         )
         (self.folder / "lorry.toml").write_text(
             code_of("docs/tutorials/own_scenario.md", "[[parameter]]")

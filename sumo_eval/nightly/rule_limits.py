@@ -9,7 +9,7 @@ from functools import partial
 
 from sumo_eval.cases import CaseResult
 from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, GateResult
-from sumo_eval.report.words import cause_words, count, severity_words
+from sumo_eval.report.words import cause_words, count, placed, severity_words, why_missing
 from sumo_eval.scoring.comparison import Comparison
 from sumo_eval.scoring.gate_settings import GateSettings
 from sumo_eval.scoring.rule import (
@@ -154,13 +154,13 @@ def _shaky_words(shaky: Sequence[str], noise: Noise) -> str:
 
 
 def end_change(old: CaseResult, now: CaseResult, units: tuple[str, str]) -> CaseChange:
-    """End of a case before and now, in words, with the cause of a contact.
+    """End of a case before and now, in words, with the cause of a contact or of no outcome.
 
     units: of U, before and now.
     """
     before, after = map(_end_words, (old, now), units)
-    cause = f"; {words}" if now.collided and (words := cause_words(now)) else ""
-    return CaseChange.of(now, before, f"{after}{cause}")
+    cause = cause_words(now) if now.evaluated else placed(why_missing(now), now)
+    return CaseChange.of(now, before, f"{after}; {cause}" if cause else after)
 
 
 def _end_words(case: CaseResult, unit: str) -> str:

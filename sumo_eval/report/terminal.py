@@ -25,6 +25,7 @@ from sumo_eval.report.words import (
     one_line,
     parts_of_total,
     people_sentence,
+    placed,
     reason_without,
     score_note,
     why_missing,
@@ -108,8 +109,7 @@ def _missing_lines(evaluation: Evaluation) -> Iterator[str]:
         words = one_line(sentence)
         if len(words) > LONGEST_SENTENCE:
             words = f"{words[: LONGEST_SENTENCE - 2]} …"
-        words += f" At {one_line(case.error_place)}." if case.error_place else ""
-        first[key] = one_line(case.case), words
+        first[key] = one_line(case.case), one_line(placed(words, case))
     if first:
         cases = count(len(first) + more.total(), "case")
         yield f"{cases} could not be evaluated and left the means{GIVEN_UP}:"

@@ -227,7 +227,7 @@ def test_a_kept_margin_is_named_where_it_is_small(evaluation):
     [
         ("departed", "left the road", {"status": "off_road"}),
         ("missed", "missed a requirement", {"requirements_missed": "gap"}),
-        ("gave_up", "gave up", {"status": "ads_error"}),
+        ("gave_up", "gave up", {"status": "ads_error", "error": "Boom.", "error_place": "a.py:1"}),
     ],
 )
 def test_one_new_bad_end_fails_under_its_name(evaluation, quantity, words, ends):
@@ -237,6 +237,8 @@ def test_one_new_bad_end_fails_under_its_name(evaluation, quantity, words, ends)
     (gate,) = [gate for gate in gates if gate.quantity == quantity]
     assert gate.sentence == f"1 case {words}, not so in the base"
     assert gate.cases == (key,)
+    reason = "ok -> ads_error; Boom. At a.py:1."
+    assert (gate.worst[0].words == reason) == (quantity == "gave_up")
 
 
 def test_u_counts_beyond_the_last_digit_worst_first(evaluation):
