@@ -41,7 +41,7 @@ def test_an_empty_sampling_names_the_constraint_that_ruled_out_how_many(tmp_path
     assert sentence.startswith(
         "The sampling of scenario `front_vehicle_cut_out` must choose at least one possible point"
     )
-    assert "Of 3 points are ruled out: 3 by `" in sentence
+    assert "Of 3 points, 3 are not `" in sentence
 
 
 def test_only_knows_cases_of_names_that_hold_numbers(tmp_path):

@@ -358,7 +358,7 @@ def test_events_are_read_as_points_are_with_units_and_lines(tmp_path):
 
 def test_constraints_that_exclude_every_point_are_refused():
     nothing = replace(CUT_OUT, constraints=(Constraint("impossible", lambda v: v["gap"] > 1e9),))
-    with refusal("Of 64 points are ruled out: 64 by `impossible`"):
+    with refusal("Of 64 points, 64 are not `impossible`"):
         draw(nothing, "sobol")
 
 

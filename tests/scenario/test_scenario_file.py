@@ -195,7 +195,7 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
         ('name = "slow_truck"', 'name = "slow_truck"\ndefault_sample = '
                                 '"grd"', "Did you mean `grid`?"),
         ("truck_speed < ego_speed", "truck_speed > ego_speed + 100",
-            "at least one possible point, got none. Of 15 points are ruled out: 15 by `"),
+            "at least one possible point, got none. Of 15 points, 15 are not `"),
         ("truck_speed < ego_speed", f"not {900 * '-'}ego_speed", "nested more than 50 deep"),
         ('"ego_speed"', '"lambda"', "no keyword of Python, got 'lambda'"),
         ('"ego_speed"', '"\u00b5"', "in the form NFKC"),

@@ -145,8 +145,8 @@ def _refusals(logical: LogicalScenario, refused: FloatArray) -> str:
     counts = {
         rule.about: int((~np.asarray(rule.holds(values))).sum()) for rule in logical.constraints
     }
-    by = [f"{count} by `{about}`" for about, count in counts.items() if count]
-    return f" Of {len(refused)} points are ruled out: {', '.join(by)}."
+    by = [f"{count} are not `{about}`" for about, count in counts.items() if count]
+    return f" Of {len(refused)} points, {', '.join(by)}."
 
 
 def _rows(values: Any, chosen: BoolArray) -> Any:
