@@ -167,7 +167,7 @@ def _end_words(case: CaseResult, unit: str) -> str:
     """`contact with U 5.0 m/s`, `left the road`, `ads_error`, `misses: gap`, `ok`."""
     ends = [f"contact with U {severity_words(case.severity, unit)}"] if case.collided else []
     ends += ["left the road"] if case.departed else []
-    ends += [case.status] if not case.evaluated else []
+    ends += [] if case.evaluated else [case.status]
     ends += [f"misses: {case.requirements_missed}"] if case.requirements_missed else []
     return ", ".join(ends) or case.status
 
@@ -196,7 +196,7 @@ def _result(
 
     sentence = f"{words}: {tally.number} worse, {tally.better} better of {of}"
     if not bad:
-        return result(True, sentence, float(tally.number), None)
+        return result(True, sentence, float(tally.number))
     sentence += f" (P = {tally.chance:z.2g})"
     if tally.near and tally.least_kept <= settings.near_miss.kept_margin:
         sentence += f"; one kept {tally.least_kept:z.0%} of its margin"

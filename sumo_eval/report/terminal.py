@@ -106,10 +106,9 @@ def _missing_lines(evaluation: Evaluation) -> Iterator[str]:
         if key in first or len(first) == MOST_LISTED:
             more[key if key in first else None] += 1
             continue
-        words = one_line(sentence)
-        if len(words) > LONGEST_SENTENCE:
-            words = f"{words[: LONGEST_SENTENCE - 2]} …"
-        first[key] = one_line(case.case), one_line(placed(words, case))
+        if len(sentence) > LONGEST_SENTENCE:
+            sentence = f"{sentence[: LONGEST_SENTENCE - 2]} …"
+        first[key] = one_line(case.case), one_line(placed(sentence, case))
     if first:
         cases = count(len(first) + more.total(), "case")
         yield f"{cases} could not be evaluated and left the means{GIVEN_UP}:"
