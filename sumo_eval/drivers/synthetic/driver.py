@@ -72,8 +72,8 @@ CLOSING_SPEED = 2.0
 LOOK = np.dtype([*fields("time"), ("mover", MOVER)])
 """A look at a vehicle: when, s, and the vehicle then."""
 LOOKS = [*fields("first_seen"), *flags("begun", "first", "count")]
-"""Facts on the looks at a vehicle. These are an array of `LOOK`, a ring: look number k stands at
-place k % its size.
+"""Facts on the looks at a vehicle. The looks stand in an array of `LOOK`, a ring: number k at place
+k % its size.
 
 first_seen: time of the first look, s.
 begun: 1 if there was one.
