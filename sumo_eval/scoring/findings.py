@@ -1,7 +1,8 @@
 """Findings of a scored run: what one ADS did in one scenario, and what each case took from its
 scores.
 
-Reports read them here and compute nothing themselves.
+Reports and figures read them here and compute nothing themselves; other files of `scoring` use
+them too.
 """
 
 from __future__ import annotations
