@@ -197,7 +197,8 @@ class Collision:
 
 
 NO_RETURN = "no_return"
-"""`Clip.what` of the note that `cosim/no_return.py` leaves on a contact.
+"""`Clip.what` of the note that `cosim/no_return.py` leaves on a contact; the fields of
+that `Clip` (below) then mean:
 
 first_time: the point of no return, s: the last time from which full braking avoids the contact.
     `NEVER`: full braking from the start on does not avoid it. `UNKNOWN`: not searched for, as a
@@ -336,8 +337,8 @@ class Recording:
     commands: FloatArray | None = field(default=None, compare=False, repr=False)
 
     def same_drive(self, other: Recording) -> bool:
-        """Whether another recording has the same trajectories, contact, end, clips, error and log,
-        to the bit. Wall times, `batched` and `commands` are not compared.
+        """Whether another recording has the same trajectories, contact, end, clips, error, its
+        place and log, to the bit. Wall times, `batched` and `commands` are not compared.
         """
 
         def content(recording: Recording) -> tuple[object, ...]:

@@ -1,5 +1,5 @@
-"""Sentences of the commands on a terminal: each broken between words, and the commands' own in
-full.
+"""Lines that the commands print: on a terminal broken between words, to a file or a pipe whole; and
+how long the first sentence of a command may be.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Iterable
 import click
 
 WHOLE = 200
-"""Characters that a help line may have: no first sentence of a command is longer."""
+"""Longest first sentence of a command in a help, in characters: click cuts a longer one."""
 
 
 def say(lines: Iterable[str], *, err: bool = False, fg: str | None = None) -> None:

@@ -1,7 +1,7 @@
 """Limits of what SUMO may show of a vehicle: beyond them it is on no lane, has jumped, or is
 faster than any vehicle.
 
-The loop, its kernels, the stages and `OnTraci` check what SUMO shows by them.
+The loop, its kernels, world, stages, traffic, `OnTraci` and `ads/foresight.py` use them.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ LOWEST_SPEED = -1.0  # m/s; SUMO's speeds are 0 or above, a lost vehicle's is fa
 LOST = 1e9  # m and m/s; a vehicle that is on no lane has the position and the speed -1073741824
 LIMIT_TOLERANCE = 1e-6  # m/s2, rounding of a change of speed at a limit of acceleration
 JUMP_TOLERANCE = 0.01  # m, motion of one step that speed cannot explain
-LOSS_MARGIN = 0.05  # m before the place where SUMO loses a vehicle: there it counts as off the road
+LOSS_MARGIN = 0.05  # m; a vehicle counts as off the road this much before SUMO would lose it
 
 
 def farthest_in(step: float) -> float:
-    """Distance that no road vehicle exceeds in a step, m: at 100 m/s."""
+    """Distance that no road vehicle exceeds in a step, m: 100 m/s, a tenth of `FASTEST`."""
     return FASTEST * step * 0.1  # in this order: results depend on its last bit
 
 
@@ -69,7 +69,7 @@ def impossible(
     """
     x, y = calls.getPosition(name)
     angle, speed = calls.getAngle(name), calls.getSpeed(name)
-    far = FASTEST * step
+    far = FASTEST * step  # m; the limit of `Stage._read_actor`, not `farthest_in`
     if not (abs(x - last[0]) < far and abs(y - last[1]) < far):  # `not <`: true of nan as well
         what = f"the place ({x:g}, {y:g}) m, a step after ({last[0]:.2f}, {last[1]:.2f}) m,"
     elif not LOWEST_SPEED < speed < FASTEST:

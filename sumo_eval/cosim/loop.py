@@ -60,7 +60,7 @@ from sumo_eval.trajectory import Alone, EndReason, FloatArray, IntArray
 _LONGEST_WORDS = SENTENCE - 20
 _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
 ASKS_SUMO = Alone("asks_sumo")  # reason to drive a case alone: its ADS calls TraCI
-_STANDS = 1e-3  # m in a step, lower bound of a divisor: an ego that stands does not turn
+_STANDS = 1e-3  # m in a step, least divisor in `Replays._steering`: a standing ego does not turn
 KEPT = 0.75  # rows of ended cases are dropped when the share of live rows falls below this
 
 
@@ -85,7 +85,7 @@ def error_of(call: Callable[..., Any], *arguments: Any) -> BaseException | None:
         call(*arguments)
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
+    except BaseException as error:  # noqa: BLE001 - returned to the caller
         return error
     return None
 
@@ -106,6 +106,7 @@ class EgoControl:
         """Prepare for the first step."""
         self._traci, self._clock = stage.traci, simulation_time(stage.traci)
         conditions = [settings.conditions for settings in world.each]
+        # notes go to case 0: only a case that is alone has a step budget, which makes them
         self.actuation = Actuation(
             conditions, world.settings.step, world.egos["command"].dtype, partial(world.note, 0)
         )
@@ -165,6 +166,7 @@ class EgoControl:
         """Close an ADS that may have used TraCI, and remove its listeners."""
         self._closed(world, row, close, "ads_error", target)
         self._closed(world, row, GUARD.end, "ads_error")
+        # records what the ADS changed that is not its own
         world.touched(GUARD.touched, GUARD.ignored)
 
     def _check_clock(self, world: World, time: float) -> None:
@@ -190,7 +192,7 @@ class EgoControl:
 
 
 def note_unlimited(world: World) -> None:
-    """Record of each case with limited perception that its ADS sees everything all the same."""
+    """Note in each case with limited perception that its ADS sees everything all the same."""
     for case, settings in enumerate(world.each):
         if not sees_all(settings.conditions):
             world.note(case, "perception_not_limited", 1.0, 0.0)
@@ -204,20 +206,22 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
     settings = world.settings
     step, every = settings.step, round(settings.record_interval / settings.step)
     # step: s; every: steps from one sample to the next
-    moved = 0  # 1 while a step is under way: an error then takes it back
+    moved = 0  # 1 between `world.move` and SUMO's answer: an error there discards the step
     try:
         driver.begin(world, stage)
-        if world.errors or world.left:
+        if world.errors or world.left:  # left: cases to be driven alone
             _end_rows(world, driver, stage)
         while world.going:
-            after = world.steps + 1
+            steps_after = world.steps + 1
             if world.steps % STEPS_BETWEEN_TIMINGS == 0:
                 world.latencies.time_fixed_work()
             driver.step(world, world.steps * step)
-            now, sampling = after * step, after % every == 0
+            now, sampling = steps_after * step, steps_after % every == 0
             if sampling:
                 world.room_for_samples()
-            # count: rows of `world.tell`; gone: numbers of actors that left their last lane
+            # closely: SUMO receives the vehicles in this step; as_read: actors are where SUMO shows
+            # them; count: rows of `world.tell` to send; gone: numbers of actors that left their
+            # last lane
             count, gone = world.move(closely=stage.closely(world.steps), as_read=stage.as_read)
             moved = 1
             stage.put_aside(gone)
@@ -229,14 +233,14 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
                 if stage.compares(world.steps):
                     stage.compare(world)
             except stage.traci.TraCIException as error:
-                if not stage.asked:
+                if not stage.asked:  # no ADS may ask SUMO
                     raise
                 raise ControllerError(  # the ADS has removed a vehicle by TraCI
                     f"After the ADS's step at {world.time:.2f} s SUMO cannot move the ego: "
                     f"{said(error)}."
                 ) from error
             moved = 0
-            if world.waits:
+            if world.waits:  # an act of an actor waits for a condition
                 world.wake(now)
             world.keep_commands()
             if world.see(sampling=sampling, as_read=stage.as_read):
@@ -274,7 +278,7 @@ def break_off(world: World, error: Exception, moved: int = 0) -> None:
     """
     if isinstance(error, ControllerError | SimulationError):
         world.fail(0, _fault(error), words_of(error, SENTENCE))
-    elif not world.errors:  # else the case has its error: the ADS closed the simulation
+    elif not world.errors:  # an ADS that closed the simulation has its error already
         world.fail(
             0,
             "sim_error",
@@ -317,7 +321,7 @@ def _end_rows(world: World, driver: EgoControl, stage: Stage) -> None:
         driver.keep(world, rows)
         stage.keep(world)
     else:
-        stage.without(world)
+        stage.without(world)  # the ended rows stay in the arrays, but SUMO's side passes over them
 
 
 def make_briefing(
@@ -413,14 +417,15 @@ class Replay(NamedTuple):
 
 class Replays(EgoControl):
     """Controls egos by recorded commands, then by the strongest braking, with the wheel straight,
-    or in a curve as it was.
+    or, on a curved road, as it was last.
 
     The commands were recorded after all delays.
     """
 
     def __init__(self, replays: Sequence[Replay], terms: Terms) -> None:
         super().__init__(terms)
-        # (n, steps, 6), as in `records.MOTION`; of replays of two columns the first four are 0
+        # (n, steps, 6), as in `records.MOTION`; of replays of two columns the first four are 0;
+        # the last step, beyond the longest recording, stands for all that follow
         self._commands = np.zeros((len(replays), 1 + max(len(it.commands) for it in replays), 6))
         for row, it in enumerate(replays):
             self._commands[row, : len(it.commands), -it.commands.shape[1] :] = it.commands
@@ -463,7 +468,7 @@ class Replays(EgoControl):
 class Policies(EgoControl):
     """Common part of plain Python policies, one in each row or one for all."""
 
-    checks = False  # whether a refused call is reported by the check that follows
+    checks = False  # whether `_check` reports a refused call, so `_fail` does not
 
     def __init__(self, seeds: Sequence[int], terms: Terms) -> None:
         super().__init__(terms)
@@ -529,6 +534,7 @@ class Policies(EgoControl):
         sentence = f"The ADS raised {when}: {said(error)}."
         if isinstance(error, ControllerError):
             fault, words = _fault(error), words_of(error, SENTENCE)
+            # a message may end with the time already
             sentence = words if words.endswith(f" {when}.") else str(with_time(error, when))
         for row in rows:
             world.keep_fault(int(world.rows[row]), error, target, self._terms.folder)
@@ -589,7 +595,7 @@ class OneEach(Policies):
         commands, commanded_rows, took = [], [], None
         wall_time, terms = clock.perf_counter, self._terms
         if self._alone:
-            GUARD.heard()  # step listeners come before the policy
+            GUARD.heard()  # call the ADS's step listeners, before its policy
         # a single row is live, and need not be looked for
         for row in np.flatnonzero(world.egos["live"]).tolist() if len(egos) > 1 else (0,):
             case = int(world.rows[row])
@@ -623,7 +629,7 @@ class OneEach(Policies):
                     )
             except KeyboardInterrupt:
                 raise
-            except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
+            except BaseException as error:  # noqa: BLE001 - passed to `_fail`
                 world.latencies.own[case].append(wall_time() - asked)
                 self._fail(world, [row], error, f"at {time:.2f} s", policy.target)
                 continue
@@ -635,6 +641,7 @@ class OneEach(Policies):
         if commands:
             self._commands[commanded_rows] = commands
         self._check(world, time)
+        # the last row's: only a case that is alone has a step budget
         self._pass_on(world, took)
 
     def release(self, world: World, row: int) -> None:

@@ -47,7 +47,7 @@ class Hyperparameters(NamedTuple):
 def covariance(points: FloatArray, parameters: Hyperparameters) -> FloatArray:
     """Eq. 7: K of training points, (n, n), without the training values' own variances.
 
-    points: x, (n, k), in unit boxes, from `zone_surface.fit`.
+    points: x, (n, k), each coordinate scaled to 0..1 by `zone_surface.fit`.
     parameters: sf^2, sl (k,), sn^2, without unit.
     """
     between = pdist(points / np.array(parameters.length_scales), "sqeuclidean")
@@ -67,8 +67,8 @@ class MarginalLikelihood:
     def __init__(self, points: FloatArray, target: FloatArray, variances: FloatArray) -> None:
         self._points, self._target, self._variances = points, target, variances
         # Squared distances along each coordinate, (k, n n), doubled above the diagonal and 0 below.
-        # `inner` is right in this triangle only; by symmetry the sum of the products over it is the
-        # sum over both triangles.
+        # `inner` of `__call__` is right in this triangle only; by symmetry the sum of the products
+        # over it is the sum over both triangles.
         apart = (points.T[:, :, None] - points.T[:, None, :]) ** 2
         self._squares = 2.0 * np.triu(apart).reshape(points.shape[1], -1)
 
@@ -97,7 +97,8 @@ class MarginalLikelihood:
         inner -= inverse.T  # right on and above the diagonal only
         diagonal = inner.diagonal().copy()
         by_noise = parameters.noise * float(diagonal.sum())
-        # dK / d log sf^2 = K - sn^2 I - diag(variances). The trace with K alone is weights^T y - n.
+        # With K here including the variances: dK / d log sf^2 = K - sn^2 I - diag(variances). The
+        # trace with K alone is weights^T y - n, as K weights = y.
         by_signal = float(y @ weights) - n - by_noise - float(diagonal @ self._variances)
         # dK / d log sl = K (x - x')^2 / sl^2
         inner *= k

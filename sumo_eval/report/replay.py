@@ -43,7 +43,7 @@ def write_replay(
         views = [_view(fact, store, trajectories)]
         if beside is not None:
             views.append(_view(_companion(fact, store, beside), store, trajectories))
-        first_ghost = len(trajectories)
+        first_ghost = len(trajectories)  # ghosts: human drivers, and the ego recorded on the road
         drivers = store.driven_at(fact.scenario, fact.point, "human")
         trajectories += [store.trajectory(driver.case) for driver in drivers]
     concrete = logical.concrete(**fact.values)
@@ -77,7 +77,7 @@ def recorded_ego(places: Sequence[tuple[float, float]]) -> Trajectory:
 
 
 def recorded(run: Path, key: str) -> Fact:
-    """A drive that has a recording, by its case's key.
+    """The fact of a drive that `write_replay` can play, by its case's key.
 
     Raises InputError if it has none, or its trajectories were discarded.
     """
@@ -93,7 +93,7 @@ def recorded(run: Path, key: str) -> Fact:
 
 
 def _view(fact: Fact, store: Store, trajectories: list[Trajectory]) -> dict[str, Any]:
-    """One drive; its trajectories are added to the list and named by their places in it."""
+    """One drive. Its trajectories are appended; `vehicles` has each vehicle's index in the list."""
     vehicles = store.trajectories(fact.case)
     places = {name: len(trajectories) + place for place, name in enumerate(vehicles)}
     trajectories += vehicles.values()

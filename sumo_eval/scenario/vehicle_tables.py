@@ -169,15 +169,15 @@ class EgoTable(Checked):
                 "`goal_lane`", owner, f"a lane beside lane {lane}, in which the ego starts", goal
             )
         own, other = road.span(lane), road.span(goal)
-        by = (
-            min(own.end, other.parted_from, other.end) if self.change_by is None else self.change_by
-        )
+        by = self.change_by
+        if by is None:
+            by = min(own.end, other.parted_from, other.end)
         if math.isinf(by):
             raise InputError(
                 f"The ego of {owner} must have a `change_by`: neither its lane nor the other one "
                 "ends."
             )
-        # parted: a ramp, which no lane change reaches
+        # parted_until, parted_from: before, after, the lane is a ramp, which no lane change reaches
         first = max(own.parted_until, other.parted_until, own.begin, other.begin, 0.0)
         last = min(own.end, other.end, own.parted_from, other.parted_from, road.length)
         if not first <= begin <= by - LEAST_CHANGE or by > last:
@@ -185,7 +185,7 @@ class EgoTable(Checked):
                 f"within {first:g}..{last:g} m and {LEAST_CHANGE:g} m apart, where both lanes are"
             )
             raise must_be("`change_from` and `change_by`", owner, within, f"{begin:g} and {by:g} m")
-        return Way(road.lane_width * (goal - lane), begin, by, math.isfinite(own.end))
+        return Way(road.lane_width * (goal - lane), begin, by, ends=math.isfinite(own.end))
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,9 +209,9 @@ class ManoeuvreTable(Checked):
             "keep_speed; brake to a standstill; change_lane smoothly in `duration`; "
             "change_lane_cosine along half a cosine, OpenSCENARIO's sinusoidal; move_sideways at "
             "`speed`; accelerate to `speed`; speed_profile through `speeds` at `times` or "
-            "`places`; sinus, a swing to both sides; path through `points`, or through `lanes` at "
-            "`places`; follow by a model of SUMO that reacts, from the start on or, as the last "
-            "manoeuvre, from `when` on"
+            "`places`; sinus, a swing to one side and back, the next to the other side; path "
+            "through `points`, or through `lanes` at `places`; follow by a model of SUMO that "
+            "reacts, from the start on or, as the last manoeuvre, from `when` on"
         ),
     ]
     name: Annotated[str, About("name, for `ended(vehicle, name)` in a condition")] = ""
@@ -286,11 +286,11 @@ class ManoeuvreTable(Checked):
 
     @property
     def lively(self) -> bool:
-        """Whether only a played vehicle or SUMO can do it: it waits for a condition, or its motion
-        has no closed form.
+        """Whether its motion is known only in the drive, from a script in steps or from SUMO: it
+        waits for a condition, or has no closed form.
         """
-        at_a_time = ("keep_speed", "brake", "change_lane", "change_lane_cosine", "move_sideways")
-        return self.when is not None or self.do not in at_a_time
+        closed_form = ("keep_speed", "brake", "change_lane", "change_lane_cosine", "move_sideways")
+        return self.when is not None or self.do not in closed_form
 
     def read(self, vehicle: str, names: Names, road: Road) -> Move:
         """Check this table and read its formulas and its condition.
@@ -306,10 +306,10 @@ class ManoeuvreTable(Checked):
                 raise InputError(f"{owner} must have `{key}`.")
             if not absent and key not in (*needed, *allowed):
                 raise InputError(f"{owner} has no `{key}`.{did_you_mean(key, (*needed, *allowed))}")
-        # where they are not those of the key
+        # limits of formulas where they are not those of the key's annotation
         limits = {
             "follow": {"speed": ABOVE_0},
-            # inf is its default; `constant_lateral` refuses 0 and less
+            # inf may be given, as `constant_lateral`'s default is; it refuses 0 and less itself
             "move_sideways": {"acceleration": Limits(endless=True)},
         }.get(self.do, {})
         numbers = names.quantities(self, what, **limits)
@@ -320,6 +320,7 @@ class ManoeuvreTable(Checked):
             )
         when: list[Step] = []
         if self.when is not None:
+            # only a `follow` may use `departed`, the ego's distance from the recorded ego
             when = trigger(self.when, owner, names, departs=names.departs and follows)
         return Move(self, numbers, tuple(self._pairs(what, owner, names, road)), tuple(when))
 
@@ -449,7 +450,7 @@ class VehicleTable(Checked):
         """Whether only a played vehicle or SUMO can drive like it, as in `Actor.lively`."""
         turned = self.heading is not None or self.lateral_speed is not None
         brakes = any(it.do == "brake" for it in self.manoeuvre)
-        # a condition may ask whether a named `keep_speed` has ended, and one may end a braking
+        # a condition may ask whether a named `keep_speed` has ended, and any may end a braking
         keeps = any(it.do == "keep_speed" and (it.name or brakes) for it in self.manoeuvre)
         return turned or self.on_map or keeps or any(it.lively for it in self.manoeuvre)
 
@@ -566,6 +567,7 @@ class Vehicle:
                     Act(played.FOLLOW, begin, RECORDED_EVERY, table=recorded, program=program)
                 )
         elif table.lively and all(act.timed for act in acts):
+            # its acts have closed forms: one that changes no motion makes the actor `lively` too
             acts.append(keeps_on(acts))
         return Actor(
             table.name,

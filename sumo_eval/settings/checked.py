@@ -64,7 +64,8 @@ def about(cls: type, name: str) -> About:
     return About("")
 
 
-# annotation: (accepted type, words for it); object: any, as the annotation's parts decide
+# annotation: (accepted type, words for it). A union or a Literal accepts any type here: the rule's
+# `inner` or `choices` decide. `Any` accepts all.
 _KINDS: dict[object, tuple[Any, str]] = {
     float: (Real, "a number"), int: (Integral, "a whole number"), bool: (bool, "true or false"),
     str: (str, "a text"), dict: (Mapping, "a table"), tuple: ((list, tuple), "a list"),
@@ -81,7 +82,8 @@ _CHECKS: tuple[tuple[type, str, Callable[[Any, Any], bool], str], ...] = (
 
 
 class Checked:
-    """Base of all settings: refuses a value that does not fit its annotation, as from a file.
+    """Base of all settings: refuses, in Python as in a file, a value that does not fit its
+    annotation.
 
     A subclass with a `__post_init__` of its own calls `Checked.__post_init__(self)` in it:
     `super()` fails in a dataclass with slots.
@@ -101,7 +103,7 @@ class Checked:
 class _Rule(NamedTuple):
     """Demands of an annotation on a value.
 
-    form: outermost part of the annotation, e.g. dict of dict[str, float]; None of a plain type.
+    form: outermost part of the annotation, e.g. dict of dict[str, float]; of a plain type: None.
     optional: whether None is accepted.
     choices: accepted values of a Literal; empty for other annotations.
     kind, kind_words: as in `_KINDS`.
@@ -127,12 +129,13 @@ def _rules(cls: Any) -> tuple[tuple[str, _Rule], ...]:
 def _rule(hint: Any) -> _Rule:
     """The rule of an annotation."""
     base, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
-    kinds, form = get_args(base), get_origin(base)
-    optional = type(None) in kinds
-    kinds = tuple(it for it in kinds if it not in (type(None), ...))
-    if optional and len(kinds) == 1:
-        # the rule without None; `Annotated` must have a mark, and `marks` may be empty: so None
-        return _rule(Annotated[kinds[0], *marks, None])._replace(optional=True)
+    parts, form = get_args(base), get_origin(base)
+    optional = type(None) in parts
+    parts = tuple(it for it in parts if it not in (type(None), ...))
+    if optional and len(parts) == 1:
+        # The rule of the one kind beside None. `Annotated` must have a mark, and `marks` may be
+        # empty: it also gets the mark None, which checks nothing.
+        return _rule(Annotated[parts[0], *marks, None])._replace(optional=True)
     kind, kind_words = _KINDS.get(form or base) or (base, f"a table (`{base.__name__}`)")
     bounds = tuple(
         (holds, getattr(mark, attribute), words)
@@ -140,8 +143,8 @@ def _rule(hint: Any) -> _Rule:
         for bound, attribute, holds, words in _CHECKS
         if isinstance(mark, bound)
     )
-    choices = kinds if form is Literal else ()
-    inner = () if choices else tuple(map(_rule, kinds))
+    choices = parts if form is Literal else ()
+    inner = () if choices else tuple(map(_rule, parts))
     return _Rule(form, optional, choices, kind, kind_words, bounds, inner)
 
 
@@ -174,7 +177,7 @@ def _wrong(value: Any, rule: _Rule, place: str = "") -> Wrong | None:
     if not wrongs or len(wrongs) < len(rule.inner):
         return None
     words = " or ".join(dict.fromkeys(demand for _, demand, _ in wrongs))
-    # a mistake deeper in the value replaces the demands that all kinds make on all of it
+    # a mistake in a part of the value says more than the kinds' demands on the whole: return it
     return next((it for it in wrongs if it[0] != place), (place, words, value))
 
 

@@ -1,6 +1,7 @@
 """Public catalogues of OpenSCENARIO files: where they are in the user's own copy.
 
-`scenario.formats` makes entries of an evaluation of them (`entries_of`), `import` lists them.
+`scenario.formats` makes entries of an evaluation of them (`entries_of`, through `format.py`), and
+the command `sumo-eval import` lists their files.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ class Collection:
     folders: where its files may be below the user's copy, which may be the whole repository or a
         part of it; the first with files counts.
     pattern: of the names of its files.
-    extra: patterns, below the same folder, of scenario files that no variation file names.
+    extra: patterns, below the same folder, of scenario files that no file of `pattern`
+        refers to.
     """
 
     about: str
@@ -56,7 +58,7 @@ COLLECTIONS: Mapping[str, Collection] = {
         source="asam-oss/OSC-ALKS-scenarios",
         folders=("Scenarios/ALKS_Scenarios", "logical_scenarios", "."),
         pattern="*_variation.xosc",
-        extra=("concrete_scenarios/*4_4_2*_template.xosc",),
+        extra=("concrete_scenarios/*4_4_2*_template.xosc",),  # 4.4_2 has no variation file
     ),
     "ncap_2026": Collection(
         about="Euro NCAP 2026, crash avoidance, frontal collisions, standard range",

@@ -2,7 +2,7 @@
 headings (`NN_tracks.csv` ...).
 
 They share one layout: x to the east, y to the north, heading in degrees counter-clockwise. Roads
-may be curved, so the samples are straightened along the paths that vehicles drive.
+may be curved, so `importing` straightens the samples along the paths that vehicles drive.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ _TRACKS = (
 def read_tables(path: Path, *columns: Sequence[str]) -> list[pd.DataFrame]:
     """The tables of a recording of levelX: tracks, vehicles and facts on the recording.
 
-    columns: of each table, those that it must have; of the vehicles' table the key comes first.
+    columns: for each table, those that it must have; in the vehicles' table the first is its key.
     """
     stem = path.name.removesuffix("_tracks.csv")
     require(stem != path.name, path, "must be called NN_tracks.csv, beside its NN_tracksMeta.csv")
     names = "tracks", "tracksMeta", "recordingMeta"
     paths = [path.with_name(f"{stem}_{name}.csv") for name in names]
     tables = [read_table(place, needed) for place, needed in zip(paths, columns, strict=True)]
-    # lonAcceleration may be missing
+    # all needed columns, and lonAcceleration if it is there
     checked_numbers(tables[0], sorted({"lonAcceleration", *columns[0]} & {*tables[0]}), path)
     key = columns[1][0]
     checked_numbers(tables[1], (key,), paths[1])
@@ -52,7 +52,7 @@ def read(path: Path) -> Samples:
     """The samples of one recording, and a note on the road users that are left out."""
     tracks, meta, about = read_tables(path, _TRACKS, ("trackId", "class"), ("frameRate",))
     kind = tracks["trackId"].map(meta.set_index("trackId")["class"])
-    has_box = tracks["length"] > 0.0  # not so pedestrians and bicycles
+    has_box = tracks["length"] > 0.0  # pedestrians and bicycles have none
     table = pd.DataFrame(
         {
             "recording": path.name.removesuffix("_tracks.csv"),
