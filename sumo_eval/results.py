@@ -62,7 +62,7 @@ class DrivenAlone:
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """Note on an ADS that asks SUMO, some of whose drives shared a simulation.
+    """Note on an ADS that asks SUMO itself (TraCI code), some of whose drives shared a simulation.
 
     compared: number of these drives that were repeated alone, with equal results.
     drives: number of all drives that shared a simulation.
@@ -249,7 +249,7 @@ class ScenarioResult:
         only.
 
     Numbers of cases
-    cases: of all; safe_cases, hazardous_cases: by zone.
+    cases: number of all; safe_cases, hazardous_cases: those of the zone.
     collisions: avoidable_collisions (the ideal vehicle avoids them) + unavoidable_collisions (it
         collides too) + those whose ideal vehicle could not be evaluated.
     caused_collisions: the avoidable ones that `no_reaction` avoids too.
@@ -261,12 +261,12 @@ class ScenarioResult:
 
     Intervals
     <score>_interval: 95 % interval of a score, from the points, the drivers and collisions that
-        were not seen (`sumo_eval.scoring.confidence.intervals`). Its ends include the score with
-        the missing cases counted as worst and as best. The worst of a missing safe case is a
-        collision, which leaves S without D. None: fewer than two cases are `counted`,
-        and none is missing.
-    half_widths_by_source: half the width of the intervals of S and S+ that points (`cases`) alone
-        and drivers alone cause.
+        the points may have missed (`sumo_eval.scoring.confidence.intervals`). Its ends include the
+        score with the missing cases counted as worst and as best. The worst of a missing safe case
+        is a collision, which leaves S without D. None: fewer than two cases are counted
+        (`CaseProperties.counted`: evaluated, or given up), and none is missing.
+    half_widths_by_source: score (`s`, `s_plus`) -> source (`cases`, `drivers`) -> half the width of
+        its interval by that source alone.
     """
 
     ads: str
@@ -442,8 +442,8 @@ class Evaluation:
     scenarios: Mapping[str, LogicalScenario] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        # a caller may give records, or some rows of a table: both become a table of their own,
-        # which has parts
+        # cases may be given as records or as a part of a table: both become a whole table, which
+        # can be divided into parts
         is_part = isinstance(self.cases, CaseTable) and self.cases.rows is not None
         object.__setattr__(self, "cases", CaseTable.of(iter(self.cases) if is_part else self.cases))
 

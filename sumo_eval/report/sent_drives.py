@@ -28,11 +28,14 @@ CHANNEL_STEPS = {
     "time": 1e-3, "x": 1e-2, "y": 1e-3, "heading": 1e-4, "speed": 1e-2, "acceleration": 5e-2,
     "steering_wheel_angle": 5e-3,
 }  # fmt: skip
-"""Channels of an embedded trajectory and what they are rounded to: s, m, m, rad, m/s, m/s2, rad."""
+"""Channels of an embedded trajectory and what they are rounded to: s, m, m, rad, m/s, m/s2, rad.
+
+1 / step is whole: templates/field.js divides by it.
+"""
 
 MOST_WHOLE = 2**30 - 1
-"""The largest whole number of steps that a channel's differences hold: any difference of two fits
-in 32 bits."""
+"""The largest number of steps that is packed: the difference of two such numbers fits in 32 bits.
+Larger ones go to `beyond`."""
 
 Point = tuple[str, int]
 """A concrete scenario: the logical scenario's name and the point's number."""
@@ -51,8 +54,8 @@ class Embedded:
 
 
 MOST_BYTES = 4_500_000  # of embedded trajectories; the whole page stays below 10 MB at 5,000 cases
-BYTES_OF_A_RUN = 900  # about, of a trajectory; the chosen ones are measured before embedding
-BYTES_BEYOND = 40  # about, of an entry of `beyond`
+BYTES_OF_A_RUN = 900  # about, of a trajectory (here a "run"); chosen ones are measured when packed
+BYTES_BEYOND = 40  # about, of an entry of `beyond` (`encode_trajectories`)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +64,7 @@ class Drives:
 
     trajectories: as the page reads them.
     rows: what is said of them beside each case, in the order of the cases.
-    drivers: of each point, the places of its drivers' among the trajectories.
+    drivers: by point, the indices of its drivers' trajectories in `trajectories`.
     """
 
     trajectories: Mapping[str, Any]
@@ -101,7 +104,8 @@ def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> Se
             size = sum(one.size for one in found.values())
             if size <= MOST_BYTES or not embedded.points:
                 return SentDrives(embedded, found)
-            runs = int(runs * 0.95 * MOST_BYTES / size)  # as many as fit, by what these really took
+            # as many as fit by what these really took, less 5 %, so that the next choice fits
+            runs = int(runs * 0.95 * MOST_BYTES / size)
 
 
 def _drives(scenario: str, store: Store, embedded: Embedded, points: Mapping[str, int]) -> Drives:
@@ -109,7 +113,9 @@ def _drives(scenario: str, store: Store, embedded: Embedded, points: Mapping[str
     trajectories: list[Trajectory] = []
     rows: list[dict[str, Any]] = []
     shown = set(points.values())
-    numbers = {at: drives for at, drives, _ in store.drivers_at_points(scenario) if at in shown}
+    driver_counts = {
+        at: drives for at, drives, _ in store.drivers_at_points(scenario) if at in shown
+    }
     for case, number in points.items():
         here = (scenario, number) in embedded.points
         recorded = store.trajectories(case) if here else {}
@@ -118,11 +124,11 @@ def _drives(scenario: str, store: Store, embedded: Embedded, points: Mapping[str
         fact = store.fact(case) if EGO in recorded else None
         rows.append({
             "point": number,
-            # nothing lacks of a drive that never began; a discarded one lacks its trajectories
+            # a drive that never began has no trajectories to miss; a discarded one has lost them
             "embedded": here and (bool(recorded) or not store.is_discarded(case)),
             "vehicles": vehicles,
             "contact": fact and contact_of(fact, recorded[EGO]),
-            "drivers": numbers.get(number, 0),
+            "drivers": driver_counts.get(number, 0),
         })  # fmt: skip
     drivers: dict[int, list[int]] = {}
     for number in sorted(number for name, number in embedded.with_drivers if name == scenario):
@@ -141,8 +147,9 @@ def worth_embedding(
     """The points whose trajectories travel in the page: all, or as many as `most_runs` allows, the
     most telling first.
 
-    Cases that could not be evaluated and incidents, the hardest first, come first, without their
-    drivers where not all fit, then the least human-like.
+    First, without their drivers, the cases that could not be evaluated, then the incidents, the
+    hardest first. Then, as far as there is room, all points in the same order with their drivers;
+    after the incidents come the least human-like cases.
 
     cases_of: those that the page has, by scenario.
     points_of: their points, by case.
@@ -161,7 +168,7 @@ def worth_embedding(
     for case, tell in zip(every, telling(CaseTable.of(every)).tolist(), strict=True):
         at = case.scenario, points_of[case.scenario][case.case]
         tells[at] = max(tells.get(at, 0.0), tell)
-    own, humans = runs.values()
+    own, humans = runs.values()  # trajectories at each point, of the ADSs and of the drivers
     order = sorted(tells, key=lambda point: (-tells[point], point))
     chosen: set[Point] = set()
     with_drivers: set[Point] = set()
@@ -203,9 +210,11 @@ def contact_of(fact: Fact, ego: Trajectory) -> dict[str, Any] | None:
 def _points_of(
     store: Store, cases_of: Mapping[str, Sequence[CaseResult]]
 ) -> dict[str, dict[str, int]]:
-    """The points of some cases, by scenario and case in their order; no more is held of the facts:
-    there may be millions.
+    """The points of some cases, by scenario, then by case in the order given.
+
+    Only these are kept of the facts, of which there may be millions.
     """
+    # -1 keeps a case's place in the order until its point is read
     points = {name: dict.fromkeys((one.case for one in its), -1) for name, its in cases_of.items()}
     for name, own in points.items():
         own |= {case: at for case, at, _ in store.names("ads", name) if case in own}
@@ -234,7 +243,8 @@ def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
         held = np.abs(whole) <= MOST_WHOLE
         beyond += [[name, *run] for run in _runs_of_one_value(channel, ~held)]
         change = np.diff(np.where(held, whole, 0.0).astype("<i4"), prepend=np.int32(0))
-        # 2 c, and -2 c - 1 below 0: small numbers of either sign; first all lowest bytes, and so on
+        # zigzag: c >= 0 becomes 2 c, c < 0 becomes -2 c - 1, so small changes are small numbers; <<
+        # and >> bind before ^. Then the lowest bytes of all samples, the second ones, and so on.
         folded = change << 1 ^ change >> 31
         planes.append(folded.astype("<i4").view(np.uint8).reshape(-1, 4).T.tobytes())
     return {

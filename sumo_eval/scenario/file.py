@@ -51,6 +51,7 @@ def _with_options(
 ) -> tuple[ScenarioFile, dict[str, float]]:
     """The file as it is with the options that are given, and the value of every option by name."""
     owner = f"scenario `{table.name}`"
+    # an option without a default is infinite unless given
     values = {
         item.name: math.inf if item.default is None else item.default for item in table.option
     }
@@ -67,7 +68,7 @@ def _with_options(
         if not (math.isfinite(value) and (item.above is None or value > item.above)):
             raise must_be(f"`{item.name}`", owner, wanted, given[item.name])
         values[item.name] = value
-        changes = item.given
+        changes = item.given  # what the file changes when this option is given
         # the value as a part of the scenario's name, which has no `-`, `.` and `+`
         word = f"{value:g}".replace("-", "minus_").replace(".", "_").replace("+", "")
         table = replace(
@@ -131,16 +132,19 @@ def check_points(logical: LogicalScenario, points: FloatArray) -> None:
     Raises InputError at the first fault.
     """
     for concrete in logical.concretes(points):
-        concrete.simulation(SimulationSettings())  # a parameter may be a setting, with bounds
-        start, end = concrete.ego.x, logical.road.length
-        if start >= end:
+        # called for its error only: a parameter may be a setting, whose bounds it may break
+        concrete.simulation(SimulationSettings())
+        # a case ends when the ego is at x = `length`, before the end of the road, `road.end`
+        start, ends_at = concrete.ego.x, logical.road.length
+        if start >= ends_at:
             at = f"scenario `{logical.name}` at {concrete.label}"
-            raise must_be("`end.x`", at, f"beyond the ego's start, x = {start:g} m", end)
+            raise must_be("`end.x`", at, f"beyond the ego's start, x = {start:g} m", ends_at)
         ego_body = logical.ego_body or STANDARD_EGO
         for wrong in misplaced(logical.road, concrete.ego, ego_body, concrete.actors):
             raise must_be(
                 wrong.what, f"scenario `{logical.name}` at {concrete.label}", wrong.must, wrong.got
             )
+        # the run's own limit is not known here: any moment may count
         limit = math.inf if logical.time_limit is None else logical.time_limit
         for actor, index in never_begin(concrete, limit):
             name = actor.acts[index].name or f"number {index + 1}"
@@ -149,6 +153,7 @@ def check_points(logical: LogicalScenario, points: FloatArray) -> None:
                 f"`{logical.name}` at {concrete.label} can never hold, whatever the ego does: the "
                 "manoeuvre would never begin."
             )
+    # called for their errors only
     if logical.approach is not None:
         logical.approach(logical.columns(points))
     if logical.margin is not None:

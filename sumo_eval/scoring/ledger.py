@@ -44,7 +44,8 @@ class LedgerLine:
     scale: points of S+ or S for 1 of the index.
     entries: its m cases, the costliest first.
     parts: contribution of each case to the index, (m,); a loss is negative.
-    cases: number of these cases that lost at least `WORTH_COUNTING`; for T, `NOTICEABLE` of t_i.
+    cases: number of these cases that lost at least `WORTH_COUNTING` of the index; in T, those whose
+        t_i is below 1 - `NOTICEABLE`.
     equation: its number in the paper; empty for a term that is not the paper's.
     """
 
@@ -107,7 +108,7 @@ def ledger_plus(found: Findings) -> Ledger:
 
 
 def ledger(found: Findings) -> Ledger:
-    """Every term, scale and correction of S, Eq. 18."""
+    """S, Eq. 18: C = 1 and D = 1, less what collisions and the factors of D_i take from it."""
     points = worth(found.settings.method.score)  # of C = 1 and of D = 1
     lines = _scaled(points.c, _collision_lines(found)) + _scaled(points.d, _likeness_lines(found))
     return Ledger("S", found.score, tuple(lines))
@@ -141,8 +142,8 @@ def _task_lines(found: Findings) -> _Lines:
     if found.score.task_share is None:
         yield _line(found, "T", NOT_COMPUTED, alone=-1.0)
         return
-    shares = cases.task_share
-    lost = np.nan_to_num(found.shares(found.tasked, cases.exposure) * (1.0 - shares))
+    task_shares = cases.task_share
+    lost = np.nan_to_num(found.shares(found.tasked, cases.exposure) * (1.0 - task_shares))
     groups = {
         "given up": cases.gave_up,
         "a contact": cases.collided,
@@ -151,7 +152,7 @@ def _task_lines(found: Findings) -> _Lines:
         "stands where the references drive": found.stands,
         "slower than the slowest reference": lost > 0.0,  # all that are left
     }
-    yield from _first_of(found, "T", groups, lost, shares < 1.0 - NOTICEABLE)
+    yield from _first_of(found, "T", groups, lost, task_shares < 1.0 - NOTICEABLE)
 
 
 def _first_of(
@@ -184,7 +185,7 @@ def _avoided_lines(found: Findings) -> _Lines:
         return
     lost = np.nan_to_num(found.share_lost)
     groups = {
-        # a departure with a larger U before it gave up is below, in "left the road"
+        # given up after a departure with a larger U: below, in "left the road"
         "given up, which counts as doing nothing": cases.gave_up
         & (cases.incident_severity <= cases.no_reaction_severity),
         "collisions that the ADS caused: a vehicle that does nothing has none": cases.caused,
@@ -197,7 +198,7 @@ def _avoided_lines(found: Findings) -> _Lines:
 
 def _human_lines(found: Findings) -> _Lines:
     """Losses in H: by incidents, then by the factors of all other cases."""
-    cases, counted = found.cases, found.likened
+    cases, counted = found.cases, found.likened  # counted: with a human-likeness
     if found.score.human_likeness is None:
         yield _line(found, "H", NOT_COMPUTED, alone=-1.0)
         return
@@ -237,7 +238,8 @@ def _likeness_lines(found: Findings) -> _Lines:
     yield _line(found, "D", whole, alone=1.0, equation="13")
     if found.score.d is None:
         hits = np.flatnonzero(cases.voids_index)
-        # each collision alone would void D, so they share the loss equally
+        # Without D, S lacks its term (Eq. 18): -1, shared equally by the collisions, because each
+        # alone would void D; -1 without cases if there are none.
         each = np.full(len(hits), 1.0 / max(len(hits), 1))
         yield _line(found, "D", NOT_COMPUTED, hits, lost=each, alone=-1.0, equation="18")
         return
@@ -257,9 +259,9 @@ def _factor_lines(
     if not len(places):
         return
     cases = found.cases
-    factors, equation, index = LIKENESS_FACTORS, "", cases.human_likeness
+    factors, equation, likeness = LIKENESS_FACTORS, "", cases.human_likeness
     if term == "D":
-        factors, equation, index = FACTORS, "11–13", cases.index
+        factors, equation, likeness = FACTORS, "11–13", cases.index
     share = weights[places]
     values = np.column_stack([getattr(cases, field)[places] for field in factors.values()])
     losses = product_losses(values)
@@ -267,8 +269,8 @@ def _factor_lines(
         cause = name if name in ("similarity", "plausibility") else f"{name} factor"
         lost = share * losses[:, column]
         yield _line(found, term, cause, places, lost=lost, equation=equation)
-    # by how much the index is below the product of its factors; negative (a gain) if it is above
-    rest = share * (values.prod(axis=1) - index[places])
+    # by how much it is below the product of its factors; negative (a gain) if it is above
+    rest = share * (values.prod(axis=1) - likeness[places])
     if (np.abs(rest) > ROUNDING).any():
         cause = "the rest, not a product of the factors"
         yield _line(found, term, cause, places, lost=rest, equation=equation)

@@ -91,9 +91,10 @@ def line_of(text: str, place: Sequence[str | int]) -> int | None:
 def _outer_lines(text: str) -> Iterator[tuple[int, str]]:
     """Lines, numbered from 1, that do not begin within a text or a list over several lines."""
     open_brackets = 0
-    # a text over several lines, `it`, becomes as many empty lines; others stay
+    # a text over several lines becomes as many line breaks; a text in one line stays
     flat = _QUOTED.sub(lambda it: "\n" * it[0].count("\n") or it[0], text)
-    for number, line in enumerate(flat.split("\n"), start=1):  # as TOML and editors count
+    # by "\n" only, as TOML and editors count; `splitlines` splits at more
+    for number, line in enumerate(flat.split("\n"), start=1):
         if not open_brackets:
             yield number, line
         bare = _QUOTED.sub("", line)
@@ -142,7 +143,7 @@ def _check(value: Any, where: str, depth: int = 0) -> None:
     if isinstance(value, list):
         for item in value:
             _check(item, where, depth + 1)
-    # line breaks and tabs are allowed, and no length is too much
+    # refused if cleaning would change it; line breaks, tabs, and any length are allowed
     elif isinstance(value, str) and clean(flat := " ".join(value.split()), len(flat)) != flat:
         raise InputError(f"{where} must hold text without control characters, got {shown(value)}.")
     elif isinstance(value, int) and not -(2**63) <= value < 2**63:

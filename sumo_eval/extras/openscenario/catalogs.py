@@ -24,10 +24,10 @@ class Catalogs:
 
     @cached_property
     def _all(self) -> dict[str, list[Node]]:
-        """The catalogs by name; several files may have one of a name."""
+        """The catalogs by name; files may share a name, and then all their entries count."""
         catalogs: dict[str, list[Node]] = {}
         for _, at in self.folders:
-            depends_on(at)  # a folder changes when a file is added to it
+            depends_on(at)  # adding a file changes the folder, and then scenes are read again
         # one folder may be named for several kinds of catalogs
         for file in dict.fromkeys(
             it.resolve() for _, at in self.folders for it in sorted(at.glob("*.xosc"))
@@ -61,12 +61,14 @@ class Catalogs:
             raise reference.fault(
                 f"entry `{entry}` of catalog `{name}` is there more than once: {places}"
             )
+        # (catalog, entry) of the references that led here: the same one again is a circle
         if (name, entry) in reference.entries:
             raise reference.fault(f"entry `{entry}` of catalog `{name}` refers to itself")
         given = {
             it.attribute("parameterRef").removeprefix("$"): it.worked_out(it.attribute("value"))
             for it in reference.all("ParameterAssignments/ParameterAssignment")
         }
+        # the entry with these parameters, and the constraints that they break
         part, broken = named[0].declared(given)
         if broken:
             raise reference.fault(f"a value that it gives breaks a constraint: {broken[0]}")

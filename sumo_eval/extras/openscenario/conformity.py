@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 NAMED = "named with its line"
+"""Words of a refusal: its message names the element and its line."""
 
 
 class Support(NamedTuple):
     """An element of the standard.
 
     treatment: `played`, `ignored` or `refused`.
-    words: how it is played, why it is ignored, or with what it is refused.
+    words: how it is played, why it is ignored, or how it is refused.
     """
 
     kind: str

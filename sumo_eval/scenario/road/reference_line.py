@@ -1,7 +1,7 @@
 """The reference line of a road: pieces whose curvature is linear in their length, and the frame
 along them.
 
-Everything on curved roads uses it: `scenario`, the loop of `cosim`, SUMO's files, the report.
+Everything on curved roads uses it.
 
 The line is the centre line of the right-hand lane. A place is (s, d) in its frame: s m along the
 line, d m to the left of it; a heading in the frame is the one on the map less the line's. On the
@@ -35,7 +35,7 @@ _MOST = 1e5  # m
 _MOST_TURN = 200.0 * math.pi  # rad
 
 # Newton's method for the foot of a perpendicular
-_CLOSE = 1e-7  # m: the method ends after a step as short: the error left is about its square
+_CLOSE = 1e-7  # m: the last step is shorter than this; the error that is left is about its square
 _TRIES = 20  # steps, at most
 # least value of 1 - curvature d, by which a step is divided: at a curve's centre it is 0
 _LEAST = 0.05
@@ -175,7 +175,7 @@ def stretch_at(knot: Any, u: float) -> Position:
         heading = knot.heading + u * (knot.curvature + 0.5 * knot.rate * u)
         curvature = knot.curvature + knot.rate * u
         return Position(knot.x + half * east, knot.y + half * north, heading, curvature)
-    # an arc: its chord points half as far round as the arc turns
+    # an arc: its chord has the heading of the arc's middle, half the arc's turn from its begin
     half_turn = 0.5 * knot.curvature * u
     chord = u if abs(half_turn) < 1e-9 else u * math.sin(half_turn) / half_turn
     x = knot.x + chord * math.cos(knot.heading + half_turn)
@@ -284,8 +284,8 @@ def frame_places(
     """(s, d, heading) in the frame of a line of places on the map, m and rad.
 
     x, y, heading: m, m and rad, arrays that broadcast to one shape.
-    near: a place beside a curved line may have several feet of a perpendicular: take the one near
-        this s, m, a number or (n,). None: the nearest one, by points of the line every 5 m.
+    near: an s, m, a number or (n,): of several feet of the perpendicular, take the one near it.
+        None: the one nearest to the place, searched from points of the line every 5 m.
     """
 
     def find_feet(line: NDArray[Any], places: FloatArray, framed: FloatArray) -> None:

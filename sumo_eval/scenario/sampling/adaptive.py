@@ -12,7 +12,7 @@ cell, their numbers are fixed before any of them is evaluated, and the weight of
 not depend on results. So the weighted mean of anything over one round has the space's mean as its
 expectation, whatever the earlier rounds found, and so has that of all rounds. (Weights V_h / n_h of
 a cell's points from all rounds would not: a cell that shows a collision early gets more points,
-which thin it out, and one that shows none by luck keeps showing none.)
+so that collision weighs less, and a cell that shows none by luck keeps showing none.)
 """
 
 from __future__ import annotations
@@ -61,7 +61,8 @@ def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
             f"{len(possible)} of its candidates are possible. Larger rounds have more candidates."
         )
     capacity = capacity_of_cells(logical, size, request.seed)
-    # points of each round in each cell
+    # Points of each round in each cell. The first round needs no limit of room: `_SPARE` candidates
+    # for each point leave enough.
     counts = request.rounds or (
         spread(size_of_next(budget, size, 0), np.ones(len(cells)), np.full(len(cells), np.inf)),
     )
@@ -85,15 +86,19 @@ def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
     points = possible[np.concatenate(chosen)]
     weight = taken.sum(axis=1, keepdims=True) * capacity / float(len(possible)) / taken
     weights = np.repeat(weight, taken.ravel())
-    stratum = np.repeat(np.arange(taken.size, dtype=np.intp), taken.ravel())
     exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points)) * weights
-    return Drawn(points, exposure, (), weights, stratum)
+    return Drawn(
+        points,
+        exposure,
+        stands_for=weights,
+        stratum=np.repeat(np.arange(taken.size, dtype=np.intp), taken.ravel()),
+    )
 
 
 def size_of_round(budget: int, size: int | None, owner: str) -> int:
     """Number of points of a round: as asked for, or a fifth of all.
 
-    Refuses what makes no rounds.
+    Refuses a budget or a size that makes no rounds.
     """
     if budget < SMALLEST_ROUND:
         raise must_be("`count`", owner, f"at least {SMALLEST_ROUND} points", budget)
@@ -110,6 +115,7 @@ def cells_of_round(size: int) -> int:
     """Number of cells of the space for rounds of this size: the largest power of 2 with which
     `LEAST_IN_CELL` points in every cell take at most half of a round.
     """
+    # the power of 2 at or below size // (2 * LEAST_IN_CELL)
     return min(1 << max(size // (2 * LEAST_IN_CELL), 1).bit_length() - 1, MOST_CELLS)
 
 
@@ -139,7 +145,9 @@ def spread(points: int, attention: FloatArray, room: FloatArray) -> tuple[int, .
     counts = [LEAST_IN_CELL] * len(attention)
 
     def gain(cell: int) -> tuple[float, int, int]:
-        """Key of a cell in the heap, which has the smallest key first."""
+        """Key of a cell in the heap, the smallest first: minus the root of the reduction that one
+        more point gives; of equal ones, the cell with the fewest points, then the first.
+        """
         return (
             -float(wanted[cell]) / math.sqrt(counts[cell] * (counts[cell] + 1)),
             counts[cell],
@@ -186,6 +194,7 @@ def _halved(rows: IntArray, unit: FloatArray, parts: int) -> Iterator[IntArray]:
     if parts == 1 or len(rows) < 2:
         yield rows
         return
+    # rounded: of sides that are nearly as wide, the first is taken
     axis = int(np.argmax(np.round(np.ptp(unit[rows], axis=0), 3)))
     order = rows[np.argsort(unit[rows, axis], kind="stable")]
     yield from _halved(order[: len(rows) // 2], unit, parts // 2)

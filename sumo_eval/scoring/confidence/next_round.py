@@ -76,17 +76,17 @@ def standing(
     else:
         half = max((_half_width(score) for score in scores), default=math.inf)
         width, unit = f"{half:.2f}", " points of S+"
-    wide = "an ADS has no interval"
+    state = "an ADS has no interval"
     if math.isfinite(half):
-        wide = f"half the widest 95 % interval is {width}{unit}"
+        state = f"half the widest 95 % interval is {width}{unit}"
     further = size_of_next(budget, size, done)
-    # why there are no more rounds
-    reason = f"{wide}; it was stopped, `--resume` drives more rounds"
+    # why there are no more rounds; if there are more, why they are not driven yet
+    reason = f"{state}; it was stopped, `--resume` drives more rounds"
     if sampling.until is not None and half <= sampling.until:
-        further, reason = 0, f"{wide}, no more than the {sampling.until:g} asked for"
+        further, reason = 0, f"{state}, no more than the {sampling.until:g} asked for"
     elif not further:
         asked = "" if sampling.until is None else f", more than the {sampling.until:g} asked for"
-        reason = f"all it may drive; {wide}{asked}"
+        reason = f"all it may drive; {state}{asked}"
     sentence = f"Adaptive sampling: {done} of at most {budget} points in {rounds} rounds; {reason}."
     return Standing(rounds, size, further, sentence)
 
@@ -114,6 +114,7 @@ def further_round(
     capacity = capacity_of_cells(logical, stands.size, done.settings.seed)
     cells = len(capacity)
     variance = np.zeros(cells)
+    # A stratum is a cell in a round, round * cells + cell: `% cells` is the cell.
     for one in rows:
         terms = case_terms(one, method)
         moved = (
@@ -122,8 +123,9 @@ def further_round(
             else plus_influence(terms, points.stands_for, method)
         )
         variance += variance_in_cells(moved, points.stratum % cells, cells)
-    # a stratum is a cell in a round: points of each round, by cell
+    # points of each round, by cell
     taken = np.bincount(points.stratum, minlength=stands.rounds * cells).reshape(-1, cells)
+    # cells hold equally many candidates, so V_h s_h is in proportion to s_h
     row = spread(stands.further, np.sqrt(variance), capacity - taken.sum(axis=0))
     return replace(sampling, rounds=(*(tuple(map(int, before)) for before in taken), row))
 
@@ -134,8 +136,8 @@ def variance_in_cells(values: FloatArray, cell: IntArray, cells: int) -> FloatAr
     values: (n,).
     cell: of each value its cell, (n,).
 
-    The variance of few values may be 0 by chance. The mean variance of all cells counts as one more
-    value in each cell, so that the next round still has points there.
+    The variance of few values may be 0 by chance. So a cell's squares have one more, the common
+    variance of all cells: n + 1 values have n degrees of freedom.
     """
     number = np.maximum(np.bincount(cell, minlength=cells), 1)
     mean = np.bincount(cell, values, cells) / number
@@ -145,14 +147,15 @@ def variance_in_cells(values: FloatArray, cell: IntArray, cells: int) -> FloatAr
 
 
 def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSettings) -> FloatArray:
-    """Points of S+ by which each case moves it, (n,), if it stands for one point: to first order.
+    """Influence of each case on S+, (n,): to first order, n times the points by which it moves S+,
+    scaled to a case that stands for one point of an even sample.
 
     terms: of the cases of an ADS.
     stands_for: number of points that each case stands for, (n,).
 
     S+ = T A' (a + b H). A case moves T by p (t - T) / sum(p), H likewise, and A by
     w ((1 - A) stake - lost) / sum(w stake). Each is multiplied by the slope of S+ along it. The sum
-    weighted by `stands_for` is 0 except for a constant in A and in H.
+    weighted by `stands_for` is 0.
     """
     values = point_values(terms, method)
     task, human = values["task_share"] or 0.0, values["human_likeness"] or 0.0
@@ -162,6 +165,7 @@ def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSetti
 
     stakes = Stakes.of(terms.severity, terms.ideal, terms.unreacting, terms.weight)
     at_stake = float(stakes.weight @ stakes.at_stake)
+    # weight and exposure contain `stands_for`, which is divided out
     if at_stake > 0.0 and avoided is not None:
         part = (1.0 - avoided) * stakes.at_stake - stakes.lost
         slope = task * manner * grade_slope(avoided, method.task.sharpness)
@@ -199,6 +203,7 @@ def _collided_half_width(terms: CaseTerms, points: Sample, place: IntArray) -> f
     stratum, weight = points.stratum[place], points.stands_for[place] / len(points.points)
     number = np.maximum(np.bincount(stratum), 1)
     mean = np.bincount(stratum, hit) / number
+    # weight is one per stratum: (weight n)^2 s^2 / n, with s^2 = sum((hit - mean)^2) / (n - 1)
     squares = np.bincount(stratum, (weight * (hit - mean[stratum])) ** 2)
     variance = float(np.sum(squares * number / np.maximum(number - 1, 1)))
     return float(ndtri(0.5 + LEVEL / 2.0)) * math.sqrt(variance)
