@@ -27,15 +27,12 @@ def test_the_tutorials_example_runs_from_the_public_recording_to_the_count_of_pe
     monkeypatch.chdir(tmp_path)
     SAMPLE["write_sample"](tmp_path / "recordings", 45)
     (tmp_path / "people.toml").write_text(evaluation)
-    said = ""
     example = [words for words in commands if "dlr_highway" in words or "people.toml" in words]
-    assert [words[0] for words in example] == ["humans", "humans", "run"]
+    assert [words[0] for words in example] == ["humans", "run"]
     for words in example:
         given = [*words, "--engine", "serial"] if words[0] == "run" else words
-        result = sumo_eval(*given, status=3 if words[0] == "run" else 0)
         # 3: concrete scenarios with fewer than three people get no D_i, as the page says
-        said += result.said
-    assert "3 have at least 3 recorded people" in said
+        sumo_eval(*given, status=3 if words[0] == "run" else 0)
     (told,) = json.loads((tmp_path / "results" / "people" / "scores.json").read_text())[
         "recorded_people"
     ]
