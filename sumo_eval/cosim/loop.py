@@ -254,7 +254,7 @@ def drive(world: World, driver: EgoControl, stage: Stage) -> None:
         if len(world.cases) > 1:
             raise
         if driver.unguarded and isinstance(error, SimulationError):
-            error = ControllerError(f"The ADS's program answers for this: {error}")
+            error = ControllerError(f"The ADS's program is responsible: {error}")
         break_off(world, error, moved)
     finally:
         for row in np.flatnonzero(world.egos["live"]).tolist():

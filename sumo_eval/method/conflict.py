@@ -36,7 +36,7 @@ from sumo_eval.settings import ZoneSettings
 from sumo_eval.trajectory import FloatArray, half_extents
 
 # A look is an instant at which bodies are compared.
-STEP = 0.1  # s between looks on conflicting ways; contacts between two looks are interpolated
+STEP = 0.1  # s between looks on conflicting ways; between two looks bodies move evenly
 HORIZON = 6.0  # s ahead in which a collision counts; one in 6 s has an ITTC of 0.17 1/s
 _LONGEST = 60.0  # s that are searched at most
 _FINER = 0.02  # s between looks where ways do not conflict

@@ -161,7 +161,7 @@ def test_a_client_that_makes_a_vehicles_place_no_number_gives_up(tmp_path, vehic
     )
     found = run(tmp_path, CLIENT)
     assert found.end_reason == "ads_error"
-    assert f"program answers for this: SUMO gave vehicle `{vehicle}` the place (nan" in found.error
+    assert f"program is responsible: SUMO gave vehicle `{vehicle}` the place (nan" in found.error
 
 
 def test_a_clients_own_subscriptions_are_its_own_to_make_and_to_end(tmp_path):

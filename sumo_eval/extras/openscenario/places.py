@@ -23,7 +23,7 @@ from sumo_eval.extras.openscenario.network import ON, Lane, MapRoad, Network
 from sumo_eval.extras.openscenario.reading import Node
 from sumo_eval.scenario.played import EGO, ENDED, Act, Move, Pairs, Program
 from sumo_eval.scenario.road.pose import Pose
-from sumo_eval.scenario.road.reference_line import Line, Piece, length_of, map_places
+from sumo_eval.scenario.road.reference_line import Line, length_of, map_places, piece_of_file
 
 ALONG = 0.01  # rad between headings of an entity and its lane, below which it drives along the lane
 EGO_ALONG = 0.1  # rad, the same for the ego, which must start along its lane
@@ -363,7 +363,11 @@ class Places:
         first = shape.find("ClothoidSplineSegment[1]/PositionStart")
         if first is None:
             raise shape.fault("its first segment must have a <PositionStart>")
-        pieces = tuple(map(_piece, shape.all("ClothoidSplineSegment")))
+        pieces = tuple(
+            piece_of_file(it.where, it.number("length"), it.number("curvatureStart"),
+                it.number("curvatureEnd"))
+            for it in shape.all("ClothoidSplineSegment")
+        )  # fmt: skip
         begin, total = self.spot(first), length_of(pieces)
         x, y, _ = map_places(pieces, np.linspace(0.0, total, math.ceil(total / _FINE) + 1), 0.0)
         points = tuple(
@@ -446,12 +450,3 @@ def entity_of(element: Node, catalogs: Catalogs) -> Entity:
         element.attribute("name"), size.above_zero("length", " m"), size.above_zero("width", " m"),
         centre.number("x"), centre.number("y"), body, element,
     )  # fmt: skip
-
-
-def _piece(segment: Node) -> Piece:
-    """A segment of a clothoid spline."""
-    ends = segment.number("curvatureStart"), segment.number("curvatureEnd")
-    try:
-        return Piece(segment.number("length"), *ends)
-    except InputError as error:
-        raise segment.fault(str(error)) from None

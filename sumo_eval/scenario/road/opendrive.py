@@ -26,7 +26,7 @@ from sumo_eval.errors import InputError, check_known, must_be
 from sumo_eval.scenario.road.lanes import LaneSpan, missing
 from sumo_eval.scenario.road.parametric import Cubic, pieces_along
 from sumo_eval.scenario.road.pose import Pose
-from sumo_eval.scenario.road.reference_line import Line, Piece, bends, length_of
+from sumo_eval.scenario.road.reference_line import Line, Piece, bends, length_of, piece_of_file
 from sumo_eval.scenario.xml_file import Element, read_xml
 from sumo_eval.text import capitalised, number_in
 
@@ -202,11 +202,8 @@ def reference_line(road: Element, owner: str) -> tuple[Line, Pose]:
         if kind == "paramPoly3":
             pieces += pieces_along(_cubic(shape, length, owner), length, owner)
         elif kind in _CURVATURES:
-            curvatures = (_number(shape, name, owner) for name in _CURVATURES[kind])
-            try:
-                pieces.append(Piece(length, *curvatures))
-            except InputError as error:
-                raise InputError(f"{capitalised(owner)}: {error}") from None
+            ends = (_number(shape, name, owner) for name in _CURVATURES[kind])
+            pieces.append(piece_of_file(capitalised(owner), length, *ends))
         else:
             raise must_be("A <geometry>", owner, "a line, an arc, a spiral or a paramPoly3", kind)
     if not pieces:

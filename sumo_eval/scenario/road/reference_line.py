@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sumo_eval.errors import must_be
+from sumo_eval.errors import InputError, must_be
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.trajectory import FloatArray
 
@@ -32,7 +32,7 @@ _LONGEST = 200.0  # m
 _FAR = 1e9  # m: length of the straight before the line, as a stretch of its own
 # What a file may ask of a piece: more would take minutes and all memory.
 _MOST = 1e5  # m
-_MOST_TURN = 200.0 * math.pi  # rad
+_MOST_TURN = 2000.0 * math.pi  # rad
 
 # Newton's method for the foot of a perpendicular
 _CLOSE = 1e-7  # m: the last step is shorter than this; the error that is left is about its square
@@ -90,8 +90,16 @@ class Piece:
         for name in ("begin", "end"):
             curvature = getattr(self, name)
             if not abs(curvature) * self.length <= _MOST_TURN:
-                must = "a finite curvature, 1/m, with at most 100 turns on the piece"
+                must = "a finite curvature, 1/m, that turns the piece at most 1000 times"
                 raise must_be(f"`{name}`", "a piece of a road", must, curvature)
+
+
+def piece_of_file(owner: str, length: float, *ends: float) -> Piece:
+    """A piece as a file asks for it; an error begins with `owner`, the place in the file."""
+    try:
+        return Piece(length, *ends)
+    except InputError as error:
+        raise InputError(f"{owner}: {error}") from None
 
 
 Line = tuple[Piece, ...]

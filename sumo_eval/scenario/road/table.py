@@ -10,7 +10,14 @@ from typing import Annotated
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.scenario.expression import checked_names, number
-from sumo_eval.scenario.road.reference_line import Line, Piece, bends, length_of, tightest
+from sumo_eval.scenario.road.reference_line import (
+    Line,
+    Piece,
+    bends,
+    length_of,
+    piece_of_file,
+    tightest,
+)
 from sumo_eval.settings import About, Checked, Positive, VehicleSettings
 from sumo_eval.text import capitalised
 
@@ -59,7 +66,8 @@ def line_of(
                     "`end_radius`."
                 )
             ends = table.radius, table.radius
-        pieces.append(Piece(table.length, *(_curvature(radius, options, owner) for radius in ends)))
+        curvatures = (_curvature(radius, options, owner) for radius in ends)
+        pieces.append(piece_of_file(capitalised(owner), table.length, *curvatures))
         check_line(pieces[-1:], lanes, lane_width, owner)
     drawn = length_of(pieces)
     if drawn > length + 1e-9:
