@@ -189,7 +189,7 @@ def demand_jump(demand: Callable[..., float], scene: Any, begin: float, end: flo
     `end`, where it changes by less than `JUMP`.
 
     `path_along` takes the demand in the middle of an interval. That is exact to second order where
-    the demand is smooth, but only to first order where it jumps: there the interval is parted.
+    the demand is smooth, but only to first order where it jumps: there the interval is split.
     """
     inside = _INSIDE * (end - begin)
     early, late = demand(scene, begin + inside), demand(scene, end - inside)

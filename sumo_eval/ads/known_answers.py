@@ -131,8 +131,8 @@ class IdealBraking(Compiled):
 
     Where it would touch a vehicle, it brakes as hard as the road allows, from the first change of
     that vehicle's state that it can see. It brakes until it is not alongside that vehicle, and not
-    faster than that will be at any later time; it never speeds up again. From that first change on
-    it also brakes while it closes on any vehicle in its path: `foresight` supposes a constant
+    faster than that one will be at any later time; it never speeds up again. From that first change
+    on it also brakes while it closes on any vehicle in its path: `foresight` supposes a constant
     speed, at which the ego would have been gone by then.
 
     It does not know what a lead vehicle hides. So it keeps a safe distance to that vehicle

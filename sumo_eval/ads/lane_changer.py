@@ -97,7 +97,7 @@ def _decide_at(scene: Any, after: float) -> float:
 
 
 @kernel
-def _part_at(scene: Any, step: float) -> float:
+def _split_at(scene: Any, step: float) -> float:
     """Instant within the coming cycle, 0..`step` s, at which the lane change begins, or the wanted
     acceleration jumps; `step`: neither.
     """
@@ -117,21 +117,21 @@ def _part_at(scene: Any, step: float) -> float:
 def _decide(scene: Any) -> float:
     """Command for the vehicle in the coming cycle, m/s2.
 
-    The cycle is parted at the instant at which the lane change begins, or the wanted acceleration
-    jumps. In each part counts the acceleration that is wanted in its middle.
+    The cycle is split at the instant at which the lane change begins, or the wanted acceleration
+    jumps. In each part, the acceleration that is wanted in its middle counts.
     """
     me, memory, scenario = scene[0], scene[1], scene[5]
     step, vehicle = scenario.step, scenario.vehicle
-    part = _part_at(scene, step)
+    split = _split_at(scene, step)
     gained, rest = 0.0, step  # m/s so far; s of the cycle that are left
-    if part >= step:
+    if split >= step:
         wanted = _decide_at(scene, 0.5 * step)
     else:
-        if part > 0.0:
-            before = max(wanted_at(scene, 0.5 * part), -vehicle.max_deceleration)
-            gained, rest = gained_towards(memory.pedals, before, part, vehicle), step - part
-        _decide_at(scene, part)
-        wanted = wanted_at(scene, 0.5 * (part + step))
+        if split > 0.0:
+            before = max(wanted_at(scene, 0.5 * split), -vehicle.max_deceleration)
+            gained, rest = gained_towards(memory.pedals, before, split, vehicle), step - split
+        _decide_at(scene, split)
+        wanted = wanted_at(scene, 0.5 * (split + step))
     gained += gained_towards(memory.pedals, max(wanted, -vehicle.max_deceleration), rest, vehicle)
     return float(pedal_command(memory.pedals, me.speed, gained, vehicle, step))
 

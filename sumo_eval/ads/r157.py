@@ -143,8 +143,8 @@ def sight(sighting: Any, other: Any, step: float) -> None:
 
 @kernel
 def foresee(then: Any, sighting: Any, time: float, step: float) -> None:
-    """Write into `then` the vehicle `time` s from now, if it continues as now; of a negative time,
-    as it was.
+    """Write into `then` the vehicle `time` s from now, if it continues as now; for a negative
+    time, as it was.
     """
     take(then, sighting.mover)
     carry_on(then, time)

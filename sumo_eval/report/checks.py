@@ -34,7 +34,7 @@ class CheckedCase(NamedTuple):
 
     def verdict_of(self, check: str) -> str:
         """Whether one of them passed."""
-        return PASSED if self.missed and check not in self.missed else self.verdict
+        return NOT_EVALUATED if self.missed is None else FAILED if check in self.missed else PASSED
 
 
 def checked_cases(
@@ -47,8 +47,8 @@ def checked_cases(
     for score in evaluation.scores if scores is None else scores:
         if score.scenario in evaluation.checks:
             for case in evaluation.cases_of(score.ads, score.scenario):
-                text = case.requirements_missed  # None: not evaluated; "": none is missed
-                # None and "" stay what they are
+                # None: not evaluated; "": none is missed; both stay as they are
+                text = case.requirements_missed
                 yield CheckedCase(case, text and text.split(SEPARATOR))
 
 

@@ -75,5 +75,5 @@ class GateResult:
 
 
 def failed(results: Sequence[GateResult]) -> tuple[GateResult, ...]:
-    """The limits that failed. One that could not be evaluated did not."""
+    """The limits that failed; those that could not be evaluated are not among them."""
     return tuple(result for result in results if result.passed is False)

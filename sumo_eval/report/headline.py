@@ -18,7 +18,7 @@ from sumo_eval.results import Evaluation, RankedAds, Ranking
 from sumo_eval.scoring.behaviour import Behaviour, behaviour_of, harm_beside, ranked
 
 SELDOM = 2.0 / 3.0
-"""Contacts a case, up to which the page says in how many cases there is one: every 1.5 or more."""
+"""Most contacts a case that the page states as one contact every n cases: n is at least 1.5."""
 MOST_NAMED = 3
 """ADSs that share the first place and are named; the rest is a number."""
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # they load the simulator, which a look at a report does not 
     from sumo_eval.whatif.levers import Lever
     from sumo_eval.whatif.search import Answer
 
-MOST_CHANGES = 4  # values named after the first at which the outcome changes; JSON has all
+MOST_CHANGES = 4  # changes of the outcome that are named after the first one; JSON has all
 
 
 def levers_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:

@@ -69,8 +69,8 @@ class Section:
 
 
 def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
-    """Verdict, gates, flipped cases and differences; None where no earlier run was looked
-    for.
+    """Verdict, gates, flipped cases and differences; None where no earlier run was
+    looked for.
     """
     comparison = beside.comparison
     if comparison is None and not beside.gates and not beside.notes:

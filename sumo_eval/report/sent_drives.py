@@ -173,7 +173,6 @@ def worth_embedding(
     chosen: set[Point] = set()
     with_drivers: set[Point] = set()
     left = most_runs
-    # first incidents and cases not evaluated without their drivers, then all points with them
     for drivers in (False, True):
         for here in order:
             cost = (0 if here in chosen else own[here]) + (humans[here] if drivers else 0)

@@ -28,7 +28,7 @@ def cause_of_contact(fact: Fact) -> ContactCause:
     clip = next((clip for clip in fact.clips if clip.what == NO_RETURN), None)
     if clip is None or clip.first_time == UNKNOWN:
         return ContactCause("not_repeatable")
-    last, braked = clip.first_time, clip.requested  # s; `NO_RETURN` says what a clip has
+    last, braked = clip.first_time, clip.requested  # s; `NO_RETURN` defines both
     if last == NEVER:
         return ContactCause("unavoidable_by_braking")
     if braked == NEVER:

@@ -45,7 +45,7 @@ LEAST_SPREADS = {"speed": 1.0, "y": 0.2}
 class CaseDrives:
     """Drive of a case, with all drives that it is compared with at its point.
 
-    road: its frame has the coordinates of the drives.
+    road: the drives are in its coordinates.
     drivers: drives of the human drivers.
     beside: the same and the drive of the reference car, by name.
     """

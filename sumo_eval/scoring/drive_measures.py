@@ -38,7 +38,7 @@ _AT_ONCE = 32  # drives that a process measures before it answers
 class _Request:
     """A drive to be measured.
 
-    road: its frame has the coordinates of the drive.
+    road: the drive is in its coordinates.
     conflicting: the actor whose way conflicts with the ego's, "" for none.
     """
 

@@ -108,7 +108,7 @@ def ledger_plus(found: Findings) -> Ledger:
 
 
 def ledger(found: Findings) -> Ledger:
-    """S, Eq. 18: C = 1 and D = 1, less what collisions and the factors of D_i take from it."""
+    """S, Eq. 18: C = 1 and D = 1, less what collisions and the factors of D_i take from them."""
     points = worth(found.settings.method.score)  # of C = 1 and of D = 1
     lines = _scaled(points.c, _collision_lines(found)) + _scaled(points.d, _likeness_lines(found))
     return Ledger("S", found.score, tuple(lines))

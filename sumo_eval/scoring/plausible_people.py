@@ -45,8 +45,8 @@ def plausible_people(
     """The people of the motorway, or the recorded drivers of the run in this scenario, each among
     its other vehicles as these move undisturbed.
 
-    All drives of a person count as one person. Fewer than `LEAST_PEOPLE` persons
-    cannot show a share of 5 %: the motorway's stand in.
+    All drives of a person count as one person. Fewer than `LEAST_PEOPLE` persons cannot show a
+    share of 5 %: the motorway's stand in.
     """
     if settings.table == "motorway":
         return PlausiblePeople(MOTORWAY_PEOPLE, ())

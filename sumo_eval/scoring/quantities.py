@@ -99,7 +99,7 @@ class Remarks:
         cases: all cases of the ADS.
         """
         ended = Counter[str]()  # status -> drives of human drivers
-        # without the driver and the exposure
+        # `_`: driver, exposure
         for scenario, role, _, status, number, _ in space.store.counts():
             if (scenario, role) == (space.name, "human"):
                 ended[status] = number

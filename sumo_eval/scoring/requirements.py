@@ -32,7 +32,7 @@ def series_of(
     """Values for requirements at each sample of the ego, by the names of
     `scenario.requirement.SERIES`; `gap`, `thw` and `ttc` are inf where no actor is ahead.
 
-    road: its frame has the coordinates of the trajectories.
+    road: the trajectories are in its coordinates.
     """
     course = course_of(ego, actors, collision, road)
     # 0 at the first sample

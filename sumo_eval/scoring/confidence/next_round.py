@@ -136,8 +136,8 @@ def variance_in_cells(values: FloatArray, cell: IntArray, cells: int) -> FloatAr
     values: (n,).
     cell: of each value its cell, (n,).
 
-    The variance of few values may be 0 by chance. So a cell's squares have one more, the common
-    variance of all cells: n + 1 values have n degrees of freedom.
+    The variance of few values may be 0 by chance. So the common variance of all cells counts as one
+    more squared deviation in each cell: n + 1 values have n degrees of freedom.
     """
     number = np.maximum(np.bincount(cell, minlength=cells), 1)
     mean = np.bincount(cell, values, cells) / number
