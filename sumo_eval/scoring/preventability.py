@@ -95,8 +95,7 @@ def _incidents_at(cases: CaseTable, reference: CaseTable) -> FloatArray:
     outcome there.
     """
     points, reference_points = point_numbers([cases, reference])
-    last = max(points.max(initial=0), reference_points.max(initial=0))
-    incidents = np.full(int(last) + 1, np.nan)  # by number of the point
+    incidents = np.full(len(cases) + len(reference), np.nan)  # by number of the point
     incidents[reference_points] = np.where(reference.counted, _incident(reference), np.nan)
     return incidents[points]
 
