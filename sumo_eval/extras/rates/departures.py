@@ -46,7 +46,7 @@ class SceneDrive(NamedTuple):
     def cells(self) -> tuple[str, ...]:
         """The drive's row of the table under `HEAD`."""
         most = self.apart.argmax()
-        reacted = ("", "")
+        reacted = "", ""
         if self.reacted is not None:
             reacted = f"{self.reacted[0]:.2f}", f"{self.reacted[1]}"
         return (
@@ -77,8 +77,8 @@ def departures_in(run: Path) -> list[SceneDrive]:
     with open_store(run / FACTS) as store:
         for fact in store.facts("ads"):
             recorded = scenarios[fact.scenario].concrete(**fact.values).ego.recorded
-            drive = store.trajectories(fact.case).get(EGO)
-            if not recorded or drive is None:  # another scenario, or discarded trajectories
+            drive = store.trajectories(fact.case).get(EGO) if recorded else None
+            if drive is None:  # another scenario, or discarded trajectories
                 continue
             reactions = ((it.first_time, it.count) for it in fact.clips if it.what == "handed_over")
             drives.append(
