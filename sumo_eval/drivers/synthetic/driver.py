@@ -277,8 +277,8 @@ class SyntheticDriver(Compiled):
         """
         count, step = len(together), scenario["step"][0]
         longest = max(it.driver.reaction_time for it in together)
-        # looks at the start and the end of every step within the longest reaction time, which is
-        # that before an alert; and two in reserve
+        # The longest reaction time is one before an alert. Within it, the start and the end of each
+        # step have a look; two more are in reserve.
         mind = Mind(
             np.zeros((count, others, math.ceil(longest / step) + 3), LOOK),
             np.zeros((count, others), LOOKS),

@@ -111,7 +111,7 @@ class ScenarioVectorEnv(_WithEpisodes, VectorEnv[Floats, Floats, Floats]):
 
     autoreset_mode: when a finished episode restarts. `NextStep`, gymnasium's usual: the next step
         gives the first observation of the new episode and reward 0. `SameStep`: the step that ends
-        it does so, with the last observation in `final_obs`. `Disabled`: never.
+        an episode gives it, with the last observation in `final_obs`. `Disabled`: never.
     """
 
     def __init__(

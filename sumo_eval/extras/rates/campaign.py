@@ -5,8 +5,8 @@ probability that an encounter ends in a collision. The crash rate is the sum of 
 the scenarios of the campaign. Its interval covers four uncertainties:
 
 - The drives are few.
-- The recorded events, of which the rate of encounters is the count, are few.
-- The distribution of the points is fitted to these few events. Both are resampled together.
+- The rate of encounters is counted from few recorded events.
+- The distribution of the points is fitted to the same events. Rate and fit are resampled together.
 - The kernels of this distribution may reach too far beyond the events, or not far enough.
 """
 

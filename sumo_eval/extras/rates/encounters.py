@@ -76,8 +76,8 @@ class Motion(NamedTuple):
     time: from t = 0 on, s, (n,).
     x: of its centre ahead of the ego's centre at t = 0, m, (n,).
     y: of its centre to the left of the middle of the ego's lane at t = 0, m, (n,); mirrored where
-        the scene of its class has the other side.
-    bodies: half the lengths of actor and ego together, m.
+        the scene of its class shows the other side.
+    bodies: half the sum of the lengths of actor and ego, m.
     """
 
     time: FloatArray
@@ -163,7 +163,7 @@ def _at(traffic: RecordedTraffic, vehicle: str, time: float) -> tuple[float, flo
 
 
 def _bodies(traffic: RecordedTraffic, *vehicles: str) -> float:
-    """Half the lengths of two vehicles together, m."""
+    """Half the sum of the lengths of two vehicles, m."""
     return float(sum(traffic.length[traffic.slices[name].start] for name in vehicles) / 2.0)
 
 

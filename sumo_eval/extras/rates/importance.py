@@ -272,7 +272,7 @@ class RareEvents:
         """Draw `size` points that count; impossible ones have no drive."""
         logical, mixtures = self.met.logical, self._mixtures(stream)
         defensive = DEFENSIVE if mixtures else 1.0
-        # the mixtures take turns: whether each point may come from each mixture
+        # the mixtures take turns: for each, whether each point may come from it
         turns = [np.arange(size) % len(mixtures) == turn for turn in range(len(mixtures))]
         drawn, density = 0, np.zeros(size)
         while not density.any():  # until at least one point is possible
@@ -364,9 +364,9 @@ def _pick(
 
 
 def _fitted(unit: FloatArray, weight: FloatArray, stream: np.random.Generator) -> Mixture | None:
-    """A mixture over weighted points (n, k) of the unit box; None where only one has a weight.
+    """A mixture over weighted points (n, k) of the unit box.
 
-    weight: (n,).
+    weight: (n,). None is returned where fewer than two are above 0.
     """
     if not np.all(np.isfinite(weight)) or weight.sum() <= 0.0:
         return None

@@ -42,8 +42,8 @@ def read(path: Path) -> Samples:
     channels = rows.apply(pd.to_numeric, errors="coerce")
     unknown = pd.Series(np.nan, index=rows.index)
     parts = []
-    # a chain is a row of vehicles with known gaps; front: x of the front of the next one, m, plus
-    # half a length, as `x` is of centres
+    # A chain is a row of vehicles with known gaps. front: x of the next one's front bumper, m, plus
+    # half a length, as `x` is of centres.
     chains, front = 0, unknown
     for place in places:
         speed = channels[f"Speed{place}"]
