@@ -6,6 +6,7 @@ from commands import sumo_eval
 from sumo_eval.extras.wheel.trip import concrete_of
 from sumo_eval.record import loops
 from sumo_eval.scenario import catalogue
+from tests.scenario.test_openscenario import RANGE, VARIATION, changed
 
 
 def test_ctrl_c_while_a_drive_compiles_stops_it_at_once(tmp_path, monkeypatch):
@@ -37,3 +38,13 @@ def test_a_drive_begins_where_the_middle_is_impossible(name):
     values = concrete_of(catalogue.load(name), {"ego_speed": 10.0}).values
     assert values["ego_speed"] == 10.0
     assert abs(values["overlap"]) == 0.5
+
+
+def test_a_drive_of_a_large_file_begins_at_a_supported_point(tmp_path):
+    """In one lane, bodies of 4 m and 6 m must be 5 m apart."""
+    scene = changed(tmp_path, ("light", "gap"), ('dLane="1" ds="50"', 'dLane="0" ds="$gap"'))
+    speed = RANGE.replace("18", "1").format(name="kph")
+    gap = speed.replace("kph", "gap").replace("36", "-27").replace("90", "27")
+    path = tmp_path / "varied.xosc"
+    path.write_text(VARIATION.format(file=scene.name, parts=speed + gap))
+    assert concrete_of(catalogue.find(str(path)), {}).values == {"kph": 63.0, "gap": 5.0}

@@ -53,14 +53,15 @@ def concrete_of(logical: LogicalScenario, values: Mapping[str, float]) -> Concre
     Where no scenario is possible there, the nearest possible point of the scenario's default sample
     gives the other parameters.
     """
-    middle = logical.from_shares(np.full((1, len(logical.names)), 0.5))
-    points = np.concatenate([middle, sample(logical).points])
-    points[:, [logical.column(name) for name in values]] = list(values.values())
-    possible = points[logical.feasible(points)]
-    row = points[0]  # the middle
-    if len(possible):
-        away = logical.to_unit(possible) - logical.to_unit(row)
-        row = possible[np.linalg.norm(away, axis=-1).argmin()]
+    columns = [logical.column(name) for name in values]
+    row = logical.from_shares([[0.5] * len(logical.names)])[0]
+    row[columns] = list(values.values())
+    if logical.in_box(row) and not logical.feasible(row):
+        points = sample(logical).points
+        points[:, columns] = row[columns]
+        away = np.linalg.norm(logical.to_unit(points) - logical.to_unit(row), axis=-1)
+        # one by one: of many points at once an OpenSCENARIO file checks its constraints alone
+        row = next(filter(logical.feasible, points[away.argsort(kind="stable")]), row)
     return logical.concrete(**dict(zip(logical.names, row.tolist(), strict=True)))
 
 
