@@ -98,7 +98,7 @@ def json_lines(path: Path, what: str) -> list[Any]:
             values.append(json.loads(line))
         except ValueError as error:
             raise InputError(f"Line {number} of {path} cannot be read: {said(error)}.") from error
-    # the last line has no line break; it may be cut off in its middle too
+    # after the last line break: nothing, or a line that may be cut off in its middle
     with suppress(ValueError):
         values.append(json.loads(last))
     return values
@@ -193,7 +193,7 @@ def drive_again(tape: Tape, concrete: ConcreteScenario) -> Recording:
 
 
 def with_quit(recording: Recording, left: str) -> Recording:
-    """The recording; of a drive that the driver left with the end reason `quit`, which no ADS can
+    """The recording; of a drive that the driver left, its end reason is `quit`, which no ADS can
     return.
 
     left: why the driver left it, which becomes the error unless they wished to leave; empty: they
@@ -227,7 +227,6 @@ class Repetition(NamedTuple):
     """
 
     same: bool | None
-    recording: Recording
     sentence: str
 
 
@@ -253,4 +252,4 @@ def again(path: Path) -> Repetition:
         words = "comes to the same bytes"
     else:
         words = f"comes to OTHER bytes; versions then: {tape.head.get('versions')}"
-    return Repetition(same, recording, f"The tape of {steps} ({recording.end_reason}) {words}.")
+    return Repetition(same, f"The tape of {steps} ({recording.end_reason}) {words}.")
