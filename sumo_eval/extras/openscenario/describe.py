@@ -98,9 +98,8 @@ def _counted(read: Read) -> tuple[int | None, dict[str, int]]:
     """
     if read.space.size > _MOST:
         return None, dict(read.refused)
-    points = concrete_points(read)
-    # `= ` is before a constraint that does not hold
-    reasons = Counter(why.removeprefix("= ") for _, why in points if why is not None)
+    # `= ` is before a reason that the file intends, see `refusal`
+    reasons = Counter(why.removeprefix("= ") for _, why in concrete_points(read) if why is not None)
     return read.space.size - reasons.total(), dict(reasons)
 
 

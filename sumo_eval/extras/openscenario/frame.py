@@ -177,7 +177,7 @@ def framed(entity: Entity, frame: Frame) -> Pose:
     # 2. the ego that turns, on its line
     if frame.turns:
         return pose.seen_from(frame.origin)._replace(y=0.0)
-    # 3. on a straight road: with the ego, along the ego's road, its heading is exactly 0
+    # 3. on a straight road: along the ego's road, in its direction, the heading is exactly 0
     along = spot.road is not None and spot.road.name == frame.road
     if not frame.line:
         at = pose.seen_from(frame.origin)

@@ -191,8 +191,7 @@ class MapPath:
         ahead, length = s, 0.0
         pairs = list(pairwise(self.points))
         # a stretch between equal points has no direction: it counts only if there is no other
-        stretches = [it for it in pairs if it[0] != it[1]] or pairs
-        for begin, end in stretches:
+        for begin, end in [it for it in pairs if it[0] != it[1]] or pairs:
             ahead -= length  # of the stretch before
             length = math.dist(begin, end)
             if ahead <= length:

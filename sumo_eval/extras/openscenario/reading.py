@@ -269,9 +269,10 @@ class Node:
             (part.attribute("name").removeprefix("$"), replace(part, values=values))
             for part in self.all("ParameterDeclarations/ParameterDeclaration")
         ]
+        names = dict(parts)
         for name in given:
-            if name not in dict(parts):
-                near = did_you_mean(name, dict(parts))
+            if name not in names:
+                near = did_you_mean(name, names)
                 holder = self.find("ParameterDeclarations") or self
                 raise holder.fault(f"parameter `{name}` is not declared.{near}")
         for name, part in parts:

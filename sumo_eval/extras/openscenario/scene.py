@@ -92,7 +92,7 @@ class FileCase(NamedTuple):
 def read_case(path: Path, given: Mapping[str, Value], options: FileOptions) -> FileCase:
     """The case of a scenario file with given values of its parameters.
 
-    Whether its constraints allow them, `logical` asks before.
+    Its constraints are not checked here: `logical` does that where they must hold.
 
     Raises InputError with file, line and element.
     """

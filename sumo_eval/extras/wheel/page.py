@@ -31,10 +31,10 @@ def page(title: str) -> str:
 
     It has `{nonce}` where the server inserts the nonce of its content security policy.
     """
-    html: jinja2.Template = jinja2.Template(
+    template: jinja2.Template = jinja2.Template(
         _own("drive.html.j2"), autoescape=True, undefined=jinja2.StrictUndefined
     )
-    return html.render(
+    return template.render(
         title=title, css=_own("drive.css") + asset("replay.css"), field_js=asset("field.js"),
         scene_js=asset("scene3d.js"), replay_js=asset("replay.js"), drive_js=_own("drive.js"),
     )  # fmt: skip

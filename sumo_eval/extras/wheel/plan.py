@@ -121,7 +121,7 @@ class StudyPlan(NamedTuple):
             for ads in self.ads:
                 driven = [case for case in self.cases
                     if case.concrete.scenario == scenario and ads in case.ads]  # fmt: skip
-                # sorted as ever: a participant who continues must get the same replays
+                # in the order of the cases: a participant who continues gets the same replays
                 chosen = draw.permutation(len(driven))[: self.settings.replays]
                 replays += [(driven[place], ads) for place in sorted(chosen)]
         return [replays[place] for place in draw.permutation(len(replays))]

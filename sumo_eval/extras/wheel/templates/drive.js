@@ -174,7 +174,7 @@ const sumoDrive = (() => {
 
   function onKey(event, down) {
     if (!drive) return;
-    if (down && (!drive.veil.hidden || event.ctrlKey || event.altKey || event.metaKey)) return; // a release counts even beside Ctrl
+    if (down && (!drive.veil.hidden || event.ctrlKey || event.altKey || event.metaKey)) return; // a release counts even with Ctrl held
     if (down && (event.code === "Escape" || event.code === "KeyP")) {
       event.preventDefault();
       drive.pause("key");
