@@ -312,7 +312,7 @@ class OneByOne:
         return -min(closing * closing / (2.0 * room), 8.0)
 
 
-@pytest.mark.parametrize("scenario", ["cut_in", "front_vehicle_cut_out"])
+@pytest.mark.parametrize("scenario", ["cut_in", "front_vehicle_cut_out", "curve_following"])
 def test_a_policy_over_arrays_drives_as_one_over_single_observations(scenario, alone):
     cases = points(scenario, 97)
     batch, single = (

@@ -443,24 +443,22 @@ class Observations:
         """ahead, gap, relative_speed, offset, overlaps, speed, lateral_speed, lane, length, width,
         x, y, heading, acceleration.
         """
-        me, seen, others = self._egos["seen"][:, None], self._seen, self._others
-        c, s = np.cos(others["heading"]), np.sin(others["heading"])
-        half_length, half_width = (
-            seen["half_length"] + me["half_length"],
-            seen["half_width"] + me["half_width"],
-        )
+        me, others, x = self._egos[:, None], self._others, self._seen["x"]
+        my_half_length, my_half_width = _half_sizes(me)
+        half_length, half_width = _half_sizes(others)
+        along, lateral_speed = _velocities(others)
+        offset = others["y"] - me["y"]
         return SimpleNamespace(
-            ahead=seen["x"] > me["x"],
-            gap=np.abs(seen["x"] - me["x"]) - half_length,
-            relative_speed=others["speed"] * c - others["across"] * s - me["along"],
-            offset=seen["y"] - me["y"],
-            overlaps=np.abs(seen["y"] - me["y"]) < half_width,
-            speed=others["speed"],
-            lateral_speed=others["speed"] * s + others["across"] * c,
+            ahead=x > me["x"],
+            gap=np.abs(x - me["x"]) - half_length - my_half_length,
+            relative_speed=along - _velocities(me)[0],
+            offset=offset,
+            overlaps=np.abs(offset) < half_width + my_half_width,
+            lateral_speed=lateral_speed,
             lane=lanes_at(self.road, others["y"]),
             acceleration=others["rate"],
-            x=seen["x"],
-            **{name: others[name] for name in ("length", "width", "y", "heading")},
+            x=x,
+            **{name: others[name] for name in ("speed", "length", "width", "y", "heading")},
         )
 
     @cached_property
@@ -689,6 +687,20 @@ def _velocity(body: Sequence[float]) -> tuple[float, float]:
     if heading == 0.0:
         return speed, across
     c, s = math.cos(heading), math.sin(heading)
+    return speed * c - across * s, speed * s + across * c
+
+
+def _half_sizes(bodies: Records) -> tuple[FloatArray, FloatArray]:
+    """`half_sizes` of many bodies."""
+    c, s = np.abs(np.cos(bodies["heading"])), np.abs(np.sin(bodies["heading"]))
+    length, width = bodies["length"], bodies["width"]
+    return 0.5 * (length * c + width * s), 0.5 * (length * s + width * c)
+
+
+def _velocities(bodies: Records) -> tuple[FloatArray, FloatArray]:
+    """`_velocity` of many bodies."""
+    c, s = np.cos(bodies["heading"]), np.sin(bodies["heading"])
+    speed, across = bodies["speed"], bodies["across"]
     return speed * c - across * s, speed * s + across * c
 
 
