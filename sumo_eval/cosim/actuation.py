@@ -20,7 +20,7 @@ _ROUNDING = 1e-9
 class Actuation:
     """Commands of cases on their way to the vehicles, under `actuation_delay` and `step_budget`.
 
-    A command over the budget is dropped: it never arrives, and the one before it holds.
+    An answer over the budget is dropped: it never arrives, and the one before it holds.
 
     conditions: of each case; only a case that is driven alone has a budget.
     step: of the simulation, s.
@@ -38,33 +38,32 @@ class Actuation:
         self._steps = np.array(
             [max(math.ceil((it.actuation_delay - _ROUNDING) / step), 0) for it in conditions]
         )
-        self._budget, self._note = conditions[0].step_budget, note
+        # s of wall time
+        self.budget, self._note = conditions[0].step_budget or math.inf, note
         # a ring over the last steps; zeros until the first command: speed kept, wheel straight
         self._given = np.zeros((self._steps.max() + 1, len(conditions)), kind)
-        self._dropped = False  # the last command: it was over the budget
+
+    def late(self, took: float) -> bool:
+        """Whether an answer is over the budget, which is noted; took: wall time of the step, s."""
+        if took <= self.budget:
+            return False
+        self._note("late_command", took, self.budget)
+        return True
 
     def pass_on(
-        self, commands: NDArray[np.void], cases: Any, now: int, took: float | None, *,
-        given: bool = True,
-    ) -> None:  # fmt: skip
+        self, commands: NDArray[np.void], cases: Any, now: int, *, given: bool = True
+    ) -> None:
         """Replace commands of cases, (n,), by those that arrive in step `now`.
 
         commands: changed in place. Without delay and budget they stay as they are: the caller's
             array then holds the last ones by itself.
         cases: their indices.
         now: number of the step.
-        took: wall time of the ADS's step, s; None: it was not asked in this step, and whether
-            its last command was dropped is kept.
-        given: whether there are new commands; else, or where they are dropped, the last ones hold.
+        given: whether there are new commands; else the last ones hold.
         """
         slots = len(self._given)  # of the ring: the longest delay in steps, and the present step
-        if self._budget is not None:
-            if took is not None:
-                self._dropped = took > self._budget
-                if self._dropped:
-                    self._note("late_command", took, self._budget)
-        elif slots == 1:
+        if slots == 1 and self.budget == math.inf:
             return
-        new = commands if given and not self._dropped else self._given[(now - 1) % slots, cases]
+        new = commands if given else self._given[(now - 1) % slots, cases]
         self._given[now % slots, cases] = new
         commands[:] = self._given[(now - self._steps[cases]) % slots, cases]

@@ -126,14 +126,16 @@ class EgoControl:
         if self._terms.plant is not None:
             self._closed(world, row, self._terms.plant.close, "sim_error")
 
-    def _pass_on(self, world: World, took: float | None) -> None:
+    def _pass_on(self, world: World, took: float = 0.0) -> None:
         """Replace the commands by those that reach the vehicles; with a plant, also ask it for its
         next state.
 
-        took: wall time of the ADS's step, of one case, s; None: the ADS was not called in this
-            step.
+        took: wall time of the ADS's step, of one case, s; if it is over the budget, the last
+            commands hold.
         """
-        self.actuation.pass_on(world.egos["command"], world.rows, world.steps, took)
+        self.actuation.pass_on(
+            world.egos["command"], world.rows, world.steps, given=not self.actuation.late(took)
+        )
         if self._terms.plant is not None:
             advance_plant(self._terms.plant, world, Command(*world.egos["command"][0].tolist()))
 
@@ -578,6 +580,8 @@ class OneEach(Policies):
             if error is not None:
                 self._fail(world, [case], error, "in reset", policy.target)
         self._check(world, 0.0)
+        # whether an answer that is a number need not be kept
+        self._brief = self._terms.every == 1 and self.actuation.budget == math.inf
         self._settled = [
             getattr(policy.target, "settled", None) if world.settings.end_when_decided else None
             for policy in self._policies
@@ -592,7 +596,7 @@ class OneEach(Policies):
     def step(self, world: World, time: float) -> None:
         """Call the policy of each row."""
         egos, seen_egos, others = self._look(time)
-        commands, commanded_rows, took = [], [], None
+        commands, commanded_rows = [], []
         wall_time, terms = clock.perf_counter, self._terms
         if self._alone:
             GUARD.heard()  # call the ADS's step listeners, before its policy
@@ -614,13 +618,14 @@ class OneEach(Policies):
                     )
                 )
                 # nearly every answer of nearly every policy: an acceleration, m/s2
-                if terms.every == 1 and type(action) is float and -math.inf < action < math.inf:
+                if self._brief and type(action) is float and -math.inf < action < math.inf:
                     executor.release()
                     answer = action, 0.0
                 else:
                     # None: the plan that is in force still holds
                     wanted = None if action is None and executor.holds_plan else as_command(action)
-                    command = executor.command(wanted, egos[row], time)
+                    late = self.actuation.late(wall_time() - asked)
+                    command = executor.command(wanted, egos[row], time, late=late)
                     answer = command.acceleration, command.steering
                 took = wall_time() - asked
                 if took > terms.step_timeout:
@@ -641,8 +646,7 @@ class OneEach(Policies):
         if commands:
             self._commands[commanded_rows] = commands
         self._check(world, time)
-        # the last row's: only a case that is alone has a step budget
-        self._pass_on(world, took)
+        self._pass_on(world)
 
     def release(self, world: World, row: int) -> None:
         """Close the row's policy."""

@@ -208,9 +208,7 @@ class _Hook:
         self.road = world.cases[case].road
         self._bent = self.road.bent
         self._executor = Executor(settings, partial(world.note, case), self.road.line)
-        self._delay, budget = settings.conditions.actuation_delay, settings.conditions.step_budget
-        # whether commands arrive in the step in which they are given
-        self._at_once = self._delay == 0.0 and budget is None
+        self._delay = settings.conditions.actuation_delay
 
     def watch(self, world: World, row: int) -> None:
         """Look at this row of the world's arrays from now on."""
@@ -265,7 +263,7 @@ class _Hook:
             command, took = (
                 self._ask(time) if world.steps % self._terms.every == 0 else self._held(time)
             )
-            if not self._at_once:
+            if self._delay:
                 command = self._arriving(world, command, took)
             if command is not None:
                 self._take_over(world, command)
@@ -293,9 +291,9 @@ class _Hook:
         due, given = self._mine["command"], command is not None
         if command is not None:
             due[0] = command.acceleration, command.steering
-        elif took is not None and self._delay > 0.0:
+        elif took is not None:
             world.note(self._case, "actuation_not_delayed", self._delay, 0.0)
-        self._driver.actuation.pass_on(due, [self._case], world.steps, took, given=given)
+        self._driver.actuation.pass_on(due, [self._case], world.steps, given=given)
         return Command(*due[0].tolist()) if given else None
 
     def _look(self, world: World, time: float) -> None:
@@ -332,21 +330,23 @@ class _Hook:
             )
         if not GUARD.shared:
             self._driver._check_clock(self._world, time)
-        if answer is None:
+        late = self._driver.actuation.late(took)
+        # an ego that SUMO moves stays with SUMO where a command is late
+        if answer is None or (late and self._world.steps and self._placed[0] == SUMO):
             self._executor.release()
             return None, took
-        command = self._obeyed(answer, time)
+        command = self._obeyed(answer, time, late=late)
         if GUARD.moved:
             self._world.note(self._case, "dropped_traci_call", 1.0, 0.0)
         return command, took
 
-    def _obeyed(self, answer: object, time: float) -> Command:
+    def _obeyed(self, answer: object, time: float, *, late: bool = False) -> Command:
         """The command by which the executor carries out an answer of the ADS."""
         try:
             if type(answer) is Command:  # nearly every answer of nearly every ADS
-                return self._executor.command(answer, self._state, time)
+                return self._executor.command(answer, self._state, time, late=late)
             wanted = None if answer is HOLD and self._executor.holds else checked_answer(answer)
-            return self._executor.command(wanted, self._state, time)
+            return self._executor.command(wanted, self._state, time, late=late)
         except ControllerError as error:
             raise with_time(error, f"at {time:.2f} s") from error
 

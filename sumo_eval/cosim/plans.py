@@ -83,33 +83,38 @@ class Executor:
         self._gains, self._vehicle, self._step = settings.tracker, settings.vehicle, settings.step
         self._note = note
         self._in_force: _FollowedPlan | Command | Pedals | None = None
+        # whether a plan is in force, or was late: no answer means that it still holds
+        self.holds_plan = False
 
     @property
     def holds(self) -> bool:
         """Whether something that was asked for is in force."""
         return self._in_force is not None
 
-    @property
-    def holds_plan(self) -> bool:
-        """Whether a plan is in force."""
-        return isinstance(self._in_force, _FollowedPlan)
-
     def release(self) -> None:
         """Nothing is in force."""
-        self._in_force = None
+        self._in_force, self.holds_plan = None, False
 
-    def command(self, asked: Wanted | None, ego: Sequence[float], time: float) -> Command:
+    def command(
+        self, asked: Wanted | None, ego: Sequence[float], time: float, *, late: bool = False
+    ) -> Command:
         """The acceleration and steering-wheel angle for the step that begins at `time` s.
 
         asked: None: what was asked for still holds (`holds`).
         ego: centre x, y m, heading rad, speed m/s, and whatever else is known of it.
+        late: drop what is asked for: what is in force holds, at first speed and straight wheels.
         Raises ControllerError for what no vehicle can be asked for.
         """
-        if asked is not None:
+        if late:
+            if self._in_force is None:
+                self._in_force = Command(0.0)
+            self.holds_plan |= isinstance(asked, Plan)
+        elif asked is not None:
             wheelbase = self._vehicle.wheelbase
             self._in_force = (
                 _FollowedPlan(asked, ego, wheelbase) if isinstance(asked, Plan) else asked
             )
+            self.holds_plan = isinstance(asked, Plan)
         held = self._in_force
         if isinstance(held, _FollowedPlan):
             return self._along(held, ego, time)

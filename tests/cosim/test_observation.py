@@ -12,6 +12,7 @@ from refusals import refusal
 
 from sumo_eval.cosim.doors.features import Action, Feature, Interface
 from sumo_eval.cosim.doors.observation import Observation, Perception, signal_names
+from sumo_eval.cosim.plans import Plan
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import InputError
@@ -384,20 +385,33 @@ def test_a_late_command_is_dropped_the_last_one_holds_and_it_is_counted():
     assert (found.ego.acceleration[2:] == -4.0).all()  # as at 0.2 s
 
 
-@pytest.mark.parametrize("door", [False, True])
-def test_a_late_command_stays_dropped_until_the_next_call(door):
+EARLIER = [
+    Command(-4.0), Command(speed=15.0), Command.pedals(brake=0.5),
+    Plan([0.0, 0.5], [60.0, 69.0], [0.0, 0.3]), None,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("earlier", EARLIER, ids=["number", "speed", "pedals", "plan", "none"])
+@pytest.mark.parametrize("door", [False, True], ids=["policy", "hook"])
+def test_a_late_answer_is_dropped_and_the_earlier_one_followed(door, earlier):
+    """None: the first answer is late, so that the ego keeps its speed."""
     import time as clock
 
-    def command(time):
-        if time > 0.1:
-            clock.sleep(0.1)
-        return Command(4.0 if time > 0.1 else -4.0)
+    def drive(command, settings):
+        traci, policy = lambda traci, ego, time: command(time), lambda seen: command(seen.time)
+        return simulate(case(), traci if door else policy, settings, period=0.2)
 
-    traci, policy = lambda traci, ego, time: command(time), lambda seen: command(seen.time)
-    budget = replace(HALF_SECOND, conditions=ConditionSettings(step_budget=0.08))
-    found = simulate(case(), traci if door else policy, budget, period=0.2)
-    assert {clip.what: clip.count for clip in found.clips}["late_command"] == 2
-    assert (found.ego.acceleration[1:] == -4.0).all()
+    def late(time):
+        if time <= 0.1 and earlier is not None:
+            return earlier
+        clock.sleep(0.1)
+        return Command(speed=30.0, steering=0.1)
+
+    found = drive(late, replace(HALF_SECOND, conditions=ConditionSettings(step_budget=0.08)))
+    assert {clip.what: clip.count for clip in found.clips}["late_command"] == 2 + (earlier is None)
+    alone = drive(lambda time: earlier or Command(0.0), HALF_SECOND)
+    for channel in ("x", "y", "steering_wheel_angle"):
+        assert getattr(found.ego, channel).tolist() == getattr(alone.ego, channel).tolist()
 
 
 def test_what_an_ads_tells_sumo_itself_cannot_be_held_back_and_that_is_on_record():
