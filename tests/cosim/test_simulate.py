@@ -16,7 +16,7 @@ from road_scenes import every_point
 
 import sumo_eval.cosim.sumo.session as session_module
 from sumo_eval.cosim.doors.controller import NativeModel, load_controller
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import (
@@ -267,7 +267,10 @@ def test_a_file_and_name_relative_to_a_folder_with_its_neighbours(tmp_path, monk
         ("raises.py:Ads", "RuntimeError: not today"),
         ("needs.py:Ads", "making one without arguments failed: TypeError"),
         ("quits.py:Ads", "making one without arguments failed: SystemExit: 2"),
-        ("lazy.py:Ads", "`lazy.py:Ads` cannot be loaded: RuntimeError: no weights."),
+        *(
+            (f"lazy.py:{it}", f"`lazy.py:{it}` cannot be loaded: RuntimeError: no weights.")
+            for it in ("Act", "Batch", "Typed")
+        ),
     ],
 )
 def test_what_cannot_be_a_controller_is_refused_before_a_run(
@@ -281,10 +284,14 @@ def test_what_cannot_be_a_controller_is_refused_before_a_run(
     )
     (tmp_path / "quits.py").write_text("class Ads:\n    def __init__(self): raise SystemExit(2)\n")
     (tmp_path / "lazy.py").write_text(
-        "class Ads:\n    @property\n    def act(self): raise RuntimeError('no weights')\n"
+        "class Act:\n    @property\n    def act(self): raise RuntimeError('no weights')\n"
+        "class Batch:\n    act, batch = None, Act.act\n"
+        "class Typed:\n    step, vehicle_type = print, Act.act\n"
     )
     with refusal(re.escape(sentence)):
         simulate(case(), locator, folder=tmp_path)
+    with refusal(re.escape(sentence)):
+        list(simulate_many([case()], locator, folder=tmp_path))
 
 
 def test_the_same_file_has_the_same_module_name_in_every_process(tmp_path, monkeypatch):

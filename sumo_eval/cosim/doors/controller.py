@@ -322,12 +322,7 @@ def load_controller(controller: ControllerLike, folder: Path | None = None) -> A
     """
     with seen_as_traci():
         target, name, entry = located(controller, folder)
-        try:
-            return adapted(target, name, entry.options)
-        except InputError:
-            raise
-        except Exception as error:  # a property of the user's class
-            raise InputError(f"ADS `{name}` cannot be loaded: {said(error)}.") from error
+        return adapted(target, name, entry.options)
 
 
 def located(controller: ControllerLike, folder: Path | None) -> tuple[Any, str, Entry]:
@@ -483,29 +478,39 @@ def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None
 
     options: of its entry.
     """
-    if (refusal := _foreign(found, described)) is not None:
-        raise InputError(refusal)
-    if inspect.isclass(found):
-        found = made(found, options or {}, described)
-    elif options and hasattr(found, "options"):  # a program, of `exec:` or `traci:`
-        found.options = dict(options)
-        _named_type(found)  # refused before the first case
-    elif options:
-        raise InputError(
-            f"ADS `{described}` takes no `options`: they are for a class or a program of `exec:`."
-        )
-    if isinstance(found, Adapter):
-        return found
-    if isinstance(found, TRACI.StepListener):
-        return ListenerController(found)
-    if callable(getattr(found, "act", None)):
-        return PolicyController(found.act, found)
-    if callable(getattr(found, "step", None)):
-        return ObjectController(found)
-    if callable(found):
-        return (
-            PolicyController(found, None) if _takes_one_argument(found) else ObjectController(found)
-        )
+    try:
+        if (refusal := _foreign(found, described)) is not None:
+            raise InputError(refusal)
+        if inspect.isclass(found):
+            found = made(found, options or {}, described)
+        elif options and hasattr(found, "options"):  # a program, of `exec:` or `traci:`
+            found.options = dict(options)
+            _named_type(found)  # refused before the first case
+        elif options:
+            raise InputError(
+                f"ADS `{described}` takes no `options`: they are for a class or a program of "
+                "`exec:`."
+            )
+        for name in ("batch", "settled", "vehicle_type"):  # read later, outside this guard
+            getattr(found, name, None)
+        if isinstance(found, Adapter):
+            return found
+        if isinstance(found, TRACI.StepListener):
+            return ListenerController(found)
+        if callable(getattr(found, "act", None)):
+            return PolicyController(found.act, found)
+        if callable(getattr(found, "step", None)):
+            return ObjectController(found)
+        if callable(found):
+            return (
+                PolicyController(found, None)
+                if _takes_one_argument(found)
+                else ObjectController(found)
+            )
+    except InputError:
+        raise
+    except Exception as error:  # a property of the user's class
+        raise InputError(f"ADS `{described}` cannot be loaded: {said(error)}.") from error
     raise InputError(
         f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a "
         f"`step` method, got {type(found).__name__}. Or, without TraCI, a function (observation) "
