@@ -22,6 +22,7 @@ from sumo_eval.cli.options import (
 )
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
+from sumo_eval.cli.stopping import heard, stop_on_signal
 
 
 @click.command(
@@ -159,14 +160,14 @@ def nightly(
         sys.exit(DONE if recent else GATE_FAILED)
     if evaluation is None:
         raise click.UsageError("Missing argument 'EVALUATION'.")
-    from sumo_eval.record.children import warm_up
+    with heard():
+        from sumo_eval.record.children import warm_up
 
-    warm_up()  # loads the simulator for the workers during the imports below
-    from sumo_eval.cli.stopping import stop_on_signal
-    from sumo_eval.nightly.morning import morning_lines, tell_github
-    from sumo_eval.nightly.night import run_night
-    from sumo_eval.report.terminal import change_lines, closing_lines
-    from sumo_eval.scoring.gate_settings import read_gate
+        warm_up()  # loads the simulator for the workers during the imports below
+        from sumo_eval.nightly.morning import morning_lines, tell_github
+        from sumo_eval.nightly.night import run_night
+        from sumo_eval.report.terminal import change_lines, closing_lines
+        from sumo_eval.scoring.gate_settings import read_gate
 
     settings = read_gate(gate)
     with Progress() as progress:
@@ -180,7 +181,7 @@ def nightly(
     if comparison := result.judged.bases.comparison:
         # verdict, differences and gates stand in `morning_lines`
         say(change_lines(comparison))
-    say(closing_lines(result.evaluation)[:-1])  # without the path of the report, which follows
+    say(closing_lines(result.evaluation))
     say(tell_github(result))
     tell(f"The report is {result.report}")
     tell(f"The trend is {result.trend}")

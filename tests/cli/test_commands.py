@@ -174,6 +174,22 @@ def test_a_replay_lies_in_its_run_whatever_the_ads_is_called(tmp_path, monkeypat
     assert done.said == f"The replay is {tmp_path / 'replay-s-0000-idm__a_-b.html'}\n"
 
 
+@pytest.mark.parametrize(
+    ("amid", "arguments"),
+    [("record.estimate", "run --out r"), ("nightly.night", "nightly none.toml --history h")],
+)
+def test_a_signal_amid_imports_that_a_callback_drops_is_heard(amid, arguments, tmp_path):
+    code = (
+        "import signal, sys, weakref\nfrom sumo_eval.cli import main\nclass Finder:\n"
+        "    def find_spec(self, name, *_):\n"
+        f"        if name == 'sumo_eval.{amid}':\n"
+        "            kept = weakref.ref(Finder(), lambda _: signal.raise_signal(signal.SIGTERM))\n"
+        "sys.meta_path.insert(0, Finder())\n"
+        "try: main()\nexcept SystemExit as end: print(end.code)"
+    )
+    assert python(code, *arguments.split(), cwd=tmp_path).stdout == "130\n"
+
+
 def test_sigterm_between_drives_is_status_130():
     code = (
         "import os, signal, click\nfrom sumo_eval.cli import main\n"
