@@ -35,8 +35,8 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 INTERPRETED = os.environ.get("SUMO_EVAL_INTERPRETED", "") not in ("", "0")
 PLAIN = os.environ.get("SUMO_EVAL_PLAIN", "") not in ("", "0")
-"""Whether library internals are avoided: in `keep_code`, `cosim/sumo/insides.py` and
-`record/children.py`."""
+"""Whether library internals are avoided, in `kept_code`, `cosim/sumo/insides.py` and
+`record/children.py`; those of `_name_code_apart` never are: without them wrong code may run."""
 _PACKAGE = Path(__file__).parent
 _ROOMS = (
     "kernels.py",

@@ -67,10 +67,9 @@ def finish(
 
     write_results(evaluation)
     with Progress() as progress:
-        write_assessed_report(evaluation, progress=progress)
+        report = write_assessed_report(evaluation, progress=progress)
     show_scores(evaluation, everything)
-    *closing, where = closing_lines(evaluation)
-    say((*closing, *notes, where))
+    say((*closing_lines(evaluation), *notes, f"The report is {report}"))
     leave(evaluation, DONE)
 
 

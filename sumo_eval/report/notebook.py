@@ -10,6 +10,7 @@ from sumo_eval.cases import CaseResult
 from sumo_eval.errors import needs_extra
 from sumo_eval.report.citation import citation
 from sumo_eval.report.headline import headline
+from sumo_eval.report.page import REPORT
 from sumo_eval.report.score_table import FIRST, MORE, WORDS, cells_of
 from sumo_eval.report.terminal import closing_lines
 from sumo_eval.report.words import number
@@ -34,7 +35,8 @@ def html_table(evaluation: Evaluation) -> str:
         f'<br><span style="color:#b00">{escape(ads)}: {escape(words)}</span>'
         for ads, words in said.alarms
     )
-    lines = "<br>".join(map(escape, (WORDS, citation(evaluation), *closing_lines(evaluation))))
+    words = WORDS, citation(evaluation), *closing_lines(evaluation)
+    lines = "<br>".join(map(escape, (*words, f"The report is {evaluation.folder / REPORT}")))
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
     return f"<p>{above}{alarms}</p>{table}<p><small>{lines}</small></p>"
 

@@ -61,7 +61,7 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
         lines.append(people_sentence(evaluation))
     if "qualification" in evaluation.manifest:
         lines.append(qualification_sentence(evaluation.manifest))
-    return [*lines, f"The report is {evaluation.folder / REPORT}"]
+    return lines
 
 
 def _not_computed_lines(scores: Sequence[ScenarioResult]) -> Iterator[str]:
