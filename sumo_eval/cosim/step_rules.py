@@ -44,7 +44,13 @@ from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.played import BEGUN, Cast, play_actors
 from sumo_eval.scenario.road.lanes import left_edge_at, right_edge_at
 from sumo_eval.scenario.road.reference_line import line_at, to_frame, to_map
-from sumo_eval.scenario.touch import Body, between, keeps_apart, share_at_touch, within_a_turn
+from sumo_eval.scenario.touch import (
+    between,
+    body_of,
+    keeps_apart,
+    share_at_touch,
+    within_a_turn,
+)
 from sumo_eval.trajectory import FloatArray
 
 # -- what rules see --------------------------------------------------------------------------------
@@ -94,17 +100,6 @@ def _restate(to: Any, source: Any) -> None:
     to.x, to.y, to.heading = source.x, source.y, source.heading
     to.speed, to.across = source.speed, source.across
     to.map.x, to.map.y, to.map.heading = source.map.x, source.map.y, source.map.heading
-
-
-@kernel
-def _body(at: Any, moving: Any, body: Any) -> Body:
-    """The `Body` of a vehicle.
-
-    at: its place, on the map or in the frame, now or before the step.
-    moving: has its speeds at that time.
-    body: has its size.
-    """
-    return Body(at.x, at.y, at.heading, moving.speed, body.length, body.width, moving.across)
 
 
 @kernel
@@ -383,9 +378,9 @@ def _go_back(body: Any, share: float) -> None:
     """Put a vehicle where it was when a share of the step had passed."""
     was, at = body.before, body.map
     # on the map, then in the frame
-    on_map = between(_body(was.map, was, body), _body(at, body, body), share)
+    on_map = between(body_of(was.map, was, body), body_of(at, body, body), share)
     at.x, at.y, at.heading = on_map.x, on_map.y, on_map.heading
-    here = between(_body(was, was, body), _body(body, body, body), share)
+    here = between(body_of(was, was, body), body_of(body, body, body), share)
     body.x, body.y, body.heading = here.x, here.y, here.heading
     body.speed, body.across = here.speed, here.across
 
@@ -409,10 +404,10 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
         return 0
     if now < ego.scripted_until or ego.way.asked:  # its scripts are not over
         return 0
-    body = _body(ego, ego, ego)
+    body = body_of(ego, ego, ego)
     for j in range(len(others)):
         other = others[j]
-        if other.present and not keeps_apart(body, _body(other, other, other)):
+        if other.present and not keeps_apart(body, body_of(other, other, other)):
             return 0
     return DECIDED
 
@@ -442,7 +437,7 @@ def see_rows(
             ended += 1
             continue
         now = (steps - ego.begun) * step
-        before, body = _body(ego.before.map, ego.before, ego), _body(ego.map, ego, ego)
+        before, body = body_of(ego.before.map, ego.before, ego), body_of(ego.map, ego, ego)
         first = 2.0  # share of the step at the first touch; 2: no touch
         for j in range(len(others[i])):
             other = others[i][j]
@@ -459,7 +454,7 @@ def see_rows(
             was = other.before
             other.rate = (other.speed - was.speed) / step
             share = share_at_touch(
-                before, body, _body(was.map, was, other), _body(other.map, other, other)
+                before, body, body_of(was.map, was, other), body_of(other.map, other, other)
             )
             # below 0: they do not touch
             if 0.0 <= share < first:

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from sumo_eval.kernels import kernel
+
 CAR = "car"
 
 
@@ -41,6 +43,7 @@ VULNERABLE = ("bicycle", "pedestrian", "child")
 """Bodies that may stand and move beside the lanes of a road."""
 
 
+@kernel
 def half_sizes(heading: float, length: float, width: float) -> tuple[float, float]:
     """Half the extents of a turned body along and across the road, m.
 

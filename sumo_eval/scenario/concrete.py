@@ -226,11 +226,6 @@ def smooth_step(share: FloatArray | float) -> FloatArray:
     return np.asarray(motion.quintic(np.clip(share, 0.0, 1.0)))
 
 
-def smooth_step_rate(share: FloatArray | float) -> FloatArray:
-    """Derivative of `smooth_step` by its argument; peaks at 1.875."""
-    return np.asarray(motion.quintic_rate(np.clip(share, 0.0, 1.0)))
-
-
 def lane_change(begin: float, duration: float, offset: float, *, cosine: bool = False) -> Act:
     """A smooth lateral move.
 

@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario import motion
+from sumo_eval.scenario.bodies import half_sizes
 from sumo_eval.scenario.motion import along_heading, lateral_motion
 from sumo_eval.scenario.road.reference_line import line_at, to_frame
+from sumo_eval.scenario.touch import Body, body_of
 
 Records = NDArray[Any]
 Pairs = tuple[tuple[float, float], ...]
@@ -399,26 +401,8 @@ def _over_ground(other: Any, line: Any) -> None:
 # -- conditions ------------------------------------------------------------------------------------
 
 
-class Snapshot(NamedTuple):
-    """A vehicle at an instant.
-
-    x, y: centre, m.
-    heading: rad.
-    speed, across: along the heading and to its left, m/s.
-    length, width: m.
-    """
-
-    x: float
-    y: float
-    heading: float
-    speed: float
-    across: float
-    length: float
-    width: float
-
-
 @kernel
-def _body_of(cast: Any, number: int, end: int) -> Snapshot:
+def _body_of(cast: Any, number: int, end: int) -> Body:
     """A vehicle at an end of the step, `BEFORE` or `NOW`.
 
     number: index of an actor, or `EGO`.
@@ -429,20 +413,15 @@ def _body_of(cast: Any, number: int, end: int) -> Snapshot:
 
 
 @kernel
-def _body(record: Any, end: int) -> Snapshot:
+def _body(record: Any, end: int) -> Body:
     """The vehicle of a record at an end of the step."""
     if end == BEFORE:
-        was = record.before
-        return Snapshot(
-            was.x, was.y, was.heading, was.speed, was.across, record.length, record.width
-        )
-    return Snapshot(
-        record.x, record.y, record.heading, record.speed, record.across, record.length, record.width
-    )
+        return body_of(record.before, record.before, record)
+    return body_of(record, record, record)
 
 
 @kernel
-def _of(body: Snapshot, what: int) -> float:
+def _of(body: Body, what: int) -> float:
     """A value of a body.
 
     what: `X` or `Y`, m, `ALONG` or `ACROSS`, its speed in this direction of the road, m/s.
@@ -458,20 +437,13 @@ def _of(body: Snapshot, what: int) -> float:
 
 
 @kernel
-def _half_along(body: Snapshot) -> float:
-    """Half the extent of a body along the road, m."""
-    return 0.5 * (
-        body.length * abs(math.cos(body.heading)) + body.width * abs(math.sin(body.heading))
-    )
-
-
-@kernel
-def _between(op: int, one: Snapshot, two: Snapshot) -> float:
+def _between(op: int, one: Body, two: Body) -> float:
     """A value of two bodies, of which `one` follows `two`: gap m, distance m, TTC s, THW s."""
     dx, dy = two.x - one.x, two.y - one.y
     if op == DISTANCE:
         return math.sqrt(dx * dx + dy * dy)
-    gap = dx - _half_along(one) - _half_along(two)
+    gap = dx - half_sizes(one.heading, one.length, one.width)[0]
+    gap -= half_sizes(two.heading, two.length, two.width)[0]
     if op == GAP:
         return gap
     speed = _of(one, ALONG)

@@ -14,7 +14,7 @@ case begins; `method/conflict.py`, for contact on conflicting ways.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from sumo_eval.kernels import kernel
 
@@ -54,6 +54,17 @@ class Body(NamedTuple):
             )
             for i, j in ((1, 1), (1, -1), (-1, -1), (-1, 1))  # 1: front, left; -1: rear, right
         )
+
+
+@kernel
+def body_of(at: Any, moving: Any, body: Any) -> Body:
+    """The `Body` of a vehicle.
+
+    at: its place, on the map or in the frame, now or before the step.
+    moving: has its speeds at that time.
+    body: has its size.
+    """
+    return Body(at.x, at.y, at.heading, moving.speed, body.length, body.width, moving.across)
 
 
 @kernel

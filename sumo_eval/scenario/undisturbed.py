@@ -43,11 +43,10 @@ _OTHER = np.dtype([*_BODY, ("acceleration", "f8")])
 class Tracks(NamedTuple):
     """Motion of n cases with m actors at T looks: the times k * step, k = 0..T-1.
 
-    egos: (n, T, 5), channels `CHANNELS`. others: of the actors, (n, m, T, 5).
+    others: of the actors, (n, m, T, 5), channels `CHANNELS`.
     begins: when each actor made its first move, s, (n, m); inf where it made none.
     """
 
-    egos: FloatArray
     others: FloatArray
     begins: FloatArray
 
@@ -68,11 +67,10 @@ def tracks(
     in_python: run the kernels as plain Python, for a single case: nothing has to be compiled.
     """
     cast = _begun(concretes, bodies)
-    n, m = cast.others.shape
-    motion = np.zeros((n, 1 + m, _looks(until, step), 5))
+    others = np.zeros((*cast.others.shape, _looks(until, step), len(CHANNELS)))
     run = interpreted(_run_rows) if in_python else _run_rows
-    run(cast, motion, step, np.zeros((DEEPEST, 3)), knots_of(concretes[0].road.line))
-    return Tracks(motion[:, 0], motion[:, 1:], cast.plays["first_begin"])
+    run(cast, others, step, np.zeros((DEEPEST, 3)), knots_of(concretes[0].road.line))
+    return Tracks(others, cast.plays["first_begin"])
 
 
 class Braking(NamedTuple):
@@ -185,27 +183,20 @@ def _look(case: Any, now: float, before: float, deceleration: float, stack: Any,
     wake(case, now, before, stack, line)
 
 
-@kernel
-def _write(motion: Any, i: int, j: int, k: int, body: Any) -> None:
-    """Write the channels of a body: case i, vehicle j (0: the ego), look k."""
-    motion[i, j, k, 0], motion[i, j, k, 1] = body.x, body.y
-    motion[i, j, k, 2], motion[i, j, k, 3] = body.heading, body.speed
-    motion[i, j, k, 4] = body.across
-
-
 @rows
 def _run_rows(
-    cast: Cast, motion: FloatArray, step: float, stack: FloatArray, line: Records
+    cast: Cast, tracks: FloatArray, step: float, stack: FloatArray, line: Records
 ) -> None:
-    """Fill the tracks of every case: motion, (n, 1 + m, T, 5), the ego first."""
+    """Fill the tracks of every case, (n, m, T, 5)."""
     for i in range(len(cast.egos)):
         case = case_of(cast, i)
-        ego, others = case.egos[0], case.others
-        for k in range(motion.shape[2]):
+        for k in range(tracks.shape[2]):
             _look(case, k * step, max(k - 1, 0) * step, 0.0, stack, line)
-            _write(motion, i, 0, k, ego)
-            for j in range(len(others)):
-                _write(motion, i, 1 + j, k, others[j])
+            for j in range(len(case.others)):
+                other, row = case.others[j], tracks[i, j, k]
+                row[0], row[1] = other.x, other.y
+                row[2], row[3] = other.heading, other.speed
+                row[4] = other.across
 
 
 @rows

@@ -21,7 +21,7 @@ from sumo_eval.ads.lane_change import (
     steering,
 )
 from sumo_eval.cosim.vehicle_model import Command, EgoState
-from sumo_eval.scenario import concrete
+from sumo_eval.scenario import concrete, motion
 
 SHARES = np.linspace(-0.2, 1.2, 57)
 
@@ -41,16 +41,14 @@ def test_the_smooth_step_is_that_of_the_scenarios():
         concrete.smooth_step(SHARES), abs=1e-15
     )
     assert [smooth_step_rate(s) for s in SHARES.tolist()] == pytest.approx(
-        concrete.smooth_step_rate(SHARES), abs=1e-14
+        motion.quintic_rate(SHARES.clip(0.0, 1.0)), abs=1e-14
     )
 
 
 def test_the_curvature_is_the_derivative_of_the_rate():
     step = 1e-6
     inside = SHARES[(SHARES > 0.01) & (SHARES < 0.99)]
-    slope = (
-        concrete.smooth_step_rate(inside + step) - concrete.smooth_step_rate(inside - step)
-    ) / (2 * step)
+    slope = (motion.quintic_rate(inside + step) - motion.quintic_rate(inside - step)) / (2 * step)
     assert [smooth_step_bend(s) for s in inside.tolist()] == pytest.approx(slope, abs=1e-7)
 
 

@@ -16,7 +16,8 @@ from sumo_eval.drivers.synthetic.population import (
     REACTION,
     draw_driver,
 )
-from sumo_eval.scenario.concrete import smooth_step, smooth_step_rate
+from sumo_eval.scenario.concrete import smooth_step
+from sumo_eval.scenario.motion import quintic_rate
 from sumo_eval.settings import PopulationSettings
 
 AS_FITTED = PopulationSettings(lane_change_scale=1.0)
@@ -90,7 +91,7 @@ def test_lane_changes_last_as_long_and_are_as_quick_as_recorded(drivers):
     ten_to_ninety = time[np.argmax(done > 0.9)] - time[np.argmax(done > 0.1)]
     assert ten_to_ninety == pytest.approx(math.exp(1.628), rel=0.03)
     # the recorded motorway has lanes of 3.62 and 3.79 m
-    across = 3.65 / duration * smooth_step_rate(time / duration)
+    across = 3.65 / duration * quintic_rate(time / duration)
     assert across.max() == pytest.approx(math.exp(-0.373), rel=0.03)
     assert np.mean(across > 0.12) * duration == pytest.approx(math.exp(2.125), rel=0.1)
 

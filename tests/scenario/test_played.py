@@ -313,11 +313,13 @@ def test_keep_speed_ends_a_brake_and_counts_in_conditions():
 def test_an_ego_that_starts_sideways_drives_on_so_where_conditions_ask():
     # 20 m/s, 2 of them to the left: the lateral place 3 m is reached after 1.5 s
     content = {**BASE, "ego": {"speed": "v", "lateral_speed": 2.0}, "zone": "none", "vehicle": [
-        {"name": "lead", "x": 150.0, "speed": 20.0,
-         "manoeuvre": [{"do": "brake", "deceleration": 5.0, "when": "y(ego) > 3"}]}]}  # fmt: skip
+        {"name": name, "x": x, "speed": 20.0,
+         "manoeuvre": [{"do": "brake", "deceleration": 5.0, "when": when}]}
+        for name, x, when in (("lead", 150.0, "y(ego) > 3"), ("next", 200.0, "x(ego) > 119"))
+    ]}  # fmt: skip
     found = tracks([scenario_from(content, "t", Path()).concrete(v=20.0)], [(4.5, 1.8)], 0.05, 4.0)
-    assert found.begins[0, 0] == pytest.approx(1.5, abs=1e-9)
-    assert found.egos[0, -1, 0] == pytest.approx(50.0 + 4.0 * math.sqrt(20.0**2 - 2.0**2))
+    along = math.sqrt(20.0**2 - 2.0**2)
+    assert found.begins[0].tolist() == pytest.approx([1.5, 69.0 / along], abs=1e-9)
 
 
 def test_a_margin_is_the_zone_to_the_last_digit_and_says_all():

@@ -28,7 +28,7 @@ from sumo_eval.scenario import (
     lane_change,
     motion,
 )
-from sumo_eval.scenario.concrete import ConcreteScenario, smooth_step, smooth_step_rate
+from sumo_eval.scenario.concrete import ConcreteScenario, smooth_step
 from sumo_eval.scenario.resolved import find_with
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings, VehicleSettings
@@ -470,7 +470,7 @@ def test_a_lateral_move_starts_and_ends_at_rest_and_is_half_done_half_way():
 def test_law_the_rate_is_the_derivative_of_the_smooth_step():
     share = np.linspace(0.0, 1.0, 10_001)
     assert np.gradient(smooth_step(share), share) == pytest.approx(
-        smooth_step_rate(share), abs=1e-3
+        motion.quintic_rate(share), abs=1e-3
     )
     assert np.all(np.diff(smooth_step(share)) >= 0)
 

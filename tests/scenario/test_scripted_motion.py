@@ -4,18 +4,19 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from sumo_eval.scenario import Actor, Start, brake_to_stop, lane_change, motion
-from sumo_eval.scenario.concrete import braked_distance, braked_speed, smooth_step, smooth_step_rate
+from sumo_eval.scenario.concrete import braked_distance, braked_speed, smooth_step
 
 TIMES = st.floats(-1.0, 60.0)
 
 
 @given(TIMES, st.floats(0.0, 5.0), st.floats(0.1, 10.0), st.floats(-4.0, 4.0))
 def test_a_lane_change_is_the_smooth_step_to_the_last_bit(time, begin, duration, offset):
-    move, share = lane_change(begin, duration, offset), (time - begin) / duration
+    move = lane_change(begin, duration, offset)
+    share = min(max((time - begin) / duration, 0.0), 1.0)
     assert motion.lateral_motion(move, time) == (
         float(offset * smooth_step(share)),
-        float(offset / duration * smooth_step_rate(share)),
-        float(offset / duration**2 * motion.quintic_bend(min(max(share, 0.0), 1.0))),
+        float(offset / duration * motion.quintic_rate(share)),
+        float(offset / duration**2 * motion.quintic_bend(share)),
     )
 
 
