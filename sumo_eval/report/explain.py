@@ -136,7 +136,7 @@ def _collision(
         )
         return
     counted = findings.cases.collided & np.isfinite(findings.cases.ideal_severity)
-    part = findings.part(case, counted, findings.cases.weight, findings.ratios)
+    part = findings.part(case, counted, findings.cases.weight, findings.terms.ratio)
     ratio = "Ug/U" if settings.loss == "severity" else "Lg/L"
     ideal = case.ideal_severity
     best = f"hits with Ug = {ideal:z.3f}{settings.unit}" if ideal else "avoids, Ug = 0"

@@ -257,12 +257,10 @@ def _left_out(
 def _row(found: Findings) -> dict[str, Any]:
     """One ADS in one logical scenario, in the words and digits of the page."""
     score, cases, likened = found.score, found.cases, found.likened
-    hits, losses = found.collisions, found.share_lost
+    hits, columns = found.collisions, (found.terms.ratio, found.lost_of_c, found.share_lost)
     # widths of the two parts of S+ in a bar of 100 %
     a_width = min(score.a_points, 100.0)
     means, likeness = found.factor_means, found.likeness_means
-    # strict=False: only the first places are listed
-    shares = zip(hits.places[:MOST_LISTED], hits.avoided, hits.lost, strict=False)
     return {
         "notes": [score_note(note) for note in score.notes],
         "score": score,
@@ -278,8 +276,8 @@ def _row(found: Findings) -> dict[str, Any]:
         "likened_hits": np.count_nonzero(likened & cases.incident),
         "indexed": np.count_nonzero(found.indexed),
         "collisions": [
-            (cases[place], float(avoided), float(lost), float(losses[place]))
-            for place, avoided, lost in shares
+            (cases[place], *(float(column[place]) for column in columns))
+            for place in hits[:MOST_LISTED]
         ],
-        "more_collisions": max(len(hits.places) - MOST_LISTED, 0),
+        "more_collisions": max(len(hits) - MOST_LISTED, 0),
     }

@@ -8,8 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-import numpy as np
-
 from sumo_eval.cases import CaseResult, CaseTable, IntArray
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report.packing import packed_bytes
@@ -81,19 +79,16 @@ def told_cases(evaluation: Evaluation, shown: Mapping[str, IntArray]) -> dict[st
     """
     told: dict[str, list[Told]] = {zone.scenario: [] for zone in evaluation.zones}
     for one in findings(evaluation):
-        missing, judged, shares = one.missing, verdicts(evaluation, one.score), one.collisions
-        parts = zip(shares.avoided, shares.lost, strict=True)
-        part_of = dict(zip(shares.places.tolist(), parts, strict=True))
-        losses = one.share_lost
+        missing, judged = one.missing, verdicts(evaluation, one.score)
+        ratios, lost, losses = one.terms.ratio, one.lost_of_c, one.share_lost
         # an ADS with fewer cases than another lacks the last indices
         places = shown[one.score.scenario]
         for place in places[places < len(one.cases)].tolist():
             case = one.cases[place]
-            avoided, lost = part_of.get(place, (np.nan, np.nan))
             beside = {
                 "missing": why_missing(case) if missing[place] else None,
-                "avoided": finite(avoided),
-                "lost": finite(lost),
+                "avoided": finite(ratios[place]),
+                "lost": finite(lost[place]),
                 "aLost": finite(losses[place]) if case.collided else None,
                 "verdict": str(judged[place]),
             }

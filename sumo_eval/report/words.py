@@ -511,12 +511,12 @@ def explain_c(found: Findings) -> str:
     ratio, avoiding = (
         ("Ug/U", "has Ug/U = 0") if loss == "severity" else ("Lg/L", "still has Lg = 0.1")
     )
-    shares = found.collisions
+    worst = found.collisions[0]
     return (
         f"{score.ads} collided in {where}; the ideal vehicle avoids {score.avoidable_collisions} "
         f"of these. C = {score.c:z.3f}: the mean of {ratio} over the collisions, weighted by r. "
         f"A collision that the ideal vehicle avoids {avoiding}."
-        + _most_from("C", found.cases[shares.places[0]], float(shares.lost[0]), 1.0 - score.c)
+        + _most_from("C", found.cases[worst], float(found.lost_of_c[worst]), 1.0 - score.c)
     )
 
 

@@ -23,7 +23,7 @@ from sumo_eval.method.score_terms import (
     once,
 )
 from sumo_eval.results import Evaluation, ScenarioResult
-from sumo_eval.scoring.case_terms import CaseTerms, case_terms, ratios
+from sumo_eval.scoring.case_terms import CaseTerms, case_terms
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -38,20 +38,6 @@ LIKENESS_FACTORS = {
 """The factors of a case's part in H: name -> field of CaseResult."""
 NOTICEABLE = 0.01
 """Share of the task by which an ADS is slower than the slowest reference, to be counted as slow."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CollisionShares:
-    """Collisions of one ADS in one scenario, the one that took most from C first (Eq. 17).
-
-    places: their rows, (h,).
-    avoided: Ug/U of each, or of their loss classes if `collision.loss` is `class`, (h,).
-    lost: part of each in 1 - C, (h,), nan where unknown; the parts add up to 1 - C.
-    """
-
-    places: IntArray
-    avoided: FloatArray
-    lost: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,22 +141,21 @@ class Findings:
         return avoided_share_losses(terms.severity, terms.ideal, terms.unreacting, terms.weight)
 
     @property
-    def ratios(self) -> FloatArray:
-        """Ug/U of each case, or of its loss classes, (n,); nan without a collision."""
-        return ratios(self.cases.severity, self.cases.ideal_severity, self.settings.method)
+    def lost_of_c(self) -> FloatArray:
+        """Part that each case takes from C, (n,), together 1 - C (Eq. 17); nan where it has no
+        ratio, and so no part in C.
+        """
+        known = np.isfinite(ratio := self.terms.ratio)
+        return np.where(known, self.shares(known, self.cases.weight) * (1.0 - ratio), np.nan)
 
     @property
-    def collisions(self) -> CollisionShares:
-        """The collisions, the one that took most from C first (Eq. 17)."""
+    def collisions(self) -> IntArray:
+        """Rows of the collisions, (h,), the one that took most from C first."""
         places = np.flatnonzero(self.cases.collided)
-        hits = self.cases[places]
-        ratio = self.ratios[places]
-        # without a ratio a collision has no part in C, and nothing is known to be lost
-        known = np.isfinite(ratio)
-        lost = np.where(known, self.shares(known, hits.weight) * (1.0 - ratio), np.nan)
+        lost = self.lost_of_c[places]
         # known losses before unknown ones, the largest first, then by name (the last key is first)
-        order = np.lexsort((hits.case, -np.nan_to_num(lost), np.isnan(lost)))
-        return CollisionShares(places[order], ratio[order], lost[order])
+        names = self.cases.case[places]
+        return places[np.lexsort((names, -np.nan_to_num(lost), np.isnan(lost)))]
 
     @property
     def indexed(self) -> BoolArray:

@@ -217,7 +217,7 @@ def _collision_lines(found: Findings) -> _Lines:
     if found.score.c is None:
         yield _line(found, "C", NOT_COMPUTED, alone=-1.0, equation="17")
         return
-    hits, safe = found.collisions, found.cases.safe
+    lost, safe = found.lost_of_c, found.cases.safe
     ideal_collides = np.nan_to_num(found.cases.ideal_severity) != 0.0
     groups = (
         ("collisions in the safe zone", safe),
@@ -225,11 +225,10 @@ def _collision_lines(found: Findings) -> _Lines:
         ("collisions that the ideal vehicle only softens", ~safe & ideal_collides),
     )
     for cause, belongs in groups:
-        # where Ug is not known `lost` is nan: in no group
-        part = belongs[hits.places] & np.isfinite(hits.lost)
-        if part.any():
-            places, lost = hits.places[part], hits.lost[part]
-            yield _line(found, "C", cause, places, lost=lost, equation="14–17")
+        # nan without a collision, and where Ug is not known: in no group
+        places = np.flatnonzero(belongs & np.isfinite(lost))
+        if len(places):
+            yield _line(found, "C", cause, places, lost=lost[places], equation="14–17")
 
 
 def _likeness_lines(found: Findings) -> _Lines:

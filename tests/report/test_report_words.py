@@ -45,7 +45,7 @@ def with_loss(evaluation, loss):
 def test_the_parts_of_the_collisions_add_up_to_what_c_lost(evaluation, loss):
     odd = with_loss(evaluation, loss)
     found = Findings.of(odd, odd.score(builders.HOSTILE, CUT_OUT))
-    rows, shares = found.cases, found.collisions
+    rows, lost = found.cases, found.lost_of_c[found.collisions]
     hits = [row for row in rows if row.collided]
     c = collision_avoidance_index(
         [row.severity for row in hits],
@@ -53,20 +53,16 @@ def test_the_parts_of_the_collisions_add_up_to_what_c_lost(evaluation, loss):
         [row.weight for row in hits],
         loss,
     )
-    assert shares.lost.sum() == pytest.approx(1.0 - c, abs=1e-12)
-    assert shares.lost.tolist() == sorted(shares.lost, reverse=True)
+    assert lost.sum() == pytest.approx(1.0 - c, abs=1e-12)
+    assert lost.tolist() == sorted(lost, reverse=True)
 
 
 def test_without_any_weight_every_collision_counts_the_same(evaluation):
     rows = [
         replace(row, weight=0.0, ideal_severity=0.0) for row in evaluation.cases if row.collided
     ][:4]
-    assert (
-        Findings(
-            evaluation.scores[0], CaseTable.of(rows), evaluation.settings
-        ).collisions.lost.tolist()
-        == [0.25] * 4
-    )
+    found = Findings(evaluation.scores[0], CaseTable.of(rows), evaluation.settings)
+    assert found.lost_of_c.tolist() == [0.25] * 4
 
 
 def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(evaluation):
@@ -80,9 +76,9 @@ def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(evaluatio
         ),
     )
     found = Findings.of(odd, score)
-    cases, shares = found.cases, found.collisions
-    assert cases[shares.places[-1]].case == first.case
-    assert math.isnan(shares.lost[-1])
+    last = found.collisions[-1]
+    assert found.cases[last].case == first.case
+    assert math.isnan(found.lost_of_c[last])
     assert first.case in {case.case for table in unevaluated(odd) for case in table}
 
 
