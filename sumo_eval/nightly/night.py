@@ -48,7 +48,7 @@ from sumo_eval.record.store import Store
 from sumo_eval.report.assessed import write_assessed_report
 from sumo_eval.report.explain import known_case
 from sumo_eval.report.gate_result import failed
-from sumo_eval.report.junit import JUNIT, comparison_suites, run_suites, score_parts, write_junit
+from sumo_eval.report.junit import JUNIT, comparison_suites, run_suites, write_junit
 from sumo_eval.report.sections import Beside
 from sumo_eval.report.summary import first_case
 from sumo_eval.report.tables import write_tables
@@ -132,11 +132,7 @@ def _write_results(
     """Write tables, JUnit file and page of a night; path of the page."""
     comparison, gates = judged.bases.comparison, judged.gates
     write_tables(done)
-    write_junit(
-        {**comparison_suites(comparison, gates), **run_suites(done)},
-        done.folder / JUNIT,
-        score_parts(done),
-    )
+    write_junit({**comparison_suites(comparison, gates), **run_suites(done)}, done.folder / JUNIT)
     beside = Beside(
         comparison, gates, {limit: one.words for limit, one in judged.since.items()}, tuple(notes)
     )

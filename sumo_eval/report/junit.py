@@ -35,7 +35,7 @@ from sumo_eval.report.words import (
     severity_words,
     why_missing,
 )
-from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.results import Evaluation
 from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.comparison import AdsComparison, ChangedCase, Comparison
 from sumo_eval.scoring.findings import findings
@@ -63,48 +63,34 @@ class Test:
     seconds: float = 0.0
 
 
-Suites = Mapping[tuple[str, str], Iterable[Test]]
-"""Tests by (name of the suite, class name)."""
-Properties = Mapping[tuple[str, str], Mapping[str, str]]
-"""Properties by the key of their suite in `Suites`: name -> value."""
+Suite = tuple[Iterable[Test], Mapping[str, str]]
+"""Tests, and properties by name."""
+Suites = Mapping[tuple[str, str], Suite]
+"""By (name of the suite, class name)."""
 _HELD = 1 << 18  # bytes of a suite that wait in memory, more in a file
 
 
 def run_suites(evaluation: Evaluation) -> Suites:
     """A suite for each ADS in each logical scenario, with a test for each case or for each cell of
-    the space.
+    the space; its properties are the scores, and the formula of S+ with its values.
     """
     report, unit = evaluation.settings.report, evaluation.settings.method.collision.unit
-    suites: dict[tuple[str, str], Iterable[Test]] = {}
+    suites: dict[tuple[str, str], Suite] = {}
     for one in findings(evaluation):
+        score = one.score
         tests: Iterable[Test] = map(
             partial(_case_test, report=report, unit=unit), one.cases, one.missing.tolist()
         )
         if report.junit == "cell":
             tests = _by_cell(one.cases, tests, report.junit_cells)
-        suites[_suite_of(one.score)] = tests
-    return suites
-
-
-def _suite_of(score: ScenarioResult) -> tuple[str, str]:
-    """Key in `Suites` of an ADS in a scenario."""
-    return f"{score.ads} in {score.scenario}", f"{score.scenario}.{score.ads}"
-
-
-def score_parts(evaluation: Evaluation) -> Properties:
-    """Properties of the suites of `run_suites`: the scores, and the formula of S+ with its
-    values.
-    """
-    return {
-        _suite_of(one.score): {
-            **{
-                letter: number(getattr(one.score, SCORES[letter][0]), 4)
-                for letter in ("T", "A'", "H", "S+", "S")
-            },
-            "S+ of its parts": explain_s_plus(one),
+        properties = {
+            letter: number(getattr(score, SCORES[letter][0]), 4)
+            for letter in ("T", "A'", "H", "S+", "S")
         }
-        for one in findings(evaluation)
-    }
+        properties["S+ of its parts"] = explain_s_plus(one)
+        key = f"{score.ads} in {score.scenario}", f"{score.scenario}.{score.ads}"
+        suites[key] = tests, properties
+    return suites
 
 
 def write_results(evaluation: Evaluation) -> None:
@@ -112,28 +98,27 @@ def write_results(evaluation: Evaluation) -> None:
     checks.csv, junit.xml.
     """
     write_tables(evaluation)
-    write_junit(run_suites(evaluation), evaluation.folder / JUNIT, score_parts(evaluation))
+    write_junit(run_suites(evaluation), evaluation.folder / JUNIT)
 
 
 def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]) -> Suites:
     """A suite of the gates, and one for each ADS in each logical scenario with a test for each case
     of both runs.
     """
-    suites: dict[tuple[str, str], Iterable[Test]] = {
-        ("gates", "gates"): [
-            Test(
-                f"{gate.quantity} of {gate.ads} in {gate.scenario}",
-                "skipped" if gate.passed is None else "passed" if gate.passed else "failure",
-                "gate",
-                gate.sentence,
-                "\n".join(worst_lines(gate, Path(comparison.new_folder) if comparison else None)),
-            )
-            for gate in gates
-        ]
-    }
+    of_gates = [
+        Test(
+            f"{gate.quantity} of {gate.ads} in {gate.scenario}",
+            "skipped" if gate.passed is None else "passed" if gate.passed else "failure",
+            "gate",
+            gate.sentence,
+            "\n".join(worst_lines(gate, Path(comparison.new_folder) if comparison else None)),
+        )
+        for gate in gates
+    ]
+    suites: dict[tuple[str, str], Suite] = {("gates", "gates"): (of_gates, {})}
     for one in comparison.ads if comparison else ():
         key = f"{one.ads} in {one.scenario} beside the base", f"change.{one.scenario}.{one.ads}"
-        suites[key] = _change_tests(one)
+        suites[key] = _change_tests(one), {}
     return suites
 
 
@@ -146,8 +131,8 @@ def _change_tests(one: AdsComparison) -> Iterator[Test]:
         yield _change_test(case, change, one.units[1])
 
 
-def write_junit(suites: Suites, path: Path, properties: Properties | None = None) -> Path:
-    """Write the suites with their properties to a file and return its path.
+def write_junit(suites: Suites, path: Path) -> Path:
+    """Write the suites to a file and return its path.
 
     One test of a case is in memory at a time. The file needs the number of tests before them, so
     each suite is written to a temporary file first: making its tests twice would take longer.
@@ -155,7 +140,7 @@ def write_junit(suites: Suites, path: Path, properties: Properties | None = None
     with writing(f"The JUnit file {path}"), ExitStack() as bodies, path.open("wb") as out:
         written = {
             key: _written(tests, key[1], bodies.enter_context(SpooledTemporaryFile(_HELD)))
-            for key, tests in suites.items()
+            for key, (tests, _) in suites.items()
         }
         totals = sum((counts for _, counts, _ in written.values()), Counter[str]())
         with etree.xmlfile(out, encoding="UTF-8") as file:
@@ -165,8 +150,8 @@ def write_junit(suites: Suites, path: Path, properties: Properties | None = None
                     attributes = {"name": _clean(key[0])} | _counted(counts)
                     file.write("\n  ")
                     with file.element("testsuite", **attributes, time=f"{seconds:z.3f}"):
-                        if properties and key in properties:
-                            file.write("\n    ", _properties(properties[key]))
+                        if properties := suites[key][1]:
+                            file.write("\n    ", _properties(properties))
                         file.flush()
                         # the finished tests go past lxml, after all that it has written
                         body.seek(0)

@@ -8,7 +8,7 @@ import pytest
 from report_cases import hit, pick, with_case
 
 from sumo_eval.nightly.gates import judge
-from sumo_eval.report.junit import comparison_suites, run_suites, score_parts, write_junit
+from sumo_eval.report.junit import comparison_suites, run_suites, write_junit
 from sumo_eval.report.words import number
 from sumo_eval.scoring.comparison import compare
 from sumo_eval.scoring.findings import unevaluated
@@ -73,9 +73,7 @@ def test_a_suite_names_s_plus_and_its_parts(evaluation, tmp_path):
     odd = with_case(
         odd, other.case, lambda case: replace(case, status="ads_error", no_reaction_severity=7.5)
     )
-    xml = junitparser.JUnitXml.fromfile(
-        str(write_junit(run_suites(odd), tmp_path / "junit.xml", score_parts(odd)))
-    )
+    xml = junitparser.JUnitXml.fromfile(str(write_junit(run_suites(odd), tmp_path / "junit.xml")))
     for suite, score in zip(xml, odd.scores, strict=True):
         said = {one.name: one.value for one in suite.properties()}
         assert said["T"] == number(score.task_share, 4)

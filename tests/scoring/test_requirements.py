@@ -143,7 +143,7 @@ check = "at_end(time) > gap0 / 10 - 0.01"
         ]
     written = json.loads((result.folder / "scores.json").read_text())
     assert written["scores"][0]["requirements_missed"] == 2
-    tests = [test for suite in run_suites(result).values() for test in suite]
+    tests = [test for suite, _ in run_suites(result).values() for test in suite]
     assert [test.verdict for test in tests] == ["failure", "failure"]
     for most, passes in ((1.0, False), (2.0, True)):
         (gate,) = judge(
