@@ -140,7 +140,7 @@ def intervals(run: Evaluation, replicates: int) -> object:
     """The intervals of made-up rows that lie on a line through the space."""
     rows, method = run.cases_of("first", "cut_in"), run.settings.method
     points = np.column_stack([np.linspace(0.0, 1.0, len(rows))] * len(BOX))
-    drivers = driver_deviations(rows, {}, {}, run.settings.drivers, 1)
+    drivers = driver_deviations(rows, {}, run.settings.drivers, 1)
     everywhere, safe = np.arange(len(rows)), np.zeros(len(rows), dtype=np.bool_)
     judged = Judged("first", case_terms(rows, method), everywhere, safe, drivers)
     groups = strata(points, "sobol")

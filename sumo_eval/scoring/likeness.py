@@ -223,39 +223,39 @@ class DriverComparison:
     references: the drivers, by point.
     indexes: D_i, by case.
     bands: D_i of each driver of a point against all other drivers there, by point.
-    left_out: of evenly chosen cases, D_i without each driver, by case.
-    present: the drivers at the points of these cases, by case.
+    left_out: of evenly chosen cases, D_i without each driver, and the drivers, by case.
     """
 
     references: Mapping[int, PointReference]
     indexes: Mapping[str, AnthropomorphicIndex]
     bands: Mapping[int, Sequence[float]]
-    left_out: Mapping[str, LeftOut]
-    present: Mapping[str, Sequence[str]]
+    left_out: Mapping[str, tuple[LeftOut, Sequence[str]]]
 
 
 def compare_with_people(
     space: ScenarioRun,
     overview: Survey,
     points: range,
-    compared: Mapping[int, PointReference],
-    unhit: Mapping[str, Sequence[Fact]],
+    people: Sequence[Fact],
+    drives: Mapping[str, Sequence[Fact]],
 ) -> DriverComparison:
-    """Eqs. 9-12: D_i of every evaluated case at a point with a usable reference, and of the drivers
-    there.
+    """Eqs. 9-12: D_i of every evaluated safe case without a collision at a point with a usable
+    reference, and of the drivers there.
 
     overview: has the points at which drivers are left out.
     points: numbers of the points.
-    compared: drivers of these points.
-    unhit: drives of each ADS at the safe ones of these points, without contact.
+    people: drives of the human drivers at these points.
+    drives: drives of each ADS there.
     """
     settings = space.settings
+    compared = references(people, settings.drivers)
     usable = {point: compared[point] for point in sorted(compared) if compared[point].usable}
     cases: dict[int, list[str]] = defaultdict(list)
     left_out: dict[int, list[str]] = defaultdict(list)
-    for name, facts in unhit.items():
+    for name, facts in drives.items():
         for fact in facts:
-            if fact.status in EVALUATED and fact.point in usable:
+            unhit = fact.collision is None and fact.status in EVALUATED
+            if unhit and fact.point in usable and not overview.hazardous[fact.point]:
                 cases[fact.point].append(fact.case)
                 if fact.point in overview.left_out[name]:
                     left_out[fact.point].append(fact.case)
@@ -296,8 +296,11 @@ def compare_with_people(
             for point, result in zip(jobs, results, strict=True)
             if result.band is not None
         },
-        {case: without for result in results for case, without in result.left_out.items()},
-        {case: usable[point].drivers for point in jobs for case in left_out[point]},
+        {
+            case: (without, usable[point].drivers)
+            for point, result in zip(jobs, results, strict=True)
+            for case, without in result.left_out.items()
+        },
     )
 
 

@@ -44,7 +44,6 @@ from sumo_eval.scoring.likeness import (
     Survey,
     as_driven,
     compare_with_people,
-    references,
     survey,
 )
 from sumo_eval.scoring.plausible_people import plausible_people
@@ -154,14 +153,12 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
     overview = survey(space, zones, key)
     plausible = plausible_people(space.logical, space.store, method.plausibility)
     remarks = {ads.name: Remarks() for ads in space.settings.ads}
-    left_out: dict[str, LeftOut] = {}
-    present: dict[str, Sequence[str]] = {}
+    left_out: dict[str, tuple[LeftOut, Sequence[str]]] = {}
     for first in range(0, len(overview.weights), POINTS_AT_ONCE):
         part = range(first, min(first + POINTS_AT_ONCE, len(overview.weights)))
         # 3 to 5  D_i, losses and weights of the cases, Eqs. 9-12 and 14-16
         compared = score_points(space, overview, part, plausible.people, remarks, rows)
         left_out |= compared.left_out
-        present |= compared.present
     tables = [rows.rows(ads.name, space.name) for ads in space.settings.ads]
     # 6  C, D and S, Eqs. 13, 17, 18; T, A', H, S+
     scores = [
@@ -173,7 +170,7 @@ def score_scenario(space: ScenarioRun, rows: RowWriter) -> tuple[ZoneResult, Sco
     points = as_driven(space.points, overview.points, whole=not space.settings.run.only)
     places = [overview.driven[name] for name in remarks]  # of each ADS the points of its cases
     deviations = [
-        driver_deviations(table, left_out, present, space.settings.drivers, space.settings.seed)
+        driver_deviations(table, left_out, space.settings.drivers, space.settings.seed)
         for table in tables
     ]
     scores, intervals = with_intervals(
@@ -246,16 +243,8 @@ def score_points(
     drivers = space.facts_at(points, "human")
     unreacting = space.facts_at(points, "no_reaction")
     cars = space.facts_at(points, "task_reference") if space.car else []
-    # 3  the cases that may have a D_i: safe, without a collision
-    unhit = {
-        name: [
-            fact for fact in facts if not overview.hazardous[fact.point] and fact.collision is None
-        ]
-        for name, facts in drives.items()
-    }
-    # 4  D_i, Eqs. 9-12
-    by_point = references(drivers, space.settings.drivers)
-    compared = compare_with_people(space, overview, points, by_point, unhit)
+    # 3 and 4  D_i of the cases that may have one: safe, without a collision, Eqs. 9-12
+    compared = compare_with_people(space, overview, points, drivers, drives)
     egos = [*unreacting, *(fact for facts in drives.values() for fact in facts)]
     # not in the paper: departures and t_i
     tasks = tasks_of_drives(egos, [*drivers, *cars], space)

@@ -14,6 +14,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,68 +49,69 @@ class DriverDeviations:
     freedom: int
 
 
+_OfCase = tuple[float, Sequence[float], float]
+"""A score of a case by all its drivers, without each of them, and after exchanges."""
 NO_DEVIATIONS = DriverDeviations((), np.zeros(0), np.zeros(0), 1)
 
 
 def driver_deviations(
     cases: CaseTable,
-    left_out: Mapping[str, LeftOut],
-    present: Mapping[str, Sequence[str]],
+    left_out: Mapping[str, tuple[LeftOut, Sequence[str]]],
     settings: DriverSettings,
     seed: int,
 ) -> DriverDeviations:
     """The deviations of one ADS in one scenario.
 
     cases: of the ADS.
-    left_out: results of some of these cases without each of their drivers, by case.
-    present: the drivers of these cases, by case.
+    left_out: results of some of these cases without each of their drivers, and the drivers, by
+        case.
 
     The same driver is left out of all cases at once, because it is the same person.
     """
-    jackknifed = np.isin(cases.case, [case for case, one in left_out.items() if one.without])
-    chosen, weights = cases.case[jackknifed].tolist(), cases.exposure[jackknifed]
-    names = sorted({name for case in chosen for name in present[case]})
+    jackknifed = np.isin(cases.case, [case for case, (one, _) in left_out.items() if one.without])
+    chosen = [left_out[case] for case in cases.case[jackknifed].tolist()]
+    names, weights = sorted({*chain(*(there for _, there in chosen))}), cases.exposure[jackknifed]
     if len(names) < 3 or not weights.any():  # a deviation needs two that stay
         return NO_DEVIATIONS
-    results, drivers = [left_out[case] for case in chosen], [list(present[case]) for case in chosen]
-    plausible = np.nan_to_num(cases.plausibility[jackknifed])
+    groups = [_group(name, settings, seed) for name in names]
+    share = 1.0 if None in groups else settings.population.overtake_share
 
     def mean(values: ArrayLike) -> FloatArray:
         """Mean over the cases, by exposure, of values (..., cases)."""
         return np.asarray((np.array(values) @ weights) / weights.sum())
 
-    # a row for each driver: every case without it; where a case does not have it, nothing changes
-    index = [
-        [
-            one.without[of_case.index(name)] if name in of_case else one.everyone
-            for one, of_case in zip(results, drivers, strict=True)
+    def errors(values: Sequence[_OfCase], factor: FloatArray) -> FloatArray:
+        """Errors of a score by each driver.
+
+        factor: of each case, (cases,).
+        """
+        # a row for each driver: every case without it; where a case does not have it, all drivers
+        without = [
+            [
+                fewer[there.index(name)] if name in there else everyone
+                for (everyone, fewer, _), (_, there) in zip(values, chosen, strict=True)
+            ]
+            for name in names
         ]
-        for name in names
-    ]
-    likeness = [
-        [
-            one.likeness_without[of_case.index(name)] if name in of_case else one.likeness
-            for one, of_case in zip(results, drivers, strict=True)
-        ]
-        for name in names
-    ]
-    index_change = mean([one.exchanged - one.everyone for one in results])
-    likeness_change = mean(plausible * [one.likeness_exchanged - one.likeness for one in results])
+        change = mean(factor * [exchanged - everyone for everyone, _, exchanged in values])
+        return stratified_deviations(mean(factor * without), groups, share, float(change))
+
     likened = cases.safe & np.isfinite(cases.human_likeness)
     # exposure of the cases in H, and of those among them without an incident
     whole, calm = (
         sum(cases.exposure[part].tolist()) for part in (likened, likened & ~cases.incident)
     )
-    groups = [_group(name, settings, seed) for name in names]
-    share = 1.0 if None in groups else settings.population.overtake_share
-    errors, likeness_errors = (
-        stratified_deviations(mean(values), groups, share, float(change))
-        for values, change in ((index, index_change), (plausible * likeness, likeness_change))
+    index = errors(
+        [(one.everyone, one.without, one.exchanged) for one, _ in chosen], np.ones(len(chosen))
+    )
+    likeness = errors(
+        [(one.likeness, one.likeness_without, one.likeness_exchanged) for one, _ in chosen],
+        np.nan_to_num(cases.plausibility[jackknifed]),
     )
     # drivers move H only in cases without an incident: the share of these
     compared = calm / whole if whole else 0.0
     freedom = max(len(names) - len(set(groups)), 1)
-    return DriverDeviations((*names, INCLINATION), errors, compared * likeness_errors, freedom)
+    return DriverDeviations((*names, INCLINATION), index, compared * likeness, freedom)
 
 
 def exchanges(
