@@ -61,18 +61,6 @@ class DrivenAlone:
 
 
 @dataclass(frozen=True, slots=True)
-class Compared:
-    """Note on an ADS that asks SUMO itself (TraCI code), some of whose drives shared a simulation.
-
-    compared: number of these drives that were repeated alone, with equal results.
-    drives: number of all drives that shared a simulation.
-    """
-
-    compared: int
-    drives: int
-
-
-@dataclass(frozen=True, slots=True)
 class DrivenInBlocks:
     """Note on a policy over arrays, whose last bits may depend on the cases in its fixed batch.
 
@@ -88,6 +76,8 @@ class DrivenInBlocks:
 class Counted:
     """Note that counts cases, collisions or points: `number` of `of` are of the kind `what`.
 
+    compared: cases of an ADS that asks SUMO itself (TraCI code) and shared a simulation that were
+        repeated alone, with equal results.
     actors_left: cases that lasted longer than an actor was on the road.
     actors_moved: cases in which the ADS moved an actor off its script.
     outside_support: cases in which no recorded event is like the concrete scenario.
@@ -99,6 +89,7 @@ class Counted:
     """
 
     what: Literal[
+        "compared",
         "actors_left",
         "actors_moved",
         "outside_support",
@@ -212,7 +203,6 @@ class RequirementMissed:
 
 ScoreNote = (
     DrivesLeftOut
-    | Compared
     | DrivenAlone
     | DrivenInBlocks
     | Counted

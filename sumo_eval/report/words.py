@@ -20,7 +20,6 @@ from sumo_eval.method.manoeuvres import words as manoeuvre_words
 from sumo_eval.results import (
     BeyondRange,
     CasesMissing,
-    Compared,
     Counted,
     DrivenAlone,
     DrivenInBlocks,
@@ -649,6 +648,7 @@ def exposure_note_words(case: CaseResult) -> str:
 
 
 _COUNTED = {
+    "compared": "{number} of {of} cases that shared SUMO were compared alone: equal.",
     "actors_left": "In {cases} an actor reached the end of the network and left it; the case "
     "continued without it (clip `actor_left_the_network`).",
     "actors_moved": "In {cases} the ADS moved an actor off its script (clip "
@@ -676,8 +676,6 @@ def score_note(note: ScoreNote) -> str:
                 f"{number} {_LEFT_OUT.get(status, status)}" for status, number in statuses
             )
             return f"The reference leaves out {left_out} of the drivers' {drives} drives: {how}."
-        case Compared(compared, drives):
-            return f"{compared} of {drives} cases that shared SUMO were compared alone: equal."
         case DrivenAlone(alone):
             why = " ".join(f"{number} x: {reason}" for reason, number in alone)
             drives = sum(times for _, times in alone)

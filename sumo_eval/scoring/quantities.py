@@ -25,7 +25,6 @@ from sumo_eval.record.store import Fact
 from sumo_eval.results import (
     BeyondRange,
     CasesMissing,
-    Compared,
     Counted,
     DrivenAlone,
     DrivenInBlocks,
@@ -111,7 +110,7 @@ class Remarks:
         if alone := space.store.simulated_alone(space.name, ads):
             yield DrivenAlone(tuple(alone.items()))
         if together := sum(self._batched[how] for how in BATCHED):
-            yield Compared(self._batched["compared"], together)
+            yield Counted("compared", self._batched["compared"], together)
         if self._blocks:
             yield DrivenInBlocks(self._blocks.total(), tuple(sorted(self._blocks)))
         if left := self._clips[LEFT_THE_NETWORK]:
