@@ -10,7 +10,7 @@ A recorded drive is one vehicle in one encounter with another (it approaches a s
 vehicle cuts in ahead of it, or its lead vehicle leaves the lane), 10 to 32 s long, as most cases of
 the motorway scenarios are; a longer drive has more chances of an extreme.
 
-Users: `scoring/` (`drive_measures` computes it of every case), `report/`.
+Users: `scoring/` (`drive_results` computes it of every case), `report/`.
 """
 
 from __future__ import annotations

@@ -28,7 +28,6 @@ Kind = Literal[
     "band",
     "left_out",
     "drive",
-    "task",
     "checked",
     "report",
 ]

@@ -26,7 +26,7 @@ from sumo_eval.scenario.bodies import CAR
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.road.reference_line import knots_of
-from sumo_eval.scoring.drive_measures import finite
+from sumo_eval.scoring.drive_results import finite
 from sumo_eval.scoring.failure_groups import FailureGroup, failure_groups
 from sumo_eval.scoring.findings import findings, mean_of
 from sumo_eval.scoring.map_view import View, choose_view, telling_slice

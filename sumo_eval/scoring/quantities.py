@@ -16,7 +16,8 @@ import numpy as np
 from sumo_eval.cases import EVALUATED, GAVE_UP, CaseResult, CaseTable, Zone, counts
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.method.conflict import conflict_at
-from sumo_eval.method.driving_task import roadside_contact
+from sumo_eval.method.driving_task import Departure, roadside_contact
+from sumo_eval.method.plausibility import Quantiles
 from sumo_eval.method.score import plus_of, score_of
 from sumo_eval.method.severity import Severity
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
@@ -40,8 +41,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_values
 from sumo_eval.scoring.contact_cause import cause_of_contact
-from sumo_eval.scoring.drive_measures import finite
-from sumo_eval.scoring.driving_task import TaskOfDrive
+from sumo_eval.scoring.drive_results import DriveResult, finite
 from sumo_eval.scoring.findings import LIKENESS_FACTORS
 from sumo_eval.scoring.likeness import DriverComparison, Survey, beside_people, reference_notes
 from sumo_eval.scoring.requirements import requirements_missed
@@ -143,7 +143,7 @@ def harm_at(
     overview: Survey,
     points: range,
     idle: Sequence[Fact],
-    tasks: Mapping[str, TaskOfDrive],
+    drives: Mapping[str, DriveResult],
 ) -> dict[int, dict[str, Any]]:
     """Point -> fields that all cases there share: r (Eq. 16), Ug (Eq. 17), U0, and PET and time to
     the conflict if no vehicle reacts.
@@ -151,7 +151,7 @@ def harm_at(
     overview: has the weights of all points.
     points: numbers of the points.
     idle: the drives of `no_reaction` at these points.
-    tasks: departures, by case.
+    drives: departures, by case.
     """
     unreacting = {fact.point: fact for fact in idle}
     harm = {}
@@ -161,7 +161,7 @@ def harm_at(
             **_reference("ideal", fact, 0.0, space),
         }
         if (no_reaction := unreacting.get(fact.point)) is not None:
-            departure = _of_departure(no_reaction, tasks, space)
+            departure = _of_departure(drives[no_reaction.case].departure, no_reaction.case, space)
             shared |= _reference("no_reaction", no_reaction, departure, space)
         if (conflict := conflict_at(space.logical, fact.values)) is not None:
             shared["undisturbed_pet"] = finite(conflict.pet)
@@ -183,16 +183,13 @@ def _reference(
     return {f"{who}_severity": max(_severity(fact, space) or 0.0, least)}
 
 
-def _of_departure(fact: Fact, tasks: Mapping[str, TaskOfDrive], space: ScenarioRun) -> float:
-    """U of a drive's departure from the road, as a contact with an obstacle beside the road; 0
+def _of_departure(departure: Departure | None, case: str, space: ScenarioRun) -> float:
+    """U of a case's departure from the road, as a contact with an obstacle beside the road; 0
     without a departure.
     """
-    departure = tasks[fact.case].departure if fact.case in tasks else None
     if departure is None:
         return 0.0
-    return space.severity.of(
-        roadside_contact(departure, space.method.task.roadside_overlap), fact.case
-    )
+    return space.severity.of(roadside_contact(departure, space.method.task.roadside_overlap), case)
 
 
 def _severity(fact: Fact, space: ScenarioRun) -> float | None:
@@ -210,8 +207,8 @@ def tabulate(
     overview: Survey,
     people: DriverComparison,
     harm: Mapping[int, Mapping[str, Any]],
-    tasks: Mapping[str, TaskOfDrive],
-    measured: Mapping[str, Mapping[str, Any]],
+    drives: Mapping[str, DriveResult],
+    plausible: Quantiles,
 ) -> Iterator[CaseResult]:
     """Make the row of each case.
 
@@ -219,19 +216,19 @@ def tabulate(
     overview: zones and weights of the points.
     people: comparison with the human drivers.
     harm: fields that the cases at a point share, by point, from `harm_at`.
-    tasks: departure and t_i, by case.
-    measured: fields with measures of the drive, by case.
+    drives: departure, t_i and measures, by case.
+    plausible: table of people that the plausibility compares with.
     """
     for fact in facts:
         zone: Zone = "hazardous" if overview.hazardous[fact.point] else "safe"
-        hit, task, struck = fact.collision, tasks.get(fact.case), struck_by_other(fact, space)
+        hit, driven, struck = fact.collision, drives[fact.case], struck_by_other(fact, space)
         severity = _severity(fact, space)
         ideal = harm[fact.point]["ideal_severity"]
         fields_of_row: dict[str, Any] = {
             **{name: getattr(fact, name) for name in _RECORDED},
             **harm[fact.point],
             **beside_people(fact, zone, people, space.settings.drivers),
-            **measured.get(fact.case, {}),
+            **driven.measures(plausible),
         }
         if fact.latency_median is not None and fact.latency_reference:
             fields_of_row["latency_relative"] = fact.latency_median / fact.latency_reference
@@ -246,11 +243,11 @@ def tabulate(
                 # L is always that of the paper's U, whatever `severity` is
                 u = impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap)
                 fields_of_row["loss"] = float(collision_loss(u))
-        if task is not None and (departure := task.departure) is not None:
+        if (departure := driven.departure) is not None:
             fields_of_row |= {
                 "departure_time": departure.time,
                 "departure_speed": departure.speed,
-                "departure_severity": _of_departure(fact, tasks, space),
+                "departure_severity": _of_departure(departure, fact.case, space),
             }
         row = CaseResult(
             ads=fact.driver,
@@ -260,8 +257,7 @@ def tabulate(
             severity=severity,
             beats_ideal=severity is not None and ideal is not None and severity < ideal,
             ideal_collided=None if ideal is None else ideal > 0.0,
-            # given up: 0, no task known: None
-            task_share=0.0 if fact.status in GAVE_UP else None if task is None else task.share,
+            task_share=0.0 if fact.status in GAVE_UP else driven.share,
             clips="; ".join(
                 f"{clip.what} x{clip.count}" for clip in fact.clips if clip.what != NO_RETURN
             ),

@@ -35,9 +35,7 @@ from sumo_eval.scoring.confidence.next_round import ADAPTIVE, standing
 from sumo_eval.scoring.confidence.ranking import rank
 from sumo_eval.scoring.confidence.resamples import Strata, of_one_number, strata
 from sumo_eval.scoring.confidence.scored import with_intervals
-from sumo_eval.scoring.drive_measures import drive_measures
-from sumo_eval.scoring.driving_task import recorded_with, tasks_of_drives
-from sumo_eval.scoring.fingerprint import sources, space_key
+from sumo_eval.scoring.drive_results import drive_results, recorded_with
 from sumo_eval.scoring.kept_scores import RowWriter, Scores
 from sumo_eval.scoring.likeness import (
     DriverComparison,
@@ -246,20 +244,13 @@ def score_points(
     # 3 and 4  D_i of the cases that may have one: safe, without a collision, Eqs. 9-12
     compared = compare_with_people(space, overview, points, drivers, drives)
     egos = [*unreacting, *(fact for facts in drives.values() for fact in facts)]
-    # not in the paper: departures and t_i
-    tasks = tasks_of_drives(egos, [*drivers, *cars], space)
+    # not in the paper: departures, t_i, TTC, PET, plausibility ...
+    results = drive_results(egos, [*drivers, *cars], space)
     # 5  U, L, Ug, r, Eqs. 14-16
-    harm = harm_at(space, overview, points, unreacting, tasks)
-    # a hash of the files that a scenario's measures depend on
-    files = (
-        f"{space.entry.use} {space_key(space.entry, space.source)} "
-        f"{sources('scenario', 'settings')}"
-    )
+    harm = harm_at(space, overview, points, unreacting, results)
     safe = [fact for fact in (*drivers, *cars) if not overview.hazardous[fact.point]]
     for name, facts in drives.items():
-        # not in the paper: TTC, PET, plausibility ...
-        measured = drive_measures(facts, space, people, files)
-        rows.add(list(tabulate(facts, space, overview, compared, harm, tasks, measured)))
+        rows.add(list(tabulate(facts, space, overview, compared, harm, results, people)))
         remarks[name].add(facts, safe, space.severity)
     space.progress(f"{space.name}: comparison with the drivers", points.stop, len(overview.weights))
     return compared

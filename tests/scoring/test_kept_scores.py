@@ -27,7 +27,7 @@ from sumo_eval.report.assessed import write_assessed_report
 from sumo_eval.report.explain import explain_case, known_case
 from sumo_eval.report.replay import recorded
 from sumo_eval.scenario import catalogue
-from sumo_eval.scoring import critical, drive_measures, fingerprint, likeness, steps
+from sumo_eval.scoring import critical, drive_results, fingerprint, likeness, steps
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.fingerprint import space_key
 from sumo_eval.scoring.zones import zones_are_known
@@ -52,7 +52,7 @@ def never(*_, **__):
 
 def compute_nothing(monkeypatch):
     monkeypatch.setattr(human_reference, "indexes_by_group", never)
-    monkeypatch.setattr(drive_measures, "measures", never)
+    monkeypatch.setattr(drive_results, "measures", never)
     monkeypatch.setattr(likeness, "collision_weight", never)
 
 

@@ -1,0 +1,222 @@
+"""Results of each recorded drive: its departure and t_i, and of an evaluated case its measures
+other than D_i: criticality, plausibility, lane keeping, PET. The equations are in `method/`.
+
+A result depends on recorded trajectories alone: it is kept in the run's folder, and the missing
+ones are computed, point by point, in the processes that compute D_i.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import astuple, dataclass, fields
+from functools import partial
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from sumo_eval.cases import EVALUATED
+from sumo_eval.coded import decoded, encoded
+from sumo_eval.method.conflict import conflicting
+from sumo_eval.method.driving_task import (
+    Departure,
+    asked_way,
+    first_departure,
+    is_excused,
+    task_share,
+)
+from sumo_eval.method.measures import (
+    STANDING,
+    CriticalityMeasures,
+    LaneKeeping,
+    conflict_pet,
+    course_of,
+    lane_keeping,
+    measures,
+)
+from sumo_eval.method.plausibility import EXTREMES, Quantiles, extremes_of, plausibility
+from sumo_eval.record.human_reference import method_sources
+from sumo_eval.record.kept_results import key_of
+from sumo_eval.record.store import EGO, Fact, Store, open_store
+from sumo_eval.scenario.concrete import Road, Way
+from sumo_eval.scoring.fingerprint import sources, space_key
+from sumo_eval.scoring.space import ScenarioRun
+from sumo_eval.trajectory import FloatArray, Trajectory
+
+_AT_ONCE = 16  # points that a process does before it answers
+_CRITICALITY, _LANE = len(fields(CriticalityMeasures)), len(fields(LaneKeeping))
+_MEASURED = tuple(item.name for part in (CriticalityMeasures, LaneKeeping) for item in fields(part))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriveResult:
+    """Result of one drive.
+
+    departure: None where the drive stayed on the road.
+    share: t_i; None without a reference.
+    numbers: of an ADS's evaluated case: criticality, extremes, lane keeping, PET of conflicting
+        ways; of any other empty.
+    """
+
+    departure: Departure | None
+    share: float | None
+    numbers: FloatArray
+
+    def measures(self, people: Quantiles) -> dict[str, float | None]:
+        """The numbers as fields of a case.
+
+        people: table of people that the plausibility compares with.
+        """
+        if not len(self.numbers):
+            return {}
+        *numbers, pet = self.numbers.tolist()
+        extremes = dict(zip(EXTREMES, numbers[_CRITICALITY:-_LANE], strict=True))
+        measured = zip(_MEASURED, numbers[:_CRITICALITY] + numbers[-_LANE:], strict=True)
+        return {
+            **{name: finite(value) for name, value in measured},
+            "plausibility": plausibility(extremes, people),
+            "conflict_pet": finite(pet),
+        }
+
+
+def finite(value: float) -> float | None:
+    """None for values that a table cannot hold: not defined, or unbounded."""
+    return value if math.isfinite(value) else None
+
+
+_UNDRIVEN = DriveResult(None, None, np.empty(0))
+_RECORDS = {record.__name__: record for record in (DriveResult, Departure)}
+
+
+@dataclass(frozen=True, slots=True)
+class _Point:
+    """Job: drives at one point.
+
+    references: cases of the references' drives, which ended without contact.
+    road: of the scenario.
+    margin: how far a corner may be beyond the road (`road_margin`), m.
+    begin: x of the ego's start, m.
+    way: the lane change that the point asks for; None without one.
+    conflicting: the actor whose way conflicts with the ego's, "" for none.
+    """
+
+    drives: Sequence[Fact]
+    references: Sequence[str]
+    road: Road
+    margin: float
+    begin: float
+    way: Way | None
+    conflicting: str
+
+
+def drive_results(
+    drives: Sequence[Fact], references: Iterable[Fact], space: ScenarioRun
+) -> dict[str, DriveResult]:
+    """Results of the cases at some points of a scenario, by case, from the cache, or computed in
+    processes and kept.
+
+    drives: of the ADSs and of `no_reaction`.
+    references: the drives of drivers and of the reference car there.
+    """
+    logical, hash_of = space.logical, space.store.case_hash
+    road, margin = logical.road, space.method.task.road_margin
+    # a hash of all files that the actors depend on, one of which may conflict with the ego
+    files = space.entry.use, space_key(space.entry, space.source), sources("scenario", "settings")
+    references_at: dict[int, list[str]] = {}
+    for fact in references:
+        if fact.status == "ok":
+            references_at.setdefault(fact.point, []).append(fact.case)
+    results: dict[str, bytes] = {}
+    keys: dict[str, bytes] = {}  # of missing results
+    points: list[_Point] = []
+    # these two ends have no drive; a case given up has one, which may leave the road
+    driven = [fact for fact in drives if fact.end_reason not in (None, "sim_error")]
+    driven.sort(key=lambda fact: fact.point)
+    for number, here in groupby(driven, key=lambda fact: fact.point):
+        missing, others = [], references_at.get(number, [])
+        first, *more = here
+        concrete = logical.placed(first.values)
+        start = concrete.ego
+        # a result depends on the point's references and on its own drive
+        common = key_of(
+            [hash_of(case) for case in others], road, margin, start.x, start.way, files,
+            method_sources(),
+        )  # fmt: skip
+        for fact in (first, *more):
+            key = key_of(common, hash_of(fact.case))
+            data = space.kept.get("drive", key)
+            if data is None:
+                missing.append(fact)
+                keys[fact.case] = key
+            else:
+                results[fact.case] = data
+        if missing:
+            other = conflicting(logical, concrete)
+            name = "" if other is None else concrete.actors[other].name
+            points.append(_Point(missing, others, road, margin, start.x, start.way, name))
+
+    parts = [points[first : first + _AT_ONCE] for first in range(0, len(points), _AT_ONCE)]
+    new: dict[str, bytes] = {}
+    for part in space.spread(partial(_results, space.store.path), parts) if parts else ():
+        new |= part
+    space.kept.put(("drive", keys[case], 0, data) for case, data in new.items())
+    found = {case: decoded(data, _RECORDS) for case, data in (results | new).items()}
+    return {fact.case: found.get(fact.case, _UNDRIVEN) for fact in drives}
+
+
+def _results(path: Path, points: Sequence[_Point]) -> dict[str, bytes]:
+    """Results of the drives at some points, by case, from the facts at a path."""
+    with open_store(path, checked=True) as store:
+        return {
+            case: encoded(result) for point in points for case, result in _results_at(point, store)
+        }
+
+
+def _results_at(point: _Point, store: Store) -> Iterator[tuple[str, DriveResult]]:
+    """Each case at a point with its result."""
+    beside = [store.trajectory(case) for case in point.references]
+    clean = [drive for drive in beside if first_departure(drive, point.road, point.margin) is None]
+    asked = asked_way(point.begin, clean)  # its places with times; `point.way`: a lane change
+    for fact in point.drives:
+        actors, share = store.trajectories(fact.case), None
+        if EGO not in actors:
+            raise store.no_trajectory(fact.case)
+        ego = actors.pop(EGO)
+        departure = first_departure(ego, point.road, point.margin)
+        if asked is not None:
+            incident = fact.status == "collision" or departure is not None
+            excused = not incident and ego.speed[-1] < STANDING and is_excused(ego, actors)
+            share = task_share(ego, asked, point.way, incident=incident, excused=excused)
+        evaluated = fact.role == "ads" and fact.status in EVALUATED
+        numbers = _numbers(fact, point, ego, actors) if evaluated else []
+        yield fact.case, DriveResult(departure, share, np.array(numbers))
+
+
+def _numbers(
+    fact: Fact, point: _Point, ego: Trajectory, actors: Mapping[str, Trajectory]
+) -> list[float]:
+    """The numbers of a `DriveResult`."""
+    hit, pet = fact.collision, math.nan
+    course = course_of(ego, actors, hit, point.road)
+    extremes = extremes_of(course)
+    if point.conflicting in actors:
+        contact = hit if hit is not None and hit.other == point.conflicting else None
+        pet = conflict_pet(ego, actors[point.conflicting], contact)
+    return [
+        *astuple(measures(ego, actors, hit, course)),
+        *(extremes[name] for name in EXTREMES),
+        *astuple(lane_keeping(ego, point.road.lane_width)),
+        pet,
+    ]
+
+
+def recorded_with(store: Store, car: str) -> bool:
+    """Whether a run holds the drive of the reference car at every point: as many as of `ideal`."""
+    counts = dict.fromkeys(("ideal", "task_reference"), 0)
+    for _scenario, role, _driver, _status, number, _exposure in store.counts():
+        if role in counts:
+            counts[role] += number
+    first = next(store.facts("task_reference"), None)
+    driven = first is not None and first.controller == car
+    return driven and counts["ideal"] == counts["task_reference"]
