@@ -1,5 +1,4 @@
-"""ADSs that drive through TraCI: hooks (TraCI code), step listeners, programs, FMUs, SUMO's own
-models.
+"""ADSs that drive through TraCI: hooks (TraCI code), step listeners, programs, SUMO's own models.
 
 In any step such an ADS may return a command, or let SUMO move the ego. In the latter case the
 harness checks that the ego moves as a vehicle can. Calls through TraCI are guarded
@@ -20,14 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.controller import Adapter, NativeModel, ObjectController
-from sumo_eval.cosim.doors.observation import (
-    Observation,
-    Perception,
-    kinds_of,
-    present,
-    stream_of,
-    task_of,
-)
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError, SumoNames, heeding
 from sumo_eval.cosim.impossible import (
     FASTEST,
@@ -49,7 +40,7 @@ from sumo_eval.cosim.loop import (
     note_unlimited,
     with_time,
 )
-from sumo_eval.cosim.plans import HOLD, Executor, checked_answer
+from sumo_eval.cosim.plans import Executor, checked_answer
 from sumo_eval.cosim.records import (
     COMMAND,
     MAP,
@@ -58,7 +49,6 @@ from sumo_eval.cosim.records import (
     STRAIGHT,
     SUMO,
     first_number,
-    numbers_of,
 )
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, LEFT_BATCH, Stage
 from sumo_eval.cosim.step_rules import goes_straight
@@ -88,10 +78,10 @@ class OnTraci(EgoControl):
     In a batch, a row with anything out of the ordinary leaves, and is driven alone.
     """
 
-    def __init__(self, ads: Sequence[Adapter], seeds: Sequence[int], terms: Terms) -> None:
+    def __init__(self, ads: Sequence[Adapter], terms: Terms) -> None:
         super().__init__(terms)
         # a proxy: a circle of references would keep a batch's arrays until Python looks for circles
-        self._hooks = [_Hook(proxy(self), *it, terms) for it in zip(ads, seeds, strict=True)]
+        self._hooks = [_Hook(proxy(self), it, terms) for it in ads]
         self._alone = len(ads) == 1
         self.unguarded = self._hooks[0].waits
 
@@ -111,8 +101,7 @@ class OnTraci(EgoControl):
         self._begin_each(world, stage)
 
     def _begin_each(self, world: World, stage: Stage) -> None:
-        if not self._hooks[0].ads.observes:
-            note_unlimited(world)  # TraCI shows everything
+        note_unlimited(world)  # TraCI shows everything
         for case in () if self._alone else world.errors:
             world.leave(case, LEFT_BATCH)
         for case, hook in enumerate(self._hooks):
@@ -176,10 +165,9 @@ class OnTraci(EgoControl):
 class _Hook:
     """The ADS of one case, and its ego where SUMO moves it."""
 
-    def __init__(self, driver: OnTraci, ads: Adapter, seed: int, terms: Terms) -> None:
+    def __init__(self, driver: OnTraci, ads: Adapter, terms: Terms) -> None:
         self.ads, self._driver = ads, driver
-        self._seed, self._terms = seed, terms
-        self._plant = terms.plant
+        self._terms, self._plant = terms, terms.plant
         self.waits = hasattr(ads, "took")  # for a program that drives in its own time
         self.target = ads.target
         self._bend = 0.0  # 1/m, the road's curvature beside the ego
@@ -227,11 +215,6 @@ class _Hook:
         self._calls.setSpeedMode(self.ego, EGO_SPEED_MODE)
         if self._native:
             self._calls.setSpeed(self.ego, -1)
-        if self.ads.observes:
-            self._perception = Perception([settings.conditions], [stream_of(self._seed, concrete)])
-            self._task, self._kinds = task_of(concrete), kinds_of(concrete)
-            me: Any = proxy(self)  # no circle, see `OnTraci`
-            self._act = lambda *_: me.ads.act(me._seen)  # `_look` has written `_seen`
         briefing = make_briefing(concrete, settings, self._terms)
         error = error_of(self.ads.reset, briefing, TRACI, EGO)
         if error is not None:
@@ -257,8 +240,6 @@ class _Hook:
 
         Raises ControllerError for an exception of its code, an unusable answer and a slow one.
         """
-        if self.ads.observes:
-            self._look(world, time)
         try:
             command, took = (
                 self._ask(time) if world.steps % self._terms.every == 0 else self._held(time)
@@ -279,7 +260,7 @@ class _Hook:
 
     def _held(self, time: float) -> tuple[Command | None, None]:
         """The command between two calls, without a wall time; None: SUMO moves the ego."""
-        return (self._obeyed(HOLD, time) if self._executor.holds else None), None
+        return (self._obeyed(None, time) if self._executor.holds else None), None
 
     def _arriving(
         self, world: World, command: Command | None, took: float | None
@@ -295,16 +276,6 @@ class _Hook:
             world.note(self._case, "actuation_not_delayed", self._delay, 0.0)
         self._driver.actuation.pass_on(due, [self._case], world.steps, given=given)
         return Command(*due[0].tolist()) if given else None
-
-    def _look(self, world: World, time: float) -> None:
-        """Make the `Observation` that the ADS is shown; its case is the only row."""
-        ego, others = numbers_of(world.egos), numbers_of(world.others)
-        actors = present(others[..., :7], world.others["present"])
-        seen_ego, seen = self._perception.look(time, ego[:, :7], actors)
-        look = seen_ego[0].tolist(), seen[0].tolist()
-        self._seen = Observation(
-            time, self.road, ego[0, :8].tolist(), look, self._task, self._kinds
-        )
 
     def _ask(self, time: float) -> tuple[Command | None, float]:
         """The answer of the ADS as a command, after its listeners, and its wall time, s."""
@@ -341,11 +312,11 @@ class _Hook:
         return command, took
 
     def _obeyed(self, answer: object, time: float, *, late: bool = False) -> Command:
-        """The command by which the executor carries out an answer of the ADS."""
+        """The command by which the executor carries out an answer of the ADS; None: the last one
+        holds.
+        """
         try:
-            if type(answer) is Command:  # nearly every answer of nearly every ADS
-                return self._executor.command(answer, self._state, time, late=late)
-            wanted = None if answer is HOLD and self._executor.holds else checked_answer(answer)
+            wanted = None if answer is None else checked_answer(answer)
             return self._executor.command(wanted, self._state, time, late=late)
         except ControllerError as error:
             raise with_time(error, f"at {time:.2f} s") from error
@@ -372,12 +343,10 @@ class _Hook:
         ego, state = self._mine, self._state
         if self._placed[0] == SUMO:
             self._calls.setSpeedMode(self.ego, EXACT_SPEED_MODE)
-            # an ADS that commands the first step has a straight steering wheel at the start: 0, not
-            # nan, in the first sample (its channel 6)
-            if world.steps == 0:
-                world.samples[self._row, 0, 0, 6] = 0.0
-            ego["steering"][0] = 0.0
             self._placed[0] = MODEL
+            ego["steering"][0] = 0.0
+            if world.steps == 0:
+                world.begin_as_model(self._row)
         self._stale[0] = 1  # SUMO hears of the ego at every step
         if self._plant is None:
             at = COMMAND.start

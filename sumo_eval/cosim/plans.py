@@ -49,19 +49,14 @@ class Plan:
 Wanted = Command | Pedals | Plan
 """The wishes of an ADS."""
 
-HOLD = object()
-"""An adapter's answer that what was asked for still holds; an ADS itself returns None for that."""
-
 
 def checked_answer(answer: object) -> Wanted:
     """The answer of an ADS, if its kind can be carried out; `Executor.command` checks its numbers.
 
-    Raises ControllerError for any other, and for `HOLD`, which needs something in force.
+    Raises ControllerError for any other.
     """
-    if isinstance(answer, Command | Pedals | Plan):
+    if isinstance(answer, Wanted):
         return answer
-    if answer is HOLD:
-        raise ControllerError("The ADS must give a plan before one can hold")
     kind = type(answer).__name__
     raise ControllerError(f"The ADS must return a Command, Pedals, a Plan or None, got {kind}")
 

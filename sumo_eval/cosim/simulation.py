@@ -37,6 +37,7 @@ from sumo_eval.cosim.doors.controller import (
     ListenerController,
     NativeModel,
     ObjectController,
+    PolicyController,
     adapted,
     load_controller,
     located,
@@ -181,7 +182,7 @@ def _control(ads: Sequence[Any], seeds: Sequence[int], terms: Terms) -> EgoContr
     if isinstance(ads[0], Replay):
         return Replays(ads, terms)
     if not ads[0].is_policy:
-        return OnTraci(ads, seeds, terms)
+        return OnTraci(ads, terms)
     if takes_arrays(ads[0].target):
         if terms.every > 1:
             raise InputError(
@@ -448,7 +449,7 @@ def _manner(
     target = _driven_object(ads)
     if Compiled.rides(target):
         return _Manner(type(target), lambda: target)
-    if not ads.is_policy:
+    if not isinstance(ads, PolicyController):
         can_share = isinstance(ads, ObjectController) and not _reaches_libsumo(user_code)
         if not can_share or getattr(user_code, "vehicle_type", None) is not None:
             return alone(ON_TRACI)

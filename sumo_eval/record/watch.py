@@ -91,7 +91,7 @@ class WatchedController(Adapter):
         self._interrupts = interrupts_of_ads(limits)
         self._process = os.getpid()
         self.target = controller.target
-        self.is_policy, self.observes = controller.is_policy, controller.observes
+        self.is_policy = controller.is_policy
         self._armed = (
             hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
         )

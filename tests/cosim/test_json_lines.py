@@ -8,13 +8,17 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead
 from refusals import refusal
 
+from sumo_eval import Command
 from sumo_eval.cosim.doors import json_lines
 from sumo_eval.cosim.simulation import simulate
+from sumo_eval.scenario.catalogue import load
 from sumo_eval.settings import AdsSettings, ConditionSettings
+from sumo_eval.trajectory import CHANNELS
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process groups")
 
@@ -46,6 +50,20 @@ def test_a_shell_script_drives():
         found.ego.speed[-1]
         == simulate(case(lead(100.0)), lambda seen: -2.0, HALF_SECOND).ego.speed[-1]
     )
+
+
+def test_law_every_door_drives_alike_in_a_curve():
+    """A policy's ego, a program's and a hook's begin as if they had driven the curve before."""
+    bend = load("curve_following").concrete(ego_speed=20.0, lead_speed=5.0)
+    reader = 'while read x; do echo "{\\"acceleration\\": -1, \\"steering\\": 0.2}"; done'
+    doors = lambda seen: (-1.0, 0.2), lambda traci, ego, time: Command(-1.0, 0.2)
+    by_policy, by_hook, by_program = (
+        simulate(bend, door, HALF_SECOND) for door in (*doors, f"exec:sh -c '{reader}'")
+    )
+    assert by_policy.ego.steering_wheel_angle[0] > 0.0
+    assert by_program.same_drive(by_policy)
+    for channel in CHANNELS:
+        assert np.array_equal(getattr(by_hook.ego, channel), getattr(by_policy.ego, channel))
 
 
 def test_the_protocol_line_by_line(tmp_path):

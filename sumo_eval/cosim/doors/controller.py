@@ -97,8 +97,7 @@ class Adapter:
     """
 
     target: Any = None
-    is_policy = False  # whether it looks through observations and nothing else
-    observes = False  # whether its `act` is shown an Observation in place of `step`
+    is_policy = False  # whether it is asked by `act`, shown an Observation and nothing else
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Nothing is kept between cases."""
@@ -184,6 +183,7 @@ def as_command(action: Any) -> Wanted:
         raise ControllerError(
             "The action of the ADS must be a Command, an acceleration or (acceleration, steering), "
             f"of finite numbers, or a Plan, got {shown(action)}"
+            + (": it must give a plan before one can hold" if action is None else "")
         )
     return Command(*cast(list[float], numbers))
 

@@ -36,7 +36,7 @@ from sumo_eval.cosim.doors.observation import (
     SeenVehicle,
     signal_names,
 )
-from sumo_eval.cosim.plans import HOLD, Plan
+from sumo_eval.cosim.plans import Plan
 from sumo_eval.cosim.vehicle_model import Command, EgoState
 from sumo_eval.errors import (
     ControllerError,
@@ -445,7 +445,7 @@ class FmuController(Adapter):
     _step: float = 0.0
     _plans: bool = False
     _plan: float | None = None  # the number of the one in force
-    observes = True
+    is_policy = True
 
     def __post_init__(self) -> None:
         # the first of these outputs that is mapped says what the ADS answers with
@@ -502,7 +502,7 @@ class FmuController(Adapter):
         """
         number = answer.get("plan_number")
         if number is not None and number == self._plan:
-            return HOLD
+            return None
         self._plan = number
         lists = self._fmu.read_lists()
         most = min(len(values) for values in lists.values())

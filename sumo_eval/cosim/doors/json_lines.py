@@ -23,7 +23,7 @@ from sumo_eval.cosim.doors.child_program import ChildProgram, checked_command
 from sumo_eval.cosim.doors.controller import Adapter, Briefing
 from sumo_eval.cosim.doors.observation import Observation, lane_borders
 from sumo_eval.cosim.doors.traci_numbers import shown
-from sumo_eval.cosim.plans import HOLD, Plan
+from sumo_eval.cosim.plans import Plan
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerError, ControllerTimeoutError
 
@@ -47,7 +47,7 @@ class JsonLinesProgram(Adapter):
     _unread: bytes = b""
     _deadline: float = START_TIMEOUT  # s of wall time for an answer
     _until: float = 0.0  # of the monotonic clock, s
-    observes = True
+    is_policy = True
 
     @classmethod
     def from_command(cls, command: str, folder: Path | None) -> JsonLinesProgram:
@@ -155,7 +155,7 @@ def _asked(answer: dict[str, Any]) -> Any:
 def _plan(plan: Any) -> Any:
     """A plan; null: the one in force holds."""
     if plan is None:
-        return HOLD
+        return None
     if not isinstance(plan, dict):
         raise ControllerError(
             f"The ADS's `plan` must be an object of lists, or null, got {shown(plan)}"
