@@ -75,10 +75,12 @@ def lateral_motion(move: Any, time: float) -> tuple[float, float, float]:
     # A (1 - cos(pi s)) / 2. The angles `pi * s` and `w * since` are the same, but rounded in two
     # ways: recorded digits depend on which of them is used where.
     half, w = 0.5 * move.offset, math.pi / move.duration
+    offset = half * (1.0 - math.cos(math.pi * s))
+    if not 0.0 <= since < move.duration:
+        # sin(pi) is above 0 here, and a vehicle that stops would turn by 90 degrees
+        return offset, 0.0, 0.0
     speed = 0.5 * math.pi * move.offset / move.duration * math.sin(math.pi * s)
-    going = 0.0 <= since < move.duration
-    acceleration = half * w * w * math.cos(w * since) if going else 0.0
-    return half * (1.0 - math.cos(math.pi * s)), speed, acceleration
+    return offset, speed, half * w * w * math.cos(w * since)
 
 
 @kernel

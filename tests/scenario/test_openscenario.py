@@ -178,6 +178,13 @@ def test_a_sinusoidal_lane_change_has_the_peak_speed_that_its_rate_says(tmp_path
     assert slope[5:-5] == pytest.approx(accelerations[5:-5], abs=1e-4)
 
 
+def test_an_actor_that_stops_after_a_move_across_keeps_its_heading(tmp_path):
+    events = timed(ACROSS, 1) + timed(BRAKE, 6, n=2)
+    path = changed(tmp_path, ('ds="50"', 'ds="200"'), events=events)
+    other = simulate(only_case(path), "no_reaction").actors["Other"]
+    assert (other.speed[-1], other.heading[-1]) == (0.0, 0.0)
+
+
 def test_moves_at_times_are_scripts_that_a_curve_can_have(tmp_path):
     """1.25 m in pi sqrt(1.25 / 0.6) = 4.53 s from 2 s on, and 1 s after its end a brake."""
     ended = (
