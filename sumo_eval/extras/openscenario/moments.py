@@ -335,7 +335,7 @@ class Conditions:
         if state not in ("completeState", "endTransition"):
             raise element.fault(f"the state `{state}` is not supported")
         if span.ended:
-            return Moment(0.0, span.ended)
+            return Moment(0.0, span.ended, past=True)  # what has ended stays so
         # nothing in it takes time: it ends when its condition lets it begin
         at_once = not span.begin.known and span.end < NEVER
         return span.begin if at_once else Moment(span.end)
