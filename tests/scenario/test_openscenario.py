@@ -781,6 +781,15 @@ def test_what_holds_two_moves_is_complete_after_both(tmp_path, kind, name):
         assert last
 
 
+def test_a_delay_after_an_event_counts_in_a_conditional_act(tmp_path):
+    events = CUT_IN + timed(BRAKE, COMPLETE.format("e"), n=2, delay=1)
+    begun = ("</Act>", WAITS + "</Act>"), ('delay="0.5"', "")
+    path = changed(tmp_path, *begun, events=events)
+    other = simulate(only_case(path), "no_reaction").actors["Other"]
+    crossed, braked = (other.time[on].max() for on in (other.y > 1e-3, other.speed > 14.999))
+    assert braked - crossed == pytest.approx(1.0, abs=0.11)
+
+
 def test_an_act_that_began_stays_begun(tmp_path):
     """Its condition may fail again before that of its event holds."""
     begun = ("</Act>", WAITS + "</Act>"), ('delay="0.5"', "")
@@ -905,9 +914,11 @@ def test_the_only_entity_with_a_controller_is_the_ego(tmp_path):
     assert only_case(path).actors[0].name == "Other"
 
 
-def test_a_map_of_a_simulator_is_named_by_the_user(tmp_path):
-    path = changed(tmp_path, road="Town01")
-    with refusal(r"`Town01` .* simulator's map: `\?map=FILE.xodr`"):
+@pytest.mark.parametrize("name", ["Town01", ""])
+def test_a_map_of_a_simulator_is_named_by_the_user(tmp_path, name):
+    named = f'<LogicFile filepath="{name}"/>' if name else ""
+    path = changed(tmp_path, ('<LogicFile filepath="road.xodr"/>', named))
+    with refusal(rf"`{name}` .* simulator's map: `\?map=FILE.xodr`"):
         find(str(path))
     assert find(f"{path}?map=road.xodr").concrete(only=0.0).actors
 

@@ -98,22 +98,18 @@ def read_case(path: Path, given: Mapping[str, Value], options: FileOptions) -> F
     """
     root = read_openscenario(path)
     if root.find(f"FileHeader/Properties/Property[@name='{CASE}']") is not None:
-        road = named_file(root.child("RoadNetwork").child("LogicFile"))
+        file = _map_of(root, "")
         try:
-            whole = exported_case(root.element, road.read_bytes())
+            whole = exported_case(root.element, file.read_bytes())
         except InputError as error:
             raise root.child("FileHeader").fault(str(error)) from None
-        if whole is not None:
-            return _exported(whole)
+        if whole is not None:  # `sumo-eval export` wrote it
+            road, body = whole.road, whole.ego_body or STANDARD_EGO
+            frame = Frame(ORIGIN, road.line, road.lanes, road.lane_width, road.end, road.name, 0.0,
+                          "")  # fmt: skip
+            ends = math.inf if whole.time_limit is None else whole.time_limit
+            return FileCase(frame, whole.ego, body, whole.actors, ends, (), "ego", whole)
     return _Player(root, given, options).scene()
-
-
-def _exported(whole: ConcreteScenario) -> FileCase:
-    """The scenario of a file that `sumo-eval export` wrote."""
-    road, body = whole.road, whole.ego_body or STANDARD_EGO
-    frame = Frame(ORIGIN, road.line, road.lanes, road.lane_width, road.end, road.name, 0.0, "")
-    ends = math.inf if whole.time_limit is None else whole.time_limit
-    return FileCase(frame, whole.ego, body, whole.actors, ends, (), "ego", whole)
 
 
 def _kinds(holder: Node) -> set[str]:
@@ -176,11 +172,13 @@ def _map_of(root: Node, other: str) -> Path:
         if not path.is_file():
             raise root.fault(f"the map {path} is not there")
         return path
-    named = root.child("RoadNetwork").child("LogicFile")
-    if not Path(named.text("filepath")).suffix:
+    network = root.child("RoadNetwork")
+    named = network.find("LogicFile") or network
+    file = named.text("filepath", "")
+    if not Path(file).suffix:
         raise named.fault(
-            f"`{named.text('filepath')}` is the name of a simulator's map: `?map=FILE.xodr` "
-            "behind the file's name names its OpenDRIVE file"
+            f"it must name an OpenDRIVE file, `{file}` is nothing or the name of a simulator's "
+            "map: `?map=FILE.xodr` behind the scenario file's name names one"
         )
     return named_file(named)
 
@@ -599,7 +597,7 @@ class _Player:
             conditions = group.all("Condition")
             times = group.all("Condition/ByValueCondition/SimulationTimeCondition")
             if len(conditions) != 1 or not times:
-                self._ignore(group)
+                self.ignored["StopTrigger"] = None
                 continue
             stop = self.conditions.group(group).time
             if stop <= 0.0:
