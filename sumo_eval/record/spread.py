@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import partial
-from multiprocessing.connection import Connection
 from typing import Protocol, TypeVar
 
 from sumo_eval.errors import InputError
@@ -28,8 +26,27 @@ class Spread(Protocol):
 
 
 @contextmanager
+def _children(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Child processes, which end with this process. The end of the block waits for their work; an
+    exception in the block kills them.
+    """
+    context = child_context()
+    lifeline, held = context.Pipe(duplex=False)
+    with (
+        lifeline,
+        held,
+        ProcessPoolExecutor(workers, context, tie_to_owner, (lifeline,)) as pool,
+    ):
+        try:
+            yield pool
+        except BaseException:
+            held.close()  # the kernel kills them (`tie_to_owner`)
+            raise
+
+
+@contextmanager
 def spread_over(workers: int, prepare: Callable[[], object]) -> Iterator[Spread]:
-    """Child processes for any number of rounds of work, which end with this process.
+    """Child processes for any number of rounds of work.
 
     workers: number of processes; 1: this process computes.
     prepare: what each begins with at once, while the caller does something else.
@@ -37,16 +54,10 @@ def spread_over(workers: int, prepare: Callable[[], object]) -> Iterator[Spread]
     if workers == 1:
         yield map
         return
-    context = child_context()
-    lifeline, held = context.Pipe(duplex=False)
-    with lifeline, held:
-        pool = ProcessPoolExecutor(workers, context, initializer=tie_to_owner, initargs=(lifeline,))
-        try:
-            for _ in range(workers):
-                pool.submit(prepare)
-            yield partial(_results, pool)
-        finally:
-            pool.shutdown(cancel_futures=True)
+    with _children(workers) as pool:
+        for _ in range(workers):
+            pool.submit(prepare)
+        yield partial(_results, pool)
 
 
 def _results(
@@ -67,29 +78,11 @@ def _results(
 
 @contextmanager
 def alongside(work: Callable[[], object]) -> Iterator[Callable[[], bool]]:
-    """Do `work` in a child process while the block runs. The end of the block waits for that
-    process; an exception in the block kills it.
+    """Do `work` in a child process while the block runs.
 
     Gives the function that returns whether `work` has failed. The caller may then repeat it in this
     process to get its error.
     """
-    context = child_context()
-    lifeline, held = context.Pipe(duplex=False)
-    with lifeline, held:
-        child = context.Process(target=_tied, args=(lifeline, work))  # type: ignore[attr-defined]
-        child.start()
-        try:
-            yield lambda: child.exitcode not in (None, 0)
-        except BaseException:
-            child.kill()
-            raise
-        finally:
-            child.join()
-
-
-def _tied(lifeline: Connection, work: Callable[[], object]) -> None:
-    tie_to_owner(lifeline)
-    with suppress(Exception):  # a traceback of this process would tell the user nothing
-        work()
-        return
-    sys.exit(1)
+    with _children(1) as pool:
+        done = pool.submit(work)
+        yield lambda: done.done() and done.exception() is not None
