@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -76,23 +76,14 @@ def choose_points(
     from sumo_eval.scenario.sampling.request import Request
     from sumo_eval.scenario.sampling.samples import sample
 
-    sampling = entry.sampling
     request = Request(
-        levels=sampling.levels,
-        steps=sampling.steps,
-        count=sampling.count,
-        strength=sampling.strength,
-        file=sampling.file,
+        **asdict(entry.sampling),
         folder=source,
         seed=settings.seed,
         danger=lambda points: danger(logical, points, settings.method.zones),
-        round=sampling.round,
-        aim=sampling.aim,
-        until=sampling.until,
-        rounds=sampling.rounds,
     )
     weighted = logical if exposure is None else replace(logical, exposure=exposure)
-    points = sample(weighted, sampling.method, request=request)
+    points = sample(weighted, request.method, request=request)
     if not points.exposure.any():
         what = f"the points of scenario `{entry.use}`"
         raise must_be("The exposure", what, "above 0 at one of them", 0.0)

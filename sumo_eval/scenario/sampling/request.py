@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -11,53 +11,38 @@ from numpy.typing import NDArray
 
 from sumo_eval.errors import must_be
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.settings import SamplingSettings
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
 MAX_POINTS = 1_000_000
 """More points than any machine will simulate; a larger sample is a slip of the pen."""
 
-Levels = int | Mapping[str, int] | None
-Steps = Mapping[str, float] | None
+Levels = int | dict[str, int] | None
+Steps = dict[str, float] | None
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
-    """Request for points; `sumo_eval.scenario.sampling.samples.METHODS` has the keys that each
-    method takes.
+class Request(SamplingSettings):
+    """Request for points: the settings, of which each method takes some keys (`METHODS` of
+    `sumo_eval.scenario.sampling.samples`), and three values that methods need with them.
 
-    levels: points on each axis, evenly spaced with both ends; one number for all axes, or by
-        parameter name.
-    steps: distance between the points of an axis, by parameter name.
-    count: how many points to draw.
-    strength: t of t-way combinations.
-    file: a CSV of points.
     folder: where relative paths start.
     seed: of the evaluation.
     danger: points (n, k) -> how dangerous each is, 0..1.
-    round: number of points of a round (method `adaptive`, with the next three).
-    aim: the quantity that rounds shall make more certain: `s_plus` or `boundary`.
-    until: half the width of its interval at which the rounds end.
-    rounds: of each round so far, its number of points from each cell of the space.
     """
 
-    levels: Levels = None
-    steps: Steps = None
-    count: int | None = None
-    strength: int | None = None
-    file: str | None = None
     folder: Path | None = None
     seed: int = 1
     danger: Callable[[FloatArray], FloatArray] | None = None
-    round: int | None = None
-    aim: str | None = None
-    until: float | None = None
-    rounds: Sequence[Sequence[int]] = ()
+
+    def __post_init__(self) -> None:
+        """Check nothing: each method refuses what it cannot do, by the scenario's name."""
 
     @property
     def given(self) -> frozenset[str]:
         """The keys that are set."""
-        unset = {"folder", "seed", "danger"}
+        unset = {"method", "folder", "seed", "danger"}
         return frozenset(
             item.name
             for item in fields(self)
