@@ -83,8 +83,10 @@ def opendrive_xml(road: Road) -> str:
     aside = 0.0 if road.bent else road.left_edge
     changes = {it for span in road.spans for it in span.places if 0.0 < it < length}
     sections = list(itertools.pairwise([0.0, *sorted(changes), length]))
+    numbers = [{}, *(_numbers(road, *section) for section in sections), {}]
     lanes = E.lanes(
-        *_left_edge(road, sections, aside), *(_section(road, *section) for section in sections)
+        *_left_edge(road, sections, aside),
+        *(_section(road, *section, *numbers[i : i + 3]) for i, section in enumerate(sections)),
     )
     return document(E.OpenDRIVE(
         E.header(revMajor=1, revMinor=6, name=road.name),
@@ -111,16 +113,30 @@ def _left_edge(road: Road, sections: Sequence[tuple[float, float]], aside: float
         yield E.laneOffset(s=0, a=road.left_edge, b=0, c=0, d=0)
 
 
-def _section(road: Road, begin: float, end: float) -> Any:
-    """A section with those lanes that exist in it, from the left."""
+def _numbers(road: Road, begin: float, end: float) -> dict[int, int]:
+    """The lanes that exist in a section, from the left, and their numbers in the file."""
+    lanes = [it for it in reversed(range(road.lanes)) if min(_gone(road.span(it), begin, end)) < 1]
+    return {lane: -1 - place for place, lane in enumerate(lanes)}
+
+
+def _section(
+    road: Road, begin: float, end: float,
+    before: Mapping[int, int], numbers: Mapping[int, int], after: Mapping[int, int],
+) -> Any:  # fmt: skip
+    """A section with its lanes from the left.
+
+    numbers: as of `_numbers`; before, after: those of the sections next to it.
+    """
     right = E.right()
-    for lane in reversed(range(road.lanes)):
+    for lane, number in numbers.items():
         first, last = (
             road.lane_width * (1.0 - gone) for gone in _gone(road.span(lane), begin, end)
         )
-        if first or last:
-            width = E.width(sOffset=0, a=first, b=(last - first) / (end - begin), c=0, d=0)
-            right.append(E.lane(width, id=-1 - len(right), type="driving", level="false"))
+        width = E.width(sOffset=0, a=first, b=(last - first) / (end - begin), c=0, d=0)
+        beside = ("predecessor", before), ("successor", after)
+        links = [E(name, id=its[lane]) for name, its in beside if lane in its]
+        link = [E.link(*links)] if links else []
+        right.append(E.lane(*link, width, id=number, type="driving", level="false"))
     return E.laneSection(E.center(E.lane(id=0, type="none", level="false")), right, s=begin)
 
 

@@ -296,6 +296,9 @@ def test_an_export_has_the_left_edge_where_the_road_has_it():
         len(section.findall("right/lane")) for section in root.find("road").iter("laneSection")
     ]
     assert lanes == [2, 2, 1]
+    # the left lane, -1, ends with the second section; the right one, -2, becomes -1
+    following = root.findall("road/lanes/laneSection/right/lane/link/successor")
+    assert [it.get("id") for it in following] == ["-1", "-2", "-1"]
     assert [it.get("name") for it in root.iter("road")] == ["t", "crossing"]
 
 

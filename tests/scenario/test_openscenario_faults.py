@@ -17,6 +17,7 @@ from sumo_eval.settings import ScenarioSettings
 from tests.scenario.test_openscenario import (
     BRAKE,
     CARS,
+    EGO_PLACE,
     OTHER_PLACE,
     ROAD,
     VARIATION,
@@ -231,6 +232,9 @@ ROADS = {
     ),
     r"<GeoPosition>: the <geoReference> .* on WGS 84, .*bessel": ("+lon_0=11", "+ellps=bessel"),
     r"must not declare a document type": ("<OpenDRIVE>", "<!DOCTYPE OpenDRIVE []><OpenDRIVE>"),
+    r"is in no lane; road.xodr, line 2, <road>: it must have one <laneSection>, got 2\.$": (
+        "<lanes>", '<lanes><laneSection s="0"/>'
+    ),
 }  # fmt: skip
 
 
@@ -239,6 +243,8 @@ def test_a_road_with_one_thing_wrong_is_refused_with_its_element(tmp_path, sente
     path = written(tmp_path)
     if "GeoPosition" in sentence:
         change(path, OTHER_PLACE, '<GeoPosition latitudeDeg="48" longitudeDeg="11"/>')
+    if "no lane" in sentence:
+        change(path, EGO_PLACE, '<WorldPosition x="22.6" y="16.6" h="0.5"/>')
     old, new = ROADS[sentence]
     assert old in ROAD
     road = ROAD.replace(old, new) if old == "OpenDRIVE>" else ROAD.replace(old, new, 1)

@@ -95,7 +95,7 @@ def frame_of(ego: Entity, network: Network, course: MapPath | None, end: Pose | 
     spot = ego.placed()
     road, lane = spot.road, spot.lane
     if road is None or lane is None:
-        raise ego.element.fault("the ego must be placed in a driving lane")
+        raise ego.element.fault(f"the ego must be placed in a driving lane{spot.reason}")
     if spot.way == 0:
         raise ego.element.fault("the ego must start along its lane")
     width = MARKED if lane.width > WIDEST else lane.width

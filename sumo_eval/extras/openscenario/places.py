@@ -39,6 +39,7 @@ class Spot:
     """A place: its pose on the map, and its road, lane, s and t where it lies on a road.
 
     way: 1 along the road's reference line, -1 against it, 0 neither.
+    reason: off all roads that can be read: for an error message, why another road cannot be read.
     """
 
     pose: Pose
@@ -47,11 +48,12 @@ class Spot:
     s: float = math.nan
     t: float = math.nan
     way: int = 0
+    reason: str = ""
 
     def in_lane(self, element: Node) -> tuple[MapRoad, Lane]:
         """Its road and its lane; `element`, which is relative to it, is refused without them."""
         if self.road is None or self.lane is None:
-            raise element.fault("the entity that it is relative to is in no lane")
+            raise element.fault(f"the entity that it is relative to is in no lane{self.reason}")
         return self.road, self.lane
 
     def turned(self, way: int) -> Spot:
@@ -263,7 +265,8 @@ class Places:
         if road is None:
             driving = self.network.driving(spot.pose)
             if driving is None:
-                return spot
+                errors = (f"; {it}".rstrip(".") for it in self.network.unread.values())
+                return replace(spot, reason=next(errors, ""))
             road, lane, (s, t, _) = driving
         turned = abs(spot.pose.seen_from(road.pose(s, t)).heading)
         way = int(turned < along) - int(turned > math.pi - along)  # 1, -1, or 0 for neither

@@ -225,7 +225,8 @@ class _Player:
         self.turning: MapPath | None = None
 
     def _only_controlled(self) -> str:
-        """`Ego`; if no entity has this name, that of the only one with a controller."""
+        """`Ego`, or the only `ego` or `EGO`; without any, the only entity with a controller."""
+        egos = [name for name in self.places.entities if name.lower() == EGO.lower()]
         controlled = {
             name
             for name, entity in self.places.entities.items()
@@ -234,8 +235,8 @@ class _Player:
         for part in self.root.all("Storyboard/Init/Actions/Private"):
             if part.find("PrivateAction/ControllerAction") is not None:
                 controlled.add(part.text("entityRef"))
-        unnamed = EGO not in self.places.entities
-        return controlled.pop() if unnamed and len(controlled) == 1 else EGO
+        candidates = egos or controlled
+        return candidates.pop() if len(candidates) == 1 else EGO
 
     def scene(self) -> FileCase:
         """The case. Each step needs the ones before it."""
