@@ -20,7 +20,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import lru_cache
-from heapq import heapify, heappop, heapreplace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,30 +141,16 @@ def spread(points: int, attention: FloatArray, room: FloatArray) -> tuple[int, .
     largest = float(attention.max())
     # rounded, so that the last bit does not decide between cells
     wanted = np.round(attention / largest, 9) if largest > 0.0 else np.ones(len(attention))
-    counts = [LEAST_IN_CELL] * len(attention)
-
-    def gain(cell: int) -> tuple[float, int, int]:
-        """Key of a cell in the heap, the smallest first: minus the root of the reduction that one
-        more point gives; of equal ones, the cell with the fewest points, then the first.
-        """
-        return (
-            -float(wanted[cell]) / math.sqrt(counts[cell] * (counts[cell] + 1)),
-            counts[cell],
-            cell,
-        )
-
-    gains = [gain(cell) for cell in range(len(counts)) if room[cell] > LEAST_IN_CELL]
-    heapify(gains)
-    for _ in range(points - sum(counts)):
-        if not gains:
+    counts = np.full(len(attention), LEAST_IN_CELL)
+    for _ in range(points - len(counts) * LEAST_IN_CELL):
+        # root of the reduction that one more point gives; below 0 where there is no room for it
+        gains = np.where(counts < room, wanted / np.sqrt(counts * (counts + 1)), -1.0)
+        # of equal ones the cell with the fewest points, then the first
+        cell = np.lexsort((counts, -gains))[0]
+        if gains[cell] < 0.0:
             break
-        cell = gains[0][-1]
         counts[cell] += 1
-        if counts[cell] < room[cell]:
-            heapreplace(gains, gain(cell))
-        else:
-            heappop(gains)
-    return tuple(counts)
+    return tuple(counts.tolist())
 
 
 def capacity_of_cells(logical: LogicalScenario, size: int, seed: int) -> FloatArray:
