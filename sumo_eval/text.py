@@ -172,17 +172,8 @@ def from_cell(value: Any) -> Any:
     return value
 
 
-def cells(table: pd.DataFrame) -> pd.DataFrame:
-    """A table with `cell` applied to everything that is text, headings included."""
-    return _each_text(table, cell)
-
-
-def without_quotes(table: pd.DataFrame) -> pd.DataFrame:
-    """The table that `cells` received."""
-    return _each_text(table, from_cell)
-
-
-def _each_text(table: pd.DataFrame, change: Callable[[Any], Any]) -> pd.DataFrame:
+def each_text(table: pd.DataFrame, change: Callable[[Any], Any]) -> pd.DataFrame:
+    """A table with everything that is text changed, by `cell` or `from_cell`, headings included."""
     table = table.rename(columns=change)
     for name in table.columns:
         if table[name].dtype.kind not in "biuf":

@@ -13,13 +13,12 @@ from sumo_eval.text import (
     WORDS,
     capitalised,
     cell,
-    cells,
     clean,
     clean_log,
+    each_text,
     from_cell,
     shown,
     traceback_of,
-    without_quotes,
     words_of,
 )
 
@@ -192,12 +191,12 @@ def test_a_table_is_quoted_in_text_and_headings_and_read_back():
     table = pd.DataFrame(
         {"=name": ["=a", "b"], "x": [-1.5, 2.0], "n": [1, -2], "mixed": [None, "-2+3"]}
     )
-    text = cells(table).to_csv(index=False)
+    text = each_text(table, cell).to_csv(index=False)
     assert list(csv.reader(io.StringIO(text)))[:2] == [
         ["'=name", "x", "n", "mixed"],
         ["'=a", "-1.5", "1", ""],
     ]
-    assert without_quotes(pd.read_csv(io.StringIO(text))).to_csv() == table.to_csv()
+    assert each_text(pd.read_csv(io.StringIO(text)), from_cell).to_csv() == table.to_csv()
 
 
 def test_capitalised_keeps_names():

@@ -23,7 +23,7 @@ from sumo_eval.input_file import writing
 from sumo_eval.record import run_folder
 from sumo_eval.record.cases import Role
 from sumo_eval.record.store import Fact, Store, open_store
-from sumo_eval.text import cells, from_cell, without_quotes
+from sumo_eval.text import cell, each_text, from_cell
 from sumo_eval.trajectory import CHANNELS, Trajectory
 
 if TYPE_CHECKING:
@@ -33,7 +33,6 @@ CASES = "cases.csv"
 FORMATS = ("csv", "parquet")
 _ROUND_TRIP = "%.17g"  # of trajectories: every double is read back to the bit
 _NAMES = ("case", "scenario", "ads")  # columns of names: text, even if a name looks like a number
-_ROWS_AT_ONCE = 1000
 _COLUMNS = [field.name for field in fields(Fact) if field.name not in ("log", "clips", "collision")]
 _TIMES = [name for name in _COLUMNS if name.startswith(("wall_time", "latency"))]  # last
 _CONTACT = {
@@ -59,9 +58,8 @@ class Run:
 
         # an ADS may be called `007` or `NA`; a cell that a spreadsheet would run begins with `'`
         options: Any = {"dtype": dict.fromkeys(_NAMES, str), "na_values": [""]}
-        return without_quotes(
-            pd.read_csv(_scored(self.folder, CASES), keep_default_na=False, **options)
-        )
+        table = pd.read_csv(_scored(self.folder, CASES), keep_default_na=False, **options)
+        return each_text(table, from_cell)
 
     @property
     def scores(self) -> pd.DataFrame:
@@ -153,10 +151,10 @@ def export(
         folder.mkdir(parents=True, exist_ok=True)
         if kind == "csv":
             (folder / CASES).write_bytes(scored.read_bytes())
-            return [folder / CASES, *_write_drives(run, folder, cells)]
+            return [folder / CASES, *_write_drives(run, folder, cell)]
         with tempfile.TemporaryDirectory(prefix="sumo_eval_", dir=folder) as scratch:
             cases = _unquoted(scored, Path(scratch) / CASES)
-            tables = [cases, *_write_drives(run, Path(scratch), lambda table: table)]
+            tables = [cases, *_write_drives(run, Path(scratch), lambda value: value)]
             return _to_parquet(tables, folder)
 
 
@@ -182,15 +180,11 @@ def _unquoted(table: Path, out: Path) -> Path:
     return out
 
 
-def _write_drives(
-    run: Run, folder: Path, fit: Callable[[pd.DataFrame], pd.DataFrame]
-) -> list[Path]:
+def _write_drives(run: Run, folder: Path, fit: Callable[[Any], Any]) -> list[Path]:
     """Write `drives.csv` and `trajectories.csv`.
 
-    fit: changes each table before it is written: `cells` adds the `'` for spreadsheets.
+    fit: changes each cell before it is written: `cell` adds the `'` for spreadsheets.
     """
-    import pandas as pd
-
     drives, trajectories = folder / "drives.csv", folder / "trajectories.csv"
     with (
         run._store() as store,
@@ -198,23 +192,17 @@ def _write_drives(
         trajectories.open("w", newline="", encoding="utf-8") as trajectories_file,
     ):
         names = sorted({name for row in _drive_rows(store) for name in row["values"]})
-        rows = list[dict[str, Any]]()
-
-        def write() -> None:
-            # the heading comes first, while nothing is written yet
-            fit(pd.DataFrame(rows)).to_csv(drives_file, index=False, header=not drives_file.tell())
-            rows.clear()
-
+        writer = csv.writer(drives_file, lineterminator="\n")
         for number, row in enumerate(_drive_rows(store)):
             values = row.pop("values")
-            rows.append({**row, **{f"parameter_{name}": values.get(name) for name in names}})
-            fit(_trajectory_table(row["case"], store.trajectories(row["case"]))).to_csv(
+            row |= {f"parameter_{name}": values.get(name) for name in names}
+            if number == 0:
+                writer.writerow(map(fit, row))
+            writer.writerow(map(fit, row.values()))
+            table = _trajectory_table(row["case"], store.trajectories(row["case"]))
+            each_text(table, fit).to_csv(
                 trajectories_file, index=False, header=number == 0, float_format=_ROUND_TRIP
             )
-            if len(rows) == _ROWS_AT_ONCE:
-                write()
-        if rows:
-            write()
     return [drives, trajectories]
 
 

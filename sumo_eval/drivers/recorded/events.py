@@ -29,7 +29,7 @@ import pandas as pd
 
 from sumo_eval.drivers.recorded.recordings import INTERVAL, MOTOR_CLASSES, Recordings, smooth
 from sumo_eval.input_file import writing
-from sumo_eval.text import cells
+from sumo_eval.text import cell, each_text
 from sumo_eval.trajectory import FloatArray
 
 KINDS = ("approach", "cut_out", "cut_in", "lead_braking")
@@ -498,7 +498,7 @@ def write_events(events: Events, folder: Path) -> None:
     with writing(f"The events in {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
         for kind, table in tables.items():
-            cells(table.round(4)).to_csv(folder / f"{kind}.csv", index=False)
+            each_text(table.round(4), cell).to_csv(folder / f"{kind}.csv", index=False)
 
 
 def lane_centres(table: pd.DataFrame) -> dict[tuple[str, int], float]:

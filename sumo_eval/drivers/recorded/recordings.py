@@ -34,7 +34,7 @@ from sumo_eval.drivers.recorded.importers.tables import (
 )
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.input_file import writing
-from sumo_eval.text import cells, from_cell
+from sumo_eval.text import cell, each_text, from_cell
 from sumo_eval.trajectory import FloatArray
 
 COLUMNS = (
@@ -152,7 +152,7 @@ def write_csv(recordings: Recordings, path: Path) -> None:
         # in a temporary folder: a temporary file could be read by its owner alone, once moved, too
         with tempfile.TemporaryDirectory(dir=path.parent) as folder:
             partial = Path(folder) / path.name
-            cells(recordings.table.round(_DECIMALS)).to_csv(partial, index=False)
+            each_text(recordings.table.round(_DECIMALS), cell).to_csv(partial, index=False)
             partial.replace(path)
 
 
