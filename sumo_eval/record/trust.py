@@ -27,8 +27,6 @@ folder where that is looked for; no folder for a locator with an absolute path.
 """
 
 _given: set[Code] = set()  # trusted in this process
-# folders of runs and hashes of their code; the state folder has the same, if it can be written
-_trusted: set[tuple[str, str]] = set()
 _asked = False  # whether the user has given `--trust`
 
 
@@ -83,13 +81,11 @@ def remember(run: Path, settings: EvaluationSettings, source: Path) -> None:
     if not code:
         return
     _given.update(code)
-    place, digest = str(run.resolve()), _hash(code)
-    _trusted.add((place, digest))
-    note = _note(place)
+    note = _note(run)
     try:
         note.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         half = note.with_name(f"{note.name}.{os.getpid()}")
-        half.write_text(digest, encoding="ascii")
+        half.write_text(_hash(code), encoding="ascii")
         half.replace(note)
     except OSError:  # only this process trusts it; a later one asks the user for `--trust`
         pass
@@ -99,9 +95,8 @@ def is_remembered(run: Path, settings: EvaluationSettings, source: Path) -> bool
     """Whether this user recorded the run on this machine, or trusts it, and it still names the code
     that it named then.
     """
-    place, digest = str(run.resolve()), _hash(code_of(settings, source))
     try:
-        return (place, digest) in _trusted or _note(place).read_text(encoding="ascii") == digest
+        return _note(run).read_text(encoding="ascii") == _hash(code_of(settings, source))
     except (OSError, ValueError):
         return False
 
@@ -119,15 +114,15 @@ def refuse_foreign_code(
         return
     if _asked:
         remember(run, settings, source)
-    if is_remembered(run, settings, source):
+    elif is_remembered(run, settings, source):
         give(settings, source)  # another run that is opened may name the same code
-        return
-    what, locator, _ = min(code - _given)
-    raise InputError(
-        f"Run {run} names code, the {what} `{clean(locator)}` with paths from "
-        f"{clean(str(source))}, and is not known as recorded by you on this machine. If that code "
-        f"may run here: sumo-eval report {shlex.quote(str(run))} --trust."
-    )
+    if not code <= _given:
+        what, locator, _ = min(code - _given)
+        raise InputError(
+            f"Run {run} names code, the {what} `{clean(locator)}` with paths from "
+            f"{clean(str(source))}, and is not known as recorded by you on this machine. If that "
+            f"code may run here: sumo-eval report {shlex.quote(str(run))} --trust."
+        )
 
 
 def _code(what: str, locator: str, source: Path) -> Code:
@@ -141,7 +136,8 @@ def _hash(code: set[Code]) -> str:
     return hashlib.sha256(repr(sorted(code)).encode()).hexdigest()
 
 
-def _note(place: str) -> Path:
+def _note(run: Path) -> Path:
     """The file in the user's state folder that holds the hash of a run's code."""
+    place = str(run.resolve())
     state = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")
     return Path(state, "sumo_eval", "runs", hashlib.sha256(place.encode()).hexdigest()[:32])

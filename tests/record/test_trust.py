@@ -57,7 +57,6 @@ def own(tmp_path_factory):
 def another_process(monkeypatch):
     """What another process of the same user knows."""
     monkeypatch.setattr(trust, "_given", set())
-    monkeypatch.setattr(trust, "_trusted", set())
     monkeypatch.setattr(trust, "_asked", False)
 
 
@@ -192,7 +191,6 @@ def test_trust_is_asked_once(foreign, monkeypatch):
     assert said("score", foreign / "run")[0] == 2
     assert said("score", foreign / "run", "--trust")[0] == 0
     monkeypatch.setattr(trust, "_given", set())
-    monkeypatch.setattr(trust, "_trusted", set())
     assert said("score", foreign / "run")[0] == 0
 
 
