@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from sumo_eval.cosim.doors.entry import made_absolute
 from sumo_eval.cosim.openscenario import opendrive_xml, openscenario_xml
@@ -88,7 +89,7 @@ def _evaluation(
     absolute.
     """
     ads = next(item for item in settings.ads if item.name == fact.driver)
-    alone = absolute(replace(settings, scenario=(entry,), ads=(ads,)), source)
+    alone: EvaluationSettings = absolute(replace(settings, scenario=(entry,), ads=(ads,)), source)
     (scenario,) = alone.scenario
     sampling = SamplingSettings(method="file", file=points)  # its column has the exposure
     return replace(
@@ -98,52 +99,28 @@ def _evaluation(
     )
 
 
-def absolute(settings: EvaluationSettings, source: Path) -> EvaluationSettings:
-    """The settings with the paths of files absolute, so that they hold in a file of any folder.
+_PATHS = ("file", "files", "recordings", "cases", "qualification")
+_LOCATORS = ("use", "method", "controller", "source", "severity")
+"""Settings that are paths of files, and those that may name a file in their own way."""
+
+
+def absolute(value: Any, source: Path, name: str = "") -> Any:
+    """Settings, or the value of one, with the paths of files absolute, so that they hold in a file
+    of any folder.
 
     source: the folder where they start.
+    name: of the setting.
     """
-
-    def path(name: str | None) -> str:
-        return str(source / name) if name else ""
-
-    def scenario(entry: ScenarioSettings) -> ScenarioSettings:
-        sampling, exposure = entry.sampling, entry.exposure
-        sampling = replace(
-            sampling,
-            method=sampling.method and made_absolute(sampling.method, source),
-            file=path(sampling.file) or None,
-        )
-        exposure = replace(exposure, recordings=tuple(map(path, exposure.recordings)))
-        use = path(entry.use) if is_file(entry.use) else made_absolute(entry.use, source)
-        return replace(entry, use=use, sampling=sampling, exposure=exposure)
-
-    plant, drivers = settings.simulation.plant, settings.drivers
-    if plant is not None:
-        plant = replace(plant, file=path(plant.file))
-    collision = settings.method.collision
-    collision = replace(collision, severity=made_absolute(collision.severity, source))
-    return replace(
-        settings,
-        method=replace(settings.method, collision=collision),
-        scenario=tuple(map(scenario, settings.scenario)),
-        ads=tuple(
-            replace(
-                item,
-                controller=made_absolute(item.controller, source),
-                files=tuple(map(path, item.files)),
-            )
-            for item in settings.ads
-        ),
-        drivers=replace(
-            drivers,
-            source=made_absolute(drivers.source, source),
-            recordings=tuple(map(path, drivers.recordings)),
-            cases=path(drivers.cases),
-        ),
-        simulation=replace(settings.simulation, plant=plant),
-        run=replace(settings.run, qualification=path(settings.run.qualification)),
-    )
+    if is_dataclass(value) and not isinstance(value, type):
+        items = ((item.name, getattr(value, item.name)) for item in fields(value))
+        return replace(value, **{name: absolute(item, source, name) for name, item in items})
+    if isinstance(value, tuple):
+        return tuple(absolute(item, source, name) for item in value)
+    if not isinstance(value, str) or not value:
+        return value
+    if name in _PATHS or (name == "use" and is_file(value)):
+        return str(source / value)
+    return made_absolute(value, source) if name in _LOCATORS else value
 
 
 def _importing(alone: EvaluationSettings, source: Path) -> str:
