@@ -12,10 +12,10 @@ proportion to the points, and no table of all points and replicates is in memory
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -256,37 +256,26 @@ def resamples(
     most = AT_ONCE // replicates  # points at a time
     if groups.points > most:
         most = max(most // OF_MORE, 1)
-    blocks = list(_blocks(groups, most, replicates, seed, name))
+    draws = partial(_draws, groups, most, replicates, seed, name)
     balance = None if groups.even is None else Balance.of(groups, groups.even)
-    twice = balance is not None and len(blocks) > 1
-    progress = itertools.accumulate(len(places) for places, _ in blocks * (1 + twice))
-
-    def tell() -> None:
-        done(next(progress), (1 + twice) * groups.points)
-
-    if balance is None:
-        for places, draw in blocks:
-            counts = draw()
-            tell()
-            yield Resampled(places, counts, counts)
-        return
-    along = np.zeros((replicates, balance.trend.shape[1]))
-    for places, draw in blocks:
-        counts = draw()
-        along += balance.along(counts, places)
-        tell()
-    for places, draw in blocks:
-        if twice:
-            counts = draw()
-            tell()
-        yield Resampled(places, balance.balanced(counts, places, along), counts)
+    along: Any = 0.0
+    drawn, of = 0, groups.points * (1 if balance is None else 2)
+    if balance is not None:
+        for places, counts in draws():
+            along += balance.along(counts, places)
+            drawn += len(places)
+            done(drawn, of)
+    for places, counts in draws():
+        drawn += len(places)
+        done(drawn, of)
+        even = counts if balance is None else balance.balanced(counts, places, along)
+        yield Resampled(places, even, counts)
 
 
-def _blocks(
+def _draws(
     lists: Strata, most: int, replicates: int, seed: int, name: Sequence[str]
-) -> Iterator[tuple[IntArray, Callable[[], FloatArray]]]:
-    """Blocks of k points, each with a function that draws their counts in each replicate, (m, k),
-    the same at each call.
+) -> Iterator[tuple[IntArray, FloatArray]]:
+    """Blocks of k points with their counts in each replicate, (m, k), the same at each call.
 
     most: points of a block of whole lists. A list with more points is divided into several blocks.
     """
@@ -294,11 +283,9 @@ def _blocks(
     # most points of a block of a divided list; more blocks would keep more shares in memory
     longest = max(AT_ONCE // replicates, 1)
 
-    def drawn(
-        number: int, draw: Callable[..., FloatArray], *given: Any
-    ) -> Callable[[], FloatArray]:
-        """The drawing of a block, with the random stream of its number."""
-        return lambda: draw(*given, random_stream(seed, *name, *([number] if number else [])))
+    def stream() -> np.random.Generator:
+        """The random stream of the block."""
+        return random_stream(seed, *name, *([number] if number else []))
 
     while first < len(lists.order):
         # whole lists from `first` on, as many as one block holds
@@ -306,7 +293,7 @@ def _blocks(
         if (end := int(ends[last - 1]) if last else 0) > first:
             here = ends[int(np.searchsorted(ends, first, side="right")) : last] - first
             groups = Strata(np.arange(end - first), here)
-            yield lists.order[first:end], drawn(number, draw_counts, groups, replicates)
+            yield lists.order[first:end], draw_counts(groups, replicates, stream())
             number, first = number + 1, end
             continue
         # the next list alone is too long: share its draws among pieces, at random
@@ -316,20 +303,8 @@ def _blocks(
         shares = random_stream(seed, *name, "pieces", number).multinomial(
             size - 1, parts, replicates
         )
-        for places, share in zip(pieces, shares.T, strict=True):
-            yield places, drawn(number, _counts_of_piece, len(places), size, share)
+        for places, share in zip(pieces, shares.T, strict=True):  # share: of the draws, (m,)
+            counts = stream().multinomial(share, np.full(len(places), 1.0 / len(places)))
+            yield places, np.asarray(counts * (size / (size - 1)))
             number += 1
         first += size
-
-
-def _counts_of_piece(
-    points: int, size: int, share: IntArray, stream: np.random.Generator
-) -> FloatArray:
-    """`draw_counts` of a block of a divided list.
-
-    points: of the block.
-    size: of the whole list.
-    share: number of the list's draws that fall on the block, (m,).
-    """
-    drawn = stream.multinomial(share, np.full(points, 1.0 / points))
-    return np.asarray(drawn * (size / (size - 1)))
