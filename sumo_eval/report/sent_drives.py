@@ -168,21 +168,16 @@ def worth_embedding(
     for case, tell in zip(every, telling(CaseTable.of(every)).tolist(), strict=True):
         at = case.scenario, points_of[case.scenario][case.case]
         tells[at] = max(tells.get(at, 0.0), tell)
-    own, humans = runs.values()  # trajectories at each point, of the ADSs and of the drivers
     order = sorted(tells, key=lambda point: (-tells[point], point))
-    chosen: set[Point] = set()
-    with_drivers: set[Point] = set()
-    left = most_runs
-    for drivers in (False, True):
-        for here in order:
-            cost = (0 if here in chosen else own[here]) + (humans[here] if drivers else 0)
-            if cost > left or (not drivers and tells[here] < HIT):
-                break
-            chosen.add(here)
-            if drivers:
-                with_drivers.add(here)
-            left -= cost
-    return Embedded(frozenset(chosen), frozenset(with_drivers))
+    # trajectories at each point, of the ADSs and of the drivers
+    own, humans = (np.array([number[point] for point in order]) for number in runs.values())
+    hits = sum(tell >= HIT for tell in tells.values())
+    # of the first points in this order, how many have room without drivers, and with them
+    alone = int(np.searchsorted(np.cumsum(own[:hits]), most_runs, side="right"))
+    humans[alone:] += own[alone:]
+    left = most_runs - own[:alone].sum()
+    both = int(np.searchsorted(np.cumsum(humans), left, side="right"))
+    return Embedded(frozenset(order[: max(alone, both)]), frozenset(order[:both]))
 
 
 def contact(
