@@ -7,7 +7,6 @@ from __future__ import annotations
 import hashlib
 from contextlib import closing, nullcontext
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +16,7 @@ from sumo_eval.report.opinion_section import OPINION
 from sumo_eval.report.page import CONFIDENCE, REPORT
 from sumo_eval.report.people import STUDY
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.fingerprint import sources
 
 if TYPE_CHECKING:
     from sumo_eval.report.sections import Beside
@@ -68,20 +68,8 @@ def _key(evaluation: Evaluation) -> bytes | None:
         evaluation.manifest,
         evaluation.folder,
         studies,
-        _sources(),
+        sources("report"),
     )
-
-
-@cache
-def _sources() -> str:
-    """A hash of the files that pages are made of."""
-    room = Path(__file__).parent
-    digest = hashlib.blake2b()
-    for file in sorted(
-        file for file in room.rglob("*") if file.suffix in (".py", ".j2", ".js", ".css")
-    ):
-        digest.update(str(file.relative_to(room)).encode() + b"\0" + file.read_bytes())
-    return digest.hexdigest()
 
 
 def _hash(*files: Path) -> bytes:

@@ -42,7 +42,7 @@ def sources(*rooms: str) -> str:
     files = [
         file
         for room in (*(rooms or _ROOMS), _READERS)
-        for ending in ("*.py", "*.toml")
+        for ending in ("*.py", "*.toml", "*.j2", "*.js", "*.css")
         for file in (_PACKAGE / room).rglob(ending)
     ]
     files += [] if rooms else [_PACKAGE / name for name in _FILES]
