@@ -31,7 +31,7 @@ from sumo_eval.scoring.failure_groups import FailureGroup, failure_groups
 from sumo_eval.scoring.findings import findings, mean_of
 from sumo_eval.scoring.map_view import View, choose_view, telling_slice
 from sumo_eval.scoring.preventability import verdicts
-from sumo_eval.scoring.zone_levels import ZoneLevels, lattice_points, map_points, zone_levels
+from sumo_eval.scoring.zone_levels import lattice_points, map_points, zone_levels
 from sumo_eval.trajectory import FloatArray
 
 MOST_GROUPS = 12  # of failures of an ADS in a scenario
@@ -220,7 +220,7 @@ def gathered_words(view: View) -> str:
 def zone_map(zones: ZonePartition, view: View, panel: int) -> dict[str, Any]:
     """The zones at the corners of cells over x and y (y slowest)."""
     axes, points = map_points(zones.logical, view, panel)
-    return axes | _packed(zone_levels(zones, points))
+    return axes | _packed(zones, points)
 
 
 def lattice(zones: ZonePartition) -> dict[str, Any] | None:
@@ -228,15 +228,12 @@ def lattice(zones: ZonePartition) -> dict[str, Any] | None:
     the space has no lattice.
     """
     points = lattice_points(zones.logical)
-    return points and {"size": points.size} | _packed(zone_levels(zones, points.rows))
+    return points and {"size": points.size} | _packed(zones, points.rows)
 
 
-def _packed(levels: ZoneLevels) -> dict[str, Any]:
-    return {
-        "gp": packed_bytes(levels.gp.tobytes()),
-        "exact": packed_bytes(levels.exact.tobytes()),
-        "rooms": [packed_bytes(room.tobytes()) for room in levels.rooms],
-    }
+def _packed(zones: ZonePartition, points: FloatArray) -> dict[str, Any]:
+    gp, exact, *rooms = (packed_bytes(it.tobytes()) for it in zone_levels(zones, points))
+    return {"gp": gp, "exact": exact, "rooms": rooms}
 
 
 # --- roads ----------------------------------------------------------------------------------------

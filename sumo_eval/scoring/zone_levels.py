@@ -24,24 +24,14 @@ SEARCHED_CELLS, SEARCHED_LATTICE_POINTS = 16, 1_500
 Levels = NDArray[np.int16]
 
 
-class ZoneLevels(NamedTuple):
-    """The zones at points, (n,) each.
-
-    gp: y of the GP, times 32000 (which 16 bits hold); 0 is the boundary, above it is safe.
-    exact: y of the criterion itself, in the same way.
-    rooms: of each constraint its room (`rooms_of`); a point is impossible where one is below 0.
+def zone_levels(zones: ZonePartition, points: FloatArray) -> list[Levels]:
+    """The zones at points (n, k), (n,) each: y of the GP, times 32000 (which 16 bits hold), of
+    which 0 is the boundary and more is safe; y of the criterion itself, in the same way; then the
+    room of each constraint (`rooms_of`), one of which is below 0 at an impossible point.
     """
-
-    gp: Levels
-    exact: Levels
-    rooms: list[Levels]
-
-
-def zone_levels(zones: ZonePartition, points: FloatArray) -> ZoneLevels:
-    """The zones at points (n, k)."""
     exact = exact_target(zones.logical, points, zones.settings)
     learnt = _levels(zones.predicted(points))
-    return ZoneLevels(learnt, _levels(exact), rooms_of(zones.logical, points))
+    return [learnt, _levels(exact), *rooms_of(zones.logical, points)]
 
 
 def map_points(
