@@ -14,7 +14,6 @@ from sumo_eval.report.page import CONFIDENCE, write_json
 from sumo_eval.report.verdict import Beside
 from sumo_eval.report.words import count
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.case_terms import SCORES
 from sumo_eval.scoring.confidence.assessment import Assessment, Confidence
 from sumo_eval.scoring.confidence.coverage import PairCoverage, SpaceCoverage
 
@@ -45,7 +44,6 @@ def confidence_content(evaluation: Evaluation, beside: Beside) -> dict[str, Any]
         return None
     return {
         "rows": confidence.assessments,
-        "digits": SCORES,
         "spaces": [
             _space(zone.scenario, confidence.coverage[zone.scenario]) for zone in evaluation.zones
         ],

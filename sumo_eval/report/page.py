@@ -14,7 +14,6 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
-from sumo_eval.errors import InputError, said
 from sumo_eval.input_file import writing
 from sumo_eval.report.packing import plotly
 from sumo_eval.report.words import interval_words, number, percent, span
@@ -88,12 +87,10 @@ def write_csv(path: Path, columns: Iterable[str], rows: Iterable[Iterable[Any]])
 
     Raises InputError where it cannot be written.
     """
-    try:
+    with writing(str(path)):
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(columns)
             writer.writerows(rows)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {said(error)}.") from error
     return path

@@ -185,12 +185,10 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
 def _driven_points(space: ScenarioRun) -> tuple[IntArray, FloatArray]:
     """Numbers of the points that were driven, (n,), and their values, (n, k)."""
     names = space.logical.names
-    # `array`, because lists of a million points would take half a gigabyte
-    numbers, flat = array("q"), array("d")
-    for fact in space.store.facts("ideal", space.name):  # every point has one
-        numbers.append(fact.point)
-        flat.extend(fact.values[name] for name in names)
-    return np.array(numbers, dtype=np.intp), np.array(flat).reshape(len(numbers), len(names))
+    facts = space.store.facts("ideal", space.name)  # every point has one
+    rows = ((fact.point, *(fact.values[name] for name in names)) for fact in facts)
+    table = np.fromiter(rows, np.dtype((np.float64, (1 + len(names),))))
+    return table[:, 0].astype(np.intp), np.ascontiguousarray(table[:, 1:])
 
 
 def _points_of_ads(
