@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -99,14 +100,12 @@ def with_counts(score: ScenarioResult, rows: CaseTable, logical: LogicalScenario
     """
     if logical.requirements is None:
         return score
-    texts = [row.requirements_missed for row in rows]
-    evaluated = [text for text in texts if text is not None]
-    missed = [text.split(SEPARATOR) for text in evaluated if text]  # an item for each such case
-    notes = list(score.notes)
-    for requirement in logical.requirements.all:
-        number = sum(requirement.name in names for names in missed)
-        if number:
-            notes.append(
-                RequirementMissed(requirement.name, requirement.text, number, len(evaluated))
-            )
-    return replace(score, requirements_missed=len(missed), notes=tuple(notes))
+    missed = [text for text in rows.requirements_missed.tolist() if text]
+    number = Counter(name for text in missed for name in text.split(SEPARATOR))
+    evaluated = int(rows.evaluated.sum())
+    notes = [
+        RequirementMissed(each.name, each.text, number[each.name], evaluated)
+        for each in logical.requirements.all
+        if number[each.name]
+    ]
+    return replace(score, requirements_missed=len(missed), notes=(*score.notes, *notes))

@@ -52,12 +52,6 @@ class Strata:
         """Number of points of each list, (g,)."""
         return np.diff(self.ends, prepend=0)
 
-    def of_size(self, size: int) -> IntArray:
-        """Points of the lists of one size, (k, size), in the order of the lists."""
-        sizes = self.sizes
-        places: IntArray = self.order[(self.ends - sizes)[sizes == size][:, None] + np.arange(size)]
-        return places
-
     def numbers(self) -> IntArray:
         """The number of each point's list, (n,)."""
         numbers = np.empty(self.points, dtype=np.intp)
@@ -123,8 +117,15 @@ def _sort_along_widest(order: IntArray, sizes: IntArray, unit: FloatArray) -> No
 
 
 def same_sizes(groups: Strata) -> list[tuple[int, IntArray]]:
-    """Lists of more than one point, by size: each size with the points of its lists, (g, size)."""
-    return [(size, groups.of_size(size)) for size in np.unique(groups.sizes).tolist() if size > 1]
+    """Lists of more than one point, by size: each size with the points of its lists, (g, size), in
+    the order of the lists.
+    """
+    sizes, order = groups.sizes, groups.order
+    firsts = groups.ends - sizes
+    return [
+        (size, order[firsts[sizes == size][:, None] + np.arange(size)])
+        for size in np.unique(sizes[sizes > 1]).tolist()
+    ]
 
 
 def draw_counts(groups: Strata, replicates: int, stream: np.random.Generator) -> FloatArray:
