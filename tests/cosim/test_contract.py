@@ -161,8 +161,13 @@ def test_hints_name_what_traci_code_is_written_with():
     def typed(traci, ego, time):
         traci.vehicle.setType(ego, "CC")
 
-    for code, word in ((stranger, "`ego`"), (typed, "`vehicle_type`")):
-        (found,) = [
-            one for one in check_controller(code, [case()], HALF_SECOND) if one.kind == "FAIL"
-        ]
-        assert word in found.mend, found
+    def sensing(traci, ego, time):
+        traci.vehicle.getParameter(ego, "device.ssm.minTTC")
+
+    def still(traci, ego, time):
+        traci.vehicle.getSpeed(ego)
+
+    hints = {stranger: "`ego`", typed: "`vehicle_type`", sensing: "device", still: "(ego, -1)"}
+    for code, word in hints.items():
+        found = check_controller(code, [case()], HALF_SECOND)
+        assert word in next(it.mend for it in found if it.kind in ("FAIL", "note")), found

@@ -55,8 +55,14 @@ _HINTS = {
     r"[Vv]ehicle '.*' is not known": 'the ego\'s id is the argument `ego`, which is "ego"; other '
     "vehicles come "
     "and go, see traci.vehicle.getIDList()",
+    "no device of type": "no vehicle carries a device of SUMO here; compute in your code what it "
+    "would say",
 }
 """Advice on an error of TraCI, by its words."""
+_UNMOVED = (
+    "return a command, or move it with TraCI; SUMO's car-following model drives it only after "
+    "traci.vehicle.setSpeed(ego, -1)"
+)
 _WALL_CLOCK = ("late_command",)  # clips that differ from run to run by their nature
 
 
@@ -120,6 +126,8 @@ def check_controller(
         return findings + clock
     findings.append(Finding("ok", "commands are finite numbers"))
     findings.append(_in_range(first))
+    if not any(np.ptp(recording.ego.speed) for recording in first):
+        findings.append(Finding("note", "the ego keeps its first speed in every case", _UNMOVED))
     findings += _planned(first)
     again = drive(driven)
     # fewer a second time if patience has run out
