@@ -455,6 +455,11 @@ def test_an_ads_that_takes_over_the_simulation_is_stopped_and_the_next_case_work
             "(a program with a loop of its own runs as `traci:COMMAND`).",
         ),
         ("close", "closed the simulation at 0.00 s; that is the harness's."),
+        (
+            "start",
+            "called traci.start at 0.00 s; that is the harness's (a program that starts SUMO "
+            "itself runs as `traci:COMMAND`).",
+        ),
     ],
 )
 def test_taking_over_in_reset_is_named_before_a_step(call, sentence):

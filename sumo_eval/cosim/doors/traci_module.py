@@ -320,14 +320,14 @@ def _clock_call(guard: Guard) -> Callable[..., Any]:
 
 def _running_call(guard: Guard, call: str) -> Callable[..., Any]:
     """Stand-in of a call that starts, loads or closes SUMO, which it never does."""
-    deed = {"close": "closed", "start": "started", "load": "loaded", "loadState": "loaded"}.get(
-        call, f"{call} for"
-    )
+    closes = call == "close"
+    deed = "closed the simulation" if closes else f"called traci.{call}"
+    why = "that is the harness's"
+    if not closes:
+        why += " (a program that starts SUMO itself runs as `traci:COMMAND`)"
 
     def guarded(*args: Any, **kwargs: Any) -> Any:
-        guard.note_interference(
-            "started_or_closed", f"The ADS {deed} the simulation", "that is the harness's"
-        )
+        guard.note_interference("started_or_closed", f"The ADS {deed}", why)
 
     return guarded
 

@@ -153,7 +153,10 @@ def breach(
     for argument, value in given.items():
         if not _is_finite(value, in_text=argument in _NUMBERS_IN_TEXT):
             return Breach(argument, value, "a finite number")
-        if argument in DURATIONS and not _can_last(call, value):
+        seconds = finite_number(value, truth=True)
+        if argument not in DURATIONS or seconds is None:
+            continue  # what is not a number, libsumo refuses itself
+        if not (0.0 <= seconds <= LONGEST or (call in _OPTIONAL and seconds == _UNSAID)):
             return Breach(argument, value, f"within 0..{LONGEST:.0f} s")
     return _no_such_lane(call, str(name), given) if domain == "vehicle" else None
 
@@ -178,13 +181,6 @@ def _reads_as_no_number(word: str) -> bool:
         return not math.isfinite(float(word))  # 1e999
     except ValueError:
         return False
-
-
-def _can_last(call: str, value: object) -> bool:
-    seconds = finite_number(value, truth=True)
-    if seconds is None:
-        return True  # not a number: libsumo refuses it itself
-    return 0.0 <= seconds <= LONGEST or (call in _OPTIONAL and seconds == _UNSAID)
 
 
 def _no_such_lane(call: str, name: str, given: Mapping[str, object]) -> Breach | None:

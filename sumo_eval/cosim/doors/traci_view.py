@@ -154,15 +154,6 @@ def _listing(guard: Guard, read: Callable[[], Any]) -> Any:
     return listing
 
 
-def _leaving(guard: Guard) -> Any:
-    """A call that takes the row out of its batch."""
-
-    def leaving(*args: Any, **kwargs: Any) -> Any:
-        guard.leave()  # raises
-
-    return leaving
-
-
 def _seen(guard: Guard, domain: Any, call: str) -> Any:
     """Stand-in of a call that reads, in a domain."""
     kind = domain.__name__
@@ -176,7 +167,7 @@ def _seen(guard: Guard, domain: Any, call: str) -> Any:
         if call in _OF_MODELS and kind in ("vehicle", "vehicletype"):
             return _of_ego(guard, reading)
         return _QUICK[call](guard, reading) if kind == "vehicle" and call in _QUICK else reading
-    return _leaving(guard)
+    return lambda *_, **__: guard.leave()  # takes the row out of its batch
 
 
 def _view(guard: Guard) -> list[tuple[Any, str, Any]]:

@@ -41,7 +41,10 @@ def start(cmd: Any = None, *arguments: Any, label: str = "default", **options: A
 def _init_once(self: Any, host: str, port: int, process: Any, *others: Any, **options: Any) -> None:
     """A connection to the case, the only one, whatever port is named."""
     if _asked_ports:
-        raise main.TraCIException("sumo_eval: a case takes one connection, got a second one")
+        raise main.TraCIException(
+            "sumo_eval: a case takes one connection, got a second one: start SUMO once, and do "
+            "not close it to begin again"
+        )
     _usual_init(self, "127.0.0.1", int(os.environ["SUMO_EVAL_PORT"]), None, *others, **options)
     _usual_set_order(self, ORDER)
     _asked_ports.append(port)
