@@ -43,6 +43,11 @@ class About:
     symbol: str = ""
     equation: str = ""
 
+    def __get_pydantic_json_schema__(self, core: Any, handler: Callable[[Any], Any]) -> Any:
+        """The meaning and the unit of a key in a JSON schema."""
+        unit = f" ({self.unit})" if self.unit else ""
+        return {**handler(core), "description": self.text + unit}
+
 
 Positive = Gt(0.0)
 NotNegative = Ge(0.0)
