@@ -71,8 +71,7 @@ class Space:
         """The concrete scenario at a point; made on request, because a space can have a million
         points.
         """
-        values: list[float] = self.points[number].tolist()
-        concrete = self.logical.concrete(**dict(zip(self.logical.names, values, strict=True)))
+        (concrete,) = self.logical.concretes(self.points[number])
         return replace(concrete, exposure=float(self.weights[number]))
 
     @property

@@ -114,7 +114,7 @@ def leaving(logical: LogicalScenario, points: FloatArray) -> Iterator[str]:
     end = logical.road.end
     departures: dict[str, list[tuple[float, str]]] = {}
     for concrete in logical.concretes(points):
-        for name, time in leaves_at(concrete, end, limit):
+        for name, time in leaves_at(concrete, limit):
             departures.setdefault(name, []).append((time, concrete.label))
     for name, times in departures.items():
         time, where = min(times)

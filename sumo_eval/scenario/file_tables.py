@@ -219,7 +219,7 @@ class RoadTable(Checked):
         else:
             line = line_of(self.line, options, self.lanes, self.lane_width, self.length, where)
             spans = spans_of(self.lane, self.lanes, self.length, where)
-            shape = ReadRoad(line, self.lanes, self.lane_width, self.length, spans)
+            shape = ReadRoad(line, self.lanes, self.lane_width, spans, self.length)
             crossings = crossings_of(self.crossing, self.length, line, where)
             name = f"road_{self.lanes}x{self.lane_width:g}m_{end:g}m_of_{self.length:g}m"
             name = (self.name or name) + bend_name(line, named=self.name is not None)

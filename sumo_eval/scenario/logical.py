@@ -371,6 +371,10 @@ class LogicalScenario:
             holds &= constraint.holds(values)
         return holds
 
+    def exposures(self, points: FloatArray) -> FloatArray:
+        """Exposure of each of the points (n, k); a function of a user's may give one for all."""
+        return np.broadcast_to(self.exposure(self.columns(points)), len(points))
+
     def concrete(self, **values: float) -> ConcreteScenario:
         """The concrete scenario at a point; refuses unknown, missing, out-of-range and impossible
         values.

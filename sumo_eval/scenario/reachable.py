@@ -65,18 +65,15 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
         endless |= never | keeps
 
 
-def leaves_at(
-    concrete: ConcreteScenario, end: float, time_limit: float
-) -> Iterator[tuple[str, float]]:
+def leaves_at(concrete: ConcreteScenario, time_limit: float) -> Iterator[tuple[str, float]]:
     """Vehicles whose scripts leave the road before the ego's case ends, and when, s.
 
-    end: x of the road's end, m, beyond the x at which cases end.
     time_limit: of the case, s.
 
     The ego keeps its speed, or follows a slower vehicle at a headway of `_HEADWAY`. A vehicle that
     a SUMO model drives keeps its first speed.
     """
-    ego, road = concrete.ego, concrete.road
+    ego, road, end = concrete.ego, concrete.road, concrete.road.end
     if not concrete.actors:
         return
     ego_time = (road.length - ego.x) / max(ego.speed, _CREEPS)  # to the end of the case, unhindered

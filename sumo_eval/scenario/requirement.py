@@ -107,10 +107,6 @@ class Requirements:
     all: tuple[Requirement, ...]
     numbers: Definitions
 
-    def known(self, values: Mapping[str, float]) -> dict[str, float]:
-        """The numbers of a point: its values, and those of the definitions."""
-        return self.numbers.at(values)
-
 
 def requirement(
     name: str,

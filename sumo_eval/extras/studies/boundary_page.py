@@ -31,8 +31,7 @@ def summary(boundary: FailureBoundary) -> dict[str, Any]:
     logical, last = boundary.logical, boundary.rounds[-1]
     points = evenly(logical, SHARE_POINTS, random_stream(0, "counted", logical.name))
     points = points[logical.feasible(points)]
-    # a uniform exposure comes as one number for all points
-    exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points))
+    exposure = logical.exposures(points)
     collides = boundary.search.classify(points)
     return {
         "scenario": logical.name,

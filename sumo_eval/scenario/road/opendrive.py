@@ -16,7 +16,6 @@ import itertools
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -41,37 +40,22 @@ _Ramps = list[tuple[float, float, str]]  # begin, end and type of a lane's secti
 DRIVEN = ("driving", "entry", "exit", "onRamp", "offRamp")  # types of lanes that cars use
 
 
-@dataclass(frozen=True, slots=True)
-class ReadRoad:
-    """A road as read.
+class ReadRoad(NamedTuple):
+    """A road as read, driven one way.
 
     line: centre line of the right-hand driving lane; empty if it is straight.
     lanes: number of adjacent driving lanes.
     lane_width, length: m.
     spans: of the lanes that do not exist throughout.
+    begin: of the line on the map.
     """
 
     line: Line
     lanes: int
     lane_width: float
-    length: float
-    spans: tuple[LaneSpan, ...] = ()
-
-
-class _Stretch(NamedTuple):
-    """A road that is driven one way.
-
-    line: centre line of the right-hand driving lane, which begins at `begin` on the map.
-    lanes: number of driving lanes.
-    width: of each, m.
-    spans: of those that do not exist throughout.
-    """
-
-    line: Line
-    begin: Pose
-    lanes: int
-    width: float
     spans: tuple[LaneSpan, ...]
+    length: float
+    begin: Pose = Pose(0.0, 0.0, 0.0)
 
 
 def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadRoad:
@@ -100,19 +84,17 @@ def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadR
     else:
         chain = _chain([roads[name] for name in names], owner)
     line = tuple(piece for stretch in chain for piece in stretch.line)
-    first = chain[0]  # all have its lanes
-    return ReadRoad(
-        line if bends(line) else (), first.lanes, first.width, length_of(line), first.spans
-    )
+    # all have the lanes of the first
+    return chain[0]._replace(line=line if bends(line) else (), length=length_of(line))
 
 
-def _chain(roads: Sequence[Element], owner: str) -> list[_Stretch]:
+def _chain(roads: Sequence[Element], owner: str) -> list[ReadRoad]:
     """The roads in order, each in the direction in which it meets the one before it.
 
     The first road is tried along its own direction, then against it.
     """
     for first_against in (False, True):
-        chain: list[_Stretch] = []
+        chain: list[ReadRoad] = []
         for element in roads:
             name = f"road `{element.get('id')}` of {owner}"
             directions = (False, True) if chain else (first_against,)
@@ -132,29 +114,29 @@ def _chain(roads: Sequence[Element], owner: str) -> list[_Stretch]:
 
     first = chain[0]
     for stretch in chain:
-        off = abs(stretch.width - first.width)
+        off = abs(stretch.lane_width - first.lane_width)
         if (stretch.lanes, stretch.spans) != (first.lanes, ()) or off > _SAME:
             wanted = "of one number and width throughout, where several roads are driven in order"
-            widths = [(it.lanes, it.width) for it in chain]
+            widths = [(it.lanes, it.lane_width) for it in chain]
             raise must_be("The driving lanes", owner, wanted, widths)
     return chain
 
 
-def _stretch_or_none(road: Element, owner: str, against: bool) -> _Stretch | None:
+def _stretch_or_none(road: Element, owner: str, against: bool) -> ReadRoad | None:
     """A road driven one way, None where it has no driving lane that way."""
     lanes = road.iterfind(f"lanes/laneSection/{'left' if against else 'right'}/lane")
     driven = any(lane.get("type") in DRIVEN for lane in lanes)
     return _stretch(road, owner, against=against) if driven else None
 
 
-def _meet(before: _Stretch, begin: Pose) -> bool:
+def _meet(before: ReadRoad, begin: Pose) -> bool:
     """Whether a stretch ends at `begin`, within `_MEETS`."""
-    end = before.begin.along(before.line, length_of(before.line))
+    end = before.begin.along(before.line, before.length)
     turned = math.remainder(end.heading - begin.heading, math.tau)
     return math.dist(end[:2], begin[:2]) <= _MEETS and abs(turned) <= _MEETS
 
 
-def _stretch(road: Element, owner: str, *, against: bool) -> _Stretch:
+def _stretch(road: Element, owner: str, *, against: bool) -> ReadRoad:
     """A road driven along its reference line, or against it on its left-hand lanes."""
     rule = road.get("rule", "RHT")
     if rule != "RHT":
@@ -168,7 +150,8 @@ def _stretch(road: Element, owner: str, *, against: bool) -> _Stretch:
             Piece(piece.length, -piece.end, -piece.begin) for piece in reversed(reference)
         )
     offset, lanes = _driving_lanes(road, owner, length_of(reference), against=against)
-    return _Stretch(beside(reference, offset, owner), begin.moved(0.0, offset), *lanes)
+    line = beside(reference, offset, owner)
+    return ReadRoad(line, *lanes, length_of(line), begin.moved(0.0, offset))
 
 
 def _number(element: Element, name: str, owner: str, default: str = "nothing") -> float:

@@ -85,7 +85,7 @@ def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
     points = possible[np.concatenate(chosen)]
     weight = taken.sum(axis=1, keepdims=True) * capacity / float(len(possible)) / taken
     weights = np.repeat(weight, taken.ravel())
-    exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points)) * weights
+    exposure = logical.exposures(points) * weights
     return Drawn(
         points,
         exposure,

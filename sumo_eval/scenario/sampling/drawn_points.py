@@ -110,7 +110,7 @@ def _drawn(
             drawn = item.distribution.quantile(shares[:, column], low, high)
             points[:, column] = item.rounded(drawn)
             density *= item.distribution.density(points[:, column], low, high)
-    exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points))
+    exposure = logical.exposures(points)
     attentions = np.asarray(attention(points))
     weight = attentions * np.divide(
         exposure, density, out=np.zeros(len(points)), where=density > 0.0

@@ -133,8 +133,7 @@ def sample(
         )
     exposure = _rows(drawn.exposure, feasible)
     if exposure is None:
-        every = np.broadcast_to(logical.exposure(logical.columns(points)), len(points))
-        exposure = every.astype(float)
+        exposure = logical.exposures(points).astype(float)
     stands_for, stratum = _rows(drawn.stands_for, feasible), _rows(drawn.stratum, feasible)
     return Sample(points, refused, exposure, drawn.notes, method, stands_for, stratum)
 
