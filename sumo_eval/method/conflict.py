@@ -30,13 +30,14 @@ from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario import ConcreteScenario, LogicalScenario
 from sumo_eval.scenario.first_places import STANDARD_EGO
 from sumo_eval.scenario.motion import quintic, quintic_rate
-from sumo_eval.scenario.touch import Body, share_at_touch, widest_gap
+from sumo_eval.scenario.touch import Body, between, share_at_touch, widest_gap
 from sumo_eval.scenario.undisturbed import meetings, tracks
 from sumo_eval.settings import ZoneSettings
 from sumo_eval.trajectory import FloatArray, half_extents
 
 # A look is an instant at which bodies are compared.
-STEP = 0.1  # s between looks on conflicting ways; between two looks bodies move evenly
+STEP = 0.1  # s between looks on conflicting ways; between two looks the actors move evenly
+_PARTS = 5  # of a step; within each the ego moves evenly, at most 0.25 mm off while it brakes
 HORIZON = 6.0  # s ahead in which a collision counts; one in 6 s has an ITTC of 0.17 1/s
 _LONGEST = 60.0  # s that are searched at most
 _FINER = 0.02  # s between looks where ways do not conflict
@@ -221,12 +222,13 @@ def conflict_criticality(
     until = np.minimum(standstills + waits + HORIZON, _LONGEST)
     motion = tracks(placed, [size] * len(placed), STEP, float(until.max()))
     others, looks = motion.others, np.arange(motion.others.shape[2])
+    parts = np.arange(looks[-1] * _PARTS + 1) / _PARTS
     # A case ends at its own time: nothing may depend on the cases searched with it. From then on
     # its actors are out of reach, at x = inf.
     late = looks > np.ceil(until / STEP - 1e-9)[:, None]
     np.copyto(others[..., 0], np.inf, where=late[:, None])
     # First at a constant speed. Only whether the bodies touch counts, so no look ahead is needed.
-    unbraked = _braked(placed, looks, np.full(len(placed), np.inf), strength)
+    unbraked = _braked(placed, parts, np.full(len(placed), np.inf), strength)
     result = _most_critical(placed, others, size, unbraked, 0)
     touches = np.flatnonzero(np.isinf(result[0]))
     result[:2] = 0.0
@@ -235,7 +237,7 @@ def conflict_criticality(
         # an obstacle that makes no move in this time is an obstacle from the start
         first = motion.begins[:, other]
         begins = np.where(first > until, 0.0, first) + waits
-        egos = _braked(some, looks, begins[touches], strength)
+        egos = _braked(some, parts, begins[touches], strength)
         ahead = round(HORIZON / STEP)
         result[:, touches] = _most_critical(some, others[touches], size, egos, ahead)
     return result
@@ -249,6 +251,8 @@ def _braked(
     looks: numbers of the looks, (T,).
     begins: time at which each ego begins to brake, (n,), s; inf: never.
     strength: deceleration, m/s2.
+
+    Between two looks they are fractions.
     """
     x, v = np.array([[concrete.ego.x, concrete.ego.speed] for concrete in placed]).T[:, :, None]
     time, wait = looks * STEP, begins[:, None]
@@ -353,8 +357,8 @@ def _search_rows(
     which they do, m/s, and the smallest distance, m.
 
     ways: `_WAY`, (n,).
-    egos: x and speed at T looks, (n, T, 2).
-    others: x, y, heading, then speed along and across the road, (n, T, 5).
+    egos: x and speed at all ends of parts, (n, (T - 1) * _PARTS + 1, 2).
+    others: at T looks: x, y, heading, then speed along and across the road, (n, T, 5).
     horizon: number of looks ahead in which a collision counts.
     result: (n, 3).
     """
@@ -363,12 +367,18 @@ def _search_rows(
         inverse, impact, nearest = 0.0, 0.0, math.inf
         count = np.isfinite(others[i, :, 0]).sum()
         for k in range(count):
-            x, speed = egos[i, k, 0], egos[i, k, 1]
+            x, speed = egos[i, _PARTS * k, 0], egos[i, _PARTS * k, 1]
             ego, other = _ego(way, x), _other(way, others[i, k])
             if k == 0:
                 ego_before, other_before = ego, other
             nearest = min(nearest, max(widest_gap(ego, other)[0], 0.0))
-            if share_at_touch(ego_before, ego, other_before, other) >= 0.0:
+            touch, other_was = -1.0, other_before
+            for part in range(1, _PARTS + 1):
+                ego_then = _ego(way, egos[i, max(_PARTS * (k - 1) + part, 0), 0])
+                other_then = between(other_before, other, part / _PARTS)
+                touch = max(touch, share_at_touch(ego_before, ego_then, other_was, other_then))
+                ego_before, other_was = ego_then, other_then
+            if touch >= 0.0:
                 inverse = math.inf
                 along, across = speed - others[i, k, 3], others[i, k, 4]
                 impact = math.sqrt(along * along + across * across)

@@ -64,6 +64,16 @@ def test_law_ideal_braking_that_hits_hits_as_the_closed_form_says():
     )
 
 
+@pytest.mark.parametrize("apart", [1.6e-3, -1.6e-3])
+def test_law_between_two_looks_the_ego_brakes_as_it_does_at_them(apart):
+    # At 1.05 s its rear is at 47.75 + 20 * 1.05 - 2.5 * 1.05^2 = 65.99375 m, and `apart` m beyond
+    # the side of a vehicle whose front then comes into the strip: -13.65 + 10 * 1.05 + 2.25 = -0.9.
+    crossing = {"speed": 10.0, "heading": 90.0, "x": 65.99375 - 0.9 - apart, "y": -13.65}
+    vehicles = [{"name": "other", "speed": 0.0, "gap": 60.0}, {"name": "second", **crossing}]
+    inverse = critical(scene(20.0, {}, vehicle=vehicles))[0]
+    assert np.isinf(inverse) == (apart < 0.0)
+
+
 @pytest.mark.parametrize("leaves", [2.3, 2.6, 4.0])
 def test_law_a_crossing_vehicle_counts_as_long_as_the_ego_would_find_it_in_its_way(leaves):
     # It is in the strip (2.25 + 0.9 m to both sides) from 1 s until `leaves`; the ego's front is 20
