@@ -231,6 +231,9 @@ ROADS = {
         "+lon_0=11", "+units=us-ft"
     ),
     r"<GeoPosition>: the <geoReference> .* on WGS 84, .*bessel": ("+lon_0=11", "+ellps=bessel"),
+    r"<GeoPosition>: .* of \+proj=tmerc or \+proj=utm \+zone=1\.\.60, .*zone=61": (
+        "+proj=tmerc", "+proj=utm +zone=61 "
+    ),
     r"must not declare a document type": ("<OpenDRIVE>", "<!DOCTYPE OpenDRIVE []><OpenDRIVE>"),
     r"is in no lane; road.xodr, line 2, <road>: it must have one <laneSection>, got 2\.$": (
         "<lanes>", '<lanes><laneSection s="0"/>'

@@ -63,7 +63,7 @@ def _projection(position: Node, reference: Node | None) -> dict[str, float]:
     """Numbers of a transverse Mercator projection by their names in PROJ.
 
     x_0, y_0: of the origin, m. lat_0, lon_0: of the origin, degrees. k, k_0: scale, two names of
-    one number.
+    one number, of which PROJ reads `k_0` first.
     """
     text = "" if reference is None else str(reference.element.text)
     given = dict(_PART.findall(text))
@@ -73,21 +73,21 @@ def _projection(position: Node, reference: Node | None) -> dict[str, float]:
         "lat_0": 0.0,
         "lon_0": 0.0,
         "k": 1.0,
-        "k_0": 1.0,
+        "k_0": 0.0,
         "zone": 0.0,
     }
     # PROJ reads `32N` and `49N` as numbers, too
     written = {name: number_of(given[name].removesuffix("N")) for name in it if name in given}
     kind = given.get("proj"), given.get("units", "m")
-    known = kind == ("tmerc", "m") or (kind == ("utm", "m") and "zone" in given)
-    if not known or None in written.values() or _ELSEWHERE.search(text):
+    utm = kind == ("utm", "m") and written.get("zone") in range(1, 61)
+    if not (utm or kind == ("tmerc", "m")) or None in written.values() or _ELSEWHERE.search(text):
         raise position.fault(
-            "the <geoReference> of its map must be of +proj=tmerc or +proj=utm +zone=, on WGS 84, "
-            f"in m and decimal degrees, got {text.strip() or 'none'}"
+            "the <geoReference> of its map must be of +proj=tmerc or +proj=utm +zone=1..60, on WGS "
+            f"84, in m and decimal degrees, got {text.strip() or 'none'}"
         )
     it |= written
-    it["k"] *= it["k_0"]
-    if kind[0] == "utm":  # zones of 6 degrees; in the south y begins at 10,000 km
+    it["k"] = it["k_0"] or it["k"]
+    if utm:  # zones of 6 degrees; in the south y begins at 10,000 km
         it |= {"x_0": 5e5, "y_0": 1e7 * ("+south" in text), "k": 0.9996}
         it["lon_0"] = 6.0 * it["zone"] - 183.0
     return it
