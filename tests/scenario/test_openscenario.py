@@ -45,7 +45,7 @@ needs_catalogues = pytest.mark.skipif(
     not NCAP.is_dir(), reason="the catalogues of OpenSCENARIO are not here"
 )
 
-ROAD = """<OpenDRIVE><header><geoReference>+proj=tmerc+lat_0=4.8e1N +lon_0=11</geoReference>
+ROAD = """<OpenDRIVE><header><geoReference>+proj=tmerc+lat_0=4.8e1N +lon_0=11 +k=2 +k_0=1</geoReference>
 </header><road id="0" length="1000" junction="-1"><planView>
 <geometry s="0" x="5" y="7" hdg="0.5" length="1000"><line/></geometry></planView><lanes><laneSection s="0">
 <left><lane id="1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></left>
@@ -183,6 +183,14 @@ def test_an_actor_that_stops_after_a_move_across_keeps_its_heading(tmp_path):
     path = changed(tmp_path, ('ds="50"', 'ds="200"'), events=events)
     other = simulate(only_case(path), "no_reaction").actors["Other"]
     assert (other.speed[-1], other.heading[-1]) == (0.0, 0.0)
+
+
+def test_a_condition_may_bring_back_the_speed_of_the_start(tmp_path):
+    to = 'AbsoluteTargetSpeed value="{}"'.format
+    events = CUT_IN.replace(ACROSS, BRAKE.replace(to(0), to(15)))
+    events += timed(BRAKE.replace(to(0), to(5)), 1, n=2)
+    (other,) = only_case(written(tmp_path, events=events)).actors
+    assert [(act.speed, bool(act.program)) for act in other.acts] == [(15.0, True), (5.0, False)]
 
 
 def test_moves_at_times_are_scripts_that_a_curve_can_have(tmp_path):
@@ -777,7 +785,7 @@ def test_what_holds_two_moves_is_complete_after_both(tmp_path, kind, name):
         when=COMPLETE.replace('"event"', f'"{kind}"').format(name),
     )  # fmt: skip
     none = set() if kind == "event" else {0}
-    for first, ends in ((BRAKE + two + OFFSET, {0, 1}), (BRAKE.replace('"0"', '"15"'), none)):
+    for first, ends in ((BRAKE + two + OFFSET, {0, 1}), (OFFSET.replace("-1", "0.25"), none)):
         last = acts_of(tmp_path, events=CUT_IN.replace(ACROSS, first) + then)[-1].program
         assert {number for op, _, number, _ in last if op == played.ENDED} == ends
         assert last

@@ -239,11 +239,11 @@ class Moves:
             if self._unsure(other, begin, _SPEEDS) or _changes(other, begin):
                 raise target.fault(f"the speed of `{other.name}` when this begins is unknown")
         unsure = self._unsure(entity, begin, _SPEEDS)
-        if change <= SAME and not unsure:
-            if begin.known:  # it has no act, but depends on the speed
-                self._plan(entity, begin, _SPEEDS, dynamics, _NO_MOVE)
+        if change <= SAME and begin.known and not unsure:  # no act, but it depends on the speed
+            self._plan(entity, begin, _SPEEDS, dynamics, _NO_MOVE)
             return Span(begin, begin.time)
-        if unsure:
+        # by a condition, an event below it in the file may change the speed before
+        if unsure or change <= SAME:
             return self._from_any_speed(dynamics, entity, begin, speed)
         step = is_step(dynamics)
         rate = change / AT_ONCE if step else self._rate(dynamics, entity, begin, speed)
