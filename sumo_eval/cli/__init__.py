@@ -151,11 +151,17 @@ class _Group(click.Group):
             signal.signal(signal.SIGTERM, signal.default_int_handler)
             _fill_closed_streams()
             _read_utf8()
-            _print_all()
+            out: Any = sys.stdout
+            if out.errors == "strict":  # print `?` for a character that its encoding lacks
+                out.reconfigure(errors="replace")
         return super().main(args, *rest, **named)
 
     def invoke(self, ctx: click.Context) -> Any:
-        _one_thread()
+        # Limit linear algebra to one thread, before numpy is loaded, unless the user has set a
+        # number. The matrices here are small: threads would only wait for each other, and the last
+        # bits of sums depend on their number.
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+            os.environ.setdefault(name, "1")
         _give_memory_back()
         # else Python searches all objects for garbage at exit, which takes 0.2 s
         atexit.register(gc.freeze)
@@ -239,23 +245,6 @@ def _read_utf8() -> None:
     if sys.getfilesystemencoding().lower() != "utf-8" and not sys.flags.utf8_mode:
         arguments = [sys.executable, "-X", "utf8", *sys.orig_argv[1:]]
         os.execve(sys.executable, arguments, {**os.environ, "PYTHONUTF8": "1"})  # noqa: S606
-
-
-def _print_all() -> None:
-    """Print `?` for a character that the encoding of stdout lacks."""
-    out: Any = sys.stdout
-    if out.errors == "strict":
-        out.reconfigure(errors="replace")
-
-
-def _one_thread() -> None:
-    """Limit linear algebra to one thread, before numpy is loaded, unless the user has set a number.
-
-    The matrices here are small: threads would only wait for each other, and the last bits of sums
-    depend on their number.
-    """
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
 
 
 def _give_memory_back() -> None:

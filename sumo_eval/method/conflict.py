@@ -383,7 +383,7 @@ def _search_rows(
                 along, across = speed - others[i, k, 3], others[i, k, 4]
                 impact = math.sqrt(along * along + across * across)
                 break
-            ego_before, other_before = ego, other
+            other_before = other
             if speed <= 0.0:
                 continue
             for ahead in range(1, min(horizon + 1, count - k)):

@@ -25,7 +25,7 @@ import sys
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -191,33 +191,31 @@ def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Seve
         raise must_be(f"Severity `{chosen}`", "`CollisionSettings`", wanted, function)
 
     def answer(hit: Collision, case: str) -> float:
-        return _answer_of(function, contact_of(hit, settings), chosen, case)
+        """The number that the user's function returns; a second call must return the same."""
+        contact, losses = contact_of(hit, settings), []
+        for _ in range(2):
+            try:
+                loss = function(contact)
+            except Exception as error:
+                raise InputError(
+                    f"The severity `{chosen}` failed for {case}: {said(error)}."
+                ) from error
+            number = isinstance(loss, int | float | np.integer | np.floating)
+            if isinstance(loss, bool) or not number or not 0.0 <= float(loss) <= 1.0:
+                raise InputError(
+                    f"The severity `{chosen}` must return a finite number within 0..1, got "
+                    f"{loss!r} for {case}."
+                )
+            losses.append(float(loss))
+        if losses[0] != losses[1]:
+            raise InputError(
+                f"The severity `{chosen}` must return one number for one contact, got "
+                f"{losses[0]!r} and then {losses[1]!r} for {case}."
+            )
+        return losses[0]
 
     answer(EXAMPLE, "an example, 20 m/s into a standing car in line")
     return Severity(chosen, "loss", answer, sha256=_hash_of(function))
-
-
-def _answer_of(function: Callable[[Contact], Any], contact: Contact, name: str, case: str) -> float:
-    """The number that a user's function returns; a second call must return the same."""
-    answers = []
-    for _ in range(2):
-        try:
-            answer = function(contact)
-        except Exception as error:
-            raise InputError(f"The severity `{name}` failed for {case}: {said(error)}.") from error
-        number = isinstance(answer, int | float | np.integer | np.floating)
-        if isinstance(answer, bool) or not number or not 0.0 <= float(answer) <= 1.0:
-            raise InputError(
-                f"The severity `{name}` must return a finite number within 0..1, got {answer!r} "
-                f"for {case}."
-            )
-        answers.append(float(answer))
-    if answers[0] != answers[1]:
-        raise InputError(
-            f"The severity `{name}` must return one number for one contact, got {answers[0]!r} "
-            f"and then {answers[1]!r} for {case}."
-        )
-    return answers[0]
 
 
 CHOICES: Final = ("severity", "eq14", *(_INJURY + name for name in INJURY_CURVES))

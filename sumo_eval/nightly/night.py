@@ -262,7 +262,7 @@ def _stopped(history: Path, lines: History) -> str | None:
     )
 
 
-def _clear_away(history: Path, lines: History, resumed: str | None = None) -> list[str]:
+def _clear_away(history: Path, lines: History, resumed: str | None) -> list[str]:
     """Remove the folders of killed nights. Returns notes on them and on the night that is resumed.
 
     The cause of their end is unknown, so cases of no other killed night are used. A folder that the

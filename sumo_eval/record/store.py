@@ -510,7 +510,11 @@ class Store:
         )
 
     def _facts(self, where: str, *values: object) -> Iterator[Fact]:
-        return map(_fact, self._read(_SELECT_FACTS + where, values))
+        for row in self._read(_SELECT_FACTS + where, values):
+            columns = list(row)
+            for place, make in _PLACES:
+                columns[place] = make(columns[place])
+            yield Fact(*columns)
 
     def facts_at(self, points: range, role: Role, scenario: str) -> list[Fact]:
         """Recorded cases of a role at the points with these numbers, by point and driver."""
@@ -763,13 +767,6 @@ def _plain(record: Collision | Clip | Alone) -> dict[str, object]:
     cost.
     """
     return {field.name: getattr(record, field.name) for field in fields(record)}
-
-
-def _fact(row: Row) -> Fact:
-    columns = list(row)
-    for place, make in _PLACES:
-        columns[place] = make(columns[place])
-    return Fact(*columns)
 
 
 def _values(text: str) -> dict[str, float]:

@@ -306,12 +306,11 @@ def _events_that_count(traffic: RecordedTraffic) -> Iterator[Any]:
     # an event names the vehicle that changes lane, and has the same time
     crossings = {(change.vehicle, round(change.t, 3)): change for change in changes}
     events = encounters(traffic, changes)
-    for event in events["cut_in"]:
-        change = crossings[event["cut_in"], round(event["t"], 3)]
-        yield _kind_of_cut_in(traffic, event, change), event, change.vehicle, _cut_in, change
-    for event in events["cut_out"]:
-        change = crossings[event["cut_out"], round(event["t"], 3)]
-        yield "cut_out", event, change.vehicle, _cut_out, change
+    for kind, measure in (("cut_in", _cut_in), ("cut_out", _cut_out)):
+        for event in events[kind]:
+            change = crossings[event[kind], round(event["t"], 3)]
+            name = _kind_of_cut_in(traffic, event, change) if kind == "cut_in" else kind
+            yield name, event, change.vehicle, measure, change
     for event in events["lead_braking"]:
         if event["headway"] <= BRAKING_HEADWAY:
             yield "braking", event, event["lead"], _braking
