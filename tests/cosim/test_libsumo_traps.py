@@ -255,11 +255,13 @@ def test_trap_5_bare_libsumo_says_no_more_than_process_error(bare, capfd):
             "nowhere",
         ),
         ("routes_xml", "<routes>", "rou.xml"),
+        ("routes_xml", "", "rou.xml"),  # a step of what was loaded would crash, or write a file
     ],
 )
 def test_trap_5_a_bad_file_quotes_sumos_log_and_keeps_the_console_clean(
-    monkeypatch, capfd, writer, text, quote
+    monkeypatch, capfd, tmp_path, writer, text, quote
 ):
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(session_module, writer, lambda *_: text)
     with (
         pytest.raises(SimulationError, match="SUMO could not start the case") as caught,
@@ -271,6 +273,7 @@ def test_trap_5_a_bad_file_quotes_sumos_log_and_keeps_the_console_clean(
     captured = capfd.readouterr()
     assert (captured.out, captured.err) == ("", "")
     monkeypatch.undo()
+    assert not list(tmp_path.iterdir())
     # the next case works
     assert simulate(case(), lambda *_: None, HALF_SECOND).end_reason == "time_limit"
 

@@ -108,7 +108,7 @@ def _start(arguments: list[str], files: _Files) -> None:
             libsumo.start(arguments)
             libsumo.simulationStep()  # inserts the vehicles, moves nothing
     except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
-        _close()
+        libsumo.close()  # without a step: of what is loaded in part, it may write or crash
         sentence = f"SUMO could not start the case: {quoted(error, files.log, files.console)}."
         # the files exist no longer when the message is read: name them plainly
         for path, name in zip(files, _NAMES, strict=True):
