@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
 import commands
+import numpy as np
 import pytest
 from browser import CHROMIUM, Page
 from evaluations import small
@@ -18,6 +19,8 @@ from sumo_eval.extras.figures.drawn import FIGURES, OF_RUNS, draw
 from sumo_eval.extras.figures.style import MM, WIDTHS, save
 from sumo_eval.nightly.night import import_runs
 from sumo_eval.report.html import write_report
+from sumo_eval.scenario.road.reference_line import arc
+from sumo_eval.trajectory import Trajectory
 
 pytest.importorskip("matplotlib")
 
@@ -101,6 +104,17 @@ def test_axes_hold_what_is_drawn_and_no_more(done):
         assert (line.get_xdata()[0], line.get_ydata()[0]) == (-1.0, 0.0)
     (mesh,) = draw(done, "field").axes[0].collections
     assert mesh.get_clim()[0] > 0.0
+
+
+@pytest.mark.parametrize(("speed", "line"), [(0.0, ()), (20.0, (arc(600.0, 100.0),))])
+def test_fields_of_egos_that_stand_or_turn_are_drawn(done, monkeypatch, speed, line):
+    from sumo_eval.extras.figures import of_runs
+
+    time, driven = np.arange(100) / 10.0, of_runs.driven_point
+    drive = Trajectory(time, 50.0 + speed * time, 0.0 * time, 0.0 * time)
+    shown = lambda asked, names: replace(driven(asked, names), runs={names[0]: drive}, line=line)  # noqa: E731
+    monkeypatch.setattr(of_runs, "driven_point", shown)
+    assert draw(done, "field").axes[0].collections
 
 
 def test_an_ads_without_an_outcome_has_no_boundary(done):

@@ -205,8 +205,9 @@ def field(asked: Asked) -> Figure:
         figure, axes = new_figure(asked.width, 0.16 + 0.3 * len(drives), len(drives))
         for ax, (name, drive), strength in zip(axes, drives.items(), values, strict=True):
             image = ax.pcolormesh(
-                east, north, strength, cmap="cividis", vmin=lowest, vmax=tallest, rasterized=True
-            )
+                east, north, strength, cmap="cividis", vmin=lowest, vmax=tallest, rasterized=True,
+                shading="gouraud",  # the values are at the places: a curve has no even cells
+            )  # fmt: skip
             ax.plot(*map_places(scene.line, drive.x, drive.y)[:2], color="white", linewidth=0.8)
             ax.set_title(name.replace("_", " "))
             ax.set_ylabel(label("y", "m"))
@@ -227,7 +228,7 @@ def _fields(drives: Sequence[Trajectory], settings: FieldSettings) -> tuple[Floa
     """
     ego = drives[0]
     reach = 1.5 * max(np.abs(drive.y).max() for drive in drives) + 3.0  # m to each side
-    x = np.linspace(ego.x[0], ego.x[-1], 240)
+    x = np.linspace(ego.x[0], max(ego.x[-1], ego.x[0] + reach), 240)  # an ego may stand
     y = np.linspace(ego.y[0] - reach, ego.y[0] + reach, 60)
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     return x, y, trajectory_fields(points, drives, settings).reshape(-1, len(y), len(x))
