@@ -18,6 +18,7 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import check_file, read_scenario
 from sumo_eval.scenario.logical import Counterpart
 from sumo_eval.scenario.resolved import Resolved
+from sumo_eval.scenario.road.reference_line import arc
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.settings import (
     AdsSettings,
@@ -116,6 +117,10 @@ def test_drives_in_named_cases_are_taken_as_they_are(tmp_path):
     found = reference(CONCRETE, people, settings, LOGICAL.recorded)
     assert found.names == ("ben",)
     assert found.drives[0].y.tolist() == [0.3] * 50
+    # 0.3 m outside a curve of 300 m it is 0.1 % faster than along its line
+    curve = replace(CONCRETE.road, line=(arc(600.0, -300.0),))
+    bent = reference(replace(CONCRETE, road=curve), people, settings, LOGICAL.recorded)
+    assert bent.drives[0].speed == pytest.approx(25.025, rel=5e-5)
     (folder / "ben.csv").write_text((folder / "ben.csv").read_text().replace("ben,", ","))
     nameless = reference(CONCRETE, people, settings, LOGICAL.recorded)
     assert nameless.names == ("ben",), "the file names its driver where the column is empty"

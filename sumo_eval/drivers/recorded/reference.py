@@ -22,6 +22,7 @@ from sumo_eval.input_file import changed_at
 from sumo_eval.method.driving_task import off_road
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import Counterpart
+from sumo_eval.scenario.road.reference_line import Line, map_places
 from sumo_eval.settings import DriverSettings
 from sumo_eval.trajectory import Trajectory
 
@@ -186,14 +187,17 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
     matching = rows[((rows[parameters] - values).abs() < 1e-6).all(axis=1)]
     if matching.empty:
         return None
-    named = [it for file in matching["file"] for it in _drives_in(people.folder / str(file))]
+    line = concrete.road.line
+    named = [it for file in matching["file"] for it in _drives_in(people.folder / str(file), line)]
     names, drives = zip(*named, strict=True)
     return Reference(drives, names)
 
 
-def _drives_in(path: Path) -> Sequence[tuple[str, Trajectory]]:
+def _drives_in(path: Path, line: Line) -> Sequence[tuple[str, Trajectory]]:
     """The drives of a file with columns t, x, y (road coordinates of the scenario) and what else is
     known, by driver.
+
+    line: the road's; along it, a speed that is not known is that on the map.
     """
     table = read_table(path, ("t", "x", "y"))
     checked_numbers(table, ["t", "x", "y", *table.filter(_MOTION)], path)
@@ -202,6 +206,9 @@ def _drives_in(path: Path) -> Sequence[tuple[str, Trajectory]]:
     for name, rows in table.groupby("driver", sort=False, dropna=False):
         driver = path.stem if pd.isna(name) else str(name)
         try:
+            if line and "speed" not in rows:
+                on_map = Trajectory(rows["t"], *map_places(line, rows["x"], rows["y"])[:2])
+                rows = rows.assign(speed=on_map.speed)
             drives.append((driver, _trajectory(rows)))
         except InputError as error:
             raise InputError(f"Driver `{driver}` in {path}: {error}") from error
