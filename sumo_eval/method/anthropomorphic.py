@@ -23,7 +23,7 @@ Readings of the paper (docs/method.md) that this file is built on:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Literal, NamedTuple
@@ -301,10 +301,6 @@ class _Slices(NamedTuple):
     spacing: float
 
 
-_PointsKey = tuple[int, _Slices]
-"""Key of sample points: index of the ADS among the trajectories, and the slices."""
-
-
 class _Comparison(NamedTuple):
     """An ADS and k drivers at m slices. Row 0 of an array is the ADS's.
 
@@ -355,7 +351,11 @@ def _indexes(
         for (pairing, _), (_, slices) in choices.items()
     }
     places = sorted({place for one in pairings for place in (one.ads, *one.drivers)})
-    fields = _fields_at(points, places, shared)
+    # Eq. 9: fields of all trajectories at all sample points, computed together; each (k, m, 7)
+    together = np.concatenate(list(points.values()))
+    ends = np.cumsum([len(each) for each in points.values()])[:-1]
+    strengths = shared.at(together[:, 0, 0], together[..., 1], places)
+    fields = dict(zip(points, np.split(strengths, ends, axis=1), strict=True))
 
     @cache
     def index_of(pairing: Pairing, mode: Mode) -> AnthropomorphicIndex:
@@ -377,20 +377,6 @@ def _indexes(
             index = replace(index, likeness=_likeness(pairing, vehicles, similarity))
         indexes.append(index)
     return indexes
-
-
-def _fields_at(
-    points: Mapping[_PointsKey, FloatArray], places: Sequence[int], shared: SharedFields
-) -> dict[_PointsKey, FloatArray]:
-    """Eq. 9: fields of trajectories at all sample points, computed together.
-
-    points: of each ADS at its slices, (m, 7, 2), m.
-    places: indices of the k trajectories. Each array that comes back is (k, m, 7).
-    """
-    together = np.concatenate(list(points.values()))
-    ends = np.cumsum([len(each) for each in points.values()])[:-1]
-    fields = shared.at(together[:, 0, 0], together[..., 1], places)
-    return dict(zip(points, np.split(fields, ends, axis=1), strict=True))
 
 
 def _choice(pairing: Pairing, mode: Mode, vehicles: Sequence[_Vehicle]) -> tuple[Choice, _Slices]:

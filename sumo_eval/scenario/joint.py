@@ -209,7 +209,12 @@ def _prepared(joint: Joint) -> _Prepared:
         no_grid = np.zeros((len(root), 0))
         return _Prepared(rows, shares, root, no_grid, no_grid, no_grid)
 
-    correlation = _correlation(np.column_stack([_normal_scores(it) for it in rows.T]), shares)
+    # weighted correlation (k, k) of the normal scores
+    scores = np.column_stack([_normal_scores(it) for it in rows.T])
+    centred = scores - shares @ scores
+    covariance = (centred * shares[:, None]).T @ centred
+    deviation = np.sqrt(np.diag(covariance))
+    correlation = np.atleast_2d(covariance / np.outer(deviation, deviation))
     # the correlation is singular where two parameters put the events in the same order
     lift = max(LEAST_EIGENVALUE - float(np.linalg.eigvalsh(correlation)[0]), 0.0)
     lifted = correlation + lift * np.eye(len(correlation))
@@ -248,14 +253,6 @@ def _marginal(
     mass = max(uncut[-1] - uncut[0], 1e-12)
     density = np.exp(-0.5 * away**2) @ shares / (width * np.sqrt(2.0 * np.pi) * mass)
     return density, (uncut - uncut[0]) / mass
-
-
-def _correlation(scores: FloatArray, shares: FloatArray) -> FloatArray:
-    """Weighted correlation (k, k) of columns."""
-    centred = scores - shares @ scores
-    covariance = (centred * shares[:, None]).T @ centred
-    deviation = np.sqrt(np.diag(covariance))
-    return np.asarray(np.atleast_2d(covariance / np.outer(deviation, deviation)))
 
 
 def _spread(values: FloatArray) -> float:

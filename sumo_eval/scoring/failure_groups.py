@@ -15,7 +15,7 @@ import numpy as np
 
 from sumo_eval.cases import CaseTable, IntArray
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import FloatArray
 
 # beginnings of the kinds of failure; the first word tells them apart
 GRAVEST_FIRST = ("caused", "avoidable", "collision", "not evaluated", "off road", "unavoidable")
@@ -82,7 +82,11 @@ def failure_groups(logical: LogicalScenario, cases: CaseTable) -> list[FailureGr
         for kind in set(np.unique(kinds[places]).tolist()) - {0}:
             failed = kinds[places] == kind
             for members in _linked(logical, own_points, np.flatnonzero(failed)):
-                ranges, inside = _ranges(logical, own_points, members)
+                least, most = own_points[members].min(axis=0), own_points[members].max(axis=0)
+                narrow = np.flatnonzero(most - least < SPANNED * np.ptp(own_points, axis=0))
+                ranges = {logical.names[k]: (float(least[k]), float(most[k])) for k in narrow}
+                values = own_points[:, narrow]
+                inside = np.all((values >= least[narrow]) & (values <= most[narrow]), axis=1)
                 alike = int(np.sum(inside & failed))
                 groups.append(
                     FailureGroup(
@@ -123,18 +127,3 @@ def _step(values: FloatArray) -> float:
     if len(levels) < 2:
         return 1.0
     return float(max((levels[-1] - levels[0]) / 8.0, np.median(np.diff(levels))))
-
-
-def _ranges(
-    logical: LogicalScenario, points: FloatArray, members: IntArray
-) -> tuple[dict[str, tuple[float, float]], BoolArray]:
-    """The ranges of a group, as in `FailureGroup`, and which points are in them, (n,).
-
-    points: all of the ADS, (n, k).
-    members: indices of those of the group.
-    """
-    least, most = points[members].min(axis=0), points[members].max(axis=0)
-    narrow = np.flatnonzero(most - least < SPANNED * np.ptp(points, axis=0))
-    values = points[:, narrow]
-    inside = np.all((values >= least[narrow]) & (values <= most[narrow]), axis=1)
-    return {logical.names[k]: (float(least[k]), float(most[k])) for k in narrow}, inside

@@ -21,7 +21,7 @@ from sumo_eval.method.collision_avoidance import collision_weight
 from sumo_eval.method.manoeuvres import words
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.human_reference import LeftOut, PointJob, compute_points
-from sumo_eval.record.kept_results import KeptResults, key_of
+from sumo_eval.record.kept_results import key_of
 from sumo_eval.record.store import RECORDED, Fact
 from sumo_eval.results import Counted, ScoreNote, ThinReferences
 from sumo_eval.scenario.sampling.samples import Sample, sample_of
@@ -71,22 +71,6 @@ def references(drives: Iterable[Fact], settings: DriverSettings) -> dict[int, Po
             cases, drivers, recorded, *_usable(len(facts), recorded, settings)
         )
     return result
-
-
-def _zone_and_weight(
-    values: FloatArray, zones: ZonePartition, zones_key: bytes, kept: KeptResults
-) -> FloatArray:
-    """Zone (1: hazardous, 0: safe) and weight r (Eq. 16) of points (n, k), (2, n), from the cache
-    or computed.
-    """
-    key = key_of("weights", zones_key, values.tobytes())
-    data = kept.get("weights", key)
-    if data is None:
-        data = np.stack(
-            [zones.exactly_hazardous(values), collision_weight(values, zones)]
-        ).tobytes()
-        kept.put([("weights", key, 0, data)])
-    return np.frombuffer(data).reshape(2, len(values))
 
 
 def _usable(
@@ -158,7 +142,15 @@ def survey(space: ScenarioRun, zones: ZonePartition, zones_key: bytes) -> Survey
     hazardous, weights = np.zeros(points, dtype=np.bool_), np.zeros(points)
     for first in range(0, len(values), _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
-        zone, weight = _zone_and_weight(values[part], zones, zones_key, space.kept)
+        some = values[part]
+        # zone (1: hazardous, 0: safe) and weight r (Eq. 16), from the cache or computed
+        key = key_of("weights", zones_key, some.tobytes())
+        data = space.kept.get("weights", key)
+        if data is None:
+            both = zones.exactly_hazardous(some), collision_weight(some, zones)
+            data = np.stack(both).tobytes()
+            space.kept.put([("weights", key, 0, data)])
+        zone, weight = np.frombuffer(data).reshape(2, -1)
         hazardous[numbers[part]], weights[numbers[part]] = zone > 0.0, weight
         done = min(part.stop, len(values))
         space.progress(f"{space.name}: weights of the points", done, len(values))

@@ -227,8 +227,13 @@ class Moves:
         speed = target_speed(element, self.places)
         dynamics = element.child("SpeedActionDynamics")
         target = element.child("SpeedActionTarget").only()
-        if target.flag("continuous"):
-            return self._match_speed(target, dynamics, entity, begin, speed)
+        if target.flag("continuous"):  # kept relative to another's at every instant, without end
+            if not is_step(dynamics):
+                raise dynamics.fault("a continuous speed is supported with the shape `step` only")
+            entity.pace, value = speed, target.number("value")
+            factor, added = (value, 0.0) if _by_factor(target) else (1.0, value)
+            number = float(self.places.referred(target).number)
+            return self._relative(entity, begin, (number, factor), (added, 0.0), (0.0, 0.0))
         shape = dynamics.one_of("dynamicsShape", _SHAPES)
         # amid a change, the speed lies between those two: assume the one that takes longer
         between = (entity.pace, entity.before) if _changes(entity, begin) else (entity.pace,)
@@ -310,19 +315,6 @@ class Moves:
         change, value = abs(speed - entity.pace), dynamics.above_zero("value")
         # over a distance: in every shape the mean speed is halfway
         return change / value * (1.0 if kind == "time" else 0.5 * (speed + entity.pace))
-
-    def _match_speed(
-        self, target: Node, dynamics: Node, entity: Entity, begin: Moment, speed: float
-    ) -> Span:
-        """Keep a speed relative to another's at every instant, without end."""
-        if not is_step(dynamics):
-            raise dynamics.fault("a continuous speed is supported with the shape `step` only")
-        entity.pace, value = speed, target.number("value")
-        factor, added = (value, 0.0) if _by_factor(target) else (1.0, value)
-        other = self.places.referred(target)
-        return self._relative(
-            entity, begin, (float(other.number), factor), (added, 0.0), (0.0, 0.0)
-        )
 
     def _relative(self, entity: Entity, begin: Moment, *table: tuple[float, float]) -> Span:
         """Keep a speed or a position relative to another vehicle's at every instant.

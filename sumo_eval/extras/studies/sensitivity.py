@@ -95,7 +95,17 @@ def sensitivity(
     check_known("constant of the sensitivity", known, *constants)
     base = score(run, [_COARSE_BANDS])
     chosen = constants or [name for name in known if name != "k3" or k3_counts(base.settings)]
-    variants = _variants(run, base, [name for name in chosen if name in _SETTING_OF], progress)
+    names = [name for name in chosen if name in _SETTING_OF]
+    # the run scored with each value of each constant, of which that of `base` comes first
+    variants = []
+    for name in names:
+        as_scored = float(operator.attrgetter(_SETTING_OF[name])(base.settings))
+        variants.append((name, as_scored, base))
+        for value in (as_scored * factor for factor in FACTORS):
+            again = score(run, [_COARSE_BANDS, f"{_SETTING_OF[name]}={value!r}"])
+            variants.append((name, value, again))
+            progress("sensitivity", len(variants), len(names) * (1 + len(FACTORS)))
+
     values_of_a = _VALUES_OF_A if "a" in chosen else ()
     rows = []
     for scenario in dict.fromkeys(result.scenario for result in base.scores):
@@ -110,25 +120,6 @@ def sensitivity(
                 scores = _scores(evaluation, scenario, field)
                 rows.append(_row((scenario, name, value, index), scores, before))
     return sorted(rows, key=lambda row: (row.scenario, row.constant, row.index, row.value))
-
-
-def _variants(
-    run: Path, base: Evaluation, names: Sequence[str], progress: Callable[[str, int, int], None]
-) -> list[tuple[str, float, Evaluation]]:
-    """The run scored with each value of each constant: the constant, its value, the evaluation.
-
-    Of each constant the value of `base` comes first.
-    names: of constants.
-    """
-    variants = []
-    for name in names:
-        as_scored = float(operator.attrgetter(_SETTING_OF[name])(base.settings))
-        variants.append((name, as_scored, base))
-        for value in (as_scored * factor for factor in FACTORS):
-            again = score(run, [_COARSE_BANDS, f"{_SETTING_OF[name]}={value!r}"])
-            variants.append((name, value, again))
-            progress("sensitivity", len(variants), len(names) * (1 + len(FACTORS)))
-    return variants
 
 
 def k3_counts(settings: EvaluationSettings) -> bool:
